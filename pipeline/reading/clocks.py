@@ -58,23 +58,15 @@ def stream_times(log_ns: Integers, header_ns: Integers) -> StreamTimes:
 
     A clock is not used where it is not set, where many messages share one time while the other clock tells them apart,
     or where times of one topic go back and overlap. A header that is off from the usual offset gives way to the log
-    time, or the log time to it: the one that lies nearer to the rest is right.
-
-    Parameters
-    ----------
-    log_ns, header_ns
-        (n,) in file order; header 0 where not set.
+    time, or the log time to it: the one that lies nearer to the rest is right. Both (n,) in file order; header 0 where
+    not set.
     """
     known = np.flatnonzero(header_ns > 0)
-    has_header = 2 * len(known) > len(header_ns)
-    nothing = StreamTimes(log_ns, log_ns, False, not _overlaps(log_ns), 0, 0)
-    if not has_header:
-        return nothing
     header, log = header_ns[known], log_ns[known]
-    if _is_coarse(header, log):
-        return nothing
-    has_log = not _is_coarse(log, header) and _run_alike(log, header) and not _overlaps(log_ns)
-    if not has_log:
+    runs_on = not _overlaps(log_ns)
+    if 2 * len(known) <= len(header_ns) or _is_coarse(header, log):
+        return StreamTimes(log_ns, log_ns, False, runs_on, 0, 0)
+    if not runs_on or _is_coarse(log, header) or not _run_alike(log, header):
         if _overlaps(header):
             return StreamTimes(log_ns, log_ns, False, False, 0, 0)
         filled = header_ns.copy()
@@ -171,7 +163,10 @@ def pair_times(images: StreamTimes, stream: StreamTimes) -> Pairing | None:
     logs = Pairing(images.log_ns, stream.log_ns, 0, "log")
     if not both_headers:
         return logs
-    apart, slack = _apart(images, stream), _AGREE_SHARE * interval_ns(images.capture_ns)
+    steps = np.diff(np.sort(images.capture_ns))
+    steps = steps[steps > 0]
+    slack = _AGREE_SHARE * float(np.median(steps)) if len(steps) else 0.0
+    apart = _apart(images, stream)
     late = all(-_LATE_NS <= one.offset_ns <= slack for one in (images, stream))
     if late or abs(apart) <= slack:
         return headers
@@ -184,10 +179,3 @@ def _apart(images: StreamTimes, stream: StreamTimes) -> int:
     offsets = (stream.header_ns - stream.log_ns)[order]
     place = np.searchsorted(stream.log_ns[order], images.log_ns).clip(max=len(order) - 1)
     return int(np.median(offsets[place] - (images.header_ns - images.log_ns)))
-
-
-def interval_ns(time_ns: Integers) -> float:
-    """Median time between neighbours, nanoseconds; 0 for fewer than two."""
-    apart = np.diff(np.sort(time_ns))
-    apart = apart[apart > 0]
-    return float(np.median(apart)) if len(apart) else 0.0

@@ -102,12 +102,10 @@ def stamp_ns(seconds: int, nanoseconds: int) -> int | None:
     return stamp if stamp and abs(stamp) < LATEST_NS else None
 
 
-NO_COVARIANCE = "a covariance with variances that are negative or not a number"
-
-
 def refused_variances(variances: Iterable[float]) -> str:
-    """`NO_COVARIANCE` where one of the variances cannot be; empty elsewhere: zero and infinite ones mean unknown."""
-    return "" if all(variance >= 0 for variance in variances) else NO_COVARIANCE
+    """What is wrong where one of the variances cannot be; empty elsewhere: zero and infinite ones mean unknown."""
+    sound = all(variance >= 0 for variance in variances)
+    return "" if sound else "a covariance with variances that are negative or not a number"
 
 
 def make_fix(

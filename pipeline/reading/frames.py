@@ -11,7 +11,7 @@ from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.image_headers import frame_of
-from wayside.pipeline.reading.messages import Decoders, MessageError
+from wayside.pipeline.reading.messages import Decoders, Kind, MessageError
 from wayside.pipeline.reading.plan import Plan, plan_reading, shortened
 from wayside.pipeline.reading.records import Message
 from wayside.pipeline.reading.replay import image_messages
@@ -175,7 +175,9 @@ class _Reader:
 
     def _finish(self) -> None:
         report, plan = self.report, self.plan
-        for topic in plan.failed:
+        kinds = Kind.POSE, Kind.ODOMETRY, Kind.FIX, Kind.TRANSFORM
+        read = [] if plan.calibration is None else [plan.calibration]
+        for topic in (t for t in (*read, *plan.survey.of_kind(*kinds)) if t.failed):
             report.add_problem(
                 topic.failed_offset,
                 f"{topic.failed} messages of {shortened(topic.name)} lost: they cannot be decoded or used "
@@ -188,7 +190,7 @@ class _Reader:
                 f"no image has a pose of its own time: the times of {report.motion_topic or 'the transforms'} differ"
             )
         used = bool(report.statuses[USED])
-        if self.video.counts.both_ways and not used:
+        if self.video.both_ways and not used:
             raise InputError(
                 f"{plan.survey.path}: none of its images can be used: {self.video.notes()[-1]}"
             )

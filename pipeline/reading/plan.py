@@ -6,6 +6,7 @@ import difflib
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from itertools import takewhile
 from pathlib import Path
 
@@ -17,7 +18,6 @@ from wayside.pipeline.reading.image_headers import read_exif, refuse_turned
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.poses import bare
 from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
-from wayside.pipeline.reading.video import WITHOUT_DECODER, can_decode_video
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings
@@ -44,13 +44,6 @@ class Plan:
     spacing_m: float
     by_number: bool
     notes: tuple[str, ...] = ()
-
-    @property
-    def failed(self) -> list[Topic]:
-        """Topics besides the images of which messages are lost though they should be of use, by name."""
-        kinds = Kind.POSE, Kind.ODOMETRY, Kind.FIX, Kind.TRANSFORM
-        read = [] if self.calibration is None else [self.calibration]
-        return [t for t in (*read, *self.survey.of_kind(*kinds)) if t.failed]
 
     @property
     def other_cameras(self) -> frozenset[str]:
@@ -96,13 +89,8 @@ def check_settings(settings: ReadSettings) -> None:
 def plan_reading(path: Path, settings: ReadSettings, camera: Camera | None = None) -> Plan:
     """Survey a log and choose what is read of it; `camera` replaces every calibration.
 
-    Raises
-    ------
-    UsageError
-        Settings that make no sense, an unknown camera topic, or several cameras and none chosen.
-    InputError
-        The log has no images, no calibration, or nothing that tells how the camera moved, or its images are to be shown
-        otherwise than they are stored.
+    Raises UsageError for settings that make no sense or choose no one camera of the log, and InputError where the log
+    has no images, no calibration, nothing that tells how the camera moved, or images that Exif turns.
     """
     check_settings(settings)
     if camera is None and settings.calibration:
@@ -170,8 +158,11 @@ def _choose_camera(survey: LogSurvey, wanted: str) -> Topic:
     if isinstance(first, ImageContent) and not first.width:
         words = f"{survey.path}: the first image of {shortened(chosen[0].name)}"
         refuse_turned(words, read_exif(first.data))
-    if chosen[0].image_format == H264 and not can_decode_video():
-        raise InputError(f"{survey.path}: {chosen[0].name}: {WITHOUT_DECODER}")
+    if chosen[0].image_format == H264 and find_spec("av") is None:
+        raise InputError(
+            f"{survey.path}: {chosen[0].name}: wanted PyAV to decode the H.264 video, found it not installed; "
+            "pip install 'wayside[video]'"
+        )
     return chosen[0]
 
 

@@ -159,19 +159,8 @@ class LogSurvey:
 def survey_log(path: Path, camera: str = "", *, allowance: Allowance | None = None) -> LogSurvey:
     """Read all of a log, in memory that holds no images, and tell what is in it.
 
-    Parameters
-    ----------
-    path
-        The MCAP file.
-    camera
-        The image topic that is wanted; empty: any.
-    allowance
-        How far the log may unpack; None: as the default settings say.
-
-    Raises
-    ------
-    InputError
-        The file is no MCAP log or cannot be read.
+    camera: the image topic that is wanted; empty: any. Raises InputError where the file is no MCAP log or cannot be
+    read.
     """
     survey = LogSurvey(path, camera)
     decoders = Decoders()
