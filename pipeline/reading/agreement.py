@@ -10,10 +10,10 @@ import numpy as np
 
 from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.clocks import Floats, Integers
-from wayside.pipeline.reading.contents import ImageContent
+from wayside.pipeline.reading.contents import ContentError, ImageContent
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.image_headers import frame_of
-from wayside.pipeline.reading.messages import Decoders, MessageError
+from wayside.pipeline.reading.messages import Decoders
 from wayside.pipeline.reading.plan import Plan
 from wayside.pipeline.reading.replay import image_messages
 from wayside.pipeline.reading.scan_report import ScanReport
@@ -195,7 +195,7 @@ class _Images:
             self.kept[row] = None
             try:
                 (content,) = self.decoders.decode(message.channel, message.data)
-            except MessageError:
+            except ContentError:
                 continue
             camera = self.cameras[row]
             assert isinstance(content, ImageContent)

@@ -32,20 +32,18 @@ _AGREE_SHARE = 0.1
 
 @dataclass(frozen=True, slots=True)
 class StreamTimes:
-    """Times of the messages of one stream, in file order."""
+    """Times (n,) of the messages of one stream, in file order; `has_...`: whether they tell when it was measured.
+
+    header_ns: where one is missing or off, the log time plus `offset_ns`, which is the median of header less log time,
+    0 without both; off: how many header times differ from log times by another offset.
+    """
 
     log_ns: Integers
-    """(n,) log times."""
     header_ns: Integers
-    """(n,) header times; where one is missing or off, the log time plus `offset_ns`."""
     has_header: bool
-    """Whether header times tell when messages were measured."""
     has_log: bool
-    """Whether log times do."""
-    offset_ns: int
-    """Header less log time, the median; 0 without both."""
-    off: int
-    """How many header times differ from log times by another offset."""
+    offset_ns: int = 0
+    off: int = 0
 
     @property
     def capture_ns(self) -> Integers:
@@ -65,14 +63,14 @@ def stream_times(log_ns: Integers, header_ns: Integers) -> StreamTimes:
     header, log = header_ns[known], log_ns[known]
     runs_on = not _overlaps(log_ns)
     if 2 * len(known) <= len(header_ns) or _is_coarse(header, log):
-        return StreamTimes(log_ns, log_ns, False, runs_on, 0, 0)
+        return StreamTimes(log_ns, log_ns, False, runs_on)
     if not runs_on or _is_coarse(log, header) or not _run_alike(log, header):
         if _overlaps(header):
-            return StreamTimes(log_ns, log_ns, False, False, 0, 0)
+            return StreamTimes(log_ns, log_ns, False, False)
         filled = header_ns.copy()
         missing = np.flatnonzero(header_ns <= 0)
         filled[missing] = header[np.searchsorted(known, missing).clip(max=len(known) - 1)]
-        return StreamTimes(log_ns, filled, True, False, 0, 0)
+        return StreamTimes(log_ns, filled, True, False)
     offset = header - log
     usual = int(np.sort(offset)[len(offset) // 2])
     wrong = np.abs(offset - usual) > _LATE_NS
@@ -137,16 +135,15 @@ def _overlaps(time_ns: Integers) -> bool:
 
 
 class Pairing(NamedTuple):
-    """Which times pair a stream with the images."""
+    """Times of the images (k,) and of a stream's messages (n,) on one clock, by "header" or "log".
+
+    apart_ns: by how much the header clock of the stream is ahead of that of the images; 0 where header times pair them.
+    """
 
     images_ns: Integers
-    """(k,) times of the images."""
     stream_ns: Integers
-    """(n,) times of the stream's messages on the same clock."""
     apart_ns: int
-    """By how much the header clock of the stream is ahead of that of the images; 0 where header times pair them."""
     by: str
-    """"header" or "log"."""
 
 
 def pair_times(images: StreamTimes, stream: StreamTimes) -> Pairing | None:

@@ -21,7 +21,7 @@ Vector = tuple[float, float, float]
 
 
 class ContentError(ValueError):
-    """A message that follows its schema and still makes no sense."""
+    """A message that cannot be decoded, or makes no sense."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,10 +120,7 @@ def make_fix(
     Nothing where latitude or longitude is not finite or out of range, where both are 0, or where they are known to
     `VAGUEST_M` at best: receivers write that while they have no fix. A height that is not finite is taken as 0.
 
-    Raises
-    ------
-    ContentError
-        The height is none of a road.
+    Raises ContentError for a height that is none of a road.
     """
     if not (abs(latitude) <= 90 and abs(longitude) <= 180) or latitude == longitude == 0:
         return []

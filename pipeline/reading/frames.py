@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from wayside.pipeline.reading.bounds import Allowance
-from wayside.pipeline.reading.contents import ImageContent
+from wayside.pipeline.reading.contents import ContentError, ImageContent
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.image_headers import frame_of
-from wayside.pipeline.reading.messages import Decoders, Kind, MessageError
+from wayside.pipeline.reading.messages import Decoders, Kind
 from wayside.pipeline.reading.plan import Plan, plan_reading, shortened
 from wayside.pipeline.reading.records import Message
 from wayside.pipeline.reading.replay import image_messages
@@ -166,7 +166,7 @@ class _Reader:
     def _image(self, message: Message) -> ImageContent:
         try:
             (image,) = self.decoders.decode(message.channel, message.data)
-        except MessageError:
+        except ContentError:
             return _NO_IMAGE
         assert isinstance(image, ImageContent)
         if image.width and used_bits(frame_of(image)):

@@ -8,7 +8,7 @@ from typing import Any
 
 from wayside.pipeline.reading import fields
 from wayside.pipeline.reading.contents import Content, ContentError
-from wayside.pipeline.reading.encodings import EncodingError, Unpack, unpacker_for
+from wayside.pipeline.reading.encodings import Unpack, unpacker_for
 from wayside.pipeline.reading.layout import Channel
 
 
@@ -50,10 +50,6 @@ ROS_TYPES = tuple(name for name in _TYPES if "/" in name)
 """Types of ROS that are understood."""
 
 
-class MessageError(ValueError):
-    """A message that cannot be decoded."""
-
-
 def type_name(channel: Channel) -> str:
     """Name of a channel's schema, ROS types in the form `package/msg/Type`."""
     parts = channel.schema_name.split("/")
@@ -75,25 +71,22 @@ class Decoders:
     def decode(self, channel: Channel, content: memoryview) -> Sequence[Content]:
         """What a message says: one content, or none, or several (transforms).
 
-        Raises
-        ------
-        MessageError
-            The bytes do not follow the schema, or what they say makes no sense.
+        Raises ContentError where the bytes do not follow the schema, or what they say makes no sense.
         """
         name = type_name(channel)
         known = self._by_channel.get(channel.id)
         if known is None or known[0] is not channel:
             try:
                 known = channel, unpacker_for(channel, name)
-            except EncodingError as error:
+            except ContentError as error:
                 known = channel, str(error)
             self._by_channel[channel.id] = known
         unpack = known[1]
+        if isinstance(unpack, str):
+            raise ContentError(unpack)
         try:
-            if isinstance(unpack, str):
-                raise EncodingError(unpack)
             return _TYPES[name][1](*unpack(content))
-        except (EncodingError, ContentError) as error:
-            raise MessageError(str(error)) from error
+        except ContentError:
+            raise
         except Exception as error:  # each decoding library has errors of its own for damaged bytes
-            raise MessageError(f"it does not follow its schema ({error})") from error
+            raise ContentError(f"it does not follow its schema ({error})") from error

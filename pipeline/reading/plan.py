@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import takewhile
@@ -144,37 +144,38 @@ def _choose_camera(survey: LogSurvey, wanted: str) -> Topic:
             f"{survey.path}: wanted one camera, found {len(chosen)}: {describe_cameras(chosen)}; "
             f"choose one, as in --camera {max(chosen, key=lambda t: t.count).name}"
         )
-    if chosen[0].first is None:
+    camera = chosen[0]
+    first = camera.first
+    if not isinstance(first, ImageContent) or camera.flaw:
         raise InputError(
-            f"{survey.path}: wanted images on {chosen[0].name}, found messages that cannot be decoded "
-            f"({chosen[0].fault}); record them anew or choose another with --camera"
-        )
-    if chosen[0].flaw:
-        raise InputError(
-            f"{survey.path}: none of the images on {chosen[0].name} can be decoded: {chosen[0].flaw}; "
+            f"{survey.path}: none of the images on {camera.name} can be decoded: {camera.flaw or camera.fault}; "
             "record or convert them anew, or choose another topic with --camera"
         )
-    first = chosen[0].first
-    if isinstance(first, ImageContent) and not first.width:
-        words = f"{survey.path}: the first image of {shortened(chosen[0].name)}"
-        refuse_turned(words, read_exif(first.data))
-    if chosen[0].image_format == H264 and find_spec("av") is None:
+    refuse_turned(
+        f"{survey.path}: the first image of {shortened(camera.name)}", read_exif(first.data)
+    )
+    if camera.image_format == H264 and find_spec("av") is None:
         raise InputError(
-            f"{survey.path}: {chosen[0].name}: wanted PyAV to decode the H.264 video, found it not installed; "
+            f"{survey.path}: {camera.name}: wanted PyAV to decode the H.264 video, found it not installed; "
             "pip install 'wayside[video]'"
         )
-    return chosen[0]
+    return camera
 
 
 def describe_cameras(cameras: list[Topic]) -> str:
     """Cameras with their counts and sizes, in a line: the most numerous, a handful of them."""
     words = []
-    for topic in sorted(cameras, key=lambda t: -t.count)[:_MOST_LISTED]:
+    for topic in sorted(cameras, key=lambda t: -t.count):
         size = topic.image_size
         shown = "size unknown" if size is None else f"{size[0]} x {size[1]}"
         words.append(f"{shortened(topic.name)} ({topic.count} images, {shown})")
-    more = f" and {len(cameras) - _MOST_LISTED} more" if len(cameras) > _MOST_LISTED else ""
-    return ", ".join(words) + more
+    return listed(words, _MOST_LISTED)
+
+
+def listed(words: Sequence[str], most: int) -> str:
+    """The first `most` of some words, in a line, and how many more there are."""
+    more = f" and {len(words) - most} more" if len(words) > most else ""
+    return ", ".join(words[:most]) + more
 
 
 def shortened(name: str) -> str:
@@ -324,11 +325,8 @@ def _without_value(survey: LogSurvey) -> Iterator[str]:
 def _listing(survey: LogSurvey) -> str:
     """Topics with their types, the most numerous first, a handful of them."""
     topics = sorted(survey.topics.values(), key=lambda t: (-t.count, t.name))
-    words = [
-        f"{shortened(t.name)} ({shortened(t.schema) or 'no schema'})" for t in topics[:_MOST_LISTED]
-    ]
-    more = f" and {len(topics) - _MOST_LISTED} more" if len(topics) > _MOST_LISTED else ""
-    return ", ".join(words) + more if words else "no messages"
+    words = [f"{shortened(t.name)} ({shortened(t.schema) or 'no schema'})" for t in topics]
+    return listed(words, _MOST_LISTED) or "no messages"
 
 
 def _lost(survey: LogSurvey) -> str:

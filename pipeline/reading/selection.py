@@ -8,6 +8,7 @@ from dataclasses import replace
 from hashlib import blake2b
 
 from wayside.pipeline.reading.image_headers import read_exif
+from wayside.pipeline.reading.plan import listed
 from wayside.schemas.frame import (
     DUPLICATE,
     EARTH_RADIUS_M,
@@ -83,12 +84,10 @@ class Selection:
     def notes(self) -> Iterator[str]:
         """Which numbers are missing, in words."""
         if self.gaps:
-            places = [f"{count} after {label}" for count, label in self.gaps[:_MOST_LISTED]]
-            more = len(self.gaps) - len(places)
+            places = [f"{count} after {label}" for count, label in self.gaps]
             yield (
                 f"missing numbers among the images: {sum(count for count, _ in self.gaps)} "
-                f"({', '.join(places)}{f' and {more} more gaps' if more else ''}); the step across a gap is longer by "
-                "one spacing for each"
+                f"({listed(places, _MOST_LISTED)}); the step across a gap is longer by one spacing for each"
             )
 
     def _is_copy(self, frame: Frame, number: int) -> bool:
@@ -149,9 +148,7 @@ class Selection:
 
 def describe_duplicates(labels: Sequence[str]) -> str:
     """A note on images of the status `duplicate`, by their names or frames."""
-    more = len(labels) - _MOST_LISTED
-    listed = ", ".join(labels[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
     return (
-        f"duplicate images: {len(labels)} ({listed}); they are copies of an earlier one or show no motion since the "
-        "last used one, take no part, and add nothing to the distance travelled"
+        f"duplicate images: {len(labels)} ({listed(labels, _MOST_LISTED)}); they are copies of an earlier one or show "
+        "no motion since the last used one, take no part, and add nothing to the distance travelled"
     )

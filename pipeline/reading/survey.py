@@ -13,6 +13,7 @@ from wayside.pipeline.reading.camera_file import LARGEST_FILE, parse_camera
 from wayside.pipeline.reading.contents import (
     CalibrationContent,
     Content,
+    ContentError,
     FixContent,
     ImageContent,
     PoseContent,
@@ -24,7 +25,7 @@ from wayside.pipeline.reading.image_headers import (
     image_fault,
 )
 from wayside.pipeline.reading.layout import Attachment, Channel, Metadata
-from wayside.pipeline.reading.messages import Decoders, Kind, MessageError, kind_of
+from wayside.pipeline.reading.messages import Decoders, Kind, kind_of
 from wayside.pipeline.reading.poses import TransformTree
 from wayside.pipeline.reading.records import Message, scan
 from wayside.pipeline.reading.scan_report import ScanReport
@@ -197,7 +198,7 @@ def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> No
     contents: Sequence[Content] = ()
     try:
         contents = decoders.decode(channel, message.data)
-    except MessageError as error:
+    except ContentError as error:
         _fail(topic, message.offset, str(error))
     if is_image:
         index = survey.images.setdefault(channel.topic, ImageIndex())

@@ -29,7 +29,7 @@ class VideoStreams:
     def __init__(self) -> None:
         self.without_key, self.both_ways = 0, 0
         self._decoders: dict[tuple[int, str], _Decoder] = {}
-        self._known: set[tuple[int, str]] = set()
+        self._streams = 0
 
     def decode(
         self, channel: int, image: ImageContent, size: tuple[int, int] | None, *, after_loss: bool
@@ -43,12 +43,11 @@ class VideoStreams:
             for one in self._decoders.values():
                 one.reference = None
         key = channel, image.frame_id
+        self._streams += key not in self._decoders
         decoder = self._decoders.pop(key, None) or _Decoder()
         self._decoders[key] = decoder
         if len(self._decoders) > _MOST_STREAMS:
             del self._decoders[next(iter(self._decoders))]
-        if len(self._known) <= _MOST_STREAMS:
-            self._known.add(key)
         status, image = decoder.decode(image, size)
         self.without_key += status == NO_KEY_FRAME
         self.both_ways += status == _BOTH_WAYS
@@ -56,9 +55,9 @@ class VideoStreams:
 
     def notes(self) -> list[str]:
         """What of the video has no picture, in words."""
-        words, streams = [], len(self._known)
-        if streams > 1:
-            several = "more" if streams > _MOST_STREAMS else str(streams)
+        words = []
+        if self._streams > 1:
+            several = "more" if self._streams > _MOST_STREAMS else str(self._streams)
             words.append(
                 f"the topic of the video holds {several} streams, of several channels or frames of reference: each is "
                 "decoded by itself, and all are taken for images of one camera"
