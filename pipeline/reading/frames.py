@@ -64,23 +64,8 @@ def read_frames(
     with their status and without data. Memory is bounded by one chunk and a hundred bytes a message. Images are not
     copied where the encoding allows it.
 
-    Parameters
-    ----------
-    path
-        The MCAP file.
-    settings
-        Camera, calibration, part and thinning.
-    report
-        Filled while the frames are taken.
-    camera
-        Replaces the calibrations of the log and of the settings.
-
-    Raises
-    ------
-    UsageError
-        Settings that make no sense or name no camera of the log, or several cameras and none chosen; at once.
-    InputError
-        The log cannot be used; at once, or at the end where no image has the size of its calibration.
+    report: filled while the frames are taken; camera: replaces the calibrations of the log and of the settings. Raises
+    as `plan_reading` and `make_timeline`, at once; and InputError at the end, where no image could be used.
     """
     plan = plan_reading(path, settings, camera)
     timeline = make_timeline(plan)

@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
-from itertools import takewhile
 from pathlib import Path
 
 from wayside.pipeline.reading.calibrations import is_rectified
@@ -231,32 +230,27 @@ def _of_another(survey: LogSurvey, camera: Topic, name: str, frame: str, own: Ca
     It is of the camera with which it shares the `frame_id`, else the namespace, else the most words of its name; and
     of none that contradicts it in `frame_id` and namespace.
     """
-    its, place, words = _bare_frame(frame), _namespace(name), set(_words(name))
-
-    def affinity(topic: Topic) -> tuple[bool, bool, int]:
-        same_frame = _bare_frame(topic.camera_frame) == its != ""
-        return same_frame, _namespace(topic.name) == place, len(words & set(_words(topic.name)))
-
-    mine, here = affinity(camera), _namespace(camera.name)
+    mine, here, there = _affinity(camera, name, frame), _namespace(camera.name), _namespace(name)
     same_frame, same_place, _ = mine
-    if its and _bare_frame(camera.camera_frame) not in ("", its):
-        if not same_place or any(affinity(topic)[0] for topic in survey.cameras):
+    if not same_frame and _bare_frame(frame) and _bare_frame(camera.camera_frame):
+        if not same_place or any(_affinity(topic, name, frame)[0] for topic in survey.cameras):
             return (
                 f"it is of another camera: its frame_id is {shortened(frame)}, that of the images "
                 f"{shortened(camera.camera_frame)}"
             )
     if same_place:
         return ""
-    alike = set(_words("/".join(here))) & set(_words("/".join(place)))
-    if not same_frame and len(here) == len(place) and alike:  # as cam_left and cam_right
+    alike = _words("/".join(here)) & _words("/".join(there))
+    if not same_frame and len(here) == len(there) and alike:  # as cam_left and cam_right
         return "it is of another camera by its name"
     for rival in survey.cameras:
         fits = rival.image_size in (None, (own.width, own.height))
         if not fits or _namespace(rival.name) == here:
             continue
-        if affinity(rival) > mine:
+        theirs = _affinity(rival, name, frame)
+        if theirs > mine:
             return f"it is of another camera by its name, that of {shortened(rival.name)}"
-        if affinity(rival) == mine and not same_frame:
+        if theirs == mine and not same_frame:
             return (
                 f"nothing tells whether it is of this camera or of that of {shortened(rival.name)}"
             )
@@ -274,20 +268,25 @@ def _namespace(topic: str) -> tuple[str, ...]:
     return tuple(parts[: -2 if parts[-1] in _TRANSPORTS else -1])
 
 
-def _words(topic: str) -> list[str]:
-    return re.findall(r"[a-z]+|\d+", topic.lower())
+def _words(topic: str) -> set[str]:
+    return set(re.findall(r"[a-z]+|\d+", topic.lower()))
+
+
+def _affinity(topic: Topic, name: str, frame: str) -> tuple[bool, bool, int]:
+    """What a calibration and a topic of images have in common: `frame_id`, namespace, how many words of their names."""
+    same_frame = _bare_frame(topic.camera_frame) == _bare_frame(frame) != ""
+    same_place = _namespace(topic.name) == _namespace(name)
+    return same_frame, same_place, len(_words(topic.name) & _words(name))
 
 
 def _closeness(
     camera: Topic, topic: Topic, content: CalibrationContent, own: Camera | None
-) -> tuple[bool, bool, bool, int, int]:
-    """How well a calibration goes with a camera: same size, same frame, both rectified or not, topics alike."""
+) -> tuple[bool, bool, bool, bool, int]:
+    """How well a calibration goes with a camera: same size, same frame, both rectified or not, names alike."""
     same_size = own is not None and (own.width, own.height) == camera.image_size
-    same_frame = _bare_frame(content.frame_id) == _bare_frame(camera.camera_frame) != ""
-    a, b = camera.name.split("/"), topic.name.split("/")
-    shared = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(a, b, strict=False)))
+    same_frame, same_place, shared = _affinity(camera, topic.name, content.frame_id)
     alike = is_rectified(camera.name) == is_rectified(topic.name)
-    return same_size, same_frame, alike, shared, -len(b)
+    return same_size, same_frame, alike, same_place, shared
 
 
 def _image_notes(camera: Topic, given: Camera | None) -> Iterator[str]:

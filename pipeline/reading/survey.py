@@ -66,7 +66,6 @@ class Topic:
     usable: int = 0
     failed: int = 0
     failed_offset: int = 0
-    size: int = 0
     first_log_ns: int = 0
     last_log_ns: int = 0
     first: Content | None = None
@@ -188,7 +187,6 @@ def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> No
         topic.first_log_ns = message.log_time_ns
         survey.topics[key] = topic
     topic.count += 1
-    topic.size += len(message.data)
     topic.last_log_ns = max(topic.last_log_ns, message.log_time_ns)
     is_image = survey.is_indexed(channel)
     if topic.kind is None or (
@@ -258,16 +256,14 @@ def _take_metadata(survey: LogSurvey, record: Metadata) -> None:
 
 
 def _take_attachment(survey: LogSurvey, record: Attachment) -> None:
-    """Read an attached calibration: YAML with its words, of `LARGEST_FILE` in all, and none after the first."""
-    is_yaml = record.name.lower().endswith((".yaml", ".yml")) or "yaml" in record.media_type
+    """Read an attached calibration: a text with its words, of `LARGEST_FILE` in all, and none after the first."""
     size = survey.attachment_bytes + len(record.data)
-    if not is_yaml or survey.attached is not None or size > LARGEST_FILE:
-        return
-    if b"camera_matrix" not in record.data:
+    is_one = b"camera_matrix" in record.data and survey.attached is None
+    if not is_one or size > LARGEST_FILE:
         return
     survey.attachment_bytes = size
     try:
         camera = parse_camera(record.data.decode("utf-8"), record.name)
         survey.attached = record.name, camera
     except (UnicodeDecodeError, InputError):
-        return  # some other YAML file
+        return  # some other file

@@ -75,10 +75,7 @@ class Timeline:
 def make_timeline(plan: Plan) -> Timeline:
     """Time all images, and find their calibrations, poses and fixes.
 
-    Raises
-    ------
-    InputError
-        The clocks of the images contradict each other, or nothing that tells motion can be believed.
+    Raises InputError where the clocks of the images contradict each other, or nothing that tells motion can be believed.
     """
     times = plan.survey.images[plan.camera.name].times()
     if not (times.has_header or times.has_log):
@@ -148,7 +145,7 @@ def _cameras(plan: Plan, times: StreamTimes) -> list[Camera | None]:
     held = np.flatnonzero(np.array([camera is not None for camera in cameras])[stated])
     plan.calibration.failed += int(np.array(own)[stated].sum()) - len(held)
     paired = pair_times(times, track.times())
-    if paired is None or len(set(stated[held].tolist())) == 1:
+    if paired is None or len(set(stated[held].tolist())) <= 1:
         return [cameras[stated[held[0]]] if len(held) else None] * len(times.log_ns)
     held = held[np.argsort(paired.stream_ns[held], kind="stable")]
     place = np.searchsorted(paired.stream_ns[held], paired.images_ns, side="right") - 1
