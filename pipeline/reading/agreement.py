@@ -10,15 +10,13 @@ import numpy as np
 
 from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.clocks import Floats, Integers
-from wayside.pipeline.reading.contents import ContentError, ImageContent
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.image_headers import frame_of
-from wayside.pipeline.reading.messages import Decoders
 from wayside.pipeline.reading.plan import Plan
 from wayside.pipeline.reading.replay import image_messages
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.video import VideoStreams
-from wayside.schemas.frame import USED, Camera
+from wayside.schemas.frame import Camera
 from wayside.schemas.settings import FeatureSettings, MotionSettings, TieSettings
 from wayside.stages.imaging import decode
 from wayside.stages.odometry import (
@@ -176,7 +174,7 @@ class _Images:
 
     def __init__(self, plan: Plan, cameras: Sequence[Camera | None]) -> None:
         self.plan, self.cameras = plan, cameras
-        self.decoders, self.video = Decoders(), VideoStreams()
+        self.video = VideoStreams()
         self.kept: dict[int, KeypointImage | None] = {}
 
     def at(self, row: int) -> KeypointImage | None:
@@ -192,19 +190,10 @@ class _Images:
         plan = self.plan
         found = image_messages(plan.survey, plan.camera.name, rows, ScanReport(), Allowance())
         for row, message in found:
-            self.kept[row] = None
-            try:
-                (content,) = self.decoders.decode(message.channel, message.data)
-            except ContentError:
-                continue
-            camera = self.cameras[row]
-            assert isinstance(content, ImageContent)
+            self.kept[row], camera = None, self.cameras[row]
+            status, content = self.video.image(message, camera)
             if camera is None:
                 continue
-            status, size = USED, (camera.width, camera.height)
-            if content.encoding == H264:
-                channel = message.channel.id
-                status, content = self.video.decode(channel, content, size, after_loss=False)
             frame = replace(frame_of(content), status=status, camera=camera)
             (image,) = decode(iter([frame]))
             if image.grey is not None:

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from wayside.pipeline.reading.bounds import Allowance
-from wayside.pipeline.reading.contents import ContentError, ImageContent
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.image_headers import frame_of
-from wayside.pipeline.reading.messages import Decoders, Kind
+from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.plan import Plan, plan_reading, shortened
 from wayside.pipeline.reading.records import Message
 from wayside.pipeline.reading.replay import image_messages
@@ -23,7 +22,6 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import (
     NO_POSITION,
     OTHER_CAMERA,
-    UNDECODABLE,
     USED,
     WRONG_SIZE,
     Camera,
@@ -31,9 +29,6 @@ from wayside.schemas.frame import (
 )
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.imaging import used_bits
-
-_NO_IMAGE = ImageContent(None, "", "", memoryview(b""))
-"""What is known of a message that cannot be decoded."""
 
 
 @dataclass(slots=True)
@@ -89,7 +84,6 @@ class _Reader:
         self.plan, self.timeline, self.report = plan, timeline, report
         self.allowance = Allowance()
         self.selection = Selection(settings, plan.spacing_m)
-        self.decoders = Decoders()
         self.video = VideoStreams()
         self.problems = 0
         is_video = plan.camera.image_format == H264  # whose streams are told apart by themselves
@@ -111,17 +105,14 @@ class _Reader:
 
     def _frame(self, row: int, message: Message) -> Frame:
         report, timeline = self.report, self.timeline
-        image = self._image(message)
-        status = UNDECODABLE if image is _NO_IMAGE else USED
-        camera = timeline.cameras[row]
+        camera, lost = timeline.cameras[row], report.problem_count > self.problems
+        self.problems = report.problem_count
+        status, image = self.video.image(message, camera, after_loss=lost)
+        if image.width and used_bits(frame_of(image)):
+            image = replace(image, encoding=f"{image.encoding}:{self.plan.camera.bits}")
         if image.frame_id in self.others:
             self.others_seen += 1
             status = OTHER_CAMERA
-        elif image.encoding == H264:
-            size = None if camera is None else (camera.width, camera.height)
-            lost = report.problem_count > self.problems
-            self.problems = report.problem_count
-            status, image = self.video.decode(message.channel.id, image, size, after_loss=lost)
         time_ns = int(timeline.times.capture_ns[row])
         known = time_ns == (image.time_ns or message.log_time_ns)
         pose, log_time = timeline.pose(row), str(message.log_time_ns)
@@ -147,16 +138,6 @@ class _Reader:
         if report.first_time_ns is None:
             report.first_time_ns = frame.time_ns
         return frame
-
-    def _image(self, message: Message) -> ImageContent:
-        try:
-            (image,) = self.decoders.decode(message.channel, message.data)
-        except ContentError:
-            return _NO_IMAGE
-        assert isinstance(image, ImageContent)
-        if image.width and used_bits(frame_of(image)):
-            return replace(image, encoding=f"{image.encoding}:{self.plan.camera.bits}")
-        return image
 
     def _finish(self) -> None:
         report, plan = self.report, self.plan

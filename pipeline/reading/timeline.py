@@ -75,7 +75,7 @@ class Timeline:
 def make_timeline(plan: Plan) -> Timeline:
     """Time all images, and find their calibrations, poses and fixes.
 
-    Raises InputError where the clocks of the images contradict each other, or nothing that tells motion can be believed.
+    Raises InputError where the clocks of the images contradict each other, or nothing believable tells the motion.
     """
     times = plan.survey.images[plan.camera.name].times()
     if not (times.has_header or times.has_log):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from wayside.pipeline.reading.contents import ImageContent
+from wayside.pipeline.reading.contents import ContentError, ImageContent
 from wayside.pipeline.reading.h264 import H264, SequenceSet, read_stream
-from wayside.schemas.frame import NO_KEY_FRAME, UNDECODABLE, USED, WRONG_SIZE
+from wayside.pipeline.reading.messages import Decoders
+from wayside.pipeline.reading.records import Message
+from wayside.schemas.frame import NO_KEY_FRAME, UNDECODABLE, USED, WRONG_SIZE, Camera
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,8 +30,23 @@ class VideoStreams:
 
     def __init__(self) -> None:
         self.without_key, self.both_ways = 0, 0
+        self._messages = Decoders()
         self._decoders: dict[tuple[int, str], _Decoder] = {}
         self._streams = 0
+
+    def image(
+        self, message: Message, camera: Camera | None, *, after_loss: bool = False
+    ) -> tuple[str, ImageContent]:
+        """Status of the image of a message, and what is known of it; of a video as of `decode`."""
+        try:
+            (image,) = self._messages.decode(message.channel, message.data)
+        except ContentError:
+            return UNDECODABLE, ImageContent(None, "", "", memoryview(b""))
+        assert isinstance(image, ImageContent)
+        if image.encoding != H264:
+            return USED, image
+        size = None if camera is None else (camera.width, camera.height)
+        return self.decode(message.channel.id, image, size, after_loss=after_loss)
 
     def decode(
         self, channel: int, image: ImageContent, size: tuple[int, int] | None, *, after_loss: bool
