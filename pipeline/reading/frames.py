@@ -82,8 +82,8 @@ class _Reader:
         self, plan: Plan, timeline: Timeline, settings: ReadSettings, report: ReadReport
     ) -> None:
         self.plan, self.timeline, self.report = plan, timeline, report
-        self.allowance = Allowance()
         self.selection = Selection(settings, plan.spacing_m)
+        self.by_number = plan.survey.by_number and not settings.spacing_m
         self.video = VideoStreams()
         self.problems = 0
         is_video = plan.camera.image_format == H264  # whose streams are told apart by themselves
@@ -97,7 +97,7 @@ class _Reader:
             self.plan.camera.name,
             self.timeline.order,
             self.report,
-            self.allowance,
+            Allowance(),
         )
         for row, message in messages:
             yield self._frame(row, message)
@@ -129,9 +129,9 @@ class _Reader:
             name=self.plan.survey.image_names.get(log_time, ""),
             date=self.plan.survey.image_dates.get(log_time, ""),
         )
+        # The numbers of imported messages count the images taken, gaps included.
         counted = report.images - self.others_seen
-        number = message.sequence if self.plan.by_number else counted
-        frame = self.selection.decide(frame, number)
+        frame = self.selection.decide(frame, message.sequence if self.by_number else counted)
         report.images += 1
         report.statuses[frame.status] += 1
         report.with_pose += pose is not None
@@ -149,8 +149,7 @@ class _Reader:
                 f"{topic.failed} messages of {shortened(topic.name)} lost: they cannot be decoded or used "
                 f"({topic.fault})",
             )
-        report.notes += report.unchecked
-        report.notes += [*self.selection.notes(), *self.video.notes()]
+        report.notes += [*report.unchecked, *self.selection.notes(), *self.video.notes()]
         if report.motion_source and report.images and not report.with_pose:
             report.notes.append(
                 f"no image has a pose of its own time: the times of {report.motion_topic or 'the transforms'} differ"

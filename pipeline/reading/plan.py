@@ -29,9 +29,8 @@ _TRANSPORTS = ("compressed", "theora", "ffmpeg", "h264", "zstd")
 class Plan:
     """What is read from a log.
 
-    calibration: topic, or None where `camera_given` (from `calibration_source`) is used; by_number: message sequence
-    numbers count the images taken, gaps included; notes: on streams that tell nothing of motion and place, wholly or in
-    part.
+    calibration: topic, or None where `camera_given` (from `calibration_source`) is used; notes: on streams that tell
+    nothing of motion and place, wholly or in part.
     """
 
     survey: LogSurvey
@@ -41,7 +40,6 @@ class Plan:
     calibration_source: str
     fixes: Topic | None
     spacing_m: float
-    by_number: bool
     notes: tuple[str, ...] = ()
 
     @property
@@ -119,7 +117,6 @@ def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -
         source,
         fixes,
         spacing_m,
-        survey.by_number and not settings.spacing_m,
         (*_image_notes(camera, camera_given), *_without_value(survey)),
     )
 
