@@ -246,7 +246,7 @@ def _of_another(survey: LogSurvey, camera: Topic, name: str, frame: str, own: Ca
             continue
         theirs = _affinity(rival, name, frame)
         if theirs > mine:
-            return f"it is of another camera by its name, that of {shortened(rival.name)}"
+            return f"it is of another camera by frame_id or name, that of {shortened(rival.name)}"
         if theirs == mine and not same_frame:
             return (
                 f"nothing tells whether it is of this camera or of that of {shortened(rival.name)}"
