@@ -15,8 +15,7 @@ from itertools import accumulate, chain, pairwise
 from pathlib import Path
 
 from wayside.pipeline.input_files import read_input
-from wayside.pipeline.reading.exif import Exif, read_exif
-from wayside.pipeline.reading.image_headers import ImageHeader, read_image_header
+from wayside.pipeline.reading.image_headers import Exif, ImageHeader, read_exif, read_image_header
 from wayside.schemas.errors import InputError
 
 _SUFFIXES = {".jpg", ".jpeg", ".png"}

@@ -29,7 +29,7 @@ from wayside.pipeline.image_order import (
 )
 from wayside.pipeline.input_files import read_input
 from wayside.pipeline.reading.camera_file import read_camera_file
-from wayside.pipeline.reading.exif import refuse_turned
+from wayside.pipeline.reading.image_headers import refuse_turned
 from wayside.pipeline.reading.survey import (
     BY_NUMBER_KEY,
     DATES_METADATA,

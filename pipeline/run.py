@@ -21,8 +21,8 @@ from wayside.pipeline.journal import Journal, journal_key, remove_journal
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.output_folder import RECORDING, OutputFolder
 from wayside.pipeline.pace import paced
-from wayside.pipeline.reading.copies import describe_duplicates
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.reading.selection import describe_duplicates
 from wayside.pipeline.route_file import open_routes, route_notes
 from wayside.pipeline.run_file import write_run
 from wayside.pipeline.visible_text import visible

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wayside.pipeline.image_order import image_files, natural_key
 from wayside.pipeline.input_files import read_input
 from wayside.pipeline.reading.calibrations import OTHER_LENSES
-from wayside.pipeline.reading.exif import read_exif, refuse_turned
+from wayside.pipeline.reading.image_headers import read_exif, refuse_turned
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.settings import BoardSettings
 from wayside.stages.calibration import (

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from wayside.pipeline.image_order import image_files, natural_key
 from wayside.pipeline.labels import FrameLabels, LogImages, labels_by_frame
 from wayside.pipeline.learning.samples import ANY_SPACING_M, ON_FACE
-from wayside.pipeline.reading.exif import read_exif, refuse_turned
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.reading.image_headers import read_exif, refuse_turned
 from wayside.pipeline.roc.faces import Faces, labelled_faces
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Frame, Image

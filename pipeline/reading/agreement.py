@@ -10,15 +10,13 @@ import numpy as np
 
 from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.clocks import Floats, Integers
-from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.h264 import H264
-from wayside.pipeline.reading.image_headers import format_and_size
-from wayside.pipeline.reading.messages import Decoders, MessageError
+from wayside.pipeline.reading.image_headers import frame_of
 from wayside.pipeline.reading.plan import Plan
 from wayside.pipeline.reading.replay import image_messages
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.video import VideoStreams
-from wayside.schemas.frame import USED, Camera, Frame
+from wayside.schemas.frame import Camera
 from wayside.schemas.settings import FeatureSettings, MotionSettings, TieSettings
 from wayside.stages.imaging import decode
 from wayside.stages.odometry import (
@@ -55,38 +53,24 @@ class MotionStream:
 
 
 def believed(
-    streams: Sequence[MotionStream],
-    steps: list[ImageStep],
-    notes: list[str],
+    streams: Sequence[MotionStream], steps: list[ImageStep], notes: list[str]
 ) -> MotionStream | None:
-    """The first stream that the images do not contradict, else the first that agrees after one known conversion.
+    """The first stream that the images do not contradict, as it is or after one known conversion.
 
-    Parameters
-    ----------
-    streams
-        In the order in which they are preferred.
-    steps
-        What the images show.
-    notes
-        Filled with what was converted, and what is left out and why.
+    notes: filled with what was converted, and what is left out and why.
     """
     for stream in streams:
         found, (path, up) = agreement(steps, stream.path), upright(stream.path)
-        converted = sorted(_conversions(stream, steps), key=lambda one: one.found.error_deg)
-        best = converted[0] if converted else None
-        better = best is not None and found.error_deg > _CLEARLY_BETTER * best.found.error_deg
-        if not found.tells or (up and found.agrees and not better):
+        converted = list(_conversions(stream, steps))
+        least = _CLEARLY_BETTER * min((c.found.error_deg for c in converted), default=np.inf)
+        if not found.tells or (up and found.agrees and found.error_deg <= least):
             if stream.assumed_mount:
                 notes.append(
                     "the log does not say how the camera is mounted: it is taken to look straight ahead"
                 )
             notes += _world_words(stream, up) if found.tells else []
             return replace(stream, path=path) if found.tells else stream
-        like = [
-            one
-            for one in converted
-            if best is not None and one.found.error_deg < _CLEARLY_BETTER * best.found.error_deg
-        ]
+        like = [one for one in converted if one.found.error_deg < least]
         level = [one for one in like if one.up == "z"] or like
         if len(level) == 1:
             notes.append(f"the {stream.words} are {level[0].words}: they are used so")
@@ -160,15 +144,14 @@ def image_steps(
     plan: Plan, order: Integers, time_ns: Integers, cameras: Sequence[Camera | None]
 ) -> list[ImageStep]:
     """Motion between pairs of images spread over a drive, as they show it by themselves."""
-    is_video = plan.camera.image_format == H264
-    if is_video:
+    images = _Images(plan, cameras)
+    if plan.camera.image_format == H264:
         order = order[:_VIDEO_IMAGES]
-    images = _Images(plan, cameras, order if is_video else None)
+        images.read(order)
     steps: list[ImageStep] = []
     seconds = (time_ns[order] - time_ns[order[0]]) * 1e-9
-    for start in np.unique(np.linspace(0, len(order) - 2, _STEPS).astype(int)).tolist():
-        if start < 0:
-            break
+    starts = np.linspace(0, max(len(order) - 2, 0), _STEPS).astype(int)
+    for start in np.unique(starts).tolist():
         apart = _SHORTEST_S
         for _ in range(_DOUBLINGS):
             end = max(start + 1, int(np.searchsorted(seconds, seconds[start] + apart)))
@@ -187,52 +170,32 @@ def image_steps(
 
 
 class _Images:
-    """Corners of images by their rows; of a video all of `first` are decoded beforehand, one after the other."""
+    """Corners of images by their rows; those of a video are read beforehand, one after the other."""
 
-    def __init__(
-        self, plan: Plan, cameras: Sequence[Camera | None], first: Integers | None
-    ) -> None:
+    def __init__(self, plan: Plan, cameras: Sequence[Camera | None]) -> None:
         self.plan, self.cameras = plan, cameras
-        self.decoders, self.video = Decoders(), VideoStreams()
+        self.video = VideoStreams()
         self.kept: dict[int, KeypointImage | None] = {}
-        if first is not None:
-            self._read(first)
 
     def at(self, row: int) -> KeypointImage | None:
         """The corners of an image, None where it cannot be used."""
         if row not in self.kept:
             while len(self.kept) > 2:
                 del self.kept[next(iter(self.kept))]
-            self._read(np.array([row]))
+            self.read(np.array([row]))
         return self.kept.get(row)
 
-    def _read(self, rows: Integers) -> None:
+    def read(self, rows: Integers) -> None:
+        """Read images in the order given."""
         plan = self.plan
         found = image_messages(plan.survey, plan.camera.name, rows, ScanReport(), Allowance())
         for row, message in found:
-            self.kept[row] = None
-            try:
-                (content,) = self.decoders.decode(message.channel, message.data)
-            except (MessageError, ValueError):
+            self.kept[row], camera = None, self.cameras[row]
+            status, content = self.video.image(message, camera)
+            if camera is None:
                 continue
-            camera = self.cameras[row]
-            if not isinstance(content, ImageContent) or camera is None:
-                continue
-            if content.encoding == H264:
-                size = camera.width, camera.height
-                fault, content = self.video.decode(
-                    message.channel.id, content, size, after_loss=False
-                )
-                if fault != USED:
-                    continue
-            self.kept[row] = _keypoints(row, content, camera)
-
-
-def _keypoints(row: int, content: ImageContent, camera: Camera) -> KeypointImage | None:
-    encoding, width, height = format_and_size(content)
-    frame = Frame(row, 0, None, USED, encoding, content.data, camera, width, height, content.step)
-    (image,) = decode(iter([frame]))
-    if image.grey is None:
-        return None
-    corners, descriptors = tie_corners(image.grey, FeatureSettings())
-    return KeypointImage.of_corners(camera, image.grey, corners, descriptors)
+            frame = replace(frame_of(content), status=status, camera=camera)
+            (image,) = decode(iter([frame]))
+            if image.grey is not None:
+                corners = tie_corners(image.grey, FeatureSettings())
+                self.kept[row] = KeypointImage.of_corners(camera, image.grey, *corners)

@@ -118,12 +118,8 @@ def _cameras(
 def _brought(matrix: Matrix, sensor: Size, region: Region) -> Matrix:
     """A matrix brought from the sensor to the region; one that a driver has brought there already is left as it is.
 
-    Which of the two it is, or half of it, is told by the principal point: it lies near the middle of the sensor.
-
-    Raises
-    ------
-    ContentError
-        The principal point does not tell.
+    Which of the two it is, or half of it, is told by the principal point: it lies near the middle of the sensor. Raises
+    ContentError where it does not tell.
     """
     r, k = region, list(matrix)
     sigma = _CENTRE_SIGMA * max(sensor[0], 1)
@@ -152,10 +148,7 @@ def _brought(matrix: Matrix, sensor: Size, region: Region) -> Matrix:
 def make_camera(size: Size, k: Matrix, model: str, d: Matrix) -> Camera:
     """A camera of the 3x3 matrix `k` (row by row) and the distortion `d` of a lens model by its ROS name.
 
-    Raises
-    ------
-    ContentError
-        The camera is not calibrated, its pixels are skewed, or its lens is none that can be used.
+    Raises ContentError where it is not calibrated, its pixels are skewed, or its lens is none that can be used.
     """
     if len(k) != 9 or not all(map(math.isfinite, (*k, *d))) or k[0] <= 0 or k[4] <= 0:
         raise ContentError("it has no focal length (not calibrated)")

@@ -45,13 +45,7 @@ _Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
 
 
 def read_camera_file(path: Path) -> Camera:
-    """Camera of a calibration file of ROS, OpenCV or Kalibr.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read or is no calibration of that form.
-    """
+    """Camera of a calibration file; raises InputError where it cannot be read, or as `parse_camera`."""
     try:
         with open_input(path) as stream:
             text = decoded(stream.read(LARGEST_FILE + 1))
@@ -69,10 +63,7 @@ def parse_camera(text: str, name: str) -> Camera:
     Of OpenCV: image size, matrix and distortion under the names its samples and tools give them, 4, 5, 8, 12 or 14
     coefficients. Of Kalibr: `cam0`, model `pinhole`, distortion `radtan` or `none`.
 
-    Raises
-    ------
-    InputError
-        The text is no calibration of that form.
+    Raises InputError where the text is no calibration of that form.
     """
     try:
         if len(text) > LARGEST_FILE:

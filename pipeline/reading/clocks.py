@@ -32,20 +32,18 @@ _AGREE_SHARE = 0.1
 
 @dataclass(frozen=True, slots=True)
 class StreamTimes:
-    """Times of the messages of one stream, in file order."""
+    """Times (n,) of the messages of one stream, in file order; `has_...`: whether they tell when it was measured.
+
+    header_ns: where one is missing or off, the log time plus `offset_ns`, which is the median of header less log time,
+    0 without both; off: how many header times differ from log times by another offset.
+    """
 
     log_ns: Integers
-    """(n,) log times."""
     header_ns: Integers
-    """(n,) header times; where one is missing or off, the log time plus `offset_ns`."""
     has_header: bool
-    """Whether header times tell when messages were measured."""
     has_log: bool
-    """Whether log times do."""
-    offset_ns: int
-    """Header less log time, the median; 0 without both."""
-    off: int
-    """How many header times differ from log times by another offset."""
+    offset_ns: int = 0
+    off: int = 0
 
     @property
     def capture_ns(self) -> Integers:
@@ -58,29 +56,21 @@ def stream_times(log_ns: Integers, header_ns: Integers) -> StreamTimes:
 
     A clock is not used where it is not set, where many messages share one time while the other clock tells them apart,
     or where times of one topic go back and overlap. A header that is off from the usual offset gives way to the log
-    time, or the log time to it: the one that lies nearer to the rest is right.
-
-    Parameters
-    ----------
-    log_ns, header_ns
-        (n,) in file order; header 0 where not set.
+    time, or the log time to it: the one that lies nearer to the rest is right. Both (n,) in file order; header 0 where
+    not set.
     """
     known = np.flatnonzero(header_ns > 0)
-    has_header = 2 * len(known) > len(header_ns)
-    nothing = StreamTimes(log_ns, log_ns, False, not _overlaps(log_ns), 0, 0)
-    if not has_header:
-        return nothing
     header, log = header_ns[known], log_ns[known]
-    if _is_coarse(header, log):
-        return nothing
-    has_log = not _is_coarse(log, header) and _run_alike(log, header) and not _overlaps(log_ns)
-    if not has_log:
+    runs_on = not _overlaps(log_ns)
+    if 2 * len(known) <= len(header_ns) or _is_coarse(header, log):
+        return StreamTimes(log_ns, log_ns, False, runs_on)
+    if not runs_on or _is_coarse(log, header) or not _run_alike(log, header):
         if _overlaps(header):
-            return StreamTimes(log_ns, log_ns, False, False, 0, 0)
+            return StreamTimes(log_ns, log_ns, False, False)
         filled = header_ns.copy()
         missing = np.flatnonzero(header_ns <= 0)
         filled[missing] = header[np.searchsorted(known, missing).clip(max=len(known) - 1)]
-        return StreamTimes(log_ns, filled, True, False, 0, 0)
+        return StreamTimes(log_ns, filled, True, False)
     offset = header - log
     usual = int(np.sort(offset)[len(offset) // 2])
     wrong = np.abs(offset - usual) > _LATE_NS
@@ -145,16 +135,15 @@ def _overlaps(time_ns: Integers) -> bool:
 
 
 class Pairing(NamedTuple):
-    """Which times pair a stream with the images."""
+    """Times of the images (k,) and of a stream's messages (n,) on one clock, by "header" or "log".
+
+    apart_ns: by how much the header clock of the stream is ahead of that of the images; 0 where header times pair them.
+    """
 
     images_ns: Integers
-    """(k,) times of the images."""
     stream_ns: Integers
-    """(n,) times of the stream's messages on the same clock."""
     apart_ns: int
-    """By how much the header clock of the stream is ahead of that of the images; 0 where header times pair them."""
     by: str
-    """"header" or "log"."""
 
 
 def pair_times(images: StreamTimes, stream: StreamTimes) -> Pairing | None:
@@ -171,7 +160,10 @@ def pair_times(images: StreamTimes, stream: StreamTimes) -> Pairing | None:
     logs = Pairing(images.log_ns, stream.log_ns, 0, "log")
     if not both_headers:
         return logs
-    apart, slack = _apart(images, stream), _AGREE_SHARE * interval_ns(images.capture_ns)
+    steps = np.diff(np.sort(images.capture_ns))
+    steps = steps[steps > 0]
+    slack = _AGREE_SHARE * float(np.median(steps)) if len(steps) else 0.0
+    apart = _apart(images, stream)
     late = all(-_LATE_NS <= one.offset_ns <= slack for one in (images, stream))
     if late or abs(apart) <= slack:
         return headers
@@ -184,10 +176,3 @@ def _apart(images: StreamTimes, stream: StreamTimes) -> int:
     offsets = (stream.header_ns - stream.log_ns)[order]
     place = np.searchsorted(stream.log_ns[order], images.log_ns).clip(max=len(order) - 1)
     return int(np.median(offsets[place] - (images.header_ns - images.log_ns)))
-
-
-def interval_ns(time_ns: Integers) -> float:
-    """Median time between neighbours, nanoseconds; 0 for fewer than two."""
-    apart = np.diff(np.sort(time_ns))
-    apart = apart[apart > 0]
-    return float(np.median(apart)) if len(apart) else 0.0

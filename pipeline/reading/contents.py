@@ -21,7 +21,7 @@ Vector = tuple[float, float, float]
 
 
 class ContentError(ValueError):
-    """A message that follows its schema and still makes no sense."""
+    """A message that cannot be decoded, or makes no sense."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,12 +102,10 @@ def stamp_ns(seconds: int, nanoseconds: int) -> int | None:
     return stamp if stamp and abs(stamp) < LATEST_NS else None
 
 
-NO_COVARIANCE = "a covariance with variances that are negative or not a number"
-
-
 def refused_variances(variances: Iterable[float]) -> str:
-    """`NO_COVARIANCE` where one of the variances cannot be; empty elsewhere: zero and infinite ones mean unknown."""
-    return "" if all(variance >= 0 for variance in variances) else NO_COVARIANCE
+    """What is wrong where one of the variances cannot be; empty elsewhere: zero and infinite ones mean unknown."""
+    sound = all(variance >= 0 for variance in variances)
+    return "" if sound else "a covariance with variances that are negative or not a number"
 
 
 def make_fix(
@@ -122,10 +120,7 @@ def make_fix(
     Nothing where latitude or longitude is not finite or out of range, where both are 0, or where they are known to
     `VAGUEST_M` at best: receivers write that while they have no fix. A height that is not finite is taken as 0.
 
-    Raises
-    ------
-    ContentError
-        The height is none of a road.
+    Raises ContentError for a height that is none of a road.
     """
     if not (abs(latitude) <= 90 and abs(longitude) <= 180) or latitude == longitude == 0:
         return []

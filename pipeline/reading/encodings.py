@@ -14,6 +14,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from wayside.pipeline.reading.contents import ContentError
 from wayside.pipeline.reading.layout import Channel
 
 Unpacked = tuple[Any, memoryview]
@@ -35,17 +36,10 @@ _WHOLE_NUMBERS = dict.fromkeys((*_UNSIGNED, "nsec", "nanosec", "nanos"), 0) | {"
 """Whole numbers of at most 32 bits, each with the least it may be."""
 
 
-class EncodingError(ValueError):
-    """Messages of a channel that cannot be unpacked at all."""
-
-
 def unpacker_for(channel: Channel, type_name: str) -> Unpack:
     """How messages of a channel are unpacked; `type_name` as `foxglove.Type` or `package/msg/Type`.
 
-    Raises
-    ------
-    EncodingError
-        The encoding is unknown or does not go with the schema.
+    Raises ContentError where the encoding is unknown or does not go with the schema.
     """
     if channel.encoding == "protobuf":
         return _protobuf(channel)
@@ -53,7 +47,7 @@ def unpacker_for(channel: Channel, type_name: str) -> Unpack:
         return _cdr(type_name)
     if channel.encoding == "json":
         return unpack_json
-    raise EncodingError(
+    raise ContentError(
         f"encoding {channel.encoding!r} is not understood; protobuf, cdr and json are"
     )
 
@@ -61,16 +55,16 @@ def unpacker_for(channel: Channel, type_name: str) -> Unpack:
 def _protobuf(channel: Channel) -> Unpack:
     schema = channel.schema
     if schema is None:
-        raise EncodingError("it has no schema")
+        raise ContentError("it has no schema")
     stock = McapSchema(schema.id, schema.data, schema.encoding, schema.name)
     try:
         decode = DecoderFactory().decoder_for("protobuf", stock)
     except (
         Exception
     ) as error:  # a damaged descriptor fails in many ways inside the protobuf runtime
-        raise EncodingError(f"its protobuf schema is damaged ({error})") from error
+        raise ContentError(f"its protobuf schema is damaged ({error})") from error
     if decode is None:
-        raise EncodingError(f"its schema is in {schema.encoding!r}, not protobuf")
+        raise ContentError(f"its schema is in {schema.encoding!r}, not protobuf")
 
     def unpack(content: memoryview) -> Unpacked:
         message = decode(bytes(content))
@@ -90,7 +84,7 @@ def _typestore() -> Typestore:
 def _cdr(type_name: str) -> Unpack:
     store = _typestore()
     if type_name not in store.fielddefs:
-        raise EncodingError(f"type {type_name} is not understood in CDR")
+        raise ContentError(f"type {type_name} is not understood in CDR")
 
     def unpack(content: memoryview) -> Unpacked:
         message: Any = store.deserialize_cdr(content, type_name)
@@ -103,10 +97,7 @@ def _cdr(type_name: str) -> Unpack:
 def unpack_json(content: memoryview) -> Unpacked:
     """A JSON message; its `data` is base64, with line breaks or without, in either alphabet, or a list of bytes.
 
-    Raises
-    ------
-    ValueError
-        It is no object, or a field that is known has a value of another type.
+    Raises ValueError where it is no object, or a field that is known has a value of another type.
     """
     message = json.loads(bytes(content), object_hook=_attributes)
     if not isinstance(message, SimpleNamespace):

@@ -8,15 +8,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from wayside.pipeline.reading.bounds import Allowance
-from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.image_headers import frame_of
-from wayside.pipeline.reading.messages import Decoders, MessageError
+from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.plan import Plan, plan_reading, shortened
 from wayside.pipeline.reading.records import Message
 from wayside.pipeline.reading.replay import image_messages
 from wayside.pipeline.reading.scan_report import ScanReport
-from wayside.pipeline.reading.selection import PlacedImage, Selection
+from wayside.pipeline.reading.selection import Selection
 from wayside.pipeline.reading.timeline import Timeline, make_timeline
 from wayside.pipeline.reading.video import VideoStreams
 from wayside.schemas.errors import InputError
@@ -60,23 +59,8 @@ def read_frames(
     with their status and without data. Memory is bounded by one chunk and a hundred bytes a message. Images are not
     copied where the encoding allows it.
 
-    Parameters
-    ----------
-    path
-        The MCAP file.
-    settings
-        Camera, calibration, part and thinning.
-    report
-        Filled while the frames are taken.
-    camera
-        Replaces the calibrations of the log and of the settings.
-
-    Raises
-    ------
-    UsageError
-        Settings that make no sense or name no camera of the log, or several cameras and none chosen; at once.
-    InputError
-        The log cannot be used; at once, or at the end where no image has the size of its calibration.
+    report: filled while the frames are taken; camera: replaces the calibrations of the log and of the settings. Raises
+    as `plan_reading` and `make_timeline`, at once; and InputError at the end, where no image could be used.
     """
     plan = plan_reading(path, settings, camera)
     timeline = make_timeline(plan)
@@ -99,9 +83,8 @@ class _Reader:
         self, plan: Plan, timeline: Timeline, settings: ReadSettings, report: ReadReport
     ) -> None:
         self.plan, self.timeline, self.report = plan, timeline, report
-        self.allowance = Allowance()
-        self.selection = Selection(plan, settings)
-        self.decoders = Decoders()
+        self.selection = Selection(settings, plan.spacing_m)
+        self.by_number = plan.survey.by_number and not settings.spacing_m
         self.video = VideoStreams()
         self.problems = 0
         is_video = plan.camera.image_format == H264  # whose streams are told apart by themselves
@@ -115,7 +98,7 @@ class _Reader:
             self.plan.camera.name,
             self.timeline.order,
             self.report,
-            self.allowance,
+            Allowance(),
         )
         for row, message in messages:
             yield self._frame(row, message)
@@ -123,67 +106,57 @@ class _Reader:
 
     def _frame(self, row: int, message: Message) -> Frame:
         report, timeline = self.report, self.timeline
-        image, fault = self._image(message), ""
-        if image is not None and image.frame_id in self.others:
+        camera, lost = timeline.cameras[row], report.problem_count > self.problems
+        self.problems = report.problem_count
+        status, image = self.video.image(message, camera, after_loss=lost)
+        if image.width and used_bits(frame_of(image)):
+            image = replace(image, encoding=f"{image.encoding}:{self.plan.camera.bits}")
+        if image.frame_id in self.others:
             self.others_seen += 1
-            fault = OTHER_CAMERA
-        index = report.images
-        report.images += 1
-        camera = timeline.cameras[row]
-        header_ns = None if image is None else image.time_ns
-        if image is not None and image.encoding == H264 and not fault:
-            size = None if camera is None else (camera.width, camera.height)
-            lost = report.problem_count > self.problems
-            self.problems = report.problem_count
-            status, image = self.video.decode(message.channel.id, image, size, after_loss=lost)
-            fault = "" if status == USED else status
-        capture_ns = int(timeline.times.capture_ns[row])
-        known = capture_ns == (header_ns or message.log_time_ns)
-        placed = PlacedImage(
-            index,
-            message.sequence if self.plan.by_number else index - self.others_seen,
-            message.log_time_ns,
-            capture_ns,
-            None if known else capture_ns,
-            image,
-            fault,
+            status = OTHER_CAMERA
+        time_ns = int(timeline.times.capture_ns[row])
+        known = time_ns == (image.time_ns or message.log_time_ns)
+        pose, log_time = timeline.pose(row), str(message.log_time_ns)
+        frame = replace(
+            frame_of(image),
+            index=report.images,
+            log_time_ns=message.log_time_ns,
+            header_time_ns=image.time_ns,
+            status=status,
+            camera=camera,
+            pose=pose,
+            fix=timeline.fix(row),
+            settled_time_ns=None if known else time_ns,
+            name=self.plan.survey.image_names.get(log_time, ""),
+            date=self.plan.survey.image_dates.get(log_time, ""),
         )
-        pose, fix = timeline.pose(row), timeline.fix(row)
-        frame = self.selection.decide(placed, camera, pose, fix)
+        # The numbers of imported messages count the images taken, gaps included.
+        counted = report.images - self.others_seen
+        frame = self.selection.decide(frame, message.sequence if self.by_number else counted)
+        report.images += 1
         report.statuses[frame.status] += 1
         report.with_pose += pose is not None
         if report.first_time_ns is None:
             report.first_time_ns = frame.time_ns
         return frame
 
-    def _image(self, message: Message) -> ImageContent | None:
-        try:
-            contents = self.decoders.decode(message.channel, message.data)
-        except MessageError:
-            return None
-        image = contents[0] if contents else None
-        if not isinstance(image, ImageContent):
-            return None
-        if image.width and used_bits(frame_of(image)):
-            return replace(image, encoding=f"{image.encoding}:{self.plan.camera.bits}")
-        return image
-
     def _finish(self) -> None:
         report, plan = self.report, self.plan
-        for topic in plan.failed:
+        kinds = Kind.POSE, Kind.ODOMETRY, Kind.FIX, Kind.TRANSFORM
+        read = [] if plan.calibration is None else [plan.calibration]
+        for topic in (t for t in (*read, *plan.survey.of_kind(*kinds)) if t.failed):
             report.add_problem(
                 topic.failed_offset,
                 f"{topic.failed} messages of {shortened(topic.name)} lost: they cannot be decoded or used "
                 f"({topic.fault})",
             )
-        report.notes += report.unchecked
-        report.notes += [*self.selection.numbers.notes(), *self.video.notes()]
+        report.notes += [*report.unchecked, *self.selection.notes(), *self.video.notes()]
         if report.motion_source and report.images and not report.with_pose:
             report.notes.append(
                 f"no image has a pose of its own time: the times of {report.motion_topic or 'the transforms'} differ"
             )
         used = bool(report.statuses[USED])
-        if self.video.counts.both_ways and not used:
+        if self.video.both_ways and not used:
             raise InputError(
                 f"{plan.survey.path}: none of its images can be used: {self.video.notes()[-1]}"
             )
@@ -205,7 +178,7 @@ class _Reader:
                 "--spacing uses them"
             )
         if report.statuses[WRONG_SIZE] and not used:
-            size, camera = plan.camera.image_size, self.selection.last_camera
+            size, camera = plan.camera.image_size, self.timeline.cameras[self.timeline.order[-1]]
             found = "other sizes" if size is None else f"{size[0]} x {size[1]}"
             wanted = "the calibration" if camera is None else f"{camera.width} x {camera.height}"
             raise InputError(

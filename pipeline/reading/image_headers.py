@@ -1,11 +1,14 @@
-"""Format and size of an image before it is decoded, and whether it can be."""
+"""What an image says of itself before it is decoded: format, size and Exif data; and whether it can be decoded."""
 
 from __future__ import annotations
 
+import re
 import warnings
+from datetime import datetime
 from io import BytesIO
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from PIL import Image
 from PIL.AvifImagePlugin import AvifImageFile
 from PIL.BmpImagePlugin import BmpImageFile
 from PIL.ImageFile import ImageFile
@@ -16,6 +19,7 @@ from PIL.WebPImagePlugin import WebPImageFile
 
 from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.h264 import H264, read_stream
+from wayside.schemas.errors import InputError
 from wayside.schemas.frame import FRAME_STATUS_WORDS, USED, Frame
 from wayside.stages.imaging import decode_pixels, raw_samples
 
@@ -32,6 +36,14 @@ _START_CODES = (b"\0\0\0\1", b"\0\0\1")
 _FORMAT_WORDS = {word: word for word in (*_FORMATS, H264)} | {"jpg": "jpeg", "tif": "tiff"}
 _LARGEST_TRIED_PX = 50_000_000
 """Nothing larger is decoded only to see whether it can be; each pixel takes some bytes."""
+_DIRECTORY, _ORIENTATION = 0x8769, 0x0112
+_TAKEN, _CHANGED, _FRACTION, _OFFSET = 0x9003, 0x0132, 0x9291, 0x9011
+"""Tags of the Exif standard: DateTimeOriginal, DateTime, SubSecTimeOriginal, OffsetTimeOriginal."""
+_TURNED = dict.fromkeys((2, 4, 5, 7), "mirrored") | {
+    3: "turned by 180 degrees",
+    6: "turned by 90 degrees clockwise",
+    8: "turned by 90 degrees counterclockwise",
+}
 
 
 class ImageHeader(NamedTuple):
@@ -42,26 +54,85 @@ class ImageHeader(NamedTuple):
     height: int
 
 
+class Exif(NamedTuple):
+    """Exif data of an image; empty or None where it does not say.
+
+    turned: how the stored pixels are to be turned to be shown, in words; date: of capture, else of change,
+    `2009-05-14 10:31:07`; taken: date of capture, local, or with its offset.
+    """
+
+    turned: str = ""
+    date: str = ""
+    taken: datetime | None = None
+
+
 def read_image_header(data: bytes | memoryview) -> ImageHeader | None:
     """Header of an image; None where it is of none of these formats, or cut before its size.
 
     Of TIFF the first image, of H.264 a piece that begins with its sequence set.
     """
-    start = bytes(data[:16])
-    if start.startswith(_START_CODES):
-        try:
+    try:
+        if bytes(data[:4]).startswith(_START_CODES):
             found, _ = read_stream(data, None)
+            return found and ImageHeader(H264, found.width, found.height)
+        name = _format_of(data)
+        with warnings.catch_warnings(action="ignore"), _FORMATS[name][2](BytesIO(data)) as image:
+            width, height = image.size
+    except Exception:  # each reader has errors of its own for damaged bytes
+        return None
+    return ImageHeader(name, width, height) if width > 0 and height > 0 else None
+
+
+def _format_of(data: bytes | memoryview) -> str:
+    start = bytes(data[:16])
+    fitting = (name for name, (at, begins, _) in _FORMATS.items() if start.startswith(begins, at))
+    return next(fitting, "")
+
+
+def read_exif(data: bytes | memoryview) -> Exif:
+    """Exif data of a compressed image; what is damaged of it is not there."""
+    tags: dict[int, Any] = {}
+    name = _format_of(data)
+    try:
+        with warnings.catch_warnings(action="ignore"), _FORMATS[name][2](BytesIO(data)) as image:
+            # Pillow decodes all of a PNG to look for Exif data behind the pixels.
+            at_once = name == "png" and b"eXIf" not in bytes(data)
+            exif = Image.Image.getexif(image) if at_once else image.getexif()
+            tags = dict(exif)
+            tags = dict(exif.get_ifd(_DIRECTORY)) | tags
+    except Exception:  # the library has errors of its own for each damage, none is a reason to stop
+        pass
+    taken = _iso_date(tags.get(_TAKEN))
+    date = taken or _iso_date(tags.get(_CHANGED))
+    more = f".{_text(tags.get(_FRACTION))}", _text(tags.get(_OFFSET))
+    return Exif(_TURNED.get(tags.get(_ORIENTATION, 1), ""), date, _time_of(taken, *more))
+
+
+def refuse_turned(what: str, exif: Exif) -> None:
+    """Refuse an image that is to be shown otherwise than it is stored; raises InputError that begins with `what`."""
+    if exif.turned:
+        raise InputError(
+            f"{what}: its Exif orientation says that it is to be shown {exif.turned}, and whether the calibration is "
+            "of the image as stored or as shown is not known; if as shown, turn the pixels of all images "
+            "(`exiftran -ai *.jpg`); if as stored, remove the tag of all (`exiftool -Orientation= *.jpg`)"
+        )
+
+
+def _text(value: object) -> str:
+    return str(value or "").strip(" \0")
+
+
+def _iso_date(value: object) -> str:
+    found = re.match(r"(\d{4}):(\d\d):(\d\d) (\d\d:\d\d:\d\d)", _text(value))
+    return "" if found is None else "{}-{}-{} {}".format(*found.groups())
+
+
+def _time_of(date: str, fraction: str, offset: str) -> datetime | None:
+    for text in (date + fraction + offset, date + offset, date):
+        try:
+            return datetime.fromisoformat(text)
         except ValueError:
-            return None
-        return found and ImageHeader(H264, found.width, found.height)
-    for name, (place, begins, reader) in _FORMATS.items():
-        if start.startswith(begins, place):
-            try:
-                with warnings.catch_warnings(action="ignore"), reader(BytesIO(data)) as image:
-                    width, height = image.size
-            except Exception:  # each reader has errors of its own for damaged bytes
-                return None
-            return ImageHeader(name, width, height) if width > 0 and height > 0 else None
+            pass  # no fraction, no offset, or no date at all: 0000-00-00
     return None
 
 

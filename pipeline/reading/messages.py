@@ -8,7 +8,7 @@ from typing import Any
 
 from wayside.pipeline.reading import fields
 from wayside.pipeline.reading.contents import Content, ContentError
-from wayside.pipeline.reading.encodings import EncodingError, Unpack, unpacker_for
+from wayside.pipeline.reading.encodings import Unpack, unpacker_for
 from wayside.pipeline.reading.layout import Channel
 
 
@@ -50,23 +50,10 @@ ROS_TYPES = tuple(name for name in _TYPES if "/" in name)
 """Types of ROS that are understood."""
 
 
-class MessageError(ValueError):
-    """A message that cannot be decoded."""
-
-
 def type_name(channel: Channel) -> str:
     """Name of a channel's schema, ROS types in the form `package/msg/Type`."""
-    return _full_name(channel.schema_name)
-
-
-def is_known_type(schema_name: str) -> bool:
-    """Whether messages of a schema of this name are understood."""
-    return _full_name(schema_name) in _TYPES
-
-
-def _full_name(schema_name: str) -> str:
-    parts = schema_name.split("/")
-    return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else schema_name
+    parts = channel.schema_name.split("/")
+    return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else channel.schema_name
 
 
 def kind_of(channel: Channel) -> Kind | None:
@@ -84,25 +71,22 @@ class Decoders:
     def decode(self, channel: Channel, content: memoryview) -> Sequence[Content]:
         """What a message says: one content, or none, or several (transforms).
 
-        Raises
-        ------
-        MessageError
-            The bytes do not follow the schema, or what they say makes no sense.
+        Raises ContentError where the bytes do not follow the schema, or what they say makes no sense.
         """
         name = type_name(channel)
         known = self._by_channel.get(channel.id)
         if known is None or known[0] is not channel:
             try:
                 known = channel, unpacker_for(channel, name)
-            except EncodingError as error:
+            except ContentError as error:
                 known = channel, str(error)
             self._by_channel[channel.id] = known
         unpack = known[1]
+        if isinstance(unpack, str):
+            raise ContentError(unpack)
         try:
-            if isinstance(unpack, str):
-                raise EncodingError(unpack)
             return _TYPES[name][1](*unpack(content))
-        except (EncodingError, ContentError) as error:
-            raise MessageError(str(error)) from error
+        except ContentError:
+            raise
         except Exception as error:  # each decoding library has errors of its own for damaged bytes
-            raise MessageError(f"it does not follow its schema ({error})") from error
+            raise ContentError(f"it does not follow its schema ({error})") from error

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import takewhile
+from importlib.util import find_spec
 from pathlib import Path
 
 from wayside.pipeline.reading.calibrations import is_rectified
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent, ImageContent
-from wayside.pipeline.reading.exif import read_exif, refuse_turned
 from wayside.pipeline.reading.h264 import H264
+from wayside.pipeline.reading.image_headers import read_exif, refuse_turned
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.poses import bare
 from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
-from wayside.pipeline.reading.video import WITHOUT_DECODER, can_decode_video
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings
@@ -30,9 +29,8 @@ _TRANSPORTS = ("compressed", "theora", "ffmpeg", "h264", "zstd")
 class Plan:
     """What is read from a log.
 
-    calibration: topic, or None where `camera_given` (from `calibration_source`) is used; by_number: message sequence
-    numbers count the images taken, gaps included; notes: on streams that tell nothing of motion and place, wholly or in
-    part.
+    calibration: topic, or None where `camera_given` (from `calibration_source`) is used; notes: on streams that tell
+    nothing of motion and place, wholly or in part.
     """
 
     survey: LogSurvey
@@ -42,15 +40,7 @@ class Plan:
     calibration_source: str
     fixes: Topic | None
     spacing_m: float
-    by_number: bool
     notes: tuple[str, ...] = ()
-
-    @property
-    def failed(self) -> list[Topic]:
-        """Topics besides the images of which messages are lost though they should be of use, by name."""
-        kinds = Kind.POSE, Kind.ODOMETRY, Kind.FIX, Kind.TRANSFORM
-        read = [] if self.calibration is None else [self.calibration]
-        return [t for t in (*read, *self.survey.of_kind(*kinds)) if t.failed]
 
     @property
     def other_cameras(self) -> frozenset[str]:
@@ -79,22 +69,14 @@ class Plan:
 
 def check_settings(settings: ReadSettings) -> None:
     """Refuse settings that no log could satisfy; raises UsageError."""
+    s = settings
+    after = f"a time after --from ({s.from_s:g} s)"
     wanted = (
-        (settings.every >= 1, "--every", "1 or more", settings.every),
-        (
-            settings.thin_m >= 0,
-            "read.thin_m",
-            "a distance, or 0 for every image",
-            settings.thin_m,
-        ),
-        (settings.spacing_m >= 0, "--spacing", "a distance such as 26.4ft", settings.spacing_m),
-        (settings.from_s >= 0, "--from", "a time after the first image", settings.from_s),
-        (
-            settings.until_s == 0 or settings.until_s > settings.from_s,
-            "--until",
-            f"a time after --from ({settings.from_s:g} s)",
-            settings.until_s,
-        ),
+        (s.every >= 1, "--every", "1 or more", s.every),
+        (s.thin_m >= 0, "read.thin_m", "a distance, or 0 for every image", s.thin_m),
+        (s.spacing_m >= 0, "--spacing", "a distance such as 26.4ft", s.spacing_m),
+        (s.from_s >= 0, "--from", "a time after the first image", s.from_s),
+        (s.until_s == 0 or s.until_s > s.from_s, "--until", after, s.until_s),
     )
     for holds, option, want, found in wanted:
         if not holds:
@@ -104,24 +86,13 @@ def check_settings(settings: ReadSettings) -> None:
 def plan_reading(path: Path, settings: ReadSettings, camera: Camera | None = None) -> Plan:
     """Survey a log and choose what is read of it; `camera` replaces every calibration.
 
-    Raises
-    ------
-    UsageError
-        Settings that make no sense, an unknown camera topic, or several cameras and none chosen.
-    InputError
-        The log has no images, no calibration, or nothing that tells how the camera moved, or its images are to be shown
-        otherwise than they are stored.
+    Raises UsageError for settings that make no sense or choose no one camera of the log, and InputError where the log
+    has no images, no calibration, nothing that tells how the camera moved, or images that Exif turns.
     """
     check_settings(settings)
-    given = camera
-    if given is None and settings.calibration:
-        given = read_camera_file(Path(settings.calibration))
-    survey = survey_log(
-        path,
-        settings.camera,
-        calibrated=given is not None,
-    )
-    return make_plan(survey, settings, given)
+    if camera is None and settings.calibration:
+        camera = read_camera_file(Path(settings.calibration))
+    return make_plan(survey_log(path, settings.camera), settings, camera)
 
 
 def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -> Plan:
@@ -146,7 +117,6 @@ def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -
         source,
         fixes,
         spacing_m,
-        survey.by_number and not settings.spacing_m,
         (*_image_notes(camera, camera_given), *_without_value(survey)),
     )
 
@@ -170,34 +140,38 @@ def _choose_camera(survey: LogSurvey, wanted: str) -> Topic:
             f"{survey.path}: wanted one camera, found {len(chosen)}: {describe_cameras(chosen)}; "
             f"choose one, as in --camera {max(chosen, key=lambda t: t.count).name}"
         )
-    if chosen[0].first is None:
+    camera = chosen[0]
+    first = camera.first
+    if not isinstance(first, ImageContent) or camera.flaw:
         raise InputError(
-            f"{survey.path}: wanted images on {chosen[0].name}, found messages that cannot be decoded "
-            f"({chosen[0].fault}); record them anew or choose another with --camera"
-        )
-    if chosen[0].flaw:
-        raise InputError(
-            f"{survey.path}: none of the images on {chosen[0].name} can be decoded: {chosen[0].flaw}; "
+            f"{survey.path}: none of the images on {camera.name} can be decoded: {camera.flaw or camera.fault}; "
             "record or convert them anew, or choose another topic with --camera"
         )
-    first = chosen[0].first
-    if isinstance(first, ImageContent) and not first.width:
-        words = f"{survey.path}: the first image of {shortened(chosen[0].name)}"
-        refuse_turned(words, read_exif(first.data))
-    if chosen[0].image_format == H264 and not can_decode_video():
-        raise InputError(f"{survey.path}: {chosen[0].name}: {WITHOUT_DECODER}")
-    return chosen[0]
+    refuse_turned(
+        f"{survey.path}: the first image of {shortened(camera.name)}", read_exif(first.data)
+    )
+    if camera.image_format == H264 and find_spec("av") is None:
+        raise InputError(
+            f"{survey.path}: {camera.name}: wanted PyAV to decode the H.264 video, found it not installed; "
+            "pip install 'wayside[video]'"
+        )
+    return camera
 
 
 def describe_cameras(cameras: list[Topic]) -> str:
     """Cameras with their counts and sizes, in a line: the most numerous, a handful of them."""
     words = []
-    for topic in sorted(cameras, key=lambda t: -t.count)[:_MOST_LISTED]:
+    for topic in sorted(cameras, key=lambda t: -t.count):
         size = topic.image_size
         shown = "size unknown" if size is None else f"{size[0]} x {size[1]}"
         words.append(f"{shortened(topic.name)} ({topic.count} images, {shown})")
-    more = f" and {len(cameras) - _MOST_LISTED} more" if len(cameras) > _MOST_LISTED else ""
-    return ", ".join(words) + more
+    return listed(words, _MOST_LISTED)
+
+
+def listed(words: Sequence[str], most: int) -> str:
+    """The first `most` of some words, in a line, and how many more there are."""
+    more = f" and {len(words) - most} more" if len(words) > most else ""
+    return ", ".join(words[:most]) + more
 
 
 def shortened(name: str) -> str:
@@ -210,35 +184,31 @@ def _choose_calibration(
 ) -> tuple[Topic | None, Camera | None, str]:
     if given is not None:
         return None, given, settings.calibration
-    rectified, size, faults = is_rectified(camera.name), camera.image_size, []
+    rectified, faults = is_rectified(camera.name), []
     found = [
-        (topic, content, content.camera_for(size, rectified=rectified))
+        (topic, content, content.camera_for(camera.image_size, rectified=rectified))
         for topic in survey.of_kind(Kind.CALIBRATION)
         if isinstance(content := topic.first, CalibrationContent)
     ]
-    found.sort(key=lambda one: _closeness(camera, size, *one), reverse=True)
+    found.sort(key=lambda one: _closeness(camera, *one), reverse=True)
     usable: list[tuple[Topic, CalibrationContent, Camera]] = []
     for topic, content, own in found[:_MOST_LISTED]:
         fault = content.why_rectified if rectified else content.why
         if own is not None:
             fault = _of_another(survey, camera, topic.name, content.frame_id, own)
-            if not fault:
-                usable.append((topic, content, own))
-                continue
-        faults.append(f"{topic.name}, but {fault}")
+        if own is not None and not fault:
+            usable.append((topic, content, own))
+        else:
+            faults.append(f"{topic.name}, but {fault}")
     if usable:
-        best = usable[0]
-        alike = [
-            topic.name
-            for topic, content, own in usable[1:]
-            if own != best[2]
-            and _closeness(camera, size, topic, content, own) == _closeness(camera, size, *best)
-        ]
-        if not alike:
+        best, close = usable[0], _closeness(camera, *usable[0])
+        level = (one for one in usable if _closeness(camera, *one) == close and one[2] != best[2])
+        other = next(level, None)
+        if other is None:
             return best[0], None, best[0].name
-        faults.append(f"{best[0].name} and {alike[0]}, which differ")
-    elif survey.attached_camera is not None:
-        name, attached = survey.attachment_name, survey.attached_camera
+        faults.append(f"{best[0].name} and {other[0].name}, which differ")
+    elif survey.attached is not None:
+        name, attached = survey.attached
         fault = _of_another(survey, camera, name, "", attached)
         if not fault:
             return None, attached, f"attachment {name}"
@@ -254,36 +224,33 @@ def _choose_calibration(
 def _of_another(survey: LogSurvey, camera: Topic, name: str, frame: str, own: Camera) -> str:
     """Why a calibration `name` is of another camera, or may be; empty where it is of this one.
 
-    `frame_id` decides, where the log has images of several; else the names of topics do: by namespace, then by the
-    words that a calibration shares with each image topic of its size.
+    It is of the camera with which it shares the `frame_id`, else the namespace, else the most words of its name; and
+    of none that contradicts it in `frame_id` and namespace.
     """
-    mine, its = _bare_frame(camera.camera_frame), _bare_frame(frame)
-    same_place = _namespace(name) == _namespace(camera.name)
-    rivals = [t for t in survey.cameras if _namespace(t.name) != _namespace(camera.name)]
-    if mine and its and mine != its:
-        if not same_place or any(_bare_frame(t.camera_frame) == its for t in survey.cameras):
+    mine, here, there = _affinity(camera, name, frame), _namespace(camera.name), _namespace(name)
+    same_frame, same_place, _ = mine
+    if not same_frame and _bare_frame(frame) and _bare_frame(camera.camera_frame):
+        if not same_place or any(_affinity(topic, name, frame)[0] for topic in survey.cameras):
             return (
                 f"it is of another camera: its frame_id is {shortened(frame)}, that of the images "
                 f"{shortened(camera.camera_frame)}"
             )
+    if same_place:
         return ""
-    known = bool(mine and its)
-    if same_place or (known and any(_bare_frame(t.camera_frame) != mine for t in rivals)):
-        return ""
-    here, there = (_words("/".join(_namespace(topic))) for topic in (camera.name, name))
-    if (
-        not known and len(here) == len(there) and set(here) & set(there)
-    ):  # as cam_left and cam_right
+    alike = _words("/".join(here)) & _words("/".join(there))
+    if not same_frame and len(here) == len(there) and alike:  # as cam_left and cam_right
         return "it is of another camera by its name"
-    words = set(_words(name))
-    shared = len(words & set(_words(camera.name)))
-    for rival in rivals:
-        closer = len(words & set(_words(rival.name))) - shared
-        if closer + (not known) > 0 and rival.image_size in (None, (own.width, own.height)):
-            other = shortened(rival.name)
-            if closer > 0:
-                return f"it is of another camera by its name, that of {other}"
-            return f"nothing tells whether it is of this camera or of that of {other}"
+    for rival in survey.cameras:
+        fits = rival.image_size in (None, (own.width, own.height))
+        if not fits or _namespace(rival.name) == here:
+            continue
+        theirs = _affinity(rival, name, frame)
+        if theirs > mine:
+            return f"it is of another camera by frame_id or name, that of {shortened(rival.name)}"
+        if theirs == mine and not same_frame:
+            return (
+                f"nothing tells whether it is of this camera or of that of {shortened(rival.name)}"
+            )
     return ""
 
 
@@ -298,24 +265,25 @@ def _namespace(topic: str) -> tuple[str, ...]:
     return tuple(parts[: -2 if parts[-1] in _TRANSPORTS else -1])
 
 
-def _words(topic: str) -> list[str]:
-    return re.findall(r"[a-z]+|\d+", topic.lower())
+def _words(topic: str) -> set[str]:
+    return set(re.findall(r"[a-z]+|\d+", topic.lower()))
+
+
+def _affinity(topic: Topic, name: str, frame: str) -> tuple[bool, bool, int]:
+    """What a calibration and a topic of images have in common: `frame_id`, namespace, how many words of their names."""
+    same_frame = _bare_frame(topic.camera_frame) == _bare_frame(frame) != ""
+    same_place = _namespace(topic.name) == _namespace(name)
+    return same_frame, same_place, len(_words(topic.name) & _words(name))
 
 
 def _closeness(
-    camera: Topic,
-    size: tuple[int, int] | None,
-    topic: Topic,
-    content: CalibrationContent,
-    own: Camera | None,
-) -> tuple[bool, bool, bool, int, int]:
-    """How well a calibration goes with a camera: same size, same frame, both rectified or not, topics alike."""
-    same_size = own is not None and (own.width, own.height) == size
-    frame = _bare_frame(content.frame_id)
-    a, b = camera.name.split("/"), topic.name.split("/")
-    shared = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(a, b, strict=False)))
+    camera: Topic, topic: Topic, content: CalibrationContent, own: Camera | None
+) -> tuple[bool, bool, bool, bool, int]:
+    """How well a calibration goes with a camera: same size, same frame, both rectified or not, names alike."""
+    same_size = own is not None and (own.width, own.height) == camera.image_size
+    same_frame, same_place, shared = _affinity(camera, topic.name, content.frame_id)
     alike = is_rectified(camera.name) == is_rectified(topic.name)
-    return same_size, frame == _bare_frame(camera.camera_frame) != "", alike, shared, -len(b)
+    return same_size, same_frame, alike, same_place, shared
 
 
 def _image_notes(camera: Topic, given: Camera | None) -> Iterator[str]:
@@ -353,11 +321,8 @@ def _without_value(survey: LogSurvey) -> Iterator[str]:
 def _listing(survey: LogSurvey) -> str:
     """Topics with their types, the most numerous first, a handful of them."""
     topics = sorted(survey.topics.values(), key=lambda t: (-t.count, t.name))
-    words = [
-        f"{shortened(t.name)} ({shortened(t.schema) or 'no schema'})" for t in topics[:_MOST_LISTED]
-    ]
-    more = f" and {len(topics) - _MOST_LISTED} more" if len(topics) > _MOST_LISTED else ""
-    return ", ".join(words) + more if words else "no messages"
+    words = [f"{shortened(t.name)} ({shortened(t.schema) or 'no schema'})" for t in topics]
+    return listed(words, _MOST_LISTED) or "no messages"
 
 
 def _lost(survey: LogSurvey) -> str:

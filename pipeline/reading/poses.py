@@ -29,27 +29,23 @@ class TransformTree:
         if child and child != bare(content.parent):
             self.edges.setdefault(child, Positions()).add(log_ns, content)
 
-    def parent(self, frame: str) -> str | None:
-        """The frame that this one is given in, None where nothing is known of it."""
-        edge = self.edges.get(frame)
-        return None if edge is None else bare(_names(edge)[0])
+    def parent(self, frame: str) -> str:
+        """The frame that this one, which is known, is given in."""
+        return bare(_names(self.edges[frame])[0])
 
     def chain(self, frame: str, until: str | None = None) -> list[str]:
         """Frames from one up to below the root, or below `until`; empty where that is not on the way."""
         chain: list[str] = []
-        name: str | None = bare(frame)
-        while name is not None and name != until and len(chain) < _LONGEST_CHAIN:
-            parent = self.parent(name)
-            if parent is None:
-                break
+        name = bare(frame)
+        while name in self.edges and name != until and len(chain) < _LONGEST_CHAIN:
             chain.append(name)
-            name = parent
-        return chain if until is None or name == until else []
+            name = self.parent(name)
+        return chain if until in (None, name) else []
 
     def root(self, frame: str) -> str:
         """Topmost frame above this one; itself where nothing is known of it."""
         chain = self.chain(frame)
-        return (self.parent(chain[-1]) or "") if chain else bare(frame)
+        return self.parent(chain[-1]) if chain else bare(frame)
 
     def moving(self, frame: str) -> list[str]:
         """Frames from this one to the root that are seen to move in their parents."""
@@ -106,8 +102,7 @@ def mount_of(tree: TransformTree, positions: Positions, camera_frame: str) -> li
     if not child:
         chain = tree.chain(camera)
         above = {camera, *(tree.parent(name) for name in chain)}
-        is_body = bool(chain) and tree.root(camera) != parent and parent not in above
-        return chain if is_body else []
+        return [] if parent in above else chain
     if child == camera or "optical" in child:
         return []
     return tree.chain(camera, child) or None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.reading.clocks import Flags, Floats, Integers
 from wayside.pipeline.reading.streams import Samples
@@ -23,16 +24,16 @@ _LOOK_BACK = 256
 
 
 class Interpolated(NamedTuple):
-    """A series at the times of images."""
+    """A series at the times of images.
+
+    known: (k,) whether there are samples near enough; value: (k, 7) as of `Samples`, nan where not known; sigma: (k, 3)
+    of the nearer sample; span_s: (k,) time between the samples on both sides, 0 at a sample.
+    """
 
     known: Flags
-    """(k,) whether there are samples near enough."""
     value: Floats
-    """(k, 7) as of `Samples`; nan where not known."""
     sigma: Floats
-    """(k, 3) of the nearer sample."""
     span_s: Floats
-    """(k,) time between the samples on both sides, 0 at a sample."""
 
 
 def interpolate(samples: Samples, time_ns: Integers) -> Interpolated:
@@ -55,23 +56,12 @@ def interpolate(samples: Samples, time_ns: Integers) -> Interpolated:
     part = np.where(exact & (before == place), 0.0, part)
     a, b = samples.value[before], samples.value[after]
     value[:, :3] = a[:, :3] + (b[:, :3] - a[:, :3]) * part[:, None]
-    value[:, 3:] = _slerp(a[:, 3:], b[:, 3:], part)
+    start, end = Rotation.from_quat(a[:, 3:]), Rotation.from_quat(b[:, 3:])
+    turn = Rotation.from_rotvec((start.inv() * end).as_rotvec() * part[:, None])
+    value[:, 3:] = (start * turn).as_quat()
     sigma = samples.sigma[np.where(part < 0.5, before, after)]
     value[~known] = np.nan
     return Interpolated(known, value, sigma, np.where(exact, 0.0, gap))
-
-
-def _slerp(first: Floats, second: Floats, part: Floats) -> Floats:
-    cosine = (first * second).sum(axis=1)
-    second = second * np.where(cosine < 0, -1.0, 1.0)[:, None]
-    angle = np.arccos(np.minimum(np.abs(cosine), 1.0))
-    sine = np.sin(angle)
-    small = sine < 1e-6
-    divisor = np.where(small, 1.0, sine)
-    a = np.where(small, 1 - part, np.sin((1 - part) * angle) / divisor)
-    b = np.where(small, part, np.sin(part * angle) / divisor)
-    turned = first * a[:, None] + second * b[:, None]
-    return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
 
 
 def continuous_longitudes(samples: Samples) -> Samples:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from hashlib import blake2b
 
-from wayside.pipeline.reading.contents import ImageContent
-from wayside.pipeline.reading.copies import ImageNumbers
-from wayside.pipeline.reading.exif import read_exif
-from wayside.pipeline.reading.image_headers import format_and_size
-from wayside.pipeline.reading.plan import Plan
-from wayside.pipeline.reading.thinning import Thinning, position_of
+from wayside.pipeline.reading.image_headers import read_exif
+from wayside.pipeline.reading.plan import listed
 from wayside.schemas.frame import (
     DUPLICATE,
+    EARTH_RADIUS_M,
     NO_CALIBRATION,
     NO_POSITION,
     OTHER_CAMERA,
@@ -19,129 +19,138 @@ from wayside.schemas.frame import (
     SKIPPED,
     THINNED,
     TURNED,
-    UNDECODABLE,
     USED,
     WRONG_SIZE,
-    Camera,
-    Fix,
     Frame,
-    PosePrior,
+    turn_deg,
 )
 from wayside.schemas.settings import ReadSettings
 
 _NOTHING = memoryview(b"")
 _SILENCE_NS = 5_000_000_000
 """Without pose, fix or spacing the speed before is carried on to the next image, but not across a longer silence."""
+_MOST_LISTED = 4
+_STANDING_NS, _STANDING_SHARE = 1_000_000_000, 0.25
+"""Where positions stand still, within this share of the distance, an image a second is used all the same: positions may
+be wrong, and only images tell whether the camera moves."""
 
-
-@dataclass(frozen=True, slots=True)
-class PlacedImage:
-    """An image message in its place; `image` is None where it could not be decoded.
-
-    time_ns: when it was taken; settled_ns: as in `Frame`; fault: status of an image that is not to be used, known
-    before anything else of it is looked at.
-    """
-
-    index: int
-    number: int
-    log_time_ns: int
-    time_ns: int
-    settled_ns: int | None
-    image: ImageContent | None
-    fault: str = ""
+_Place = tuple[int, Frame]
+"""An image and its number along the way."""
 
 
 class Selection:
-    """Decides what becomes of each image, in order."""
+    """Decides what becomes of each image, in order.
 
-    def __init__(self, plan: Plan, settings: ReadSettings) -> None:
-        self.settings = settings
-        self.spacing_m = plan.spacing_m
-        self.thinning = Thinning(settings.thin_m, plan.spacing_m)
-        self.numbers = ImageNumbers()
-        self.names, self.dates = plan.survey.image_names, plan.survey.image_dates
+    A copy agrees in every byte with an earlier image, which two exposures of a camera never do; it takes no number,
+    since nothing was travelled for it. 16 bytes of each image are kept.
+
+    An image is used where its distance from the last used one, plus half of the latest step, reaches `thin_m`: of two
+    neighbours the one nearer to the wanted place. The distance is measured straight from the last used
+    image and never summed up, so that jitter while standing still adds up to nothing.
+    """
+
+    def __init__(self, settings: ReadSettings, spacing_m: float) -> None:
+        self.settings, self.spacing_m = settings, spacing_m
         self.first_ns: int | None = None
         self.inside = 0
-        self.last_used: int | None = None
-        self.used_ns = 0
-        self.last_camera: Camera | None = None
+        self.seen: set[bytes] = set()
+        self.taken_by_copies = 0
+        self.numbered: tuple[int, str] | None = None
+        self.gaps: list[tuple[int, str]] = []
+        self.used: _Place | None = None
+        self.latest: _Place | None = None
 
-    def decide(
-        self, one: PlacedImage, camera: Camera | None, pose: PosePrior | None, fix: Fix | None
-    ) -> Frame:
-        """The frame of an image, with its status."""
+    def decide(self, frame: Frame, number: int) -> Frame:
+        """The frame with its status and, where it is used, its spacing; without data elsewhere.
+
+        frame: its status is `used`, or what is wrong with it already; number: counts the images taken.
+        """
         if self.first_ns is None:
-            self.first_ns = one.time_ns
-        self.last_camera = camera
-        image = one.image
-        encoding, width, height = "", 0, 0
-        if image is not None:
-            encoding, width, height = format_and_size(image)
-        status, number = OUTSIDE, one.number
-        name = self.names.get(str(one.log_time_ns), "")
-        if self._is_inside(one.time_ns) and one.fault == OTHER_CAMERA:
+            self.first_ns = frame.time_ns
+        passed_s = (frame.time_ns - self.first_ns) / 1e9
+        last = self.used
+        if passed_s < self.settings.from_s or 0 < self.settings.until_s < passed_s:
+            status = OUTSIDE
+        elif frame.status == OTHER_CAMERA:
             status = OTHER_CAMERA
-        elif self._is_inside(one.time_ns):
-            data = _NOTHING if image is None else image.data
-            number, is_copy = self.numbers.take(number, name or f"frame {one.index}", data)
-            known = (width, height), camera, pose, fix, one.time_ns
-            status = DUPLICATE if is_copy else self._status(image, one.fault, number, *known)
-        used = status == USED and image is not None
-        spacing_m = None
-        if used:
-            if self.spacing_m and self.last_used is not None:
-                spacing_m = self.spacing_m * (number - self.last_used)
-            self.last_used, self.used_ns = number, one.time_ns
-        return Frame(
-            index=one.index,
-            log_time_ns=one.log_time_ns,
-            header_time_ns=None if image is None else image.time_ns,
-            status=status,
-            encoding=encoding,
-            data=image.data if used and image is not None else _NOTHING,
-            camera=camera,
-            width=width,
-            height=height,
-            step=0 if image is None else image.step,
-            pose=pose,
-            fix=fix,
-            spacing_m=spacing_m,
-            settled_time_ns=one.settled_ns,
-            name=name,
-            date=self.dates.get(str(one.log_time_ns), ""),
-        )
+        else:
+            is_copy = self._is_copy(frame, number)
+            number -= self.taken_by_copies
+            status = DUPLICATE if is_copy else self._status(frame, number)
+        if status != USED:
+            return replace(frame, status=status, data=_NOTHING)
+        if not self.spacing_m or last is None:
+            return frame
+        return replace(frame, spacing_m=self.spacing_m * (number - last[0]))
 
-    def _is_inside(self, time_ns: int) -> bool:
-        """Whether a time lies in the part asked for."""
-        settings = self.settings
-        passed_s = (time_ns - (self.first_ns or 0)) / 1e9
-        return passed_s >= settings.from_s and not 0 < settings.until_s < passed_s
+    def notes(self) -> Iterator[str]:
+        """Which numbers are missing, in words."""
+        if self.gaps:
+            places = [f"{count} after {label}" for count, label in self.gaps]
+            yield (
+                f"missing numbers among the images: {sum(count for count, _ in self.gaps)} "
+                f"({listed(places, _MOST_LISTED)}); the step across a gap is longer by one spacing for each"
+            )
 
-    def _status(
-        self,
-        image: ImageContent | None,
-        fault: str,
-        number: int,
-        size: tuple[int, int],
-        camera: Camera | None,
-        pose: PosePrior | None,
-        fix: Fix | None,
-        time_ns: int,
-    ) -> str:
+    def _is_copy(self, frame: Frame, number: int) -> bool:
+        digest = blake2b(frame.data, digest_size=16).digest() if len(frame.data) else b""
+        is_copy = digest in self.seen
+        if digest:
+            self.seen.add(digest)
+        if self.numbered is not None:
+            step = number - self.numbered[0]
+            if step > 1:
+                self.gaps.append((step - 1, self.numbered[1]))
+            if is_copy:
+                self.taken_by_copies += step
+        self.numbered = number, frame.label
+        return is_copy
+
+    def _status(self, frame: Frame, number: int) -> str:
         self.inside += 1
         if (self.inside - 1) % self.settings.every:
             return SKIPPED
-        if fault:
-            return fault
-        if image is None:
-            return UNDECODABLE
+        if not frame.used:
+            return frame.status
+        camera, size = frame.camera, (frame.width, frame.height)
         if camera is None:
             return NO_CALIBRATION
-        if size != (0, 0) and size != (camera.width, camera.height):
+        if size not in ((0, 0), (camera.width, camera.height)):
             return WRONG_SIZE
-        if not image.width and read_exif(image.data).turned:
+        if read_exif(frame.data).turned:
             return TURNED
-        placed = pose is not None or fix is not None or self.spacing_m > 0
-        if not placed and (self.last_used is None or time_ns - self.used_ns > _SILENCE_NS):
+        placed = frame.pose is not None or frame.fix is not None or self.spacing_m > 0
+        if not placed and (self.used is None or frame.time_ns - self.used[1].time_ns > _SILENCE_NS):
             return NO_POSITION
-        return USED if self.thinning.keeps(number, position_of(pose, fix), time_ns) else THINNED
+        here = number, frame
+        latest, self.latest = self.latest, (number, replace(frame, data=_NOTHING))
+        if self.used is not None and latest is not None and self.settings.thin_m > 0:
+            way, step = self._between(self.used, here), self._between(latest, here)
+            is_near = way is not None and way + (step or 0.0) / 2 < self.settings.thin_m
+            stands = way is not None and way < _STANDING_SHARE * self.settings.thin_m
+            waited_ns = frame.time_ns - self.used[1].time_ns
+            if is_near and not (stands and waited_ns >= _STANDING_NS):
+                return THINNED
+        self.used = self.latest
+        return USED
+
+    def _between(self, first: _Place, second: _Place) -> float | None:
+        """Straight distance, metres: by poses, else by fixes, else by numbers; None where nothing tells it."""
+        (number, a), (following, b) = first, second
+        if a.pose is not None and b.pose is not None:
+            return math.dist(a.pose.pose.centre.tolist(), b.pose.pose.centre.tolist())
+        if a.fix is not None and b.fix is not None:
+            # In the plane: the heights of fixes jitter most and tell nothing of the way along the road.
+            latitude, turn = a.fix.latitude_deg, turn_deg(a.fix.longitude_deg, b.fix.longitude_deg)
+            middle = math.radians((latitude + b.fix.latitude_deg) / 2)
+            north = math.radians(b.fix.latitude_deg - latitude)
+            return EARTH_RADIUS_M * math.hypot(math.radians(turn) * math.cos(middle), north)
+        return self.spacing_m * (following - number) if self.spacing_m else None
+
+
+def describe_duplicates(labels: Sequence[str]) -> str:
+    """A note on images of the status `duplicate`, by their names or frames."""
+    return (
+        f"duplicate images: {len(labels)} ({listed(labels, _MOST_LISTED)}); they are copies of an earlier one or show "
+        "no motion since the last used one, take no part, and add nothing to the distance travelled"
+    )

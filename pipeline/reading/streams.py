@@ -10,8 +10,6 @@ import numpy as np
 from wayside.pipeline.reading.clocks import Floats, Integers, StreamTimes, stream_times
 from wayside.pipeline.reading.contents import CalibrationContent, FixContent, PoseContent
 
-_NO_FIX_SIGMA = (np.nan,) * 3
-
 
 def _integers() -> array[int]:
     return array("q")
@@ -85,7 +83,7 @@ class Positions(Times):
         else:
             fix = content.fix
             self.value.extend((fix.latitude_deg, fix.longitude_deg, fix.altitude_m, 0, 0, 0, 1))
-            self.sigma.extend(fix.sigma_m or _NO_FIX_SIGMA)
+            self.sigma.extend(fix.sigma_m or (np.nan,) * 3)
 
     @property
     def moves(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 
 from wayside.pipeline.reading.bounds import Allowance
@@ -12,6 +13,7 @@ from wayside.pipeline.reading.camera_file import LARGEST_FILE, parse_camera
 from wayside.pipeline.reading.contents import (
     CalibrationContent,
     Content,
+    ContentError,
     FixContent,
     ImageContent,
     PoseContent,
@@ -23,7 +25,7 @@ from wayside.pipeline.reading.image_headers import (
     image_fault,
 )
 from wayside.pipeline.reading.layout import Attachment, Channel, Metadata
-from wayside.pipeline.reading.messages import Decoders, Kind, MessageError, kind_of
+from wayside.pipeline.reading.messages import Decoders, Kind, kind_of
 from wayside.pipeline.reading.poses import TransformTree
 from wayside.pipeline.reading.records import Message, scan
 from wayside.pipeline.reading.scan_report import ScanReport
@@ -47,22 +49,13 @@ TopicKey = tuple[str, str]
 
 
 @dataclass(slots=True)
-class CameraFrame:
-    """How many images of a topic bear a `frame_id`, and the numbers of the first and the last of them."""
-
-    count: int
-    first: int
-    last: int
-
-
-@dataclass(slots=True)
 class Topic:
     """One topic: how much there is of it, how much can be used, its first usable message, and what the others lack.
 
     first: of images the first that decodes; where none does the first, with the reason in `flaw`; bits: those that its
-    images of 16 bits use (0: none are);
-    frames: of images, by their `frame_id`, up to `MOST_FRAMES`; in_part: contents of which something is refused and the
-    rest used; refused: what, of the first of them.
+    images of 16 bits use (0: none are); frames: `frame_id` of images, up to `MOST_FRAMES`, each with the number of
+    images and those of the first and the last of them; in_part: contents of which something is refused and the rest
+    used; refused: what, of the first of them.
     """
 
     name: str
@@ -73,7 +66,6 @@ class Topic:
     usable: int = 0
     failed: int = 0
     failed_offset: int = 0
-    size: int = 0
     first_log_ns: int = 0
     last_log_ns: int = 0
     first: Content | None = None
@@ -82,12 +74,12 @@ class Topic:
     fault: str = ""
     in_part: int = 0
     refused: str = ""
-    frames: dict[str, CameraFrame] = field(default_factory=dict)
+    frames: dict[str, tuple[int, int, int]] = field(default_factory=dict)
 
     @property
     def camera_frame(self) -> str:
         """The `frame_id` of most images; of as many, the first."""
-        return max(self.frames, key=lambda name: self.frames[name].count, default="")
+        return max(self.frames, key=lambda name: self.frames[name][0], default="")
 
     @property
     def other_cameras(self) -> frozenset[str]:
@@ -96,19 +88,12 @@ class Topic:
         One that comes before or behind them all is a new name of the same camera; an empty one tells nothing, nor do
         more than a rig has cameras.
         """
-        own = self.frames.get(self.camera_frame)
-        if own is None or not self.camera_frame or len(self.frames) >= MOST_FRAMES:
+        own = self.camera_frame
+        if not own or len(self.frames) >= MOST_FRAMES:
             return frozenset()
-        between = (n for n, f in self.frames.items() if f.last > own.first and f.first < own.last)
-        return frozenset(n for n in between if n and n != self.camera_frame)
-
-    @property
-    def is_camera(self) -> bool:
-        """Whether these are images of a camera, depth images excluded."""
-        if self.kind is not Kind.IMAGE:
-            return False
-        image = self.first
-        return not (isinstance(image, ImageContent) and any(d in image.encoding for d in _DEPTH))
+        _, begin, end = self.frames[own]
+        between = (n for n, (_, first, last) in self.frames.items() if last > begin and first < end)
+        return frozenset(n for n in between if n not in ("", own))
 
     @property
     def image_size(self) -> tuple[int, int] | None:
@@ -137,14 +122,13 @@ class LogSurvey:
     path: Path
     camera: str = ""
     scan: ScanReport = field(default_factory=ScanReport)
-    topics: dict[tuple[str, str], Topic] = field(default_factory=dict)
+    topics: dict[TopicKey, Topic] = field(default_factory=dict)
     images: dict[str, ImageIndex] = field(default_factory=dict)
     calibrations: dict[TopicKey, CameraTrack] = field(default_factory=dict)
     positions: dict[TopicKey, Positions] = field(default_factory=dict)
     channels: dict[int, list[tuple[int, Channel]]] = field(default_factory=dict)
     tree: TransformTree = field(default_factory=TransformTree)
-    attached_camera: Camera | None = None
-    attachment_name: str = ""
+    attached: tuple[str, Camera] | None = None
     attachment_bytes: int = 0
     spacing_m: float = 0.0
     by_number: bool = False
@@ -157,8 +141,9 @@ class LogSurvey:
 
     @property
     def cameras(self) -> list[Topic]:
-        """Topics of camera images, by name."""
-        return [t for t in self.of_kind(Kind.IMAGE) if t.is_camera]
+        """Topics of camera images, depth images excluded, by name."""
+        images = [(t, getattr(t.first, "encoding", "")) for t in self.of_kind(Kind.IMAGE)]
+        return [topic for topic, encoding in images if not any(d in encoding for d in _DEPTH)]
 
     def is_indexed(self, channel: Channel) -> bool:
         """Whether messages of a channel are images that `images` has a row of."""
@@ -166,32 +151,16 @@ class LogSurvey:
 
     def channels_at(self, offset: int) -> list[Channel]:
         """The channels of messages up to the record at an offset."""
-        known = (
-            seen[bisect_right(seen, offset, key=_place) - 1] for seen in self.channels.values()
-        )
+        held = self.channels.values()
+        known = (seen[bisect_right(seen, offset, key=itemgetter(0)) - 1] for seen in held)
         return [channel for place, channel in known if place <= offset]
 
 
-def survey_log(
-    path: Path, camera: str = "", *, calibrated: bool = False, allowance: Allowance | None = None
-) -> LogSurvey:
+def survey_log(path: Path, camera: str = "", *, allowance: Allowance | None = None) -> LogSurvey:
     """Read all of a log, in memory that holds no images, and tell what is in it.
 
-    Parameters
-    ----------
-    path
-        The MCAP file.
-    camera
-        The image topic that is wanted; empty: any.
-    calibrated
-        Whether the calibration comes from elsewhere, and none need be looked for among attachments.
-    allowance
-        How far the log may unpack; None: as the default settings say.
-
-    Raises
-    ------
-    InputError
-        The file is no MCAP log or cannot be read.
+    camera: the image topic that is wanted; empty: any. Raises InputError where the file is no MCAP log or cannot be
+    read.
     """
     survey = LogSurvey(path, camera)
     decoders = Decoders()
@@ -199,15 +168,10 @@ def survey_log(
         if isinstance(record, Metadata):
             _take_metadata(survey, record)
         elif isinstance(record, Attachment):
-            if not calibrated:
-                _take_attachment(survey, record)
+            _take_attachment(survey, record)
         else:
             _take_message(survey, record, decoders)
     return survey
-
-
-def _place(seen: tuple[int, Channel]) -> int:
-    return seen[0]
 
 
 def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> None:
@@ -223,7 +187,6 @@ def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> No
         topic.first_log_ns = message.log_time_ns
         survey.topics[key] = topic
     topic.count += 1
-    topic.size += len(message.data)
     topic.last_log_ns = max(topic.last_log_ns, message.log_time_ns)
     is_image = survey.is_indexed(channel)
     if topic.kind is None or (
@@ -233,7 +196,7 @@ def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> No
     contents: Sequence[Content] = ()
     try:
         contents = decoders.decode(channel, message.data)
-    except MessageError as error:
+    except ContentError as error:
         _fail(topic, message.offset, str(error))
     if is_image:
         index = survey.images.setdefault(channel.topic, ImageIndex())
@@ -252,7 +215,9 @@ def _take_content(
             return
         survey.calibrations.setdefault(key, CameraTrack()).add(message.log_time_ns, content)
     elif isinstance(content, ImageContent):
-        _take_frame(topic, content.frame_id)
+        count, first, _ = topic.frames.get(content.frame_id, (0, topic.usable, 0))
+        if count or len(topic.frames) < MOST_FRAMES:
+            topic.frames[content.frame_id] = count + 1, first, topic.usable
         if content.width:
             topic.bits = max(topic.bits, used_bits(frame_of(content)))
         if topic.first is None or (topic.flaw and not image_fault(content)):
@@ -266,14 +231,6 @@ def _take_content(
         topic.in_part += 1
         topic.refused = topic.refused or content.refused
     topic.first = topic.first or content
-
-
-def _take_frame(topic: Topic, frame_id: str) -> None:
-    found = topic.frames.get(frame_id)
-    if found is not None:
-        found.count, found.last = found.count + 1, topic.usable
-    elif len(topic.frames) < MOST_FRAMES:
-        topic.frames[frame_id] = CameraFrame(1, topic.usable, topic.usable)
 
 
 def _fail(topic: Topic, offset: int, why: str) -> None:
@@ -299,17 +256,14 @@ def _take_metadata(survey: LogSurvey, record: Metadata) -> None:
 
 
 def _take_attachment(survey: LogSurvey, record: Attachment) -> None:
-    """Read an attached calibration: YAML with its words, of `LARGEST_FILE` in all, and none after the first."""
-    is_yaml = record.name.lower().endswith((".yaml", ".yml")) or "yaml" in record.media_type
+    """Read an attached calibration: a text with its words, of `LARGEST_FILE` in all, and none after the first."""
     size = survey.attachment_bytes + len(record.data)
-    if not is_yaml or survey.attached_camera is not None or size > LARGEST_FILE:
-        return
-    if b"camera_matrix" not in record.data:
+    is_one = b"camera_matrix" in record.data and survey.attached is None
+    if not is_one or size > LARGEST_FILE:
         return
     survey.attachment_bytes = size
     try:
-        text = record.data.decode("utf-8")
-        survey.attached_camera = parse_camera(text, record.name)
-        survey.attachment_name = record.name
+        camera = parse_camera(record.data.decode("utf-8"), record.name)
+        survey.attached = record.name, camera
     except (UnicodeDecodeError, InputError):
-        return  # some other YAML file
+        return  # some other file

@@ -8,9 +8,7 @@ import numpy as np
 
 from wayside.pipeline.reading.agreement import MotionStream, believed, image_steps, looks_aside
 from wayside.pipeline.reading.clocks import (
-    Floats,
     Integers,
-    Pairing,
     StreamTimes,
     pair_times,
 )
@@ -77,10 +75,7 @@ class Timeline:
 def make_timeline(plan: Plan) -> Timeline:
     """Time all images, and find their calibrations, poses and fixes.
 
-    Raises
-    ------
-    InputError
-        The clocks of the images contradict each other, or nothing that tells motion can be believed.
+    Raises InputError where the clocks of the images contradict each other, or nothing believable tells the motion.
     """
     times = plan.survey.images[plan.camera.name].times()
     if not (times.has_header or times.has_log):
@@ -142,17 +137,15 @@ def _cameras(plan: Plan, times: StreamTimes) -> list[Camera | None]:
         return [plan.camera_given] * len(times.log_ns)
     assert plan.calibration is not None
     track = plan.survey.calibrations[plan.calibration.name, plan.calibration.schema]
+    own = [one.frame_id not in plan.other_frames for one in track.contents]
     cameras = [
-        None if one.frame_id in plan.other_frames else plan.camera_of(one) for one in track.contents
+        plan.camera_of(c) if is_own else None for c, is_own in zip(track.contents, own, strict=True)
     ]
     stated = np.array(track.row)
     held = np.flatnonzero(np.array([camera is not None for camera in cameras])[stated])
-    plan.calibration.failed += sum(
-        camera is None and one.frame_id not in plan.other_frames
-        for camera, one in ((cameras[row], track.contents[row]) for row in track.row)
-    )
+    plan.calibration.failed += int(np.array(own)[stated].sum()) - len(held)
     paired = pair_times(times, track.times())
-    if paired is None or len(set(stated[held].tolist())) == 1:
+    if paired is None or len(set(stated[held].tolist())) <= 1:
         return [cameras[stated[held[0]]] if len(held) else None] * len(times.log_ns)
     held = held[np.argsort(paired.stream_ns[held], kind="stable")]
     place = np.searchsorted(paired.stream_ns[held], paired.images_ns, side="right") - 1
@@ -164,10 +157,11 @@ def _motion_streams(plan: Plan, timeline: Timeline) -> list[MotionStream]:
     tree, frame = plan.survey.tree, plan.camera_frame
     found: list[MotionStream] = []
     if moving := tree.moving(frame):
-        path, sigma = _chain_path(plan, tree.chain(frame), timeline)
+        path = _chain_path(plan, tree.chain(frame), timeline)
         if path is not None:
             words = f"transforms of {', '.join(map(shortened, moving))}"
-            found.append(MotionStream("transforms", "", words, path, path, sigma))
+            unknown = np.full((len(path.known), 3), np.nan)
+            found.append(MotionStream("transforms", "", words, path, path, unknown))
     elif edges := [name for name, edge in tree.edges.items() if edge.moves]:
         timeline.notes.append(
             f"transforms move {shortened(edges[0])}, but none of them mounts the camera "
@@ -177,42 +171,37 @@ def _motion_streams(plan: Plan, timeline: Timeline) -> list[MotionStream]:
         topics = [t for t in plan.survey.of_kind(kind) if t.first is not None]
         for topic in sorted(topics, key=lambda t: -t.usable):
             positions = plan.survey.positions[topic.name, topic.schema]
-            words = f"{'poses' if source == 'poses' else 'odometry'} of {shortened(topic.name)}"
+            words = f"{source} of {shortened(topic.name)}"
             samples = _samples(positions, words, timeline)
             if samples is None:
                 continue
             raw, sigma = path_of(*samples)
             mount = mount_of(tree, positions, frame)
             if mount is None:
-                path = composed(raw, fixed(_STANDING, len(raw.known)))
-            elif mount:
-                inner, _ = _chain_path(plan, mount, timeline)
-                path = raw if inner is None else composed(raw, inner)
+                inner: CameraPath | None = fixed(_STANDING, len(raw.known))
             else:
-                path = raw
+                inner = _chain_path(plan, mount, timeline)
+            path = raw if inner is None else composed(raw, inner)
             found.append(MotionStream(source, topic.name, words, raw, path, sigma, mount is None))
     return found
 
 
-def _chain_path(
-    plan: Plan, chain: list[str], timeline: Timeline
-) -> tuple[CameraPath | None, Floats]:
-    """The camera in the parent of the last frame of a chain, at each image."""
-    count = len(timeline.times.log_ns)
+def _chain_path(plan: Plan, chain: list[str], timeline: Timeline) -> CameraPath | None:
+    """The camera in the parent of the last frame of a chain, at each image; None where it is that frame."""
     total: CameraPath | None = None
     for name in chain:
         edge = plan.survey.tree.edges[name]
         if edge.moves:
             samples = _samples(edge, f"transforms of {shortened(name)}", timeline)
             if samples is None:
-                return None, np.zeros((0, 3))
+                return None
             outer, _ = path_of(*samples)
         else:
             mount = plan.survey.tree.mount([name])
             assert mount is not None
-            outer = fixed(mount, count)
+            outer = fixed(mount, len(timeline.order))
         total = outer if total is None else composed(outer, total)
-    return total, np.full((count, 3), np.nan)
+    return total
 
 
 def _samples(
@@ -225,27 +214,6 @@ def _samples(
     if paired is None:
         notes.append(f"no clock is common to the images and the {words}: these are left out")
         return None
-    notes += _clock_words(words, times, paired)
-    samples = Samples.sorted(paired.stream_ns, positions.values(), positions.sigmas())
-    samples = _without_repeats(samples, words, notes) if earth else samples
-    samples = continuous_longitudes(samples) if earth else samples
-    kept = possible(samples.time_ns, metres(samples) if earth else samples.value[:, :3])
-    if wrong := int((~kept).sum()):
-        notes.append(f"{wrong} of {len(kept)} {words} are where no vehicle can be: left out")
-    return samples.kept(kept), paired.images_ns
-
-
-def _without_repeats(samples: Samples, words: str, notes: list[str]) -> Samples:
-    """Fixes without those that repeat the one before: a receiver that has lost its satellites does so."""
-    same = np.zeros(len(samples), np.bool_)
-    same[1:] = (samples.value[1:, :3] == samples.value[:-1, :3]).all(axis=1)
-    if same.any():
-        notes.append(f"{int(same.sum())} of {len(same)} {words} repeat the one before: left out")
-    return samples.kept(~same)
-
-
-def _clock_words(words: str, times: StreamTimes, paired: Pairing) -> list[str]:
-    notes = []
     if times.off:
         notes.append(_off_words(times, words))
     if paired.apart_ns:
@@ -253,7 +221,20 @@ def _clock_words(words: str, times: StreamTimes, paired: Pairing) -> list[str]:
         notes.append(
             f"the clock of the {words} is {_seconds(paired.apart_ns)} {way} that of the images: log times pair them"
         )
-    return notes
+    samples = Samples.sorted(paired.stream_ns, positions.values(), positions.sigmas())
+    if earth:
+        # A receiver that has lost its satellites repeats its last fix.
+        same = np.zeros(len(samples), np.bool_)
+        same[1:] = (samples.value[1:, :3] == samples.value[:-1, :3]).all(axis=1)
+        if same.any():
+            notes.append(
+                f"{int(same.sum())} of {len(samples)} {words} repeat the one before: left out"
+            )
+        samples = continuous_longitudes(samples.kept(~same))
+    kept = possible(samples.time_ns, metres(samples) if earth else samples.value[:, :3])
+    if wrong := int((~kept).sum()):
+        notes.append(f"{wrong} of {len(kept)} {words} are where no vehicle can be: left out")
+    return samples.kept(kept), paired.images_ns
 
 
 def _off_words(times: StreamTimes, words: str) -> str:

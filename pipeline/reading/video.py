@@ -2,39 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
-from wayside.pipeline.reading.contents import ImageContent
-from wayside.pipeline.reading.h264 import H264, PictureHead, SequenceSet, read_stream
-from wayside.schemas.frame import NO_KEY_FRAME, UNDECODABLE, USED, WRONG_SIZE
+from wayside.pipeline.reading.contents import ContentError, ImageContent
+from wayside.pipeline.reading.h264 import H264, SequenceSet, read_stream
+from wayside.pipeline.reading.messages import Decoders
+from wayside.pipeline.reading.records import Message
+from wayside.schemas.frame import NO_KEY_FRAME, UNDECODABLE, USED, WRONG_SIZE, Camera
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-WITHOUT_DECODER = (
-    "wanted PyAV to decode the H.264 video, found it not installed; pip install 'wayside[video]'"
-)
-
-
 _MOST_STREAMS = 4
+_BOTH_WAYS = "both ways"
+"""Status of B-pictures, before they are counted."""
 _BLOCK = 32
 """Pixels that a coded picture may be larger than the one shown: two rows of macroblocks, of a frame of two fields."""
-
-
-def can_decode_video() -> bool:
-    """Whether PyAV is installed."""
-    return find_spec("av") is not None
-
-
-@dataclass(slots=True)
-class VideoCounts:
-    """Pictures without the ones that they refer to, B-pictures, and streams."""
-
-    without_key: int = 0
-    both_ways: int = 0
-    streams: int = 0
 
 
 class VideoStreams:
@@ -46,9 +29,24 @@ class VideoStreams:
     """
 
     def __init__(self) -> None:
-        self.counts = VideoCounts()
-        self._decoders: dict[tuple[int, str], VideoDecoder] = {}
-        self._known: set[tuple[int, str]] = set()
+        self.without_key, self.both_ways = 0, 0
+        self._messages = Decoders()
+        self._decoders: dict[tuple[int, str], _Decoder] = {}
+        self._streams = 0
+
+    def image(
+        self, message: Message, camera: Camera | None, *, after_loss: bool = False
+    ) -> tuple[str, ImageContent]:
+        """Status of the image of a message, and what is known of it; of a video as of `decode`."""
+        try:
+            (image,) = self._messages.decode(message.channel, message.data)
+        except ContentError:
+            return UNDECODABLE, ImageContent(None, "", "", memoryview(b""))
+        assert isinstance(image, ImageContent)
+        if image.encoding != H264:
+            return USED, image
+        size = None if camera is None else (camera.width, camera.height)
+        return self.decode(message.channel.id, image, size, after_loss=after_loss)
 
     def decode(
         self, channel: int, image: ImageContent, size: tuple[int, int] | None, *, after_loss: bool
@@ -60,40 +58,41 @@ class VideoStreams:
         """
         if after_loss:
             for one in self._decoders.values():
-                one.lose()
+                one.reference = None
         key = channel, image.frame_id
-        decoder = self._decoders.pop(key, None) or VideoDecoder(self.counts)
+        self._streams += key not in self._decoders
+        decoder = self._decoders.pop(key, None) or _Decoder()
         self._decoders[key] = decoder
         if len(self._decoders) > _MOST_STREAMS:
             del self._decoders[next(iter(self._decoders))]
-        if len(self._known) <= _MOST_STREAMS:
-            self._known.add(key)
-            self.counts.streams = len(self._known)
-        return decoder.decode(image, size)
+        status, image = decoder.decode(image, size)
+        self.without_key += status == NO_KEY_FRAME
+        self.both_ways += status == _BOTH_WAYS
+        return (UNDECODABLE if status == _BOTH_WAYS else status), image
 
     def notes(self) -> list[str]:
         """What of the video has no picture, in words."""
-        counts, words = self.counts, []
-        if counts.streams > 1:
-            several = "more" if counts.streams > _MOST_STREAMS else str(counts.streams)
+        words = []
+        if self._streams > 1:
+            several = "more" if self._streams > _MOST_STREAMS else str(self._streams)
             words.append(
                 f"the topic of the video holds {several} streams, of several channels or frames of reference: each is "
                 "decoded by itself, and all are taken for images of one camera"
             )
-        if counts.without_key:
+        if self.without_key:
             words.append(
-                f"images of the video without a key frame before them, or behind a missing one: {counts.without_key} "
+                f"images of the video without a key frame before them, or behind a missing one: {self.without_key} "
                 f"(status {NO_KEY_FRAME}); they take no part"
             )
-        if counts.both_ways:
+        if self.both_ways:
             words.append(
-                f"B-pictures in the video: {counts.both_ways}; they refer to later images, which the schema excludes, "
+                f"B-pictures in the video: {self.both_ways}; they refer to later images, which the schema excludes, "
                 "and are not decoded: encode without them (x264: bframes=0)"
             )
         return words
 
 
-class VideoDecoder:
+class _Decoder:
     """Decodes the pictures of one H.264 stream in their order.
 
     Nothing is decoded before the first key frame. Where the numbers of the pictures tell that one is missing, or one
@@ -101,55 +100,39 @@ class VideoDecoder:
     next key frame. Pictures that refer to later ones (B) are not decoded: `foxglove.CompressedVideo` excludes them.
     """
 
-    def __init__(self, counts: VideoCounts) -> None:
-        self._counts = counts
+    def __init__(self) -> None:
         self._context: Any = None
         self._sequence: SequenceSet | None = None
-        self._reference: int | None = None
+        self.reference: int | None = None
         """Number of the last picture that others refer to; None: wait for a key frame."""
 
     def decode(self, image: ImageContent, size: tuple[int, int] | None) -> tuple[str, ImageContent]:
-        """Status of a picture, and what of it is known, as of `VideoStreams.decode`."""
+        """Status of a picture, and what of it is known, as of `VideoStreams.decode`; or `_BOTH_WAYS`."""
+        reference, self.reference = self.reference, None
         try:
             self._sequence, head = read_stream(image.data, self._sequence)
         except ValueError:
-            return self._fail(), image
-        if head is not None and head.both_ways:
-            self._counts.both_ways += 1
             return UNDECODABLE, image
-        if head is None or not (head.key or self._follows(head)):
-            if head is not None:
-                self.lose()
-            self._counts.without_key += 1
-            return NO_KEY_FRAME, image
-        if self._sequence is not None and size not in (None, self._sequence[:2]):
-            self.lose()
+        sequence = self._sequence
+        if sequence is None or head is None or head.both_ways:
+            self.reference = reference
+            return (_BOTH_WAYS if head else NO_KEY_FRAME), image
+        if not head.key:
+            # Every picture since the last that was decoded was there, and this one was not.
+            rises = reference is not None and (head.number - reference) % sequence.modulus == 1
+            if reference is None or not (rises or sequence.gaps):
+                return NO_KEY_FRAME, image
+        if size not in (None, sequence[:2]):
             return WRONG_SIZE, image
-        if head.key and self._sequence is not None:
-            self._context = _new_context(self._sequence)
+        if head.key:
+            self._context = _new_context(sequence)
         pixels = self._pixels(image)
         if pixels is None:
-            return self._fail(), image
-        if head.referred:
-            self._reference = head.number
+            return UNDECODABLE, image
+        self.reference = head.number if head.referred else reference
         height, width, _ = pixels.shape
         rows = pixels.reshape(-1).data
         return USED, ImageContent(image.time_ns, image.frame_id, "rgb8", rows, width, height)
-
-    def lose(self) -> None:
-        """Wait for the next key frame."""
-        self._reference = None
-
-    def _follows(self, head: PictureHead) -> bool:
-        """Whether every picture between the last that was decoded and this one was there, and this one was not."""
-        if self._reference is None or self._sequence is None:
-            return False
-        step = (head.number - self._reference) % self._sequence.modulus
-        return step == 1 or self._sequence.gaps
-
-    def _fail(self) -> str:
-        self.lose()
-        return UNDECODABLE
 
     def _pixels(self, image: ImageContent) -> NDArray[Any] | None:
         import av

@@ -234,7 +234,8 @@ def test_a_picture_larger_than_its_last_sequence_set_says_is_not_decoded():
         : small.index(b"\0\0\1", 4)
     ]  # its sequence set, which the decoder takes in its place
     sound = ImageContent(0, "", "h264", memoryview(data), 0, 0)
-    assert video.VideoDecoder(video.VideoCounts()).decode(sound, (320, 240))[0] == "used"
+    streams = video.VideoStreams()
+    assert streams.decode(0, sound, (320, 240), after_loss=False)[0] == "used"
     context = video._new_context(read_stream(head, None)[0])
     with pytest.raises(av.FFmpegError):
         context.decode(av.Packet(data))

@@ -384,14 +384,17 @@ def test_a_calibration_file_replaces_that_of_the_log(new_log, tmp_path):
     assert report.calibration_source.endswith("camera.yaml")
 
 
-def test_a_calibration_attached_to_the_log_is_used(new_log):
+@pytest.mark.parametrize(
+    ("name", "media_type"), [("camera.yaml", "application/yaml"), ("left camera", "")]
+)
+def test_a_calibration_attached_to_the_log_is_used(new_log, name, media_type):
     log = new_log()
     log.add_image(0)
-    log.writer.add_attachment(0, 0, "notes.yaml", "", b"weather: fine")
-    log.writer.add_attachment(0, 0, "camera.yaml", "application/yaml", YAML.encode())
+    log.writer.add_attachment(0, 0, "notes.yaml", "", b"weather: fine, no camera_matrix")
+    log.writer.add_attachment(0, 0, name, media_type, YAML.encode())
     (frame,), report = read(log.finish(), spacing_m=8.0)
     assert frame.camera.distortion == (-0.2, 0.1, 0.0, 0.0, 0.0)
-    assert report.calibration_source == "attachment camera.yaml"
+    assert report.calibration_source == f"attachment {name}"
 
 
 def test_images_before_the_first_fix_are_counted_and_those_after_the_last_are_used(new_log):
