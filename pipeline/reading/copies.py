@@ -49,21 +49,9 @@ class ImageNumbers:
 
 def describe_duplicates(labels: Sequence[str]) -> str:
     """A note on images of the status `duplicate`, by their names or frames."""
-    return (
-        f"duplicate images: {_listed(labels)}; they are copies of an earlier one or show no motion since the "
-        "last used one, take no part, and add nothing to the distance travelled"
-    )
-
-
-def describe_misplaced(labels: Sequence[str]) -> str:
-    """A note on images of the status `other_place`, by their names or frames."""
-    return (
-        f"images of another place: {_listed(labels)}; those before and after them agree with each other and not with "
-        "them, as where the pixels of two images were exchanged; they are left out"
-    )
-
-
-def _listed(labels: Sequence[str]) -> str:
     more = len(labels) - _MOST_LISTED
     listed = ", ".join(labels[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
-    return f"{len(labels)} ({listed})"
+    return (
+        f"duplicate images: {len(labels)} ({listed}); they are copies of an earlier one or show no motion since the "
+        "last used one, take no part, and add nothing to the distance travelled"
+    )

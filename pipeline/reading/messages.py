@@ -56,17 +56,8 @@ class MessageError(ValueError):
 
 def type_name(channel: Channel) -> str:
     """Name of a channel's schema, ROS types in the form `package/msg/Type`."""
-    return _full_name(channel.schema_name)
-
-
-def is_known_type(schema_name: str) -> bool:
-    """Whether messages of a schema of this name are understood."""
-    return _full_name(schema_name) in _TYPES
-
-
-def _full_name(schema_name: str) -> str:
-    parts = schema_name.split("/")
-    return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else schema_name
+    parts = channel.schema_name.split("/")
+    return f"{parts[0]}/msg/{parts[1]}" if len(parts) == 2 else channel.schema_name
 
 
 def kind_of(channel: Channel) -> Kind | None:
