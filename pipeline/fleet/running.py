@@ -201,16 +201,7 @@ class _Book:
         now = time.time()
         entry = replace(self.manifest.logs[name], state=RUNNING, since=now)
         if outcome is not None:
-            entry = replace(
-                entry,
-                state=outcome.state,
-                status=outcome.status,
-                attempts=outcome.attempts,
-                seconds=round(outcome.seconds, 3),
-                images=outcome.images,
-                rows=outcome.rows,
-                words=outcome.words,
-            )
+            entry = replace(entry, **asdict(outcome) | {"seconds": round(outcome.seconds, 3)})
         self.manifest = self.manifest.with_entries([entry])
         self._unsaved = True
 
