@@ -277,7 +277,8 @@ class _Comparison:
         """Panels that one survey alone saw, with the drives that had their places in view."""
         if not names:
             return []
-        cell = _tile(part.parent.name.removeprefix("cell="))
+        tile = mercantile.quadkey_to_tile(part.parent.name.removeprefix("cell="))
+        cell = int(tile.x), int(tile.y)
         origin = cell_origin(*cell, self._zoom)
         places = places_of([panels[n] for n in names])
         placed = replace(places, position=origin.topocentric(places.position))
@@ -345,11 +346,6 @@ def _merged_results(inventory: Path, manifest: Manifest) -> list[Path]:
             "under way, or was ended before it merged; let `wayside fleet` come to its end and compare then"
         )
     return [inventory / DRIVES / entry.name for entry in manifest.done()]
-
-
-def _tile(quadkey: str) -> tuple[int, int]:
-    tile = mercantile.quadkey_to_tile(quadkey)
-    return int(tile.x), int(tile.y)
 
 
 def _is_own(path: Path) -> bool:
