@@ -91,7 +91,8 @@ def check_earlier(folder: Path, log: Path, *, overwrite: bool = False) -> Earlie
     """
     standing = [name for name in (*TABLES, RUN_FILE) if _is_there(folder, name)]
     run = _read_run(folder)
-    recorded = run is not None and _has_recording(run)
+    # before a run stated whether it left a recording, it said only whether one was seen by a viewer
+    recorded = run is not None and run.get("recording", run.get("view_images")) is not None
     if overwrite or not standing:
         return EarlierResult(folder, recorded, overwrite)
     if run is None:
@@ -115,11 +116,6 @@ def is_finished(folder: Path, key: str | None) -> bool:
     if run is None or key is None or run.get("result_key") != key:
         return False
     return all(_is_as_stated(folder, name, run) for name in run["files"])
-
-
-def _has_recording(run: dict[str, Any]) -> bool:
-    """Whether a run left a recording; before it stated so, only whether one was seen by a viewer."""
-    return run.get("recording", run.get("view_images")) is not None
 
 
 def _is_as_stated(folder: Path, name: str, run: dict[str, Any]) -> bool:

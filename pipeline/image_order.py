@@ -154,11 +154,6 @@ def _dates(images: Sequence[ImageFile]) -> dict[Path, datetime]:
     return taken if zoned else {path: d.replace(tzinfo=None) for path, d in taken.items()}
 
 
-def _ascends(images: Sequence[ImageFile], dates: Mapping[Path, datetime]) -> bool:
-    known = [dates[image.path] for image in images if image.path in dates]
-    return all(a <= b for a, b in pairwise(known))
-
-
 def _counter_order(
     folder: list[ImageFile], copies: Mapping[Path, Path], dates: Mapping[Path, datetime]
 ) -> list[ImageFile]:
@@ -170,8 +165,9 @@ def _counter_order(
     leaps = [b - a for (_, a), (_, b) in pairwise(numbers)]
     cut = folder.index(originals[leaps.index(max(leaps)) + 1])
     turned = folder[cut:] + folder[:cut]
-    same = numbers[0][0] == numbers[-1][0]
-    return turned if same and max(leaps) > _WIDEST_GAP and _ascends(turned, dates) else folder
+    known = [dates[image.path] for image in turned if image.path in dates]
+    restarted = numbers[0][0] == numbers[-1][0] and max(leaps) > _WIDEST_GAP
+    return turned if restarted and known == sorted(known) else folder
 
 
 def _folders(held: list[list[ImageFile]], dates: Mapping[Path, datetime]) -> list[list[ImageFile]]:

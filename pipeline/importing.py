@@ -6,16 +6,13 @@ from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 
-from google.protobuf.descriptor_pb2 import (
-    FieldDescriptorProto,
-    FileDescriptorProto,
-    FileDescriptorSet,
-)
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import Message
 from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.timestamp_pb2 import DESCRIPTOR as TIMESTAMP_FILE
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
+from mcap_protobuf.writer import Writer
 
 from wayside.pipeline.image_order import (
     ImageFile,
@@ -220,23 +217,19 @@ def _write(
     spacing_m: float,
     watch: Callable[[int, int], None],
 ) -> None:
-    writer.start(library="wayside")
     writer.add_metadata(METADATA_NAME, {SPACING_KEY: repr(spacing_m), BY_NUMBER_KEY: "yes"})
     times = _times_of(counts)
     timed = list(zip(map(str, times), images, strict=True))
     writer.add_metadata(NAMES_METADATA, {time: image.path.name for time, image in timed})
     if dates := {time: image.exif.date for time, image in timed if image.exif.date}:
         writer.add_metadata(DATES_METADATA, dates)
-    calibration = _message("CameraCalibration", _CALIBRATION)
-    message = _message("CompressedImage", _IMAGE)
-    channel = _register(writer, "/camera/calibration", calibration)
-    writer.add_message(channel, 0, _fill_calibration(calibration, camera), 0, 1)
-    channel = _register(writer, "/camera/image", message)
+    image_type = _message_type("CompressedImage", _IMAGE)
+    writer.write_message("/camera/calibration", _calibration(camera), 0, 0, 1)
     for done, (image, count, time_ns) in enumerate(zip(images, counts, times, strict=True), 1):
-        content = type(message)(
+        content = image_type(
             data=_bytes_of(image), format=image.header.encoding, frame_id=_CAMERA_FRAME
         )
-        writer.add_message(channel, time_ns, content.SerializeToString(), time_ns, count)
+        writer.write_message("/camera/image", content, time_ns, time_ns, count)
         watch(done, len(images))
     writer.finish()  # type: ignore[no-untyped-call]
 
@@ -258,9 +251,9 @@ def _bytes_of(image: ImageFile) -> bytes:
         ) from error
 
 
-def _fill_calibration(message: Message, camera: Camera) -> bytes:
+def _calibration(camera: Camera) -> Message:
     c = camera
-    filled = type(message)(
+    return _message_type("CameraCalibration", _CALIBRATION)(
         width=c.width,
         height=c.height,
         distortion_model="rational_polynomial" if len(c.distortion) > 5 else "plumb_bob",
@@ -270,11 +263,10 @@ def _fill_calibration(message: Message, camera: Camera) -> bytes:
         P=[c.fx, 0.0, c.cx, 0.0, 0.0, c.fy, c.cy, 0.0, 0.0, 0.0, 1.0, 0.0],
         frame_id=_CAMERA_FRAME,
     )
-    return filled.SerializeToString()
 
 
-def _message(name: str, fields: _Fields) -> Message:
-    """An empty message of a Foxglove schema; names, numbers and types of https://github.com/foxglove/foxglove-sdk."""
+def _message_type(name: str, fields: _Fields) -> type[Message]:
+    """A message of a Foxglove schema; names, numbers and types of https://github.com/foxglove/foxglove-sdk."""
     file = FileDescriptorProto(
         name=f"foxglove/{name}.proto",
         package="foxglove",
@@ -292,14 +284,4 @@ def _message(name: str, fields: _Fields) -> Message:
     pool = DescriptorPool()
     pool.AddSerializedFile(TIMESTAMP_FILE.serialized_pb)
     pool.Add(file)
-    return GetMessageClass(pool.FindMessageTypeByName(f"foxglove.{name}"))()
-
-
-def _register(writer: Writer, topic: str, message: Message) -> int:
-    files = FileDescriptorSet()
-    TIMESTAMP_FILE.CopyToProto(files.file.add())
-    message.DESCRIPTOR.file.CopyToProto(files.file.add())
-    schema = writer.register_schema(
-        message.DESCRIPTOR.full_name, "protobuf", files.SerializeToString(deterministic=True)
-    )
-    return writer.register_channel(topic, "protobuf", schema)
+    return GetMessageClass(pool.FindMessageTypeByName(f"foxglove.{name}"))

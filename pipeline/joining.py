@@ -60,16 +60,12 @@ def join_logs(paths: list[Path], out: Path, *, overwrite: bool = False) -> Joine
     """
     if not paths:
         raise UsageError("wanted parts to join, found none; give MCAP files or ROS bags")
+    beside = out.parent if out.parent.is_dir() else None  # it has room for the result
     with (
-        tempfile.TemporaryDirectory(prefix=".wayside-join-", dir=_existing(out)) as scratch,
+        tempfile.TemporaryDirectory(prefix=".wayside-join-", dir=beside) as scratch,
         whole_file(out, overwrite=overwrite) as stream,
     ):
         return _join(paths, stream, Path(scratch))
-
-
-def _existing(out: Path) -> Path | None:
-    """The folder for scratch files: that of the output, as it has room for the result."""
-    return out.parent if out.parent.is_dir() else None
 
 
 def _join(paths: list[Path], stream: BinaryIO, scratch: Path) -> JoinedLog:

@@ -39,7 +39,7 @@ from wayside.pipeline.writing import not_written, write_file
 from wayside.schemas.errors import InputError, OutputError, WaysideError
 from wayside.schemas.frame import Image
 from wayside.schemas.model_json import digest, model_to_json
-from wayside.schemas.models import GaussianModel, Model
+from wayside.schemas.models import Model
 from wayside.stages.imaging import decode
 
 PREFIX = "learn_"
@@ -99,7 +99,7 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
     rendered = _origin(samples, seed)
     origin = f"{rendered}; clear faces of {', '.join(FACE_SOURCES)}" if crops else rendered
     models = gaussian_models(samples, crops, origin)
-    models["location.json"] = learn_locations(samples, rendered)
+    models["location.json"] = location_model(np.concatenate([d.places for d in samples]), rendered)
     digests = {name: write_model(out / name, model, notify) for name, model in models.items()}
     further: dict[str, Callable[[], Mapping[str, Model]]] = {
         "outline.json": lambda: {
@@ -142,11 +142,6 @@ def gaussian_models(
         "color_rgb.json": color_model(faces, background, origin),
         "shape.json": shape_model(faces, origin),
     }
-
-
-def learn_locations(drives: Sequence[TrainingDrive], origin: str) -> GaussianModel:
-    """Gaussian classes of where signs stand beside the path."""
-    return location_model(np.concatenate([d.places for d in drives]), origin)
 
 
 def images(log: Path) -> Iterator[Image]:

@@ -115,7 +115,9 @@ class FrameProgress(_Shown):
         counts = "{task.fields[looked_at]} looked at, {task.fields[settled]} of {task.fields[held]} settled"
         super().__init__(TextColumn(counts), _TimeLeft(), refresh=self._refresh)
         self._run = run
-        label = escape(_shortened(visible(label)))
+        name = visible(label)  # shortened, it leaves room for the counts on a line of 80 columns
+        shown = name if len(name) <= _LONGEST_LABEL else f"{name[: _LONGEST_LABEL - 3]}..."
+        label = escape(shown)
         self._task = self._bar.add_task(
             label, total=None, label=label, looked_at=0, settled=0, held="?"
         )
@@ -144,11 +146,6 @@ class SheetProgress(_Shown):
     def watch(self, done: int, total: int | None) -> None:
         """So many are done."""
         self._bar.update(self._task, completed=done, total=total)
-
-
-def _shortened(name: str) -> str:
-    """A name that leaves room for the counts on a line of 80 columns."""
-    return name if len(name) <= _LONGEST_LABEL else f"{name[: _LONGEST_LABEL - 3]}..."
 
 
 class FleetProgress(_Shown):

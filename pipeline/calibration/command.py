@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 
 from wayside.pipeline.calibration.board_report import format_boards, headline, parameter_lines
-from wayside.pipeline.calibration.boards import CalibratedImages, Watcher, calibrate_images
+from wayside.pipeline.calibration.boards import Watcher, calibrate_images
 from wayside.pipeline.calibration.coverage import coverage_of, draw_coverage
 from wayside.pipeline.calibration.drive_report import format_drive, not_determined
 from wayside.pipeline.calibration.drive_report import headline as drive_headline
@@ -48,7 +48,8 @@ def calibrate_by_boards(
     _require_free(files, overwrite=overwrite)
     found = calibrate_images(paths, board, model, settings, watch)
     if out is not None:
-        text = format_camera(found.calibration.camera, name, _comments(found))
+        comments = [f"wayside calibrate: {headline(found)}", *parameter_lines(found)]
+        text = format_camera(found.calibration.camera, name, comments)
         write_file(out, text.encode(), overwrite=overwrite)
     if picture is not None:
         drawn = cv2.imencode(".png", draw_coverage(found, settings.cells))[1]
@@ -84,10 +85,6 @@ def calibrate_by_drive(
     text = format_camera(found.calibration.camera, name, comments)
     write_file(out, text.encode(), overwrite=overwrite)
     return f"{report}\nwritten: {out}"
-
-
-def _comments(found: CalibratedImages) -> list[str]:
-    return [f"wayside calibrate: {headline(found)}", *parameter_lines(found)]
 
 
 def _require_free(paths: list[Path], *, overwrite: bool) -> None:

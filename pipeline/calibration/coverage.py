@@ -74,7 +74,8 @@ def draw_coverage(found: CalibratedImages, cells: int) -> NDArray[np.uint8]:
     for place in _corners(found, used=False):
         _dot(picture, place * scale, _UNUSED)
     largest = 3 * max(rms, 1e-9)
-    lengths = np.linalg.norm(_residuals(found), axis=1)
+    residuals = np.concatenate([view.residuals for _, view in found.seen if view.used])
+    lengths = np.linalg.norm(residuals, axis=1)
     colors = _colors(lengths / largest)
     for place, color in zip(_corners(found, used=True), colors, strict=True):
         _dot(picture, place * scale, tuple(map(int, color)))
@@ -96,10 +97,6 @@ def _corners(found: CalibratedImages, *, used: bool) -> Array:
         if view.used is used and image.corners is not None
     ]
     return np.concatenate([np.zeros((0, 2)), *kept])
-
-
-def _residuals(found: CalibratedImages) -> Array:
-    return np.concatenate([view.residuals for _, view in found.seen if view.used])
 
 
 def _colors(fractions: Array) -> NDArray[np.uint8]:

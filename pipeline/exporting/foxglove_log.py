@@ -7,7 +7,7 @@ they belong to.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -20,7 +20,7 @@ from mcap_protobuf.writer import Writer
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.earlier_result import log_fingerprint
-from wayside.pipeline.evidence.marks import ink_of
+from wayside.pipeline.evidence.marks import Ink, ink_of
 from wayside.pipeline.exporting.flat_table import FlatTable, Row
 from wayside.pipeline.reading.contents import PoseContent
 from wayside.pipeline.reading.messages import Kind
@@ -143,10 +143,7 @@ def write_foxglove_log(
             lost += moved is None
             if moved is not None:
                 writer.write_message(f"{prefix}/camera", moved, when, when)
-        for topic, shown in (
-            ("signs", _sign_boxes(row, boxes, names)),
-            ("rejected", _rejected_boxes(row, boxes)),
-        ):
+        for topic, shown in _annotations(row, boxes, names):
             writer.write_message(f"{prefix}/{topic}", shown, when, when)
     writer.finish()  # type: ignore[no-untyped-call]
     return [f"{lost} images have no transform: the mount of the camera is unknown"] if lost else []
@@ -184,64 +181,53 @@ def _with_boxes(out: Path, frames: Sequence[Row]) -> Iterator[tuple[Row, list[Ro
         )
 
 
-def _sign_boxes(row: Row, boxes: Sequence[Row], names: dict[str, Row]) -> ImageAnnotations:
-    """Boxes of signs in the colours of their faces, with their names; empty where there is none, to clear the last."""
+def _annotations(
+    row: Row, boxes: Sequence[Row], names: dict[str, Row]
+) -> Iterator[tuple[str, ImageAnnotations]]:
+    """The boxes of an image by topic; empty where there is none, to clear the last.
+
+    Those of signs have the colours of their faces and their names; all others are grey, with the verdict on them where
+    it was given over several images.
+    """
+    signs, others = [], []
+    for box in boxes:
+        if box["verdict"] != "sign":
+            words = "" if box["verdict"] in _UNTOLD else box["verdict"]
+            others.append((box["box"], words, _REJECTED_INK, _REJECTED_INK))
+        elif (sign := names.get(box["sign_id"])) is not None:
+            signs.append((box["box"], _words(sign), ink_of(sign["color"]), _WHITE))
+    yield "signs", _outlined(row, signs, _BOX_PX)
+    yield "rejected", _outlined(row, others, _REJECTED_PX)
+
+
+def _outlined(
+    row: Row, boxes: Iterable[tuple[Sequence[float], str, Ink, Ink]], thickness: float
+) -> ImageAnnotations:
+    """Outlines of boxes, each with its words, in the colours of both."""
     time = _stamp(row["header_time_ns"])
     found = ImageAnnotations(timestamp=time)
-    for box in boxes:
-        sign = names.get(box["sign_id"])
-        if box["verdict"] != "sign" or sign is None:
-            continue
-        x0, y0, x1, y1 = box["box"]
-        color = _color(ink_of(sign["color"]))
+    for (x0, y0, x1, y1), words, ink, ink_of_words in boxes:
         found.points.append(
             PointsAnnotation(
                 timestamp=time,
                 type=PointsAnnotation.LINE_LOOP,
                 points=[Point2(x=x, y=y) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))],
-                outline_color=color,
-                thickness=_BOX_PX,
+                outline_color=_color(ink),
+                thickness=thickness,
             )
         )
-        found.texts.append(_label(time, (x0, y0), _words(sign), _color(_WHITE)))
+        if words:
+            found.texts.append(
+                TextAnnotation(
+                    timestamp=time,
+                    position=Point2(x=x0, y=y0),
+                    text=words,
+                    font_size=_TEXT_PX,
+                    text_color=_color(ink_of_words),
+                    background_color=Color(a=0.6),
+                )
+            )
     return found
-
-
-def _rejected_boxes(row: Row, boxes: Sequence[Row]) -> ImageAnnotations:
-    """All other boxes in grey, with the verdict on them where it was given over several images."""
-    time, color = _stamp(row["header_time_ns"]), _color(_REJECTED_INK)
-    found = ImageAnnotations(timestamp=time)
-    rejected = [box for box in boxes if box["verdict"] != "sign"]
-    if not rejected:
-        return found
-    lines = PointsAnnotation(
-        timestamp=time,
-        type=PointsAnnotation.LINE_LIST,
-        outline_color=color,
-        thickness=_REJECTED_PX,
-    )
-    for box in rejected:
-        x0, y0, x1, y1 = box["box"]
-        corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
-        for one, next_one in zip(corners, corners[1:] + corners[:1], strict=True):
-            lines.points.extend([Point2(x=x, y=y) for x, y in (one, next_one)])
-        if box["verdict"] not in _UNTOLD:
-            found.texts.append(_label(time, (x0, y0), str(box["verdict"]), color))
-    found.points.append(lines)
-    return found
-
-
-def _label(
-    time: Timestamp | None, at: tuple[float, float], words: str, color: Color
-) -> TextAnnotation:
-    return TextAnnotation(
-        timestamp=time,
-        position=Point2(x=at[0], y=at[1]),
-        text=words,
-        font_size=_TEXT_PX,
-        text_color=color,
-        background_color=Color(a=0.6),
-    )
 
 
 def _scene(table: FlatTable, rows: Sequence[Row], world: str) -> SceneUpdate:

@@ -30,7 +30,7 @@ from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE, cell_origin
 from wayside.pipeline.fleet.manifest import DRIVES, Manifest
 from wayside.pipeline.fleet.recorded_settings import merge_settings_of, schema_with_settings
 from wayside.pipeline.fleet.surveys import Survey
-from wayside.pipeline.fleet.visibility import DriveView, read_view
+from wayside.pipeline.fleet.visibility import read_view
 from wayside.pipeline.parquet import ParquetFile, geoparquet_metadata, record_batch
 from wayside.pipeline.result import RUN_FILE, read_rows
 from wayside.pipeline.writing import refuse, whole_file
@@ -165,7 +165,9 @@ class _Comparison:
         self._parts = merged_parts(inventory, PANELS.name)
         self.merge = merge_settings_of(self._parts[0]) if self._parts else MergeSettings()
         self._zoom = self.merge.cell_zoom
-        self._view = lru_cache(self.merge.drives_in_memory)(self._read_view)
+        self._view = lru_cache(self.merge.drives_in_memory)(
+            lambda name: read_view(inventory / DRIVES / name, settings)
+        )
         for folder in _merged_results(inventory, manifest):
             self._index(folder, surveys)
         self.report.drives = {side: sum(s == side for s in self._side.values()) for side in _SIDES}
@@ -230,9 +232,6 @@ class _Comparison:
         for x, y in np.unique(cells(np.concatenate(around), self._zoom), axis=0).tolist():
             self._near[x, y].append(folder.name)
 
-    def _read_view(self, name: str) -> DriveView | None:
-        return read_view(self._inventory / DRIVES / name, self.settings)
-
     def _cell(self, part: Path) -> tuple[list[Row], list[Absence]]:
         """One row for each panel, or pair of panels at a place, that both surveys saw; panels that one alone saw."""
         panels = {row["panel_id"]: row for row in read_part(part, PANEL_COLUMNS).to_pylist()}
@@ -278,7 +277,8 @@ class _Comparison:
         """Panels that one survey alone saw, with the drives that had their places in view."""
         if not names:
             return []
-        cell = _tile(part.parent.name.removeprefix("cell="))
+        tile = mercantile.quadkey_to_tile(part.parent.name.removeprefix("cell="))
+        cell = int(tile.x), int(tile.y)
         origin = cell_origin(*cell, self._zoom)
         places = places_of([panels[n] for n in names])
         placed = replace(places, position=origin.topocentric(places.position))
@@ -346,11 +346,6 @@ def _merged_results(inventory: Path, manifest: Manifest) -> list[Path]:
             "under way, or was ended before it merged; let `wayside fleet` come to its end and compare then"
         )
     return [inventory / DRIVES / entry.name for entry in manifest.done()]
-
-
-def _tile(quadkey: str) -> tuple[int, int]:
-    tile = mercantile.quadkey_to_tile(quadkey)
-    return int(tile.x), int(tile.y)
 
 
 def _is_own(path: Path) -> bool:

@@ -9,7 +9,6 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from importlib.metadata import version
 from itertools import chain, count
 from pathlib import Path
-from typing import Any
 
 from wayside.pipeline.fleet.sources import folder_name, is_folder_name, source_name
 from wayside.pipeline.input_files import read_input_text
@@ -145,17 +144,9 @@ def read_manifest(inventory: Path) -> Manifest:
 
 def write_manifest(inventory: Path, manifest: Manifest) -> None:
     """Write `fleet.json`, whole or not at all; raises OutputError."""
-    content: dict[str, Any] = {
-        "wayside": version("wayside"),
-        "started": manifest.started,
-        "updated": manifest.updated,
-        "where": manifest.where,
-        "merged": manifest.merged,
-        "merged_by": manifest.merged_by,
-        "vectors": list(manifest.vectors),
-        "logs": {name: asdict(entry) for name, entry in sorted(manifest.logs.items())},
-    }
-    text = json.dumps(content, indent=1) + "\n"
+    about = asdict(manifest)
+    logs = dict(sorted(about.pop("logs").items()))
+    text = json.dumps({"wayside": version("wayside")} | about | {"logs": logs}, indent=1) + "\n"
     write_file(inventory / MANIFEST, text.encode(), overwrite=True)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from wayside.pipeline.earlier_result import is_finished
@@ -126,13 +126,4 @@ def _standing(inventory: Path, entry: Entry, earlier: Manifest) -> Entry:
     before = earlier.logs.get(entry.name)
     if before is not None and before.state == DONE and before.key == entry.key:
         return replace(before, source=entry.source)
-    found = finished_outcome(folder, 0)
-    return replace(
-        entry,
-        state=DONE,
-        status=found.status,
-        seconds=found.seconds,
-        images=found.images,
-        rows=found.rows,
-        words="",
-    )
+    return replace(entry, **asdict(finished_outcome(folder, entry.attempts)))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import socket
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
@@ -32,8 +30,8 @@ from wayside.pipeline.fleet.task import (
     Outcome,
     Task,
     begun_attempts,
-    note_death,
-    note_uncounted,
+    here,
+    note_end,
     run_task,
 )
 from wayside.pipeline.journal import result_keys
@@ -153,8 +151,7 @@ def run_fleet(
         planned, copies = planned_logs(
             uris, earlier, key_of, inventory, retry=options.retry, overwrite=options.overwrite
         )
-        where = f"{socket.gethostname()}, process {os.getpid()}"
-        book = _Book(inventory, replace(earlier, started=time.time(), where=where), planned, watch)
+        book = _Book(inventory, replace(earlier, started=time.time(), where=here()), planned, watch)
         tasks = [
             Task(
                 entry.name,
@@ -201,16 +198,7 @@ class _Book:
         now = time.time()
         entry = replace(self.manifest.logs[name], state=RUNNING, since=now)
         if outcome is not None:
-            entry = replace(
-                entry,
-                state=outcome.state,
-                status=outcome.status,
-                attempts=outcome.attempts,
-                seconds=round(outcome.seconds, 3),
-                images=outcome.images,
-                rows=outcome.rows,
-                words=outcome.words,
-            )
+            entry = replace(entry, **asdict(outcome) | {"seconds": round(outcome.seconds, 3)})
         self.manifest = self.manifest.with_entries([entry])
         self._unsaved = True
 
@@ -237,7 +225,7 @@ def _carry_out(tasks: Sequence[Task], open_engine: OpenEngine, book: _Book) -> N
     except BaseException as error:
         for task, before in under_way.values():
             if begun_attempts(task) > before:
-                note_uncounted(task)
+                note_end(task)
             book.note(task.name, Outcome(WAITING, 0, before))
         if isinstance(error, KeyboardInterrupt):
             done, total = sum(entry.state == DONE for entry in book.given()), len(book.given())
@@ -274,7 +262,7 @@ def _work(
                     raise _WorkersError(
                         f"{task.source}: wanted a worker to begin this log, found that each died before: {result}"
                     )
-                note_death(task, result)
+                note_end(task, result)
                 result = Outcome(WAITING, StageError.exit_status, before + 1, words=result)
             book.note(task.name, result)
             if result.state == WAITING:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from datetime import UTC, datetime
+
+import numpy as np
 
 from wayside.schemas.errors import UsageError
 
@@ -39,20 +40,13 @@ def parse_survey(text: str) -> Survey:
 
 def _span(text: str, whole: str) -> tuple[int, int]:
     """Start and end, nanoseconds, of a year, month or day."""
-    parts = re.fullmatch(r"(\d{4})(?:-(\d\d))?(?:-(\d\d))?", text)
     try:
-        if parts is None:
+        if not re.fullmatch(r"\d{4}(-\d\d){0,2}", text):
             raise ValueError
-        year, month, day = int(parts[1]), int(parts[2] or 1), int(parts[3] or 1)
-        start = datetime(year, month, day, tzinfo=UTC)
-        if parts[3]:
-            end = datetime.fromtimestamp(start.timestamp() + 86_400, UTC)
-        elif parts[2]:
-            end = datetime(year + month // 12, month % 12 + 1, 1, tzinfo=UTC)
-        else:
-            end = datetime(year + 1, 1, 1, tzinfo=UTC)
+        start = np.datetime64(text)
     except ValueError as error:
         raise UsageError(
             f"wanted a survey as 2024, 2024-05, 2024-05-17 or 2024-03..2024-06, found {whole}"
         ) from error
-    return int(start.timestamp()) * 10**9, int(end.timestamp()) * 10**9
+    first, end = (time.astype("datetime64[s]").astype(int) for time in (start, start + 1))
+    return int(first) * 10**9, int(end) * 10**9

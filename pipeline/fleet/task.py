@@ -121,7 +121,7 @@ def run_task(task: Task) -> Outcome:
         words = f"its worker died in attempt {begun} of {task.attempts}"
         return _quarantined(task, Outcome(QUARANTINED, StageError.exit_status, begun, words=words))
     with _log_file(task) as note:
-        note(f"{_BEGUN} {task.key} on {_here()}: {task.source}")
+        note(f"{_BEGUN} {task.key} on {here()}: {task.source}")
         start = time.perf_counter()
         try:
             _run(task)
@@ -167,16 +167,10 @@ def begun_attempts(task: Task) -> int:
     return begun
 
 
-def note_death(task: Task, words: str) -> None:
-    """Write into the file of a log how its worker ended; raises OutputError."""
+def note_end(task: Task, death: str = "") -> None:
+    """Write into the file of a log how its worker died, else that it was ended from outside; raises OutputError."""
     with _log_file(task) as note:
-        note(words)
-
-
-def note_uncounted(task: Task) -> None:
-    """Write into the file of a log that its last attempt was ended from outside; raises OutputError."""
-    with _log_file(task) as note:
-        note(f"{_UNCOUNTED} {task.key}: interrupted")
+        note(death or f"{_UNCOUNTED} {task.key}: interrupted")
 
 
 def finished_outcome(folder: Path, attempts: int) -> Outcome:
@@ -201,13 +195,13 @@ def _run(task: Task) -> None:
     with fetched(task.source) as log:
         if log_fingerprint(log) != task.fingerprint:
             raise UnreachableError(
-                f"{task.source}: wanted the log as the fleet found it, found none or another one on {_here()}; "
+                f"{task.source}: wanted the log as the fleet found it, found none or another one on {here()}; "
                 "workers must see the same files, and logs must not change"
             )
         models, key_of = _equipment(task.settings)
         if key_of(task.fingerprint) != task.key:
             raise _DiffersError(
-                f"wanted wayside, its packages and models as where the fleet was started, found others on {_here()}; "
+                f"wanted wayside, its packages and models as where the fleet was started, found others on {here()}; "
                 "install the same on every worker"
             )
         tune_process()
@@ -278,5 +272,6 @@ def _status(error: Exception) -> int:
     return error.exit_status if isinstance(error, WaysideError) else StageError.exit_status
 
 
-def _here() -> str:
+def here() -> str:
+    """This machine and process, in words."""
     return f"{socket.gethostname()}, process {os.getpid()}"

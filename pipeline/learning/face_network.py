@@ -97,15 +97,13 @@ def at_temperature(
 
     def likelihood(temperature: float) -> float:
         divided = scores / temperature
-        return float((divided[range(len(column)), column] - _log_sum(divided)).mean())
+        return float(
+            (divided[range(len(column)), column] - np.logaddexp.reduce(divided, axis=1)).mean()
+        )
 
     best = max(TEMPERATURES, key=likelihood)
     for values in network.out.parameters():
         values.div_(best)
-
-
-def _log_sum(scores: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(np.logaddexp.reduce(scores, axis=1))
 
 
 def export(network: FaceNetwork, path: Path, provenance: str) -> None:

@@ -52,12 +52,10 @@ class Densities:
 class PowerfulTest:
     """The most powerful test of a false-alarm rate.
 
-    eta: least likelihood ratio that is accepted; accepted (n,) bool by value; false_alarm, power: probabilities that it
-    accepts what is no sign, and a sign; threshold: the least accepted value where all larger ones are accepted too,
-    None where the accepted values have gaps.
+    accepted (n,) bool by value; false_alarm, power: probabilities that it accepts what is no sign, and a sign;
+    threshold: the least accepted value where all larger ones are accepted too, None where these have gaps.
     """
 
-    eta: float
     accepted: NDArray[np.bool_]
     false_alarm: float
     power: float
@@ -116,7 +114,6 @@ def most_powerful_test(densities: Densities, alpha: float) -> PowerfulTest:
     first = int(np.argmax(accepted)) if accepted.any() else len(accepted)
     whole = bool(accepted.any()) and bool((accepted | (densities.on <= 0))[first:].all())
     return PowerfulTest(
-        float(ratio[order[last]]) if last >= 0 else np.inf,
         accepted,
         float(densities.off[accepted].sum() * step),
         min(1.0, float(densities.on[accepted].sum() * step)),

@@ -64,7 +64,8 @@ def draw_curves(classifier: str, drawn: Sequence[tuple[Question, RocCurve]]) -> 
         page.line([(LEFT + SIDE + 30, y - 5), (LEFT + SIDE + 58, y - 5)], ink, 3)
         page.text((LEFT + SIDE + 68, y), f"{question.name}   area {_area(curve)}", SMALL, TEXT)
         shown = float(curve.threshold[at]) if used is None else question.threshold
-        words = f"{'knee' if used is None else 'threshold'} {_short(shown)}: "
+        value = f"{shown:.4g}" if isfinite(shown) else "none"
+        words = f"{'knee' if used is None else 'threshold'} {value}: "
         words += f"{100 * curve.tpr[at]:.1f} % of {curve.positives} signs, "
         words += f"{100 * curve.fpr[at]:.2g} % of {curve.negatives} others"
         page.text((LEFT + SIDE + 68, y + 19), words, SMALL - 2, FAINT)
@@ -96,7 +97,3 @@ def _area(curve: RocCurve) -> str:
     if curve.area_interval is None:
         return f"{curve.area:.3f}"
     return f"{curve.area:.3f} ({curve.area_interval.low:.3f} to {curve.area_interval.high:.3f})"
-
-
-def _short(value: float) -> str:
-    return f"{value:.4g}" if isfinite(value) else "none"

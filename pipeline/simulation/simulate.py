@@ -120,7 +120,8 @@ def simulate(
         for place in settled.landmarks:
             if place.verdict != "sign":
                 continue
-            sign = _sign_of(drive, place)
+            seen = [drive.seen[view.frame].sign[view.row] for view in place.views]
+            sign = int(np.bincount(seen).argmax())
             if sign not in found or len(place.views) > found[sign][3]:
                 found[sign] = _errors_of(drive, place, sign)
     shown = np.bincount(
@@ -289,10 +290,6 @@ def _errors_of(
     error = (place.position - true)[_ORDER] * [1, 1, -1]
     sigma = np.sqrt(np.diag(place.covariance))[_ORDER]
     return error, sigma, float(np.linalg.norm(true)), len(place.views)
-
-
-def _sign_of(drive: SimulatedDrive, place: Landmark) -> int:
-    return int(np.bincount([drive.seen[v.frame].sign[v.row] for v in place.views]).argmax())
 
 
 def _bounds(drive: SimulatedDrive, signs: Sequence[int]) -> Array:

@@ -188,16 +188,13 @@ def view_detections(item: Detections, stage: str, state: ViewState) -> list[Enti
             return []
         path, ink = KEYPOINT_PATHS[stage]
         points = item.features.corners if stage == "features" else item.features.sign_points
-        return [Entity(path, (_points2d(points, ink),))]
+        dots = rr.Points2D(points, colors=[ink], radii=rr.Radius.ui_points(1.5))
+        return [Entity(path, (dots,))]
     left = len(item.candidates.open_rows())
     gates = Entity(f"{at.GATES}/{stage}", (rr.Scalars([left, len(item.candidates) - left]),))
     if stage != "shape" or not item.frame.used:
         return [gates]
     return [gates, *outline_entities(item, detail=state.detail)]
-
-
-def _points2d(points: NDArray[np.float32], ink: tuple[int, int, int]) -> rr.Points2D:
-    return rr.Points2D(points, colors=[ink], radii=rr.Radius.ui_points(1.5))
 
 
 def view_posed(item: PosedDetections, stage: str, state: ViewState) -> list[Entity]:
