@@ -33,6 +33,8 @@ from wayside.stages.odometry import (
 
 _STEPS, _SHORTEST_S, _DOUBLINGS = 14, 0.08, 4
 """Pairs of images spread over a drive; their distance grows from 0.08 s until they show motion."""
+_APART_NS = 15_000_000_000
+"""Images so far apart in time show different places, unless the vehicle stands."""
 _CLEARLY_BETTER = 2.5
 """A convention is told from another where its error is so many times smaller."""
 _VIDEO_IMAGES = 40
@@ -167,6 +169,25 @@ def image_steps(
                 break
             apart = max(2 * apart, float(seconds[end] - seconds[start]) * 1.01)
     return steps
+
+
+def clock_set_at(plan: Plan, time_ns: Integers, cameras: Sequence[Camera | None]) -> int | None:
+    """Row of an image that shows the motion from the one before it in the file, though its time is long before.
+
+    Parts of a file may stand in any order. Where the images on both sides of such a step belong together, it is the
+    clock that was set.
+    """
+    if plan.camera.image_format == H264:
+        return None
+    images = _Images(plan, cameras)
+    back = np.flatnonzero(np.diff(time_ns) < -_APART_NS) + 1
+    for row in back[:_STEPS].tolist():
+        before, now = images.at(row - 1), images.at(row)
+        if before is None or now is None:
+            continue
+        if image_step((row - 1, row), before, now, MotionSettings(), TieSettings()) is not None:
+            return int(row)
+    return None
 
 
 class _Images:

@@ -6,7 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wayside.pipeline.reading.agreement import MotionStream, believed, image_steps, looks_aside
+from wayside.pipeline.reading.agreement import (
+    MotionStream,
+    believed,
+    clock_set_at,
+    image_steps,
+    looks_aside,
+)
 from wayside.pipeline.reading.clocks import (
     Integers,
     StreamTimes,
@@ -87,6 +93,14 @@ def make_timeline(plan: Plan) -> Timeline:
     timeline = Timeline(order, times, _cameras(plan, times))
     if times.off:
         timeline.notes.append(_off_words(times, plan.camera.name))
+    row = clock_set_at(plan, times.capture_ns, timeline.cameras)
+    if row is not None:
+        raise InputError(
+            f"{plan.survey.path}: the clock was set back while the log was recorded: image {row} of "
+            f"{shortened(plan.camera.name)} shows the place of the one before it in the file, and its time is "
+            f"{_seconds(int(times.capture_ns[row - 1] - times.capture_ns[row]))} earlier; cut the log there and run "
+            "each part"
+        )
     timeline.fixes = _fixes(plan, timeline)
     streams = [one for one in _motion_streams(plan, timeline) if one.path.known.any()]
     streams = [one for one in streams if _has_scale(plan, one, timeline)]
