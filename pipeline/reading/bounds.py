@@ -28,21 +28,18 @@ class Allowance:
     records: int = 0
 
     def take_bytes(self, count: int, read: int) -> None:
-        """Use up the unpacked size of a chunk, before it is unpacked.
+        """Use up the unpacked size of a chunk, before it is unpacked, when `read` bytes of the log are read.
 
         Raises
         ------
         LayoutError
-            It is more than is left when `read` bytes of the log are read.
+            It is more than is left.
         """
-        if count > LARGEST_RECORD:
+        left = self.ratio * (read + self.extra_bytes) - self.unpacked_bytes
+        if count > min(left, LARGEST_RECORD):
             raise LayoutError(
-                f"it says it unpacks to {count} bytes; at most {LARGEST_RECORD} are unpacked"
-            )
-        if self.unpacked_bytes + count > self.ratio * (read + self.extra_bytes):
-            raise LayoutError(
-                f"it says it unpacks to {count} bytes, with what came before more than {self.ratio} times what was "
-                "read of the log"
+                f"it says it unpacks to {count} bytes: over {LARGEST_RECORD}, or with what came before more than "
+                f"{self.ratio} times what was read of the log"
             )
         self.unpacked_bytes += count
 

@@ -12,14 +12,12 @@ import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 from mcap.opcode import Opcode
 
-from wayside.pipeline.reading.layout import MESSAGE_HEAD, RECORD_HEAD, LayoutError
+from wayside.pipeline.reading.layout import LARGEST_RECORD, MESSAGE_HEAD, RECORD_HEAD, LayoutError
 
 # start, end, unpacked size, checksum, length of the compression's name
 _FIXED = struct.Struct("<QQQII")
-_LONGEST_NAME = 64
-_LARGEST_WINDOW = 1 << 29
 _LZ4_PIECE = 1 << 18
-LARGEST_HEAD = _FIXED.size + _LONGEST_NAME + 8
+LARGEST_HEAD = _FIXED.size + 64 + 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,25 +33,18 @@ class ChunkHead:
 
 
 def parse_chunk_head(content: memoryview, record_length: int) -> ChunkHead:
-    """Head of a chunk record.
-
-    Parameters
-    ----------
-    content
-        The record's content, or its first `LARGEST_HEAD` bytes.
-    record_length
-        Length of the whole content, which the head must agree with.
+    """Head of a chunk by the content of its record, or its first `LARGEST_HEAD` bytes.
 
     Raises
     ------
     LayoutError
-        The head is cut off, or contradicts the record's length.
+        The head is cut off, or contradicts the length of the record's content.
     """
     if len(content) < _FIXED.size + 8:
         raise LayoutError("its head is incomplete")
     start, end, unpacked, checksum, name_length = _FIXED.unpack_from(content)
     size = _FIXED.size + name_length + 8
-    if name_length > _LONGEST_NAME or size > len(content):
+    if size > min(len(content), LARGEST_HEAD):
         raise LayoutError("the name of its compression is too long")
     name = bytes(content[_FIXED.size : size - 8]).decode("ascii", "replace")
     packed = int.from_bytes(content[size - 8 : size], "little")
@@ -80,7 +71,7 @@ def unpack_chunk(head: ChunkHead, packed: memoryview, *, whole: bool = True) -> 
         if head.compression == "lz4":
             data = memoryview(_unpack_lz4(packed, limit))
         elif head.compression == "zstd":
-            unpacker = zstandard.ZstdDecompressor(max_window_size=_LARGEST_WINDOW)
+            unpacker = zstandard.ZstdDecompressor(max_window_size=LARGEST_RECORD)
             with unpacker.stream_reader(packed, read_across_frames=True) as reader:
                 data = memoryview(reader.read(limit))
         elif head.compression in ("", "none"):
@@ -109,35 +100,27 @@ def _unpack_lz4(packed: memoryview, limit: int) -> bytearray:
 def find_records(data: memoryview, most: int) -> tuple[array[int], str]:
     """Where the records in a chunk or summary begin, and why no more follow (empty: the data end there).
 
-    Parameters
-    ----------
-    data
-        Records, one behind the other.
-    most
-        Records that there may be.
-
     Raises
     ------
     LayoutError
-        There are more.
+        There are more than `most`.
     """
     offsets = array("Q")
     position, end = 0, len(data)
     while position < end:
-        if position + RECORD_HEAD.size > end:
+        start = position + RECORD_HEAD.size
+        if start > end:
             return offsets, "a record in it is cut off"
         opcode, length = RECORD_HEAD.unpack_from(data, position)
-        inside = end - position - RECORD_HEAD.size
-        if opcode == 0:
-            return offsets, "a record in it has no kind (opcode 0)"
-        if length > inside or (opcode == Opcode.MESSAGE and length < MESSAGE_HEAD.size):
-            return offsets, f"a record in it says it has {length} bytes"
+        shortest = MESSAGE_HEAD.size if opcode == Opcode.MESSAGE else 0
+        if opcode == 0 or not shortest <= length <= end - start:
+            return offsets, f"a record in it of opcode {opcode} says it has {length} bytes"
         if len(offsets) >= most:
             raise LayoutError(
                 f"it has over {most} records, with what came before more than the log has bytes"
             )
         offsets.append(position)
-        position += RECORD_HEAD.size + length
+        position = start + length
     return offsets, ""
 
 

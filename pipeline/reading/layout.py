@@ -15,11 +15,8 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Schema
 
 from wayside.pipeline.visible_text import visible
-
-__all__ = ["Attachment", "Schema"]
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -61,7 +58,7 @@ class Channel:
     topic: str
     encoding: str
     schema_id: int
-    schema: Schema | None
+    schema: records.Schema | None
 
     @property
     def schema_name(self) -> str:
@@ -69,21 +66,13 @@ class Channel:
         return "" if self.schema is None else self.schema.name
 
 
-@dataclass(frozen=True, slots=True)
-class Metadata:
-    """Named key-value pairs."""
-
-    name: str
-    values: dict[str, str]
-
-
 def length_is_plausible(opcode: int, length: int) -> bool:
     """Whether a record of this kind can be this long; none has opcode 0."""
-    if opcode == 0 or opcode in ENDS:
-        return opcode != 0 and length == _SHORTEST[opcode]
-    if opcode == Opcode.MESSAGE_INDEX and length % 16 != _SHORTEST[Opcode.MESSAGE_INDEX]:
-        return False
     shortest = _SHORTEST[opcode] if opcode <= LAST_KNOWN else 1
+    if opcode in ENDS:
+        return length == shortest
+    if opcode == 0 or (opcode == Opcode.MESSAGE_INDEX and length % 16 != shortest):
+        return False
     return shortest <= length <= (1 << 62 if opcode == Opcode.ATTACHMENT else LARGEST_RECORD)
 
 

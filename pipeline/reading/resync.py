@@ -32,11 +32,11 @@ _ANYWHERE = re.compile(rb"[\x03-\x06\x09\x0c\x0f](?=.{4}\x00{4})", re.DOTALL)
 
 
 class RecordHead(NamedTuple):
-    """Kind of a record, where it begins in the file and how long its content is."""
+    """Kind of a record, how long its content is, and where the record begins in the file."""
 
     opcode: int
-    start: int
     length: int
+    start: int
 
     @property
     def content(self) -> int:
@@ -74,7 +74,7 @@ class RecordFinder:
         if len(found) < RECORD_HEAD.size:
             return None
         opcode, length = RECORD_HEAD.unpack(found)
-        return RecordHead(opcode, offset, length) if length_is_plausible(opcode, length) else None
+        return RecordHead(opcode, length, offset) if length_is_plausible(opcode, length) else None
 
     def follows(self, offset: int) -> bool:
         """Whether a record begins here, also one whose kind or length is damaged, or none is left.
@@ -84,29 +84,31 @@ class RecordFinder:
         """
         if self._is_end(offset) or self._is_known_message(offset):
             return True
-        head = self.bytes_at(offset, RECORD_HEAD.size)
-        if offset > self.end or len(head) < RECORD_HEAD.size:
+        found = self.bytes_at(offset, RECORD_HEAD.size)
+        if offset > self.end or len(found) < RECORD_HEAD.size:
             return False
-        opcode, length = RECORD_HEAD.unpack(head)
-        behind, plausible = offset + RECORD_HEAD.size + length, length_is_plausible(opcode, length)
-        if plausible and opcode in ENDS:
+        opcode, length = RECORD_HEAD.unpack(found)
+        head = RecordHead(opcode, length, offset)
+        inside = head.end < self.end
+        if self._is_end(head.end) or (inside and self._is_known_message(head.end)):
             return True
-        if behind > self.end and plausible and self.cut:
+        if length_is_plausible(opcode, length) and (
+            opcode in ENDS or (self.head_at(head.end) is not None if inside else self.cut)
+        ):
             return True
-        if self._is_end(behind) or (behind < self.end and self._is_known_message(behind)):
-            return True
-        if plausible and behind < self.end and self.head_at(behind) is not None:
-            return True
-        return opcode in PARSED and self._follows_content(opcode, offset + RECORD_HEAD.size)
+        end = self._content_end(head)
+        return end is not None and self.head_at(end) is not None
 
-    def _follows_content(self, opcode: int, start: int) -> bool:
-        """Whether a record begins where the content of one of `PARSED` ends by its own lengths, not its head's."""
-        content = self.bytes_at(start, LARGEST_ATTACHMENT)
+    def _content_end(self, head: RecordHead) -> int | None:
+        """Where the content of one of `PARSED` ends by its own lengths, None where they make no sense."""
+        if head.opcode not in PARSED:
+            return None
+        content = self.bytes_at(head.content, LARGEST_ATTACHMENT)
         try:
-            _, left = parse_record(opcode, content)
+            _, left = parse_record(head.opcode, content)
         except LayoutError:
-            return False
-        return self.head_at(start + len(content) - left) is not None
+            return None
+        return head.content + len(content) - left
 
     def _is_end(self, offset: int) -> bool:
         """Whether no record is left, or too little of one to be told."""
@@ -148,14 +150,6 @@ class RecordFinder:
             return False
         if head.opcode == Opcode.CHUNK:
             return self.is_chunk(head)
-        if head.opcode == Opcode.MESSAGE:
-            fields = MESSAGE_HEAD.unpack(self.bytes_at(head.content, MESSAGE_HEAD.size))
-            return fields[2] < LATEST_NS and self.follows(head.end)
-        if head.opcode in PARSED:
-            content = self.bytes_at(head.content, min(head.length, LARGEST_ATTACHMENT))
-            try:
-                _, left = parse_record(head.opcode, content)
-            except LayoutError:
-                return False
-            return left == 0 and self.follows(head.end)
+        if head.opcode in PARSED and self._content_end(head) != head.end:
+            return False
         return self.follows(head.end)
