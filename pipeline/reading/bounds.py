@@ -46,3 +46,12 @@ class Allowance:
     def records_left(self, read: int) -> int:
         """Records that may still come when `read` bytes of the log are read."""
         return read + self.extra_bytes - self.records
+
+    def take_records(self, count: int, read: int) -> None:
+        """Use up records, as `take_bytes`."""
+        left = self.records_left(read)
+        if count > left:
+            raise LayoutError(
+                f"it has over {left} records, with what came before more than the log has bytes"
+            )
+        self.records += count

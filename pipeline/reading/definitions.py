@@ -5,14 +5,12 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterable
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import BinaryIO
 
 from mcap import records
 from mcap.opcode import Opcode
 
-from wayside.pipeline.reading.chunks import find_records, take_records
 from wayside.pipeline.reading.layout import (
     LARGEST_RECORD,
     MAGIC,
@@ -20,6 +18,7 @@ from wayside.pipeline.reading.layout import (
     Channel,
     LayoutError,
     parse_record,
+    records_in,
 )
 
 _FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of the summary, of its offsets, checksum
@@ -86,22 +85,21 @@ def read_summary(stream: BinaryIO, size: int) -> Summary | None:
     opcode, length, start, _, checksum = _FOOTER.unpack_from(tail)
     is_footer = opcode == Opcode.FOOTER and length == _FOOTER.size - RECORD_HEAD.size
     start = start or footer  # 0: there is none
-    if not (is_footer and tail.endswith(MAGIC) and len(MAGIC) <= start <= footer):
-        return None
-    if footer - start > LARGEST_RECORD:
+    earliest = max(len(MAGIC), footer - LARGEST_RECORD)
+    if not (is_footer and tail.endswith(MAGIC) and earliest <= start <= footer):
         return None
     stream.seek(start)
     section = memoryview(stream.read(footer - start))
-    offsets, fault = find_records(section, len(section))
-    crc = zlib.crc32(tail[: _FOOTER.size - 4], zlib.crc32(section))
-    if fault or checksum not in (0, crc):
+    if checksum not in (0, zlib.crc32(tail[: _FOOTER.size - 4], zlib.crc32(section))):
         return None
     definitions: list[object] = []
     counts: tuple[int | None, ...] = (None,)
-    for opcode, content in take_records(section, offsets):
-        if opcode == Opcode.STATISTICS and len(content) >= _STATISTICS.size:
-            counts = _STATISTICS.unpack_from(content)
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            with suppress(LayoutError):
+    try:
+        for opcode, content in records_in(section):
+            if opcode == Opcode.STATISTICS and len(content) >= _STATISTICS.size:
+                counts = _STATISTICS.unpack_from(content)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 definitions.append(parse_record(opcode, content)[0])
+    except LayoutError:
+        return None
     return Summary(start, definitions, counts[0], counts[-1])

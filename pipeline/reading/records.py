@@ -11,6 +11,7 @@ import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -19,12 +20,6 @@ from mcap.records import Attachment, Metadata
 
 from wayside.pipeline.input_files import open_input
 from wayside.pipeline.reading.bounds import Allowance
-from wayside.pipeline.reading.chunks import (
-    find_records,
-    parse_chunk_head,
-    take_records,
-    unpack_chunk,
-)
 from wayside.pipeline.reading.definitions import Definitions, read_summary
 from wayside.pipeline.reading.layout import (
     ENDS,
@@ -35,7 +30,10 @@ from wayside.pipeline.reading.layout import (
     PARSED,
     Channel,
     LayoutError,
+    parse_chunk_head,
     parse_record,
+    records_in,
+    unpack_chunk,
 )
 from wayside.pipeline.reading.parts import LogParts, log_parts
 from wayside.pipeline.reading.resync import LARGEST_ATTACHMENT, RecordFinder, RecordHead
@@ -194,17 +192,15 @@ class _Scanner:
 
     def _check_magic(self) -> None:
         found = bytes(self.finder.bytes_at(0, len(MAGIC)))
-        if found != MAGIC:
-            what = f"a file that begins with {found!r}" if found else "an empty file"
-            raise InputError(
-                f"{self.path}: wanted an MCAP log, found {what}; make a log of ROS bags with `wayside join`, "
-                "of numbered images with `wayside import`, and convert other recordings to MCAP"
-            )
-        if self.size <= 2 * len(MAGIC):
-            raise InputError(
-                f"{self.path}: wanted an MCAP log, found its file mark without any record; "
-                "the recording stopped before anything was written: use another"
-            )
+        if found == MAGIC and self.size > 2 * len(MAGIC):
+            return
+        what = f"a file that begins with {found!r}" if found else "an empty file"
+        if found == MAGIC:
+            what = "its file mark without any record"
+        raise InputError(
+            f"{self.path}: wanted an MCAP log, found {what}; make a log of ROS bags with `wayside join`, "
+            "of numbered images with `wayside import`, and convert other recordings to MCAP"
+        )
 
     def content(self, head: RecordHead) -> Iterator[Content]:
         """What a record holds; raises LayoutError, before anything comes, where it contradicts itself."""
@@ -244,17 +240,20 @@ class _Scanner:
         read = min(head.end, self.size)
         self.allowance.take_bytes(chunk.unpacked_size, read)
         data = unpack_chunk(chunk, content[chunk.size :], whole=not cut)
-        offsets, fault = find_records(data, self.allowance.records_left(read))
-        if fault and not cut:
-            raise LayoutError(fault)
-        self.allowance.records += len(offsets)
+        most = self.allowance.records_left(read)
+        if not cut:  # as a whole or not at all
+            self.allowance.take_records(sum(1 for _ in islice(records_in(data), most + 1)), read)
         report.compressions[chunk.compression or "none"] += 1
-        for opcode, inner in take_records(data, offsets):
-            if opcode == Opcode.MESSAGE:
-                checked = chunk.checksum != 0 and not cut
-                yield from self._message(inner, head.start, checked=checked)
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self.definitions.add(parse_record(opcode, inner)[0])
+        try:
+            for opcode, inner in islice(records_in(data), most):
+                if opcode == Opcode.MESSAGE:
+                    checked = chunk.checksum != 0 and not cut
+                    yield from self._message(inner, head.start, checked=checked)
+                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    self.definitions.add(parse_record(opcode, inner)[0])
+        except LayoutError:
+            if not cut:
+                raise
 
     def _message(self, content: memoryview, start: int, *, checked: bool) -> Iterator[Message]:
         """The message, if its channel and time are known."""
@@ -278,20 +277,19 @@ class _Scanner:
         the size.
         """
         finder, kind = self.finder, "record"
-        position: int | None = None
         if head is None:
             position = finder.find(start + 1)
+            if position is None and finder.cut:
+                return finder.end  # told as the cut
         else:
+            position = head.end
             if head.opcode <= LAST_KNOWN:
                 kind = Opcode(head.opcode).name.lower().replace("_", " ")
-            position = head.end
             wrong_length = head.opcode == Opcode.CHUNK and not finder.is_chunk(head)
             if wrong_length or not finder.follows(head.end):
                 position = finder.find(head.content if start >= self.searched else head.end)
                 self.searched = max(self.searched, head.end)
             self.report.lost_chunks += head.opcode == Opcode.CHUNK
-        if head is None and position is None and finder.cut:
-            return finder.end  # told as the cut
         position = finder.end if position is None else position
         self.report.add_problem(start, f"{kind} of {position - start} bytes lost: {error}")
         return position

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, OrderedDict
+from collections import Counter
 from collections.abc import Iterator
 from copy import deepcopy
 from dataclasses import fields, replace
@@ -49,12 +49,21 @@ def image_messages(
     offsets = np.array(index.offset, np.int64)
     # The log is known as a whole: what may come does not depend on the place in it.
     whole = replace(allowance, extra_bytes=allowance.extra_bytes + report.bytes_total)
-    records = _Records(survey, topic, whole)
+    parts = log_parts(survey.path)
     wanted = Counter(offsets[order].tolist())
+    kept: dict[int, list[Message]] = {}
     for count, row in enumerate(order.tolist(), start=1):
-        offset = int(offsets[row])
         report.bytes_read = report.bytes_total * count // len(order)
-        found = records.at(offset)
+        offset = int(offsets[row])
+        if offset not in kept:
+            kept[offset] = [
+                m
+                for m in messages_at(parts, offset, survey.channels_at(offset), whole)
+                if m.channel.topic == topic and survey.is_indexed(m.channel)
+            ]
+            while len(kept) > 1 and sum(map(_size, kept.values())) > _MOST_KEPT_BYTES:
+                del kept[next(iter(kept))]
+        found = kept[offset]
         place = row - int(np.searchsorted(offsets, offset))
         if place >= len(found) or found[place].log_time_ns != index.log_ns[row]:
             raise InputError(
@@ -63,41 +72,12 @@ def image_messages(
         yield row, found[place]
         wanted[offset] -= 1
         if not wanted[offset]:
-            records.drop(offset)
+            del kept[offset]
     if log_parts(survey.path).size > report.bytes_total:
         report.add_problem(
             report.bytes_total,
             "the log grew while it was read: what stood there before is used; run it again once it is written",
         )
-
-
-class _Records:
-    """Image messages of the records of a log by their offset, the latest ones kept."""
-
-    def __init__(self, survey: LogSurvey, topic: str, allowance: Allowance) -> None:
-        self.survey, self.topic, self.allowance = survey, topic, allowance
-        self.parts = log_parts(survey.path)
-        self.kept: OrderedDict[int, list[Message]] = OrderedDict()
-        self.bytes = 0
-
-    def at(self, offset: int) -> list[Message]:
-        if offset in self.kept:
-            self.kept.move_to_end(offset)
-            return self.kept[offset]
-        known = self.survey.channels_at(offset)
-        messages = [
-            m
-            for m in messages_at(self.parts, offset, known, self.allowance)
-            if m.channel.topic == self.topic and self.survey.is_indexed(m.channel)
-        ]
-        self.kept[offset] = messages
-        self.bytes += _size(messages)
-        while len(self.kept) > 1 and self.bytes > _MOST_KEPT_BYTES:
-            self.drop(next(iter(self.kept)))
-        return messages
-
-    def drop(self, offset: int) -> None:
-        self.bytes -= _size(self.kept.pop(offset))
 
 
 def _size(messages: list[Message]) -> int:

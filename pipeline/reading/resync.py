@@ -9,9 +9,9 @@ from typing import BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
 
-from wayside.pipeline.reading.chunks import LARGEST_HEAD, parse_chunk_head
 from wayside.pipeline.reading.layout import (
     ENDS,
+    LARGEST_CHUNK_HEAD,
     LATEST_NS,
     MESSAGE_HEAD,
     PARSED,
@@ -19,6 +19,7 @@ from wayside.pipeline.reading.layout import (
     Channel,
     LayoutError,
     length_is_plausible,
+    parse_chunk_head,
     parse_record,
 )
 
@@ -127,10 +128,10 @@ class RecordFinder:
         if head.opcode != Opcode.CHUNK:
             return False
         try:
-            chunk = parse_chunk_head(self.bytes_at(head.content, LARGEST_HEAD), head.length)
+            parse_chunk_head(self.bytes_at(head.content, LARGEST_CHUNK_HEAD), head.length)
         except LayoutError:
             return False
-        return chunk.start_ns <= chunk.end_ns
+        return True
 
     def find(self, start: int) -> int | None:
         """Offset of the first record from `start` on that can be recognised, None where there is none."""
