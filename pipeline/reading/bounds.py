@@ -28,13 +28,7 @@ class Allowance:
     records: int = 0
 
     def take_bytes(self, count: int, read: int) -> None:
-        """Use up the unpacked size of a chunk, before it is unpacked, when `read` bytes of the log are read.
-
-        Raises
-        ------
-        LayoutError
-            It is more than is left.
-        """
+        """Use up the unpacked size of a chunk when `read` bytes are read; raises LayoutError where less is left."""
         left = self.ratio * (read + self.extra_bytes) - self.unpacked_bytes
         if count > min(left, LARGEST_RECORD):
             raise LayoutError(

@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Any
+from typing import Any, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
@@ -42,14 +42,13 @@ LARGEST_RECORD = 1 << 29
 _SHORTEST = (0, 8, 20, 14, 16, MESSAGE_HEAD.size, 40, 6, 64, 36, 48, 46, 8, 20, 17, 4)
 """Bytes that the fixed fields of each kind take, by opcode."""
 
-_PARSED: dict[int, Any] = {
+PARSED: dict[int, Any] = {
     Opcode.HEADER: records.Header,
     Opcode.SCHEMA: records.Schema,
     Opcode.CHANNEL: records.Channel,
     Opcode.METADATA: records.Metadata,
     Opcode.ATTACHMENT: records.Attachment,
 }
-PARSED = frozenset(_PARSED)
 """Kinds whose own lengths tell whether the length of the record is right."""
 
 
@@ -73,14 +72,33 @@ class Channel:
         return "" if self.schema is None else self.schema.name
 
 
-def length_is_plausible(opcode: int, length: int) -> bool:
-    """Whether a record of this kind can be this long; none has opcode 0."""
-    shortest = _SHORTEST[opcode] if opcode <= LAST_KNOWN else 1
-    if opcode in ENDS:
-        return length == shortest
-    if opcode == 0 or (opcode == Opcode.MESSAGE_INDEX and length % 16 != shortest):
-        return False
-    return shortest <= length <= (1 << 62 if opcode == Opcode.ATTACHMENT else LARGEST_RECORD)
+class RecordHead(NamedTuple):
+    """Kind of a record, how long its content is, and where the record begins in the file."""
+
+    opcode: int
+    length: int
+    start: int
+
+    @property
+    def content(self) -> int:
+        """Where its content begins."""
+        return self.start + RECORD_HEAD.size
+
+    @property
+    def end(self) -> int:
+        """Where it ends."""
+        return self.content + self.length
+
+    @property
+    def plausible(self) -> bool:
+        """Whether a record of this kind can be this long; none has opcode 0."""
+        opcode, length = self.opcode, self.length
+        shortest = _SHORTEST[opcode] if opcode <= LAST_KNOWN else 1
+        if opcode in ENDS:
+            return length == shortest
+        if opcode == 0 or (opcode == Opcode.MESSAGE_INDEX and length % 16 != shortest):
+            return False
+        return shortest <= length <= (1 << 62 if opcode == Opcode.ATTACHMENT else LARGEST_RECORD)
 
 
 class _Content(ReadDataStream):
@@ -100,14 +118,11 @@ class _Content(ReadDataStream):
 def parse_record(opcode: int, content: memoryview) -> tuple[Any, int]:
     """A record of one of the kinds `PARSED` as the `mcap` package has it, and how many bytes stand behind its fields.
 
-    Raises
-    ------
-    LayoutError
-        A field reaches beyond the content, or the checksum of an attachment differs.
+    Raises LayoutError where a field reaches beyond the content, or the checksum of an attachment differs.
     """
     stream = _Content(BytesIO(content))
     try:
-        record = _PARSED[opcode].read(stream)
+        record = PARSED[opcode].read(stream)
     except EndOfFile as error:
         raise LayoutError("a field of it reaches beyond its end") from error
     if opcode == Opcode.ATTACHMENT:
@@ -129,12 +144,9 @@ class ChunkHead:
 
 
 def parse_chunk_head(content: memoryview, record_length: int) -> ChunkHead:
-    """Head of a chunk by the content of its record, or its first `LARGEST_CHUNK_HEAD` bytes.
+    """Head of a chunk by the content of its record, or the first `LARGEST_CHUNK_HEAD` bytes of it.
 
-    Raises
-    ------
-    LayoutError
-        The head is cut off, or contradicts the length of the record's content.
+    Raises LayoutError where it is cut off, or contradicts the length of the content.
     """
     if len(content) < _CHUNK_HEAD.size + 8:
         raise LayoutError("its head is incomplete")
@@ -155,12 +167,7 @@ def unpack_chunk(head: ChunkHead, packed: memoryview, *, whole: bool = True) -> 
     """The records of a chunk as bytes; unless it is `whole`, what can be had of its front, which nothing can check.
 
     Of lz4 and zstd whole blocks are unpacked. Whatever the compressed data would grow to, at most one byte more than
-    the head says is made.
-
-    Raises
-    ------
-    LayoutError
-        It cannot be unpacked; size or checksum of a whole one differs.
+    the head says is made. Raises LayoutError where it cannot be unpacked, or size or checksum of a whole one differs.
     """
     limit = head.unpacked_size + 1
     try:

@@ -30,13 +30,14 @@ from wayside.pipeline.reading.layout import (
     PARSED,
     Channel,
     LayoutError,
+    RecordHead,
     parse_chunk_head,
     parse_record,
     records_in,
     unpack_chunk,
 )
 from wayside.pipeline.reading.parts import LogParts, log_parts
-from wayside.pipeline.reading.resync import LARGEST_ATTACHMENT, RecordFinder, RecordHead
+from wayside.pipeline.reading.resync import LARGEST_ATTACHMENT, RecordFinder
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.schemas.errors import InputError
 
@@ -91,10 +92,7 @@ def messages_at(
 ) -> list[Message]:
     """Messages of the one record at an offset of a log scanned before, of the channels known there.
 
-    Raises
-    ------
-    InputError
-        As `scan`, and where the record can no longer be read as it was, or only beyond the allowance.
+    Raises InputError as `scan`, and where the record cannot be read any more, or only beyond the allowance.
     """
     path, place = parts.at(offset)
     with _opened(path, ScanReport(bytes_read=place), allowance, offset - place) as scanner:
@@ -179,10 +177,10 @@ class _Scanner:
             self.report.bytes_read = self.base + min(position, self.size)
         else:
             if finder.cut:
-                rest = f" {self.size - whole} bytes behind its last whole record"
                 self.report.add_problem(
                     whole,
-                    f"the log ends without its end mark: the recording was cut off{rest if whole < self.size else ''}",
+                    "the log ends without its end mark: the recording was cut off "
+                    f"{self.size - whole} bytes behind its last whole record",
                 )
         for channel_id, (start, count) in self.definitions.lost.items():
             self.report.add_problem(

@@ -52,6 +52,7 @@ def image_messages(
     parts = log_parts(survey.path)
     wanted = Counter(offsets[order].tolist())
     kept: dict[int, list[Message]] = {}
+    held = 0
     for count, row in enumerate(order.tolist(), start=1):
         report.bytes_read = report.bytes_total * count // len(order)
         offset = int(offsets[row])
@@ -61,8 +62,9 @@ def image_messages(
                 for m in messages_at(parts, offset, survey.channels_at(offset), whole)
                 if m.channel.topic == topic and survey.is_indexed(m.channel)
             ]
-            while len(kept) > 1 and sum(map(_size, kept.values())) > _MOST_KEPT_BYTES:
-                del kept[next(iter(kept))]
+            held += _size(kept[offset])
+            while len(kept) > 1 and held > _MOST_KEPT_BYTES:
+                held -= _size(kept.pop(next(iter(kept))))
         found = kept[offset]
         place = row - int(np.searchsorted(offsets, offset))
         if place >= len(found) or found[place].log_time_ns != index.log_ns[row]:
@@ -72,7 +74,7 @@ def image_messages(
         yield row, found[place]
         wanted[offset] -= 1
         if not wanted[offset]:
-            del kept[offset]
+            held -= _size(kept.pop(offset))
     if log_parts(survey.path).size > report.bytes_total:
         report.add_problem(
             report.bytes_total,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 from mcap.opcode import Opcode
 
@@ -18,7 +18,7 @@ from wayside.pipeline.reading.layout import (
     RECORD_HEAD,
     Channel,
     LayoutError,
-    length_is_plausible,
+    RecordHead,
     parse_chunk_head,
     parse_record,
 )
@@ -30,24 +30,6 @@ _WINDOW = 1 << 14
 # looks like one is the inside of a broken chunk.
 _OUTSIDE_CHUNKS = re.compile(rb"[\x06\x09\x0c\x0f](?=.{4}\x00{4})", re.DOTALL)
 _ANYWHERE = re.compile(rb"[\x03-\x06\x09\x0c\x0f](?=.{4}\x00{4})", re.DOTALL)
-
-
-class RecordHead(NamedTuple):
-    """Kind of a record, how long its content is, and where the record begins in the file."""
-
-    opcode: int
-    length: int
-    start: int
-
-    @property
-    def content(self) -> int:
-        """Where its content begins."""
-        return self.start + RECORD_HEAD.size
-
-    @property
-    def end(self) -> int:
-        """Where it ends."""
-        return self.content + self.length
 
 
 @dataclass(slots=True)
@@ -69,13 +51,14 @@ class RecordFinder:
         self.stream.seek(offset)
         return memoryview(self.stream.read(count))
 
-    def head_at(self, offset: int) -> RecordHead | None:
-        """Head of a record, None where none can begin; it may reach beyond the end."""
+    def head_at(self, offset: int, *, damaged: bool = False) -> RecordHead | None:
+        """Head of a record, None where none can begin, unless it is `damaged`; it may reach beyond the end."""
         found = self.bytes_at(offset, RECORD_HEAD.size)
         if len(found) < RECORD_HEAD.size:
             return None
         opcode, length = RECORD_HEAD.unpack(found)
-        return RecordHead(opcode, length, offset) if length_is_plausible(opcode, length) else None
+        head = RecordHead(opcode, length, offset)
+        return head if damaged or head.plausible else None
 
     def follows(self, offset: int) -> bool:
         """Whether a record begins here, also one whose kind or length is damaged, or none is left.
@@ -85,17 +68,14 @@ class RecordFinder:
         """
         if self._is_end(offset) or self._is_known_message(offset):
             return True
-        found = self.bytes_at(offset, RECORD_HEAD.size)
-        if offset > self.end or len(found) < RECORD_HEAD.size:
+        head = self.head_at(offset, damaged=True)
+        if head is None or offset > self.end:
             return False
-        opcode, length = RECORD_HEAD.unpack(found)
-        head = RecordHead(opcode, length, offset)
         inside = head.end < self.end
         if self._is_end(head.end) or (inside and self._is_known_message(head.end)):
             return True
-        if length_is_plausible(opcode, length) and (
-            opcode in ENDS or (self.head_at(head.end) is not None if inside else self.cut)
-        ):
+        behind = self.head_at(head.end) is not None if inside else self.cut
+        if head.plausible and (behind or head.opcode in ENDS):
             return True
         end = self._content_end(head)
         return end is not None and self.head_at(end) is not None
