@@ -26,15 +26,10 @@ _STATISTICS = struct.Struct("<QHIIII")  # messages, schemas, channels, attachmen
 
 
 class Definitions:
-    """What each channel of a log is, by its number, as far as known.
-
-    A channel whose schema is missing is not defined. lost: where the first message of one that is not stands, and how
-    many there are.
-    """
+    """What each channel of a log is, by its number, as far as known; one whose schema is missing is not defined."""
 
     def __init__(self) -> None:
         self.channels: dict[int, Channel] = {}
-        self.lost: dict[int, tuple[int, int]] = {}
         self._schemas: dict[int, records.Schema] = {}
 
     def know(self, channels: Iterable[Channel]) -> None:
@@ -55,11 +50,6 @@ class Definitions:
                 self.channels.pop(channel.id, None)
             elif self.channels.get(channel.id) != channel:  # some writers repeat it in every chunk
                 self.channels[channel.id] = channel
-
-    def lose_message(self, channel_id: int, start: int) -> None:
-        """Count a message at `start` of a channel that is not defined."""
-        first, count = self.lost.get(channel_id, (start, 0))
-        self.lost[channel_id] = first, count + 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -145,6 +145,7 @@ class _Scanner:
         self.finder = RecordFinder(stream, self.definitions.channels, self.size)
         self.messages_stated: int | None = None
         self.searched = 0
+        self.lost: dict[int, tuple[int, int]] = {}  # by channel: first message and count
 
     def run(self) -> Iterator[Content]:
         """All records that can be read, in file order."""
@@ -182,7 +183,7 @@ class _Scanner:
                     "the log ends without its end mark: the recording was cut off "
                     f"{self.size - whole} bytes behind its last whole record",
                 )
-        for channel_id, (start, count) in self.definitions.lost.items():
+        for channel_id, (start, count) in self.lost.items():
             self.report.add_problem(
                 start,
                 f"{count} messages of channel {channel_id} lost: its definition, or that of its schema, is missing",
@@ -258,7 +259,8 @@ class _Scanner:
         channel_id, sequence, log_time_ns, _ = MESSAGE_HEAD.unpack_from(content)
         channel = self.definitions.channels.get(channel_id)
         if channel is None:
-            self.definitions.lose_message(channel_id, start)
+            first, count = self.lost.get(channel_id, (start, 0))
+            self.lost[channel_id] = first, count + 1
         elif log_time_ns >= LATEST_NS:
             self.report.add_problem(
                 start, f"a message of {channel.topic} lost: its time is after the year 2116"

@@ -14,13 +14,11 @@ from wayside.pipeline.reading.layout import (
     LARGEST_CHUNK_HEAD,
     LATEST_NS,
     MESSAGE_HEAD,
-    PARSED,
     RECORD_HEAD,
     Channel,
     LayoutError,
     RecordHead,
     parse_chunk_head,
-    parse_record,
 )
 
 LARGEST_ATTACHMENT = 1 << 20
@@ -75,21 +73,7 @@ class RecordFinder:
         if self._is_end(head.end) or (inside and self._is_known_message(head.end)):
             return True
         behind = self.head_at(head.end) is not None if inside else self.cut
-        if head.plausible and (behind or head.opcode in ENDS):
-            return True
-        end = self._content_end(head)
-        return end is not None and self.head_at(end) is not None
-
-    def _content_end(self, head: RecordHead) -> int | None:
-        """Where the content of one of `PARSED` ends by its own lengths, None where they make no sense."""
-        if head.opcode not in PARSED:
-            return None
-        content = self.bytes_at(head.content, LARGEST_ATTACHMENT)
-        try:
-            _, left = parse_record(head.opcode, content)
-        except LayoutError:
-            return None
-        return head.content + len(content) - left
+        return head.plausible and (behind or head.opcode in ENDS)
 
     def _is_end(self, offset: int) -> bool:
         """Whether no record is left, or too little of one to be told."""
@@ -125,12 +109,10 @@ class RecordFinder:
         return None
 
     def _is_record(self, offset: int) -> bool:
-        """Whether kind, length, content and what follows agree."""
+        """Whether kind, length and what follows agree."""
         head = self.head_at(offset)
         if head is None or head.end > self.end:
             return False
         if head.opcode == Opcode.CHUNK:
             return self.is_chunk(head)
-        if head.opcode in PARSED and self._content_end(head) != head.end:
-            return False
         return self.follows(head.end)

@@ -77,7 +77,6 @@ class ScanReport:
         """Count a message that is used."""
         self.messages += 1
         self.unchecked_messages += not checked
-        if self.first_log_ns is None or log_time_ns < self.first_log_ns:
-            self.first_log_ns = log_time_ns
-        if self.last_log_ns is None or log_time_ns > self.last_log_ns:
-            self.last_log_ns = log_time_ns
+        first, last = self.first_log_ns, self.last_log_ns
+        self.first_log_ns = log_time_ns if first is None else min(first, log_time_ns)
+        self.last_log_ns = log_time_ns if last is None else max(last, log_time_ns)
