@@ -285,8 +285,7 @@ class _Scanner:
             position = head.end
             if head.opcode <= LAST_KNOWN:
                 kind = Opcode(head.opcode).name.lower().replace("_", " ")
-            wrong_length = head.opcode == Opcode.CHUNK and not finder.is_chunk(head)
-            if wrong_length or not finder.follows(head.end):
+            if not finder.follows(head.end):
                 position = finder.find(head.content if start >= self.searched else head.end)
                 self.searched = max(self.searched, head.end)
             self.report.lost_chunks += head.opcode == Opcode.CHUNK

@@ -98,21 +98,15 @@ class RecordFinder:
         return True
 
     def find(self, start: int) -> int | None:
-        """Offset of the first record from `start` on that can be recognised, None where there is none."""
+        """Offset of the first record from `start` on of which kind, length and what follows agree; None: there is none."""
         pattern = _OUTSIDE_CHUNKS if self.chunked else _ANYWHERE
         while start < self.end:
             window = self.bytes_at(start, _WINDOW + RECORD_HEAD.size)
             for match in pattern.finditer(window):
-                if match.start() < _WINDOW and self._is_record(start + match.start()):
-                    return start + match.start()
+                head = self.head_at(start + match.start())
+                if head is None or head.end > self.end or match.start() >= _WINDOW:
+                    continue
+                if self.is_chunk(head) or (head.opcode != Opcode.CHUNK and self.follows(head.end)):
+                    return head.start
             start += _WINDOW
         return None
-
-    def _is_record(self, offset: int) -> bool:
-        """Whether kind, length and what follows agree."""
-        head = self.head_at(offset)
-        if head is None or head.end > self.end:
-            return False
-        if head.opcode == Opcode.CHUNK:
-            return self.is_chunk(head)
-        return self.follows(head.end)
