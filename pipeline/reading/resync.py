@@ -98,7 +98,7 @@ class RecordFinder:
         return True
 
     def find(self, start: int) -> int | None:
-        """Offset of the first record from `start` on of which kind, length and what follows agree; None: there is none."""
+        """Offset of the first record from `start` on whose kind, length and what follows agree; None: there is none."""
         pattern = _OUTSIDE_CHUNKS if self.chunked else _ANYWHERE
         while start < self.end:
             window = self.bytes_at(start, _WINDOW + RECORD_HEAD.size)
