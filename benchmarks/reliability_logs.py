@@ -36,8 +36,13 @@ from unpackable import Reach, reach_of
 
 from recordings.drives.messages.dialects import DIALECTS
 from wayside.pipeline.information import describe_log, format_information
-from wayside.pipeline.reading.chunks import find_records, parse_chunk_head, unpack_chunk
-from wayside.pipeline.reading.layout import MAGIC, RECORD_HEAD
+from wayside.pipeline.reading.layout import (
+    MAGIC,
+    RECORD_HEAD,
+    parse_chunk_head,
+    records_in,
+    unpack_chunk,
+)
 from wayside.pipeline.reading.records import Message, scan
 from wayside.pipeline.reading.scan_report import ScanReport
 
@@ -133,10 +138,10 @@ def places_of(content: bytes) -> list[Place]:
             data = unpack_chunk(head, memoryview(content)[body + size : end])
             reach = reach_of(head.compression, content[body + size : end])
             assert reach[-1] == len(data)
-            for offset in find_records(data, 1 << 30)[0]:
-                kind, inner = RECORD_HEAD.unpack_from(data, offset)
+            last = 0
+            for kind, inner in records_in(data):
+                last += RECORD_HEAD.size + len(inner)
                 if kind == Opcode.MESSAGE:
-                    last = offset + RECORD_HEAD.size + inner
                     places.append(Place(end, body + size, last, len(data), reach))
         elif opcode == 0x0F:
             break

@@ -83,7 +83,7 @@ def calibrate(
     from wayside.pipeline.calibration.boards import parse_board
     from wayside.pipeline.calibration.command import calibrate_by_boards, calibrate_by_drive
     from wayside.pipeline.lengths import parse_length
-    from wayside.pipeline.reading.parts import is_plain_folder
+    from wayside.pipeline.reading.parts import is_bag
     from wayside.pipeline.settings_file import load_settings
     from wayside.pipeline.tuning import tune_process
     from wayside.schemas.errors import UsageError
@@ -91,7 +91,7 @@ def calibrate(
     tune_process()
     options = read_options(spacing, camera, calibration, start, until, every, None)
     chosen = load_settings("default", settings, assignments or [], options)[0]
-    if board is None and (folder := next((p for p in paths if is_plain_folder(p)), None)):
+    if board is None and (folder := next((p for p in paths if p.is_dir() and not is_bag(p)), None)):
         raise UsageError(
             f"{folder}: wanted a log, found a folder; of images of a board say the inner corners, as in --board 9x6"
         )

@@ -14,10 +14,10 @@ from rosbags.convert import ConverterError
 from rosbags.convert.converter import convert
 from rosbags.typesys import Stores, get_typestore
 
-from wayside.pipeline.reading.layout import Attachment, Channel, Metadata
+from wayside.pipeline.reading.layout import Channel
 from wayside.pipeline.reading.messages import ROS_TYPES
 from wayside.pipeline.reading.parts import bag_parts, is_mcap
-from wayside.pipeline.reading.records import scan
+from wayside.pipeline.reading.records import Attachment, Metadata, scan
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.writing import whole_file
 from wayside.schemas.errors import InputError, UsageError
@@ -151,7 +151,7 @@ class _Joiner:
         known: dict[int, tuple[Channel, int]] = {}
         for record in scan(part, report):
             if isinstance(record, Metadata):
-                self._writer.add_metadata(record.name, record.values)
+                self._writer.add_metadata(record.name, record.metadata)
             elif isinstance(record, Attachment):
                 self._writer.add_attachment(0, 0, record.name, record.media_type, record.data)
             else:

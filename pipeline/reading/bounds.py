@@ -28,24 +28,24 @@ class Allowance:
     records: int = 0
 
     def take_bytes(self, count: int, read: int) -> None:
-        """Use up the unpacked size of a chunk, before it is unpacked.
-
-        Raises
-        ------
-        LayoutError
-            It is more than is left when `read` bytes of the log are read.
-        """
-        if count > LARGEST_RECORD:
+        """Use up the unpacked size of a chunk when `read` bytes are read; raises LayoutError where less is left."""
+        left = self.ratio * (read + self.extra_bytes) - self.unpacked_bytes
+        if count > min(left, LARGEST_RECORD):
             raise LayoutError(
-                f"it says it unpacks to {count} bytes; at most {LARGEST_RECORD} are unpacked"
-            )
-        if self.unpacked_bytes + count > self.ratio * (read + self.extra_bytes):
-            raise LayoutError(
-                f"it says it unpacks to {count} bytes, with what came before more than {self.ratio} times what was "
-                "read of the log"
+                f"it says it unpacks to {count} bytes: over {LARGEST_RECORD}, or with what came before more than "
+                f"{self.ratio} times what was read of the log"
             )
         self.unpacked_bytes += count
 
     def records_left(self, read: int) -> int:
         """Records that may still come when `read` bytes of the log are read."""
         return read + self.extra_bytes - self.records
+
+    def take_records(self, count: int, read: int) -> None:
+        """Use up records, as `take_bytes`."""
+        left = self.records_left(read)
+        if count > left:
+            raise LayoutError(
+                f"it has over {left} records, with what came before more than the log has bytes"
+            )
+        self.records += count

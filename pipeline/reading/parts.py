@@ -33,10 +33,7 @@ class LogParts:
 def log_parts(path: Path) -> LogParts:
     """The files of a log and their sizes; a file that is not there has none.
 
-    Raises
-    ------
-    InputError
-        A directory is no ROS 2 bag, not all of its parts are there, or they are not MCAP files.
+    Raises InputError as `bag_parts`, and where its parts are not MCAP files.
     """
     files = bag_parts(path) if path.is_dir() else [path]
     if len(files) > 1 and not all(is_mcap(file) for file in files):
@@ -58,19 +55,8 @@ def is_bag(path: Path) -> bool:
     return (path / BAG_METADATA).is_file()
 
 
-def is_plain_folder(path: Path) -> bool:
-    """Whether a path is a directory that is no ROS 2 bag."""
-    return path.is_dir() and not is_bag(path)
-
-
 def bag_parts(folder: Path) -> list[Path]:
-    """Files of a ROS 2 bag directory in their order.
-
-    Raises
-    ------
-    InputError
-        It is no such directory, or a part that it lists is not there.
-    """
+    """Files of a ROS 2 bag directory in their order; raises InputError where it is none, or a part is not there."""
     file = folder / BAG_METADATA
     try:
         content = parse_yaml(read_input_text(file))

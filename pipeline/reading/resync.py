@@ -5,21 +5,20 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 from mcap.opcode import Opcode
 
-from wayside.pipeline.reading.chunks import LARGEST_HEAD, parse_chunk_head
 from wayside.pipeline.reading.layout import (
     ENDS,
+    LARGEST_CHUNK_HEAD,
     LATEST_NS,
     MESSAGE_HEAD,
-    PARSED,
     RECORD_HEAD,
     Channel,
     LayoutError,
-    length_is_plausible,
-    parse_record,
+    RecordHead,
+    parse_chunk_head,
 )
 
 LARGEST_ATTACHMENT = 1 << 20
@@ -29,24 +28,6 @@ _WINDOW = 1 << 14
 # looks like one is the inside of a broken chunk.
 _OUTSIDE_CHUNKS = re.compile(rb"[\x06\x09\x0c\x0f](?=.{4}\x00{4})", re.DOTALL)
 _ANYWHERE = re.compile(rb"[\x03-\x06\x09\x0c\x0f](?=.{4}\x00{4})", re.DOTALL)
-
-
-class RecordHead(NamedTuple):
-    """Kind of a record, where it begins in the file and how long its content is."""
-
-    opcode: int
-    start: int
-    length: int
-
-    @property
-    def content(self) -> int:
-        """Where its content begins."""
-        return self.start + RECORD_HEAD.size
-
-    @property
-    def end(self) -> int:
-        """Where it ends."""
-        return self.content + self.length
 
 
 @dataclass(slots=True)
@@ -68,13 +49,14 @@ class RecordFinder:
         self.stream.seek(offset)
         return memoryview(self.stream.read(count))
 
-    def head_at(self, offset: int) -> RecordHead | None:
-        """Head of a record, None where none can begin; it may reach beyond the end."""
+    def head_at(self, offset: int, *, damaged: bool = False) -> RecordHead | None:
+        """Head of a record, None where none can begin, unless it is `damaged`; it may reach beyond the end."""
         found = self.bytes_at(offset, RECORD_HEAD.size)
         if len(found) < RECORD_HEAD.size:
             return None
         opcode, length = RECORD_HEAD.unpack(found)
-        return RecordHead(opcode, offset, length) if length_is_plausible(opcode, length) else None
+        head = RecordHead(opcode, length, offset)
+        return head if damaged or head.plausible else None
 
     def follows(self, offset: int) -> bool:
         """Whether a record begins here, also one whose kind or length is damaged, or none is left.
@@ -84,29 +66,14 @@ class RecordFinder:
         """
         if self._is_end(offset) or self._is_known_message(offset):
             return True
-        head = self.bytes_at(offset, RECORD_HEAD.size)
-        if offset > self.end or len(head) < RECORD_HEAD.size:
+        head = self.head_at(offset, damaged=True)
+        if head is None or offset > self.end:
             return False
-        opcode, length = RECORD_HEAD.unpack(head)
-        behind, plausible = offset + RECORD_HEAD.size + length, length_is_plausible(opcode, length)
-        if plausible and opcode in ENDS:
+        inside = head.end < self.end
+        if self._is_end(head.end) or (inside and self._is_known_message(head.end)):
             return True
-        if behind > self.end and plausible and self.cut:
-            return True
-        if self._is_end(behind) or (behind < self.end and self._is_known_message(behind)):
-            return True
-        if plausible and behind < self.end and self.head_at(behind) is not None:
-            return True
-        return opcode in PARSED and self._follows_content(opcode, offset + RECORD_HEAD.size)
-
-    def _follows_content(self, opcode: int, start: int) -> bool:
-        """Whether a record begins where the content of one of `PARSED` ends by its own lengths, not its head's."""
-        content = self.bytes_at(start, LARGEST_ATTACHMENT)
-        try:
-            _, left = parse_record(opcode, content)
-        except LayoutError:
-            return False
-        return self.head_at(start + len(content) - left) is not None
+        behind = self.head_at(head.end) is not None if inside else self.cut
+        return head.plausible and (behind or head.opcode in ENDS)
 
     def _is_end(self, offset: int) -> bool:
         """Whether no record is left, or too little of one to be told."""
@@ -125,37 +92,21 @@ class RecordFinder:
         if head.opcode != Opcode.CHUNK:
             return False
         try:
-            chunk = parse_chunk_head(self.bytes_at(head.content, LARGEST_HEAD), head.length)
+            parse_chunk_head(self.bytes_at(head.content, LARGEST_CHUNK_HEAD), head.length)
         except LayoutError:
             return False
-        return chunk.start_ns <= chunk.end_ns
+        return True
 
     def find(self, start: int) -> int | None:
-        """Offset of the first record from `start` on that can be recognised, None where there is none."""
+        """Offset of the first record from `start` on whose kind, length and what follows agree; None: there is none."""
         pattern = _OUTSIDE_CHUNKS if self.chunked else _ANYWHERE
         while start < self.end:
             window = self.bytes_at(start, _WINDOW + RECORD_HEAD.size)
             for match in pattern.finditer(window):
-                if match.start() < _WINDOW and self._is_record(start + match.start()):
-                    return start + match.start()
+                head = self.head_at(start + match.start())
+                if head is None or head.end > self.end or match.start() >= _WINDOW:
+                    continue
+                if self.is_chunk(head) or (head.opcode != Opcode.CHUNK and self.follows(head.end)):
+                    return head.start
             start += _WINDOW
         return None
-
-    def _is_record(self, offset: int) -> bool:
-        """Whether kind, length, content and what follows agree."""
-        head = self.head_at(offset)
-        if head is None or head.end > self.end:
-            return False
-        if head.opcode == Opcode.CHUNK:
-            return self.is_chunk(head)
-        if head.opcode == Opcode.MESSAGE:
-            fields = MESSAGE_HEAD.unpack(self.bytes_at(head.content, MESSAGE_HEAD.size))
-            return fields[2] < LATEST_NS and self.follows(head.end)
-        if head.opcode in PARSED:
-            content = self.bytes_at(head.content, min(head.length, LARGEST_ATTACHMENT))
-            try:
-                _, left = parse_record(head.opcode, content)
-            except LayoutError:
-                return False
-            return left == 0 and self.follows(head.end)
-        return self.follows(head.end)

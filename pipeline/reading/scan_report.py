@@ -29,9 +29,11 @@ class ScanReport:
     """What a scan came across, filled while it runs.
 
     messages_stated: how many messages the summary counts, None where it does not say or was not reached;
-    unchecked_messages: those outside of chunks with a checksum; unknown_records: of kinds that are not known.
+    unchecked_messages: those outside of chunks with a checksum; unknown_records: of kinds that are not known;
+    part: file of a bag that is being read, empty where the log is one file.
     """
 
+    part: str = ""
     bytes_total: int = 0
     bytes_read: int = 0
     messages: int = 0
@@ -63,11 +65,11 @@ class ScanReport:
         """Whether parts of the log could not be read."""
         return self.problem_count > 0
 
-    def add_problem(self, offset: int, what: str, part: str = "") -> None:
+    def add_problem(self, offset: int, what: str) -> None:
         """Count a problem and keep its words while there is room."""
         self.problem_count += 1
         if self.problem_count <= MOST_PROBLEMS:
-            self.problems.append(Problem(offset, what, part))
+            self.problems.append(Problem(offset, what, self.part))
         elif self.problem_count == MOST_PROBLEMS + 1:
             self.problems.append(Problem(offset, "more problems follow, not listed"))
 
@@ -75,7 +77,6 @@ class ScanReport:
         """Count a message that is used."""
         self.messages += 1
         self.unchecked_messages += not checked
-        if self.first_log_ns is None or log_time_ns < self.first_log_ns:
-            self.first_log_ns = log_time_ns
-        if self.last_log_ns is None or log_time_ns > self.last_log_ns:
-            self.last_log_ns = log_time_ns
+        first, last = self.first_log_ns, self.last_log_ns
+        self.first_log_ns = log_time_ns if first is None else min(first, log_time_ns)
+        self.last_log_ns = log_time_ns if last is None else max(last, log_time_ns)

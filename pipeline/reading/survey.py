@@ -24,10 +24,10 @@ from wayside.pipeline.reading.image_headers import (
     frame_of,
     image_fault,
 )
-from wayside.pipeline.reading.layout import Attachment, Channel, Metadata
+from wayside.pipeline.reading.layout import Channel
 from wayside.pipeline.reading.messages import Decoders, Kind, kind_of
 from wayside.pipeline.reading.poses import TransformTree
-from wayside.pipeline.reading.records import Message, scan
+from wayside.pipeline.reading.records import Attachment, Message, Metadata, scan
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.streams import CameraTrack, ImageIndex, Positions
 from wayside.schemas.errors import InputError
@@ -241,18 +241,18 @@ def _fail(topic: Topic, offset: int, why: str) -> None:
 
 def _take_metadata(survey: LogSurvey, record: Metadata) -> None:
     if record.name == NAMES_METADATA:
-        survey.image_names.update(record.values)
+        survey.image_names.update(record.metadata)
     if record.name == DATES_METADATA:
-        survey.image_dates.update(record.values)
+        survey.image_dates.update(record.metadata)
     if record.name != METADATA_NAME:
         return
     try:
-        spacing_m = float(record.values.get(SPACING_KEY, "0"))
+        spacing_m = float(record.metadata.get(SPACING_KEY, "0"))
     except ValueError:
         return
     if 0 < spacing_m < 1e4:
         survey.spacing_m = spacing_m
-        survey.by_number = record.values.get(BY_NUMBER_KEY) == "yes"
+        survey.by_number = record.metadata.get(BY_NUMBER_KEY) == "yes"
 
 
 def _take_attachment(survey: LogSurvey, record: Attachment) -> None:
