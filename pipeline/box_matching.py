@@ -15,11 +15,13 @@ SMALLEST_IOU, LARGEST_AREA_RATIO = 0.3, 5.0
 Box = Sequence[float]
 
 
-def overlap(boxes: NDArray[np.floating[Any]], box: Box) -> NDArray[np.float64]:
-    """IoU (n,) of each of `boxes` (n, 4) with `box`; 0 where they show two things.
+def same_thing(a: Box, b: Box) -> bool:
+    """Whether boxes overlap well, or `a` has its centre in `b` and about its size."""
+    return bool(overlap(np.array([a]), b)[0] > 0)
 
-    They show one where they overlap well, or the centre lies in `box` and the sizes are about the same.
-    """
+
+def overlap(boxes: NDArray[np.floating[Any]], box: Box) -> NDArray[np.float64]:
+    """IoU (n,) of each of `boxes` (n, 4) with `box` where both show the same thing (see `same_thing`), else 0."""
     if len(boxes) == 0:
         return np.zeros(0)
     target = np.asarray(box, np.float64)[None]

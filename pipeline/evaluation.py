@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
@@ -207,7 +207,6 @@ class RenderedEvaluation(_Shares):
 def together(evaluations: Iterable[RenderedEvaluation]) -> RenderedEvaluation:
     """Several drives evaluated as one."""
     all_of = list(evaluations)
-    images = [e.images for e in all_of if e.images is not None]
     return RenderedEvaluation(
         wanted=sum(e.wanted for e in all_of),
         matches=tuple(m for e in all_of for m in e.matches),
@@ -216,7 +215,7 @@ def together(evaluations: Iterable[RenderedEvaluation]) -> RenderedEvaluation:
         backs=Backs(*(sum(getattr(e.backs, one.name) for e in all_of) for one in fields(Backs))),
         duplicates=tuple(row for e in all_of for row in e.duplicates),
         causes=tuple(cause for e in all_of for cause in e.causes),
-        images=sum(images) if len(images) == len(all_of) else None,
+        images=_sum_images(all_of),
         reliability=bins_together(e.reliability for e in all_of),
     )
 
@@ -265,7 +264,33 @@ class RealEvaluation(_Shares):
         }
 
 
+def together_real(evaluations: Iterable[RealEvaluation]) -> RealEvaluation:
+    """Several real drives evaluated as one, by their counts; labels are not renamed."""
+    all_of = list(evaluations)
+    kinds: dict[str, tuple[int, int]] = {}
+    for kind in (kind for e in all_of for kind in e.kinds):
+        wanted, found = kinds.get(kind.kind, (0, 0))
+        kinds[kind.kind] = wanted + kind.wanted, found + kind.found
+    return RealEvaluation(
+        wanted=sum(e.wanted for e in all_of),
+        found=tuple(name for e in all_of for name in e.found),
+        touching=sum(e.touching for e in all_of),
+        false=tuple(sign for e in all_of for sign in e.false),
+        missed=tuple(name for e in all_of for name in e.missed),
+        duplicates=tuple(row for e in all_of for row in e.duplicates),
+        kinds=tuple(KindCount(name, *counts) for name, counts in kinds.items()),
+        causes=tuple(cause for e in all_of for cause in e.causes),
+        images=_sum_images(all_of),
+        reliability=bins_together(e.reliability for e in all_of),
+    )
+
+
 Evaluation = RenderedEvaluation | RealEvaluation
+
+
+def _sum_images(evaluations: Sequence[Evaluation]) -> int | None:
+    images = [e.images for e in evaluations if e.images is not None]
+    return sum(images) if len(images) == len(evaluations) else None
 
 
 def _common_json(evaluation: Evaluation) -> dict[str, Any]:

@@ -157,7 +157,15 @@ def _cameras(plan: Plan, times: StreamTimes) -> list[Camera | None]:
     ]
     stated = np.array(track.row)
     held = np.flatnonzero(np.array([camera is not None for camera in cameras])[stated])
-    plan.calibration.failed += int(np.array(own)[stated].sum()) - len(held)
+    lost = int(np.array(own)[stated].sum()) - len(held)
+    if lost:
+        plan.calibration.failed += lost
+        reasons = (
+            c.why or c.why_rectified
+            for c, camera in zip(track.contents, cameras, strict=True)
+            if camera is None
+        )
+        plan.calibration.fault = plan.calibration.fault or next(reasons)
     paired = pair_times(times, track.times())
     if paired is None or len(set(stated[held].tolist())) <= 1:
         return [cameras[stated[held[0]]] if len(held) else None] * len(times.log_ns)

@@ -19,12 +19,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.box_matching import overlap
+from wayside.pipeline.box_matching import same_thing
 from wayside.pipeline.evaluate import evaluate, format_evaluation, write_evaluation
 from wayside.pipeline.evaluation import (
     RealEvaluation,
     RenderedEvaluation,
     together,
+    together_real,
 )
 from wayside.pipeline.evaluation_findings import (
     Backs,
@@ -400,6 +401,9 @@ def test_recall_is_told_by_kind_where_labels_name_kinds(tmp_path: Path) -> None:
     ]
     evaluation = evaluated_on_labels(tmp_path, [sign(1, ON_IT, best_frame=5)], [], labels(*marks))
     assert evaluation.kinds == (KindCount("parking plate", 2, 1), KindCount("other", 1, 0))
+    both = together_real([evaluation, evaluation])
+    assert both.kinds == (KindCount("parking plate", 4, 2), KindCount("other", 2, 0))
+    assert (both.wanted, both.found_count, both.images) == (6, 2, 2 * IMAGES)
     assert "parking plate                                     2      1   0.500" in (
         format_evaluation(evaluation)
     )
@@ -436,10 +440,9 @@ def test_a_false_sign_on_a_boxed_distractor_says_which(tmp_path: Path) -> None:
 
 
 def test_a_small_box_inside_a_large_one_is_the_same_thing_up_to_a_factor_of_five() -> None:
-    inside = np.array([[40, 40, 60, 60]])
-    assert overlap(inside, [30, 30, 70, 70])[0] > 0
-    assert overlap(inside, [0, 0, 100, 100])[0] == 0
-    assert overlap(np.array([[0, 0, 10, 10]]), [20, 20, 30, 30])[0] == 0
+    assert same_thing([40, 40, 60, 60], [30, 30, 70, 70])
+    assert not same_thing([40, 40, 60, 60], [0, 0, 100, 100])
+    assert not same_thing([0, 0, 10, 10], [20, 20, 30, 30])
 
 
 # --- what cannot be evaluated -----------------------------------------------------------------------
@@ -543,7 +546,7 @@ BOXES = st.tuples(st.floats(0, 90), st.floats(0, 90), st.floats(0.1, 50), st.flo
 
 @given(BOXES)
 def test_a_box_is_the_same_as_itself(a: list[float]) -> None:
-    assert overlap(np.array([a]), a)[0] > 0
+    assert same_thing(a, a)
 
 
 # --- beside the reference scorer -----------------------------------------------------------------
