@@ -7,14 +7,17 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.clocks import Floats, Integers
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.image_headers import frame_of
 from wayside.pipeline.reading.plan import Plan
+from wayside.pipeline.reading.poses import path_of
 from wayside.pipeline.reading.replay import image_messages
 from wayside.pipeline.reading.scan_report import ScanReport
+from wayside.pipeline.reading.streams import Samples
 from wayside.pipeline.reading.video import VideoStreams
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import FeatureSettings, MotionSettings, TieSettings
@@ -37,6 +40,8 @@ _APART_NS = 15_000_000_000
 """Images so far apart in time show different places, unless the vehicle stands."""
 _CLEARLY_BETTER = 2.5
 """A convention is told from another where its error is so many times smaller."""
+_LONGEST_LAG_S, _FURTHEST_LAG_S, _LAG_DEG = 1.0, 6.0, 0.2
+"""Shorter lags are found when the path is smoothed; errors of sound poses are a tenth of a degree a step."""
 _VIDEO_IMAGES = 40
 """A video is decoded from its start: its first images are compared."""
 
@@ -52,6 +57,37 @@ class MotionStream:
     path: CameraPath
     sigma: Floats
     assumed_mount: bool = False
+    samples: tuple[Samples, Integers] | None = None
+    """The poses as recorded, and the times of the images on their clock; None for transforms."""
+
+
+def rotation_lag_s(stream: MotionStream, steps: Sequence[ImageStep]) -> float:
+    """How long after an image poses turn as it does, seconds; 0 where this is less than `_LONGEST_LAG_S` or not clear.
+
+    The angle of a step does not depend on axes or mounts. A straight road tells nothing.
+    """
+    if stream.samples is None:
+        return 0.0
+    samples, images_ns = stream.samples
+    first, second = np.array([step[:2] for step in steps]).T
+    shown = _angles_deg(np.array([step.rotation for step in steps]))
+    errors: dict[float, float] = {}
+    for lag_s in np.arange(-_FURTHEST_LAG_S, _FURTHEST_LAG_S + 0.1, 0.25).tolist():
+        path, _ = path_of(samples, images_ns + round(lag_s * 1e9))
+        known = path.known[first] & path.known[second]
+        if 2 * known.sum() > len(steps):
+            back = path.rotation[first].transpose(0, 2, 1)
+            errors[lag_s] = float(
+                np.median(np.abs(_angles_deg(back @ path.rotation[second]) - shown)[known])
+            )
+    best = min(errors, key=lambda lag_s: errors[lag_s], default=0.0)
+    here = errors.get(0.0, np.inf)
+    clear = here > _CLEARLY_BETTER * errors.get(best, np.inf) and here > _LAG_DEG
+    return best if clear and abs(best) > _LONGEST_LAG_S else 0.0
+
+
+def _angles_deg(rotations: Floats) -> Floats:
+    return np.asarray(np.degrees(Rotation.from_matrix(rotations).magnitude()))
 
 
 def believed(
@@ -62,6 +98,12 @@ def believed(
     notes: filled with what was converted, and what is left out and why.
     """
     for stream in streams:
+        if lag_s := rotation_lag_s(stream, steps) if steps else 0.0:
+            notes.append(
+                f"the {stream.words} are left out: they turn as the images do, but {abs(lag_s):.1f} s "
+                f"{'later' if lag_s > 0 else 'earlier'}; correct their times"
+            )
+            continue
         found, (path, up) = agreement(steps, stream.path), upright(stream.path)
         converted = list(_conversions(stream, steps))
         least = _CLEARLY_BETTER * min((c.found.error_deg for c in converted), default=np.inf)

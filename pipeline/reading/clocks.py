@@ -46,6 +46,12 @@ class StreamTimes:
     off: int = 0
 
     @property
+    def scatter_ns(self) -> float:
+        """Median deviation of header less log time from its median."""
+        offset = self.header_ns - self.log_ns
+        return float(np.median(np.abs(offset - np.median(offset))))
+
+    @property
     def capture_ns(self) -> Integers:
         """(n,) header times where they are sound, else log times."""
         return self.header_ns if self.has_header else self.log_ns
@@ -146,11 +152,14 @@ class Pairing(NamedTuple):
     by: str
 
 
-def pair_times(images: StreamTimes, stream: StreamTimes) -> Pairing | None:
+def pair_times(
+    images: StreamTimes, stream: StreamTimes, *, own_clock: bool = False
+) -> Pairing | None:
     """Header times where they are of one clock, else log times; None where no clock is common to both.
 
-    They are of one clock where their offsets agree, or where both streams are recorded after they were measured, and
-    not long after: a pose that is computed from an image is late by as much.
+    They are of one clock where their offsets agree. A stream without `own_clock` (satellite receivers have one) may
+    also be recorded some time after it was measured, as a pose that is computed from an image. Log times that scatter
+    by more than the offsets may differ pair nothing better.
     """
     headers = Pairing(images.header_ns, stream.header_ns, 0, "header")
     both_headers = images.has_header and stream.has_header
@@ -165,7 +174,8 @@ def pair_times(images: StreamTimes, stream: StreamTimes) -> Pairing | None:
     slack = _AGREE_SHARE * float(np.median(steps)) if len(steps) else 0.0
     apart = _apart(images, stream)
     late = all(-_LATE_NS <= one.offset_ns <= slack for one in (images, stream))
-    if late or abs(apart) <= slack:
+    scatters = any(one.scatter_ns > slack for one in (images, stream))
+    if abs(apart) <= slack or (late and (scatters or not own_clock)):
         return headers
     return logs._replace(apart_ns=apart)
 

@@ -225,6 +225,8 @@ def _take_content(
     elif topic.kind is Kind.TRANSFORM and isinstance(content, PoseContent):
         survey.tree.add(message.log_time_ns, content)
     else:
+        if isinstance(content, FixContent):
+            key = key[0], ""  # fixes of one topic are one stream, whatever their schemas
         survey.positions.setdefault(key, Positions()).add(message.log_time_ns, content)
     topic.usable += 1
     if isinstance(content, PoseContent | FixContent) and content.refused:

@@ -204,7 +204,9 @@ def _motion_streams(plan: Plan, timeline: Timeline) -> list[MotionStream]:
             else:
                 inner = _chain_path(plan, mount, timeline)
             path = raw if inner is None else composed(raw, inner)
-            found.append(MotionStream(source, topic.name, words, raw, path, sigma, mount is None))
+            found.append(
+                MotionStream(source, topic.name, words, raw, path, sigma, mount is None, samples)
+            )
     return found
 
 
@@ -231,7 +233,7 @@ def _samples(
 ) -> tuple[Samples, Integers] | None:
     """Positions that a vehicle can have been at, and the times of the images on their clock; None without any."""
     times = positions.times()
-    paired = pair_times(timeline.times, times)
+    paired = pair_times(timeline.times, times, own_clock=earth)
     notes = timeline.notes
     if paired is None:
         notes.append(f"no clock is common to the images and the {words}: these are left out")
@@ -276,7 +278,7 @@ def _seconds(ns: int) -> str:
 def _fixes(plan: Plan, timeline: Timeline) -> Interpolated | None:
     if plan.fixes is None:
         return None
-    positions = plan.survey.positions[plan.fixes.name, plan.fixes.schema]
+    positions = plan.survey.positions[plan.fixes.name, ""]
     samples = _samples(positions, f"fixes of {shortened(plan.fixes.name)}", timeline, earth=True)
     if samples is None:
         return None

@@ -50,6 +50,11 @@ def notes_on_spacing(points: Sequence[PathPoint]) -> tuple[str, ...]:
 
 def _time_offset(chain: RelativeMotionChain, found: Trajectory, what: str) -> str:
     offset = found.time_offset_s
+    if found.impossible_offset_s:
+        return (
+            f"the {what} seem to be {abs(found.impossible_offset_s):.1f} s off the images, longer than any recorder is "
+            "late: not corrected"
+        )
     if not offset:
         return ""
     late = "behind" if offset > 0 else "ahead of"

@@ -259,6 +259,17 @@ def test_log_times_pair_streams_whose_header_clocks_differ(ahead):
     assert (paired.stream_ns == log + 1).all()
 
 
+def test_a_receiver_is_paired_by_log_times_where_it_is_late_and_a_computed_pose_by_headers():
+    log = np.arange(40) * STEP + 10**16
+    images, late = stamped(log, log - LATENCY), stamped(log + 1, log - SECOND // 2)
+    assert pair_times(images, late).by == "header"
+    paired = pair_times(images, late, own_clock=True)
+    assert paired.by == "log"
+    assert paired.apart_ns == pytest.approx(LATENCY - SECOND // 2, abs=2)
+    waits = np.random.default_rng(2).integers(0, SECOND, 40)
+    assert pair_times(images, stamped(log + waits, log), own_clock=True).by == "header"
+
+
 @pytest.mark.parametrize("unit", [0, 1000, SECOND])
 def test_headers_pair_where_log_times_are_unset_coarse_or_in_other_units(unit):
     header = np.arange(40) * STEP + 10**18
