@@ -69,17 +69,16 @@ def rotation_lag_s(stream: MotionStream, steps: Sequence[ImageStep]) -> float:
     if stream.samples is None:
         return 0.0
     samples, images_ns = stream.samples
-    first, second = np.array([step[:2] for step in steps]).T
+    first, second = (images_ns[[step[k] for step in steps]] for k in (0, 1))
     shown = _angles_deg(np.array([step.rotation for step in steps]))
     errors: dict[float, float] = {}
     for lag_s in np.arange(-_FURTHEST_LAG_S, _FURTHEST_LAG_S + 0.1, 0.25).tolist():
-        path, _ = path_of(samples, images_ns + round(lag_s * 1e9))
-        known = path.known[first] & path.known[second]
+        lag_ns = round(lag_s * 1e9)
+        before, now = path_of(samples, first + lag_ns)[0], path_of(samples, second + lag_ns)[0]
+        known = before.known & now.known
         if 2 * known.sum() > len(steps):
-            back = path.rotation[first].transpose(0, 2, 1)
-            errors[lag_s] = float(
-                np.median(np.abs(_angles_deg(back @ path.rotation[second]) - shown)[known])
-            )
+            turned = _angles_deg(before.rotation.transpose(0, 2, 1) @ now.rotation)
+            errors[lag_s] = float(np.median(np.abs(turned - shown)[known]))
     best = min(errors, key=lambda lag_s: errors[lag_s], default=0.0)
     here = errors.get(0.0, np.inf)
     clear = here > _CLEARLY_BETTER * errors.get(best, np.inf) and here > _LAG_DEG
