@@ -69,7 +69,8 @@ def rotation_lag_s(stream: MotionStream, steps: Sequence[ImageStep]) -> float:
     if stream.samples is None:
         return 0.0
     samples, images_ns = stream.samples
-    first, second = (images_ns[[step[k] for step in steps]] for k in (0, 1))
+    first = images_ns[[step.first for step in steps]]
+    second = images_ns[[step.second for step in steps]]
     shown = _angles_deg(np.array([step.rotation for step in steps]))
     errors: dict[float, float] = {}
     for lag_s in np.arange(-_FURTHEST_LAG_S, _FURTHEST_LAG_S + 0.1, 0.25).tolist():
