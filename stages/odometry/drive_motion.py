@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-import numpy as np
-
 from wayside.schemas.detections import NOTHING_DROPPED, Candidates, Detections, Regions
 from wayside.schemas.frame import DUPLICATE, Image
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings
-from wayside.stages.odometry.descriptor_matching import match_in_bands
-from wayside.stages.odometry.tie_points import KeypointImage
+from wayside.stages.odometry.tie_points import KeypointImage, match_around
 from wayside.stages.odometry.visual_odometry import VisualOdometry
 
 
@@ -63,17 +60,7 @@ def shows_no_motion(
     most = min(len(before.corners), len(now.corners))
     if most < settings.smallest_ties:
         return False
-    place = before.corners.astype(np.float64)
-    here = np.column_stack([place, np.tile([1.0, 0.0, 0.0, ties.search_px], (len(place), 1))])
-    again = match_in_bands(
-        here,
-        before.descriptors,
-        now.corners.astype(np.float64),
-        now.descriptors,
-        farthest=ties.coarse_bits,
-        ratio=ties.guided_ratio,
-        same_corner_px=ties.same_corner_px,
-    )
+    again = match_around(before, now, ties.search_px, ties.guided_ratio, ties)
     return len(again) >= settings.standing_share * most
 
 

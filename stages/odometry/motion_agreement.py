@@ -16,9 +16,8 @@ from wayside.schemas.frame import EARTH_RADIUS_M
 from wayside.schemas.settings import MotionSettings, TieSettings
 from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array
-from wayside.stages.odometry.descriptor_matching import match_in_bands
 from wayside.stages.odometry.drive_motion import shows_no_motion
-from wayside.stages.odometry.tie_points import KeypointImage
+from wayside.stages.odometry.tie_points import KeypointImage, match_around
 
 _REACH_SHARE = 0.12
 """Corners are matched up to this share of the image's width away: further ones are few and near the border."""
@@ -60,18 +59,8 @@ def image_step(
     """The motion between two images by their corners alone; None where they show none, or too little to tell."""
     if shows_no_motion(before, now, motion, ties) or not (len(before.corners) and len(now.corners)):
         return None
-    place = before.corners.astype(np.float64)
-    reach = _REACH_SHARE * before.grey.shape[1]
-    around = np.column_stack([place, np.tile([1.0, 0.0, 0.0, reach], (len(place), 1))])
-    pairs = match_in_bands(
-        around,
-        before.descriptors,
-        now.corners.astype(np.float64),
-        now.descriptors,
-        farthest=ties.coarse_bits,
-        ratio=ties.coarse_ratio,
-        same_corner_px=ties.same_corner_px,
-    )
+    reach_px = _REACH_SHARE * before.grey.shape[1]
+    pairs = match_around(before, now, reach_px, ties.coarse_ratio, ties)
     if len(pairs) < _FEWEST_INLIERS:
         return None
     first = rays_of_ideal(before.camera, before.ideal[pairs[:, 0]])

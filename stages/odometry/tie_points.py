@@ -81,6 +81,23 @@ class RegisteredTies(NamedTuple):
     tried: tuple[NDArray[np.int64], Array]
 
 
+def match_around(
+    before: KeypointImage, now: KeypointImage, reach_px: float, ratio: float, settings: TieSettings
+) -> NDArray[np.int64]:
+    """Pairs (k, 2) of corners that lie within a distance of each other in two images, whatever the motion."""
+    place = before.corners.astype(np.float64)
+    around = np.column_stack([place, np.tile([1.0, 0.0, 0.0, reach_px], (len(place), 1))])
+    return match_in_bands(
+        around,
+        before.descriptors,
+        now.corners.astype(np.float64),
+        now.descriptors,
+        farthest=settings.coarse_bits,
+        ratio=ratio,
+        same_corner_px=settings.same_corner_px,
+    )
+
+
 def register_ties(
     before: KeypointImage,
     now: KeypointImage,
