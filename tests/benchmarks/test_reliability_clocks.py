@@ -35,7 +35,6 @@ def test_a_log_written_anew_holds_the_messages_of_the_demo(attacks, tmp_path):
     ("name", "status", "used", "words"),
     [
         ("headers back an hour, log clock sound", 0, 24, "12 of 24 header times"),
-        ("first image a year ahead", 0, 23, "1 images have no pose or fix near their time"),
         ("two chunks swapped", 0, 24, ""),
         ("messages reversed, fixes only", 0, 24, ""),
         ("two image messages swapped", 0, 24, ""),
@@ -71,6 +70,7 @@ def test_an_attack_is_told_and_costs_no_sign(
         ("all clocks back an hour from image 12", "the clock was set back"),
         ("the same, --spacing only", "the clock was set back"),
         ("all clocks back 3 s from image 12", "go back and overlap"),
+        ("first image a year ahead", "the clock was set back"),
     ],
 )
 def test_a_log_whose_clocks_were_set_back_is_refused_with_the_reason(
