@@ -35,10 +35,9 @@ the path, one common shift along the path removed. `said`: notes, and what was l
 [docs/input.md](../docs/input.md) states the rules.
 
 Before, logs were put in order by rules, and pixels of two images were compared for their order. What was used and is
-not any more: a log whose clocks were all set back is refused with the reason (5 rows); an image or a set of messages a
-year off stands where its time says, and is left out where nothing tells its place; poses behind a move of their origin
-are left out and counted. Exchanged pixels are not told: with poses the rows stay within 0.16 m, with a spacing alone
-7 of 10 do.
+not any more: a log whose clocks were all set back, or whose first image or messages stand a year off, is refused with
+the reason (7 rows); poses behind a move of their origin are left out and counted. Exchanged pixels are not told: with
+poses the rows stay within 0.16 m, with a spacing alone 7 of 10 do.
 """
 
 
