@@ -161,6 +161,7 @@ class _Scanner:
         while position < finder.end:
             head = finder.head_at(position)
             if head is not None and head.opcode in ENDS:
+                self._look_behind(head)
                 break
             if head is not None and head.end > finder.end and not self._is_cut_chunk(head):
                 head = None
@@ -187,6 +188,19 @@ class _Scanner:
             self.report.add_problem(
                 start,
                 f"{count} messages of channel {channel_id} lost: its definition, or that of its schema, is missing",
+            )
+
+    def _look_behind(self, head: RecordHead) -> None:
+        """Count bytes behind the end mark, as where two logs were put into one file."""
+        end: RecordHead | None = head
+        while end is not None and end.opcode != Opcode.FOOTER:
+            end = self.finder.head_at(end.end)
+        behind = self.size if end is None else end.end + len(MAGIC)
+        if behind < self.size:
+            self.report.add_problem(
+                behind,
+                f"{self.size - behind} bytes lost: they lie behind the end mark of the log; if they are another log, "
+                "part the file there and use `wayside join`",
             )
 
     def _check_magic(self) -> None:

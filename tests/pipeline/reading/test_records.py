@@ -315,6 +315,22 @@ def test_messages_of_a_channel_whose_schema_is_missing_are_lost_and_counted(tmp_
     assert "2 messages of channel 1 lost" in str(problem)
 
 
+@pytest.mark.parametrize("summary", [True, False])
+@pytest.mark.parametrize("options", [{}, {"use_chunking": False}])
+def test_what_follows_the_end_mark_is_not_read_and_is_told(tmp_path, options, summary):
+    if not summary:
+        names = ("repeat_channels", "repeat_schemas", "use_statistics", "use_summary_offsets")
+        options = options | dict.fromkeys(names, False) | {"index_types": IndexType.NONE}
+    path = write(tmp_path / "log.mcap", **options)
+    length = path.stat().st_size
+    path.write_bytes(path.read_bytes() * 2)
+    found, report = read(path)
+    assert found == everything()
+    (problem,) = report.problems
+    assert problem.offset == length
+    assert f"{length} bytes lost: they lie behind the end mark" in str(problem)
+
+
 @pytest.mark.parametrize("kind", ["chunk", "message index", "footer"])
 def test_records_that_have_no_place_in_a_chunk_are_passed_over(tmp_path, kind):
     inner = {"chunk": chunk(message(1, 2)), "message index": record(7, bytes(6)), "footer": b""}
