@@ -75,7 +75,7 @@ learn: learning-drives .venv/.learn
 	@OMP_NUM_THREADS=1 $(RUN) wayside.pipeline.learn --drives .cache/drives $(if $(REAL),--real $(REAL)) -o $(LEARNED)
 	@$(RUN) recordings.drives recordings/drives/specs/learn_*.toml -o $(AGAIN) --reseed 70000 --frames 44 --missing --jobs $(JOBS)
 	@$(RUN) wayside.pipeline.learning.box_thresholds --drives $(AGAIN) -o $(LEARNED)
-	@$(RUN) wayside.pipeline.learn_landmarks --drives $(AGAIN) -o $(LEARNED)
+	@$(RUN) wayside.pipeline.learn_landmarks --drives $(AGAIN) $(if $(REAL),--real $(REAL) --without benchmarks/models_without) -o $(LEARNED)
 	@$(RUN) wayside.pipeline.learning.gates $(GATES:%=$(AGAIN)/learn_%_70000.mcap) -o $(LEARNED)
 	@cp $(LEARNED)/*.json $(LEARNED)/*.onnx pipeline/models
 	@cd pipeline/models && sha256sum *.json *.onnx > SHA256SUMS

@@ -204,7 +204,7 @@ def page(rows: Mapping[str, Counts]) -> Iterator[str]:
         "drive, with every image altered. Rows on signs that the labels leave out are right "
         "([checked_boxes.py](checked_boxes.py)). Intervals: 95 %, Wilson's score. The white balance was "
         "chosen with the rows as recorded, warm and cold in view, the focal length below which images are seen "
-        "enlarged with half size, the mirroring of where signs stand with mirrored, nothing else by altered images; "
+        "enlarged with half size, nothing else by altered images; "
         "by the drives as recorded much was ([accuracy_real.md](accuracy_real.md))."
     )
     yield ""

@@ -8,7 +8,6 @@ of the three. After the last frame: the path of the whole drive in its world fra
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import chain
@@ -55,7 +54,6 @@ from wayside.stages.mapping import (
     SideClassifiers,
     assemble,
     classify_location,
-    left_traffic_ratio,
     score_by_views,
     track,
 )
@@ -249,14 +247,6 @@ class Flow:
         (found,) = self.drive_stage("lens", checked)
         return found
 
-    def left_traffic(self) -> float:
-        """After the last frame: log odds that traffic keeps left, by where the signs stand; -inf: not asked."""
-        on_right = self._side_classifiers()[0].landmark
-        if on_right.location is None or self.settings.track.matching != "places":
-            return -math.inf
-        ratio = left_traffic_ratio(self.record.landmarks, on_right)
-        return self.settings.verdict.left_traffic + ratio
-
     def signs(self, path: DrivePath) -> Iterator[Sign]:
         """After the last frame: the signs of the drive on its path, in the order of their numbers."""
         s, landmarks = self.settings, iter(self.record.landmarks)
@@ -300,7 +290,7 @@ class Flow:
         if m.external is not None:
             return SideClassifiers(), None
         front, back = (
-            LandmarkClassifier(model, m.location_classes, s.landmark)
+            LandmarkClassifier(model, s.landmark)
             for model in (m.landmark_classifier, m.back_landmark_classifier)
         )
         faces, behind = self.box_classifiers()

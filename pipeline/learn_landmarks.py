@@ -7,23 +7,21 @@ on the road.
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import cv2
 
 from wayside.pipeline.flow import Flow
 from wayside.pipeline.learn import PROCESSES, learning_logs, write_model
+from wayside.pipeline.learning.detector_images import checked_boxes
 from wayside.pipeline.learning.landmarks import (
-    FALSE_ALARM,
-    FALSE_ALARM_BACK,
-    UNCERTAIN_TIMES,
+    UNCERTAIN,
     KnownPanels,
     LandmarkSamples,
     PosedDrive,
@@ -37,18 +35,31 @@ from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError, WaysideError
+from wayside.schemas.settings import ReadSettings
 from wayside.stages.odometry import estimate_motion
 
 LENIENT = (0.0, 1.0, 2.0)
 """Log odds by which the threshold of faces is lowered: else few landmarks are no signs."""
 
+REAL_DRIVES = {"ca_city_garmin": ("garmin", 0.0), "us_freeway_yellow_left": ("udacity", 5.9)}
+"""Real drives that may be learned from and that some networks have not: source, and distance between images, metres,
+where the log states none."""
+
 Notify = Callable[[str], None]
 
 
-def learn_landmarks(drives: Path, folder: Path, notify: Notify) -> dict[str, str]:
+def learn_landmarks(
+    drives: Path,
+    folder: Path,
+    notify: Notify,
+    real: Path | None = None,
+    without: Path | None = None,
+) -> dict[str, str]:
     """Learn `place.json` and `back_place.json` from the drives of a folder; the digests by file name.
 
-    folder: the models that the drives are tracked with; what is learned is written there.
+    folder: the models that the drives are tracked with; what is learned is written there. real: folder of the
+    `REAL_DRIVES`; without: folder of models, in folders named after the real drive that they have not learned from. A
+    drive that `folder` is named after is left out.
 
     Raises
     ------
@@ -58,22 +69,31 @@ def learn_landmarks(drives: Path, folder: Path, notify: Notify) -> dict[str, str
         If a file cannot be written.
     """
     logs = learning_logs(drives)
-    truths = [
-        read_truth(log.with_suffix(".truth.json")) for log in logs
+    tasks = [
+        (folder, log, KnownPanels.of(read_truth(log.with_suffix(".truth.json"))), "", LEARN_READ)
+        for log in logs
     ]  # or processes are started for nothing
+    for name, (source, spacing_m) in REAL_DRIVES.items():
+        if real is not None and name != folder.name:
+            log = real / f"{name}.mcap"
+            labels = json.loads(log.with_suffix(".labels.json").read_text(encoding="utf-8"))
+            known = KnownPanels.of_labels(labels, checked_boxes(name))
+            own = folder if without is None or not (without / name).is_dir() else without / name
+            read = replace(LEARN_READ, spacing_m=spacing_m)
+            tasks.append((own, log, known, source, read))
     with ProcessPoolExecutor(
         PROCESSES, get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)
     ) as processes:
-        samples = joined(list(processes.map(partial(_landmarks_of, folder), logs, truths)))
+        samples = joined(list(processes.map(_landmarks_of, *zip(*tasks, strict=True))))
     digests: dict[str, str] = {}
-    for name, back, false_alarm, uncertain_times in (
-        ("place.json", False, FALSE_ALARM, UNCERTAIN_TIMES),
-        ("back_place.json", True, FALSE_ALARM_BACK, 1.0),
+    for name, back, uncertain in (
+        ("place.json", False, UNCERTAIN),
+        ("back_place.json", True, 0.0),
     ):
-        own = samples.side(back=back)
-        origin = provenance([log.stem for log in logs], own)
+        side = samples.select(samples.back == back)
+        origin = provenance([log.stem for _, log, *_ in tasks], side)
         try:
-            model = learn_landmark_classifier(own, origin, false_alarm, uncertain_times)
+            model = learn_landmark_classifier(side, origin, uncertain)
         except InputError as error:
             notify(f"{name} not written, such landmarks are classified by their fit alone: {error}")
         else:
@@ -88,28 +108,31 @@ def provenance(names: list[str], samples: LandmarkSamples) -> str:
     return f"drives {listed}; the name of a rendered one ends in what was added to the seed of its specification"
 
 
-def _landmarks_of(folder: Path, log: Path, truth: dict[str, Any]) -> LandmarkSamples:
-    return gather_landmarks(_posed(folder, log, truth))
+def _landmarks_of(
+    folder: Path, log: Path, known: KnownPanels, source: str, read: ReadSettings
+) -> LandmarkSamples:
+    return gather_landmarks(_posed(folder, log, known, source, read))
 
 
-def _posed(folder: Path, log: Path, truth: dict[str, Any]) -> Iterator[PosedDrive]:
+def _posed(
+    folder: Path, log: Path, known: KnownPanels, source: str, read: ReadSettings
+) -> Iterator[PosedDrive]:
     """A drive up to its motion, with its panels, once for each threshold of faces."""
     settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
     models = load_models(settings)
-    known = KnownPanels.of(truth)
     for lower in LENIENT:
         scores = models.front_scores
         if scores is None:
             raise InputError(f"{folder}: wanted thresholds of the box network, found none")
         lenient = replace(scores, threshold=scores.threshold - lower)
         flow = Flow(settings, replace(models, front_scores=lenient), StageClock())
-        frames = read_frames(log, LEARN_READ, ReadReport())
+        frames = read_frames(log, read, ReadReport())
         moved = estimate_motion(
             flow.detect(frames), settings.motion, settings.ties, settings.adjustment
         )
         front, back = flow.box_classifiers()
         yield PosedDrive(
-            log.stem, moved, front, back, known, flow.panel_method(), models.location_classes
+            log.stem, moved, front, back, known, flow.panel_method(), source, lower == 0
         )
 
 
@@ -120,10 +143,18 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--drives", type=Path, required=True, help="folder of rendered drives")
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the model files")
+    parser.add_argument("--real", type=Path, help="folder of real drives")
+    parser.add_argument("--without", type=Path, help="folder of models without a real drive")
     given = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     try:
-        learn_landmarks(given.drives, given.out, lambda text: print(text, flush=True))
+        learn_landmarks(
+            given.drives,
+            given.out,
+            lambda text: print(text, flush=True),
+            given.real,
+            given.without,
+        )
     except WaysideError as error:
         print(f"wayside: {error}", file=sys.stderr)
         return error.exit_status

@@ -291,7 +291,6 @@ def _process(
         path = flow.georeference()
         signs = tuple(flow.signs(path))
         report.notes += route_notes(settings.route, signs, on_globe=path.globe is not None)
-        report.notes += _traffic_notes(flow.left_traffic())
         lens = flow.check_calibration()
         if lens.found is not None:
             report.notes.append(_wrong_calibration(log, report, lens.found))
@@ -339,15 +338,6 @@ def _wrong_calibration(log: Path, report: ReadReport, found: Camera) -> str:
         f"in the images asks for a focal length of about {found.fx:.0f} px, k1 {k1:.2f}, k2 {k2:.2f}; "
         f"see `wayside calibrate {log}`"
     )
-
-
-def _traffic_notes(left_traffic: float) -> list[str]:
-    if left_traffic <= 0:
-        return []
-    return [
-        "signs stand as where traffic keeps left "
-        f"(log odds {left_traffic:.1f}): where they are looked for was mirrored once they showed it"
-    ]
 
 
 def _no_image(log: Path, statuses: Counter[str]) -> str:

@@ -66,7 +66,6 @@ VERDICTS = (
     "moving",
     "residual",
     "location",
-    "attached",
     "panel_size",
     "place_score",
     "duplicate",

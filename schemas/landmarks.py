@@ -15,11 +15,9 @@ from wayside.schemas.motion import Motion
 EVIDENCE_TERMS = {
     "appearance": "how the classifier of boxes scored its views",
     "views": "how many views it has, and how many are missing",
-    "size": "width, height and their ratio",
-    "place": "where it stands beside and above the path",
+    "size": "how small it is, and how large for what it shows",
+    "place": "where it stands beside and above the path, by where signs of this drive stand",
     "rigidity": "how well its boxes agree on a standing point",
-    "registration": "how well its registered images agree on one panel",
-    "surroundings": "how far what surrounds it moves apart from it",
 }
 """Terms of the evidence for a landmark: what each log-likelihood ratio, sign against anything else, rests on."""
 

@@ -30,7 +30,7 @@ from wayside.schemas.models import (
 )
 
 MIXTURE_ARRAYS = ("weight", "mean", "covariance")
-EVIDENCE_COLUMNS = ("name", "term", "low", "high", "middle", "weight")
+EVIDENCE_COLUMNS = ("name", "term", "knots", "curve")
 _FAULTS = (
     KeyError,
     IndexError,
@@ -59,10 +59,8 @@ def model_to_json(model: Model) -> str:
         weights = [float(f"{w:.6g}") for w in model.weights]
         body = {"weights": dict(zip(model.features, weights, strict=True))}
     elif isinstance(model, EvidenceModel):
-        columns = (model.low, model.high, model.middle, model.weight)
-        rows = zip(
-            model.features, model.terms, *(column.tolist() for column in columns), strict=True
-        )
+        columns = ([column.tolist() for column in own] for own in (model.knots, model.curves))
+        rows = zip(model.features, model.terms, *columns, strict=True)
         body = {
             "features": [dict(zip(EVIDENCE_COLUMNS, row, strict=True)) for row in rows],
             "shift": model.shift,
@@ -224,14 +222,16 @@ def _network_sum_of(data: dict[str, Any]) -> NetworkSum:
 def _evidence_of(data: dict[str, Any]) -> EvidenceModel:
     name, term, *numbers = EVIDENCE_COLUMNS
     rows = data["features"]
-    columns = {key: np.array([row[key] for row in rows], np.float64) for key in numbers}
-    _check_shapes(columns, ((len(rows),),) * len(columns))
-    if not (columns["low"] <= columns["high"]).all():
-        raise ValueError("a feature whose lower bound is above its upper one")
+    knots, curves = (tuple(np.array(row[key], np.float64) for row in rows) for key in numbers)
+    for own, curve in zip(knots, curves, strict=True):
+        _check_shapes({"knots": own, "curve": curve}, ((len(own),), (len(own),)))
+        if len(own) < 2 or not (np.diff(own) > 0).all():
+            raise ValueError("a feature without two ascending knots")
     return EvidenceModel(
         tuple(str(row[name]) for row in rows),
         tuple(str(row[term]) for row in rows),
-        **columns,
+        knots,
+        curves,
         shift=_finite(data["shift"], "shift"),
         threshold=_finite(data["accept"], "accept"),
         provenance=str(data["provenance"]),

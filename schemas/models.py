@@ -105,18 +105,6 @@ class GaussianModel(ModelText):
             )
         return result
 
-    def mirrored(self) -> GaussianModel:
-        """The model of what has its first coordinate turned round, as places right of the path are left of it."""
-        turned = np.ones(self.classes[0].mean.shape)
-        turned[0] = -1
-        classes = tuple(
-            replace(
-                one, mean=turned * one.mean, covariance=np.outer(turned, turned) * one.covariance
-            )
-            for one in self.classes
-        )
-        return replace(self, classes=classes)
-
     def at_alpha(self, alpha: float) -> GaussianModel:
         """The model with the thresholds of the most power among its operating points of at most this false-alarm rate.
 
@@ -235,22 +223,21 @@ class LinearModel(ModelText):
 
 @dataclass(frozen=True, slots=True)
 class EvidenceModel(ModelText):
-    """Log-likelihood ratios of terms of evidence, each a bounded sum over its features.
+    """Log-likelihood ratios of terms of evidence, each the sum of one monotone curve per feature.
 
-    A feature x adds weight * (min(max(x, low), high) - middle) to its term: nothing outside what was learned from says
-    more than its edge. features, terms (f,): names; low, high, middle, weight (f,) float64; shift: log odds where all
-    terms are 0; threshold: log odds from which a landmark is accepted; decision: log odds from which what is accepted
-    is no longer uncertain, where nothing else is asked for. threshold_rule, threshold_interval: how the decision was
-    chosen, and its 95 % interval, "" and None: unknown. curve: operating points of the decision.
+    A curve is linear between its knots, which span what was learned from, and level beyond them; a feature that is nan
+    says nothing. features, terms (f,): names; knots, curves (f,) arrays (k,): feature values, ascending, and the
+    log-likelihood ratio there; shift: log odds where all terms are 0; threshold: log odds from which a landmark is
+    accepted; decision: log odds from which what is accepted is no longer uncertain, where nothing else is asked for.
+    threshold_rule, threshold_interval: how the decision was chosen, and its 95 % interval, "" and None: unknown.
+    curve: operating points of the decision.
     """
 
     kind: ClassVar[str] = "evidence"
     features: tuple[str, ...]
     terms: tuple[str, ...]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-    middle: NDArray[np.float64]
-    weight: NDArray[np.float64]
+    knots: tuple[NDArray[np.float64], ...]
+    curves: tuple[NDArray[np.float64], ...]
     shift: float
     threshold: float
     provenance: str
@@ -280,16 +267,12 @@ class EvidenceModel(ModelText):
         return tuple(dict.fromkeys(self.terms))
 
     def ratios(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Log-likelihood ratio of each term by values of the features; what is nan is not known yet: the best case."""
+        """Log-likelihood ratio of each term by values of the features."""
         result = dict.fromkeys(self.term_names, 0.0)
-        columns = (self.low, self.high, self.middle, self.weight)
-        for name, term, low, high, middle, weight in zip(
-            self.features, self.terms, *(column.tolist() for column in columns), strict=True
-        ):
-            value = values[name]
-            unknown = high if weight > 0 else low
-            bounded = unknown if isnan(value) else min(max(value, low), high)
-            result[term] += weight * (bounded - middle)
+        columns = zip(self.features, self.terms, self.knots, self.curves, strict=True)
+        for name, term, knots, curve in columns:
+            if not isnan(values[name]):
+                result[term] += float(np.interp(values[name], knots, curve))
         return result
 
 

@@ -134,7 +134,8 @@ def _uninformed(model: Any) -> object:
         case "linear":
             return replace(model, weights=np.zeros_like(model.weights))
         case "evidence":
-            return replace(model, weight=np.zeros_like(model.weight), shift=SURE)
+            level = tuple(np.zeros_like(curve) for curve in model.curves)
+            return replace(model, curves=level, shift=SURE)
     raise TypeError(f"tests/wiring.py knows no model of kind {model.kind} that tells nothing")
 
 

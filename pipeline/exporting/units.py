@@ -46,8 +46,6 @@ _SHORT = {
     "evidence_size": "ev_size",
     "evidence_place": "ev_place",
     "evidence_rigidity": "ev_rigid",
-    "evidence_registration": "ev_regist",
-    "evidence_surroundings": "ev_surroun",
     "reviewed_color": "rev_color",
     "reviewed_shape": "rev_shape",
     "review_note": "rev_note",

@@ -73,7 +73,7 @@ def fit_confidence(
     points = score_points(held, on, samples.stretch, normal_tail, rates_of(others))
     model = replace(
         shipped,
-        weight=slope * shipped.weight,
+        curves=tuple(slope * curve for curve in shipped.curves),
         shift=slope * shipped.shift + shift,
         threshold=shipped.threshold - shipped.decision,
         provenance=f"{provenance}; log odds {slope:.3f} x + {shift:.3f} of: {shipped.provenance}",

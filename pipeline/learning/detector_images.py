@@ -163,7 +163,7 @@ def real_drive_images(log: Path, every: int = 1) -> Iterator[LabelledImage]:
         there = ignored if any(word in thing["what"] for word in MAY_BE_SIGN) else others
         for view in thing.get("boxes", [thing] if "box" in thing else []):
             there.setdefault(index.get(view["source_frame"], -1), []).append(view["box"])
-    checked = _checked_boxes(log.stem)
+    checked = checked_boxes(log.stem)
     frames = (f for f in read_frames(log, LEARN_READ, ReadReport()) if f.index % every == 0)
     for frame, rgb in _decoded(frames):
         also = checked.get(str(frame.index), {})
@@ -189,7 +189,7 @@ def _decoded(frames: Iterator[Frame]) -> Iterator[tuple[Frame, NDArray[np.uint8]
 def scene_set_images(folder: Path, prefixes: tuple[str, ...] = ("",)) -> Iterator[LabelledImage]:
     """The single images of a folder with a `scenes.json` whose names start with one of `prefixes`."""
     listed = json.loads((folder / "scenes.json").read_text(encoding="utf-8"))
-    checked = _checked_boxes(folder.name)
+    checked = checked_boxes(folder.name)
     for scene in listed:
         name = scene["file"]
         if not name.startswith(prefixes) or _is_doubtful(name):
@@ -214,7 +214,7 @@ def scene_set_images(folder: Path, prefixes: tuple[str, ...] = ("",)) -> Iterato
         )
 
 
-def _checked_boxes(name: str) -> dict[str, Any]:
+def checked_boxes(name: str) -> dict[str, Any]:
     """Those of a folder or drive, by file or number of the image."""
     return dict(json.loads(CHECKED_BOXES.read_text(encoding="utf-8")).get(name, {}))
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from itertools import count, pairwise
 from typing import Any
 
 import numpy as np
@@ -13,20 +14,15 @@ from scipy.special import expit
 
 from wayside.pipeline.evaluate_rendered import camera_pose, match_distance
 from wayside.pipeline.learning.score_calibration import platt
-from wayside.pipeline.roc.score_points import (
-    DECISION_RULE,
-    normal_tail,
-    rates_of,
-    score_points,
-)
+from wayside.pipeline.roc.score_points import normal_tail, rates_of, score_points
 from wayside.schemas.errors import InputError
-from wayside.schemas.landmarks import Landmark
-from wayside.schemas.models import EvidenceModel, GaussianModel
+from wayside.schemas.landmarks import Landmark, Observation
+from wayside.schemas.models import EvidenceModel
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import MappingSettings, TrackSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import iou_matrix
-from wayside.stages.mapping import FEATURES, LandmarkClassifier, SideClassifiers, track
+from wayside.stages.mapping import FEATURES, SideClassifiers, track
 from wayside.stages.panel import PanelMethod
 
 ON_FACE, NEAR_FACE = 0.4, 0.15
@@ -36,50 +32,31 @@ NEAREST = 3
 FEWEST = 2
 """Landmarks of fewer views than are reported are learned from, too: there are more, and the number is a feature."""
 FOR, AGAINST = 1, -1
-EVIDENCE = (
-    ("score_best", "appearance", FOR, 6.0),
-    ("score_mean", "appearance", FOR, 6.0),
-    ("color_certainty", "appearance", FOR, 0.0),
-    ("shape_certainty", "appearance", FOR, 0.0),
-    ("log_views", "views", FOR, 2.5),
-    ("missed", "views", AGAINST, 0.0),
-    ("log_width", "size", AGAINST, 0.0),
-    ("log_height", "size", FOR, -0.7),
-    ("log_height", "size", AGAINST, 0.0),
-    ("place_sigmas", "place", AGAINST, 0.0),
-    ("size_scatter", "rigidity", AGAINST, 0.0),
-    ("depth_sigma", "rigidity", AGAINST, 0.0),
-    ("agreement", "registration", FOR, 8.0),
-    ("surroundings", "surroundings", AGAINST, 0.0),
+EVIDENCE: tuple[tuple[str, str, int, tuple[float, ...]], ...] = (
+    ("score_best", "appearance", FOR, (-2, 0, 2, 4, 6, 8, 12)),
+    ("color_certainty", "appearance", FOR, (-2, -0.7, -0.2, 0)),
+    ("shape_certainty", "appearance", FOR, (-2, -0.7, -0.2, 0)),
+    ("log_views", "views", FOR, (0.7, 1.4, 2.1, 2.9)),
+    ("missed", "views", AGAINST, (0, 0.15, 0.4, 0.8)),
+    ("log_side", "size", FOR, (-2, -1.2, -0.7, 0)),
+    ("oversize", "size", AGAINST, (0, 0.4, 1, 2)),
+    ("log_place", "place", FOR, (-12, -9, -7, -6, -5, -4, -3)),
+    ("size_scatter", "rigidity", AGAINST, (0, 0.1, 0.2, 0.35)),
+    ("depth_sigma", "rigidity", AGAINST, (0, 0.03, 0.1, 0.4)),
 )
-"""Feature, term, the direction in which it may count, and the value beyond which it is as good as can be: what is known
-from the nature of a sign is not left to a few examples. Sizes count where they are unusual: below half a metre, above
-one."""
-EDGE = 0.01
-"""Share of the signs that lie beyond the bound of a feature, where it speaks against them. Other roads have other
-signs: what is more unusual than nearly all signs of the drives at hand counts as those do."""
-REGULARISATION = 0.3
-"""Inverse of the penalty on squared weights in standard deviations."""
-MEASURED_IN_IMAGES = (
-    ("score_best", "score_mean"),
-    ("color_certainty",),
-    ("shape_certainty",),
-    ("size_scatter",),
-    ("depth_sigma",),
-    ("agreement",),
-)
-"""Features by which images of other roads and cameras differ from those at hand; metres and counts do not. Those of a
-group are jittered alike: what makes the highest score another makes the mean score another."""
-JITTER, REPEATED = 1.5, 8
-"""Standard deviation that is added to them, as a fraction of that among landmarks of one kind, and how often each
-landmark is learned from. On real images that the networks have not learned from, their log odds are worth half of what
-they are on rendered ones. Numbers that scatter this much more weigh a third, and the others more."""
-FALSE_ALARM, FALSE_ALARM_BACK = 0.01, 0.1
-"""Stated share of the landmarks that are no signs to be reported as signs, on drives held out in turn; and of backs."""
-FOLDS, SEED = 8, 1
+"""Feature, term, the direction in which it may count, and the knots of its curve, over what landmarks show: what is
+known from the nature of a sign is not left to a few examples."""
+RIDGE, ROUGHNESS = 1.0, 1.0
+"""Penalties on the squared slopes of a curve, a third of the range of its knots as unit, and on their differences from
+one segment to the next: a curve bends where the examples ask for it, and is straight elsewhere."""
+REAL_WEIGHT, RENDERED_SHARE = 200.0, 0.5
+"""Weight of all real landmarks together, and that of the rendered ones as a share of it: they fill what real ones lack,
+and never outweigh them. Without real ones they weigh as much as real ones would."""
+UNCERTAIN = float(np.log(1 / 3))
+"""Log odds down to which a face is uncertain, not refused: one in four is a sign. A back is refused below 0."""
+FOLDS = 8
 FEWEST_EXAMPLES = 16
-UNCERTAIN_TIMES = 3.0
-"""A face is uncertain, not refused, up to so many times the false-alarm rate of the decision. A back is refused."""
+RULE = "log odds of 0: as likely a sign as anything else, on drives held out in turn (Platt 1999)"
 SIGN, NOTHING, NEITHER = 1, 0, -1
 Values = NDArray[np.float64]
 
@@ -88,7 +65,8 @@ Values = NDArray[np.float64]
 class PosedDrive:
     """A drive with known panels up to its motion: frames with candidates, and the box classifiers that scored them.
 
-    panel: how panels are measured; None: they are not. location: where signs stand.
+    panel: how panels are measured; None: they are not. source: what it is left out together with, "" where it was
+    rendered; usual: its boxes were accepted by the threshold that runs have.
     """
 
     name: str
@@ -97,25 +75,28 @@ class PosedDrive:
     back: BoxClassifier | None
     known: KnownPanels
     panel: PanelMethod | None = None
-    location: GaussianModel | None = None
+    source: str = ""
+    usual: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class LandmarkSamples:
     """Landmarks of drives with truth, n rows: values (n, features), label (n,) int8, drive (n,) number of the drive.
 
-    back (n,) bool: whether it was followed as the back of a panel.
+    back (n,) bool: whether it was followed as the back of a panel; source (n,) text, usual (n,) bool: as in
+    `PosedDrive`.
     """
 
     values: NDArray[np.float32]
     label: NDArray[np.int8]
     drive: NDArray[np.int64]
     back: NDArray[np.bool_]
+    source: NDArray[np.str_]
+    usual: NDArray[np.bool_]
 
-    def side(self, *, back: bool) -> LandmarkSamples:
-        """Those that were followed as backs, or as faces."""
-        own = self.back == back
-        return LandmarkSamples(self.values[own], self.label[own], self.drive[own], self.back[own])
+    def select(self, rows: NDArray[np.bool_]) -> LandmarkSamples:
+        """Some of them."""
+        return LandmarkSamples(*(getattr(self, column.name)[rows] for column in fields(self)))
 
 
 def gather_landmarks(drives: Iterable[PosedDrive]) -> LandmarkSamples:
@@ -124,174 +105,152 @@ def gather_landmarks(drives: Iterable[PosedDrive]) -> LandmarkSamples:
     The detector must not have learned from the drives, or its scores are higher than those of a new one. A drive may
     come more than once, with classifiers of different thresholds.
     """
-    values: list[tuple[float, ...]] = []
-    labels: list[int] = []
-    names: list[str] = []
-    backs: list[bool] = []
+    found: list[tuple[tuple[float, ...], int, str, bool, str, bool]] = []
     for drive in drives:
         settings = MappingSettings(TrackSettings(fewest_views=FEWEST))
-        front, back = (
-            SideClassifiers(classifier, LandmarkClassifier(None, drive.location))
-            for classifier in (drive.face, drive.back)
-        )
+        front, back = SideClassifiers(drive.face), SideClassifiers(drive.back)
         behind = None if drive.back is None else back
         for frame in track(iter(drive.moved), settings, front, behind, drive.panel):
-            for landmark in frame.landmarks:
-                values.append(landmark.features)
-                labels.append(label_of(landmark, drive.known))
-                names.append(drive.name)
-                backs.append(landmark.back)
+            for one in frame.landmarks:
+                label = label_of(one, drive.known)
+                row = (one.features, label, drive.name, one.back, drive.source, drive.usual)
+                found.append(row)
+    values, labels, names, backs, sources, usual = zip(*found, strict=True) if found else [()] * 6
     return LandmarkSamples(
         np.array(values, np.float32).reshape(-1, len(FEATURES)),
         np.array(labels, np.int8),
         np.unique(names, return_inverse=True)[1].astype(np.int64),
         np.array(backs, np.bool_),
+        np.array(sources, np.str_),
+        np.array(usual, np.bool_),
     )
 
 
 def joined(parts: Sequence[LandmarkSamples]) -> LandmarkSamples:
     """The landmarks of several drives, a part each, in one; drives are numbered by the order of the parts."""
-    return LandmarkSamples(
-        np.concatenate([part.values for part in parts]),
-        np.concatenate([part.label for part in parts]),
-        np.repeat(np.arange(len(parts)), [len(part.label) for part in parts]),
-        np.concatenate([part.back for part in parts]),
-    )
+    columns = {
+        column.name: np.concatenate([getattr(part, column.name) for part in parts])
+        for column in fields(LandmarkSamples)
+    }
+    columns["drive"] = np.repeat(np.arange(len(parts)), [len(part.label) for part in parts])
+    return LandmarkSamples(**columns)
 
 
 def learn_landmark_classifier(
-    samples: LandmarkSamples,
-    provenance: str,
-    false_alarm: float = FALSE_ALARM,
-    uncertain_times: float = UNCERTAIN_TIMES,
+    samples: LandmarkSamples, provenance: str, uncertain: float = UNCERTAIN
 ) -> EvidenceModel:
-    """Fit the log-likelihood ratios of all terms together and calibrate their sum on drives held out in turn.
+    """Fit the curves of all terms together and calibrate their sum on drives held out in turn.
 
-    Logistic regression on the bounded features weighs terms that depend on each other (many views of a shop front)
-    by what they say together. Signs and others weigh the same in it. Accepted, if only as uncertain, is what this
-    many times the false-alarm rate lets through.
+    Logistic regression on the segments of the curves weighs terms that depend on each other (views of one board) by
+    what they say together. Signs and others weigh the same in it. Real drives are held out by source, rendered ones
+    by drive; the sum is calibrated on the real ones, as runs see them, where there are enough.
 
     Raises
     ------
     InputError
         Where there are too few landmarks of either kind.
     """
-    # neither duplicates nor what the vehicle drove over
-    measured = ~np.isnan(samples.values).any(axis=1)
-    known = measured & (samples.label != NEITHER)
-    sign, drive = samples.label[known] == SIGN, samples.drive[known]
-    if min(sign.sum(), (~sign).sum()) < FEWEST_EXAMPLES or len(np.unique(drive)) < 2:
+    own = samples.select(samples.label != NEITHER)
+    sign = own.label == SIGN
+    if min(sign.sum(), (~sign).sum()) < FEWEST_EXAMPLES or len(np.unique(own.drive)) < 2:
         raise InputError(
             f"landmark classifier: wanted two drives and {FEWEST_EXAMPLES} landmarks of either kind, found "
-            f"{len(np.unique(drive))} drives, {sign.sum()} signs and {(~sign).sum()} others; add drives"
+            f"{len(np.unique(own.drive))} drives, {sign.sum()} signs and {(~sign).sum()} others; add drives"
         )
-    names, terms, directions, limits = zip(*EVIDENCE, strict=True)
-    direction = np.array(directions, np.float64)
-    values = _jittered(samples.values[known].astype(np.float64), sign)
-    rates = rates_of(int((~sign).sum()))
-    sign, drive = np.tile(sign, REPEATED), np.tile(drive, REPEATED)
-    columns = values[:, [FEATURES.index(name) for name in names]]
-    low, high = _bounds(columns[sign], direction, np.array(limits))
-    bounded = np.clip(columns, low, high)
-    middle = (bounded[sign].mean(axis=0) + bounded[~sign].mean(axis=0)) / 2
-    held_out = _held_out_sums(bounded - middle, sign, drive, direction)
-    slope, shift = _calibration(held_out, sign, false_alarm)
-    uncertain = false_alarm * uncertain_times
+    columns, weight = _segments(own.values), _weights(own, sign)
+    held_out = np.empty(len(sign))
+    folds = np.where(own.source == "", (own.drive % FOLDS).astype(str), own.source)
+    for fold in np.unique(folds):
+        held = folds == fold
+        slopes = _logistic_regression(columns[~held], sign[~held], weight[~held])
+        held_out[held] = columns[held] @ slopes[:-1] + slopes[-1]
+    judged = (own.source != "") & own.usual
+    if min((judged & sign).sum(), (judged & ~sign).sum()) < FEWEST_EXAMPLES:
+        judged = np.ones(len(sign), np.bool_)
+    (slope,), shift = platt(held_out[judged, None], sign[judged])
     points = score_points(
-        slope * held_out + shift, sign, drive, normal_tail, {*rates, false_alarm, uncertain}
+        slope * held_out[judged] + shift,
+        sign[judged],
+        own.drive[judged],
+        normal_tail,
+        rates_of(int((judged & ~sign).sum())),
     )
-    by_rate = {one.false_alarm: one for one in points}
-    decision, accepted = by_rate[false_alarm], by_rate[uncertain]
-    rule = f"alpha {false_alarm:g}: log odds of 0 {DECISION_RULE}"
-    if uncertain > false_alarm:
-        rule += f"; uncertain down to the log odds of alpha {uncertain:g}"
-    weight, constant = _logistic_regression(bounded - middle, sign, direction)
+    slopes = _logistic_regression(columns, sign, weight)
+    curves, constant = [], float(slope * slopes[-1] + shift)
+    steps = np.split(slope * slopes[:-1], np.cumsum([len(k) - 1 for *_, k in EVIDENCE])[:-1])
+    for (name, _, direction, knots), rise in zip(EVIDENCE, steps, strict=True):
+        curve = np.concatenate([[0.0], np.cumsum(direction * rise * np.diff(knots))])
+        # a term of 0 says nothing: half-way between what signs and others have
+        seen = np.interp(own.values[:, FEATURES.index(name)], knots, curve)
+        middle = float(np.nanmean(seen[sign]) + np.nanmean(seen[~sign])) / 2
+        curves.append(_rounded(curve - middle))
+        constant += middle
+    names, terms, _, knots_of = zip(*EVIDENCE, strict=True)
     return EvidenceModel(
         names,
         terms,
-        _rounded(low),
-        _rounded(high),
-        _rounded(middle),
-        _rounded(slope * weight),
-        shift=round(slope * constant + shift, 5),
-        threshold=round(accepted.thresholds[0], 4) + 0.0,  # no -0.0
+        tuple(np.array(knots, np.float64) for knots in knots_of),
+        tuple(curves),
+        shift=round(constant, 5),
+        threshold=uncertain,
         provenance=provenance,
-        threshold_rule=rule,
-        threshold_interval=decision.intervals[0] if decision.intervals else None,
+        threshold_rule=RULE,
         curve=points,
     )
 
 
-def _jittered(values: Values, sign: NDArray[np.bool_]) -> Values:
-    """The features (n, features) `REPEATED` times, (n * `REPEATED`, features), those measured in images jittered."""
-    rng = np.random.default_rng(SEED)
-    scatter = np.sqrt((values[sign].var(axis=0) + values[~sign].var(axis=0)) / 2)
-    repeated = np.tile(values, (REPEATED, 1))
-    for names in MEASURED_IN_IMAGES:
-        deviation = rng.normal(0, JITTER, len(repeated))
-        for column in map(FEATURES.index, names):
-            repeated[:, column] += scatter[column] * deviation
-    return repeated
+def _segments(values: NDArray[np.float32]) -> Values:
+    """How far the features (n, f) reach into each segment of their curves (n, s), in its direction; nan: the mean."""
+    columns = []
+    for name, _, direction, knots in EVIDENCE:
+        value = values[:, FEATURES.index(name)].astype(np.float64)
+        value = np.where(np.isnan(value), np.nanmean(value) if (value == value).any() else 0, value)
+        for low, high in pairwise(knots):
+            columns.append(direction * (np.clip(value, low, high) - low))
+    return np.column_stack(columns)
 
 
-def _bounds(signs: Values, direction: Values, limit: Values) -> tuple[Values, Values]:
-    """Bounds (f,) of the features, by the values (n, f) of the signs and the limits (f,) of what is good."""
-    low, high = np.quantile(signs, [EDGE, 1 - EDGE], axis=0)
-    least, most = np.minimum(low, limit), np.maximum(high, limit)
-    return np.where(direction == FOR, least, limit), np.where(direction == FOR, limit, most)
+def _weights(samples: LandmarkSamples, sign: NDArray[np.bool_]) -> Values:
+    """Weights (n,): signs and others alike; a real source by the root of its number, the rendered ones by theirs."""
+    weight, real = np.zeros(len(sign)), samples.source != ""
+    for source in np.unique(samples.source):
+        for kind in (sign, ~sign):
+            own = (samples.source == source) & kind
+            weight[own] = 1 / np.sqrt(max(own.sum(), 1))
+    for rows, share in ((real, 1.0), (~real, RENDERED_SHARE if real.any() else 1.0)):
+        for kind in (sign, ~sign):
+            own = rows & kind
+            weight[own] *= share * REAL_WEIGHT / 2 / max(weight[own].sum(), 1e-9)
+    return weight
 
 
-def _rounded(values: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
+def _rounded(values: Values) -> Values:
     """To the six digits that the file has."""
     return np.array([float(f"{value:.6g}") for value in values])
 
 
-def _logistic_regression(
-    values: Values, sign: NDArray[np.bool_], direction: Values
-) -> tuple[Values, float]:
-    """Weights (f,) in given directions, and a constant; both kinds weigh the same, large weights cost."""
-    scale = direction * np.maximum(values.std(axis=0), 1e-6)
-    columns = np.column_stack([values / scale, np.ones(len(values))])
+def _logistic_regression(columns: Values, sign: NDArray[np.bool_], weight: Values) -> Values:
+    """Slopes (s,) of all segments, none of them negative, and a constant, by samples that weigh (n,)."""
+    unit = np.concatenate([np.full(len(k) - 1, (k[-1] - k[0]) / 3) for *_, k in EVIDENCE])
+    penalty = np.zeros((len(unit) + 1, len(unit) + 1))
+    start = 0
+    for *_, knots in EVIDENCE:
+        own = slice(start, start + len(knots) - 1)
+        bend = np.diff(np.eye(len(knots) - 1), axis=0)
+        penalty[own, own] = RIDGE / (len(knots) - 1) * np.eye(len(knots) - 1)
+        penalty[own, own] += ROUGHNESS * bend.T @ bend
+        start = own.stop
+    inputs = np.column_stack([columns / unit, np.ones(len(columns))])
     target = np.where(sign, 1.0, -1.0)
-    balance = np.where(sign, 0.5 / sign.mean(), 0.5 / (~sign).mean())
 
-    def cost(weights: Values) -> tuple[float, Values]:
-        margin = target * (columns @ weights)
-        penalty = weights * np.append(np.full(len(scale), 1 / REGULARISATION), 0.0)
-        slope = columns.T @ (-target * balance * expit(-margin)) + penalty
-        return float(balance @ np.logaddexp(0.0, -margin) + 0.5 * weights @ penalty), slope
+    def cost(slopes: Values) -> tuple[float, Values]:
+        margin, pull = target * (inputs @ slopes), penalty @ slopes
+        gradient = inputs.T @ (-target * weight * expit(-margin)) + pull
+        return float(weight @ np.logaddexp(0.0, -margin) + 0.5 * slopes @ pull), gradient
 
-    bounds = [(0.0, None)] * len(scale) + [(None, None)]
-    found = minimize(cost, np.zeros(columns.shape[1]), jac=True, bounds=bounds, method="L-BFGS-B")
-    return found.x[:-1] / scale, float(found.x[-1])
-
-
-def _held_out_sums(
-    values: Values, sign: NDArray[np.bool_], drive: NDArray[np.int64], direction: Values
-) -> Values:
-    """The sum (n,) of each landmark by weights that were learned without its drive."""
-    held_out = np.empty(len(values))
-    folds = drive % FOLDS if len(np.unique(drive)) > FOLDS else drive
-    for fold in np.unique(folds):
-        own = folds == fold
-        weight, constant = _logistic_regression(values[~own], sign[~own], direction)
-        held_out[own] = values[own] @ weight + constant
-    return held_out
-
-
-def _calibration(
-    held_out: Values, sign: NDArray[np.bool_], false_alarm: float
-) -> tuple[float, float]:
-    """Slope and shift that turn the sums into log odds that hold on drives they have not seen (Platt 1999).
-
-    Log odds of 0, where landmarks are reported as signs, are put where that share of what is no sign lies above, as
-    Neyman and Pearson do (report chapter 9): how much looks like a sign differs from road to road, what it looks like
-    much less. As in the report a normal density is fitted to what is no sign: its largest values are too few to count.
-    """
-    (slope,), _ = platt(held_out[:, None], sign)
-    others = held_out[~sign]
-    (limit,) = normal_tail(others, np.ones(len(others)), np.array([false_alarm]))
-    return float(slope), -float(slope * limit)
+    bounds = [(0.0, None)] * len(unit) + [(None, None)]
+    found = minimize(cost, np.zeros(len(unit) + 1), jac=True, bounds=bounds, method="L-BFGS-B")
+    return np.append(found.x[:-1] / unit, found.x[-1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,12 +258,14 @@ class KnownPanels:
     """Panels of a drive with truth: boxes by frame, and where each stands from the camera of a frame.
 
     boxes: sign, whether it is seen from behind, and box, by frame, of fronts as far as they face the travel; centres:
-    (3,) by sign; poses: rotation (3, 3) to the world and camera centre (3,) by frame.
+    (3,) by sign; poses: rotation (3, 3) to the world and camera centre (3,) by frame, none of a real drive; groups:
+    numbers of boxes round several panels, which are no sign and no other thing.
     """
 
     boxes: dict[int, list[tuple[int, bool, tuple[float, float, float, float]]]]
     centres: dict[int, Values]
     poses: dict[int, tuple[Values, Values]]
+    groups: frozenset[int] = frozenset()
 
     @classmethod
     def of(cls, truth: dict[str, Any]) -> KnownPanels:
@@ -324,6 +285,23 @@ class KnownPanels:
         poses = {frame["index"]: camera_pose(frame) for frame in truth["frames"]}
         return cls(boxes, centres, poses)
 
+    @classmethod
+    def of_labels(cls, labels: dict[str, Any], checked: dict[str, Any]) -> KnownPanels:
+        """From the content of a `labels.json`, and from the checked boxes of the drive by number of the image."""
+        boxes: dict[int, list[tuple[int, bool, tuple[float, float, float, float]]]] = {}
+        numbers = count()
+        groups = set()
+        for sign in labels["signs"]:
+            number, back = next(numbers), sign.get("facing") == "back"
+            if sign.get("group"):
+                groups.add(number)
+            for view in sign["boxes"]:
+                boxes.setdefault(view["i"], []).append((number, back, tuple(view["box"])))
+        for frame, seen in checked.items():
+            for box in seen.get("signs", ()):
+                boxes.setdefault(int(frame), []).append((next(numbers), False, tuple(box[:4])))
+        return cls(boxes, {}, {}, frozenset(groups))
+
     def stands_at(self, landmark: Landmark, sign: int) -> bool:
         """Whether a landmark was measured where that sign stands, as `wayside evaluate` matches them."""
         rotation, origin = self.poses[landmark.best_frame]
@@ -335,10 +313,22 @@ def label_of(landmark: Landmark, known: KnownPanels) -> int:
     """`SIGN` where the nearest views lie on one true panel, seen from its side, and it was measured there.
 
     Without the boxes it is `NEITHER`: perhaps a part of that panel. All else is `NOTHING`: half a face at a wrong
-    depth, or rays that met by chance, are no signs either.
+    depth, or rays that met by chance, are no signs either. On real drives all boxes there are decide.
     """
+    if not known.poses:
+        return _label_by_hand(landmark, known)
     there = {s: on for s, on in _faces(landmark, known).items() if known.stands_at(landmark, s)}
     return SIGN if any(there.values()) else NEITHER if there else NOTHING
+
+
+def _label_by_hand(landmark: Landmark, known: KnownPanels) -> int:
+    """By hand-made boxes, which leave out images of a sign: where both have one they must overlap, by the median."""
+    overlaps = _overlaps(landmark.views, landmark.back, known)
+    on_face = [
+        np.median(own) >= ON_FACE for sign, own in overlaps.items() if sign not in known.groups
+    ]
+    touched = any(max(own) > NEAR_FACE for own in overlaps.values())
+    return SIGN if any(on_face) else NEITHER if touched else NOTHING
 
 
 def label_in_images(landmark: Landmark, known: KnownPanels) -> int:
@@ -350,14 +340,22 @@ def label_in_images(landmark: Landmark, known: KnownPanels) -> int:
 def _faces(landmark: Landmark, known: KnownPanels) -> dict[int, bool]:
     """The signs that a landmark touches in its nearest views, and whether it lies on their face."""
     views = sorted(landmark.views, key=lambda view: -view.frame)[:NEAREST]
-    overlaps: dict[int, list[float]] = {}
-    for view in views:
-        for sign, back, box in known.boxes.get(view.frame, ()):
-            if back == landmark.back:
-                overlap = iou_matrix(np.array([view.box]), np.array([box]))[0, 0]
-                overlaps.setdefault(sign, []).append(float(overlap))
+    overlaps = _overlaps(views, landmark.back, known)
     return {
         sign: float(np.median([*own, *[0.0] * (len(views) - len(own))])) >= ON_FACE
         for sign, own in overlaps.items()
         if max(own) > NEAR_FACE
     }
+
+
+def _overlaps(
+    views: Iterable[Observation], back: bool, known: KnownPanels
+) -> dict[int, list[float]]:
+    """Overlaps (IoU) of views with the boxes of each sign seen from that side, one for each image that has both."""
+    overlaps: dict[int, list[float]] = {}
+    for view in views:
+        for sign, side, box in known.boxes.get(view.frame, ()):
+            if side == back:
+                overlap = iou_matrix(np.array([view.box]), np.array([box]))[0, 0]
+                overlaps.setdefault(sign, []).append(float(overlap))
+    return overlaps

@@ -122,13 +122,6 @@ class VerdictSettings:
     same_cover: float = setting(
         0.4, "", "fraction of either that the other must cover", origin=SET, expert=True
     )
-    left_traffic: float = setting(
-        -3.0,
-        "log odds",
-        "that traffic keeps left, before the first sign: they follow the places of the signs, and where signs stand is "
-        "mirrored as long as they are above 0; -99: it never is, 99: from the first image",
-        origin="odds of 1 to 20: of twelve drives on the right none came above -0.2",
-    )
     nearest_m: float = setting(
         0.5,
         "m",

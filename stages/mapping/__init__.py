@@ -10,8 +10,8 @@ from wayside.stages.mapping.landmark_evidence import (
 )
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_views
 from wayside.stages.mapping.location import classify_location
+from wayside.stages.mapping.sign_places import SignPlaces
 from wayside.stages.mapping.tracker import SideClassifiers, track
-from wayside.stages.mapping.traffic_side import left_traffic_ratio
 from wayside.stages.mapping.verdicts import VERDICT_OF_TERM
 from wayside.stages.mapping.window import (
     TravelledPath,
@@ -27,6 +27,7 @@ __all__ = [
     "LandmarkClassifier",
     "LandmarkFit",
     "SideClassifiers",
+    "SignPlaces",
     "TravelledPath",
     "WindowFrame",
     "assemble",
@@ -34,7 +35,6 @@ __all__ = [
     "candidates_of",
     "classify_location",
     "fit_views",
-    "left_traffic_ratio",
     "measure_landmark",
     "score_by_views",
     "through_window",

@@ -21,21 +21,15 @@ from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import LocalAdjustmentSettings, MappingSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import FrenetOffset
-from wayside.stages.kernels import Array
 from wayside.stages.mapping.acceptance import accept_greedily
 from wayside.stages.mapping.association import AssociationGates
 from wayside.stages.mapping.hypotheses import Hypotheses, pair_hypotheses
 from wayside.stages.mapping.landmark import build_landmark, measure_landmark
-from wayside.stages.mapping.landmark_evidence import (
-    LandmarkClassifier,
-    LandmarkEvidence,
-    registration_agreement,
-)
+from wayside.stages.mapping.landmark_evidence import FEATURES, LandmarkClassifier, LandmarkEvidence
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.panel import PanelMeasurement, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
-from wayside.stages.mapping.surroundings import surroundings_correlation
-from wayside.stages.mapping.traffic_side import left_traffic_ratio, mirrored
+from wayside.stages.mapping.sign_places import SignPlaces
 from wayside.stages.mapping.verdicts import (
     VERDICT_OF_TERM,
     SeenBox,
@@ -93,6 +87,9 @@ def track(
     yield from through_window(posed, tracker, settings.track)
 
 
+_SCORE = FEATURES.index("score_best")
+
+
 class _Reported(NamedTuple):
     """A sign as it was measured, and its boxes by image number."""
 
@@ -121,8 +118,7 @@ class _Tracker:
     ) -> None:
         self._settings, self._panel, self._adjustment = settings, panel, adjustment
         self._sides = {False: front} if back is None else {False: front, True: back}
-        self._on_right, self._left_traffic = front.landmark, settings.verdict.left_traffic
-        self._on_left = False
+        self._places = {back: SignPlaces() for back in self._sides}
         self._gates = AssociationGates.of(settings.track, settings.association)
         self._length = settings.track.longest + settings.track.window_step
         self._path = TravelledPath(self._length + settings.track.longest)
@@ -170,7 +166,6 @@ class _Tracker:
     def _solve(self, *, last: bool) -> None:
         """Decide the landmarks of the window that the vehicle has passed, most likely signs first."""
         fits = self._fits(last=last)
-        self._keep_to_side()
         oldest = self._window[0].motion.pose
         self._reported = [
             one for one in self._reported if not oldest.to_camera(one.fit.point)[2] < 0
@@ -178,16 +173,7 @@ class _Tracker:
         for one in sorted(
             (self._classify(fit) for fit in fits), key=lambda one: -one.evidence.log_odds
         ):
-            self._decide(one)
-
-    def _keep_to_side(self) -> None:
-        """Mirror where signs stand where the signs so far say that traffic keeps to the other side."""
-        if (self._left_traffic > 0) != self._on_left:
-            self._on_left = not self._on_left
-            self._sides = {
-                back: replace(side, landmark=mirrored(side.landmark))
-                for back, side in self._sides.items()
-            }
+            self._decide(self._classify(one.fit))  # once more: the surer ones say where signs stand
 
     def _fits(self, *, last: bool) -> list[LandmarkFit]:
         """Landmarks of the unassigned candidates that the vehicle has passed, with predicted views."""
@@ -233,12 +219,13 @@ class _Tracker:
     def _classify(self, fit: LandmarkFit) -> _Classified:
         offset = self._path.offset(fit.point)
         classifier = self._sides[fit.back].landmark
-        return _Classified(fit, offset, classifier.classify(fit, self._window, offset))
+        places = self._places[fit.back]
+        return _Classified(fit, offset, classifier.classify(fit, self._window, offset, places))
 
     def _decide(self, one: _Classified) -> None:
         """Give a landmark its verdict, measure it and hand it to its frames."""
         fit = one.fit
-        verdict, evidence, seen = self._verdict(one)
+        evidence, (verdict, seen) = one.evidence, self._verdict(one)
         settings = self._settings.landmark
         adjustment = self._adjustment if verdict == "sign" else None
         measured = measure_landmark(fit, self._window, self._settings, seen.panel, adjustment)
@@ -259,7 +246,7 @@ class _Tracker:
             size = np.array([landmark.width_m, landmark.height_m])
             face = replace(fit, point=measured.point, metric=size)
             self._reported.append(_Reported(face, self._boxes_by_image(fit)))
-        self._left_traffic += left_traffic_ratio([landmark], self._on_right)
+            self._places[fit.back].add(one.offset, evidence.features[_SCORE])
         first = self._window[fit.frames[0]]
         first.landmarks.append(landmark)
         if seen.views or measured.residual is not None:
@@ -272,24 +259,22 @@ class _Tracker:
         self._assign(fit, verdict)
         self._next_id += 1
 
-    def _verdict(self, one: _Classified) -> tuple[str, LandmarkEvidence, PanelMeasurement]:
-        """The verdict, the evidence for it, and the panel, which is measured of what may be a sign."""
+    def _verdict(self, one: _Classified) -> tuple[str, PanelMeasurement]:
+        """The verdict, and the panel, which is measured of what may be a sign."""
         settings, fit, evidence = self._settings.verdict, one.fit, one.evidence
         classifier, seen = self._sides[fit.back].landmark, PanelMeasurement()
         if in_swept_volume(fit, one.offset, settings):
-            return "moving", evidence, seen
+            return "moving", seen
         if not classifier.accepts(evidence):
-            return VERDICT_OF_TERM[evidence.weakest], evidence, seen
+            return VERDICT_OF_TERM[evidence.weakest], seen
         if self._is_reported(fit):
-            return "duplicate", evidence, seen
+            return "duplicate", seen
         if self._panel is not None:
             drift_rad = self._settings.landmark.drift_rad
             seen = measure_panel(fit, self._window, one.offset, self._panel, drift_rad)
-        agreement = registration_agreement(len(seen.views), seen.panel)
-        surroundings = surroundings_correlation(self._views_of(fit))
-        evidence = classifier.classify(fit, self._window, one.offset, agreement, surroundings)
-        verdict = "sign" if classifier.accepts(evidence) else VERDICT_OF_TERM[evidence.weakest]
-        return verdict, evidence, seen
+        # any two rays meet somewhere: where nothing is known of signs, images in register confirm it
+        confirmed = classifier.model is not None or fit.used.sum() > 2 or len(seen.views) > 1
+        return "sign" if confirmed else "residual", seen
 
     def _is_reported(self, fit: LandmarkFit) -> bool:
         """Whether a reported sign is the same face: by where both stand, or by the images that show them."""
@@ -310,13 +295,6 @@ class _Tracker:
             predicted = regions.source[own] == SOURCES.index("predicted")
             boxes[held.frame.index] = SeenBox(regions.box[own], bool(predicted))
         return boxes
-
-    def _views_of(self, fit: LandmarkFit) -> Iterator[tuple[NDArray[np.uint8], Array]]:
-        """The images that show a landmark, each with its box."""
-        for frame, row in zip(fit.frames, fit.rows, strict=True):
-            held = self._window[frame]
-            if held.rgb is not None:
-                yield held.rgb, held.candidates.regions.box[held.followed[row]].astype(np.float64)
 
     def _assign(self, fit: LandmarkFit, verdict: str) -> None:
         """Give the candidates to the landmark, and those it covers, unless it is a duplicate."""

@@ -28,8 +28,6 @@ VERDICT_OF_TERM = {
     "size": "panel_size",
     "place": "location",
     "rigidity": "residual",
-    "registration": "residual",
-    "surroundings": "attached",
 }
 """Verdict on a landmark by the term of evidence that weighs most against it."""
 

@@ -1,4 +1,4 @@
-"""A drive of a camera of few pixels, and one where traffic keeps left: both differ from what was learned from."""
+"""A drive of a camera of few pixels differs from what was learned from."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -48,16 +48,3 @@ def signs_of(log: Path, **settings: float) -> int:
 def test_an_image_of_few_pixels_shows_more_where_it_is_seen_enlarged(small: Path) -> None:
     enlarged, as_it_is = signs_of(small), signs_of(small, candidates__shortest_focal_px=1)
     assert enlarged >= as_it_is + 2
-
-
-@pytest.mark.parametrize(
-    ("settings", "noted"),
-    [
-        ({}, False),
-        ({"verdict.left_traffic": 99}, True),
-        ({"track.matching": "sift", "verdict.left_traffic": 99}, False),
-    ],
-)
-def test_a_note_says_that_places_were_mirrored(settings: dict[str, object], noted: bool) -> None:
-    found = wayside.run(DEMO, settings={"read.until_s": 1.1, **settings})
-    assert any("traffic keeps left" in note for note in found.about["notes"]) == noted

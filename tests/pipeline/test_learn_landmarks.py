@@ -21,7 +21,12 @@ def test_a_truth_that_is_missing_is_named(tmp_path, capsys):
 def test_the_provenance_counts_the_landmarks_of_each_drive():
     drive = np.array([0, 1, 1, 0, 1])
     samples = LandmarkSamples(
-        np.zeros((5, len(FEATURES)), np.float32), np.full(5, SIGN, np.int8), drive, drive > 9
+        np.zeros((5, len(FEATURES)), np.float32),
+        np.full(5, SIGN, np.int8),
+        drive,
+        drive > 9,
+        np.full(5, ""),
+        drive < 9,
     )
     words = provenance(["learn_a_500", "learn_b_500"], samples)
     assert "learn_a_500 (2 landmarks), learn_b_500 (3 landmarks)" in words

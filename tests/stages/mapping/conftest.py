@@ -65,14 +65,12 @@ def made_evidence_model(
     """Log odds `shift` plus weight times (value - middle) of each named feature, within +-100."""
     own = tuple(weights)
     assert set(own) <= set(FEATURES)
-    edge = np.full(len(own), 100.0)
+    edge = np.array([-100.0, 100.0])
     return EvidenceModel(
         features=own,
         terms=own,
-        low=-edge,
-        high=edge,
-        middle=np.full(len(own), middle),
-        weight=np.array([float(weights[name]) for name in own]),
+        knots=(edge,) * len(own),
+        curves=tuple(weights[name] * (edge - middle) for name in own),
         shift=shift,
         threshold=threshold,
         provenance="made up",

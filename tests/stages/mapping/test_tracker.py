@@ -193,7 +193,7 @@ def test_a_landmark_below_the_threshold_is_refused_for_its_weakest_term(
     panel, drive, evidence_model
 ):
     model = replace(
-        evidence_model(-3.0, score_mean=0.1, depth_sigma=-9.0), terms=("appearance", "rigidity")
+        evidence_model(-3.0, score_best=0.1, depth_sigma=-9.0), terms=("appearance", "rigidity")
     )
     frames = drive([panel(3.5, 1.2, 120.0)], 20)
     tracked = run(frames, classifier=LandmarkClassifier(model))
@@ -212,7 +212,7 @@ def test_a_face_under_a_box_that_shows_half_of_a_known_one_is_found_in_the_rest(
     plate = panel(3.5, 2.3, 120.0, wide=0.6, tall=0.4, score=5.0)
     shield = panel(3.5, 1.8, 120.0, wide=0.6, tall=0.6, score=2.5)
     double = panel(3.5, 1.94, 120.0, wide=0.6, tall=0.78, score=3.0)
-    surest = LandmarkClassifier(evidence_model(score_mean=1.0))
+    surest = LandmarkClassifier(evidence_model(score_best=1.0))
     landmarks = landmarks_of(run(drive([plate, shield, double], 20), classifier=surest))
     heights = {round(p.height_m / BORDER, 2): p.verdict for p in landmarks}
     assert heights == {0.4: "sign", 0.78: "duplicate", 0.6: "sign"}
