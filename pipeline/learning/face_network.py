@@ -66,7 +66,7 @@ class FaceNetwork(nn.Module):  # type: ignore[misc]
 
 
 def fit(patches: NDArray[np.uint8], names: NDArray[np.str_], seed: int) -> FaceNetwork:
-    """Fit the network to patches (n, 32, 32, 3) and their classes (n,), in colour and grey; all but `other` are drawn alike."""
+    """Fit the network to patches (n, 32, 32, 3) in colour and grey, and their classes (n,), drawn alike but `other`."""
     torch.manual_seed(seed)
     classes, target = np.unique(names, return_inverse=True)
     network = FaceNetwork(tuple(map(str, classes)))
