@@ -123,7 +123,7 @@ def test_nor_by_the_colour_gate_of_the_report(grey_demo: Path) -> None:
     assert colorless(found)
 
 
-def test_a_real_grey_drive_has_no_colours_and_no_code_of_a_coloured_face() -> None:
+def test_a_real_grey_drive_has_no_colours_and_no_wrong_codes() -> None:
     log = REAL / "de_residential_kitti03a.mcap"
     if not log.is_file():
         pytest.skip(f"{log} is not here: KITTI, for tests only")
@@ -131,4 +131,5 @@ def test_a_real_grey_drive_has_no_colours_and_no_code_of_a_coloured_face() -> No
     rows = found.signs.to_pylist()
     assert len(rows) >= 3
     assert colorless(found)
-    assert {row["vienna"] for row in rows} <= {None, "C"}
+    right = {"circle": {None, "C"}, "rectangle": {None, "E", "E14"}}  # no parking; parking
+    assert all(row["mutcd"] is None and row["vienna"] in right[row["shape"]] for row in rows)
