@@ -141,7 +141,8 @@ class Frame:
     `step` bytes in a raw `encoding` ("bgr8", "rgb8", "mono8", ...). Where `status` is not `used`, `data` may be empty.
     `spacing_m` is the nominal distance from the previous used frame (None: unknown). `settled_time_ns` is the capture
     time where clocks were set or wrong, so that neither header nor log time tell it (None: they do). `name`: of the
-    file that was imported; `date`: when it was taken, as its camera wrote it (empty: unknown).
+    file that was imported; `date`: when it was taken, as its camera wrote it (empty: unknown); `grey`:
+    its camera sees no colour.
     """
 
     index: int
@@ -160,6 +161,7 @@ class Frame:
     settled_time_ns: int | None = None
     name: str = ""
     date: str = ""
+    grey: bool = False
 
     @property
     def label(self) -> str:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 
 class Rows:
@@ -37,6 +38,7 @@ class Sightings(Rows):
     position (n, 3): east, north, up in one frame for all; covariance (n, 3, 3): relative to the cameras nearby;
     common_sigma_m (n, 2): level and up, standard deviation of the error that neighbouring panels of the drive share;
     assembly (n,): number of the support within the drive; color, shape (n,): codes of the classes;
+    front (n,): whether the face was seen, not the back;
     bearing_rad (n,): compass direction that the face looks in; size_m, size_sigma_m (n, 2): width and height.
     """
 
@@ -49,6 +51,7 @@ class Sightings(Rows):
     assembly: Ints
     color: Ints
     shape: Ints
+    front: Flags
     bearing_rad: Floats
     size_m: Floats
     size_sigma_m: Floats

@@ -74,8 +74,9 @@ def places_of(rows: Sequence[Row]) -> PanelPlaces:
 
 
 def same_face(one: Row, other: Row, settings: ChangeSettings, merge: MergeSettings) -> bool:
-    """Whether two panels look alike: colour, shape, size and facing."""
-    same = one["color"] == other["color"] and one["shape"] == other["shape"]
+    """Whether two panels look alike: colour, shape, size and facing; what is not known of either tells nothing."""
+    looks = ((one[name], other[name]) for name in ("color", "shape"))
+    same = all(None in pair or pair[0] == pair[1] for pair in looks)
     for name in ("panel_width_m", "panel_height_m"):
         a, b = one[name], other[name]
         same &= a is None or b is None or abs(a - b) < settings.same_size * max(a, b)

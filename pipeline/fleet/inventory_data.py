@@ -154,6 +154,7 @@ def read_signs(folder: Path, frames: DriveFrames, settings: MergeSettings) -> Dr
         assembly=_codes(table, "assembly_id"),
         color=_class(table, "color", COLORS),
         shape=_class(table, "shape", SHAPES),
+        front=~back,
         # the visible side looks against the travel; of a back, the face looks along with it
         bearing_rad=travel + facing + np.where(back, 0.0, np.pi),
         size_m=np.column_stack([_numbers(table, f"panel_{n}_m") for n in ("width", "height")]),

@@ -27,6 +27,10 @@ FILTERS, HIDDEN = (16, 32, 64), 64
 BATCH, EPOCHS, LEARNING_RATE, WEIGHT_DECAY, DROPOUT = 128, 6, 5e-3, 1e-2, 0.2
 """Patches of a batch, epochs, largest learning rate, weight decay, fraction of hidden units dropped."""
 
+GREY, RESPONSE = 64, (2.0, 3.0, 1.5)
+"""So many patches of a batch are seen once more by a grey sensor, whose response to red, green and blue is drawn from a
+Dirichlet distribution: one that sees infrared shows red as white."""
+
 SMOOTHING = 0.02
 """Part of the probability that is given to all classes alike."""
 
@@ -62,7 +66,7 @@ class FaceNetwork(nn.Module):  # type: ignore[misc]
 
 
 def fit(patches: NDArray[np.uint8], names: NDArray[np.str_], seed: int) -> FaceNetwork:
-    """Fit the network to patches (n, 32, 32, 3) and their classes (n,); all are drawn alike but `other`."""
+    """Fit the network to patches (n, 32, 32, 3) in colour and grey, and their classes (n,), drawn alike but `other`."""
     torch.manual_seed(seed)
     classes, target = np.unique(names, return_inverse=True)
     network = FaceNetwork(tuple(map(str, classes)))
@@ -74,9 +78,12 @@ def fit(patches: NDArray[np.uint8], names: NDArray[np.str_], seed: int) -> FaceN
     other = CodeSettings().other_share
     share = np.where(classes == OTHER_FACE, other, (1 - other) / max(len(classes) - 1, 1))
     weight = (share / np.bincount(target))[target]
-    drawn = np.random.default_rng(seed).choice(len(names), (steps, BATCH), p=weight / weight.sum())
-    for rows in drawn:
-        found = network(torch.from_numpy(face_samples(patches[rows])))
+    random = np.random.default_rng(seed)
+    drawn = random.choice(len(names), (steps, BATCH), p=weight / weight.sum())
+    for batch in drawn:
+        rows = np.append(batch, batch[:GREY])
+        seen = np.concatenate([patches[batch], in_grey(patches[batch[:GREY]], random)])
+        found = network(torch.from_numpy(face_samples(seen)))
         loss = nn.functional.cross_entropy(
             found, torch.from_numpy(target[rows]), label_smoothing=SMOOTHING
         )
@@ -85,6 +92,13 @@ def fit(patches: NDArray[np.uint8], names: NDArray[np.str_], seed: int) -> FaceN
         descent.step()
         rate.step()
     return network
+
+
+def in_grey(patches: NDArray[np.uint8], random: np.random.Generator) -> NDArray[np.uint8]:
+    """Patches (n, h, w, 3) as grey sensors of any response see them: three equal channels."""
+    response = random.dirichlet(RESPONSE, len(patches))
+    grey = np.rint(np.einsum("nhwc,nc->nhw", patches, response)).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=-1)
 
 
 @torch.no_grad()  # type: ignore[untyped-decorator]

@@ -9,19 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.clocks import Floats, Integers
 from wayside.pipeline.reading.h264 import H264
-from wayside.pipeline.reading.image_headers import frame_of
+from wayside.pipeline.reading.pixels import decoded_images
 from wayside.pipeline.reading.plan import Plan
 from wayside.pipeline.reading.poses import path_of
-from wayside.pipeline.reading.replay import image_messages
-from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.streams import Samples
 from wayside.pipeline.reading.video import VideoStreams
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import FeatureSettings, MotionSettings, TieSettings
-from wayside.stages.imaging import decode
 from wayside.stages.odometry import (
     AXES,
     Agreement,
@@ -250,15 +246,8 @@ class _Images:
 
     def read(self, rows: Integers) -> None:
         """Read images in the order given."""
-        plan = self.plan
-        found = image_messages(plan.survey, plan.camera.name, rows, ScanReport(), Allowance())
-        for row, message in found:
+        for row, image in decoded_images(self.plan, rows, self.cameras, self.video):
             self.kept[row], camera = None, self.cameras[row]
-            status, content = self.video.image(message, camera)
-            if camera is None:
-                continue
-            frame = replace(frame_of(content), status=status, camera=camera)
-            (image,) = decode(iter([frame]))
-            if image.grey is not None:
+            if camera is not None and image.grey is not None:
                 corners = tie_corners(image.grey, FeatureSettings())
                 self.kept[row] = KeypointImage.of_corners(camera, image.grey, *corners)

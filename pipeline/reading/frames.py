@@ -11,6 +11,7 @@ from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.image_headers import frame_of
 from wayside.pipeline.reading.messages import Kind
+from wayside.pipeline.reading.pixels import is_grey
 from wayside.pipeline.reading.plan import Plan, plan_reading, shortened
 from wayside.pipeline.reading.records import Message
 from wayside.pipeline.reading.replay import image_messages
@@ -73,16 +74,27 @@ def read_frames(
         report.motion_topic = timeline.motion.topic
     report.spacing_m = plan.spacing_m
     report.notes += [*plan.notes, *timeline.notes]
-    return _Reader(plan, timeline, settings, report).frames()
+    grey = is_grey(plan, timeline.order, timeline.cameras)
+    if grey:
+        report.notes.append(
+            "the camera sees no colour: none is stated, and codes rest on shape, size and pattern alone"
+        )
+    return _Reader(plan, timeline, settings, report, grey=grey).frames()
 
 
 class _Reader:
     """One reading of one log."""
 
     def __init__(
-        self, plan: Plan, timeline: Timeline, settings: ReadSettings, report: ReadReport
+        self,
+        plan: Plan,
+        timeline: Timeline,
+        settings: ReadSettings,
+        report: ReadReport,
+        *,
+        grey: bool,
     ) -> None:
-        self.plan, self.timeline, self.report = plan, timeline, report
+        self.plan, self.timeline, self.report, self.grey = plan, timeline, report, grey
         self.selection = Selection(settings, plan.spacing_m)
         self.by_number = plan.survey.by_number and not settings.spacing_m
         self.video = VideoStreams()
@@ -129,6 +141,7 @@ class _Reader:
             settled_time_ns=None if known else time_ns,
             name=self.plan.survey.image_names.get(log_time, ""),
             date=self.plan.survey.image_dates.get(log_time, ""),
+            grey=self.grey,
         )
         # The numbers of imported messages count the images taken, gaps included.
         counted = report.images - self.others_seen

@@ -83,7 +83,7 @@ def detect(
             scores = front.with_network.of(scores, item.network_score[rows])
         candidates = with_scores(candidates, rows, scores, front.threshold, settings)
         above = scores >= front.threshold
-        candidates = with_names(candidates, rows[above], found.select(above))
+        candidates = with_names(candidates, rows[above], found.select(above), grey=image.frame.grey)
         if back is not None:
             behind = (found.back >= back.threshold) & (found.back > scores)
             column = np.full(len(candidates), np.nan, np.float32)
@@ -138,14 +138,20 @@ def with_scores(
     return replace(candidates, score=score, verdict=verdict)
 
 
-def with_names(candidates: Candidates, rows: NDArray[np.int64], found: BoxScores) -> Candidates:
-    """The candidates with the log probabilities and the most probable classes of `rows`, which the network `found`."""
+def with_names(
+    candidates: Candidates, rows: NDArray[np.int64], found: BoxScores, *, grey: bool = False
+) -> Candidates:
+    """The candidates with the log probabilities and the most probable classes of `rows`, which the network `found`.
+
+    grey: the camera sees no colour, and none is named.
+    """
     color, shape = candidates.color.copy(), candidates.shape.copy()
     colors, shapes = (
         np.full((len(candidates), len(names)), np.nan, np.float32) for names in (COLORS, SHAPES)
     )
-    colors[rows], shapes[rows] = (log_softmax(s, axis=1) for s in (found.color, found.shape))
-    color[rows], shape[rows] = found.color.argmax(axis=1), found.shape.argmax(axis=1)
+    shapes[rows], shape[rows] = log_softmax(found.shape, axis=1), found.shape.argmax(axis=1)
+    if not grey:
+        colors[rows], color[rows] = log_softmax(found.color, axis=1), found.color.argmax(axis=1)
     return replace(
         candidates,
         color=color,

@@ -78,7 +78,7 @@ def detect_externally(
         )
         yield Detections(
             segmentation,
-            classified(found, segmentation.regions, item.rgb, settings, network),
+            classified(found, segmentation.regions, item, settings, network),
         )
 
 
@@ -97,16 +97,17 @@ def external_regions(
 def classified(
     found: ExternalBoxes,
     regions: Regions,
-    rgb: NDArray[np.uint8],
+    item: Image,
     settings: CandidateSettings,
     network: BoxNetwork,
 ) -> Candidates:
     """Candidates of the boxes with scores, verdicts and classes."""
     rows = np.arange(len(found))
     candidates = with_scores(Candidates.of(regions), rows, found.score, -np.inf, settings)
-    if len(found) == 0:
+    if len(found) == 0 or item.rgb is None:
         return candidates
-    candidates = with_names(candidates, rows, network.scores(pyramid(rgb), regions.box))
+    named = network.scores(pyramid(item.rgb), regions.box)
+    candidates = with_names(candidates, rows, named, grey=item.frame.grey)
     return replace(
         candidates,
         color=_known_first(found.color, candidates.color),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,3 +25,14 @@ def log_chromaticity(rgb: NDArray[Any]) -> NDArray[np.float64]:
     raised = np.log(colors + DARK_LEVEL)
     brightness = np.log(colors.mean(axis=1) + DARK_LEVEL)
     return np.column_stack([brightness, raised[:, 0] - raised[:, 1], raised[:, 2] - raised[:, 1]])
+
+
+def colorfulness(rgb: NDArray[np.uint8]) -> float:
+    """How far the colour of an image (h, w, 3) varies, as a fraction of how far its brightness does; 0 of an even one.
+
+    Larger of the deviations of log R/G and log B/G, over that of the log brightness, between the means of 64 x 32 parts
+    of the image: a cast is the same everywhere, noise averages out, and fog takes as much of colour as of contrast.
+    """
+    parts = cv2.resize(rgb, (64, 32), interpolation=cv2.INTER_AREA)
+    bright, red, blue = log_chromaticity(parts.reshape(-1, 3)).std(axis=0).tolist()
+    return max(red, blue) / bright if bright > 0 else 0.0

@@ -69,7 +69,7 @@ def decode(frames: Iterator[Frame], balance: BalanceSettings | None = None) -> I
         Frames in any state; used ones hold a compressed image, its size in `width` and `height`, or raw rows.
     balance
         Of the white balance of `rgb` by the road, where there is a calibration; None: as recorded. `grey` stays as
-        recorded.
+        recorded; of a camera that sees no colour it is each channel of `rgb`, too.
 
     Yields
     ------
@@ -89,7 +89,9 @@ def decode(frames: Iterator[Frame], balance: BalanceSettings | None = None) -> I
             yield Image(replace(frame, status=status, data=b""), None, None)
         else:
             grey = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
-            if balance is not None and balance.on and frame.camera is not None:
+            if frame.grey:  # what its channels differ by is noise, or a cast
+                rgb = np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB), np.uint8)
+            elif balance is not None and balance.on and frame.camera is not None:
                 rgb = balanced(rgb, frame.camera, balance)
             yield Image(frame, rgb, grey)
 

@@ -99,7 +99,7 @@ def miss_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettin
     """
     replaced = changed_share(_years(sightings, i, j), settings)
     absent = np.minimum(settings.missed + replaced, 1.0)
-    fronts = (sightings.color[i] >= 0).astype(np.int64) + (sightings.color[j] >= 0)
+    fronts = sightings.front[i].astype(np.int64) + sightings.front[j]
     return np.asarray(-np.log(absent) * fronts)
 
 

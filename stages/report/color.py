@@ -52,6 +52,8 @@ def classify_color(
         color, distance, accepted = nearest_class(
             color_features(one.regions.rgb, model.space), model, COLORS
         )
+        if one.frame.grey:  # the gate goes by brightness, and names nothing
+            color, distance = candidates.color, candidates.color_distance
         verdict = np.where(accepted, candidates.verdict, verdict_code("color"))
         yield Detections(
             one,

@@ -43,6 +43,22 @@ def test_the_classifier_learns_what_it_is_shown(module):
     assert (np.array(network.classes)[best] == names).mean() > 0.95
 
 
+@pytest.mark.slow
+def test_it_learns_to_name_in_grey_what_it_is_shown_in_colour(module, monkeypatch):
+    patches, names = examples(90, seed=1)
+    grey = module.in_grey(patches, np.random.default_rng(3))
+    assert (grey == grey[..., :1]).all()
+
+    def right():
+        network = module.fit(*examples(600), seed=1)
+        best = network.log_probabilities(grey).argmax(axis=1)
+        return (np.array(network.classes)[best] == names).mean()
+
+    in_both = right()
+    monkeypatch.setattr(module, "GREY", 0)
+    assert in_both > right() + 0.2
+
+
 def test_a_classifier_that_is_wrong_becomes_less_sure_and_names_the_same(torch, module, untrained):
     with torch.no_grad():
         untrained.out.weight.mul_(50)

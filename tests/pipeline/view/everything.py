@@ -49,6 +49,7 @@ EVERYTHING: dict[type, dict[str, str]] = {
         "spacing_m": "/residuals/straight",
         "name": TABLES,
         "date": TABLES,
+        "grey": "not: a note of the run says it; all colours are unknown then",
     },
     Camera: dict.fromkeys(("width", "height", "fx", "fy", "cx", "cy"), CAMERA)
     | {"distortion": f"{CAMERA}/signs"},

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wayside.stages.imaging.colorspace import log_chromaticity
+from wayside.stages.imaging.colorspace import colorfulness, log_chromaticity
 
 COLORS = np.array([[0, 0, 0], [255, 255, 255], [200, 20, 3], [0, 255, 0]], np.float32)
 
@@ -29,3 +29,19 @@ def test_grey_has_no_chromaticity():
 def test_other_shapes_are_refused():
     with pytest.raises(ValueError, match="wanted shape"):
         log_chromaticity(COLORS[0])
+
+
+def test_colour_is_measured_against_contrast_whatever_cast_noise_and_fog():
+    random = np.random.default_rng(2)
+    scene = np.kron(random.integers(0, 256, (12, 20, 3)), np.ones((30, 30, 1)))
+    grey = scene.mean(axis=2, keepdims=True).repeat(3, axis=2)
+    noise = random.normal(0, 5, scene.shape)
+
+    def seen(image):
+        return colorfulness(np.clip(np.rint(image), 0, 255).astype(np.uint8))
+
+    assert seen(grey) == pytest.approx(0, abs=1e-9)
+    assert seen(0.8 * grey * [1.1, 1.0, 1.15] + noise) < 0.07
+    assert seen(scene) > 0.3
+    assert seen(0.1 * scene + 180 + noise) > 0.3
+    assert seen(np.full((9, 9, 3), 70)) == 0

@@ -47,6 +47,7 @@ def make_sightings(
         assembly=panel,
         color=panel % 5,
         shape=panel % 3,
+        front=np.ones(count, bool),
         bearing_rad=np.zeros(count),
         size_m=np.full((count, 2), 0.75),
         size_sigma_m=np.full((count, 2), 0.02),
@@ -210,13 +211,15 @@ def test_the_ratio_of_places_is_the_student_density_against_that_of_neighbours()
 
 def test_two_panels_are_less_likely_where_each_drive_would_have_seen_both_from_the_front() -> None:
     sightings = make_sightings(road(1), [[0, 0, 0]] * 3, apart_ns=0)
-    color = np.array([1, 1, -1])  # the third saw it from behind
+    faces = np.array([True, True, False])  # the third saw it from behind
     i, j = np.array([0, 0]), np.array([1, 2])
-    front, behind = miss_log_ratio(replace(sightings, color=color), i, j, SETTINGS)
+    front, behind = miss_log_ratio(replace(sightings, front=faces), i, j, SETTINGS)
     assert front == pytest.approx(-2 * np.log(SETTINGS.missed))
     assert behind == pytest.approx(front / 2)
+    grey = replace(sightings, front=faces, color=np.full(3, -1))  # whose cameras saw no colour
+    assert miss_log_ratio(grey, i, j, SETTINGS).tolist() == [front, behind]
     later = np.array([0, 2, 2]) * 366 * DAY_NS  # the neighbour may have been put up since
-    years = replace(sightings, color=color, time_ns=later)
+    years = replace(sightings, front=faces, time_ns=later)
     assert 0 < miss_log_ratio(years, i, j, SETTINGS)[0] < front
     ever = replace(
         years, time_ns=later * 1000

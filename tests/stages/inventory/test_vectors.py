@@ -39,6 +39,7 @@ def make_drives(
         assembly=np.tile(np.arange(n), 2),
         color=np.tile(face % 5, 2),
         shape=np.tile(face % 3, 2),
+        front=np.ones(2 * n, bool),
         bearing_rad=np.zeros(2 * n),
         size_m=np.full((2 * n, 2), 0.75),
         size_sigma_m=np.full((2 * n, 2), 0.02),
