@@ -66,6 +66,7 @@ VERDICTS = (
     "moving",
     "residual",
     "location",
+    "attached",
     "panel_size",
     "place_score",
     "duplicate",

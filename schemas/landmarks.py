@@ -18,6 +18,7 @@ EVIDENCE_TERMS = {
     "size": "how small it is, and how large for what it shows",
     "place": "where it stands beside and above the path, by where signs of this drive stand",
     "rigidity": "how well its boxes agree on a standing point",
+    "surroundings": "how far what surrounds it moves apart from it",
 }
 """Terms of the evidence for a landmark: what each log-likelihood ratio, sign against anything else, rests on."""
 

@@ -49,6 +49,7 @@ VERDICT_WORDS = {
     "moving": "moves along the road",
     "residual": "rays do not meet in one point, or the few views do not look alike",
     "location": "stands too far from where signs stand",
+    "attached": "what surrounds it stays with it: part of a wall, a vehicle or a larger board",
     "panel_size": "measured width or height outside the limits of a sign panel",
     "place_score": "its views look too little like a sign: the weakest of all evidence on the landmark",
     "duplicate": "second measurement of a panel already reported",

@@ -46,6 +46,7 @@ _SHORT = {
     "evidence_size": "ev_size",
     "evidence_place": "ev_place",
     "evidence_rigidity": "ev_rigid",
+    "evidence_surroundings": "ev_surroun",
     "reviewed_color": "rev_color",
     "reviewed_shape": "rev_shape",
     "review_note": "rev_note",

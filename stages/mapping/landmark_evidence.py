@@ -1,8 +1,8 @@
 """Whether a landmark is a sign: the sum of log-likelihood ratios (report chapter 9, for a whole track).
 
-Each term of evidence (appearance, views, size, place, rigidity) is a sum of monotone curves over a few numbers on all
-views of a landmark together. What its images show has no bound within what was learned from; the other terms have one
-by what they were worth on real drives.
+Each term of evidence (appearance, views, size, place, rigidity, surroundings) is a sum of monotone curves over a few
+numbers on all views of a landmark together. What its images show counts over the whole range that was learned from; the
+other terms count by what they were worth on real drives.
 """
 
 from __future__ import annotations
@@ -26,8 +26,6 @@ from wayside.stages.mapping.window import WindowFrame
 
 FEATURES = (
     "score_best",
-    "color_certainty",
-    "shape_certainty",
     "log_views",
     "missed",
     "log_side",
@@ -35,12 +33,12 @@ FEATURES = (
     "log_place",
     "size_scatter",
     "depth_sigma",
+    "surroundings",
 )
 """Names in the order of the values. score_best: mean of the three highest scores of its views; missed: share of the
-frames that should show it in which it has no candidate; color_certainty, shape_certainty: mean log probability of the
-class that the views together give; log_side: of the mean side, metres; oversize: logarithm of the longer side, metres,
-0 below one and on a board of a colour that guide signs have; log_place: see `SignPlaces`; size_scatter, depth_sigma:
-relative."""
+frames that should show it in which it has no candidate; log_side: of the mean side, metres; oversize: logarithm of the
+longer side, metres, 0 below one and on a board of a colour that guide signs have; log_place: see `SignPlaces`;
+size_scatter, depth_sigma: relative; surroundings: see `surroundings_correlation`."""
 BEST = 3
 GUIDE_COLORS = {"green", "blue", "brown", "white", "black"}
 """Colours of rectangles that direct traffic: they are as large as their words need."""
@@ -77,9 +75,13 @@ class LandmarkClassifier:
         window: Sequence[WindowFrame],
         offset: FrenetOffset,
         places: SignPlaces,
+        surroundings: float = nan,
     ) -> LandmarkEvidence:
-        """The evidence for a landmark in its window at an offset from the path, on a drive with signs in places."""
-        features = landmark_features(fit, window, offset, places, self.settings)
+        """The evidence for a landmark in its window at an offset from the path, on a drive with signs in places.
+
+        surroundings: correlation round it; nan: not measured.
+        """
+        features = landmark_features(fit, window, offset, places, surroundings, self.settings)
         if self.model is None:
             log_odds = max(fit.value, 0.0)
             return LandmarkEvidence(features, (("rigidity", log_odds),), log_odds)
@@ -99,21 +101,20 @@ def landmark_features(
     window: Sequence[WindowFrame],
     offset: FrenetOffset,
     places: SignPlaces,
+    surroundings: float,
     settings: LandmarkSettings,
 ) -> NDArray[np.float64]:
-    """Numbers (10,) on a landmark, named by `FEATURES`."""
+    """Numbers (9,) on a landmark, named by `FEATURES`."""
     scores = np.array([window[f].score[row] for f, row in zip(fit.frames, fit.rows, strict=True)])
     nearest = int(np.argmin(fit.depth))
     ray = window[fit.frames[nearest]].motion.pose.rotation[:, 2]
-    color, color_certainty = _likeliest(fit, window, "color", COLORS, settings)
-    shape, shape_certainty = _likeliest(fit, window, "shape", SHAPES, settings)
+    color = _likeliest(fit, window, "color", COLORS, settings)
+    shape = _likeliest(fit, window, "shape", SHAPES, settings)
     guides = shape == "rectangle" and (color is None or color in GUIDE_COLORS)
     log_sides = np.log(fit.metric)
     return np.array(
         [
             np.sort(scores)[-BEST:].mean(),
-            color_certainty,
-            shape_certainty,
             np.log(len(fit.rows)),
             fit.missed / (fit.missed + len(fit.rows)),
             log_sides.mean(),
@@ -121,6 +122,7 @@ def landmark_features(
             places.log_density(offset),
             (fit.spread / fit.metric).max(),
             np.sqrt(ray @ fit.covariance @ ray) / fit.depth[nearest],
+            surroundings,
         ]
     )
 
@@ -131,11 +133,11 @@ def _likeliest(
     what: str,
     names: Sequence[str],
     settings: LandmarkSettings,
-) -> tuple[str | None, float]:
-    """The likeliest colour or shape, and its mean log probability; None and nan where no network classified a view."""
+) -> str | None:
+    """The likeliest colour or shape; None where no network classified a view."""
     own = ((window[f], row) for f, row in zip(fit.frames, fit.rows, strict=True))
     means = mean_log_probabilities(own, what, settings)
-    return (None, nan) if means is None else (names[int(means.argmax())], float(means.max()))
+    return None if means is None else names[int(means.argmax())]
 
 
 def score_by_views(frames: Iterator[TrackedFrame]) -> Iterator[TrackedFrame]:

@@ -21,6 +21,7 @@ from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import LocalAdjustmentSettings, MappingSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import FrenetOffset
+from wayside.stages.kernels import Array
 from wayside.stages.mapping.acceptance import accept_greedily
 from wayside.stages.mapping.association import AssociationGates
 from wayside.stages.mapping.hypotheses import Hypotheses, pair_hypotheses
@@ -30,6 +31,7 @@ from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.panel import PanelMeasurement, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
 from wayside.stages.mapping.sign_places import SignPlaces
+from wayside.stages.mapping.surroundings import surroundings_correlation
 from wayside.stages.mapping.verdicts import (
     VERDICT_OF_TERM,
     SeenBox,
@@ -225,7 +227,7 @@ class _Tracker:
     def _decide(self, one: _Classified) -> None:
         """Give a landmark its verdict, measure it and hand it to its frames."""
         fit = one.fit
-        evidence, (verdict, seen) = one.evidence, self._verdict(one)
+        verdict, evidence, seen = self._verdict(one)
         settings = self._settings.landmark
         adjustment = self._adjustment if verdict == "sign" else None
         measured = measure_landmark(fit, self._window, self._settings, seen.panel, adjustment)
@@ -259,22 +261,27 @@ class _Tracker:
         self._assign(fit, verdict)
         self._next_id += 1
 
-    def _verdict(self, one: _Classified) -> tuple[str, PanelMeasurement]:
-        """The verdict, and the panel, which is measured of what may be a sign."""
+    def _verdict(self, one: _Classified) -> tuple[str, LandmarkEvidence, PanelMeasurement]:
+        """The verdict, the evidence for it, and the panel, which is measured of what may be a sign."""
         settings, fit, evidence = self._settings.verdict, one.fit, one.evidence
         classifier, seen = self._sides[fit.back].landmark, PanelMeasurement()
         if in_swept_volume(fit, one.offset, settings):
-            return "moving", seen
+            return "moving", evidence, seen
         if not classifier.accepts(evidence):
-            return VERDICT_OF_TERM[evidence.weakest], seen
+            return VERDICT_OF_TERM[evidence.weakest], evidence, seen
         if self._is_reported(fit):
-            return "duplicate", seen
+            return "duplicate", evidence, seen
         if self._panel is not None:
             drift_rad = self._settings.landmark.drift_rad
             seen = measure_panel(fit, self._window, one.offset, self._panel, drift_rad)
         # any two rays meet somewhere: where nothing is known of signs, images in register confirm it
         confirmed = classifier.model is not None or fit.used.sum() > 2 or len(seen.views) > 1
-        return "sign" if confirmed else "residual", seen
+        surroundings = surroundings_correlation(self._views_of(fit))
+        places = self._places[fit.back]
+        evidence = classifier.classify(fit, self._window, one.offset, places, surroundings)
+        if not classifier.accepts(evidence):
+            return VERDICT_OF_TERM[evidence.weakest], evidence, seen
+        return "sign" if confirmed else "residual", evidence, seen
 
     def _is_reported(self, fit: LandmarkFit) -> bool:
         """Whether a reported sign is the same face: by where both stand, or by the images that show them."""
@@ -295,6 +302,13 @@ class _Tracker:
             predicted = regions.source[own] == SOURCES.index("predicted")
             boxes[held.frame.index] = SeenBox(regions.box[own], bool(predicted))
         return boxes
+
+    def _views_of(self, fit: LandmarkFit) -> Iterator[tuple[NDArray[np.uint8], Array]]:
+        """The images that show a landmark, each with its box."""
+        for frame, row in zip(fit.frames, fit.rows, strict=True):
+            held = self._window[frame]
+            if held.rgb is not None:
+                yield held.rgb, held.candidates.regions.box[held.followed[row]].astype(np.float64)
 
     def _assign(self, fit: LandmarkFit, verdict: str) -> None:
         """Give the candidates to the landmark, and those it covers, unless it is a duplicate."""

@@ -28,6 +28,7 @@ VERDICT_OF_TERM = {
     "size": "panel_size",
     "place": "location",
     "rigidity": "residual",
+    "surroundings": "attached",
 }
 """Verdict on a landmark by the term of evidence that weighs most against it."""
 

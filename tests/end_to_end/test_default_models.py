@@ -30,23 +30,6 @@ def run_with(run_demo, tmp_path_factory):
     return run
 
 
-def far_away(model):
-    """The same classes a kilometre above the road."""
-    classes = [one | {"mean": [one["mean"][0], 1000.0]} for one in model["classes"]]
-    return model | {"classes": classes}
-
-
-def test_where_the_location_model_has_no_sign_is_evidence_against_one(run_with):
-    usual, far = (
-        [row for row in result.signs if row["status"] == "sign"]
-        for result in (run_with(), run_with(location=far_away))
-    )
-    assert usual
-    least = min(row["evidence_place"] for row in usual)
-    assert all(row["evidence_place"] < least for row in far)
-    assert sum(row["confidence"] for row in far) < sum(row["confidence"] for row in usual)
-
-
 def test_a_panel_larger_than_the_settings_allow_is_none(run_demo):
     result = run_demo(*SHORT, "--set", "locate.largest_side_m=0.85")
     assert max(row["panel_width_m"] for row in result.signs) <= 0.85

@@ -164,7 +164,7 @@ def test_the_default_finds_every_panel_that_stands_there_and_no_other(default_de
 
 def test_every_row_of_the_default_states_the_evidence_that_it_rests_on(default_demo):
     terms = [name for name in default_demo.signs[0] if name.startswith("evidence_")]
-    assert len(terms) == 7
+    assert len(terms) == 6
     assert {row["status"] for row in default_demo.signs} >= {"sign", "back"}
     assert all(row[name] is not None for row in default_demo.signs for name in terms)
 

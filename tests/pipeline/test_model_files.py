@@ -308,9 +308,9 @@ DAMAGED = {
     "nan in a sum": ("front.json", lambda d: d["with_network"].update(shift=math.nan)),
     "a list as sum": ("front.json", lambda d: d.update(with_network=[1, 2, 3])),
     "no threshold": ("back.json", lambda d: d.pop("threshold")),
-    "evidence without a weight": ("place.json", lambda d: d["features"][0].pop("weight")),
-    "a weight of nan": ("place.json", lambda d: d["features"][0].update(weight=math.nan)),
-    "bounds out of order": ("place.json", lambda d: d["features"][0].update(low=9.0, high=1.0)),
+    "evidence without a curve": ("place.json", lambda d: d["features"][0].pop("curve")),
+    "a curve of nan": ("place.json", lambda d: d["features"][0]["curve"].append(math.nan)),
+    "knots out of order": ("place.json", lambda d: d["features"][0]["knots"].reverse()),
     "a mean of another size": ("location.json", lambda d: d["classes"][0]["mean"].pop()),
     "no covariance": (
         "location.json",

@@ -105,7 +105,7 @@ def test_distractors_of_a_real_drive_are_no_signs_unless_their_description_leave
     log = REAL / "ca_city_garmin.mcap"
     if not log.is_file():
         pytest.skip(f"{log} is not at hand")
-    monkeypatch.setattr(detector_images, "_checked_boxes", lambda name: {})
+    monkeypatch.setattr(detector_images, "checked_boxes", lambda name: {})
     first, later, _ = real_drive_images(log, 123)
     np.testing.assert_array_equal(first.other, [[0, 697, 862, 719], [901, 283, 1030, 372]])
     plates = [1152, 287, 1170, 309]

@@ -20,6 +20,13 @@ def landmark_of(frames, classifier):
     return found
 
 
+def with_image(posed, grey):
+    detections = posed.detections
+    image = replace(detections.image, rgb=np.dstack([grey] * 3), grey=grey)
+    segmentation = replace(detections.segmentation, image=image)
+    return replace(posed, detections=replace(detections, segmentation=segmentation))
+
+
 def test_the_score_is_the_sum_of_the_terms_and_the_shift(panel, drive, evidence_model):
     model = evidence_model(0.5, log_views=1.0, missed=-2.0)
     landmark = landmark_of(drive([panel(3.5, 1.2, 120.0)], 20), LandmarkClassifier(model))
@@ -37,11 +44,18 @@ def test_the_features_say_how_a_landmark_was_seen(panel, drive):
     assert named["missed"] == pytest.approx(1 / (1 + len(landmark.views)))
     assert named["log_side"] == pytest.approx(np.log(0.6 * 0.9) / 2, abs=0.1)
     assert named["oversize"] == pytest.approx(max(np.log(landmark.height_m), 0), abs=0.05)
-    assert np.isnan(named["color_certainty"])
-    assert np.isnan(named["shape_certainty"])
     beside = FrenetOffset(landmark.station_m, landmark.right_m, landmark.above_m)
     assert named["log_place"] == pytest.approx(SignPlaces().log_density(beside), abs=0.05)
     assert named["size_scatter"] < 0.05
+    assert np.isnan(named["surroundings"])
+
+
+def test_the_images_show_whether_its_surroundings_move_with_a_panel(panel, drive, texture):
+    """The same image in every frame: what the box of the panel moves over is never twice the same."""
+    grey = texture(1200, 1600, contrast=40.0)
+    frames = [with_image(frame, grey) for frame in drive([panel(3.5, 1.2, 120.0)], 20)]
+    named = dict(zip(FEATURES, landmark_of(frames, LandmarkClassifier()).features, strict=True))
+    assert named["surroundings"] < 0.5
 
 
 @given(value=st.floats(-1e6, 1e6))
@@ -58,9 +72,9 @@ def test_what_lies_beyond_the_knots_says_as_much_as_the_last(value, evidence_mod
 
 
 def test_what_is_not_known_says_nothing(evidence_model):
-    model = evidence_model(missed=2.0, color_certainty=1.0)
-    ratios = model.ratios({"missed": 3.0, "color_certainty": float("nan")})
-    assert ratios == {"missed": 6.0, "color_certainty": 0.0}
+    model = evidence_model(missed=2.0, surroundings=1.0)
+    ratios = model.ratios({"missed": 3.0, "surroundings": float("nan")})
+    assert ratios == {"missed": 6.0, "surroundings": 0.0}
 
 
 def test_a_model_of_evidence_is_the_same_after_a_file(evidence_model):

@@ -1,0 +1,104 @@
+"""Whether what surrounds a panel moves with it from view to view: a sign stands apart, a board hangs on a wall.
+
+What lies behind a standing panel is shifted against it by parallax as the vehicle comes nearer. What is part of a wall,
+a lorry or a larger board keeps its surroundings: they look the same round the panel in every view.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import combinations, islice
+from math import nan
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.stages.kernels import Array
+
+SIDES, SAMPLES = 2.5, 60
+"""Width and height of a patch: in those of the panel in its middle, and in samples."""
+GAP = 1.25
+"""Surroundings begin beyond so many sides of the panel: its edge, blurred, is none of them."""
+SEARCH = 2
+"""Samples, each way, by which the boxes of two views may differ: the panels themselves are aligned."""
+SMALLEST_PX = 9.0
+"""Size of a panel below which its surroundings are a few pixels."""
+NEARER = 1.35
+"""Views are compared where the panel is so many times larger in one of them: else there is little parallax."""
+MOST_PAIRS = 24
+"""Pairs of views that are compared at most."""
+NOISE = 4.0
+"""Grey levels: what varies less shows nothing."""
+
+_AT = ((np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5) * SIDES
+"""Middles of the samples of a patch, each way, in sides of the panel from its middle."""
+_FIRST, _LAST = np.flatnonzero(np.abs(_AT) < 0.5)[[0, -1]] + [0, 1]
+_PANEL, _SEARCHED = (slice(_FIRST - more, _LAST + more) for more in (0, SEARCH))
+"""Samples of the panel in a patch, each way, and those in which it is searched for."""
+
+
+def _samples_around() -> NDArray[np.bool_]:
+    """Which samples, `SEARCH` off the edges of a patch, lie beside and above the panel."""
+    inside, outside = np.abs(_AT) < 0.5, np.abs(_AT) > GAP / 2
+    beside, above = np.outer(inside, outside), np.outer(outside & (_AT < 0), np.abs(_AT) < 0.9)
+    return np.asarray((beside | above)[SEARCH:-SEARCH, SEARCH:-SEARCH])
+
+
+_AROUND = _samples_around()
+"""Below is the post, which moves with any sign."""
+
+
+class Patch(NamedTuple):
+    """A panel and its surroundings: its size, px, and grey levels (`SAMPLES`, `SAMPLES`)."""
+
+    size_px: float
+    grey: NDArray[np.float32]
+
+
+def surroundings_correlation(views: Iterable[tuple[NDArray[np.uint8], Array]]) -> float:
+    """Median correlation (-1 to 1) of the surroundings of a panel over pairs of its views, largest first.
+
+    nan where there is no pair to compare.
+
+    Parameters
+    ----------
+    views
+        Images (height, width, 3), each with the box of the panel [left, top, right, bottom], px.
+    """
+    patches = [patch for patch in (patch_of(*view) for view in views) if patch is not None]
+    patches.sort(key=lambda patch: -patch.size_px)
+    pairs = ((a, b) for a, b in combinations(patches, 2) if a.size_px >= NEARER * b.size_px)
+    found = [correlation_around(near, far) for near, far in islice(pairs, MOST_PAIRS)]
+    return float(np.median(found)) if found else nan
+
+
+def patch_of(rgb: NDArray[np.uint8], box: Array) -> Patch | None:
+    """An image resampled to `SIDES` times the box; None where the image cuts it off, or the panel is small."""
+    middle, size = (box[:2] + box[2:]) / 2, box[2:] - box[:2]
+    size_px = float(np.sqrt(size.prod()))
+    corners = np.round([middle - SIDES / 2 * size, middle + SIDES / 2 * size]).astype(int)
+    (left, top), (right, bottom) = corners
+    height, width = rgb.shape[:2]
+    inside = 0 <= left < right <= width and 0 <= top < bottom <= height
+    if size_px < SMALLEST_PX or not inside:
+        return None
+    grey = cv2.cvtColor(rgb[top:bottom, left:right], cv2.COLOR_RGB2GRAY)
+    small = cv2.resize(grey, (SAMPLES, SAMPLES), interpolation=cv2.INTER_AREA)
+    return Patch(size_px, small.astype(np.float32))
+
+
+def correlation_around(near: Patch, far: Patch) -> float:
+    """Correlation of what is beside and above the panels of two views, their panels aligned."""
+    blurred = cv2.GaussianBlur(near.grey, (0, 0), 0.7 * SAMPLES / SIDES / far.size_px)
+    scores = cv2.matchTemplate(
+        far.grey[_SEARCHED, _SEARCHED], blurred[_PANEL, _PANEL], cv2.TM_CCOEFF_NORMED
+    )
+    _, _, _, (right, down) = cv2.minMaxLoc(scores)
+    width = SAMPLES - 2 * SEARCH
+    seen = blurred[SEARCH:-SEARCH, SEARCH:-SEARCH][_AROUND]
+    moved = far.grey[down : down + width, right : right + width][_AROUND]
+    one, other = (grey - grey.mean(dtype=np.float64) for grey in (seen, moved))
+    noise = len(one) * NOISE**2
+    return float(one @ other / np.sqrt((one @ one + noise) * (other @ other + noise)))
