@@ -22,12 +22,6 @@ RATES = (
 )
 """False-alarm rates of the operating points that a model file holds, as far as there are samples for them."""
 
-DECISION_RULE = (
-    "exceeded by this share of what is no sign, by a normal density fitted to held-out sums "
-    "(report chapter 9)"
-)
-"""How the thresholds of a sum of evidence are chosen."""
-
 DRAWS = 400
 """Resamplings behind the interval of a threshold: an end of it then rests on ten."""
 
