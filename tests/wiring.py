@@ -51,6 +51,8 @@ NOT_BYPASSED = {"read", "queue"}
 """Names that the clock knows beside the stages: the source of the frames and the wait for the workers."""
 BY_OPTION = {"detect_externally", "score_by_views"}
 """Stages that no preset calls: `--detector` and `--detections` do, and tests/end_to_end/test_external_boxes.py."""
+DRAWN = {("default", "location_classes")}
+"""Models that decide nothing in a preset: the viewer draws them, which tests/pipeline/view/test_chains.py sees."""
 SURE = 5.0
 """Log odds that a classifier that tells nothing gives to everything."""
 NEEDED = {"box_network", "front_scores"}
@@ -338,12 +340,13 @@ def cuts_of(preset: str, calls: dict[str, str], known: set[str]) -> tuple[list[C
         f"{preset}: stage {name} ({call})" for name, call in calls.items() if call not in names
     ]
     models = shipped(preset)
-    held = {path: getattr(models, path) for path in model_paths(models) if "." not in path}
+    asked = [path for path in model_paths(models) if (preset, path) not in DRAWN]
+    held = {path: getattr(models, path) for path in asked if "." not in path}
     digests = {
         path: one.sha256 if isinstance(one, OnnxFile) else digest(model_to_json(one))
         for path, one in held.items()
     }
-    paths = [path for path in model_paths(models) if digests[path.split(".")[0]] not in known]
+    paths = [path for path in asked if digests[path.split(".")[0]] not in known]
     known |= {*digests.values(), *calls.values()}
     return stages + [Cut(preset, "model", path) for path in paths], unknown
 

@@ -1,6 +1,9 @@
 """What the viewer says of rows once all signs are known."""
 
-from wayside.pipeline.view.chains import inventory_table, sign_figures
+import numpy as np
+
+from wayside.pipeline.view.chains import inventory_table, opening, sign_figures
+from wayside.schemas.models import GaussianClass, GaussianModel
 
 
 def row(**change):
@@ -15,3 +18,19 @@ def test_a_row_is_headed_by_what_it_looks_like():
     behind = row(status="back", color=None)
     assert sign_figures(behind).startswith("# d-0001: back octagon\n")
     assert "| d-0001 |  | back | octagon | 1.50 |" in inventory_table([behind])
+
+
+def test_every_class_of_places_is_drawn_where_it_lies():
+    places = {"right": (7.0, 0.5), "left": (-9.0, 0.4)}
+    classes = tuple(
+        GaussianClass(name, np.array(mean), np.eye(2), 4.0, "test", 1)
+        for name, mean in places.items()
+    )
+    drawn = {
+        one.path.rsplit("/", 1)[-1]: one
+        for one in opening(GaussianModel("s", classes, "t")).entities
+    }
+    for name, (right, above) in places.items():
+        (strip,) = drawn[name].parts
+        (ring,) = strip.strips.as_arrow_array().to_pylist()
+        np.testing.assert_allclose(np.mean(ring[:-1], axis=0), (right, -above), atol=0.1)
