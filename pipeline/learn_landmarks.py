@@ -21,7 +21,6 @@ from wayside.pipeline.flow import Flow
 from wayside.pipeline.learn import PROCESSES, learning_logs, write_model
 from wayside.pipeline.learning.detector_images import checked_boxes
 from wayside.pipeline.learning.landmarks import (
-    UNCERTAIN,
     KnownPanels,
     LandmarkSamples,
     PosedDrive,
@@ -86,14 +85,11 @@ def learn_landmarks(
     ) as processes:
         samples = joined(list(processes.map(_landmarks_of, *zip(*tasks, strict=True))))
     digests: dict[str, str] = {}
-    for name, back, uncertain in (
-        ("place.json", False, UNCERTAIN),
-        ("back_place.json", True, 0.0),
-    ):
+    for name, back in (("place.json", False), ("back_place.json", True)):
         side = samples.select(samples.back == back)
         origin = provenance([log.stem for _, log, *_ in tasks], side)
         try:
-            model = learn_landmark_classifier(side, origin, uncertain)
+            model = learn_landmark_classifier(side, origin)
         except InputError as error:
             notify(f"{name} not written, such landmarks are classified by their fit alone: {error}")
         else:

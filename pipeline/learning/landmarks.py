@@ -51,7 +51,7 @@ REAL_WEIGHT, RENDERED_SHARE = 200.0, 0.5
 """Weight of all real landmarks together, and that of the rendered ones as a share of it: they fill what real ones lack,
 and never outweigh them. Without real ones they weigh as much as real ones would."""
 UNCERTAIN = float(np.log(1 / 3))
-"""Log odds down to which a face is uncertain, not refused: one in four is a sign. A back is refused below 0."""
+"""Log odds down to which a face is uncertain, not refused, and a back is one: one in four is a sign."""
 PRIOR = float(np.log(3 / 7))
 """Log odds of a landmark before any evidence: of 393 that nine real drives gave, 116 were signs."""
 FOLDS = 8
@@ -136,9 +136,7 @@ def joined(parts: Sequence[LandmarkSamples]) -> LandmarkSamples:
     return LandmarkSamples(**columns)
 
 
-def learn_landmark_classifier(
-    samples: LandmarkSamples, provenance: str, uncertain: float = UNCERTAIN
-) -> EvidenceModel:
+def learn_landmark_classifier(samples: LandmarkSamples, provenance: str) -> EvidenceModel:
     """Fit the curves of all terms together; operating points are those of drives held out in turn.
 
     Logistic regression on the segments of the curves weighs terms that depend on each other (views of one board) by
@@ -191,7 +189,7 @@ def learn_landmark_classifier(
         tuple(np.array(knots, np.float64) for knots in knots_of),
         tuple(curves),
         shift=round(constant, 5),
-        threshold=uncertain,
+        threshold=UNCERTAIN,
         provenance=provenance,
         threshold_rule=RULE,
         curve=points,
