@@ -41,8 +41,8 @@ LENIENT = (0.0, 1.0, 2.0)
 """Log odds by which the threshold of faces is lowered: else few landmarks are no signs."""
 
 REAL_DRIVES = {"ca_city_garmin": ("garmin", 0.0), "us_freeway_yellow_left": ("udacity", 5.9)}
-"""Real drives that may be learned from and that some networks have not: source, and distance between images, metres,
-where the log states none."""
+"""Real drives to learn from, each with networks that have not learned from it: source, and distance between images
+where the log states none, metres."""
 
 Notify = Callable[[str], None]
 

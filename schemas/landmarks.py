@@ -15,8 +15,8 @@ from wayside.schemas.motion import Motion
 EVIDENCE_TERMS = {
     "appearance": "how the classifier of boxes scored its views",
     "views": "how many views it has, and how many are missing",
-    "size": "how small it is, and how large for what it shows",
-    "place": "where it stands beside and above the path, by where signs of this drive stand",
+    "size": "how small it is, and how large for its colour and shape",
+    "place": "where it stands, compared with the other signs of this drive",
     "rigidity": "how well its boxes agree on a standing point",
     "surroundings": "how far what surrounds it moves apart from it",
 }
