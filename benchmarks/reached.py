@@ -31,7 +31,6 @@ _REACHED = {
     "size": CANDIDATE,
     "color": CANDIDATE,
     "shape": CANDIDATE,
-    "glance": CANDIDATE,
     "score": CLASSIFIED,
     "overlap": PASSED,
     "sign": SIGN,

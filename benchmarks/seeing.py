@@ -213,7 +213,7 @@ def seen_on(drive: BenchmarkDrive, out: Path) -> DriveOutcome:
         tuple(faces),
         len(used),
         len(verdicts),
-        int((~np.isin(verdicts, ("size", "glance"))).sum()),
+        int((~np.isin(verdicts, ("size",))).sum()),
         None if drive.name == "raw" else cost["propose"] / cost["decode"],
     )
 

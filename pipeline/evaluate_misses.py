@@ -41,7 +41,6 @@ _STEP_OF_VERDICT = {
     "size": "gate",
     "color": "gate",
     "shape": "gate",
-    "glance": "no_candidate",
     "score": "rejected",
     "overlap": "suppressed",
     "unmatched": "not_followed",

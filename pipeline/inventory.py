@@ -39,7 +39,7 @@ from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 from wayside.stages.georeference import DrivePath
 
 _BATCH_ROWS = 4096
-_UNLISTED = tuple(VERDICTS.index(name) for name in ("size", "color", "glance"))
+_UNLISTED = tuple(VERDICTS.index(name) for name in ("size", "color"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from wayside.pipeline.flow import Flow
+from wayside.pipeline.chains import panel_method
 from wayside.pipeline.learning import trajectories
 from wayside.pipeline.learning.faces import FaceSample
 from wayside.pipeline.learning.gaussians import color_model, location_model, shape_model
@@ -34,7 +34,6 @@ from wayside.pipeline.learning.scenes import real_faces, real_sources
 from wayside.pipeline.model_files import load_models, shipped_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import load_settings
-from wayside.pipeline.workers import StageClock
 from wayside.pipeline.writing import not_written, write_file
 from wayside.schemas.errors import InputError, OutputError, WaysideError
 from wayside.schemas.frame import Image
@@ -118,7 +117,7 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
 def outline_choices(logs: Sequence[Path], seed: int) -> list[OutlineChoice]:
     """The candidates of the outlines of all faces of the drives; views are registered with the model that ships."""
     settings, _ = load_settings()
-    method = Flow(settings, load_models(settings), StageClock()).panel_method()
+    method = panel_method(settings, load_models(settings))
     choices: list[OutlineChoice] = []
     for log in logs:
         truth = read_truth(log.with_suffix(".truth.json"))

@@ -17,6 +17,8 @@ from pathlib import Path
 
 import cv2
 
+from wayside.pipeline.chains import panel_method
+from wayside.pipeline.detectors import detector_of
 from wayside.pipeline.flow import Flow
 from wayside.pipeline.learn import PROCESSES, learning_logs, write_model
 from wayside.pipeline.learning.detector_images import checked_boxes
@@ -126,9 +128,11 @@ def _posed(
         moved = estimate_motion(
             flow.detect(frames), settings.motion, settings.ties, settings.adjustment
         )
-        front, back = flow.box_classifiers()
+        detector = detector_of(settings, flow.models)
+        behind = detector.back()
+        front, back = detector.front().view, None if behind is None else behind.view
         yield PosedDrive(
-            log.stem, moved, front, back, known, flow.panel_method(), source, lower == 0
+            log.stem, moved, front, back, known, panel_method(settings, models), source, lower == 0
         )
 
 

@@ -90,7 +90,12 @@ class Models:
     face_network: OnnxFile | None = None
 
     def sign_confidence(self, setting: float) -> float:
-        """Confidence from which a face counts as a sign: `setting`, its log odds counted from the model's decision."""
+        """Confidence from which a face counts as a sign: `setting`, its log odds counted from the model's decision.
+
+        What another detector let through is a sign: its scores are no probabilities.
+        """
+        if self.external is not None:
+            return 0.0
         decision = 0.0 if self.landmark_classifier is None else self.landmark_classifier.decision
         return float(expit(logit(setting) + decision)) if decision else setting
 
@@ -199,7 +204,7 @@ def load_models(settings: Settings) -> Models:
         If the folder or a file of it cannot be used.
     """
     folder = ModelFolder.of(settings.models.folder)
-    by_report = settings.candidates.classifier == "report"
+    by_report = settings.report.on
     external = _external(settings)
     own_networks = not by_report and external is None
 
@@ -211,7 +216,7 @@ def load_models(settings: Settings) -> Models:
         _linear(folder, "outline.json"),
         _colors(folder) if by_report else None,
         _gaussian(folder, "shape.json") if settings.report.shape else None,
-        _evidence(folder, "place.json") if folder.holds("place.json") else None,
+        optional(_evidence, "place.json"),
         optional(_evidence, "back_place.json"),
         None if by_report else _score(folder, "front.json"),
         optional(_score, "back.json"),

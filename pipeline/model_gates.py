@@ -34,8 +34,8 @@ def retraded(models: Models, settings: Settings) -> Models:
 
 def _gates(models: Models, settings: Settings) -> dict[str, str]:
     """The models that decide in a run of these settings what is a sign: their fields, by the name of their file."""
-    by_report, by_evidence = models.color_classes is not None, settings.track.matching != "sift"
-    by_evidence &= models.external is None
+    by_report = settings.report.on
+    by_evidence = not by_report and models.external is None
     decides = {
         "color": ("color_classes", True),
         "shape": ("shape_classes", True),

@@ -14,7 +14,7 @@ from typing import Protocol
 from wayside.pipeline.box_accounting import BoxAccounting, BoxReport, paired
 from wayside.pipeline.code_words import system_notes
 from wayside.pipeline.earlier_result import check_earlier
-from wayside.pipeline.flow import Flow, FrameCounts, Observer
+from wayside.pipeline.flow import Drive, Flow, FrameCounts, Observer
 from wayside.pipeline.image_memory import image_memory
 from wayside.pipeline.inventory import InventoryWriter, WrittenTables
 from wayside.pipeline.journal import Journal, journal_key, remove_journal
@@ -23,7 +23,7 @@ from wayside.pipeline.output_folder import RECORDING, OutputFolder
 from wayside.pipeline.pace import paced
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.selection import describe_duplicates
-from wayside.pipeline.route_file import open_routes, route_notes
+from wayside.pipeline.route_file import RouteFile, open_routes, route_notes
 from wayside.pipeline.run_file import write_run
 from wayside.pipeline.visible_text import visible
 from wayside.pipeline.workers import StageClock
@@ -38,6 +38,7 @@ from wayside.schemas.frame import (
     USED,
     WRONG_SIZE,
     Camera,
+    Frame,
 )
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
@@ -82,9 +83,9 @@ class RunResult:
     wall_seconds: float
     view_faults: tuple[str, ...] = ()
     view_images: str | None = None
-    boxes: BoxReport | None = None
     recorded: bool | None = None
     """Whether the recording of every step is whole; None where none was asked for."""
+    boxes: BoxReport | None = None
     replayed: int | None = None
     """Frames whose candidates came from the journal of a run before; None where none was kept."""
     lens: LensCheck = field(default_factory=lambda: LensCheck(None, None, None))
@@ -232,9 +233,8 @@ def process_log(
 
         journal = Journal(folder, journal_key(log, settings, models)) if resume else None
         with nullcontext() if journal is None else closing(journal):
-            yield from _process(
-                log, output.part, settings, models, run, every_region, observe, rate, journal
-            )
+            task = _Task(log, output.part, settings, models, run, journal, rate)
+            yield from task.process(observe, every_region=every_region)
         assert run.result is not None
         write_run(run.result, output.part, settings, models, arguments, every_region=every_region)
         output.commit([RECORDING] if earlier.recorded and not run.result.recorded else [])
@@ -242,93 +242,119 @@ def process_log(
         remove_journal(folder)
 
 
-def _process(
-    log: Path,
-    part: Path,
-    settings: Settings,
-    models: Models,
-    run: Run,
-    every_region: bool,
-    open_observer: Callable[[ReadReport], RunObserver | None],
-    rate: float | None,
-    journal: Journal | None,
-) -> Iterator[TrackedFrame]:
-    """Process the log and write all but `run.json` into `part`."""
-    started = time.perf_counter()
-    report, clock = run.report, StageClock()
-    routes = open_routes(settings.route)
-    frames = read_frames(log, settings.read, report)
-    if rate is not None:
-        frames = paced(frames, rate)
-    first = next(frames, None)  # a log that cannot be used leaves no half-made result behind
-    source = models.external
-    if isinstance(source, BoxFile) and first is not None:
-        report.notes += paired(source, first, report.images_held)
-    memory = image_memory(settings)
-    writer = InventoryWriter(part, visible(log.stem), every_region=every_region)
-    observer = open_observer(report)
-    statuses: Counter[str] = Counter()
-    duplicates: list[str] = []
-    if journal is not None and journal.note:
-        report.notes.append(journal.note)
-    accounting = None if source is None else BoxAccounting(source)
-    read = frames if first is None else chain((first,), frames)
-    try:
-        flow = Flow(
-            settings, models, clock, observer, journal, routes, memory=memory, counts=run.counts
+@dataclass(slots=True)
+class _Task:
+    """One log that is processed; all but `run.json` is written into `part`."""
+
+    log: Path
+    part: Path
+    settings: Settings
+    models: Models
+    run: Run
+    journal: Journal | None
+    rate: float | None
+    clock: StageClock = field(default_factory=StageClock)
+    statuses: Counter[str] = field(default_factory=Counter)
+    duplicates: list[str] = field(default_factory=list)
+    started: float = field(default_factory=time.perf_counter)
+
+    def process(
+        self, open_observer: Callable[[ReadReport], RunObserver | None], *, every_region: bool
+    ) -> Iterator[TrackedFrame]:
+        """Yield every frame once it is done; then the run has its result."""
+        routes, frames = open_routes(self.settings.route), self._frames()
+        writer = InventoryWriter(self.part, visible(self.log.stem), every_region=every_region)
+        observer = open_observer(self.run.report)
+        source = self.models.external
+        accounting = None if source is None else BoxAccounting(source)
+        try:
+            flow = self._flow(observer, routes)
+            for settled in flow.track(frames):
+                self._count(settled)
+                writer.append(settled)
+                if accounting is not None:
+                    accounting.take(settled)
+                yield settled
+            if not self.statuses[USED]:
+                raise InputError(_no_image(self.log, self.statuses))
+            drive = flow.finish()
+            self.run.report.notes += self._notes(drive)
+            inventory = writer.finish(drive.path, drive.signs)
+        except BaseException:
+            writer.discard()
+            if observer is not None:
+                observer.close()
+            raise
+        self.run.result = RunResult(
+            self.log,
+            self.part.parent,
+            inventory,
+            self.run.report,
+            dict(self.statuses),
+            self.clock.seconds(),
+            *self._closed(observer, inventory),
+            boxes=None if accounting is None else accounting.report(),
+            replayed=None if self.journal is None else self.journal.replayed,
+            lens=drive.lens,
+            image_bytes=flow.memory.peak_bytes,
         )
-        for settled in flow.track(read):
-            statuses[settled.frame.status] += 1
-            if settled.frame.status == DUPLICATE:
-                duplicates.append(settled.frame.label)
-            writer.append(settled)
-            if accounting is not None:
-                accounting.take(settled)
-            yield settled
-        if not statuses[USED]:
-            raise InputError(_no_image(log, statuses))
-        boxes = None if accounting is None else accounting.report()
-        path = flow.georeference()
-        signs = tuple(flow.signs(path))
-        report.notes += route_notes(settings.route, signs, on_globe=path.globe is not None)
-        lens = flow.check_calibration()
-        if lens.found is not None:
-            report.notes.append(_wrong_calibration(log, report, lens.found))
-    except BaseException:
-        writer.discard()
+
+    def _frames(self) -> Iterator[Frame]:
+        """The frames of the log; a log that cannot be used is refused at once, before a result is begun."""
+        report, source = self.run.report, self.models.external
+        frames = read_frames(self.log, self.settings.read, report)
+        if self.rate is not None:
+            frames = paced(frames, self.rate)
+        first = next(frames, None)
+        if self.journal is not None and self.journal.note:
+            report.notes.append(self.journal.note)
+        if first is None:
+            return iter(())
+        if isinstance(source, BoxFile):
+            report.notes += paired(source, first, report.images_held)
+        return chain((first,), frames)
+
+    def _flow(self, observer: RunObserver | None, routes: RouteFile | None) -> Flow:
+        return Flow(
+            self.settings,
+            self.models,
+            self.clock,
+            observer,
+            self.journal,
+            routes,
+            image_memory(self.settings),
+            self.run.counts,
+        )
+
+    def _count(self, settled: TrackedFrame) -> None:
+        self.statuses[settled.frame.status] += 1
+        if settled.frame.status == DUPLICATE:
+            self.duplicates.append(settled.frame.label)
+
+    def _notes(self, drive: Drive) -> list[str]:
+        """What a person has to know of the drive."""
+        on_globe, found = drive.path.globe is not None, drive.lens.found
+        notes = route_notes(self.settings.route, drive.signs, on_globe=on_globe)
+        if found is not None:
+            notes.append(_wrong_calibration(self.log, self.run.report, found))
+        notes += system_notes(drive.signs, self.settings.codes.settled)
+        return notes + ([describe_duplicates(self.duplicates)] if self.duplicates else [])
+
+    def _closed(
+        self, observer: RunObserver | None, inventory: WrittenTables
+    ) -> tuple[float, tuple[str, ...], str | None, bool | None]:
+        """Seconds of the run, faults of its observer, the images that it records, whether the recording is whole."""
+        faults: list[str] = []
+        recorded: bool | None = None
         if observer is not None:
-            observer.close()
-        raise
-    report.notes.extend(system_notes(signs, settings.codes.settled))
-    if duplicates:
-        report.notes.append(describe_duplicates(duplicates))
-    inventory = writer.finish(path, signs)
-    faults: list[str] = []
-    recorded: bool | None = None
-    if observer is not None:
-        observer.finish(inventory)
-        faults = observer.close()
-        if observer.records:
-            recorded = not observer.recording_lost
-            if observer.recording_lost:
-                (part / RECORDING).unlink(missing_ok=True)
-    wall = time.perf_counter() - started
-    run.result = RunResult(
-        log,
-        part.parent,
-        inventory,
-        report,
-        dict(statuses),
-        clock.seconds(),
-        wall,
-        tuple(faults),
-        None if observer is None else observer.images,
-        boxes,
-        recorded,
-        None if journal is None else journal.replayed,
-        lens,
-        flow.memory.peak_bytes,
-    )
+            observer.finish(inventory)
+            faults = observer.close()
+            if observer.records:
+                recorded = not observer.recording_lost
+                if observer.recording_lost:
+                    (self.part / RECORDING).unlink(missing_ok=True)
+        wall = time.perf_counter() - self.started
+        return wall, tuple(faults), None if observer is None else observer.images, recorded
 
 
 def _wrong_calibration(log: Path, report: ReadReport, found: Camera) -> str:

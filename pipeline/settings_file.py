@@ -306,25 +306,20 @@ def _check_together(settings: Settings) -> None:
     given = [f"models.{n}" for n in ("detector", "detections") if getattr(settings.models, n)]
     if len(given) > 1:
         raise UsageError(f"wanted one source of boxes, found both {' and '.join(given)}; give one")
-    if given and settings.candidates.classifier == "report":
+    report = settings.report
+    if given and report.on:
         raise UsageError(
-            f"{given[0]}: wanted preset default, found the report's classifier of regions (candidates.classifier); "
-            "leave one of them out"
+            f"{given[0]} replaces the detector of preset default; the presets of the report have no other than "
+            "their own: leave one of them out"
         )
     if settings.models.classes and not given:
         raise UsageError(
             "models.classes says which classes of a detector are signs; give --detector or --detections as well"
         )
-    report, by_report = settings.report, settings.candidates.classifier == "report"
-    if report.shape and not by_report:
+    if (report.shape or report.trajectory != "off") and not report.on:
+        name = "shape" if report.shape else "trajectory"
         raise UsageError(
-            "report.shape classifies the outlines of the report's regions; wanted a preset report, report-2d or "
-            f'report-shape (candidates.classifier = "report"), found {settings.candidates.classifier!r}'
-        )
-    if report.trajectory != "off" and track.matching != "sift":
-        raise UsageError(
-            "report.trajectory classifies what is followed by descriptors; wanted a preset report, report-2d or "
-            f'report-shape (track.matching = "sift"), found {track.matching!r}'
+            f"report.{name} is a gate of the report's own chain; choose preset report, report-2d or report-shape for it"
         )
     _check_route(settings.route)
     if track.fewest_views > track.longest:

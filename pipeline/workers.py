@@ -6,10 +6,10 @@ import threading
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from queue import Empty, Queue
 from time import thread_time
-from typing import Any, Protocol, TypeVar
+from typing import Any, Concatenate, Generic, ParamSpec, Protocol, TypeVar
 
 from wayside.schemas.errors import StageError, WaysideError
 from wayside.schemas.frame import Frame
@@ -26,6 +26,32 @@ class Item(Protocol):
 Source = TypeVar("Source", bound=Item)
 Result = TypeVar("Result", bound=Item)
 Value = TypeVar("Value")
+Given = TypeVar("Given")
+Options = ParamSpec("Options")
+
+
+@dataclass(frozen=True, slots=True)
+class Stage(Generic[Given, Value]):
+    """A step of a chain: a generator from one type to another, under the name that clock, viewer and errors use."""
+
+    name: str
+    run: Callable[[Iterator[Given]], Iterator[Value]]
+    seen: bool = True
+    """Whether the observer sees its items: not of a stage that passes them on as they are."""
+
+    def unseen(self) -> Stage[Given, Value]:
+        """The same, of which the observer sees nothing."""
+        return replace(self, seen=False)
+
+
+def stage(
+    name: str,
+    function: Callable[Concatenate[Iterator[Given], Options], Iterator[Value]],
+    *args: Options.args,
+    **options: Options.kwargs,
+) -> Stage[Given, Value]:
+    """A stage of a function on an iterator and its options."""
+    return Stage(name, lambda items: function(items, *args, **options))
 
 
 class StageClock:

@@ -57,7 +57,6 @@ VERDICTS = (
     "size",
     "color",
     "shape",
-    "glance",
     "score",
     "overlap",
     "unmatched",
@@ -72,8 +71,8 @@ VERDICTS = (
     "duplicate",
     "trajectory",
 )
-"""How far a region went: `open` while undecided, `sign`, or the reason it went no further. `glance`: a
-segment where the boxes of a detection network are classified; `place_score` that of the landmark classifier."""
+"""How far a region went: `open` while undecided, `sign`, or the reason it went no further. `place_score`: that
+of the landmark classifier."""
 NONE = -1
 
 
@@ -279,7 +278,7 @@ class Segmentation:
     pass two; rows (2,): first and one past the last image row that was segmented; labels: class of each pixel of
     those rows in pass one and in pass two, (rows, width) uint8 each (None where not kept); dropped: regions that are
     not in the table; region_count: regions of both passes before any was dropped; network_score (regions,) float32: log
-    odds of a face by the detection network, nan for segments (None without a network).
+    odds of a face by the detection network (None without one).
     """
 
     image: Image

@@ -40,7 +40,6 @@ VERDICT_WORDS = {
     "size": "too few or too many pixels, or no height or aspect of a face: counted, without a row",
     "color": "mean colour too far from every sign colour",
     "shape": "outline too far from every sign shape",
-    "glance": "a segment, which is not classified where a detection network finds the boxes",
     "score": "rejected by the classifier of boxes in one image",
     "overlap": "covered by a candidate of higher score on the same face",
     "unmatched": "no candidate of another frame matches",

@@ -1,8 +1,9 @@
 """Does a test fail for every stage and model that is left out of the flow? Run by `make wiring`.
 
-Every stage function that `pipeline/flow.py` calls and every model of `pipeline/model_files.Models`, parts of models
-included, is bypassed one at a time: a stage passes its items on undecided, a model is absent or tells nothing. The
-end-to-end tests of the preset then have to fail. What they do not notice is named, and the exit status is 1.
+Every stage function that `pipeline/chains.py` and `pipeline/detectors.py` name and every model of
+`pipeline/model_files.Models`, parts of models included, is bypassed one at a time: a stage passes its items on
+undecided, a model is absent or tells nothing. The end-to-end tests of the preset then have to fail. What they do not
+notice is named, and the exit status is 1.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wayside.pipeline import cli, flow, model_files, run, workers  # noqa: F401
+from wayside.pipeline import chains, cli, detectors, flow, model_files, run, workers  # noqa: F401
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.detections import Candidates, Detections, Segmentation
 from wayside.schemas.frame import Frame, Image
@@ -49,8 +50,8 @@ TESTS = Path(__file__).parent / "end_to_end"
 PRESETS = ("default", "report", "report-shape", "report-2d")
 NOT_BYPASSED = {"read", "queue"}
 """Names that the clock knows beside the stages: the source of the frames and the wait for the workers."""
-BY_OPTION = {"detect_externally", "score_by_views"}
-"""Stages that no preset calls: `--detector` and `--detections` do, and tests/end_to_end/test_external_boxes.py."""
+BY_OPTION = {"detect_externally", "propose_segments"}
+"""Stages that no preset calls: `--detector`, `--detections` and an empty `models.network` do."""
 DRAWN = {("default", "location_classes")}
 """Models that decide nothing in a preset: the viewer draws them, which tests/pipeline/view/test_chains.py sees."""
 SURE = 5.0
@@ -188,9 +189,9 @@ class Cut:
 
 
 def stage_functions() -> dict[str, tuple[FunctionType, type, type]]:
-    """The functions that the flow imports from iterator to iterator, with the types of their items."""
+    """The functions from iterator to iterator that chains and detectors import, with the types of their items."""
     found = {}
-    for name, function in vars(flow).items():
+    for name, function in (vars(chains) | vars(detectors)).items():
         if not isinstance(function, FunctionType) or function.__module__ == workers.__name__:
             continue
         hints = get_type_hints(function)
@@ -247,7 +248,9 @@ def cut_stage(name: str) -> None:
         else:
             yield from items if step is None else map(step, items)
 
-    setattr(flow, name, bypass)
+    for module in (chains, detectors):
+        if hasattr(module, name):
+            setattr(module, name, bypass)
 
 
 def cut_model(path: str) -> None:

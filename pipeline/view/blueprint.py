@@ -9,7 +9,6 @@ from wayside.pipeline.view import entities as at
 from wayside.schemas.detections import VERDICTS
 
 QUIET = (
-    "glance",
     "score",
     "size",
     "overlap",

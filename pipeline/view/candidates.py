@@ -13,7 +13,7 @@ from wayside.pipeline.view.entities import Entity
 from wayside.pipeline.view.landmarks import GREY, color_of
 from wayside.schemas.detections import COLORS, SHAPES, VERDICTS, Candidates
 
-MANY, MOST_WORDS = ("glance", "size", "color"), 100
+MANY, MOST_WORDS = ("size", "color"), 100
 """Verdicts of thousands of regions: their boxes are detail. Words for more boxes than this are not made."""
 
 

@@ -19,12 +19,6 @@ _PITCH = "with 0.22 above and 0.13 below a fifth of the faces in images of stree
 class CandidateSettings:
     """Where candidates for sign faces come from and how they are classified in one image."""
 
-    classifier: str = setting(
-        "network",
-        "",
-        "network: the box network on every candidate; report: colour and shape distances",
-        choices=("network", "report"),
-    )
     keep: int = setting(
         60,
         "candidates",

@@ -24,12 +24,6 @@ class TrackSettings:
     gap_px: float = setting(
         3.0, "px", "largest epipolar or reprojection gap of a match, before the size's share", low=0
     )
-    matching: str = setting(
-        "places",
-        "",
-        "places: by predicted position; sift: by descriptors (the report)",
-        choices=("places", "sift"),
-    )
     window_step: int = setting(
         4,
         "frames",

@@ -34,7 +34,6 @@ class FeatureSettings:
     corner_cell_px: int = setting(
         25, "px", "side of a cell, in pixels of its level", expert=True, low=1
     )
-    sift: bool = setting(False, "", "SIFT on the candidates (the report's matching)")
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,9 @@ from wayside.schemas.settings.field import setting
 
 @dataclass(frozen=True, slots=True)
 class ReportSettings:
-    """Gates that the report built and replaced (`candidates.classifier = "report"`); its last one is `locate.gate`."""
+    """The report's own chain, and the gates that it built and replaced; its last one is `locate.gate`."""
 
+    on: bool = setting(False, "", "the chain of the report, which its presets switch on")
     shape: bool = setting(
         False, "", "after the colour: refuse regions whose outline is of no shape (chapter 4)"
     )

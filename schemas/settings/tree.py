@@ -96,23 +96,20 @@ REPORT: dict[str, dict[str, Any]] = {
     "balance": {"on": False},
     "segment": {"whole_picture": True},
     "gate": {"smallest_px": 50, "largest_px": 20_000},
-    "candidates": {"classifier": "report"},
-    "features": {"sift": True},
+    "report": {"on": True},
     "motion": {"always_adjust": False},
-    "track": {"matching": "sift"},
     "locate": {"smallest_side_m": 0.0, "largest_side_m": 100.0},
-    "models": {"network": ""},
 }
 """Preset `report`, the report's last chain: its own choices where they differ from the defaults."""
 
 REPORT_2D: dict[str, dict[str, Any]] = REPORT | {
-    "report": {"trajectory": "image"},
+    "report": {"on": True, "trajectory": "image"},
     "locate": {"gate": False},
 }
 """Preset `report-2d`: the trajectory of the tracked feature in the image decides (chapter 5), not the location."""
 
 REPORT_SHAPE: dict[str, dict[str, Any]] = REPORT | {
-    "report": {"shape": True},
+    "report": {"on": True, "shape": True},
     "locate": {"gate": False},
 }
 """Preset `report-shape`: the shape of the outline decides (chapter 4)."""

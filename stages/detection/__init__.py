@@ -39,7 +39,7 @@ from wayside.stages.detection.onnx_detector import (
     multiple_of,
     named_boxes,
 )
-from wayside.stages.detection.proposals import propose
+from wayside.stages.detection.proposals import propose, propose_segments
 
 __all__ = [
     "BIAS",
@@ -77,5 +77,6 @@ __all__ = [
     "named_boxes",
     "padded",
     "propose",
+    "propose_segments",
     "recognised",
 ]

@@ -46,10 +46,9 @@ def detect(
     settings
         Overlap of suppression, number of candidates kept, limits of faces and of box regression.
     network
-        The box network. Where there are boxes of a detection network, the segments beside them get the verdict `glance`
-        and no score. A candidate not far below a threshold is scored at the box that the network makes of it as well,
-        and moves there where it scores better. Those that are accepted get the log probabilities of colours and shapes,
-        and the most probable one of either as their class; the others keep class -1.
+        The box network. A candidate not far below a threshold is scored at the box that the network makes of it as
+        well, and moves there where it scores better. Those that are accepted get the log probabilities of colours and
+        shapes, and the most probable one of either as their class; the others keep class -1.
     front
         Threshold of faces: candidates below it get the verdict `score`. Of overlapping ones the best stays (`overlap`),
         of all of them the best `settings.keep` (`score`).
@@ -67,27 +66,23 @@ def detect(
         if image.rgb is None or image.frame.camera is None or len(regions) == 0:
             yield Detections(item, candidates)
             continue
-        classified = classified_regions(item)
-        candidates = candidates.with_verdict(np.flatnonzero(~classified), "glance")
-        rows, box = np.flatnonzero(classified), regions.box[classified]
-        levels = image.levels or pyramid(image.rgb)
+        box, levels = regions.box, image.levels or pyramid(image.rgb)
         found = network.scores(levels, box)
         near = np.flatnonzero(found.best >= settings.regressed_from)
         moved = regressed_boxes(box[near], found.offset[near], image.frame.camera, settings)
         again = network.scores(levels, moved)
         better = again.best > found.best[near]
         found = found.replaced(near[better], again.select(better))
-        candidates = candidates.with_boxes(rows[near[better]], moved[better])
+        candidates = candidates.with_boxes(near[better], moved[better])
         scores = found.front
         if item.network_score is not None and front.with_network is not None:
-            scores = front.with_network.of(scores, item.network_score[rows])
-        candidates = with_scores(candidates, rows, scores, front.threshold, settings)
-        above = scores >= front.threshold
-        candidates = with_names(candidates, rows[above], found.select(above), grey=image.frame.grey)
+            scores = front.with_network.of(scores, item.network_score)
+        candidates = with_scores(candidates, scores, front.threshold, settings)
+        above = np.flatnonzero(scores >= front.threshold)
+        candidates = with_names(candidates, above, found.select(above), grey=image.frame.grey)
         if back is not None:
             behind = (found.back >= back.threshold) & (found.back > scores)
-            column = np.full(len(candidates), np.nan, np.float32)
-            column[rows[behind]] = found.back[behind]
+            column = np.where(behind, found.back, np.float32(np.nan))
             candidates = replace(candidates, back_score=column)
         yield Detections(item, candidates)
 
@@ -109,29 +104,18 @@ def regressed_boxes(
     return np.where(settings.fits_face(moved, camera)[:, None], moved, box)
 
 
-def classified_regions(item: Segmentation) -> NDArray[np.bool_]:
-    """Which regions (n,) are classified: the boxes of the detection network; all where there is none."""
-    if item.network_score is None:
-        return np.ones(len(item.regions), np.bool_)
-    return ~np.isnan(item.network_score)
-
-
 def with_scores(
     candidates: Candidates,
-    rows: NDArray[np.int64],
-    scores: NDArray[np.float32],
+    score: NDArray[np.float32],
     threshold: float,
     settings: CandidateSettings,
 ) -> Candidates:
-    """The candidates with the `scores` of `rows` and the verdicts that follow: threshold, suppression, number kept."""
-    score = candidates.score.copy()
-    score[rows] = scores
-    alive = rows[scores >= threshold]
+    """The candidates with `score` (n,) and the verdicts that follow: threshold, suppression, number kept."""
+    alive = np.flatnonzero(score >= threshold)
     # Best first; the earlier row wins a tie.
     alive = alive[np.argsort(-score[alive], kind="stable")]
     kept = alive[non_maximum_suppression(candidates.regions.box[alive], settings.same_face_iou)]
-    verdict = candidates.verdict.copy()
-    verdict[rows[scores < threshold]] = verdict_code("score")
+    verdict = np.full(len(candidates), verdict_code("score"), np.uint8)
     verdict[alive] = verdict_code("overlap")
     verdict[kept] = verdict_code("score")
     verdict[kept[: settings.keep]] = verdict_code("open")

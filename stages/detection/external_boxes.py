@@ -103,7 +103,7 @@ def classified(
 ) -> Candidates:
     """Candidates of the boxes with scores, verdicts and classes."""
     rows = np.arange(len(found))
-    candidates = with_scores(Candidates.of(regions), rows, found.score, -np.inf, settings)
+    candidates = with_scores(Candidates.of(regions), found.score, -np.inf, settings)
     if len(found) == 0 or item.rgb is None:
         return candidates
     named = network.scores(pyramid(item.rgb), regions.box)

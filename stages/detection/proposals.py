@@ -1,4 +1,4 @@
-"""Candidates for sign faces: boxes of the detection network beside the segments."""
+"""Candidates for sign faces: boxes of the detection network."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from wayside.schemas.detections import (
     Regions,
     Segmentation,
 )
-from wayside.schemas.frame import Camera
+from wayside.schemas.frame import Camera, Image
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.network_proposals import (
     DetectionNetwork,
@@ -26,46 +26,58 @@ from wayside.stages.detection.network_proposals import (
 )
 from wayside.stages.geometry import non_maximum_suppression
 from wayside.stages.imaging import Pyramid, enlarged, pyramid
+from wayside.stages.segmentation import unsegmented
 
 FILLED = {"rectangle": 0.98, "diamond": 0.5, "octagon": 0.83, "triangle": 0.5, "circle": 0.785}
 """Area of a shape as a fraction of its box."""
 
 
 def propose(
-    items: Iterator[Segmentation],
-    *,
-    settings: CandidateSettings,
-    network: DetectionNetwork | None = None,
+    images: Iterator[Image], *, settings: CandidateSettings, network: DetectionNetwork
 ) -> Iterator[Segmentation]:
-    """Add the boxes of a detection network to each image's segments.
+    """Take the boxes of a detection network as the regions of each image.
 
-    The network sees the rows in which faces can be (`network_bands`). Regions that no face has the size of are dropped,
-    of nearly the same boxes one stays, those of the network before segments; what is dropped is counted. Without a
-    network the segments stand alone. An image that is not used passes unchanged.
+    The network sees the rows in which faces can be (`network_bands`). Boxes that no face has the size of are dropped,
+    and of nearly the same boxes one stays; what is dropped is counted. An image that is not used has no regions.
     """
-    for item in items:
-        rgb, camera = item.image.rgb, item.frame.camera
-        if rgb is None or camera is None:
+    for image in images:
+        item, camera = unsegmented(image), image.frame.camera
+        if image.rgb is None or camera is None:
             yield item
             continue
-        regions, left_out, score = item.regions, 0, None
-        if network is not None:
-            levels = pyramid(rgb)
-            item = replace(item, image=replace(item.image, levels=levels))
-            bands = network_bands(network, levels, camera, settings)
-            found = boxes_of_bands(bands, len(rgb), settings)
-            segments = np.full(len(regions), np.nan, np.float32)
-            regions = network_regions(found, rgb, settings).joined(regions)
-            score, left_out = np.concatenate([found.front, segments]), found.left_out
-        fitting = np.flatnonzero(settings.fits_face(regions.box, camera))
-        kept = fitting[non_maximum_suppression(regions.box[fitting], settings.same_region_iou)]
-        dropped = Dropped(len(regions) - len(fitting), len(fitting) - len(kept), left_out)
-        yield replace(
+        levels = pyramid(image.rgb)
+        bands = network_bands(network, levels, camera, settings)
+        found = boxes_of_bands(bands, len(image.rgb), settings)
+        item = replace(
             item,
-            regions=regions.select(kept),
-            dropped=item.dropped.plus(dropped),
-            network_score=None if score is None else score[kept],
+            image=replace(image, levels=levels),
+            regions=network_regions(found, image.rgb, settings),
+            dropped=Dropped(left_out=found.left_out),
+            network_score=found.front,
         )
+        yield fitting(item, camera, settings)
+
+
+def propose_segments(
+    items: Iterator[Segmentation], *, settings: CandidateSettings
+) -> Iterator[Segmentation]:
+    """Keep those segments of each image that a face can be, where there is no detection network."""
+    for item in items:
+        camera = item.frame.camera
+        yield item if camera is None else fitting(item, camera, settings)
+
+
+def fitting(item: Segmentation, camera: Camera, settings: CandidateSettings) -> Segmentation:
+    """The image with the regions that a face can be, by size and aspect, and one of those that are nearly the same."""
+    box, score = item.regions.box, item.network_score
+    rows = np.flatnonzero(settings.fits_face(box, camera))
+    kept = rows[non_maximum_suppression(box[rows], settings.same_region_iou)]
+    return replace(
+        item,
+        regions=item.regions.select(kept),
+        dropped=item.dropped.plus(Dropped(len(box) - len(rows), len(rows) - len(kept))),
+        network_score=None if score is None else score[kept],
+    )
 
 
 @dataclass(frozen=True, slots=True)

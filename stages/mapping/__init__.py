@@ -6,7 +6,6 @@ from wayside.stages.mapping.landmark import build_landmark, measure_landmark
 from wayside.stages.mapping.landmark_evidence import (
     FEATURES,
     LandmarkClassifier,
-    score_by_views,
 )
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_views
 from wayside.stages.mapping.location import classify_location
@@ -36,7 +35,6 @@ __all__ = [
     "classify_location",
     "fit_views",
     "measure_landmark",
-    "score_by_views",
     "through_window",
     "track",
 ]

@@ -7,15 +7,14 @@ other terms count by what they were worth on real drives.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, SHAPES
-from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.models import EvidenceModel
 from wayside.schemas.settings import LandmarkSettings
 from wayside.stages.geometry import FrenetOffset
@@ -46,11 +45,20 @@ GUIDE_COLORS = {"green", "blue", "brown", "white", "black"}
 
 @dataclass(frozen=True, slots=True)
 class LandmarkEvidence:
-    """Numbers (f,) on a landmark, named by `FEATURES`, the log-likelihood ratio of each term, and their sum."""
+    """Numbers (f,) on a landmark, named by `FEATURES`, the log-likelihood ratio of each term, and their sum.
+
+    Without a model there are no ratios, and `log_odds` is the value of the fit, which only ranks landmarks.
+    """
 
     features: NDArray[np.float64]
     ratios: tuple[tuple[str, float], ...]
     log_odds: float
+
+    @property
+    def score(self) -> float:
+        """Log odds of a sign: without a model those of its best views, however many views of one object agree."""
+        best = float(self.features[FEATURES.index("score_best")])
+        return self.log_odds if self.ratios else best
 
     @property
     def weakest(self) -> str:
@@ -82,10 +90,9 @@ class LandmarkClassifier:
         surroundings: correlation round it; nan: not measured.
         """
         features = landmark_features(fit, window, offset, places, surroundings, self.settings)
-        if self.model is None:
-            log_odds = max(fit.value, 0.0)
-            return LandmarkEvidence(features, (("rigidity", log_odds),), log_odds)
         named = dict(zip(FEATURES, features.tolist(), strict=True))
+        if self.model is None:
+            return LandmarkEvidence(features, (), max(fit.value, 0.0))
         ratios = tuple(self.model.ratios(named).items())
         return LandmarkEvidence(
             features, ratios, self.model.shift + sum(ratio for _, ratio in ratios)
@@ -138,15 +145,3 @@ def _likeliest(
     own = ((window[f], row) for f, row in zip(fit.frames, fit.rows, strict=True))
     means = mean_log_probabilities(own, what, settings)
     return None if means is None else names[int(means.argmax())]
-
-
-def score_by_views(frames: Iterator[TrackedFrame]) -> Iterator[TrackedFrame]:
-    """Give each landmark the mean log odds of its three best views, where no landmark classifier knows the detector.
-
-    How many views agree is no part of it: views of one object are alike, and a detector that takes a board for a sign
-    does so in all of them.
-    """
-    best = FEATURES.index("score_best")
-    for frame in frames:
-        scored = tuple(replace(one, score=one.features[best]) for one in frame.landmarks)
-        yield replace(frame, landmarks=scored)

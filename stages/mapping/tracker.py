@@ -238,7 +238,7 @@ class _Tracker:
             self._path.offset(measured.point),
             settings,
             track_id=self._next_id,
-            score=evidence.log_odds,
+            score=evidence.score,
             verdict=verdict,
             features=tuple(evidence.features.tolist()),
             evidence=evidence.ratios,

@@ -29,8 +29,8 @@ def confidence(load):
     [
         ([], [], "NOWHERE"),
         ([[100, 10, 120, 30]], ["sign"], "NOWHERE"),
-        ([[10, 10, 30, 29]], ["glance"], "CANDIDATE"),
-        ([[10, 10, 30, 29], [11, 10, 30, 30]], ["glance", "score"], "CLASSIFIED"),
+        ([[10, 10, 30, 29]], ["size"], "CANDIDATE"),
+        ([[10, 10, 30, 29], [11, 10, 30, 30]], ["size", "score"], "CLASSIFIED"),
         ([[10, 10, 30, 29], [11, 10, 30, 30]], ["overlap", "score"], "PASSED"),
         ([[10, 10, 30, 29]], ["unmatched"], "KEPT"),
         ([[10, 10, 30, 29], [11, 10, 30, 30]], ["sign", "overlap"], "SIGN"),

@@ -20,7 +20,7 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from wayside.pipeline import cli, flow
+from wayside.pipeline import chains, cli
 
 WAYSIDE = Path(sys.executable).with_name("wayside")
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
@@ -56,7 +56,7 @@ def test_1_a_fault_of_wayside_names_the_stage_and_the_frame(command, tmp_path, m
             raise RuntimeError("made up")
             yield frame
 
-    monkeypatch.setattr(flow, "decode", decode)
+    monkeypatch.setattr(chains, "decode", decode)
     done = command("run", DEMO, *SHORT, "-o", tmp_path / "out")
     assert done.returncode == 1
     assert "wayside: stage decode failed" in done.stderr

@@ -120,7 +120,7 @@ def test_a_format_can_be_said():
     [
         ({"models.detector": "a.onnx", "models.detections": "b.parquet"}, "give one"),
         ({"models.classes": "a.toml"}, "give --detector or --detections"),
-        ({"models.detector": "a.onnx", "candidates.classifier": "report"}, "preset default"),
+        ({"models.detector": "a.onnx", "report.on": True}, "preset default"),
     ],
 )
 def test_options_that_exclude_each_other_are_refused(options, words):

@@ -93,7 +93,7 @@ def test_lengths_are_understood_in_feet_and_metres(text: str, metres: float) -> 
         ("read.from_s=30s", "read", "from_s", 30.0),
         ("gate.largest_px=20_000px", "gate", "largest_px", 20_000),
         ("read.camera=/front=left", "read", "camera", "/front=left"),
-        ("track.matching=sift", "track", "matching", "sift"),
+        ("models.detector_format=yolov5", "models", "detector_format", "yolov5"),
         ("merge.kernel=[1, .5,0]", "merge", "kernel", (1.0, 0.5, 0.0)),
     ],
 )
@@ -133,7 +133,7 @@ def test_a_whole_number_in_a_file_serves_where_a_decimal_is_wanted(tmp_path: Pat
         ("read.thin_m=inf", "at least 0"),
         ("read.thin_m=3 furlongs", "(m)"),
         ("segment.whole_picture=maybe", "true or false"),
-        ("track.matching=magic", "places or sift"),
+        ("report.trajectory=magic", "off or image or compensated"),
         ("merge.kernel=1,11", "numbers in brackets, 0 to 10"),
         ("merge.kernel=[]", "numbers in brackets"),
         ("gate.largest_px=10", "no region could pass"),

@@ -81,7 +81,7 @@ EVERYTHING: dict[type, dict[str, str]] = {
     },
     Dropped: dict.fromkeys(("size", "merged", "left_out"), COUNTED),
     Regions: {
-        "box": f"{LAYER}/glance",
+        "box": f"{LAYER}/score",
         "area_px": TABLES,
         "rgb": TABLES,
         "source": COUNTED,

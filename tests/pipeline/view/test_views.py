@@ -75,7 +75,6 @@ EVERY_FRAME = (
     "/world/points/straight",
     "/world/points/adjusted",
     "/location/places",
-    "/world/vehicle/camera/candidates/glance",
     "/world/vehicle/camera/candidates/score",
     "/world/vehicle/camera/candidates/sign",
 )
@@ -118,7 +117,8 @@ def chunks(recorded):
 def report_chunks(tmp_path_factory):
     """The chain with shapes and SIFT, over two frames."""
     folder = tmp_path_factory.mktemp("report")
-    result = run(folder, Viewing(file=True), until_s=TWO_FRAMES_S, preset=SHAPES_AND_SIFT)
+    viewing = Viewing(file=True, detail=True)
+    result = run(folder, viewing, until_s=TWO_FRAMES_S, preset=SHAPES_AND_SIFT)
     assert result.view_faults == ()
     return list(rr.chunk.RrdReader(str(folder / RECORDING)).stream())
 
@@ -294,8 +294,6 @@ def test_layers_hold_something(chunks):
         ("/world/vehicle/camera/matches", "LineStrips2D:strips"),
         ("/world/vehicle/camera/candidates/sign", "Boxes2D:centers"),
         ("/world/vehicle/camera/candidates/sign", "Boxes2D:labels"),
-        ("/world/vehicle/camera/segments/pass1", "SegmentationImage:buffer"),
-        ("/world/vehicle/camera/segments/pass2", "SegmentationImage:buffer"),
         ("/world/vehicle/camera/tracks", "LineStrips2D:strips"),
         ("/world/points/straight", "Points3D:positions"),
         ("/world/points/adjusted", "Points3D:positions"),
@@ -308,6 +306,13 @@ def test_layers_hold_something(chunks):
         ("/residuals/adjusted", "Scalars:scalars"),
     ):
         assert any(filled(chunk, name) for chunk in chunks if chunk.entity_path == path), path
+
+
+def test_presets_of_the_report_show_the_segments_of_both_passes(report_chunks):
+    for path in ("pass1", "pass2"):
+        layer = f"/world/vehicle/camera/segments/{path}"
+        own = (chunk for chunk in report_chunks if chunk.entity_path == layer)
+        assert any(filled(chunk, "SegmentationImage:buffer") for chunk in own), path
 
 
 def test_all_rows_of_a_frame_have_all_timelines(chunks):

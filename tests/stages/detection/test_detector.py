@@ -103,21 +103,6 @@ def test_at_most_the_best_few_are_kept():
     assert verdicts(found) == ["open", "open", "score"]
 
 
-def test_beside_boxes_of_the_detection_network_a_segment_gets_no_score():
-    item = unclassified([[10, 10, 30, 25], [100, 10, 120, 40], [200, 10, 220, 40]])
-    scored = replace(item, network_score=np.array([np.nan, -1, -4], np.float32))
-    found = run(scored)
-    assert verdicts(found) == ["glance", "open", "open"]
-    assert np.isnan(found.candidates.score[0])
-    assert found.candidates.score[1:].tolist() == [3, 3]
-
-
-def test_an_image_in_which_the_detection_network_has_no_box_has_no_candidate_open():
-    item = unclassified([[10, 10, 30, 25]])
-    nothing = replace(item, network_score=np.array([np.nan], np.float32))
-    assert verdicts(run(nothing)) == ["glance"]
-
-
 def test_scores_of_both_networks_are_joined_where_it_was_learned_how():
     boxes = [[10, 10, 30, 25], [100, 10, 120, 40]]
     joined = ScoreModel(1.0, "made by hand", NetworkSum(0.5, 2.0, -1.0))

@@ -1,0 +1,173 @@
+"""The presets as lists of stages, from an image to a sign.
+
+Read them beside the report: K-means, difference image, K-means again, size gate (chapters 2 and 3.1); colour (3.2);
+shape (4); SIFT (5); motion by straight line and adjustment (7 and 8); matching and triangulation (5, 7); trajectory
+(5); location (8, 11). The report replaced shape by trajectory, and trajectory by location: each of its three presets
+has one of these gates. Preset `default` keeps the order, with networks in the place of colours and shapes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from wayside.pipeline.detectors import detector_of
+from wayside.pipeline.model_files import Models
+from wayside.pipeline.route_file import RouteFile
+from wayside.pipeline.workers import Stage, stage
+from wayside.schemas.settings import Settings
+from wayside.stages.calibration import CalibrationWatch, check_calibration, watch_calibration
+from wayside.stages.georeference import (
+    DrivePath,
+    DriveRecord,
+    collect,
+    georeference,
+    measure_along_route,
+    place_signs,
+)
+from wayside.stages.imaging import decode
+from wayside.stages.mapping import assemble, classify_location, track
+from wayside.stages.odometry import estimate_motion, extract_features
+from wayside.stages.panel import PanelMethod
+from wayside.stages.report import classify_trajectory, extract_sift, match_by_descriptors
+from wayside.stages.sign_codes import FaceClassifier, assign_codes, classify_faces
+
+Stages = list[Stage[Any, Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """The stages of a preset, for one drive."""
+
+    per_image: Stages
+    """From frames to detections: what one image needs for itself, side by side in the workers."""
+    per_frame: Stages
+    """From detections to tracked frames, in the order of the frames."""
+    path: Stage[Any, DrivePath]
+    """After the last frame: from the points of the path to the path of the whole drive."""
+    signs: Callable[[DrivePath], Stages]
+    """After it: from landmarks to the signs on that path."""
+    lens: Stage[Any, Any]
+    """After the last frame: what the drive says of its lens."""
+    record: DriveRecord
+    """Filled by `per_frame`, read by `path` and `signs`."""
+    calibration: CalibrationWatch
+    """Filled by `per_frame`, read by `lens`."""
+
+
+def chain_of(settings: Settings, models: Models, routes: RouteFile | None = None) -> Chain:
+    """The chain of the preset that the settings are of."""
+    build = report_chain if settings.report.on else default_chain
+    return build(settings, models, routes)
+
+
+def default_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
+    """Preset `default`: boxes of networks or of another detector, tracks by predicted position, all evidence."""
+    record, watch = DriveRecord(), CalibrationWatch(s.calibration)
+    detector = detector_of(s, m)
+    faces = FaceClassifier(m.face_network.path) if m.face_network else None
+    return Chain(
+        per_image=[
+            stage("decode", decode, s.balance),
+            *detector.stages(),
+            stage("features", extract_features, settings=s.features),
+        ],
+        per_frame=[
+            stage("motion", estimate_motion, s.motion, s.ties, s.adjustment),
+            stage("calibration", watch_calibration, watch).unseen(),
+            stage(
+                "track",
+                track,
+                settings=s.mapping,
+                front=detector.front(),
+                back=detector.back(),
+                panel=panel_method(s, m),
+                adjustment=s.local_adjustment,
+            ),
+            stage("location", classify_location, model=None, settings=s.locate),
+            *([stage("face", classify_faces, model=faces, settings=s.codes)] if faces else []),
+            stage("assemble", assemble, settings=s.assembly),
+            stage("collect", collect, record=record).unseen(),
+        ],
+        path=_path(s),
+        signs=lambda path: _signs(s, m, routes, path, faces.classes if faces else ()),
+        lens=_lens(s),
+        record=record,
+        calibration=watch,
+    )
+
+
+def report_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
+    """Presets `report`, `report-2d` and `report-shape`: the report's chain, with the gates that its settings name."""
+    record, watch = DriveRecord(), CalibrationWatch(s.calibration)
+    moves = m.trajectory_density
+    return Chain(
+        per_image=[
+            stage("decode", decode, s.balance),
+            *detector_of(s, m).stages(),
+            stage("sift", extract_sift, settings=s.sift),
+            stage("features", extract_features, settings=s.features),
+        ],
+        per_frame=[
+            stage("motion", estimate_motion, s.motion, s.ties, s.adjustment),
+            stage("calibration", watch_calibration, watch).unseen(),
+            stage("track", match_by_descriptors, settings=s.mapping, sift=s.sift),
+            *([stage("trajectory", classify_trajectory, model=moves)] if moves else []),
+            *(
+                [stage("location", classify_location, model=m.location_classes, settings=s.locate)]
+                if s.locate.gate
+                else []
+            ),
+            stage("assemble", assemble, settings=s.assembly),
+            stage("collect", collect, record=record).unseen(),
+        ],
+        path=_path(s),
+        signs=lambda path: _signs(s, m, routes, path),
+        lens=_lens(s),
+        record=record,
+        calibration=watch,
+    )
+
+
+def panel_method(s: Settings, m: Models) -> PanelMethod:
+    """How panels are measured as planes."""
+    return PanelMethod(m.outline_weights, s.panel, s.registration, s.panel_outline, s.adjustment)
+
+
+def _path(s: Settings) -> Stage[Any, DrivePath]:
+    return stage(
+        "georeference",
+        georeference,
+        settings=s.georeference,
+        motion=s.motion,
+        landmark=s.landmark,
+    )
+
+
+def _signs(
+    s: Settings,
+    m: Models,
+    routes: RouteFile | None,
+    path: DrivePath,
+    classes: tuple[str, ...] = (),
+) -> Stages:
+    """Landmarks on the path, measured along a route where one is given, with their codes."""
+    confidence = m.sign_confidence(s.locate.confidence)
+    segments = None
+    if routes is not None and path.globe is not None:
+        segments = routes.near(path.globe.route()[:, :2])
+    along = s.route.milepost >= 0 or segments is not None
+    return [
+        stage("signs", place_signs, path=path, settings=s.georeference, confidence=confidence),
+        *(
+            [stage("route", measure_along_route, path=path, settings=s.route, segments=segments)]
+            if along
+            else []
+        ),
+        stage("codes", assign_codes, settings=s.codes, classes=classes),
+    ]
+
+
+def _lens(s: Settings) -> Stage[Any, Any]:
+    return stage("lens", check_calibration, ties=s.ties, adjustment=s.local_adjustment)
