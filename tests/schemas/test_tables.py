@@ -26,16 +26,16 @@ from wayside.schemas.tables import (
 PAGE = Path(__file__).parents[2] / "docs" / "tables.md"
 INTRODUCTION = """# The tables of a result
 
-`wayside run LOG -o OUT` writes three Parquet files. Columns are never renamed; new ones may be added. Null means unknown,
-never 0. Field metadata holds units and meanings.
+`wayside run LOG -o OUT` writes three Parquet files. Columns are never renamed; new ones may be added. Null means
+unknown, never 0. Field metadata holds units and meanings.
 
-The world frame is the frame of the log's poses. With fixes only it is east, north, up from the first fix. Without either,
-the origin is the first used camera, with x forward, y left and z up. The camera frame is x right, y down, z forward. Pixel
-centres lie at integers; boxes are half open.
+The world frame is the frame of the log's poses. With fixes only it is east, north, up from the first fix. Without
+either, the origin is the first used camera, with x forward, y left and z up. The camera frame is x right, y down, z
+forward. Pixel centres lie at integers; boxes are half open.
 
-`covariance` and `sigma_along_m` to `sigma_up_m` are relative to the nearby cameras. `sigma_east_m`, `sigma_north_m` and
-`sigma_alt_m` describe the position on the globe and contain the error common to all fixes. `run.json` lists excluded poses
-and fixes, a time offset and long gaps under `notes`.
+`covariance` and `sigma_along_m` to `sigma_up_m` are relative to the nearby cameras. `sigma_east_m`, `sigma_north_m`
+and `sigma_alt_m` describe the position on the globe and contain the error common to all fixes. `run.json` lists
+excluded poses and fixes, a time offset and long gaps under `notes`.
 """
 
 
