@@ -5,6 +5,7 @@ import errno
 import io
 import itertools
 import json
+import re
 import shutil
 import sqlite3
 import subprocess
@@ -124,10 +125,7 @@ def test_a_shapefile_has_the_short_names_of_the_page_and_keeps_times_whole(out, 
     assert (row["width_m"], row["meas_unit"]) == (pytest.approx(0.762), "mi")
     np.testing.assert_allclose(points[0], [LON + 1e-4, LAT, ALT], atol=1e-9)
     assert meta["crs"] == "EPSG:4326"
-    stated = [
-        line.split("`")[1::2] for line in PAGE.read_text().splitlines() if line.startswith("| `")
-    ]
-    short = dict(pair for pair in stated if len(pair) == 2)
+    short = dict(re.findall(r"\| `(\w+)` \| `(\w+)` ", PAGE.read_text()))
     export(out, "-f", "csv")
     names = next(csv.reader(io.StringIO((out / "signs.csv").read_text())))
     assert {short.get(name, name) for name in names} == set(table.column_names)

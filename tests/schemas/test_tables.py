@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import groupby
 from pathlib import Path
 
 import pyarrow as pa
@@ -18,6 +19,7 @@ from wayside.schemas.tables import (
     SIGN_STATUSES,
     TABLES,
     VERDICT_WORDS,
+    Column,
     Table,
 )
 
@@ -25,16 +27,15 @@ PAGE = Path(__file__).parents[2] / "docs" / "tables.md"
 INTRODUCTION = """# The tables of a result
 
 `wayside run LOG -o OUT` writes three Parquet files. Columns are never renamed; new ones may be added. Null means
-unknown, never 0. Units and meanings travel in the files too, as field metadata.
+unknown, never 0. Field metadata holds units and meanings.
 
-World frame: that of the log's poses where it has them; east, north, up with the origin at the first fix where it has
-fixes only; otherwise origin at the first used camera centre, x forward, y left, z up. Camera frame: x right, y down,
-z forward. Pixel centres lie at integers; boxes are half open.
+The world frame is the frame of the log's poses. With fixes only it is east, north, up from the first fix. Without
+either, the origin is the first used camera, with x forward, y left and z up. The camera frame is x right, y down, z
+forward. Pixel centres lie at integers; boxes are half open.
 
-The path is adjusted over the whole drive: steps between frames are exact to centimetres and drift, poses and fixes
-scatter and do not drift. Excluded poses and fixes, a time offset and long gaps stand in `run.json` under `notes`. The
-columns `covariance` and `sigma_along_m` to `sigma_up_m` are relative to the cameras nearby; `sigma_east_m`,
-`sigma_north_m` and `sigma_alt_m` are those of the position on the globe and contain the error common to all fixes.
+`covariance` and `sigma_along_m` to `sigma_up_m` are relative to the nearby cameras. `sigma_east_m`, `sigma_north_m`
+and `sigma_alt_m` describe the position on the globe and contain the error common to all fixes. `run.json` lists
+excluded poses and fixes, a time offset and long gaps under `notes`.
 """
 
 
@@ -44,11 +45,9 @@ def page() -> str:
         parts.append(
             f"\n## {table.file}\n\n{table.words}\n\n| column | type | unit | meaning |\n| --- | --- | --- | --- |\n"
         )
-        for column in table.columns:
-            null = ", may be null" if column.nullable else ""
-            parts.append(
-                f"| `{column.name}` | {type_words(column.type)}{null} | {column.unit} | {column.words} |\n"
-            )
+        for (kind, unit, words), columns in groupby(table.columns, cells):
+            names = ", ".join(f"`{column.name}`" for column in columns)
+            parts.append(f"| {names} | {kind} | {unit} | {words} |\n")
     for title, words in (
         ("Values of `status` in signs.parquet", SIGN_STATUSES),
         ("Values of `status` in frames.parquet", FRAME_STATUS_WORDS),
@@ -60,6 +59,12 @@ def page() -> str:
     return "".join(parts)
 
 
+def cells(column: Column) -> tuple[str, str, str]:
+    """Type, unit and meaning of a column: neighbours that have the same share a row."""
+    null = ", may be null" if column.nullable else ""
+    return f"{type_words(column.type)}{null}", column.unit, column.words
+
+
 def type_words(kind: pa.DataType) -> str:
     if pa.types.is_dictionary(kind):
         return "dictionary"
@@ -69,7 +74,7 @@ def type_words(kind: pa.DataType) -> str:
 
 
 def test_the_page_of_docs_describes_every_column_as_it_is() -> None:
-    assert PAGE.read_text() == page(), "docs/tables.md: run this file as a script to write it anew"
+    assert PAGE.read_text() == page(), "docs/tables.md: run this file as a script to update it"
 
 
 @pytest.mark.parametrize("table", TABLES, ids=lambda t: t.name)

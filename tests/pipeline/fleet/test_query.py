@@ -61,7 +61,7 @@ def inventory(tmp_path):
 
 
 def test_the_questions_of_the_documentation_are_answered(inventory):
-    questions = re.findall(r"```sql\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
+    questions = re.findall(r"^-- .*?\n(?=\n|```)", DOCUMENT.read_text(), re.DOTALL | re.MULTILINE)
     assert len(questions) == 5
     answers = [first_rows(inventory, question, 9) for question in questions]
     assert [rows[0][0] for _, rows in answers] == ["yellow", *["one/d-0001"] * 3, "one"]
