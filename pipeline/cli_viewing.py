@@ -62,7 +62,9 @@ ViewImages = Annotated[
 ViewDetail = Annotated[
     bool,
     typer.Option(
-        "--view-detail", rich_help_panel=VIEW, help="Presets of the report: also record the label images of both passes."
+        "--view-detail",
+        rich_help_panel=VIEW,
+        help="Presets of the report: also record the label images of both passes.",
     ),
 ]
 Overwrite = Annotated[
