@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from collections.abc import Iterator
 from importlib.metadata import version
@@ -10,18 +11,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pyarrow.parquet as pq
-from geometry_runs import (
-    DRIVES,
-    RESULTS,
-    Array,
-    Run,
-    camera_of,
-    heading,
-    pair,
-    processor_seconds,
-    row,
-    true_poses,
-)
+from common import DRIVES, ROOT, head, processor_seconds, row
+from geometry_runs import FOLDER, Array, Run, camera_of, pair, true_poses
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import Pose
@@ -43,23 +34,18 @@ def peer_table(runs: list[Run], count: int) -> Iterator[str]:
         f"and direction of each step, position of the camera {STEPS} images on, errors of signs: median / 95 %."
     )
     yield ""
-    head = "drive|what|images|rotation, deg|direction, deg|camera, cm|signs|along, cm|lateral, cm"
-    yield from heading(f"{head}|processor s per image")
+    names = "drive|what|images|rotation, deg|direction, deg|camera, cm|signs|along, cm|lateral, cm"
+    yield head([*names.split("|"), "processor s per image"], words=2)
     for one in runs:
         truth = true_poses(one.truth)
-        yield row(
-            [
-                one.name,
-                "wayside",
-                *motion_cells(wayside_poses(one, count), truth),
-                *own_signs(one, count),
-            ]
-        )
-        out = RESULTS / f"{one.name}-peer.npz"
+        own = motion_cells(wayside_poses(one, count), truth)
+        yield row([one.name, "wayside", *own, *own_signs(one, count)])
+        out = FOLDER / f"{one.name}-peer.npz"
         out.unlink(missing_ok=True)
-        log = DRIVES / f"{one.name}.mcap"
-        command = [sys.executable, "benchmarks/peer.py", str(log), str(out), "--frames", str(count)]
-        spent = processor_seconds(command)
+        command = [sys.executable, "benchmarks/peer.py", str(DRIVES / f"{one.name}.mcap"), str(out)]
+        before = processor_seconds()
+        subprocess.run([*command, "--frames", str(count)], check=True, cwd=ROOT)
+        spent = processor_seconds() - before
         with np.load(out) as model:
             poses, scale = scaled_poses(model, truth)
             errors = peer_signs(one, model, poses, scale)
