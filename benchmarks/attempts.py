@@ -24,7 +24,7 @@ from wayside.schemas.errors import WaysideError
 
 MEMORY_BYTES, LONGEST_S = 512 << 20, 2.0
 """What an attempt may take beyond the process as it is: memory, and seconds of processor time."""
-RIGHT, TOLD, REFUSED, WRONG = "right", "told", "refused", "wrong"
+RIGHT, TOLD, REFUSED, WRONG = "right", "reported", "refused", "wrong"
 """All used, nothing to report; a loss reported and the rest used; ended with words; a loss without a word."""
 
 Attempt = Callable[[random.Random], str]

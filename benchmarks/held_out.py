@@ -13,18 +13,15 @@ import argparse
 import sys
 
 from accept import (
-    DRIVES,
     PRESETS,
-    ROOT,
-    BenchmarkDrive,
     evaluate_drive,
     in_short,
     learned_from,
-    render,
     rendered,
+    rendered_drive,
     rendered_table,
-    versions,
 )
+from common import BENCHMARKS, render, versions
 
 from wayside.pipeline.evaluation import together
 
@@ -50,7 +47,7 @@ def main() -> int:
     )
     parser.add_argument("--jobs", type=int, default=2, help="drives rendered at once")
     args = parser.parse_args()
-    render(list(HELD_OUT), args.jobs)
+    render(HELD_OUT, args.jobs)
     lines = [
         "# Accuracy on held-out drives",
         "",
@@ -62,29 +59,23 @@ def main() -> int:
         "`held_moor` has neither poses nor fixes, "
         "`held_outskirts` has fixes alone. Columns as in accuracy.md.",
         "",
-        f"Versions: {versions()}.",
+        versions(),
     ]
     broken = False
     for preset in PRESETS:
         outcomes = [
-            evaluate_drive(
-                BenchmarkDrive(
-                    name, DRIVES / f"{name}.mcap", DRIVES / f"{name}.truth.json", spacing
-                ),
-                preset,
-            )
+            evaluate_drive(rendered_drive(name, spacing), preset)
             for name, spacing in HELD_OUT.items()
         ]
         broken |= any(outcome.evaluation is None for outcome in outcomes)
         for line in learned_from({preset: outcomes}):
             print(f"NOT HELD OUT  {line}")
             broken = True
-        print(
-            f"{preset:8} {'held-out drives together':24} {in_short(together(rendered(outcomes)))}"
-        )
+        total = in_short(together(rendered(outcomes)))
+        print(f"{preset:8} {'held-out drives together':24} {total}")
         lines += ["", f"## Preset `{preset}`", "", *rendered_table(outcomes)]
     if not broken:
-        (ROOT / "benchmarks" / "accuracy_held_out.md").write_text("\n".join(lines) + "\n")
+        (BENCHMARKS / "accuracy_held_out.md").write_text("\n".join(lines) + "\n")
     return 1 if broken else 0
 
 

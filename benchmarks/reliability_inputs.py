@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 import random
-import shutil
 import struct
 import tempfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -45,9 +43,7 @@ from wayside.pipeline.exporting.export import export
 from wayside.pipeline.information import describe_log, format_information
 from wayside.pipeline.journal import JOURNAL, Journal
 from wayside.pipeline.labels import read_labels
-from wayside.pipeline.lengths import parse_spacing
 from wayside.pipeline.model_files import shipped_models
-from wayside.pipeline.output_folder import OutputFolder
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.image_headers import read_image_header
@@ -56,30 +52,16 @@ from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.result import read_run, read_settings
 from wayside.pipeline.reviewing.review import NO_REVIEW, read_review, result_name
 from wayside.pipeline.settings_file import format_settings, load_settings
-from wayside.schemas.frame import USED, Camera, Frame
+from wayside.schemas.frame import USED, Frame
 from wayside.schemas.model_json import model_from_json
-from wayside.schemas.models import (
-    EvidenceModel,
-    GaussianModel,
-    LinearModel,
-    MixtureModel,
-    ScoreModel,
-)
+from wayside.schemas.models import EvidenceModel, GaussianModel, LinearModel, MixtureModel
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.imaging import decode
 
 Content = Callable[[random.Random], bytes]
 LogChange = Callable[[bytearray, random.Random], bytes | bytearray]
-HEADS = (
-    "input",
-    "tried",
-    "right",
-    "reported",
-    "refused",
-    "wrong",
-    "slowest, ms of CPU",
-    "memory grown, MB",
-)
+OUTCOMES = (RIGHT, TOLD, REFUSED)
+HEADS = ("input", "tried", *OUTCOMES, WRONG, "slowest, ms of CPU", "memory grown, MB")
 
 
 def rows(only: Sequence[str], count: int, seed: int) -> Iterator[tuple[list[str], bool]]:
@@ -91,7 +73,7 @@ def rows(only: Sequence[str], count: int, seed: int) -> Iterator[tuple[list[str]
             if not any(part in title for part in only):
                 continue
             found, slowest_s, grown_mb = tried(title, prepare, count, seed, Path(folder))
-            known = [found.pop(outcome, 0) for outcome in (RIGHT, TOLD, REFUSED)]
+            known = [found.pop(outcome, 0) for outcome in OUTCOMES]
             for fault, times in found.most_common():
                 print(f"{title}: {times} x {fault}", flush=True)
             cells = [title, count, *known, found.total(), f"{1e3 * slowest_s:.0f}"]
@@ -161,9 +143,6 @@ def use_model(path: Path) -> None:
             model.values(values[:, : len(model.features)].astype(np.float64))
         elif isinstance(model, EvidenceModel):
             model.ratios(dict.fromkeys(model.features, 0.5))
-        elif isinstance(model, ScoreModel) and model.with_network is not None:
-            joined = model.with_network
-            values @ np.full(1000, joined.own + joined.network + joined.shift)
 
 
 def model_texts() -> list[Any]:
@@ -273,15 +252,14 @@ def no_kind(rng: random.Random) -> bytes:
 
 def of_images(made: Content, wanted: Sequence[str] = ()) -> Prepare:
     """An image that must have one of the statuses `wanted`, where any are given."""
-    camera = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5) if "wrong_size" in wanted else None
 
     def prepare(_: Path) -> Attempt:
         def attempt(rng: random.Random) -> str:
             data = made(rng)
             size = (read_image_header(data) or ("", 0, 0))[1:]
-            if not wanted and size[0] * size[1] > 10**6:
+            if size[0] * size[1] > 10**6:
                 return RIGHT
-            (image,) = decode(iter([Frame(0, 0, None, USED, "", data, camera, *size)]))
+            (image,) = decode(iter([Frame(0, 0, None, USED, "", data, None, *size)]))
             return RIGHT if not wanted else TOLD if image.frame.status in wanted else WRONG
 
         return attempt
@@ -302,41 +280,6 @@ def half_jpeg(rng: random.Random) -> bytes:
     noise = np.random.default_rng(rng.randrange(9)).integers(0, 256, (9, 12, 3), np.uint8)
     data = cv2.imencode(".jpg", cv2.resize(noise, (320, 240)))[1].tobytes()
     return data[: rng.randrange(len(data) // 3, len(data) - 30)]
-
-
-def huge_image(rng: random.Random) -> bytes:
-    """A header of some kilobytes that states 20,000 to 65,000 pixels a side."""
-    side = rng.randrange(20_000, 65_000)
-    if rng.random() < 0.5:
-        head = b"II*\0\x08\0\0\0\x04\0"
-        for tag, kind, value in ((256, 4, side), (257, 4, side), (258, 3, 8), (262, 3, 1)):
-            head += struct.pack("<HHII", tag, kind, 1, value)
-        return head + bytes(6000)
-    data = bytearray(cv2.imencode(".jpg", np.zeros((16, 16, 3), np.uint8))[1].tobytes())
-    at = data.find(b"\xff\xc0")
-    data[at + 5 : at + 9] = struct.pack(">HH", side, side)
-    return bytes(data)
-
-
-def of_label_folder(texts: Mapping[str, bytes]) -> Prepare:
-    """A folder of labels in text files beside their image."""
-
-    def prepare(folder: Path) -> Attempt:
-        image = cv2.imencode(".png", np.zeros((20, 30, 3), np.uint8))[1].tobytes()
-
-        def attempt(rng: random.Random) -> str:
-            place = folder / "labels"
-            shutil.rmtree(place, ignore_errors=True)
-            place.mkdir()
-            (place / "a.png").write_bytes(image)
-            for name, text in texts.items():
-                (place / name).write_bytes(changed_bytes(text, rng))
-            read_labels(place)
-            return RIGHT
-
-        return attempt
-
-    return prepare
 
 
 def of_results(folder: Path) -> Attempt:
@@ -364,29 +307,18 @@ def of_results(folder: Path) -> Attempt:
     return attempt
 
 
-def of_labels_of_a_result(folder: Path) -> Attempt:
+def of_truth(folder: Path) -> Attempt:
     """Truth and labels that a result is evaluated against."""
     out, _ = small.small_result(folder, rows=1)
-    trees = (small.short_truth(), small.REAL_LABELS)
-    use = of_file("labels.json", edited_json(*trees), lambda path: evaluate(out, path))
-    return use(folder)
+    made = edited_json(small.short_truth(), small.REAL_LABELS)
+    return of_file("labels.json", made, lambda path: evaluate(out, path))(folder)
 
 
 def of_reviews(folder: Path) -> Attempt:
-    """Reviews of a result as JSON and as CSV."""
+    """Reviews of a result."""
     out, _ = small.small_result(folder)
-    name = result_name(read_run(out))
-    tree = {"wayside_review": 1, "result": name, "reviews": small.REVIEWS}
-    text = io.StringIO()
-    writer = csv.DictWriter(text, ("sign_id", "review", "color", "x", "y", "note", "reviewer"))
-    writer.writeheader()
-    writer.writerows(small.REVIEWS)
-    as_csv = edited_bytes(text.getvalue().encode())
-    kinds = [
-        of_file("review.json", edited_json(tree), lambda path: read_review(path, out))(folder),
-        of_file("review.csv", as_csv, lambda path: read_review(path, out))(folder),
-    ]
-    return lambda rng: rng.choice(kinds)(rng)
+    tree = {"wayside_review": 1, "result": result_name(read_run(out)), "reviews": small.REVIEWS}
+    return of_file("r.json", edited_json(tree), lambda path: read_review(path, out))(folder)
 
 
 def of_journals(folder: Path) -> Attempt:
@@ -413,41 +345,6 @@ def of_journals(folder: Path) -> Attempt:
     return attempt
 
 
-def of_output_folders(folder: Path) -> Attempt:
-    """A file, link or folder of the user's in the place of a result: it must stay as it was."""
-    names = ("signs.parquet", "observations.parquet", "frames.parquet", "run.json", "drive.rrd")
-
-    def attempt(rng: random.Random) -> str:
-        out = Path(tempfile.mkdtemp(dir=folder))
-        target = out / rng.choice(names)
-        make: Callable[[], object] = rng.choice(
-            (
-                target.mkdir,
-                lambda: target.write_bytes(rng.randbytes(50)),
-                lambda: target.symlink_to(out / "elsewhere"),
-            )
-        )
-        make()
-        before = contents(out)
-        try:
-            with OutputFolder(out, kept=("drive.rrd",)) as output:
-                check_earlier(out, folder / "log.mcap").check_recording()
-                (output.part / target.name).write_bytes(b"new")
-                output.commit()
-        finally:
-            assert contents(out) == before
-        return RIGHT
-
-    return attempt
-
-
-def contents(folder: Path) -> list[tuple[str, bool, object]]:
-    """Names, links and bytes of the files of a folder."""
-    return sorted(
-        (p.name, p.is_symlink(), p.is_file() and p.read_bytes()) for p in folder.iterdir()
-    )
-
-
 def odd_settings(rng: random.Random) -> bytes:
     """Settings, nested without end or not text."""
     depth = rng.randrange(2_000, 100_000)
@@ -471,31 +368,6 @@ def odd_camera(rng: random.Random) -> bytes:
     return rng.choice([text, text, grows, "[" * 50_000, calls]).encode()
 
 
-def of_odd_results(folder: Path) -> Attempt:
-    """A `run.json` of another program, deep or odd, in the place of a result."""
-    odd = ["[" * 100_000, "{}", "null", "\0", '{"log_path": 3, "files": []}']
-    odd.append(json.dumps({"files": {"../../x": {}}}))
-
-    def attempt(rng: random.Random) -> str:
-        out = Path(tempfile.mkdtemp(dir=folder))
-        (out / "run.json").write_text(rng.choice(odd))
-        (out / "signs.parquet").write_bytes(b"PAR1")
-        check_earlier(out, folder / "log.mcap")
-        return RIGHT
-
-    return attempt
-
-
-def of_spacings(_: Path) -> Attempt:
-    """A spacing without a unit."""
-    return lambda rng: str(parse_spacing(f"{rng.uniform(1, 90):.1f}"))
-
-
-def large(made: Callable[[], list[bytes]]) -> Content:
-    """One of the inputs that unpack to far more than they are."""
-    return lambda rng: rng.choice(made())
-
-
 KINDS: dict[str, Prepare] = {
     # Changed at random
     "logs, read to frames and decoded": of_logs(
@@ -508,7 +380,7 @@ KINDS: dict[str, Prepare] = {
         edited_bytes(format_settings(*load_settings(), expert=False).encode()),
         use_settings,
     ),
-    "labels and truth (JSON)": of_labels_of_a_result,
+    "labels and truth (JSON)": of_truth,
     "models (JSON), evaluated where they are accepted": of_file(
         "m.json", edited_json(*model_texts()), use_model
     ),
@@ -520,38 +392,24 @@ KINDS: dict[str, Prepare] = {
     "labels of others (COCO, marks, scenes)": of_file(
         "labels.json", edited_json(small.COCO, small.MARKS, small.SCENES), read_labels
     ),
-    "labels of others (YOLO)": of_label_folder(small.YOLO),
-    "labels of others (VOC)": of_label_folder(small.VOC),
     "labels (Parquet)": of_file("labels.parquet", edited_tables(small.LABELS), read_labels),
     "results (tables, run.json), read, exported, evaluated": of_results,
-    "reviews (JSON, CSV)": of_reviews,
+    "reviews (JSON)": of_reviews,
     "journals": of_journals,
     # Faults at one point
     "logs cut off": of_cut_logs,
-    "chunks that unpack to 5 to 50 MB, or 20 times 4 MB": of_logs(
-        inserted(large(small.large_chunks))
-    ),
     "records without a kind (opcode 0)": of_logs(inserted(no_kind), chunked=False),
-    "headers of images of 20,000 to 65,000 pixels": of_images(
-        huge_image, ("wrong_size", "undecodable")
-    ),
     "a bit of the first chunk": of_logs(flipped_bit),
     "a bit of the first chunk, no summary": of_logs(flipped_bit, summary=False),
     "bytes missing from a chunk": of_logs(missing_bytes),
     "the kind of a chunk changed": of_logs(other_opcode),
     "JPEGs that end early": of_images(half_jpeg, ("damaged", "undecodable")),
-    "files, links, folders of the user's in the place of a result": of_output_folders,
     # Always to be refused
-    "a run.json of another program, deep or odd": must_refuse(of_odd_results),
     "settings nested without end, not text, infinite": must_refuse(
         of_file("s.toml", odd_settings, use_settings)
     ),
     "calibrations that cannot be, YAML that grows": must_refuse(
         of_file("c.yaml", odd_camera, read_camera_file)
     ),
-    "boxes in Parquet that unpack to a gibibyte": must_refuse(
-        of_file("b.parquet", large(small.large_tables), use_boxes)
-    ),
-    "a spacing without a unit": must_refuse(of_spacings),
 }
 """What is tried, by the name of its row."""

@@ -24,6 +24,7 @@ import cv2
 import numpy as np
 from common import DEMO, ROOT, run_wayside
 from reliability_machine import spent
+from small_inputs import CAMERAS
 
 from wayside.pipeline import cli
 
@@ -81,12 +82,6 @@ TO_STREAMS = ("import -o", "join -o", "evaluate --json", "export -o")
 """Outputs that may be a pipe, which waits for a reader as with every program."""
 ENDINGS = {"run --settings": ".toml", "run --detections": ".parquet", "join PARTS": ".bag"}
 """How the name of a file ends that the command reads by its name."""
-CAMERA = """image_width: 1600
-image_height: 1200
-camera_matrix: {rows: 3, cols: 3, data: [1398.0, 0, 796.0, 0, 1398.0, 602.5, 0, 0, 1]}
-distortion_model: plumb_bob
-distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}
-"""
 STATUSES = {0: "done", 4: "done", 2: "refused", 3: "refused", 5: "refused"}
 
 
@@ -146,10 +141,10 @@ def tried(name: str, what: str, path: str, result: Path) -> tuple[str, float]:
     """Give the command of a name the path; how it ended, and its processor time, seconds."""
     with tempfile.TemporaryDirectory() as scratch:
         (Path(scratch) / "boxes.json").write_text("[]")
-        (Path(scratch) / "camera.yaml").write_text(CAMERA)
+        (Path(scratch) / "camera.yaml").write_bytes(CAMERAS[0])
         (Path(scratch) / "images").mkdir()
         for number in range(2):
-            pixels = np.full((1200, 1600, 3), number, np.uint8)
+            pixels = np.full((480, 640, 3), number, np.uint8)
             cv2.imwrite(str(Path(scratch) / "images" / f"{number}.jpg"), pixels)
         known = {"PATH": path, "DEMO": str(DEMO), "TRUTH": str(TRUTH), "OUT": str(result)}
         known["FROM_logs"] = "FROM logs"

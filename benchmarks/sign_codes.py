@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import table
 
 from wayside.pipeline.evaluate import evaluate
 from wayside.pipeline.evaluation import RenderedEvaluation
@@ -164,13 +165,13 @@ def crops_table(real: Path) -> list[str]:
         f"{low:g} px high or more, below {high:g}": (height >= low) & (height < high)
         for low, high in pairwise(edges)
     }
-    lines = ["| crops | number | named right | 95 % interval |", "| --- | ---: | ---: | ---: |"]
+    rows = []
     for words, chosen in parts.items():
         count, total = int(right[chosen].sum()), int(chosen.sum())
         low, high = share_interval(count, total) or (0.0, 1.0)
         share = f"{100 * count / max(total, 1):.1f} %"
-        lines.append(f"| {words} | {total} | {share} | {100 * low:.1f} to {100 * high:.1f} % |")
-    return lines
+        rows.append((words, total, share, f"{100 * low:.1f} to {100 * high:.1f} %"))
+    return table(("crops", "number", "named right", "95 % interval"), rows)
 
 
 def main() -> None:
@@ -179,15 +180,15 @@ def main() -> None:
         print(*crops_table(Path(sys.argv[2])), sep="\n")
         return
     total: Counter[str] = Counter()
-    heads = ("right code", "right series", "not settled", "wrong", "kind without a code")
-    print("| drive |", " | ".join(heads), "|")
+    rows = {}
     for out, truth in zip(sys.argv[1::2], sys.argv[2::2], strict=True):
-        counts = compare(Path(out), Path(truth))
+        rows[Path(truth).name.split(".")[0]] = counts = compare(Path(out), Path(truth))
         total += counts
-        print(
-            f"| {Path(truth).name.split('.')[0]} |", " | ".join(str(counts[h]) for h in heads), "|"
-        )
-    print("| all |", " | ".join(str(total[h]) for h in heads), "|")
+    heads = ("right code", "right series", "not settled", "wrong", "kind without a code")
+    cells = (
+        (name, *(counts[h] for h in heads)) for name, counts in (rows | {"all": total}).items()
+    )
+    print(*table(("drive", *heads), cells), sep="\n")
 
 
 if __name__ == "__main__":

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import io
 import json
-import struct
 import tempfile
-import zlib
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import cv2
-import lz4.frame
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-import zstandard
 from common import DEMO
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, IndexType, Writer
@@ -43,13 +39,9 @@ PACKINGS: dict[str, dict[str, Any]] = {
     "lz4 chunks": {"compression": CompressionType.LZ4},
     "zstd chunks": {"compression": CompressionType.ZSTD},
 }
-BARE: dict[str, Any] = {
-    "index_types": IndexType.NONE,
-    "repeat_channels": False,
-    "repeat_schemas": False,
-    "use_statistics": False,
-    "use_summary_offsets": False,
-}
+BARE: dict[str, Any] = {"index_types": IndexType.NONE} | dict.fromkeys(
+    ("repeat_channels", "repeat_schemas", "use_statistics", "use_summary_offsets"), False
+)
 """Options of a log without a summary."""
 Found = list[tuple[str, int, bytes]]
 
@@ -125,39 +117,6 @@ def messages_before(content: bytes, cut: int) -> int:
     return count
 
 
-def chunk(name: str, data: bytes, packed: bytes) -> bytes:
-    """A chunk record."""
-    head = struct.pack("<QQQII", 1, 2, len(data), zlib.crc32(data), len(name)) + name.encode()
-    body = head + struct.pack("<Q", len(packed)) + packed
-    return RECORD_HEAD.pack(Opcode.CHUNK, len(body)) + body
-
-
-@cache
-def large_chunks() -> list[bytes]:
-    """Chunks that unpack to far more than they are: zeros, empty records, many that are right one by one."""
-    zeros, records, some = bytes(50_000_000), RECORD_HEAD.pack(0x90, 0) * 600_000, bytes(4_000_000)
-    return [
-        chunk("zstd", zeros, zstandard.compress(zeros)),
-        chunk("lz4", zeros, lz4.frame.compress(zeros)),
-        chunk("zstd", records, zstandard.compress(records)),
-        20 * chunk("zstd", some, zstandard.compress(some)),
-    ]
-
-
-@cache
-def large_tables() -> list[bytes]:
-    """Parquet of some kilobytes: one long text in each of many rows, and two hundred million rows of zeros."""
-    numbers = pa.array(np.zeros(100_000, np.int32))
-    texts = pa.DictionaryArray.from_arrays(numbers, pa.array(["x" * 1_000_000]))
-    zeros = pa.table({"frame": np.zeros(10_000_000, np.int8)})
-    one, many = io.BytesIO(), io.BytesIO()
-    pq.write_table(pa.table({"image_name": texts}), one, store_schema=False)
-    with pq.ParquetWriter(many, zeros.schema, compression="zstd") as writer:
-        for _ in range(20):
-            writer.write_table(zeros)
-    return [one.getvalue(), many.getvalue()]
-
-
 CAMERAS = (
     b"image_width: 640\nimage_height: 480\ncamera_matrix:\n  rows: 3\n  cols: 3\n"
     b"  data: [438.78, 0., 305.59, 0., 437.35, 243.74, 0., 0., 1.]\ndistortion_model: plumb_bob\n"
@@ -198,23 +157,12 @@ LABELS = pa.table(
         "polygon": [[[1.0, 2.0]], None, [], None],
     }
 )  # fmt: skip
-MARKS = {
-    "wayside_marks": 1, "reviewer": "x", "log": "demo",
-    "marks": [{"name": "a", "kind": "sign", "color": "red",
-               "views": [{"frame": 3, "log_time_ns": 5, "box": [1, 2, 3, 4]}]}],
-}  # fmt: skip
+VIEW = {"frame": 3, "log_time_ns": 5, "box": [1, 2, 3, 4]}
+MARK = {"name": "a", "kind": "sign", "color": "red", "views": [VIEW]}
+MARKS = {"wayside_marks": 1, "reviewer": "x", "log": "demo", "marks": [MARK]}
 SCENES = [
     {"file": "a.jpg", "width": 9, "height": 9, "complete": True, "signs": [{"box": [1, 2, 3, 4]}]}
 ]
-YOLO = {
-    "a.txt": b"0 0.5 0.5 0.2 0.1\n1 0.1 0.1 0.2 0.1 0.3 0.3\n",
-    "data.yaml": b"names:\n  0: stop\n  1: yield\n",
-}
-VOC = {
-    "a.xml": b"<annotation><filename>a.png</filename><size><width>30</width><height>20</height></size>"
-    b"<object><name>stop</name><difficult>0</difficult><bndbox><xmin>1</xmin><ymin>2</ymin>"
-    b"<xmax>11</xmax><ymax>12</ymax></bndbox></object></annotation>"
-}
 REAL_LABELS = {
     "signs": [{"id": "s1", "wanted": True, "boxes": [{"i": 3, "box": [11, 11, 29, 31]}]}],
     "stride": 2,
