@@ -2,9 +2,9 @@
 
     .venv/bin/python benchmarks/accept.py [--quick] [--only NAME] [--preset report]
 
-Renders the development drives once into .cache/drives, runs both presets on each and on real drives where they are at
-hand, evaluates every result, and writes benchmarks/accuracy.md and benchmarks/accuracy_real.md. A rendered drive that a
-model was learned from is refused; a real one stands in a table of its own. Speed is printed only: it belongs to the
+Renders the development drives once into .cache/drives, and runs both presets on each and on real drives where they are
+at hand. Evaluates every result, and writes benchmarks/accuracy.md and benchmarks/accuracy_real.md. A rendered drive
+that a model was learned from is refused; a real one has a table of its own. Speed is printed only: it belongs to the
 machine. With --quick, --only or --preset nothing is written.
 """
 
@@ -47,7 +47,7 @@ PRESETS = ("default", "report")
 EARLIER = ("report-2d", "report-shape")
 """Presets that are measured where they are asked for, and have no floor."""
 RENDERED = {"demo": "", "straight": "", "curve": "", "town": "", "report": "26.4ft", "raw": ""}
-"""Development drives with the spacing that a run is told, where the log has no poses."""
+"""Development drives with the spacing that a run is given, where the log has no poses."""
 REAL = {
     "de_road_kitti0015": "6.15m",
     "us_freeway_challenge": "7.6m",
@@ -66,7 +66,7 @@ WITHOUT = BENCHMARKS / "models_without"
 
 @dataclass(frozen=True)
 class BenchmarkDrive:
-    """A log with its truth, the spacing that a run is told, and models other than those that ship."""
+    """A log with its truth, the spacing that a run is given, and models other than those that ship."""
 
     name: str
     log: Path
@@ -77,10 +77,10 @@ class BenchmarkDrive:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A drive and its figures; `evaluation` is None where the run failed.
+    """A drive and its figures, without an evaluation where the run failed.
 
-    unlabelled: rows of a real drive on no label of its own, but on a sign that these leave out; right in `evaluation`.
-    counts: of a real drive at each of `CONFIDENCES`, where the preset states any.
+    Rows of a real drive on a sign that its labels leave out are `unlabelled`; they are right in `evaluation`. The
+    `counts` of a real drive are at each of `CONFIDENCES`, where the preset states any.
     """
 
     drive: BenchmarkDrive
@@ -244,8 +244,8 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
         "A panel is wanted where its front is at least 10 px tall and half visible in three or more images. "
         "Errors are absolute, of wanted panels that were found, median / 95 %: metres; sizes in per cent of the truth. "
         "Duplicates: of the false rows, those on a panel that a better row is on. "
-        "Backs: rows of status `back` that are on a panel seen from behind, of all such rows / such panels of which "
-        "three images show 10 px or more, were nothing before them.",
+        "Backs: rows of status `back` on a panel seen from behind, of all such rows / panels of which three images "
+        "show 10 px or more, were nothing before them.",
         "",
         versions(),
     ]
@@ -258,23 +258,23 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
         "# Real drives with hand-made labels",
         "",
         "Made by `make accept` where the drives are at hand; they are not part of the repository. Labels are not "
-        "complete, so precision is a lower bound: a row is right on a sign that they leave out, too, where that "
+        "complete, so precision is a lower bound. A row on a sign that they leave out is right, too, where that "
         "was boxed by eye ([checked_boxes.py](checked_boxes.py)). No sign was surveyed, so no position is "
         "evaluated. A drive is seen where the provenance of a model of the run names it (models in brackets). "
         "Rules, the threshold of the classifier and the kinds of faces rendered to learn from were chosen with "
-        "the misses of `de_road_kitti0015`, `us_freeway_challenge` and `us_freeway_white_right` in view, and the "
-        "distance between used images with those of `ca_city_garmin`. The boards and things beside faces that are "
-        "drawn to learn from were designed with the misses of `de_city_kitti0001` and of `ca_city_garmin` in "
-        "view, and the networks that ship were chosen by counts of all of these. Which features the evidence rests "
+        "the misses of `de_road_kitti0015`, `us_freeway_challenge` and `us_freeway_white_right` in view. The distance "
+        "between used images was chosen with those of `ca_city_garmin`. The boards and other things drawn to learn "
+        "from were designed with the misses of `de_city_kitti0001` and `ca_city_garmin` in view. The networks that "
+        "ship were chosen by counts of all of these. Which features the evidence rests "
         "on was chosen by all drives, its curves by none that it is measured on. A drive with "
         "`models without it` was run by models that were learned without it "
         "([models_without](models_without/README.md)), more briefly than those that ship, and chosen by counts of it, "
         "too.",
         "",
-        "Shares: 95 % intervals by Wilson's score, exact for none and all; rates: exact for a Poisson count; both as "
-        "if signs and rows were independent, which those on one post are not. A duplicate lies on a label that has "
-        "another, better row; it counts as a row on a label. The cause of a miss is the last step that a candidate on "
-        "the sign passed in any labelled image; the verdicts on all of them are counted behind it.",
+        "Intervals are 95 %: of shares by Wilson's score, exact for none and all; of rates exact for a Poisson count. "
+        "Both are as if signs and rows were independent, which those on one post are not. A duplicate lies on a label "
+        "that has another, better row; it counts as a row on a label. The cause of a miss is the last step that a "
+        "candidate on the sign passed in any labelled image; the verdicts on all of them are counted behind it.",
         "",
         versions(),
     ]

@@ -1,10 +1,10 @@
-"""How exactly signs are placed on rendered drives, beside the bound and beside a peer.
+"""How exactly signs are placed on rendered drives, compared with the bound and with a peer.
 
     .venv/bin/python benchmarks/geometry.py [--frames 24] [--no-peer]
 
-Runs wayside on the rendered drives `straight` and `curve` three ways: as recorded (poses given), with images and the
-known spacing alone, and with satellite fixes alone; compares the signs found with the truth and with the Cramér-Rao
-bound of the same scene. Then reconstructs the first images of both with pycolmap (extra `benchmark`), same
+Runs wayside on the rendered drives `straight` and `curve` as recorded (poses given), with images and the known spacing
+alone, and with satellite fixes alone. Compares the signs with the truth and with the Cramér-Rao bound of the scene.
+Then reconstructs the first images of both with pycolmap (extra `benchmark`), same
 calibration, one thread. Writes benchmarks/geometry.md; with --no-peer it only prints.
 """
 
@@ -66,7 +66,7 @@ def main() -> int:
     FOLDER.mkdir(parents=True, exist_ok=True)
     render(NAMES)
     runs = [run(name, way) for name in NAMES for way in WAYS]
-    lines = ["# Geometry beside its bound and beside a peer", ""]
+    lines = ["# Geometry, its bound and a peer", ""]
     lines += ["Made by `benchmarks/geometry.py` on rendered drives with exact truth.", ""]
     lines += [versions(), "", *sign_table(runs)]
     if not args.no_peer:
@@ -83,10 +83,10 @@ def sign_table(runs: list[Run]) -> Iterator[str]:
     yield "## Signs against the truth"
     yield ""
     yield (
-        "Errors in the camera of the closest whole view, median / 95 %, cm; bound: one standard deviation, median over "
-        f"the same signs: {CENTRE_PX} px a coordinate for the centre of a face in each image, ties as measured on "
-        "these drives, 2 cm of scatter in the spacing. Sizes: per cent; facing: degrees; sigma: fraction of the true "
-        "positions within one and two stated standard deviations, all axes together."
+        "Errors in the camera of the closest whole view, median / 95 %, cm. Bound: one standard deviation, median over "
+        f"the same signs, with {CENTRE_PX} px a coordinate for the centre of a face in each image, ties as measured on "
+        "these drives and 2 cm of scatter in the spacing. Sizes are in per cent, facing in degrees. Sigma: fraction of "
+        "the true positions within one and two stated standard deviations, all axes together."
     )
     yield ""
     names = "found|along|bound|lateral|bound|up|bound|3-D|width|height|bottom edge|facing|sigma"
@@ -155,7 +155,7 @@ def bounds(one: Run, e: RenderedEvaluation) -> Array:
 
 
 def true_step_bound(poses: dict[int, Pose], camera: Camera, frame: int, *, given: bool) -> Array:
-    """Best covariance of a true step by 200 ties on the road and beside it."""
+    """Best covariance of a true step by 200 ties on the road and at its sides."""
     rng, count = np.random.default_rng(frame), 4000
     survey = Survey()
     ahead, road = rng.uniform(10, 120, count), rng.random(count) < 0.5
@@ -191,8 +191,8 @@ def real_table(folder: Path) -> Iterator[str]:
     found = {name: found_row(out, known[name]) for name in SIZES}
     yield (
         f"`{REAL}`: images and an estimated spacing of {REAL_SPACING}, calibration as published. Nothing there was "
-        "surveyed: sizes are those of the regulations, the distance follows from 80 m between two beacons (whose boxes "
-        "say that either is some 5 % off)."
+        "surveyed. Sizes are from the regulations. The distance follows from 80 m between two beacons, whose boxes say "
+        "that it is some 5 % off."
     )
     yield ""
     cells = [

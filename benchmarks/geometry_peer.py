@@ -24,14 +24,14 @@ STEPS = 5
 
 def peer_table(runs: list[Run], count: int) -> Iterator[str]:
     """Motion, signs and cost side by side."""
-    yield f"## Beside pycolmap {version('pycolmap')}"
+    yield f"## pycolmap {version('pycolmap')}"
     yield ""
     yield (
-        f"The first {count} images of each drive, images and spacing only, same calibration, one thread. pycolmap: "
-        "SIFT, sequential matching over five images, incremental mapping with options loosened for forward motion "
-        "(without that no model comes about), scaled by the known spacing; a sign's place is the median of the points "
-        "on its face, each against the true plane along its own ray, in the closest image that shows one. Rotation "
-        f"and direction of each step, position of the camera {STEPS} images on, errors of signs: median / 95 %."
+        f"The first {count} images of each drive, images and spacing only, same calibration, one thread. pycolmap runs "
+        "SIFT, sequential matching over five images and incremental mapping, with options loosened for forward motion, "
+        "and is scaled by the known spacing. Its place of a sign is the median of the points on the face, each against "
+        "the true plane along its own ray, in the closest image that shows one. Rotation and direction of each step, "
+        f"position of the camera {STEPS} images on and errors of signs are median / 95 %."
     )
     yield ""
     names = "drive|what|images|rotation, deg|direction, deg|camera, cm|signs|along, cm|lateral, cm"

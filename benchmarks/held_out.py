@@ -2,9 +2,9 @@
 
     .venv/bin/python benchmarks/held_out.py [--jobs 2]
 
-Renders the drives `recordings/drives/specs/held_*.toml` (other cameras, lights, roads and seeds than those for learning
-and development) once into .cache/drives, runs both presets on each, and writes benchmarks/accuracy_held_out.md. Look at
-the figures, not at the misses: a drive whose misses were looked at belongs to the development drives.
+Renders the drives `recordings/drives/specs/held_*.toml` once into .cache/drives, runs both presets on each, and writes
+benchmarks/accuracy_held_out.md. Cameras, lights, roads and seeds are other than those for learning and development.
+Look at the figures, not at the misses: a drive whose misses are known belongs to the development drives.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ HELD_OUT = {
     "held_quay": "",
     "held_valley": "",
 }
-"""Held-out drives with the spacing that a run is told, where the log has neither poses nor fixes."""
+"""Held-out drives with the spacing that a run is given, where the log has neither poses nor fixes."""
 
 
 def main() -> int:
@@ -54,8 +54,8 @@ def main() -> int:
         "Made by `python benchmarks/held_out.py`; exact truth. No model was learned from these drives and no rule was "
         "chosen by them: ten cameras (focal lengths, lenses, mounts, 1280 x 720 to 1936 x 1216), ten lights and "
         "roads. Eight were drawn from the ranges that eleven of the learning drives were drawn from, with other "
-        "seeds, sizes of image and pairs of road and light; `held_border` and `held_bypass` are of the kind of "
-        "eight others (small hard images, signs far beside the road, faces that no catalogue holds). "
+        "seeds, sizes of image and pairs of road and light. `held_border` and `held_bypass` are of the kind of "
+        "eight others, with small hard images, signs far from the road and faces that no catalogue holds. "
         "`held_moor` has neither poses nor fixes, "
         "`held_outskirts` has fixes alone. Columns as in accuracy.md.",
         "",

@@ -53,8 +53,9 @@ def sighted(inventory: Path, identities: Identities) -> Iterator[tuple[dict[str,
 class Identified:
     """Which true panels the rows of an inventory hold.
 
-    of: true panel by `panel_id`, that of most sightings; seen: true panels that were seen; duplicates: rows too many
-    for them; mixed: rows of several true panels; spurious: rows that hold a sighting of no panel beside true ones.
+    The true panel `of` a `panel_id` has the most of its sightings. There are `seen` true panels, and `duplicates` rows
+    too many for them. Rows of several true panels are `mixed`, and those of a true panel with a sighting of none are
+    `spurious`.
     """
 
     of: dict[str, int]
@@ -154,7 +155,7 @@ def _passes(seed: int) -> list[Passed]:
 
 @dataclass(slots=True)
 class Told:
-    """What a comparison said of the true history: rows, rows not looked at, per kind all and those found right.
+    """What a comparison said of the true history: rows, rows of places not in view, per kind all and those found right.
 
     stated: of each row that is gone or new its probability, and whether it is right.
     """
@@ -179,7 +180,7 @@ def measure_changes(seeds: Sequence[int]) -> None:
             _changes(seed, drives, told)
         words = [_share(told.right[kind], told.total[kind], 1) for kind in kinds]
         rows.append((drives, f"{told.unknown} of {told.rows}", *words, told.false))
-    print_table(("drives a survey", "not looked at", *names, "false changes"), rows, words=0)
+    print_table(("drives a survey", "not in view", *names, "false changes"), rows, words=0)
     rows = []
     for low, high in pairwise(STATED):
         some = [one for one in stated if low <= one[0] < high]

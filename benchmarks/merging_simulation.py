@@ -1,6 +1,6 @@
 """Results of drives as `wayside run` would write them, made from exact truth without images.
 
-Roads run beside each other, 1.1 km apart and straight, with supports on both sides that face either direction.
+Roads are parallel, 1.1 km apart and straight, with supports on both sides that face either direction.
 A drive sees the panels that face it, some from behind, misses some, reads some wrong, and adds some that are none.
 Its fixes err together: a Gauss-Markov process with a correlation time of a minute at 25 m/s, averaged over 100 m, since
 the motion between images holds the path together. None of this is taken from the merging that it tests.
@@ -44,9 +44,8 @@ LATERAL_SIGMA_M, ALONG_SIGMA_M, UP_SIGMA_M = 0.03, 0.07, 0.02
 class Road:
     """The panels of a road; n rows.
 
-    position (n, 3): metres along the road (east), to its left (north), up; forward (n,): faces those who drive east;
-    turn_rad (n,): of the face against the road; color, shape (n,); size (n, 2); support (n,); identity (n,): number of
-    the panel.
+    The position (n, 3) is in metres along the road (east), to its left (north) and up. A panel with `forward` (n,)
+    faces those who drive east. Its face is turned by `turn_rad` (n,) against the road, and its number is `identity`.
     """
 
     origin: LocalOrigin
@@ -69,8 +68,8 @@ class Road:
 class Quality:
     """How a drive measures.
 
-    fix_sigma_m: level, 1.6 times as much in height; shares of panels found, of backs found, of faces read wrong, of
-    rows that are no panel, and of measurements four times as far off.
+    fix_sigma_m: level, 1.6 times as much in height. The others are shares: of panels and backs that are found, of faces
+    read wrong, of rows that are no panel, and of measurements four times as far off.
     """
 
     fix_sigma_m: float = 1.0

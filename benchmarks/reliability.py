@@ -1,13 +1,11 @@
-"""What becomes of faults: of clocks and positions, inputs, kills, full disks and odd paths.
+"""What happens with faults of clocks and positions, changed inputs, kills, full disks and odd paths.
 
     PYTHONPATH=. .venv/bin/python benchmarks/reliability.py QUESTION [--only NAME ...] [--count N] [--seed S]
 
-    drives   the demo drive with faults of clocks, order, positions and images written into it
-    inputs   all that is read changed at random or cut off, and inputs that must be refused, N of each kind
-    kills    runs killed at N moments, half of them at the first change of the result
-    resumed  runs with --resume killed at N moments and started again
-    disks    runs on N disks of growing size (mounting them needs root)
-    paths    odd names and kinds of files in every place where a command takes a path
+Drives: the demo drive with faults of clocks, order, positions and images written into its log. Inputs: all that is
+read, changed at random or cut off, and inputs that must be refused, N of each kind. Kills: runs that are killed, half
+of them at the first change of the result. Resumed: the same with --resume, started again. Disks: runs on N disks of
+growing size, which only root can mount. Paths: odd names and kinds of files wherever a command takes a path.
 
 Prints a table and ends with status 1 where anything went wrong. `reliability.md` says what counts as wrong.
 """

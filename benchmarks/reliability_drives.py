@@ -72,7 +72,7 @@ def reported(out: Path) -> list[dict[str, Any]]:
 def compare(out: Path, reference: Path) -> tuple[int, float]:
     """Signs that are also in the reference (nearest by station), and the largest distance, metres.
 
-    Distances are along and beside the path; of all shifts along the path, as of another origin, the best is taken.
+    Distances are along and across the path. Of all shifts along the path, as by another origin, the best is taken.
     """
     found, true = (
         np.nan_to_num(

@@ -108,7 +108,7 @@ def rows(only: Sequence[str], _: int, __: int) -> Iterator[tuple[list[str], bool
 
 
 def odd_paths(folder: Path, ending: str) -> Iterator[tuple[str, str]]:
-    """What the path is, and the path; `ending` is that of the names."""
+    """What the path is, and the path. Names end with `ending`."""
     made = {name: folder / f"{name}{ending}" for name in ("folder", "empty", "pipe", "link")}
     made["folder"].mkdir()
     made["empty"].touch()

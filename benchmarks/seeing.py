@@ -201,10 +201,10 @@ def face_lines(faces: Sequence[FaceOutcome]) -> list[str]:
         "",
         "## By height of the face",
         "",
-        "*candidate*: a box on it (IoU .5), if necessary after box regression; *classified*, *passed classifier*: one "
-        "above the threshold of that model; *part of a sign*: one that is part of a row of `signs.parquet` (verdict "
-        "`sign`). Signs seen in fewer than three images are not wanted, and many large faces are where a drive begins: "
-        "*of wanted* is the same without them.",
+        "*candidate*: a box on it (IoU .5), if necessary after box regression. Then *classified*, *passed classifier*: "
+        "one above the threshold of that model. And *part of a sign*: one that is part of a row of `signs.parquet`. "
+        "Signs seen in fewer than three images are not wanted, and many large faces are where a drive begins: *of "
+        "wanted* is the same without them.",
         "",
         *table(("height", *HEAD), by_height),
         "",
@@ -243,10 +243,9 @@ def confidence_lines(lenient: Sequence[Result], shipped: Sequence[Result]) -> li
         "## Confidence",
         "",
         "Measured with a very low threshold of the landmark classifier, so that rows of low confidence are written. A "
-        "run rejects landmarks below the threshold of the model; rows between it and `locate.confidence` are "
-        "`uncertain`. *true*: on a panel of its own. *found*, *false*: what rows from the lower end of the bin on "
-        f"give, as `locate.confidence` chooses. As shipped, .5 gives {e.found_count} of {e.wanted} found and "
-        f"{len(e.false)} false.",
+        "run rejects them, or lists them as `uncertain` below `locate.confidence`. A *true* row is on a panel of its "
+        "own. The last two columns count what rows of a bin and above it give, as `locate.confidence` chooses. As "
+        f"shipped, .5 gives {e.found_count} of {e.wanted} found and {len(e.false)} false.",
         "",
         *table(("confidence", "rows", "mean", "true", "found", "false"), rows),
     ]
