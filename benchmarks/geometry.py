@@ -192,7 +192,7 @@ def real_table(folder: Path) -> Iterator[str]:
     yield (
         f"`{REAL}`: images and an estimated spacing of {REAL_SPACING}, calibration as published. Nothing there was "
         "surveyed. Sizes are from the regulations. The distance follows from 80 m between two beacons, whose boxes say "
-        "that it is some 5 % off."
+        "that either is some 5 % off."
     )
     yield ""
     cells = [
