@@ -27,11 +27,11 @@ def peer_table(runs: list[Run], count: int) -> Iterator[str]:
     yield f"## pycolmap {version('pycolmap')}"
     yield ""
     yield (
-        f"The first {count} images of each drive, images and spacing only, same calibration, one thread. pycolmap runs "
-        "SIFT, sequential matching over five images and incremental mapping, with options loosened for forward motion, "
-        "and is scaled by the known spacing. Its place of a sign is the median of the points on the face, each against "
-        "the true plane along its own ray, in the closest image that shows one. Rotation and direction of each step, "
-        f"position of the camera {STEPS} images on and errors of signs are median / 95 %."
+        f"The first {count} images of each drive, images and spacing only, same calibration, one thread. The peer, "
+        "pycolmap, runs SIFT, sequential matching over five images and incremental mapping. Its options are loosened "
+        "for forward motion, and it is scaled by the known spacing. Its place of a sign is the median of the points on "
+        "the face, each against the true plane along its own ray, in the closest image that shows one. Rotation and "
+        f"direction of each step, position of the camera {STEPS} images on and errors of signs are median / 95 %."
     )
     yield ""
     names = "drive|what|images|rotation, deg|direction, deg|camera, cm|signs|along, cm|lateral, cm"

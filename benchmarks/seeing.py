@@ -1,4 +1,4 @@
-"""Recall on rendered drives by height and colour of the face and by stage; reliability of the confidence.
+"""Recall on rendered drives by height of the face and by stage; reliability of the confidence.
 
     OMP_NUM_THREADS=1 .venv/bin/python benchmarks/seeing.py [--only NAME]
 
@@ -12,7 +12,7 @@ import argparse
 import json
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -37,13 +37,10 @@ from wayside.pipeline.model_files import load_models
 from wayside.pipeline.reliability import ConfidenceBin, confidence_bin
 from wayside.pipeline.run import run_log
 from wayside.pipeline.settings_file import load_settings
-from wayside.schemas.detections import COLORS
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 from wayside.stages.geometry import iou_matrix
 
 HEIGHTS = (10, 12, 15, 20, 25, 35, 50, 100)
-CLEAR_PX = 15.0
-"""Height from which a face should have a candidate."""
 ON_FACE = 0.5
 """Overlap (IoU) from which a box shows the face."""
 HARDLY_ANY = -12.0
@@ -66,7 +63,6 @@ Result = tuple[list[Row], Row]
 class FaceOutcome:
     """The front of a sign in one image, and how far its candidates went; `wanted`: it is seen in images enough."""
 
-    color: str
     height_px: float
     wanted: bool
     level: int
@@ -134,7 +130,7 @@ def faces_of(name: str, out: Path) -> Iterator[FaceOutcome]:
             own = rows[view["frame"]]
             level = reached(view["box"], boxes[own], verdicts[own])
             height_px = view["box"][3] - view["box"][1]
-            yield FaceOutcome(sign["color"], height_px, is_eligible(sign), level)
+            yield FaceOutcome(height_px, is_eligible(sign), level)
 
 
 def fronts(truth: Row) -> Iterator[tuple[Row, Row]]:
@@ -175,22 +171,18 @@ def bin_names(edges: Sequence[float], unit: str) -> list[str]:
     return [*named, f"{edges[-1]:g} {unit} and more"]
 
 
-def groups(
-    faces: Sequence[FaceOutcome], names: Sequence[str], name_of: Callable[[FaceOutcome], str]
-) -> Iterator[list[str]]:
-    """One line a group that has faces, and one for all."""
+def height_rows(faces: Sequence[FaceOutcome]) -> Iterator[list[str]]:
+    """One line a height that has faces, and one for all."""
+    names = bin_names(HEIGHTS, "px")
     for name in (*names, "**all**"):
-        own = [face for face in faces if name in (name_of(face), "**all**")]
+        own = [f for f in faces if name in (names[bin_of(f.height_px, HEIGHTS)], "**all**")]
         if own:
             wanted = shares((face.level for face in own if face.wanted), (SIGN,))[1:]
-            yield [name.replace("_", " "), *shares((face.level for face in own), STAGES), *wanted]
+            yield [name, *shares((face.level for face in own), STAGES), *wanted]
 
 
 def face_lines(faces: Sequence[FaceOutcome]) -> list[str]:
     """The part of the page on faces."""
-    clear = [face for face in faces if face.height_px >= CLEAR_PX]
-    heights = bin_names(HEIGHTS, "px")
-    by_height = groups(faces, heights, lambda f: heights[bin_of(f.height_px, HEIGHTS)])
     return [
         "# Recall by face",
         "",
@@ -206,11 +198,7 @@ def face_lines(faces: Sequence[FaceOutcome]) -> list[str]:
         "Signs seen in fewer than three images are not wanted, and many large faces are where a drive begins: *of "
         "wanted* is the same without them.",
         "",
-        *table(("height", *HEAD), by_height),
-        "",
-        f"## By colour of the face, from {CLEAR_PX:g} px",
-        "",
-        *table(("colour", *HEAD), groups(clear, COLORS, lambda f: f.color)),
+        *table(("height", *HEAD), height_rows(faces)),
     ]
 
 
