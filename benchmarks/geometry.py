@@ -85,8 +85,8 @@ def sign_table(runs: list[Run]) -> Iterator[str]:
     yield (
         "Errors in the camera of the closest whole view, median / 95 %, cm. Bound: one standard deviation, median over "
         f"the same signs. It takes {CENTRE_PX} px a coordinate for the centre of a face in each image, ties as "
-        "measured on these drives and 2 cm of scatter in the spacing. Sizes are in per cent, facing in degrees. Sigma: fraction "
-        "of the true positions within one and two stated standard deviations, all axes together."
+        "measured on these drives and 2 cm of scatter in the spacing. Sizes are in per cent, facing in degrees. "
+        "Sigma: fraction of the true positions within one and two stated standard deviations, all axes together."
     )
     yield ""
     names = "found|along|bound|lateral|bound|up|bound|3-D|width|height|bottom edge|facing|sigma"
