@@ -1,7 +1,7 @@
-"""Signs that the labels of real drives leave out, as boxes that were looked at one by one.
+"""Signs that the labels of real drives leave out, as boxes that were checked by eye.
 
-Those of images that models are learned from are those that learning knows; `checked_boxes.json` has those of drives
-that are for tests only. They were looked at since a network or a run had found them, so they tell nothing of recall.
+Learning has its own file of such boxes; `checked_boxes.json` has the boxes of drives that are for tests only. They were
+checked because a network or a run had found them, so they tell nothing of recall.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ OF_TESTS = Path(__file__).with_suffix(".json")
 
 
 def with_checked_boxes(labels: dict[str, Any], drive: str) -> dict[str, Any]:
-    """The labels of a drive with these signs beside its own, none of them wanted."""
+    """The labels of a drive with these signs added, none of them wanted."""
     own = {known["id"] for known in labels["signs"]}
     added = [
         {

@@ -10,18 +10,23 @@ SOUND = 10
 
 @pytest.fixture(scope="module")
 def attacks(load):
-    return load("reliability_clocks")
+    return load("faulty_logs")
 
 
 @pytest.fixture(scope="module")
-def reference(attacks, tmp_path_factory):
+def drives(load):
+    return load("reliability_drives")
+
+
+@pytest.fixture(scope="module")
+def reference(drives, tmp_path_factory):
     out = tmp_path_factory.mktemp("reference") / "out"
-    assert attacks.run_attack(attacks.DEMO, out, ()).status == 0
+    assert drives.run_attack(drives.DEMO, out, ()).status == 0
     return out
 
 
-def test_a_log_written_anew_holds_the_messages_of_the_demo(attacks, tmp_path):
-    messages = attacks.read_log(attacks.DEMO)
+def test_a_log_written_anew_holds_the_messages_of_the_demo(attacks, drives, tmp_path):
+    messages = attacks.read_log(drives.DEMO)
     attacks.write_log(tmp_path / "again.mcap", messages)
     again = attacks.read_log(tmp_path / "again.mcap")
     assert [(m.topic, m.log_ns, m.number) for m in again] == [
@@ -46,19 +51,19 @@ def test_a_log_written_anew_holds_the_messages_of_the_demo(attacks, tmp_path):
         ("all poses NaN", 4, 24, "24 messages of /pose lost"),
         ("all altitudes 1e15", 4, 24, "24 messages of /gps lost"),
         ("covariance 1e16 of all fixes", 0, 24, "none of the 24 messages of /gps can be used"),
-        ("calibration NaN from the third on", 4, 24, "22 messages of /camera/calibration lost"),
+        ("calibrations NaN from the third", 4, 24, "22 messages of /camera/calibration lost"),
     ],
 )
 def test_an_attack_is_told_and_costs_no_sign(
-    attacks, reference, tmp_path, name, status, used, words
+    attacks, drives, reference, tmp_path, name, status, used, words
 ):
     edit, options = attacks.ATTACKS[name]
     log = tmp_path / "demo.mcap"
-    attacks.write_log(log, edit(attacks.read_log(attacks.DEMO)))
-    found = attacks.run_attack(log, tmp_path / "out", options)
+    attacks.write_log(log, edit(attacks.read_log(drives.DEMO)))
+    found = drives.run_attack(log, tmp_path / "out", options)
     assert (found.status, found.used, found.rows) == (status, used, SOUND), found
     assert words in "; ".join(found.said)
-    matched, worst_m = attacks.compare(tmp_path / "out", reference)
+    matched, worst_m = drives.compare(tmp_path / "out", reference)
     assert matched == SOUND
     assert worst_m < 0.5
 
@@ -68,18 +73,18 @@ def test_an_attack_is_told_and_costs_no_sign(
     ("name", "words"),
     [
         ("all clocks back an hour from image 12", "the clock was set back"),
-        ("the same, --spacing only", "the clock was set back"),
+        ("all clocks back an hour from image 12, --spacing only", "the clock was set back"),
         ("all clocks back 3 s from image 12", "go back and overlap"),
         ("first image a year ahead", "the clock was set back"),
     ],
 )
 def test_a_log_whose_clocks_were_set_back_is_refused_with_the_reason(
-    attacks, tmp_path, name, words
+    attacks, drives, tmp_path, name, words
 ):
     edit, options = attacks.ATTACKS[name]
     log = tmp_path / "demo.mcap"
-    attacks.write_log(log, edit(attacks.read_log(attacks.DEMO)))
-    found = attacks.run_attack(log, tmp_path / "out", options)
+    attacks.write_log(log, edit(attacks.read_log(drives.DEMO)))
+    found = drives.run_attack(log, tmp_path / "out", options)
     assert (found.status, found.rows) == (3, 0)
     assert words in "; ".join(found.said)
 
@@ -88,15 +93,15 @@ def test_a_log_whose_clocks_were_set_back_is_refused_with_the_reason(
 @pytest.mark.parametrize(
     "name", ["messages up to 1 s late", "messages reversed", "two chunks swapped"]
 )
-def test_the_order_in_the_file_changes_no_byte_of_the_tables(attacks, tmp_path, name):
-    messages = attacks.read_log(attacks.DEMO)
+def test_the_order_in_the_file_changes_no_byte_of_the_tables(attacks, drives, tmp_path, name):
+    messages = attacks.read_log(drives.DEMO)
     digests = []
     for folder, edit in (("sound", list), ("attacked", attacks.ATTACKS[name][0])):
         log = tmp_path / folder / "demo.mcap"
         log.parent.mkdir()
         attacks.write_log(log, edit(messages))
         out = tmp_path / folder / "out"
-        attacks.run_attack(log, out, ())
+        drives.run_attack(log, out, ())
         tables = sorted(out.glob("*.parquet"))
         assert len(tables) == 3
         digests.append([hashlib.sha256(table.read_bytes()).hexdigest() for table in tables])
