@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.learning.detector_images import CHECKED_BOXES
+CHECKED_BOXES = Path(__file__).parents[1] / "training" / "checked_boxes.json"
 
 OF_TESTS = Path(__file__).with_suffix(".json")
 

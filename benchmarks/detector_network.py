@@ -1,6 +1,6 @@
 r"""Recall of the detection network against false boxes an image, beside the detector of preset `default`.
 
-    OMP_NUM_THREADS=1 .venv/bin/python benchmarks/detector_network.py MODEL.onnx --sets ca_city_garmin jd curve \\
+    PYTHONPATH=. .venv/bin/python benchmarks/detector_network.py MODEL.onnx --sets ca_city_garmin jd curve \\
         [--real FOLDER] [--drives FOLDER] [--every N] [--cache FOLDER] [--cost]
 
 Sets: a rendered drive (its log lies in the folder of drives), a real drive with labels, or the start of the names in
@@ -24,14 +24,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.flow import Flow
-from wayside.pipeline.learning.detector_images import (
+from training.detector_images import (
     FRONT,
     LabelledImage,
     real_drive_images,
     rendered_images,
     scene_set_images,
 )
+from wayside.pipeline.flow import Flow
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock

@@ -1,6 +1,6 @@
 """The report's three generations, what their gates allow, and what the trajectory classifier removes.
 
-    .venv/bin/python benchmarks/generations.py [--only NAME] [--keep] [--models FOLDER]
+    PYTHONPATH=. .venv/bin/python benchmarks/generations.py [--only NAME] [--keep] [--models FOLDER]
 
 Runs the chains on the development and the held-out drives (rendered by `make accept` and `make held-out` into
 .cache/drives) and writes benchmarks/generations.md and docs/generations.png, with the preset `default` beside them
@@ -19,18 +19,18 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
+import numpy as np
 from accept import DRIVES, RENDERED, RESULTS, ROOT, spread_cell
 from generations_plot import draw
 from held_out import HELD_OUT
 
+from training.landmarks import NEITHER, SIGN, KnownPanels, label_in_images
 from wayside.pipeline.evaluate import evaluate
 from wayside.pipeline.evaluate_rendered import evaluate_against_truth
 from wayside.pipeline.evaluation import RenderedEvaluation, together
 from wayside.pipeline.flow import Flow
 from wayside.pipeline.learning.gates import trajectory_densities
-from wayside.pipeline.learning.landmarks import NEITHER, SIGN
 from wayside.pipeline.learning.samples import read_truth
-from wayside.pipeline.learning.trajectories import Tracks, tracks_of
 from wayside.pipeline.lengths import parse_spacing
 from wayside.pipeline.model_files import Models, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -43,7 +43,7 @@ from wayside.schemas.models import GaussianModel, MixtureModel
 from wayside.schemas.settings import Settings
 from wayside.stages.georeference import DriveRecord, collect, georeference, place_signs
 from wayside.stages.mapping import assemble, classify_location
-from wayside.stages.report import classify_trajectory
+from wayside.stages.report import classify_trajectory, mean_log_density
 
 KEPT = ROOT / ".cache" / "generations"
 PAGE, PICTURE = ROOT / "benchmarks" / "generations.md", ROOT / "docs" / "generations.png"
@@ -52,6 +52,8 @@ SETS = {"development": DEVELOPMENT, "held-out": tuple(HELD_OUT)}
 SPACING = RENDERED | HELD_OUT
 FORMS = ("image", "compensated")
 PRESETS = ("report-shape", "report-2d", "report", "default")
+ASKED = ("sign", "trajectory", "duplicate")
+"""Verdicts at the end on what reaches the trajectory gate, whose only later one is that of assembly."""
 RULES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
 """False-alarm rates of the curves; 0: the thresholds of the model, at the knee."""
 GATES = (
@@ -172,7 +174,7 @@ def measure(name: str, folder: str, *, keep: bool) -> Measured:
             moves = density.at_alpha(rule) if rule else density
             gates[f"trajectory, {form}", rule] = tracks.evaluation(moves)
             gates[f"location and trajectory, {form}", rule] = tracks.evaluation(moves, by_place)
-    gated = gate(tracks_of(tracks.frames, tracks.truth), densities)
+    gated = gate(tracks.frames, tracks.truth, densities)
     measured = Measured(presets, gates, gated)
     KEPT.mkdir(parents=True, exist_ok=True)
     kept.write_bytes(pickle.dumps(measured))
@@ -208,12 +210,18 @@ def run(name: str, preset: str, folder: str) -> tuple[Chain, Models]:
     return Chain(name, read_truth(truth), settings, tuple(watch.frames)), models
 
 
-def gate(tracks: Tracks, densities: dict[str, MixtureModel]) -> Gated:
-    """What either form of the trajectory classifier keeps of the tracks of a drive."""
-    sign, other = tracks.label == SIGN, (tracks.label != SIGN) & (tracks.label != NEITHER)
+def gate(
+    frames: Sequence[TrackedFrame], truth: dict[str, Any], densities: dict[str, MixtureModel]
+) -> Gated:
+    """What either form of the trajectory classifier keeps of the tracks that no stage before it refused."""
+    known = KnownPanels.of(truth)
+    asked = [one for frame in frames for one in frame.landmarks if one.verdict in ASKED]
+    label = np.array([label_in_images(one, known) for one in asked])
+    sign, other = label == SIGN, (label != SIGN) & (label != NEITHER)
     kept = {}
     for form, model in densities.items():
-        passes = tracks.scores(model) >= model.threshold
+        score = np.array([mean_log_density(one.trajectory, model) for one in asked])
+        passes = score >= model.threshold
         kept[form] = (int((passes & sign).sum()), int((passes & other).sum()))
     return Gated(int(sign.sum()), int(other.sum()), kept)
 

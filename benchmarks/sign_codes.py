@@ -3,8 +3,8 @@
 `python benchmarks/sign_codes.py OUT TRUTH [OUT TRUTH ...]` compares results of `wayside run` with their truth files.
 Right is a code, or a series, that the sign is of; the rest of the panels that were found are wrong or not settled.
 
-`python benchmarks/sign_codes.py --crops FOLDER` names the crops of real tracks that the face classifier has not learned
-from: how many it names right, by the probability that it gives, and by the height of the face.
+`PYTHONPATH=. python benchmarks/sign_codes.py --crops FOLDER` names the crops of real tracks that the face classifier
+has not learned from: how many it names right, by the probability that it gives, and by the height of the face.
 """
 
 from __future__ import annotations
@@ -18,10 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from training.face_classes import TESTED, crops, still_patches
 from wayside.pipeline.evaluate import evaluate
 from wayside.pipeline.evaluation import RenderedEvaluation
-from wayside.pipeline.learning.face_classes import TESTED, crops
-from wayside.pipeline.learning.face_codes import still_patches
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.result import read_rows
 from wayside.pipeline.settings_file import load_settings

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from wayside.pipeline.learning.network_parts import Residual, layer, write_onnx
+from training.network_parts import Residual, layer, write_onnx
 from wayside.schemas.detections import NONE
 from wayside.stages.detection import (
     BOX_OUTPUT,

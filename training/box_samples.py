@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.detector_crops import (
+from training.detector_crops import (
     CROP_PX,
     KNOWN,
     UNKNOWN,

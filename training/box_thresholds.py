@@ -1,6 +1,6 @@
 """Thresholds of the box network's scores, and how those of faces are joined with those of the detection network.
 
-    python -m wayside.pipeline.learning.box_thresholds --drives FOLDER -o MODELS
+    python -m training.box_thresholds --drives FOLDER -o MODELS
 
 A logistic regression on the boxes that are classified, on rendered drives that no model of one image has learned
 from, joins the scores of faces. The rule of each threshold is a number of boxes an image on no panel of its side, on
@@ -16,12 +16,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from training.learn import learning_logs, run, write_model
 from wayside.pipeline.flow import Flow
-from wayside.pipeline.learn import learning_logs, write_model
 from wayside.pipeline.learning.samples import (
     LEARN_READ,
     NEAR_FACE,
@@ -40,7 +39,7 @@ from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.statistics import Interval, resampled_interval
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.detections import Candidates
-from wayside.schemas.errors import InputError, WaysideError
+from wayside.schemas.errors import InputError
 from wayside.schemas.models import NetworkSum, ScoreModel
 from wayside.stages.geometry import non_maximum_suppression
 
@@ -210,19 +209,16 @@ def learn(logs: Sequence[Path], folder: Path) -> dict[str, ScoreModel]:
 
 def main(arguments: list[str] | None = None) -> int:
     """The command line; the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m wayside.pipeline.learning.box_thresholds")
+    parser = argparse.ArgumentParser(prog="python -m training.box_thresholds")
     parser.add_argument("--drives", type=Path, required=True, help="folder of rendered drives")
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the model files")
     given = parser.parse_args(arguments)
-    cv2.setNumThreads(1)
-    try:
+
+    def work() -> None:
         for name, model in learn(learning_logs(given.drives), given.out).items():
-            write_model(given.out / name, model, lambda text: print(text[-300:]))
-            print(name, model.threshold, model.threshold_interval, model.with_network)
-    except WaysideError as error:
-        print(f"wayside: {error}", file=sys.stderr)
-        return error.exit_status
-    return 0
+            write_model(given.out / name, model)
+
+    return run(work)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from recordings.drives.sensor import line_kernel
+
 DISPLAY_GAMMA = 2.2
 """Values of an image are light to the power of one over this."""
 
@@ -45,7 +47,7 @@ def make_noise(rng: np.random.Generator, side: int = 768) -> Noise:
 def through_a_camera(
     rgb: NDArray[np.uint8], noise: Noise, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
-    """A square image (side, side, 3) as another camera takes it in another light."""
+    """An image (h, w, 3), no larger than the noise, as another camera takes it in another light."""
     levels = np.linspace(0, 1, 256, dtype=np.float32) ** np.float32(DISPLAY_GAMMA)
     light = _floats(cv2.LUT(rgb, levels.reshape(256, 1)))
     light = _through_the_lens(_lit(light, noise, rng), rng)
@@ -55,8 +57,7 @@ def through_a_camera(
 def _lit(light: NDArray[np.float32], noise: Noise, rng: np.random.Generator) -> NDArray[np.float32]:
     """The light of the scene with shade on it and haze before it."""
     if rng.random() < 0.08:
-        y, x = rng.integers(noise.smooth.shape[0] - len(light), size=2)
-        piece = noise.smooth[y : y + len(light), x : x + len(light)]
+        piece = _piece(noise.smooth, light.shape, rng)
         dark = np.clip(0.5 + piece * rng.uniform(0.5, 2), 0, 1) * rng.uniform(0.2, 0.6)
         light = _floats(light * ((1 - dark) ** DISPLAY_GAMMA)[..., None])
     if rng.random() < HAZY:
@@ -68,29 +69,19 @@ def _lit(light: NDArray[np.float32], noise: Noise, rng: np.random.Generator) -> 
 
 def _through_the_lens(light: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
     """Larger pixels, blur of the lens or of motion."""
-    side = len(light)
     if rng.random() < 0.15:  # a camera of lower resolution
-        small = round(side * rng.uniform(0.45, 0.9))
-        coarse = cv2.resize(light, (small, small), interpolation=cv2.INTER_AREA)
-        light = _floats(cv2.resize(coarse, (side, side), interpolation=cv2.INTER_LINEAR))
+        size = light.shape[1::-1]
+        small = [max(1, round(side * rng.uniform(0.45, 0.9))) for side in size]
+        coarse = cv2.resize(light, small, interpolation=cv2.INTER_AREA)
+        light = _floats(cv2.resize(coarse, size, interpolation=cv2.INTER_LINEAR))
     draw = rng.random()
     if draw < 0.35:
         sigma = float(np.exp(rng.uniform(np.log(0.35), np.log(1.6))))
         light = _floats(cv2.GaussianBlur(light, (0, 0), sigma))
     elif draw < 0.45:
-        light = _motion_blurred(light, rng)
+        kernel = line_kernel(rng.uniform(1.5, 4), rng.normal(0, 0.35))
+        light = _floats(cv2.filter2D(light, -1, kernel))
     return light
-
-
-def _motion_blurred(light: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.float32]:
-    length = int(rng.integers(3, 9))
-    kernel = np.zeros((length, length), np.float32)
-    angle = rng.normal(0, 0.35)
-    reach = (length - 1) / 2 * np.array([np.cos(angle), np.sin(angle)])
-    middle = (length - 1) / 2
-    ends = [tuple(round(middle + sign * v) for v in reach) for sign in (-1, 1)]
-    cv2.line(kernel, ends[0], ends[1], 1.0, 1)
-    return _floats(cv2.filter2D(light, -1, kernel / kernel.sum()))
 
 
 def _exposed(light: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:
@@ -109,11 +100,10 @@ def _exposed(light: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np
 
 def _processed(rgb: NDArray[np.uint8], noise: Noise, rng: np.random.Generator) -> NDArray[np.uint8]:
     """Grain of the sensor, saturation, sharpening, JPEG."""
-    side = len(rgb)
     if rng.random() < 0.4:
-        y, x = rng.integers(noise.grain.shape[0] - side, size=2)
-        grain = noise.grain[y : y + side, x : x + side]
-        noisy = rgb + grain * np.float32(np.exp(rng.uniform(np.log(1.5), np.log(12))))
+        noisy = rgb + _piece(noise.grain, rgb.shape, rng) * np.float32(
+            np.exp(rng.uniform(np.log(1.5), np.log(12)))
+        )
         rgb = _bytes(np.clip(noisy, 0, 255))
     saturation = float(np.clip(np.exp(rng.normal(-0.08, 0.35)), 0.15, 2))
     if abs(saturation - 1) > 0.08:
@@ -129,6 +119,14 @@ def _processed(rgb: NDArray[np.uint8], noise: Noise, rng: np.random.Generator) -
         if done:
             rgb = _bytes(cv2.imdecode(data, cv2.IMREAD_COLOR))
     return rgb
+
+
+def _piece(
+    noise: NDArray[np.float32], shape: tuple[int, ...], rng: np.random.Generator
+) -> NDArray[np.float32]:
+    """A part of a square of noise with the rows and columns of an image."""
+    y, x = (int(rng.integers(len(noise) - side + 1)) for side in shape[:2])
+    return noise[y : y + shape[0], x : x + shape[1]]
 
 
 def _floats(values: Any) -> NDArray[np.float32]:

@@ -4,49 +4,56 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from wayside.pipeline.learning.crop_processes import COLUMNS
-from wayside.pipeline.learning.detector_crops import CROP_PX
+from training.detector_crops import CROP_PX
 from wayside.stages.detection import INNER, SIDE
+
+KEPT, KEPT_SHARE = 8_000, 0.6
+"""Crops of 0.23 MB that a processor keeps; an accelerator keeps what fills this fraction of its free memory."""
 
 
 class CropBuffer:
-    """Crops by column, those of images held out behind the others; kept: most of either."""
+    """Crops by column; made: how many were added."""
 
-    def __init__(self, device: torch.device, kept: tuple[int, int]) -> None:
-        self.kept = kept
-        self.columns = {
-            name: torch.zeros(
-                (sum(kept), *shape), dtype=torch.from_numpy(np.zeros(1, kind)).dtype, device=device
-            )
-            for name, (kind, shape) in COLUMNS.items()
-            if name != "held_out"
-        }
-        self.made = [0, 0]
-        self._counts = torch.zeros(2, device=device)
+    def __init__(self, device: torch.device, kept: int = KEPT) -> None:
+        self.columns: dict[str, Tensor] = {}
+        self.device, self.kept, self.made = device, kept, 0
 
-    def add(self, crops: Mapping[str, Tensor], held_out: NDArray[np.bool_]) -> None:
-        """Add crops (n, ...) by column, in place of the oldest where the buffer is full; held_out (n,)."""
-        place = np.zeros(len(held_out), np.int64)
-        for part, (first, kept) in enumerate(zip((0, self.kept[0]), self.kept, strict=True)):
-            rows = np.flatnonzero(held_out == part)
-            place[rows] = first + (self.made[part] + np.arange(len(rows))) % kept
-            self.made[part] += len(rows)
-            self._counts[part] = min(self.made[part], kept)
-        at = torch.from_numpy(place).to(self._counts.device)
+    def add(self, crops: Mapping[str, Tensor]) -> None:
+        """Add crops (n, ...) by column, in place of the oldest where the buffer is full."""
+        if not self.columns:
+            if self.device.type == "cuda":
+                each = sum(values[0].nbytes for values in crops.values())
+                self.kept = int(KEPT_SHARE * torch.cuda.mem_get_info(self.device)[0] / each)
+            self.columns = {
+                name: values.new_zeros((self.kept, *values.shape[1:]), device=self.device)
+                for name, values in crops.items()
+            }
+        count = len(crops["count"])
+        at = torch.arange(self.made, self.made + count, device=self.device) % self.kept
         for name, values in crops.items():
-            self.columns[name].index_copy_(0, at, values)
+            self.columns[name][at] = values.to(self.device, non_blocking=True)
+        self.made += count
 
-    def drawn(self, share_held_out: float, count: int) -> dict[str, Tensor]:
-        """So many crops, drawn at random; the share of them that come from images held out."""
-        device = self._counts.device
-        part = (torch.rand(count, device=device) < share_held_out).long()
-        at = random_rows(self._counts[part]) + part * self.kept[0]
+    def drawn(self, count: int) -> dict[str, Tensor]:
+        """So many crops, drawn at random."""
+        at = torch.randint(min(self.made, self.kept), (count,), device=self.device)
         return {name: values.index_select(0, at) for name, values in self.columns.items()}
+
+    def boxes(self, crops: Mapping[str, Tensor], each: int) -> dict[str, Tensor]:
+        """So many boxes of each crop, drawn at random, with their patches and targets, row by row."""
+        row = random_rows(crops["count"][:, None].expand(-1, each))
+        which = torch.arange(len(row), device=row.device)[:, None]
+        drawn = {
+            name.removeprefix("of_box_"): values[which, row]
+            for name, values in crops.items()
+            if name.startswith("of_box_")
+        }
+        patch = patches_of(crops["rgb"], drawn["box"])
+        found = {name: values.flatten(0, 1) for name, values in (drawn | {"patch": patch}).items()}
+        return found | {"size": (found["box"][:, 2:] - found["box"][:, :2]).clamp(min=1)}
 
 
 def random_rows(counts: Tensor) -> Tensor:

@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.camera_effects import Noise, through_a_camera
-from wayside.pipeline.learning.detector_images import BACK, FRONT, LabelledImage
-from wayside.pipeline.learning.distractor_drawings import draw_distractor
-from wayside.pipeline.learning.face_compositing import draw_faces
-from wayside.pipeline.learning.face_drawings import FaceLibrary
+from training.camera_effects import Noise, through_a_camera
+from training.detector_images import BACK, FRONT, LabelledImage
+from training.distractor_drawings import draw_distractor
+from training.face_compositing import draw_faces
+from training.face_drawings import FaceLibrary
 from wayside.schemas.detections import NONE
 from wayside.stages.detection import STRIDE
 

@@ -7,16 +7,16 @@ points"), where the box of that face is, and its colour and shape.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
-from wayside.pipeline.learning.detector_crops import KNOWN, UNSURE
-from wayside.pipeline.learning.network_parts import Residual, layer, write_onnx
-from wayside.pipeline.learning.onnx_rewriting import LEVELS
+from training.detector_crops import KNOWN, UNSURE
+from training.network_parts import Residual, layer, write_onnx
+from training.onnx_rewriting import LEVELS
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.stages.detection import CENTRE_PX, IMAGE, MAPS, OUTPUT, SIDE_PX, STRIDE
 
@@ -78,45 +78,33 @@ def _blocks(level: int) -> list[Residual]:
     return [Residual(CHANNELS[level]) for _ in range(BLOCKS[level])]
 
 
-@dataclass(frozen=True, slots=True)
-class Batch:
-    """Crops as tensors, n of them, k regressed cells each; the fields of `Crop`."""
-
-    rgb: Tensor
-    heat: Tensor
-    doubt: Tensor
-    cell: Tensor
-    box: Tensor
-    weight: Tensor
-    color: Tensor
-    shape: Tensor
-
-
-def losses(maps: Tensor, batch: Batch, sure: Tensor) -> dict[str, Tensor]:
-    """Heat, box, colour and shape losses, a face each; sure: 1 where the network may doubt a negative, else 0."""
-    faces = (batch.weight.sum()).clamp(min=1.0)
-    box, color, shape = _at_cells(maps, batch.cell)
+def losses(maps: Tensor, batch: Mapping[str, Tensor], *, sure: bool) -> dict[str, Tensor]:
+    """Heat, box, colour and shape losses, a face each; batch: fields of `Crop`; sure: negatives may be doubted."""
+    faces = batch["weight"].sum().clamp(min=1.0)
+    cell, weight = batch["cell"].long(), batch["weight"]
+    box, color, shape = _at_cells(maps, cell)
     wide = maps.shape[-1]
-    place = batch.cell % (wide * maps.shape[-2])
+    place = cell % (wide * maps.shape[-2])
     centre = torch.stack([place % wide, place // wide], -1).float() * STRIDE + STRIDE / 2
-    overlap = _generalised_iou(_decoded(box, centre), batch.box)
+    overlap = _generalised_iou(_decoded(box, centre), batch["box"])
     return {
-        "heat": _heat_loss(maps[:, :2], batch, sure) / faces,
-        "box": BOX_WEIGHT * ((1 - overlap) * batch.weight).sum() / faces,
-        "color": CLASS_WEIGHT * _class_loss(color, batch.color, batch.weight) / faces,
-        "shape": CLASS_WEIGHT * _class_loss(shape, batch.shape, batch.weight) / faces,
+        "heat": _heat_loss(maps[:, :2], batch, sure=sure) / faces,
+        "box": BOX_WEIGHT * ((1 - overlap) * weight).sum() / faces,
+        "color": CLASS_WEIGHT * _class_loss(color, batch["color"], weight) / faces,
+        "shape": CLASS_WEIGHT * _class_loss(shape, batch["shape"], weight) / faces,
     }
 
 
-def _heat_loss(heat: Tensor, batch: Batch, sure: Tensor) -> Tensor:
+def _heat_loss(heat: Tensor, batch: Mapping[str, Tensor], *, sure: bool) -> Tensor:
     """The focal loss of Zhou et al. with what is not known left out."""
     log_p, log_not = nn.functional.logsigmoid(heat), nn.functional.logsigmoid(-heat)
-    p, target = log_p.exp(), batch.heat
+    p, target = log_p.exp(), batch["heat"].float()
     is_middle = target == 1
-    known = (batch.doubt == KNOWN).float()
+    known = (batch["doubt"] == KNOWN).float()
     below, above = DOUBTED_WEIGHTS
-    unsure = (batch.doubt == UNSURE).float() * below
-    unsure = unsure * torch.where(p.detach() < DOUBTED, 1.0, 1 - sure * (1 - above / below))
+    unsure = (batch["doubt"] == UNSURE).float() * below
+    if sure:
+        unsure = unsure * torch.where(p.detach() < DOUBTED, 1.0, above / below)
     negative = (1 - target) ** 4 * p**2 * log_not * (known + unsure)
     positive = (1 - p) ** 2 * log_p
     return -torch.where(is_middle, positive, negative).sum()

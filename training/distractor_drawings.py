@@ -12,16 +12,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.board_drawings import SHEETING, lettered, some_words
-from wayside.pipeline.learning.detector_images import FRONT
-from wayside.pipeline.learning.face_compositing import (
+from recordings.drives.signs.face import COLORS
+from training.board_drawings import BOARD_WEIGHTS, some_words
+from training.detector_images import FRONT
+from training.face_compositing import (
     blend,
     overlaps,
     random_brightness,
     seen_from_an_angle,
     wear,
 )
-from wayside.pipeline.learning.face_drawings import FaceDrawing
+from training.face_drawings import FaceDrawing
 from wayside.schemas.detections import NONE
 
 HEIGHTS_PX = (8.0, 110.0)
@@ -138,9 +139,9 @@ def _signal(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
 
 def _cone(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
     high, wide = alpha.shape
-    board[:] = SHEETING["orange"]
+    board[:] = COLORS["orange"]
     at, half = round(high * 0.5), max(1, round(high * 0.05))
-    board[at - half : at + half] = SHEETING["white"]
+    board[at - half : at + half] = COLORS["white"]
     alpha[:] = 0
     cv2.fillPoly(alpha, [np.array([(wide // 2, 0), (wide, high), (0, high)])], 255, cv2.LINE_AA)
 
@@ -177,10 +178,10 @@ def _windows(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
 
 def _lettering(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
     """Words on whatever is there: shop fronts, lorries, road markings."""
-    board[:] = SHEETING[str(rng.choice(list(SHEETING)))]
+    board[:] = COLORS[str(rng.choice(list(BOARD_WEIGHTS)))]
     text, high = some_words(rng), len(board)
     ink = np.zeros((*alpha.shape, 3), np.uint8)
-    lettered(ink, text, high / 2, high * 0.7, (255,) * 3, cv2.FONT_HERSHEY_DUPLEX, rng)
+    _lettered(ink, text, high / 2, high * 0.7, (255,) * 3, cv2.FONT_HERSHEY_DUPLEX, rng)
     alpha[:] = ink[..., 0]
 
 
@@ -201,9 +202,29 @@ def _advertisement(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> No
         ink = rng.uniform(180, 255, 3) if light else rng.uniform(0, 90, 3)
         typeface = int(rng.choice(SLANTED))
         middle, tall = high * (line + 0.5) / lines, high / lines * rng.uniform(0.4, 0.9)
-        lettered(board, some_words(rng), middle, tall, tuple(ink.tolist()), typeface, rng)
+        _lettered(board, some_words(rng), middle, tall, tuple(ink.tolist()), typeface, rng)
     if rng.random() < 0.3:
         _ellipse(alpha)
+
+
+def _lettered(
+    pixels: Pixels,
+    text: str,
+    middle: float,
+    tall: float,
+    ink: tuple[int, ...],
+    font: int,
+    rng: np.random.Generator,
+) -> None:
+    """A line of text about a row of a board (h, w, 3), in place: `tall` pixels high, or as wide as the board."""
+    scale, width = tall / 22, pixels.shape[1]
+    weight = max(1, round(scale * 2 * rng.uniform(0.7, 1.8)))
+    (wide, high), _ = cv2.getTextSize(text, font, scale, weight)
+    fitted = min(1.0, 0.85 * width / max(wide, 1))
+    at = round(width * rng.uniform(0.06, 0.15)), round(middle + high * fitted / 2)
+    drawn = np.ascontiguousarray(pixels)
+    cv2.putText(drawn, text, at, font, scale * fitted, ink, weight, cv2.LINE_AA)
+    pixels[:] = drawn
 
 
 def _ellipse(alpha: Pixels) -> None:

@@ -5,19 +5,18 @@ A class is named by its code, and by its legend where faces of one code differ b
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from zlib import crc32
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.sign_codes import OTHER_FACE
+from training.face_drawings import face_crops, vector_faces
+from wayside.stages.sign_codes import OTHER_FACE, face_patch
 
 GTSRB = (
     *("C14 20", "C14 30", "C14 50", "C14 60", "C14 70", "C14 80", "C17b 80", "C14 100", "C14 120"),
@@ -92,13 +91,10 @@ class FaceExample:
 
 def drawings(real: Path) -> Iterator[FaceExample]:
     """The vector faces of a folder of real data, each with its class; those of no class are `OTHER_FACE`."""
-    for entry in json.loads((real / "faces" / "index.json").read_text(encoding="utf-8")):
+    for entry, rgba in vector_faces(real):
         name = class_of_drawing(entry)
-        bgra = cv2.imread(str(real / "faces" / entry["png"]), cv2.IMREAD_UNCHANGED)
-        if name is None or bgra is None or bgra.ndim != 3 or bgra.shape[2] != 4:
-            continue
-        rgba = np.asarray(cv2.cvtColor(bgra, cv2.COLOR_BGRA2RGBA), np.uint8)
-        yield FaceExample(name, rgba, np.array([0.0, 0, rgba.shape[1], rgba.shape[0]]))
+        if name is not None:
+            yield FaceExample(name, rgba, np.array([0.0, 0, rgba.shape[1], rgba.shape[0]]))
 
 
 def class_of_drawing(entry: dict[str, Any]) -> str | None:
@@ -136,14 +132,13 @@ def us_class(code: str, props: dict[str, Any]) -> str:
 
 def crops(real: Path, tracks: tuple[int, ...]) -> Iterator[FaceExample]:
     """The crops of GTSRB whose track has one of these numbers, with the box of the face in them."""
-    for entry in json.loads((real / "crops_gtsrb" / "crops.json").read_text(encoding="utf-8")):
-        if crc32(str(entry["track"]).encode()) % 9 not in tracks:
-            continue
-        rgb = cv2.imread(str(real / "crops_gtsrb" / entry["file"]), cv2.IMREAD_COLOR_RGB)
-        if rgb is None:
-            continue
-        height, width = rgb.shape[:2]
-        # the source leaves a tenth of the sign around it, at least 5 px
-        margins = np.array([max(5.0, side / 12) for side in (width, height)])
-        box = np.concatenate([margins, [width, height] - margins])
-        yield FaceExample(GTSRB[int(entry["class"])], np.asarray(rgb, np.uint8), box)
+    for entry, rgb, box in face_crops(real):
+        if crc32(str(entry["track"]).encode()) % 9 in tracks:
+            yield FaceExample(GTSRB[int(entry["class"])], rgb, box)
+
+
+def still_patches(examples: Iterable[FaceExample]) -> tuple[NDArray[np.uint8], NDArray[np.str_]]:
+    """The patches of examples as they are, and their classes."""
+    listed = list(examples)
+    patches = np.stack([face_patch(one.pixels, one.box) for one in listed])
+    return patches, np.array([one.name for one in listed])

@@ -1,4 +1,4 @@
-"""Learning of the face classifier: `python -m wayside.pipeline.learning.face_codes --real FOLDER -o MODELS`.
+"""Learning of the face classifier: `python -m training.face_codes --real FOLDER -o MODELS`.
 
 It is taught by vector drawings, seen from an angle, worn, before real backgrounds and through other cameras, and by
 real crops. Whole tracks of those choose its temperature, and other whole tracks measure it.
@@ -8,28 +8,29 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learn import images
-from wayside.pipeline.learning.camera_augmentation import retoned
-from wayside.pipeline.learning.detector_images import FRONT
-from wayside.pipeline.learning.face_classes import (
+from training.camera_effects import Noise, make_noise, through_a_camera
+from training.detector_images import FRONT
+from training.face_classes import (
     TAUGHT,
     TESTED,
     VALIDATED,
     FaceExample,
     crops,
     drawings,
+    still_patches,
 )
-from wayside.pipeline.learning.face_compositing import blend, seen_from_an_angle, wear
-from wayside.pipeline.learning.face_drawings import FaceDrawing, FaceLibrary, chosen_face
+from training.face_compositing import BRIGHTNESS, blend, seen_from_an_angle, wear
+from training.face_drawings import FaceDrawing, FaceLibrary, chosen_face
+from training.face_network import at_temperature, export, fit
+from training.learn import images, run
 from wayside.schemas.detections import NONE
-from wayside.schemas.errors import UsageError, WaysideError
 from wayside.stages.sign_codes import OTHER_FACE, face_patch
 
 FILE = "face_code.onnx"
@@ -46,37 +47,18 @@ HEIGHTS_PX = (11.0, 80.0)
 BOX_SIGMA, BOX_SIGMA_PX = 0.025, 0.5
 """Scatter of the sides of a face's box: as a fraction of its size, and in pixels."""
 
-Notify = Callable[[str], None]
 Patches = tuple[NDArray[np.uint8], NDArray[np.str_]]
 
 
-def learn_face_codes(
-    real: Path, seed: int, out: Path, notify: Notify, *, with_crops: bool = True
-) -> None:
-    """Write the face classifier; without crops, it is taught by drawings alone, which shows how those carry over.
-
-    Raises
-    ------
-    UsageError
-        Without PyTorch, which only the learning needs.
-    """
-    try:
-        from wayside.pipeline.learning.face_network import at_temperature, export, fit
-    except ImportError as error:
-        raise UsageError(
-            "learning: wanted PyTorch, found none; install it with pip install 'wayside[learn]'"
-        ) from error
+def learn_face_codes(real: Path, seed: int, out: Path) -> None:
+    """Write the face classifier."""
     rng = np.random.default_rng(seed)
-    drawn, taught = list(drawings(real)), list(crops(real, TAUGHT)) if with_crops else []
-    patches, names = drawn_patches(drawn, _backgrounds(real), rng)
-    notify(f"{len(names)} patches of {len(drawn)} drawings")
-    if taught:
-        more, of_crops = cropped_patches(taught, CROPPED, rng)
-        patches, names = np.concatenate([patches, more]), np.concatenate([names, of_crops])
-        notify(f"{len(of_crops)} patches of {len(taught)} crops")
-    network = fit(patches, names, seed)
-    if with_crops:
-        at_temperature(network, *still_patches(crops(real, VALIDATED)))
+    noise = make_noise(rng)
+    drawn, taught = list(drawings(real)), list(crops(real, TAUGHT))
+    patches, names = drawn_patches(drawn, _backgrounds(real), noise, rng)
+    more, of_crops = cropped_patches(taught, noise, rng)
+    network = fit(np.concatenate([patches, more]), np.concatenate([names, of_crops]), seed)
+    at_temperature(network, *still_patches(crops(real, VALIDATED)))
     held, truth = still_patches(crops(real, TESTED))
     best = network.log_probabilities(held).argmax(axis=1)
     right = float((np.array(network.classes)[best] == truth).mean())
@@ -87,19 +69,19 @@ def learn_face_codes(
     )
     out.mkdir(parents=True, exist_ok=True)
     export(network, out / FILE, words)
-    notify(f"{out / FILE}: {words}")
+    print(f"{out / FILE}: {words}")
 
 
 def drawn_patches(
     drawn: Sequence[FaceExample],
     backgrounds: Sequence[NDArray[np.uint8]],
+    noise: Noise,
     rng: np.random.Generator,
 ) -> Patches:
     """`DRAWN` patches of each class of drawings, `DRAWN_OTHER` of all others, some of them invented boards."""
     by_name: dict[str, list[NDArray[np.uint8]]] = {}
     for one in drawn:
         by_name.setdefault(one.name, []).append(_shrunk(one.pixels))
-    noise = _smooth_noise(rng)
     patches, names = [], []
     for name, own in by_name.items():
         for k in range(DRAWN_OTHER if name == OTHER_FACE else DRAWN):
@@ -112,34 +94,27 @@ def drawn_patches(
 
 
 def cropped_patches(
-    taught: Sequence[FaceExample], copies: int, rng: np.random.Generator
+    taught: Sequence[FaceExample], noise: Noise, rng: np.random.Generator
 ) -> Patches:
     """Copies of crops, each seen through another camera, from farther away, in a box a little off."""
     patches, names = [], []
     for one in taught:
-        for _ in range(copies):
+        for _ in range(CROPPED):
             rgb, box = one.pixels, one.box
             shrink = rng.uniform(0.35, 1.0)
             if shrink * min(box[2:] - box[:2]) > HEIGHTS_PX[0] and rng.random() < 0.5:
                 size = np.maximum(np.round(np.array(rgb.shape[1::-1]) * shrink), 8).astype(int)
                 box = box * np.tile(size / rgb.shape[1::-1], 2)
                 rgb = np.asarray(cv2.resize(rgb, size.tolist(), interpolation=cv2.INTER_AREA))
-            patches.append(retoned(face_patch(rgb, _moved(box, rng)), rng))
+            patches.append(face_patch(through_a_camera(rgb, noise, rng), _moved(box, rng)))
             names.append(one.name)
     return np.stack(patches), np.array(names)
-
-
-def still_patches(examples: Iterable[FaceExample]) -> Patches:
-    """The patches of examples as they are, and their classes."""
-    listed = list(examples)
-    patches = np.stack([face_patch(one.pixels, one.box) for one in listed])
-    return patches, np.array([one.name for one in listed])
 
 
 def _drawn(
     face: FaceDrawing,
     backgrounds: Sequence[NDArray[np.uint8]],
-    noise: NDArray[np.float32],
+    noise: Noise,
     rng: np.random.Generator,
 ) -> NDArray[np.uint8]:
     """A patch of a drawing in a real background, through another camera."""
@@ -152,9 +127,10 @@ def _drawn(
     left = int(rng.integers(max(1, whole.shape[1] - wide - 2 * edge)))
     shown = whole[top : top + high + 2 * edge, left : left + wide + 2 * edge].copy()
     box = (float(edge), float(edge), float(edge + wide), float(edge + high))
-    wear(patch, FRONT, float(rng.uniform(0.45, 1.6)), shown, box, noise, rng)
+    wear(patch, FRONT, float(rng.uniform(*BRIGHTNESS)), shown, box, noise.smooth, rng)
     drawn = blend(shown, patch, edge, edge)
-    return retoned(face_patch(shown, _moved(np.array(drawn or box), rng)), rng)
+    seen = through_a_camera(shown, noise, rng)
+    return face_patch(seen, _moved(np.array(drawn or box), rng))
 
 
 def _shrunk(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -185,36 +161,14 @@ def _backgrounds(real: Path) -> list[NDArray[np.uint8]]:
     ]
 
 
-def _smooth_noise(rng: np.random.Generator) -> NDArray[np.float32]:
-    """A square of smooth noise of mean 0 and deviation 1, for dirt and shade."""
-    rough = rng.normal(0, 1, (512, 512)).astype(np.float32)
-    smooth = cv2.GaussianBlur(rough, (0, 0), 6) + 0.3 * cv2.GaussianBlur(rough, (0, 0), 1.5)
-    return np.asarray((smooth - smooth.mean()) / smooth.std(), np.float32)
-
-
 def main(arguments: list[str] | None = None) -> int:
     """The command line; the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="python -m wayside.pipeline.learning.face_codes", description=__doc__
-    )
+    parser = argparse.ArgumentParser(prog="python -m training.face_codes", description=__doc__)
     parser.add_argument("--real", type=Path, required=True, help="folder of drawings and crops")
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder for the model file")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--drawings-alone", action="store_true", help="teach without real crops")
     given = parser.parse_args(arguments)
-    cv2.setNumThreads(1)
-
-    def notify(text: str) -> None:
-        print(text, flush=True)
-
-    try:
-        learn_face_codes(
-            given.real, given.seed, given.out, notify, with_crops=not given.drawings_alone
-        )
-    except WaysideError as error:
-        print(f"wayside: {error}", file=sys.stderr)
-        return error.exit_status
-    return 0
+    return run(lambda: learn_face_codes(given.real, given.seed, given.out))
 
 
 if __name__ == "__main__":

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.detector_images import FRONT
-from wayside.pipeline.learning.face_drawings import (
+from training.detector_images import FRONT
+from training.face_drawings import (
     KINDS,
     FaceDrawing,
     FaceLibrary,

@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.board_drawings import SHEETING, draw_board
-from wayside.pipeline.learning.detector_images import BACK, FRONT
+from recordings.drives.signs.face import COLORS as SHEETING
+from recordings.drives.signs.regulatory import crossbuck
+from recordings.drives.signs.shapes import outline
+from training.board_drawings import BOARD_WEIGHTS, draw_board
+from training.detector_images import BACK, FRONT
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 
-BOARD_WEIGHTS = (0.17, 0.08, 0.25, 0.02, 0.08, 0.18, 0.15, 0.04, 0.03)
-"""How often an invented board has each of these colours."""
+GIVE_WAY = 13
+"""Class of GTSRB whose triangle points down."""
 
 KINDS = (("vector", 0.53), ("cut", 0.15), ("board", 0.18), ("crossbuck", 0.03), ("back", 0.11))
 """What is drawn, and how often."""
@@ -55,66 +59,55 @@ def _shares(faces: Sequence[FaceDrawing]) -> NDArray[np.float64]:
     return np.asarray(share / share.sum() if len(share) else share, np.float64)
 
 
-def read_face_library(real: Path) -> FaceLibrary:
-    """The vector faces and the cut-out real ones of a folder of real data."""
-    index = json.loads((real / "faces" / "index.json").read_text(encoding="utf-8"))
-    vector = []
-    for entry in index:
-        rgba = cv2.imread(str(real / "faces" / entry["png"]), cv2.IMREAD_UNCHANGED)
-        if rgba is None or rgba.ndim != 3 or rgba.shape[2] != 4:
-            continue
-        pixels = np.asarray(cv2.cvtColor(rgba, cv2.COLOR_BGRA2RGBA), np.uint8)
-        vector.append(FaceDrawing(pixels, _code(COLORS, entry["color"]), _shape_of(entry["shape"])))
-    cut = []
+def vector_faces(real: Path) -> Iterator[tuple[dict[str, Any], NDArray[np.uint8]]]:
+    """The vector faces of a folder of real data: what is said of each, and its pixels (h, w, 4), RGBA."""
+    for entry in json.loads((real / "faces" / "index.json").read_text(encoding="utf-8")):
+        bgra = cv2.imread(str(real / "faces" / entry["png"]), cv2.IMREAD_UNCHANGED)
+        if bgra is not None and bgra.ndim == 3 and bgra.shape[2] == 4:
+            yield entry, np.asarray(cv2.cvtColor(bgra, cv2.COLOR_BGRA2RGBA), np.uint8)
+
+
+def face_crops(
+    real: Path,
+) -> Iterator[tuple[dict[str, Any], NDArray[np.uint8], NDArray[np.float64]]]:
+    """The crops of GTSRB in a folder of real data: what is said of each, pixels (h, w, 3), and box of the face."""
     for entry in json.loads((real / "crops_gtsrb" / "crops.json").read_text(encoding="utf-8")):
         rgb = cv2.imread(str(real / "crops_gtsrb" / entry["file"]), cv2.IMREAD_COLOR_RGB)
         if rgb is not None:
-            cut.append(_cut_out(np.asarray(rgb, np.uint8), entry))
-    return FaceLibrary(tuple(vector), tuple(cut))
+            size = np.array(rgb.shape[1::-1])
+            # the source leaves a tenth of the sign around it, at least 5 px
+            margins = np.maximum(5.0, size / 12)
+            yield entry, np.asarray(rgb, np.uint8), np.concatenate([margins, size - margins])
 
 
-def _code(names: tuple[str, ...], name: str | None) -> int:
-    return names.index(name) if name in names else NONE
-
-
-def _shape_of(name: str | None) -> int:
-    return _code(SHAPES, name)
-
-
-def _cut_out(rgb: NDArray[np.uint8], entry: dict[str, object]) -> FaceDrawing:
-    """A crop of GTSRB without its margin (a tenth of the sign, at least 5 px), masked by its outline."""
-    height, width = rgb.shape[:2]
-    margins = [max(5.0, side / 12) for side in (width, height)]
-    box = np.array([margins[0], margins[1], width - margins[0], height - margins[1]])
-    down = entry["class"] == 13
-    outline = _outline(str(entry["shape"]), down=down)
-    points = box[:2] + (outline + 1) / 2 * (box[2:] - box[:2])
-    mask = np.zeros((height, width), np.uint8)
-    cv2.fillPoly(mask, [np.round(points * 8).astype(np.int32)], 255, cv2.LINE_AA, 3)
-    x0, y0, x1, y1 = np.round(box + np.array([-1, -1, 1, 1])).astype(int)
-    rgba = np.dstack([rgb, mask])[max(y0, 0) : y1, max(x0, 0) : x1]
-    return FaceDrawing(
-        np.ascontiguousarray(rgba),
-        _code(COLORS, str(entry["color"])),
-        _shape_of(str(entry["shape"])),
+def read_face_library(real: Path) -> FaceLibrary:
+    """The vector faces and the cut-out real ones of a folder of real data."""
+    return FaceLibrary(
+        tuple(_classed(rgba, entry) for entry, rgba in vector_faces(real)),
+        tuple(_cut_out(*crop) for crop in face_crops(real)),
     )
 
 
-def _outline(shape: str, *, down: bool = False) -> NDArray[np.float64]:
-    """Corners (n, 2) of a shape in -1 to 1."""
-    if shape == "triangle":
-        corners = np.array([[-0.93, 1], [-1, 0.88], [-0.07, -1], [0.07, -1], [1, 0.88], [0.93, 1]])
-        return corners * [1, -1] if down else corners
-    if shape == "diamond":
-        return np.array([[0, -1.0], [1, 0], [0, 1], [-1, 0]])
-    if shape == "octagon":
-        t = np.tan(np.pi / 8)
-        half = np.array([[-t, -1], [t, -1], [1, -t], [1, t]])
-        return np.concatenate([half, -half])
-    if shape == "circle":
-        angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
-        return np.stack([np.cos(angle), np.sin(angle)], 1)
-    return np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
+def _classed(rgba: NDArray[np.uint8], entry: dict[str, Any]) -> FaceDrawing:
+    color, shape = (
+        names.index(entry[key]) if entry[key] in names else NONE
+        for key, names in (("color", COLORS), ("shape", SHAPES))
+    )
+    return FaceDrawing(rgba, color, shape)
+
+
+def _cut_out(
+    entry: dict[str, Any], rgb: NDArray[np.uint8], box: NDArray[np.float64]
+) -> FaceDrawing:
+    """A crop of GTSRB without its margin, masked by the outline of its shape."""
+    upward = entry["shape"] == "triangle" and entry["class"] != GIVE_WAY
+    shape = "triangle_up" if upward else entry["shape"]
+    points = box[:2] + np.array(outline(shape, *(box[2:] - box[:2])))
+    mask = np.zeros(rgb.shape[:2], np.uint8)
+    cv2.fillPoly(mask, [np.round(points * 8).astype(np.int32)], 255, cv2.LINE_AA, 3)
+    x0, y0, x1, y1 = np.round(box + np.array([-1, -1, 1, 1])).astype(int)
+    rgba = np.dstack([rgb, mask])[max(y0, 0) : y1, max(x0, 0) : x1]
+    return _classed(np.ascontiguousarray(rgba), entry)
 
 
 def chosen_face(
@@ -165,42 +158,21 @@ def _relit(rgba: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint
 
 def _board(rng: np.random.Generator, code: int = NONE) -> FaceDrawing:
     """An invented board, in a colour if one is given."""
-    color = str(rng.choice(list(SHEETING), p=BOARD_WEIGHTS)) if code == NONE else COLORS[code]
-    return FaceDrawing(draw_board(color, rng), _code(COLORS, color), SHAPES.index("rectangle"))
+    weights = BOARD_WEIGHTS
+    color = COLORS[code] if code != NONE else str(rng.choice([*weights], p=[*weights.values()]))
+    known = COLORS.index(color) if color in COLORS else NONE
+    return FaceDrawing(draw_board(color, rng), known, SHAPES.index("rectangle"))
 
 
 def _crossbuck(rng: np.random.Generator) -> FaceDrawing:
-    """The cross of a railway crossing: plain, with red ends or a coloured edge, or with words."""
-    steep = np.radians(rng.uniform(28, 62))
-    thick = rng.uniform(0.14, 0.24)
-    along = np.array([np.cos(steep), np.sin(steep)])
-    half = 128 / (along + thick / 2 * along[::-1]).max()
-    side = np.ceil(2 * half * (along + thick / 2 * along[::-1])).astype(int) + 2
-    pixels = np.empty((side[1], side[0], 3), np.uint8)
-    pixels[:] = SHEETING["white"]
-    alpha = np.zeros((side[1], side[0]), np.uint8)
-    ends, has_words = rng.random() < 0.5, rng.random() < 0.5
-    edge = SHEETING[str(rng.choice(["red", "black", "white"]))]
-    for down in (1, -1):
-        way = along * [1, down]
-        across = np.array([-way[1], way[0]]) * thick / 2
-        strip = np.array([-way - across, way - across, way + across, -way + across])
-        corners = np.round((side - 1) / 2 + half * strip).astype(np.int32)
-        cv2.fillPoly(alpha, [corners], 255, cv2.LINE_AA)
-        cv2.fillPoly(pixels, [corners], SHEETING["white"], cv2.LINE_AA)
-        cv2.polylines(pixels, [corners], True, edge, 2, cv2.LINE_AA)
-        reach = rng.uniform(0.25, 0.5)
-        for end in (-1, 1):
-            inner = end * (1 - reach) * way
-            part = np.array(
-                [inner - across, end * way - across, end * way + across, inner + across]
-            )
-            place = np.round((side - 1) / 2 + half * part).astype(np.int32)
-            if ends:
-                cv2.fillPoly(pixels, [place], SHEETING["red"], cv2.LINE_AA)
-            elif has_words:  # letters are no more than spots at the size of most views
-                for share in (0.35, 0.55, 0.75):
-                    spot = np.round((side - 1) / 2 + half * end * share * way).astype(int)
-                    at = int(spot[0]), int(spot[1])
-                    cv2.circle(pixels, at, max(1, round(half * thick / 5)), SHEETING["black"], 2)
-    return FaceDrawing(np.dstack([pixels, alpha]), COLORS.index("white"), SHAPES.index("crossbuck"))
+    """The cross of a railway crossing, steep or flat, with words or with red ends."""
+    face = crossbuck(rng)
+    rgba = np.dstack([face.image, face.alpha()])
+    if rng.random() < 0.5:
+        reach = round(rng.uniform(0.15, 0.3) * len(rgba))
+        rgba[reach:-reach, :, :3] = SHEETING["white"]
+        rgba[:reach, :, :3] = rgba[-reach:, :, :3] = SHEETING["red"]
+    steep = np.tan(np.radians(rng.uniform(28, 62)))
+    size = np.round(256 * np.array([1.0, steep]) / max(1.0, steep)).astype(int)
+    scaled = np.asarray(cv2.resize(rgba, size.tolist(), interpolation=cv2.INTER_AREA), np.uint8)
+    return FaceDrawing(scaled, COLORS.index("white"), SHAPES.index("crossbuck"))

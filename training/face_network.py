@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from wayside.pipeline.learning.network_parts import write_onnx
+from training.network_parts import write_onnx
 from wayside.schemas.settings import CodeSettings
 from wayside.stages.sign_codes import (
     CLASSES,

@@ -13,6 +13,7 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from wayside.pipeline.evaluate_rendered import camera_pose, match_distance
+from wayside.pipeline.roc.faces import NEAREST
 from wayside.pipeline.roc.score_points import normal_tail, rates_of, score_points
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import Landmark, Observation
@@ -27,7 +28,6 @@ from wayside.stages.panel import PanelMethod
 ON_FACE, NEAR_FACE = 0.4, 0.15
 """Median overlap (IoU) of the nearest boxes with a true face from which a landmark is that face; overlap with one
 above which it may be a part of it."""
-NEAREST = 3
 FEWEST = 2
 """Landmarks of fewer views than are reported are learned from, too: there are more, and the number is a feature."""
 FOR, AGAINST = 1, -1

@@ -1,36 +1,25 @@
-"""Learn from rendered drives and real images: `python -m wayside.pipeline.learn`.
+"""Learn where signs stand and the outlines of panels from rendered drives: `python -m training.learn`.
 
-The classes of the report, where signs stand, and the outlines of panels; with `--network-steps` the two
-networks of preset `default` instead. Their thresholds and the landmark classifiers, which decide on what these
-let through, are learned after them: `learning/box_thresholds.py`, `learn_landmarks.py`.
+The networks (`network_training.py`), their thresholds (`box_thresholds.py`), the landmark classifiers, which decide on
+what these let through (`learn_landmarks.py`), and the face classifier (`face_codes.py`) are learned by themselves.
 
-The same drives, images, seed and package versions give the same files.
+The same drives, seed and package versions give the same files.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from training.outlines import gather_choices, learn_outlines
 from wayside.pipeline.flow import Flow
-from wayside.pipeline.learning import trajectories
-from wayside.pipeline.learning.faces import FaceSample
-from wayside.pipeline.learning.gaussians import color_model, location_model, shape_model
-from wayside.pipeline.learning.outlines import OutlineChoice, gather_choices, learn_outlines
-from wayside.pipeline.learning.samples import (
-    LEARN_READ,
-    TrainingDrive,
-    for_each,
-    read_drive,
-    read_truth,
-)
-from wayside.pipeline.learning.scenes import real_faces, real_sources
+from wayside.pipeline.learning.gaussians import location_model
+from wayside.pipeline.learning.samples import LEARN_READ, read_truth, sign_positions
 from wayside.pipeline.model_files import load_models, shipped_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import load_settings
@@ -38,23 +27,15 @@ from wayside.pipeline.workers import StageClock
 from wayside.pipeline.writing import not_written, write_file
 from wayside.schemas.errors import InputError, OutputError, WaysideError
 from wayside.schemas.frame import Image
-from wayside.schemas.model_json import digest, model_to_json
+from wayside.schemas.model_json import model_to_json
 from wayside.schemas.models import Model
 from wayside.stages.imaging import decode
 
 PREFIX = "learn_"
 """Drives of a folder that are learned from bear this at the front of their name; the others are for measuring."""
 
-FACE_SOURCES = ("scenes/jd", "scenes/mi")
-"""Sources whose faces are samples for the classes of the report: others show one camera, or few kinds of signs."""
-
-REPORT_IMAGE = (1600, 1200)
-"""Width and height of the images of the report, in pixels."""
-
 PROCESSES = 2
 """How many drives are run at a time."""
-
-Notify = Callable[[str], None]
 
 
 def learning_logs(folder: Path) -> list[Path]:
@@ -67,13 +48,13 @@ def learning_logs(folder: Path) -> list[Path]:
     return logs
 
 
-def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify) -> dict[str, str]:
-    """Learn every model and write it into `out`; the digests by file name.
+def learn(drives: Path, out: Path, seed: int) -> None:
+    """Learn `location.json` and `outline.json` and write them into `out`.
 
     Raises
     ------
     InputError
-        If there are no learning drives, or one cannot be used.
+        If there are no learning drives, one cannot be used, or they show too few signs.
     OutputError
         If a file cannot be written, or `out` is where the models that ship lie: they are in use meanwhile.
     """
@@ -83,65 +64,23 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
             "learned; `make learn` puts the new ones there at its end"
         )
     logs = learning_logs(drives)
+    truths = [read_truth(log.with_suffix(".truth.json")) for log in logs]
+    listed = ", ".join(
+        f"{truth['name']} ({len(truth['frames'])} images, {len(truth['signs'])} signs)"
+        for truth in truths
+    )
+    origin = f"rendered drives {listed}; seed {seed}; numpy {np.__version__}"
+    places = np.concatenate([sign_positions(truth) for truth in truths])
+    write_model(out / "location.json", location_model(places, origin))
     settings, _ = load_settings()
-
-    def read(log: Path) -> TrainingDrive:
-        truth = read_truth(log.with_suffix(".truth.json"))
-        drive = read_drive(images(log), truth, log.with_suffix(".masks"), settings)
-        notify(f"{log.stem}: {drive.frames} images, {len(drive.faces)} clear faces")
-        return drive
-
-    samples = for_each(read, logs)
-    sources = real_sources(real) if real else {}
-    crops = [
-        face for name in FACE_SOURCES if name in sources for face in real_faces(sources[name]())
-    ]
-    rendered = _origin(samples, seed)
-    origin = f"{rendered}; clear faces of {', '.join(FACE_SOURCES)}" if crops else rendered
-    models = gaussian_models(samples, crops, origin)
-    models["location.json"] = location_model(np.concatenate([d.places for d in samples]), rendered)
-    digests = {name: write_model(out / name, model, notify) for name, model in models.items()}
-    further: dict[str, Callable[[], Mapping[str, Model]]] = {
-        "outline.json": lambda: {
-            "outline.json": learn_outlines(outline_choices(logs, seed), rendered)
-        },
-        "trajectory.json": lambda: trajectories.learn(logs, str(out), PROCESSES, notify),
-    }
-    for name, learned in further.items():
-        try:
-            digests |= {n: write_model(out / n, model, notify) for n, model in learned().items()}
-        except InputError as error:
-            notify(f"{name} not written, the model that ships is used: {error}")
-    return digests
-
-
-def outline_choices(logs: Sequence[Path], seed: int) -> list[OutlineChoice]:
-    """The candidates of the outlines of all faces of the drives; views are registered with the model that ships."""
-    settings, _ = load_settings()
+    # views are registered with the model that ships
     method = Flow(settings, load_models(settings), StageClock()).panel_method()
-    choices: list[OutlineChoice] = []
-    for log in logs:
-        truth = read_truth(log.with_suffix(".truth.json"))
-        choices += gather_choices(images(log), truth, method, seed)
-    return choices
-
-
-def gaussian_models(
-    drives: Sequence[TrainingDrive],
-    crops: Sequence[FaceSample],
-    origin: str,
-) -> dict[str, Model]:
-    """Gaussian classes of colour and shape, by the name of their file.
-
-    The report's classes are those of its one camera, as far as there are drives with images of that size.
-    """
-    report_drives = [drive for drive in drives if drive.size == REPORT_IMAGE] or drives
-    faces = [*(face for drive in report_drives for face in drive.faces), *crops]
-    background = np.concatenate([drive.background for drive in drives])
-    return {
-        "color_rgb.json": color_model(faces, background, origin),
-        "shape.json": shape_model(faces, origin),
-    }
+    choices = [
+        choice
+        for log, truth in zip(logs, truths, strict=True)
+        for choice in gather_choices(images(log), truth, method, seed)
+    ]
+    write_model(out / "outline.json", learn_outlines(choices, origin))
 
 
 def images(log: Path) -> Iterator[Image]:
@@ -149,106 +88,36 @@ def images(log: Path) -> Iterator[Image]:
     return decode(read_frames(log, LEARN_READ, ReadReport()))
 
 
-def _origin(drives: Sequence[TrainingDrive], seed: int) -> str:
-    """What was learned from, as `learned_from` finds it: each drive with its number of images."""
-    rendered = ", ".join(f"{d.name} ({d.frames} images, {len(d.faces)} faces)" for d in drives)
-    return f"rendered drives {rendered}; seed {seed}; numpy {np.__version__}"
-
-
-def write_model(path: Path, model: Model, notify: Notify) -> str:
-    """Write a model over the file of an earlier one; its digest. Raises OutputError where that cannot be done."""
+def write_model(path: Path, model: Model) -> None:
+    """Write a model over the file of an earlier one, and say so; raises OutputError where that cannot be done."""
     text = model_to_json(model)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise not_written(path, error, "to write a model here") from error
     write_file(path, text.encode(), overwrite=True)  # models are learned again into their folder
-    notify(f"{path}: {len(text) / 1e3:.0f} kB; {model.provenance}")
-    return digest(text)
+    print(f"{path}: {len(text) / 1e3:.0f} kB; {model.provenance}", flush=True)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """The command line; the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m wayside.pipeline.learn", description=__doc__)
-    parser.add_argument("--drives", type=Path, required=True, help="folder of rendered drives")
-    parser.add_argument("--real", type=Path, help="folder of real images with boxed signs")
-    parser.add_argument("-o", "--out", type=Path, required=True, help="folder for the model files")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument(
-        "--network-steps",
-        type=int,
-        metavar="N",
-        help="train the detection network and the box network up to so many steps instead (can be interrupted and "
-        "goes on from its checkpoint in the folder), and write network.onnx and box.onnx",
-    )
-    parser.add_argument(
-        "--begin-from",
-        type=Path,
-        metavar="FOLDER",
-        help="begin that training with the weights of the networks in a folder, not at random",
-    )
-    parser.add_argument(
-        "--without",
-        action="append",
-        default=[],
-        metavar="SOURCE",
-        help="train networks beside, into the folder `without`, that see nothing of a source of real images, so that "
-        "they can be measured on it; repeatable",
-    )
-    parser.add_argument(
-        "--proposing",
-        type=Path,
-        metavar="NETWORK.onnx",
-        default=Path(str(shipped_models() / "network.onnx")),
-        help="detection network whose boxes the box network learns to classify; default: the one that ships",
-    )
-    parser.add_argument(
-        "--processes",
-        type=int,
-        metavar="N",
-        help="processes that make crops; default: cores less one",
-    )
-    parser.add_argument(
-        "--device", choices=("cpu", "cuda"), help="default: cuda where there is one"
-    )
-    given = parser.parse_args(arguments)
+def run(work: Callable[[], object]) -> int:
+    """Do what a command line asks for; the exit status."""
     cv2.setNumThreads(1)
-    if given.real is None and given.network_steps is not None:
-        parser.error("the training of the networks wants --real")
-    if given.begin_from is not None and given.without:
-        parser.error(
-            "wanted --begin-from or --without: networks that are begun from may have seen the source"
-        )
     try:
-        if given.network_steps is not None:
-            _train(given)
-        else:
-            learn(given.drives, given.real, given.out, given.seed, partial(print, flush=True))
+        work()
     except WaysideError as error:
         print(f"wayside: {error}", file=sys.stderr)
         return error.exit_status
     return 0
 
 
-def _train(given: argparse.Namespace) -> None:
-    """Train the networks; PyTorch and onnx are wanted by nothing else here."""
-    real_sources(given.real, given.without)  # before minutes of reading images
-    from wayside.pipeline.learning.network_training import TrainingOptions, learn_networks
-
-    asked = {
-        name: getattr(given, name)
-        for name in ("processes", "device")
-        if getattr(given, name) is not None
-    }
-    options = TrainingOptions(
-        given.network_steps,
-        given.seed,
-        given.proposing,
-        begin_from=given.begin_from,
-        without=given.without,
-        **asked,
-    )
-    learn_networks(given.drives, given.real, given.out, options)
+def main(arguments: list[str] | None = None) -> int:
+    """The command line; the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m training.learn", description=__doc__)
+    parser.add_argument("--drives", type=Path, required=True, help="folder of rendered drives")
+    parser.add_argument("-o", "--out", type=Path, required=True, help="folder for the model files")
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args(arguments)
+    return run(lambda: learn(given.drives, given.out, given.seed))
 
 
 if __name__ == "__main__":

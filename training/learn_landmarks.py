@@ -1,4 +1,4 @@
-"""Learn the landmark classifiers from drives: `python -m wayside.pipeline.learn_landmarks`.
+"""Learn the landmark classifiers from drives: `python -m training.learn_landmarks`.
 
 The drives are others than those of `learn.py`: on images that a detector has learned from, its scores are higher than
 on the road.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -17,10 +17,8 @@ from pathlib import Path
 
 import cv2
 
-from wayside.pipeline.flow import Flow
-from wayside.pipeline.learn import PROCESSES, learning_logs, write_model
-from wayside.pipeline.learning.detector_images import checked_boxes
-from wayside.pipeline.learning.landmarks import (
+from training.detector_images import checked_boxes
+from training.landmarks import (
     KnownPanels,
     LandmarkSamples,
     PosedDrive,
@@ -28,12 +26,14 @@ from wayside.pipeline.learning.landmarks import (
     joined,
     learn_landmark_classifier,
 )
+from training.learn import PROCESSES, learning_logs, run, write_model
+from wayside.pipeline.flow import Flow
 from wayside.pipeline.learning.samples import LEARN_READ, read_truth
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
-from wayside.schemas.errors import InputError, WaysideError
+from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.odometry import estimate_motion
 
@@ -44,17 +44,14 @@ REAL_DRIVES = {"ca_city_garmin": ("garmin", 0.0), "us_freeway_yellow_left": ("ud
 """Real drives to learn from, each with networks that have not learned from it: source, and distance between images
 where the log states none, metres."""
 
-Notify = Callable[[str], None]
-
 
 def learn_landmarks(
     drives: Path,
     folder: Path,
-    notify: Notify,
     real: Path | None = None,
     without: Path | None = None,
-) -> dict[str, str]:
-    """Learn `place.json` and `back_place.json` from the drives of a folder; the digests by file name.
+) -> None:
+    """Learn `place.json` and `back_place.json` from the drives of a folder.
 
     folder: the models that the drives are tracked with; what is learned is written there. real: folder of the
     `REAL_DRIVES`; without: folder of models, in folders named after the real drive that they have not learned from. A
@@ -84,17 +81,15 @@ def learn_landmarks(
         PROCESSES, get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)
     ) as processes:
         samples = joined(list(processes.map(_landmarks_of, *zip(*tasks, strict=True))))
-    digests: dict[str, str] = {}
     for name, back in (("place.json", False), ("back_place.json", True)):
         side = samples.select(samples.back == back)
         origin = provenance([log.stem for _, log, *_ in tasks], side)
         try:
             model = learn_landmark_classifier(side, origin)
         except InputError as error:
-            notify(f"{name} not written, such landmarks are classified by their fit alone: {error}")
+            print(f"{name} not written, such landmarks are classified by their fit alone: {error}")
         else:
-            digests[name] = write_model(folder / name, model, notify)
-    return digests
+            write_model(folder / name, model)
 
 
 def provenance(names: list[str], samples: LandmarkSamples) -> str:
@@ -134,27 +129,15 @@ def _posed(
 
 def main(arguments: list[str] | None = None) -> int:
     """The command line; the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="python -m wayside.pipeline.learn_landmarks", description=__doc__
-    )
+    parser = argparse.ArgumentParser(prog="python -m training.learn_landmarks", description=__doc__)
     parser.add_argument("--drives", type=Path, required=True, help="folder of rendered drives")
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the model files")
     parser.add_argument("--real", type=Path, help="folder of real drives")
     parser.add_argument("--without", type=Path, help="folder of models without a real drive")
     given = parser.parse_args(arguments)
-    cv2.setNumThreads(1)
-    try:
-        learn_landmarks(
-            given.drives,
-            given.out,
-            lambda text: print(text, flush=True),
-            given.real,
-            given.without,
-        )
-    except WaysideError as error:
-        print(f"wayside: {error}", file=sys.stderr)
-        return error.exit_status
-    return 0
+    return run(
+        lambda: learn_landmarks(given.drives, given.out, real=given.real, without=given.without)
+    )
 
 
 if __name__ == "__main__":

@@ -142,17 +142,6 @@ def paired_kernel(kernel: NDArray[Any]) -> NDArray[Any]:
     return wide.reshape(TOGETHER * filters, seen * CHANNELS, KERNEL, 2)
 
 
-def is_paired(kernel: NDArray[Any]) -> bool:
-    """Whether weights are those of `paired_kernel`."""
-    return kernel.shape[1:] == (TOGETHER * FIRST_STRIDE * CHANNELS, KERNEL, 2)
-
-
-def single_kernel(paired: NDArray[Any]) -> NDArray[Any]:
-    """The kernel (n, 3, 3, 3) that `paired_kernel` was made of."""
-    wide = paired.reshape(TOGETHER, -1, TOGETHER * FIRST_STRIDE, CHANNELS, KERNEL, 2)
-    return np.stack([wide[0, :, *_place(0, k)] for k in range(KERNEL)], axis=-1)
-
-
 def _place(column: int, k: int) -> tuple[int, slice, slice, int]:
     """Where a column of a kernel goes for a column of the output: column of four, colours, rows, which four."""
     seen = TOGETHER * FIRST_STRIDE

@@ -1,7 +1,5 @@
 """Networks in 8-bit integers: a third of the time of floating point, nearly the same output.
 
-    python -m wayside.pipeline.learning.quantization FLOAT.onnx NETWORK.onnx --drives FOLDER [--real FOLDER]
-
 Every tensor between two layers is a scale times numbers of 0 to 255, weights are a scale of their filter times numbers
 of -64 to 63 (Jacob et al. 2018, "Quantization and training of neural networks for efficient integer-arithmetic-only
 inference"). The scales come from the least and the largest value of a tensor over some of what the network was learned
@@ -10,23 +8,17 @@ from. The last layer stays as it is: its log odds would be steps of 0.1.
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Callable, Iterable, Iterator
-from itertools import chain, islice
+from collections.abc import Callable, Iterable
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.detector_images import rendered_images
-from wayside.pipeline.learning.onnx_rewriting import LEVELS, rewrite
-from wayside.pipeline.learning.scenes import real_sources
+from training.onnx_rewriting import LEVELS, rewrite
 from wayside.pipeline.provenance import onnx_metadata
 from wayside.stages.detection import IMAGE, MULTIPLE, PATCHES, SIZES, padded
-
-EVERY = 24
-"""Every n-th image of a drive or source tells the range of values."""
 
 LAST_LAYER = "/maps/Conv"
 """The last layer of the detection network, by the name that its export gives it."""
@@ -93,28 +85,3 @@ def _quantize(
     said = onnx_metadata(source.read_bytes()) | {"weights": "7 bits, ranges by images learned from"}
     onnx.helper.set_model_props(model, said)
     onnx.save(model, str(target))
-
-
-def calibration_images(drives: Path, real: Path | None) -> Iterator[NDArray[np.uint8]]:
-    """Some images of the drives that the network is learned from."""
-    for log in sorted(drives.glob("learn_*.mcap")):
-        yield from (one.rgb for one in rendered_images(log, EVERY))
-    for read in real_sources(real).values() if real else ():
-        yield from (one.rgb for one in islice(read(), 0, None, EVERY))
-
-
-def main() -> None:
-    """Write the network of one file into another."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("source", type=Path)
-    parser.add_argument("target", type=Path)
-    parser.add_argument("--drives", type=Path, required=True)
-    parser.add_argument("--real", type=Path)
-    given = parser.parse_args()
-    quantize(given.source, given.target, calibration_images(given.drives, given.real))
-
-
-if __name__ == "__main__":
-    main()

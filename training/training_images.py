@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.detector_images import LabelledImage, rendered_images
-from wayside.pipeline.learning.face_drawings import FaceLibrary
-from wayside.pipeline.learning.scenes import real_sources
+from training.detector_images import (
+    LabelledImage,
+    real_drive_images,
+    rendered_images,
+    scene_set_images,
+)
+from training.face_drawings import FaceLibrary
+from wayside.schemas.errors import InputError
 
 WEIGHTS = {
     "rendered": 0.35,
@@ -52,6 +58,30 @@ def drawing_probability(images: Sequence[LabelledImage]) -> NDArray[np.float64]:
     return np.asarray(np.array(share) / np.sum(share), np.float64)
 
 
+def real_sources(
+    folder: Path, without: Collection[str] = ()
+) -> dict[str, Callable[[], Iterator[LabelledImage]]]:
+    """The sources of a folder of real images that the models of one image are learned from, by name.
+
+    Only what its README marks as fit for that; what is not here is for tests. A source is held out as a whole:
+    `without` names those to be left out. Raises InputError where there is none of such a name.
+    """
+    drives = ("us_freeway_challenge", "us_freeway_white_right", "ca_city_garmin")
+    sources: dict[str, Callable[[], Iterator[LabelledImage]]] = {
+        name: partial(real_drive_images, folder / f"{name}.mcap") for name in drives
+    }
+    for prefix in ("jd", "mi"):
+        read = partial(scene_set_images, folder / "scenes", (f"{prefix}_",))
+        sources[f"scenes/{prefix}"] = read
+    for name in ("scenes_mixed", "scenes_speed_us"):
+        sources[name] = partial(scene_set_images, folder / name)
+    if unknown := set(without) - sources.keys():
+        raise InputError(
+            f"wanted sources to leave out among {', '.join(sources)}, found {', '.join(sorted(unknown))}"
+        )
+    return {name: read for name, read in sources.items() if name not in without}
+
+
 def training_images(
     drives: Path | None, real: Path | None, without: Collection[str] = ()
 ) -> list[LabelledImage]:
@@ -62,14 +92,6 @@ def training_images(
     for read in real_sources(real, without).values() if real else []:
         images += read()
     return images
-
-
-def held_out_images(real: Path, sources: Collection[str]) -> list[LabelledImage]:
-    """The images of real sources by their names; raises InputError where there is none of such a name."""
-    left = real_sources(real, sources)
-    return [
-        image for name, read in real_sources(real).items() if name not in left for image in read()
-    ]
 
 
 def provenance(images: Sequence[LabelledImage], library: FaceLibrary, seed: int) -> dict[str, str]:

@@ -1,7 +1,7 @@
 """Road sign inventory from recorded drives: `run` a log, `open_inventory` of a run before.
 
-The checkout is the package: this file is `wayside/__init__.py`, the folders beside it its parts. docs/library.md shows
-the use.
+docs/library.md shows the use. The parts `wayside.pipeline`, `wayside.stages` and `wayside.schemas` are the folders of
+those names beside this one.
 """
 
 import os as _os

@@ -3,19 +3,20 @@
 import numpy as np
 import pytest
 
-from wayside.pipeline.learning.board_drawings import SHEETING, draw_board, lettered, some_words
+from recordings.drives.signs.face import COLORS
+from training.board_drawings import BOARD_WEIGHTS, draw_board
 
 
 def boards(color, count=40):
     return [draw_board(color, np.random.default_rng(seed)) for seed in range(count)]
 
 
-@pytest.mark.parametrize("color", SHEETING)
+@pytest.mark.parametrize("color", BOARD_WEIGHTS)
 def test_most_of_a_board_has_the_colour_it_is_named_by(color):
-    names, hits = list(SHEETING), 0
+    names, hits = list(BOARD_WEIGHTS), 0
     for board in boards(color):
         shown = board[..., :3][board[..., 3] > 0].astype(int)
-        away = np.stack([np.abs(shown - SHEETING[name]).sum(axis=1) for name in names])
+        away = np.stack([np.abs(shown - COLORS[name]).sum(axis=1) for name in names])
         hits += names[np.bincount(away.argmin(axis=0)).argmax()] == color
     assert hits >= 38
 
@@ -32,12 +33,3 @@ def test_boards_differ_by_their_seed_and_by_nothing_else():
     first, again = boards("green", 8), boards("green", 8)
     assert all((a == b).all() for a, b in zip(first, again, strict=True))
     assert len({board.tobytes() for board in first}) == 8
-
-
-def test_words_are_written_inside_the_part_that_is_given():
-    rng = np.random.default_rng(0)
-    pixels = np.zeros((60, 200, 3), np.uint8)
-    lettered(pixels[:, 40:150], some_words(rng), 30, 30, (255, 255, 255), 0, rng)
-    assert pixels[:, 40:150].any()
-    pixels[:, 40:150] = 0
-    assert not pixels.any()

@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from wayside.pipeline.learning.box_samples import (
+from training.box_samples import (
     IGNORED,
     NAMED,
     NO_FACE,
@@ -18,8 +18,8 @@ from wayside.pipeline.learning.box_samples import (
     laid_around,
     negative_weights,
 )
-from wayside.pipeline.learning.camera_effects import make_noise
-from wayside.pipeline.learning.detector_crops import (
+from training.camera_effects import make_noise
+from training.detector_crops import (
     CROP_PX,
     KNOWN,
     UNKNOWN,
@@ -28,9 +28,9 @@ from wayside.pipeline.learning.detector_crops import (
     drawn_crop,
     shown_faces,
 )
-from wayside.pipeline.learning.detector_crops import targets as crop_targets
-from wayside.pipeline.learning.detector_images import BACK, FRONT, labelled_image
-from wayside.pipeline.learning.face_drawings import FaceDrawing, FaceLibrary
+from training.detector_crops import targets as crop_targets
+from training.detector_images import BACK, FRONT, labelled_image
+from training.face_drawings import FaceDrawing, FaceLibrary
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.stages.detection import MAPS, STRIDE, Maps
 from wayside.stages.geometry import iou_matrix

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wayside.pipeline.learning import box_thresholds
-from wayside.pipeline.learning.box_thresholds import (
+from training import box_thresholds
+from training.box_thresholds import (
     FALSE_BACKS,
     FALSE_FACES,
     ScoredBoxes,
@@ -25,7 +25,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import model_from_json, model_to_json
 from wayside.schemas.models import ScoreModel
 
-DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
+DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 
 THRESHOLD, SLOPES = -2.0, np.array([0.8, 0.4])
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from wayside.pipeline.learning import camera_effects
-from wayside.pipeline.learning.camera_effects import make_noise, through_a_camera
+from training import camera_effects
+from training.camera_effects import make_noise, through_a_camera
 
 NOISE = make_noise(np.random.default_rng(0))
 

@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.pipeline.learning import face_compositing
-from wayside.pipeline.learning.board_drawings import TYPEFACES
-from wayside.pipeline.learning.camera_effects import make_noise
-from wayside.pipeline.learning.detector_crops import (
+from training import face_compositing
+from training.camera_effects import make_noise
+from training.detector_crops import (
     CROP_PX,
     KNOWN,
     STRIDE,
@@ -19,10 +18,10 @@ from wayside.pipeline.learning.detector_crops import (
     drawn_crop,
     targets,
 )
-from wayside.pipeline.learning.detector_images import BACK, FRONT, labelled_image
-from wayside.pipeline.learning.distractor_drawings import SLANTED, draw_distractor
-from wayside.pipeline.learning.face_compositing import blend, draw_faces, wear
-from wayside.pipeline.learning.face_drawings import FaceDrawing, FaceLibrary
+from training.detector_images import BACK, FRONT, labelled_image
+from training.distractor_drawings import SLANTED, draw_distractor
+from training.face_compositing import blend, draw_faces, wear
+from training.face_drawings import FaceDrawing, FaceLibrary
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 
 CELLS = CROP_PX // STRIDE
@@ -256,7 +255,7 @@ def test_letters_of_advertisements_lean_and_those_of_boards_do_not():
         return top - bottom
 
     assert min(map(lean, SLANTED)) > 4
-    assert max(abs(lean(typeface)) for typeface in TYPEFACES) < 2
+    assert abs(lean(cv2.FONT_HERSHEY_SIMPLEX)) < 2
 
 
 def test_what_is_drawn_as_no_sign_is_known_to_be_none():

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.pipeline.learning import detector_images
-from wayside.pipeline.learning.detector_images import (
+from training import detector_images
+from training.detector_images import (
     BACK,
     FRONT,
     real_drive_images,
@@ -18,8 +18,8 @@ from wayside.pipeline.learning.detector_images import (
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.schemas.errors import InputError
 
-REAL = Path(__file__).parents[4] / "shared" / "data" / "real"
-DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
+REAL = Path(__file__).parents[3] / "shared" / "data" / "real"
+DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 
 
 def write_set(folder, *scenes):

@@ -1,12 +1,11 @@
 """The detection network learns, begins from an earlier one, and gives the same maps as a file."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from wayside.pipeline.learning.detector_crops import (
+from training.detector_crops import (
     CELLS,
     CROP_PX,
     KNOWN,
@@ -14,9 +13,8 @@ from wayside.pipeline.learning.detector_crops import (
     UNKNOWN,
     UNSURE,
 )
-from wayside.pipeline.learning.training_images import source_kind
+from training.training_images import source_kind
 from wayside.schemas.detections import NONE
-from wayside.schemas.errors import InputError
 from wayside.stages.detection import MAPS
 
 SIDE = CROP_PX // STRIDE
@@ -24,7 +22,7 @@ SIDE = CROP_PX // STRIDE
 
 @pytest.fixture
 def network(torch):
-    from wayside.pipeline.learning import detector_network
+    from training import detector_network
 
     return detector_network
 
@@ -48,7 +46,7 @@ def batch(torch, network):
         "shape": np.full((count, CELLS), NONE, np.int64),
     }
     held["color"][:, 0], held["shape"][:, 0] = 1, 2
-    return network.Batch(**{name: torch.from_numpy(values) for name, values in held.items()})
+    return {name: torch.from_numpy(values) for name, values in held.items()}
 
 
 def noise(torch, count, height, width):
@@ -68,47 +66,18 @@ def test_a_cell_that_may_show_a_sign_without_a_box_counts_less_where_the_network
     maps = torch.zeros(2, MAPS, SIDE, SIDE)
     heat = {}
     for doubt in (KNOWN, UNSURE, UNKNOWN):
-        held = replace(batch, doubt=torch.full_like(batch.doubt, doubt))
-        for sure in (0.0, 1.0):
-            losses = network.losses(maps, held, torch.tensor(sure))
+        held = batch | {"doubt": torch.full_like(batch["doubt"], doubt)}
+        for sure in (False, True):
+            losses = network.losses(maps, held, sure=sure)
             heat[doubt, sure] = float(losses["heat"])
-    assert heat[UNKNOWN, 1.0] < heat[UNSURE, 1.0] < heat[UNSURE, 0.0] < heat[KNOWN, 1.0]
-    assert heat[KNOWN, 0.0] == heat[KNOWN, 1.0]
+    assert heat[UNKNOWN, True] < heat[UNSURE, True] < heat[UNSURE, False] < heat[KNOWN, True]
+    assert heat[KNOWN, False] == heat[KNOWN, True]
 
 
 def test_drives_and_sets_are_kinds_of_their_own():
     assert source_kind("ca_city_garmin") == "ca_city_garmin"
     assert source_kind("rendered/learn_alley") == "rendered"
     assert source_kind("scenes_mixed/ro") == "scenes_mixed"
-
-
-def test_a_network_begun_from_a_file_says_what_the_file_says(torch, network, tmp_path: Path):
-    pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
-    from wayside.pipeline.learning.network_weights import load_weights
-
-    torch.manual_seed(3)
-    earlier, begun = network.DetectionNetwork(), network.DetectionNetwork()
-    images = noise(torch, 2, 64, 128)
-    earlier(images)  # statistics of the normalisations
-    earlier.eval()
-    with pytest.warns():
-        network.export(earlier, tmp_path / "earlier.onnx", {})
-    load_weights(begun, tmp_path / "earlier.onnx", images)
-    with torch.no_grad():
-        torch.testing.assert_close(begun(images), earlier(images), rtol=1e-3, atol=1e-3)
-        begun.train()
-        torch.testing.assert_close(begun(images), earlier(images), rtol=1e-2, atol=1e-2)
-
-
-def test_a_file_of_other_layers_is_refused_to_begin_from(torch, network, tmp_path: Path):
-    pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
-    from wayside.pipeline.learning.network_weights import load_weights
-
-    other = torch.nn.Conv2d(3, 5, 3)
-    with pytest.warns():
-        torch.onnx.export(other, (torch.zeros(1, 3, 8, 8),), tmp_path / "other.onnx", dynamo=False)
-    with pytest.raises(InputError, match=r"other\.onnx"):
-        load_weights(network.DetectionNetwork(), tmp_path / "other.onnx", noise(torch, 1, 64, 64))
 
 
 def test_the_network_gives_the_same_maps_in_onnxruntime(torch, network, tmp_path: Path):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from wayside.pipeline.learning.face_classes import (
+from training.face_classes import (
     DRAWN,
     GTSRB,
     TAUGHT,
@@ -16,7 +16,7 @@ from wayside.pipeline.learning.face_classes import (
 from wayside.schemas.sign_catalogue import CATALOGUE
 from wayside.stages.sign_codes import OTHER_FACE
 
-REAL = Path(__file__).parents[4] / "shared" / "data" / "real"
+REAL = Path(__file__).parents[3] / "shared" / "data" / "real"
 CATALOGUED = {face for signs in CATALOGUE.values() for one in signs for face in one.faces}
 
 

@@ -13,7 +13,7 @@ NAMES = np.array(["R1-1", "D9", OTHER_FACE])
 
 @pytest.fixture
 def module(torch):
-    from wayside.pipeline.learning import face_network
+    from training import face_network
 
     return face_network
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-from wayside.pipeline.learning import landmarks as module
-from wayside.pipeline.learning.landmarks import (
+from training import landmarks as module
+from training.landmarks import (
     NEITHER,
     NOTHING,
     SIGN,

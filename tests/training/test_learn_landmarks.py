@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from wayside.pipeline.learn_landmarks import main, provenance
-from wayside.pipeline.learning.landmarks import SIGN, LandmarkSamples
+from training.landmarks import SIGN, LandmarkSamples
+from training.learn_landmarks import main, provenance
 from wayside.stages.mapping import FEATURES
 
 

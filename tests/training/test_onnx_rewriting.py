@@ -8,13 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from wayside.pipeline.learning import onnx_rewriting, quantization
-from wayside.pipeline.learning.onnx_rewriting import (
+from training import onnx_rewriting, quantization
+from training.onnx_rewriting import (
     _two_digits,
-    is_paired,
-    paired_kernel,
     rewrite,
-    single_kernel,
 )
 from wayside.stages.classifiers import OnnxNetwork
 from wayside.stages.detection import DetectionNetwork
@@ -25,7 +22,7 @@ def files(tmp_path_factory):
     """Two networks that were never trained, with what they see: files as they were quantised, and rewritten ones."""
     torch = pytest.importorskip("torch", reason="PyTorch is only needed for learning")
     onnx = pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
-    from wayside.pipeline.learning import box_network, detector_network
+    from training import box_network, detector_network
 
     torch.manual_seed(1)
     rng = np.random.default_rng(1)
@@ -116,17 +113,6 @@ def test_nothing_that_is_not_used_is_left(files, name):
     assert not [node for node in graph.node if used.isdisjoint(node.output)]
 
 
-@pytest.mark.parametrize("name", ["network", "box"])
-def test_the_weights_of_a_rewritten_network_are_read_as_they_were_learned(files, name):
-    from wayside.pipeline.learning.network_weights import read_layers
-
-    one, other = map(read_layers, files[name][:2])
-    assert len(one) == len(other)
-    for layer, same in zip(one, other, strict=True):
-        for values, others in zip(layer, same, strict=True):
-            np.testing.assert_array_equal(values, others)
-
-
 def test_a_split_last_layer_makes_the_same_of_every_cell(files, split):
     plain, _, feed, _ = files["network"]
     one, other = (
@@ -135,14 +121,6 @@ def test_a_split_last_layer_makes_the_same_of_every_cell(files, split):
     assert np.ptp(one) > 0.1
     np.testing.assert_allclose(other[:2], one[:2], atol=1e-3)
     np.testing.assert_allclose(other[2:], one[2:], atol=1e-5)
-
-
-def test_a_split_last_layer_is_read_as_it_was_learned(files, split):
-    from wayside.pipeline.learning.network_weights import read_layers
-
-    for layer, same in zip(read_layers(files["network"][0]), read_layers(split), strict=True):
-        for values, others in zip(layer, same, strict=True):
-            np.testing.assert_array_equal(values, others)
 
 
 @given(
@@ -164,16 +142,3 @@ def test_a_network_is_rewritten_once(split):
     before = model.SerializeToString()
     rewrite(model.graph)
     assert model.SerializeToString() == before
-
-
-@given(
-    st.integers(1, 9).flatmap(
-        lambda n: arrays(np.int8, (n, 3, 3, 3), elements=st.integers(-64, 63))
-    )
-)
-def test_a_pair_of_kernels_gives_the_single_one_back(kernel):
-    paired = paired_kernel(kernel)
-    assert is_paired(paired)
-    assert not is_paired(kernel)
-    assert paired.astype(int).sum() == 2 * kernel.astype(int).sum()
-    np.testing.assert_array_equal(single_kernel(paired), kernel)

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.pipeline.learning.outlines import (
+from training.outlines import (
     FEWEST,
     OutlineChoice,
     gather_choices,

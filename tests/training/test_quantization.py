@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wayside.pipeline.learning.detector_images import rendered_images
-from wayside.pipeline.learning.quantization import quantize
+from training.detector_images import rendered_images
+from training.quantization import quantize
 from wayside.pipeline.provenance import onnx_metadata
 from wayside.stages.detection import DetectionNetwork
 
-DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
+DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def written(images, tmp_path_factory):
     """A network that was never trained, as a file in floating point and as one in whole numbers."""
     torch = pytest.importorskip("torch", reason="PyTorch is only needed for learning")
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
-    from wayside.pipeline.learning import detector_network
+    from training import detector_network
 
     torch.manual_seed(1)
     folder = tmp_path_factory.mktemp("networks")
