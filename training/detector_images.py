@@ -13,6 +13,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.faces import height_px, visible_fraction
@@ -32,7 +33,7 @@ BAND = (0.52, 0.22)
 LEFT_OUT_RUN = 157
 """Pictures of `scenes_mixed` below this number are of doubtful origin."""
 
-CHECKED_BOXES = Path(__file__).with_name("checked_boxes.json")
+CHECKED_BOXES = Path(__file__).with_name("checked_boxes.parquet")
 """Boxes of earlier networks in real images, off all that have a label, looked at one by one: signs, with colour and
 shape where the networks were sure of them; other things; what is unsure or shows part of a sign. By folder and file, or
 by drive and number of the image. Of an image that is there, every box above the threshold of faces was looked at."""
@@ -215,8 +216,13 @@ def scene_set_images(folder: Path, prefixes: tuple[str, ...] = ("",)) -> Iterato
 
 
 def checked_boxes(name: str) -> dict[str, Any]:
-    """Those of a folder or drive, by file or number of the image."""
-    return dict(json.loads(CHECKED_BOXES.read_text(encoding="utf-8")).get(name, {}))
+    """Those of a folder or drive, by file or number of the image; signs end in colour and shape."""
+    rows = pq.read_table(CHECKED_BOXES, filters=[("source", "=", name)]).to_pylist()
+    kinds = ("signs", "other", "unsure")
+    return {
+        row["image"]: {kind: [tuple(box.values()) for box in row[kind]] for kind in kinds}
+        for row in rows
+    }
 
 
 def _checked_faces(boxes: dict[str, Any]) -> list[Face]:

@@ -137,7 +137,9 @@ class Training:
 
     def __init__(self, batches: CropBatches, options: TrainingOptions, folder: Path) -> None:
         path = folder / "checkpoint.pt"
-        state = torch.load(path, weights_only=True) if path.is_file() else {"step": 0, "number": 0}
+        state: dict[str, Any] = {"step": 0, "number": 0, "learners": {}}
+        if path.is_file():
+            state = torch.load(path, weights_only=True)
         self.batches, self.options, self.folder = batches, options, folder
         self.step, self.number = int(state["step"]), int(state["number"])
         on_accelerator = options.device == "cuda"
@@ -151,7 +153,7 @@ class Training:
         self.learners = {
             name: Learner(build, LARGEST_GRADIENT[name], device) for name, build in built.items()
         }
-        for name, held in state.get("learners", {}).items():
+        for name, held in state["learners"].items():
             self.learners[name].load(held)
 
     def take_until(self, crops: float) -> None:

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from training import detector_images
@@ -20,6 +22,23 @@ from wayside.schemas.errors import InputError
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "real"
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
+
+
+def write_checked(folder, *rows):
+    """A table of checked boxes as the one of training is, of a source, an image and its boxes each."""
+    path = folder / "checked.parquet"
+    schema = pq.read_schema(detector_images.CHECKED_BOXES)
+    names = ("x0", "y0", "x1", "y1", "color", "shape")
+    held = [
+        {"source": source, "image": image}
+        | {
+            kind: [dict(zip(names, box, strict=False)) for box in boxes.get(kind, ())]
+            for kind in ("signs", "other", "unsure")
+        }
+        for source, image, boxes in rows
+    ]
+    pq.write_table(pa.Table.from_pylist(held, schema), path)
+    return path
 
 
 def write_set(folder, *scenes):
@@ -50,9 +69,9 @@ def test_boxes_of_single_images_bear_their_classes(tmp_path):
 
 
 def test_an_image_whose_boxes_were_looked_at_is_complete(tmp_path, monkeypatch):
-    file = tmp_path / "checked.json"
-    file.write_text(json.dumps({"set": {"mi_2.png": {}}}))
-    monkeypatch.setattr(detector_images, "CHECKED_BOXES", file)
+    monkeypatch.setattr(
+        detector_images, "CHECKED_BOXES", write_checked(tmp_path, ("set", "mi_2.png", {}))
+    )
     scenes = [scene(f"mi_{number}.png", complete=number == 1) for number in (1, 2, 3)]
     images = scene_set_images(write_set(tmp_path / "set", *scenes))
     assert [image.fronts_complete for image in images] == [True, True, False]
@@ -73,9 +92,8 @@ def test_boxes_that_were_looked_at_join_the_labels_of_their_image(tmp_path, monk
         "other": [[11, 12, 19, 19]],
         "unsure": [[50, 50, 59, 59]],
     }
-    file = tmp_path / "checked.json"
-    file.write_text(json.dumps({"set": {"ro_200.png": boxes}, "another": {"ro_201.png": boxes}}))
-    monkeypatch.setattr(detector_images, "CHECKED_BOXES", file)
+    rows = ("set", "ro_200.png", boxes), ("another", "ro_201.png", boxes)
+    monkeypatch.setattr(detector_images, "CHECKED_BOXES", write_checked(tmp_path, *rows))
     folder = write_set(tmp_path / "set", scene("ro_200.png"), scene("ro_201.png"))
     looked_at, as_labelled = scene_set_images(folder)
     np.testing.assert_array_equal(looked_at.box, [[30, 20, 40, 30], [1, 2, 9, 9], [60, 2, 70, 9]])
@@ -87,10 +105,9 @@ def test_boxes_that_were_looked_at_join_the_labels_of_their_image(tmp_path, monk
 
 
 def test_the_boxes_that_were_looked_at_are_sound():
-    checked = json.loads(detector_images.CHECKED_BOXES.read_text())
-    every = [boxes for files in checked.values() for boxes in files.values()]
-    assert {kind for boxes in every for kind in boxes} == {"signs", "other", "unsure"}
-    signs = [sign for boxes in every for sign in boxes.get("signs", ())]
+    sources = set(pq.read_table(detector_images.CHECKED_BOXES)["source"].to_pylist())
+    every = [boxes for name in sources for boxes in detector_images.checked_boxes(name).values()]
+    signs = [sign for boxes in every for sign in boxes["signs"]]
     assert len(signs) > 900
     assert {sign[4] for sign in signs} <= {*COLORS, None}
     assert {sign[5] for sign in signs} <= {*SHAPES, None}
