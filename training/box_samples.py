@@ -17,9 +17,9 @@ from training.detector_crops import (
     KNOWN,
     UNKNOWN,
     UNSURE,
-    Labels,
     shown_faces,
 )
+from training.detector_images import LabelledImage
 from wayside.pipeline.learning.samples import UNION, second_faces
 from wayside.schemas.detections import NONE
 from wayside.stages.detection import STRIDE, DetectionNetwork, boxes_of_maps
@@ -76,17 +76,16 @@ class BoxTargets:
 
 
 def boxes_of_crop(
-    pixels: NDArray[np.uint8],
-    labels: Labels,
+    crop: LabelledImage,
     doubt: NDArray[np.uint8],
     network: DetectionNetwork,
     rng: np.random.Generator,
 ) -> BoxTargets:
-    """Boxes of a crop, with its labels and what is known of each of its cells, `doubt` of `Crop`."""
-    maps = network.maps(pixels)
+    """Boxes of a crop; doubt: what is known of each of its cells, as in `Crop`."""
+    maps = network.maps(crop.rgb)
     found = boxes_of_maps(maps, (CROP_PX, CROP_PX), LEAST_SCORE, PROPOSED, SAME_IOU).box
-    shown = shown_faces(labels)
-    named = [rng.permutation(labels.box[shown])[:FACES], rng.permutation(labels.other)[:OTHERS]]
+    shown = shown_faces(crop)
+    named = [rng.permutation(crop.box[shown])[:FACES], rng.permutation(crop.other)[:OTHERS]]
     size = _log_uniform(ANYWHERE_PX, (ANYWHERE, 2), rng)
     box = np.concatenate(
         [
@@ -103,7 +102,7 @@ def boxes_of_crop(
     last = CROP_PX // STRIDE - 1
     row, column = np.minimum(row, last), np.minimum(column, last)
     weight = negative_weights(doubt[:, row, column].T, maps.heat[:, row, column].T)
-    return _targets(box, labels, shown, weight)
+    return _targets(box, crop, shown, weight)
 
 
 def laid_around(
@@ -140,7 +139,7 @@ def negative_weights(doubt: NDArray[np.uint8], seen: NDArray[np.float32]) -> NDA
 
 def _targets(
     box: NDArray[np.float32],
-    labels: Labels,
+    crop: LabelledImage,
     shown: NDArray[np.bool_],
     weight: NDArray[np.float32],
 ) -> BoxTargets:
@@ -150,20 +149,20 @@ def _targets(
     color, shape = np.full(n, NONE, np.int64), np.full(n, NONE, np.int64)
     overlap = np.zeros(n)
     if shown.any():
-        faces = np.clip(labels.box[shown], 0, CROP_PX)
+        faces = np.clip(crop.box[shown], 0, CROP_PX)
         every = iou_matrix(box, faces)
         nearest, overlap = every.argmax(axis=1), every.max(axis=1)
         share = np.clip((overlap - NO_FACE) / (WHOLE_FACE - NO_FACE), 0, 1)
         # a network that accepts boxes around a sign and its plaque loses the plaque
         share[(overlap < UNION) & second_faces(box, faces, nearest).any(axis=1)] = 0
-        panel[np.arange(n), labels.side[shown][nearest]] = share
+        panel[np.arange(n), crop.side[shown][nearest]] = share
         near, named = overlap >= REGRESSED, overlap >= NAMED
         offset[near] = ((faces[nearest] - box) / np.tile(size, 2))[near]
         color[named], shape[named] = (
-            column[shown][nearest][named] for column in (labels.color, labels.shape)
+            column[shown][nearest][named] for column in (crop.color, crop.shape)
         )
     weight = np.where(overlap[:, None] > NO_FACE, np.float32(1), weight)
-    unknown = np.concatenate([labels.ignored, labels.box[~shown]])
+    unknown = np.concatenate([crop.ignored, crop.box[~shown]])
     if len(unknown):
         hidden = iou_matrix(box, unknown).max(axis=1) > IGNORED
         weight[hidden & (overlap <= NO_FACE)] = 0

@@ -44,10 +44,19 @@ def make_noise(rng: np.random.Generator, side: int = 768) -> Noise:
     return Noise(smooth / smooth.std(), grain)
 
 
+def piece(
+    noise: NDArray[np.float32], shape: tuple[int, ...], rng: np.random.Generator
+) -> NDArray[np.float32]:
+    """A part of a square of noise with the rows and columns of an image, scaled where it is smaller than that."""
+    y, x = (int(rng.integers(max(1, len(noise) - side + 1))) for side in shape[:2])
+    part = noise[y : y + shape[0], x : x + shape[1]]
+    return part if part.shape[:2] == shape[:2] else _floats(cv2.resize(part, shape[1::-1]))
+
+
 def through_a_camera(
     rgb: NDArray[np.uint8], noise: Noise, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
-    """An image (h, w, 3), no larger than the noise, as another camera takes it in another light."""
+    """An image (h, w, 3) as another camera takes it in another light."""
     levels = np.linspace(0, 1, 256, dtype=np.float32) ** np.float32(DISPLAY_GAMMA)
     light = _floats(cv2.LUT(rgb, levels.reshape(256, 1)))
     light = _through_the_lens(_lit(light, noise, rng), rng)
@@ -57,8 +66,9 @@ def through_a_camera(
 def _lit(light: NDArray[np.float32], noise: Noise, rng: np.random.Generator) -> NDArray[np.float32]:
     """The light of the scene with shade on it and haze before it."""
     if rng.random() < 0.08:
-        piece = _piece(noise.smooth, light.shape, rng)
-        dark = np.clip(0.5 + piece * rng.uniform(0.5, 2), 0, 1) * rng.uniform(0.2, 0.6)
+        dark = np.clip(
+            0.5 + piece(noise.smooth, light.shape, rng) * rng.uniform(0.5, 2), 0, 1
+        ) * rng.uniform(0.2, 0.6)
         light = _floats(light * ((1 - dark) ** DISPLAY_GAMMA)[..., None])
     if rng.random() < HAZY:
         haze = rng.uniform(0, HAZIEST)
@@ -101,7 +111,7 @@ def _exposed(light: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np
 def _processed(rgb: NDArray[np.uint8], noise: Noise, rng: np.random.Generator) -> NDArray[np.uint8]:
     """Grain of the sensor, saturation, sharpening, JPEG."""
     if rng.random() < 0.4:
-        noisy = rgb + _piece(noise.grain, rgb.shape, rng) * np.float32(
+        noisy = rgb + piece(noise.grain, rgb.shape, rng) * np.float32(
             np.exp(rng.uniform(np.log(1.5), np.log(12)))
         )
         rgb = _bytes(np.clip(noisy, 0, 255))
@@ -119,14 +129,6 @@ def _processed(rgb: NDArray[np.uint8], noise: Noise, rng: np.random.Generator) -
         if done:
             rgb = _bytes(cv2.imdecode(data, cv2.IMREAD_COLOR))
     return rgb
-
-
-def _piece(
-    noise: NDArray[np.float32], shape: tuple[int, ...], rng: np.random.Generator
-) -> NDArray[np.float32]:
-    """A part of a square of noise with the rows and columns of an image."""
-    y, x = (int(rng.integers(len(noise) - side + 1)) for side in shape[:2])
-    return noise[y : y + shape[0], x : x + shape[1]]
 
 
 def _floats(values: Any) -> NDArray[np.float32]:

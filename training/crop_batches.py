@@ -82,9 +82,9 @@ def crop_with_boxes(
     rng: np.random.Generator,
 ) -> Columns:
     """A crop of an image with its boxes, by column."""
-    pixels, labels = drawn_crop(image, library, noise, rng)
-    crop = targets(pixels, labels, image)
-    found = boxes_of_crop(pixels, labels, crop.doubt, network, rng)
+    drawn = drawn_crop(image, library, noise, rng)
+    crop = targets(drawn)
+    found = boxes_of_crop(drawn, crop.doubt, network, rng)
     rows = rng.permutation(len(found.box))[:BOXES]
     made: Columns = {one.name: getattr(crop, one.name) for one in fields(Crop)}
     made["count"] = np.array(len(rows), np.int32)

@@ -70,52 +70,34 @@ class Crop:
     shape: NDArray[np.int64]
 
 
-@dataclass(frozen=True, slots=True)
-class Labels:
-    """Faces of a crop while it is made: box (n, 4), side, color, shape (n,), ignored (m, 4), other (k, 4)."""
-
-    box: NDArray[np.float32]
-    side: NDArray[np.int8]
-    color: NDArray[np.int8]
-    shape: NDArray[np.int8]
-    ignored: NDArray[np.float32]
-    other: NDArray[np.float32]
-
-
 def drawn_crop(
     image: LabelledImage, library: FaceLibrary, noise: Noise, rng: np.random.Generator
-) -> tuple[NDArray[np.uint8], Labels]:
-    """A window of an image with faces and other things drawn in, as some camera takes it.
-
-    Pixels (side, side, 3), and what they show.
-    """
-    pixels, labels = _cut(image, rng)
+) -> LabelledImage:
+    """A square window of an image with faces and other things drawn in, as some camera takes it."""
+    crop = _cut(image, rng)
     if rng.random() < 0.55:
         posts = int(rng.integers(1, 5))
-        known = np.concatenate([labels.box, labels.ignored, labels.other])
-        drawn = draw_faces(pixels, known, library, noise.smooth, rng, posts)
-        labels = Labels(
-            np.concatenate(
-                [labels.box, np.array([d.box for d in drawn], np.float32).reshape(-1, 4)]
-            ),
-            np.append(labels.side, [d.side for d in drawn]).astype(np.int8),
-            np.append(labels.color, [d.color for d in drawn]).astype(np.int8),
-            np.append(labels.shape, [d.shape for d in drawn]).astype(np.int8),
-            labels.ignored,
-            labels.other,
+        known = np.concatenate([crop.box, crop.ignored, crop.other])
+        drawn = draw_faces(crop.rgb, known, library, noise.smooth, rng, posts)
+        boxes = np.array([d.box for d in drawn], np.float32).reshape(-1, 4)
+        crop = replace(
+            crop,
+            box=np.concatenate([crop.box, boxes]),
+            side=np.append(crop.side, [d.side for d in drawn]).astype(np.int8),
+            color=np.append(crop.color, [d.color for d in drawn]).astype(np.int8),
+            shape=np.append(crop.shape, [d.shape for d in drawn]).astype(np.int8),
         )
-    taken, others = np.concatenate([labels.box, labels.ignored]), [labels.other]
+    taken, others = np.concatenate([crop.box, crop.ignored]), [crop.other]
     for _ in range(int(rng.integers(0, MOST_DISTRACTORS + 1))):
-        box = draw_distractor(pixels, taken, noise.smooth, rng)
+        box = draw_distractor(crop.rgb, taken, noise.smooth, rng)
         if box is not None:
             others.append(np.array([box], np.float32))
-    labels = replace(labels, other=np.concatenate(others))
-    if rng.random() >= AS_TAKEN:
-        pixels = through_a_camera(pixels, noise, rng)
-    return pixels, labels
+    as_taken = rng.random() < AS_TAKEN
+    rgb = crop.rgb if as_taken else through_a_camera(crop.rgb, noise, rng)
+    return replace(crop, rgb=rgb, other=np.concatenate(others))
 
 
-def _cut(image: LabelledImage, rng: np.random.Generator) -> tuple[NDArray[np.uint8], Labels]:
+def _cut(image: LabelledImage, rng: np.random.Generator) -> LabelledImage:
     """A window of the image at some scale, mirrored or not, with the faces in it."""
     height, width = image.rgb.shape[:2]
     wanted = float(np.exp(rng.uniform(*np.log(HEIGHTS_PX))))
@@ -160,7 +142,7 @@ def _cut(image: LabelledImage, rng: np.random.Generator) -> tuple[NDArray[np.uin
     if rng.random() < 0.5:
         pixels = np.ascontiguousarray(pixels[:, ::-1])
         box, ignored, other = _mirrored(box), _mirrored(ignored), _mirrored(other)
-    return pixels, Labels(box, image.side, image.color, image.shape, ignored, other)
+    return replace(image, rgb=pixels, box=box, ignored=ignored, other=other)
 
 
 def _mirrored(box: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -168,27 +150,27 @@ def _mirrored(box: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.stack([left, box[:, 1], right, box[:, 3]], 1)
 
 
-def shown_faces(labels: Labels) -> NDArray[np.bool_]:
+def shown_faces(crop: LabelledImage) -> NDArray[np.bool_]:
     """Which faces (n,) of a crop are positives: the others are too small in it, or for the greater part outside."""
-    inside = np.clip(labels.box, 0, CROP_PX)
+    inside = np.clip(crop.box, 0, CROP_PX)
     wide, tall = (inside[:, 2:] - inside[:, :2]).T
-    full = np.maximum(np.prod(labels.box[:, 2:] - labels.box[:, :2], axis=1), 1e-3)
+    full = np.maximum(np.prod(crop.box[:, 2:] - crop.box[:, :2], axis=1), 1e-3)
     large = (tall >= SMALLEST_PX) & (wide >= NARROWEST_PX)
     return np.asarray(large & (wide * tall >= SHOWN_FRACTION * full))
 
 
-def targets(rgb: NDArray[np.uint8], labels: Labels, image: LabelledImage) -> Crop:
-    """Maps and regressed cells of the faces of a crop."""
+def targets(image: LabelledImage) -> Crop:
+    """Maps and regressed cells of the faces of a crop, an image of `CROP_PX` by `CROP_PX`."""
     cells = CROP_PX // STRIDE
     heat = np.zeros((2, cells, cells), np.float32)
     doubt = np.zeros((2, cells, cells), np.uint8)
     doubt[FRONT] = KNOWN if image.fronts_complete else UNSURE
     doubt[BACK] = KNOWN if image.backs_complete else UNSURE
-    inside = np.clip(labels.box, 0, CROP_PX)
+    inside = np.clip(image.box, 0, CROP_PX)
     area = np.prod(inside[:, 2:] - inside[:, :2], axis=1)
-    positive = shown_faces(labels)
-    unknown = np.concatenate([labels.ignored, inside[~positive & (area > 0)]])
-    for boxes, what in ((unknown, UNKNOWN), (labels.other, KNOWN)):
+    positive = shown_faces(image)
+    unknown = np.concatenate([image.ignored, inside[~positive & (area > 0)]])
+    for boxes, what in ((unknown, UNKNOWN), (image.other, KNOWN)):
         for x0, y0, x1, y1 in np.clip(boxes, 0, CROP_PX):
             rows = slice(int(y0 // STRIDE), int(-(-y1 // STRIDE)))
             doubt[:, rows, int(x0 // STRIDE) : int(-(-x1 // STRIDE))] = what
@@ -198,14 +180,14 @@ def targets(rgb: NDArray[np.uint8], labels: Labels, image: LabelledImage) -> Cro
     found: list[tuple[int, int, float]] = []
     # small faces last: where two peaks meet, the smaller face keeps its cells
     for row in sorted(np.flatnonzero(positive).tolist(), key=lambda r: -area[r]):
-        found += _peak(heat[labels.side[row]], inside[row], row, int(labels.side[row]))
+        found += _peak(heat[image.side[row]], inside[row], row, int(image.side[row]))
     owner = {cell: (row, weight) for cell, row, weight in found}
     best = sorted(owner.items(), key=lambda item: -item[1][1])[:CELLS]
     total: dict[int, float] = {}
     for _, (row, weight) in best:
         total[row] = total.get(row, 0.0) + weight
     crop = Crop(
-        rgb,
+        image.rgb,
         heat.astype(np.float16),
         doubt,
         np.zeros(CELLS, np.int32),
@@ -217,7 +199,7 @@ def targets(rgb: NDArray[np.uint8], labels: Labels, image: LabelledImage) -> Cro
     for place, (cell, (row, weight)) in enumerate(best):
         crop.cell[place], crop.box[place] = cell, inside[row]
         crop.weight[place] = weight / total[row]
-        crop.color[place], crop.shape[place] = labels.color[row], labels.shape[row]
+        crop.color[place], crop.shape[place] = image.color[row], image.shape[row]
     return crop
 
 

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from training.camera_effects import piece
 from training.detector_images import FRONT
 from training.face_drawings import (
     KINDS,
@@ -206,7 +207,7 @@ def wear(
     colors += np.float32(black) * alpha
     high, wide = patch.shape[:2]
     if rng.random() < 0.6:
-        colors *= np.exp(_piece(noise, high, wide, rng) * rng.uniform(0.02, 0.25))[..., None]
+        colors *= np.exp(piece(noise, (high, wide), rng) * rng.uniform(0.02, 0.25))[..., None]
     if rng.random() < 0.25:  # the edge of a shadow
         across, down = np.meshgrid(np.linspace(-1, 1, wide), np.linspace(-1, 1, high))
         angle = rng.uniform(0, 2 * np.pi)
@@ -214,17 +215,6 @@ def wear(
         colors *= np.where(inside, rng.uniform(0.3, 0.8), 1.0).astype(np.float32)[..., None]
     if level > 1:
         patch[:] = cv2.GaussianBlur(patch, (0, 0), rng.uniform(*LENS_PX))
-
-
-def _piece(
-    noise: NDArray[np.float32], high: int, wide: int, rng: np.random.Generator
-) -> NDArray[np.float32]:
-    y = int(rng.integers(max(1, noise.shape[0] - high)))
-    x = int(rng.integers(max(1, noise.shape[1] - wide)))
-    piece = noise[y : y + high, x : x + wide]
-    if piece.shape != (high, wide):
-        piece = np.asarray(cv2.resize(piece, (wide, high)), np.float32)
-    return piece
 
 
 def blend(

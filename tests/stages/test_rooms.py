@@ -5,7 +5,9 @@ import grimp
 
 def test_code_outside_a_room_imports_from_its_front_door_only():
     graph = grimp.build_graph("wayside")
-    inside = [name for name in graph.modules if name.startswith("wayside.stages.") and name.count(".") > 2]
+    inside = [
+        name for name in graph.modules if name.startswith("wayside.stages.") and name.count(".") > 2
+    ]
     past_the_door = [
         (importer, name)
         for name in inside

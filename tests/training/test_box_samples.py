@@ -24,7 +24,6 @@ from training.detector_crops import (
     KNOWN,
     UNKNOWN,
     UNSURE,
-    Labels,
     drawn_crop,
     shown_faces,
 )
@@ -59,18 +58,14 @@ class Seeing(Blind):
 
 
 def targets(boxes, faces=((SIGN, FRONT),), ignored=(), weight=1.0):
-    count = len(faces)
-    labels = Labels(
-        np.array([box for box, _ in faces], np.float32).reshape(-1, 4),
-        np.array([side for _, side in faces], np.int8),
-        np.full(count, RED, np.int8),
-        np.full(count, OCTAGON, np.int8),
-        np.array(ignored, np.float32).reshape(-1, 4),
-        np.zeros((0, 4), np.float32),
+    rgb = np.zeros((CROP_PX, CROP_PX, 3), np.uint8)
+    named = [(box, side, "red", "octagon") for box, side in faces]
+    crop = labelled_image(
+        "set", "one", rgb, named, ignored, fronts_complete=True, backs_complete=True
     )
     box = np.array(boxes, np.float32)
     weights = np.full((len(box), 2), weight, np.float32)
-    return _targets(box, labels, shown_faces(labels), weights)
+    return _targets(box, crop, shown_faces(crop), weights)
 
 
 def moved(overlap):
@@ -202,9 +197,8 @@ def samples(seed, shown=None, network=None, faces=None):
     faces = FaceLibrary((), ()) if faces is None else faces
     rng = np.random.default_rng(seed)
     shown = image() if shown is None else shown
-    pixels, labels = drawn_crop(shown, faces, NOISE, rng)
-    doubt = crop_targets(pixels, labels, shown).doubt
-    return boxes_of_crop(pixels, labels, doubt, network, rng)
+    crop = drawn_crop(shown, faces, NOISE, rng)
+    return boxes_of_crop(crop, crop_targets(crop).doubt, network, rng)
 
 
 def joined(parts):

@@ -14,7 +14,6 @@ from training.detector_crops import (
     STRIDE,
     UNKNOWN,
     UNSURE,
-    Labels,
     drawn_crop,
     targets,
 )
@@ -46,22 +45,13 @@ def image(faces=(), ignored=(), complete=True, size=(400, 500), other=()):
 
 
 def crop_of(faces=(), ignored=(), complete=True, other=()):
-    labelled = image(faces, ignored, complete, (CROP_PX, CROP_PX), other)
-    labels = Labels(
-        labelled.box,
-        labelled.side,
-        labelled.color,
-        labelled.shape,
-        labelled.ignored,
-        labelled.other,
-    )
-    return targets(labelled.rgb, labels, labelled)
+    return targets(image(faces, ignored, complete, (CROP_PX, CROP_PX), other))
 
 
 def make_crop(images, probability, faces, noise, rng):
     """A crop of one of the images, drawn by `probability`, as the processes make it."""
     shown = images[int(rng.choice(len(images), p=probability))]
-    return targets(*drawn_crop(shown, faces, noise, rng), shown)
+    return targets(drawn_crop(shown, faces, noise, rng))
 
 
 def library(shape="rectangle"):
@@ -261,7 +251,7 @@ def test_letters_of_advertisements_lean_and_those_of_boards_do_not():
 def test_what_is_drawn_as_no_sign_is_known_to_be_none():
     incomplete, empty = image(complete=False), FaceLibrary((), ())
     drawn = [
-        drawn_crop(incomplete, empty, NOISE, np.random.default_rng(seed))[1].other
+        drawn_crop(incomplete, empty, NOISE, np.random.default_rng(seed)).other
         for seed in range(20)
     ]
     assert sum(map(len, drawn)) > 5
