@@ -94,7 +94,7 @@ learn-faces: .venv/.learn
 clean:
 	@rm -rf out build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
 
-.venv/.ready: pyproject.toml requirements.lock
+.venv/.ready: pyproject.toml setup.py requirements.lock
 	@test -n "$(PYTHON)" || { echo 'wanted Python 3.11 or newer, found none; install it or say make PYTHON=/path/to/python' >&2; exit 2; }
 	@echo 'making the environment in .venv (once)'
 	@$(PYTHON) -m venv .venv

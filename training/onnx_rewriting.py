@@ -110,7 +110,6 @@ def rewrite(graph: Any) -> None:
     tensors = _Graph(graph)
     _join_levels(tensors)
     _pair_columns(tensors)
-    _upsample_by_copies(tensors)
     _split_last_layer(tensors)
     tensors.remove_unused()
     del graph.value_info[:]  # shapes of tensors that are there no more
@@ -204,37 +203,6 @@ def _with_channels(tensor: str, channels: int, before: Any, graph: _Graph) -> st
     return graph.insert(before, "Transpose", [reshaped], perm=TO_NCHW)
 
 
-def _upsample_by_copies(graph: _Graph) -> None:
-    """Let nearest-neighbour upsampling by two copy all channels of a sample at once, not each by itself."""
-    for resize in graph.nodes("Resize"):
-        factors = graph.before(resize, "Constant", at=2)
-        values, rounded = graph.before(resize, "DequantizeLinear"), _rounding_after(resize, graph)
-        if None in (factors, values, rounded) or not _doubles(resize, factors):
-            continue
-        if rounded.input[1:] != values.input[1:]:  # other scales before and after
-            continue
-        axes, times, twice = (
-            graph.store(f"upsampling/{name}", np.array(one))
-            for name, one in (
-                ("axes", [2, 4]),
-                ("times", [1, 1, 2, 1, 2, 1]),
-                ("twice", [1, 2, 2, 1]),
-            )
-        )
-        nhwc = graph.insert(values, "Transpose", [values.input[0]], perm=TO_NHWC)
-        size = graph.insert(values, "Shape", [nhwc])
-        doubled = graph.insert(values, "Mul", [size, twice])
-        apart = graph.insert(values, "Unsqueeze", [nhwc, axes])
-        repeated = graph.insert(values, "Expand", [apart, times])
-        joined = graph.insert(values, "Reshape", [repeated, doubled])
-        larger = graph.insert(values, "Transpose", [joined], perm=TO_NCHW)
-        for user in graph.after(rounded):
-            user.input[0] = larger
-        graph.remove(resize, rounded, values)
-        if not graph.after(factors):
-            graph.remove(factors)
-
-
 def _split_last_layer(graph: _Graph) -> None:
     """Split the last layer of the detection network: the log odds of all cells stay in the graph, the rest is left out.
 
@@ -301,14 +269,3 @@ def _two_digits(weight: NDArray[np.float32]) -> tuple[NDArray[np.int8], NDArray[
     digits = np.concatenate([high, number - DIGIT * high]).T.astype(np.int8)
     joins = np.concatenate([DIGIT * np.eye(count), np.eye(count)]) * step.T
     return digits, joins
-
-
-def _doubles(resize: Any, factors: Any) -> bool:
-    """Whether rows and columns become twice as many, each sample four times itself."""
-    from onnx import helper, numpy_helper
-
-    said = {one.name: helper.get_attribute_value(one) for one in resize.attribute}
-    by = numpy_helper.to_array(factors.attribute[0].t)
-    nearest = said.get("mode") == b"nearest" and said.get("nearest_mode") == b"floor"
-    at = said.get("coordinate_transformation_mode")
-    return nearest and at == b"asymmetric" and by.tolist() == [1, 1, 2, 2]
