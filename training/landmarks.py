@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from itertools import count, pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,20 +16,14 @@ from wayside.pipeline.evaluate_rendered import camera_pose, match_distance
 from wayside.pipeline.roc.faces import NEAREST
 from wayside.pipeline.roc.score_points import normal_tail, rates_of, score_points
 from wayside.schemas.errors import InputError
-from wayside.schemas.landmarks import Landmark, Observation
+from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.models import EvidenceModel
-from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import MappingSettings, TrackSettings
-from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import iou_matrix
-from wayside.stages.mapping import FEATURES, SideClassifiers, track
-from wayside.stages.panel import PanelMethod
+from wayside.stages.mapping import FEATURES
 
 ON_FACE, NEAR_FACE = 0.4, 0.15
 """Median overlap (IoU) of the nearest boxes with a true face from which a landmark is that face; overlap with one
 above which it may be a part of it."""
-FEWEST = 2
-"""Landmarks of fewer views than are reported are learned from, too: there are more, and the number is a feature."""
 FOR, AGAINST = 1, -1
 EVIDENCE: tuple[tuple[str, str, int, tuple[float, ...]], ...] = (
     ("score_best", "appearance", FOR, (-2, 0, 2, 4, 6, 8, 12)),
@@ -61,30 +55,25 @@ SIGN, NOTHING, NEITHER = 1, 0, -1
 Values = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class PosedDrive:
-    """A drive with known panels up to its motion: frames with candidates, and the box classifiers that scored them.
+class LandmarkRow(NamedTuple):
+    """A landmark of a drive with truth.
 
-    panel: how panels are measured; None: they are not. source: what it is left out together with, "" where it was
-    rendered; usual: its boxes were accepted by the threshold that runs have.
+    back: whether it was followed as the back of a panel; usual: whether its boxes were accepted by the threshold that
+    runs have.
     """
 
-    name: str
-    moved: Iterable[PosedDetections]
-    face: BoxClassifier | None
-    back: BoxClassifier | None
-    known: KnownPanels
-    panel: PanelMethod | None = None
-    source: str = ""
-    usual: bool = True
+    features: tuple[float, ...]
+    label: int
+    back: bool
+    usual: bool
 
 
 @dataclass(frozen=True, slots=True)
 class LandmarkSamples:
     """Landmarks of drives with truth, n rows: values (n, features), label (n,) int8, drive (n,) number of the drive.
 
-    back (n,) bool: whether it was followed as the back of a panel; source (n,) text, usual (n,) bool: as in
-    `PosedDrive`.
+    back, usual (n,) bool: as in `LandmarkRow`; source (n,) text: what the drive is left out together with, "" where it
+    was rendered.
     """
 
     values: NDArray[np.float32]
@@ -99,41 +88,30 @@ class LandmarkSamples:
         return LandmarkSamples(*(getattr(self, column.name)[rows] for column in fields(self)))
 
 
-def gather_landmarks(drives: Iterable[PosedDrive]) -> LandmarkSamples:
-    """All landmarks that tracking finds on drives with truth, labelled by it.
+def labelled_landmarks(
+    frames: Iterable[TrackedFrame], known: KnownPanels, *, usual: bool
+) -> list[LandmarkRow]:
+    """All landmarks that tracking found on a drive with truth, labelled by it."""
+    return [
+        LandmarkRow(one.features, label_of(one, known), one.back, usual)
+        for frame in frames
+        for one in frame.landmarks
+    ]
 
-    The detector must not have learned from the drives, or its scores are higher than those of a new one. A drive may
-    come more than once, with classifiers of different thresholds.
-    """
-    found: list[tuple[tuple[float, ...], int, str, bool, str, bool]] = []
-    for drive in drives:
-        settings = MappingSettings(TrackSettings(fewest_views=FEWEST))
-        front, back = SideClassifiers(drive.face), SideClassifiers(drive.back)
-        behind = None if drive.back is None else back
-        for frame in track(iter(drive.moved), settings, front, behind, drive.panel):
-            for one in frame.landmarks:
-                label = label_of(one, drive.known)
-                row = (one.features, label, drive.name, one.back, drive.source, drive.usual)
-                found.append(row)
-    values, labels, names, backs, sources, usual = zip(*found, strict=True) if found else [()] * 6
+
+def samples_of(drives: Sequence[tuple[str, Sequence[LandmarkRow]]]) -> LandmarkSamples:
+    """The landmarks of several drives, each with its source, in one table; drives are numbered in this order."""
+    rows = [row for _, own in drives for row in own]
+    counts = [len(own) for _, own in drives]
+    values, label, back, usual = zip(*rows, strict=True) if rows else [()] * 4
     return LandmarkSamples(
         np.array(values, np.float32).reshape(-1, len(FEATURES)),
-        np.array(labels, np.int8),
-        np.unique(names, return_inverse=True)[1].astype(np.int64),
-        np.array(backs, np.bool_),
-        np.array(sources, np.str_),
+        np.array(label, np.int8),
+        np.repeat(np.arange(len(drives)), counts),
+        np.array(back, np.bool_),
+        np.repeat(np.array([source for source, _ in drives], np.str_), counts),
         np.array(usual, np.bool_),
     )
-
-
-def joined(parts: Sequence[LandmarkSamples]) -> LandmarkSamples:
-    """The landmarks of several drives, a part each, in one; drives are numbered by the order of the parts."""
-    columns = {
-        column.name: np.concatenate([getattr(part, column.name) for part in parts])
-        for column in fields(LandmarkSamples)
-    }
-    columns["drive"] = np.repeat(np.arange(len(parts)), [len(part.label) for part in parts])
-    return LandmarkSamples(**columns)
 
 
 def learn_landmark_classifier(samples: LandmarkSamples, provenance: str) -> EvidenceModel:

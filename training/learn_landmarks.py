@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -20,11 +19,11 @@ import cv2
 from training.detector_images import checked_boxes
 from training.landmarks import (
     KnownPanels,
+    LandmarkRow,
     LandmarkSamples,
-    PosedDrive,
-    gather_landmarks,
-    joined,
+    labelled_landmarks,
     learn_landmark_classifier,
+    samples_of,
 )
 from training.learn import PROCESSES, learning_logs, run, write_model
 from wayside.pipeline.flow import Flow
@@ -34,11 +33,15 @@ from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError
-from wayside.schemas.settings import ReadSettings
+from wayside.schemas.settings import MappingSettings, ReadSettings, TrackSettings
+from wayside.stages.mapping import SideClassifiers, track
 from wayside.stages.odometry import estimate_motion
 
 LENIENT = (0.0, 1.0, 2.0)
 """Log odds by which the threshold of faces is lowered: else few landmarks are no signs."""
+
+FEWEST = 2
+"""Landmarks of fewer views than are reported are learned from, too: there are more, and the number is a feature."""
 
 REAL_DRIVES = {"ca_city_garmin": ("garmin", 0.0), "us_freeway_yellow_left": ("udacity", 5.9)}
 """Real drives to learn from, each with networks that have not learned from it: source, and distance between images
@@ -66,9 +69,10 @@ def learn_landmarks(
     """
     logs = learning_logs(drives)
     tasks = [
-        (folder, log, KnownPanels.of(read_truth(log.with_suffix(".truth.json"))), "", LEARN_READ)
+        (folder, log, KnownPanels.of(read_truth(log.with_suffix(".truth.json"))), LEARN_READ)
         for log in logs
     ]  # or processes are started for nothing
+    sources = [""] * len(logs)
     for name, (source, spacing_m) in REAL_DRIVES.items():
         if real is not None and name != folder.name:
             log = real / f"{name}.mcap"
@@ -76,11 +80,13 @@ def learn_landmarks(
             known = KnownPanels.of_labels(labels, checked_boxes(name))
             own = folder if without is None or not (without / name).is_dir() else without / name
             read = replace(LEARN_READ, spacing_m=spacing_m)
-            tasks.append((own, log, known, source, read))
+            tasks.append((own, log, known, read))
+            sources.append(source)
     with ProcessPoolExecutor(
         PROCESSES, get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)
     ) as processes:
-        samples = joined(list(processes.map(_landmarks_of, *zip(*tasks, strict=True))))
+        found = processes.map(_landmarks_of, *zip(*tasks, strict=True))
+        samples = samples_of(list(zip(sources, found, strict=True)))
     for name, back in (("place.json", False), ("back_place.json", True)):
         side = samples.select(samples.back == back)
         origin = provenance([log.stem for _, log, *_ in tasks], side)
@@ -100,31 +106,24 @@ def provenance(names: list[str], samples: LandmarkSamples) -> str:
 
 
 def _landmarks_of(
-    folder: Path, log: Path, known: KnownPanels, source: str, read: ReadSettings
-) -> LandmarkSamples:
-    return gather_landmarks(_posed(folder, log, known, source, read))
-
-
-def _posed(
-    folder: Path, log: Path, known: KnownPanels, source: str, read: ReadSettings
-) -> Iterator[PosedDrive]:
-    """A drive up to its motion, with its panels, once for each threshold of faces."""
+    folder: Path, log: Path, known: KnownPanels, read: ReadSettings
+) -> list[LandmarkRow]:
+    """The landmarks of a drive by the models of a folder, once for each threshold of faces."""
     settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
-    models = load_models(settings)
+    models, rows = load_models(settings), list[LandmarkRow]()
+    if models.front_scores is None:
+        raise InputError(f"{folder}: wanted thresholds of the box network, found none")
     for lower in LENIENT:
-        scores = models.front_scores
-        if scores is None:
-            raise InputError(f"{folder}: wanted thresholds of the box network, found none")
-        lenient = replace(scores, threshold=scores.threshold - lower)
-        flow = Flow(settings, replace(models, front_scores=lenient), StageClock())
-        frames = read_frames(log, read, ReadReport())
-        moved = estimate_motion(
-            flow.detect(frames), settings.motion, settings.ties, settings.adjustment
-        )
-        front, back = flow.box_classifiers()
-        yield PosedDrive(
-            log.stem, moved, front, back, known, flow.panel_method(), source, lower == 0
-        )
+        scores = replace(models.front_scores, threshold=models.front_scores.threshold - lower)
+        flow = Flow(settings, replace(models, front_scores=scores), StageClock())
+        found = flow.detect(read_frames(log, read, ReadReport()))
+        moved = estimate_motion(found, settings.motion, settings.ties, settings.adjustment)
+        face, back = flow.box_classifiers()
+        behind = None if back is None else SideClassifiers(back)
+        mapping = MappingSettings(TrackSettings(fewest_views=FEWEST))
+        tracked = track(moved, mapping, SideClassifiers(face), behind, flow.panel_method())
+        rows += labelled_landmarks(tracked, known, usual=lower == 0)
+    return rows
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -244,7 +244,9 @@ def learn_networks(drives: Path | None, real: Path, folder: Path, options: Train
     8-bit integers. Raises InputError where a source to leave out is none.
     """
     torch.set_num_threads(1)
-    cv2.setNumThreads(1)  # a process that is forked while others hold its locks would wait for them forever
+    cv2.setNumThreads(
+        1
+    )  # a process that is forked while others hold its locks would wait for them forever
     images = training_images(drives, real, options.without)
     batches = CropBatches(images, read_face_library(real), options.proposing, options.seed)
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -12,12 +12,24 @@ from training.landmarks import (
     KnownPanels,
     LandmarkSamples,
     label_of,
+    labelled_landmarks,
     learn_landmark_classifier,
+    samples_of,
 )
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import Observation
 from wayside.schemas.model_json import model_from_json, model_to_json
 from wayside.stages.mapping import FEATURES
+
+
+def joined(parts):
+    """Samples of several drives as one, numbered by drive."""
+    columns = (
+        np.concatenate([getattr(one, field.name) for one in parts])
+        for field in fields(LandmarkSamples)
+    )
+    drive = np.repeat(np.arange(len(parts)), [len(one.label) for one in parts])
+    return replace(LandmarkSamples(*columns), drive=drive)
 
 
 class SeenAt:
@@ -131,7 +143,7 @@ def test_a_curve_may_bend_where_the_examples_ask_for_it(monkeypatch):
 
 def test_the_sum_is_as_often_right_as_it_says_where_as_many_are_signs_as_it_expects(monkeypatch):
     monkeypatch.setattr(module, "REAL_WEIGHT", 4000.0)
-    real = module.joined([examples(2000, seed, source)[0] for seed, source in ((1, "a"), (2, "b"))])
+    real = joined([examples(2000, seed, source)[0] for seed, source in ((1, "a"), (2, "b"))])
     model = learn_landmark_classifier(real, "test")
     fresh, _ = examples(20000, seed=9)
     rng = np.random.default_rng(10)
@@ -144,7 +156,7 @@ def test_the_sum_is_as_often_right_as_it_says_where_as_many_are_signs_as_it_expe
 
 def test_rendered_landmarks_never_outweigh_real_ones():
     real, rendered = examples(100, 1, "a")[0], examples(5000, 2)[0]
-    both = module.joined([real, rendered])
+    both = joined([real, rendered])
     weight = module._weights(both, both.label == SIGN)
     assert weight[both.source == ""].sum() < 0.6 * weight[both.source == "a"].sum()
 
@@ -197,25 +209,15 @@ def test_too_few_landmarks_are_refused_with_what_to_do():
         learn_landmark_classifier(few, "test")
 
 
-def test_landmarks_are_gathered_from_tracked_drives(monkeypatch):
+def test_landmarks_of_several_drives_are_labelled_and_numbered_by_drive():
     landmark = SeenAt(FACE, FACE, FACE)
     landmark.features = tuple(range(len(FEATURES)))
-    settled = [type("S", (), {"landmarks": (landmark,)})]
-    monkeypatch.setattr(module, "track", lambda moved, settings, front, back, panel: iter(settled))
-    known, none = truth(), {"signs": [], "frames": []}
-    found = module.gather_landmarks(
-        module.PosedDrive(name, [], None, None, KnownPanels.of(content))
-        for name, content in (("a", known), ("b", none), ("a", known))
-    )
-    assert found.label.tolist() == [SIGN, NOTHING, SIGN]
-    assert found.drive.tolist() == [0, 1, 0]
-    assert found.values.shape == (3, len(FEATURES))
-
-
-def test_landmarks_of_several_drives_are_numbered_by_drive():
-    one, _ = examples(3)
-    one = replace(one, drive=np.zeros_like(one.drive))
-    both = module.joined([one, one.select(one.back), one])
-    assert len(both.label) == 2 * len(one.label)
-    assert both.drive.tolist() == [0] * len(one.label) + [2] * len(one.label)
-    np.testing.assert_array_equal(both.values, np.concatenate([one.values, one.values]))
+    settled = [type("S", (), {"landmarks": (landmark, landmark)})]
+    known, none = KnownPanels.of(truth()), KnownPanels.of({"signs": [], "frames": []})
+    one, other = (labelled_landmarks(settled, panels, usual=True) for panels in (known, none))
+    found = samples_of([("", one), ("city", []), ("city", other)])
+    assert found.label.tolist() == [SIGN, SIGN, NOTHING, NOTHING]
+    assert found.drive.tolist() == [0, 0, 2, 2]
+    assert found.source.tolist() == ["", "", "city", "city"]
+    assert found.values.shape == (4, len(FEATURES))
+    assert len(samples_of([("", [])]).label) == 0
