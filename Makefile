@@ -68,7 +68,7 @@ learning-drives: .venv/.ready
 AGAIN := .cache/drives/again
 # A folder of its own, which begins as a copy of the models that ship: each step finds there what those before it wrote.
 LEARNED := .cache/models
-learn: learning-drives .venv/.learn
+learn: learning-drives
 	@rm -rf $(LEARNED) && mkdir -p $(LEARNED) && cp pipeline/models/*.json pipeline/models/*.onnx $(LEARNED)
 	@OMP_NUM_THREADS=1 $(RUN) training.learn --drives .cache/drives -o $(LEARNED)
 	@$(RUN) recordings.drives recordings/drives/specs/learn_*.toml -o $(AGAIN) --reseed 70000 --frames 44 --missing --jobs $(JOBS)

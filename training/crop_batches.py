@@ -17,22 +17,23 @@ import numpy as np
 from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Dataset
 
-from training.box_samples import boxes_of_crop
+from training.box_samples import BoxTargets, boxes_of_crop
 from training.camera_effects import Noise, make_noise
 from training.detector_crops import Crop, drawn_crop, targets
 from training.detector_images import LabelledImage
 from training.face_drawings import FaceLibrary
 from training.training_images import drawing_probability
-from wayside.stages.detection import DetectionNetwork
+from wayside.stages.detection import DetectionNetwork, drawn_patches
+from wayside.stages.imaging import pyramid
 
 TOGETHER, WAITING = 16, 3
 """Crops of a batch, and batches that wait for each process, at most."""
 
-BOXES = 40
+BOXES = 24
 """Boxes of a crop, at most; the others are left out."""
 
 Columns = dict[str, NDArray[Any]]
-"""Of a crop: the fields of `Crop`; the columns of `BoxTargets` for `count` boxes, the others zeros."""
+"""Of a crop: the fields of `Crop`; those of `BoxTargets`, with a patch for the box, for `count` boxes, then zeros."""
 
 
 class CropBatches(Dataset):  # type: ignore[misc]
@@ -49,7 +50,6 @@ class CropBatches(Dataset):  # type: ignore[misc]
     @cached_property
     def _network(self) -> DetectionNetwork:
         """Of this process: a session of onnxruntime cannot be shared."""
-        cv2.setNumThreads(1)
         return DetectionNetwork(str(self._proposing))
 
     def __getitem__(self, number: int) -> Columns:
@@ -64,6 +64,8 @@ class CropBatches(Dataset):  # type: ignore[misc]
 
     def loader(self, processes: int, first: int, *, pinned: bool) -> DataLoader:
         """Batches from number `first` on, without end; pinned: in memory that an accelerator copies from."""
+        # a process that is forked beside threads of OpenCV would wait for them forever
+        cv2.setNumThreads(1)
         return DataLoader(
             self,
             batch_size=None,
@@ -88,8 +90,9 @@ def crop_with_boxes(
     rows = rng.permutation(len(found.box))[:BOXES]
     made: Columns = {one.name: getattr(crop, one.name) for one in fields(Crop)}
     made["count"] = np.array(len(rows), np.int32)
-    for name in ("box", "panel", "weight", "offset", "color", "shape"):
-        values = getattr(found, name)
-        made[f"of_box_{name}"] = np.zeros((BOXES, *values.shape[1:]), values.dtype)
-        made[f"of_box_{name}"][: len(rows)] = values[rows]
+    of_boxes = {one.name: getattr(found, one.name)[rows] for one in fields(BoxTargets)}
+    of_boxes["patch"] = drawn_patches(pyramid(drawn.rgb), of_boxes.pop("box"))
+    for name, values in of_boxes.items():
+        unused = [(0, BOXES - len(rows)), *[(0, 0)] * (values.ndim - 1)]
+        made[f"of_box_{name}"] = np.pad(values, unused)
     return made

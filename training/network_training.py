@@ -21,20 +21,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import torch
 from torch import Tensor, nn
 
 from training import box_network, detector_network
 from training.crop_batches import TOGETHER, Columns, CropBatches
-from training.crop_buffer import CropBuffer
+from training.crop_buffer import CropBuffer, boxes_of
 from training.face_drawings import read_face_library
 from training.learn import run
 from training.quantization import quantize, quantize_boxes
 from training.training_images import provenance, training_images
 from wayside.pipeline.model_files import shipped_models
-from wayside.stages.detection import drawn_patches
-from wayside.stages.imaging import pyramid
 
 CROPS, BOXES_EACH = 128, 10
 """Crops of a step, and boxes of each of these."""
@@ -182,7 +179,7 @@ class Training:
         rate = RATE * rate_at(self.step, self.options.steps)
         new = 1 - min(AVERAGED, (1 + self.step) / (10 + self.step))
         crops = self.buffer.drawn(CROPS)
-        boxes = self.buffer.boxes(crops, BOXES_EACH)
+        boxes = boxes_of(crops, BOXES_EACH)
         network, box = self.learners["network"], self.learners["box"]
         with torch.autocast(self.options.device, torch.bfloat16):
             maps = network.network(crops["rgb"])
@@ -214,12 +211,12 @@ class Training:
 
     def some_boxes(self) -> list[Columns]:
         """The boxes of some crops, as a box network sees them, a crop each."""
-        names = ("rgb", "of_box_box", "count")
+        names = ("of_box_patch", "of_box_size", "count")
         held = (self.buffer.columns[name][:RANGED_CROPS].cpu().numpy() for name in names)
         return [
-            {"patch": drawn_patches(pyramid(rgb), box), "size": box[:, 2:] - box[:, :2]}
-            for rgb, boxes, count in zip(*held, strict=True)
-            if len(box := boxes[:count])
+            {"patch": patch[:count], "size": size[:count]}
+            for patch, size, count in zip(*held, strict=True)
+            if count
         ]
 
     def write(self) -> None:
@@ -244,9 +241,6 @@ def learn_networks(drives: Path | None, real: Path, folder: Path, options: Train
     8-bit integers. Raises InputError where a source to leave out is none.
     """
     torch.set_num_threads(1)
-    cv2.setNumThreads(
-        1
-    )  # a process that is forked while others hold its locks would wait for them forever
     images = training_images(drives, real, options.without)
     batches = CropBatches(images, read_face_library(real), options.proposing, options.seed)
     folder.mkdir(parents=True, exist_ok=True)
