@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-import wayside
+import wayside.pipeline
 
 ROOT = Path(__file__).parents[1]
 LAYERS = ("pipeline", "stages", "schemas")
