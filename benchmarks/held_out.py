@@ -22,7 +22,6 @@ from accept import (
     rendered_table,
 )
 from common import BENCHMARKS, render, versions
-
 from wayside.pipeline.evaluation import together
 
 HELD_OUT = {

@@ -18,11 +18,8 @@ from typing import Any
 
 import numpy as np
 from common import table
-
 from wayside.pipeline.evaluate import evaluate
 from wayside.pipeline.evaluation import RenderedEvaluation
-from wayside.pipeline.learning.face_classes import TESTED, crops
-from wayside.pipeline.learning.face_codes import still_patches
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.result import read_rows
 from wayside.pipeline.settings_file import load_settings
@@ -30,6 +27,8 @@ from wayside.pipeline.statistics import share_interval
 from wayside.schemas.sign_catalogue import SERIES, US, VIENNA
 from wayside.schemas.tables import SIGNS
 from wayside.stages.sign_codes import FaceClassifier
+
+from training.face_classes import TESTED, crops, still_patches
 
 US_CODES = {
     "stop": "R1-1 R",

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-
 from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_fitting as fitting
 from wayside.pipeline import cli_options as run_options
@@ -197,7 +196,6 @@ def query(
 def _print_table(names: list[str], rows: list[list[str | None]]) -> None:
     from rich.console import Console
     from rich.table import Table
-
     from wayside.pipeline.summary import plain
 
     table = Table(box=None, pad_edge=False, header_style="bold")

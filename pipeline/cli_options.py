@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-
 from wayside.pipeline.cli_help import DETECT, READ
 
 if TYPE_CHECKING:

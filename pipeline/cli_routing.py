@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-
 from wayside.pipeline.cli_help import ROUTE
 from wayside.schemas.errors import UsageError
 

@@ -8,7 +8,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
 from wayside.pipeline.evidence.marks import Ink
 
 PAPER: Ink = (255, 255, 255)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
 from wayside.pipeline.evidence.canvas import (
     ACCENT,
     FAINT,

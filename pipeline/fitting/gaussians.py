@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from wayside.schemas.models import GaussianClass, GaussianModel
 
 Floor = Callable[[NDArray[np.float64]], NDArray[np.float64]]

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-
 from wayside.schemas.settings import ChangeSettings, MergeSettings
 from wayside.schemas.tables import Table
 

@@ -10,7 +10,6 @@ from typing import BinaryIO
 
 from mcap import records
 from mcap.opcode import Opcode
-
 from wayside.pipeline.reading.layout import (
     LARGEST_RECORD,
     MAGIC,

@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from wayside.pipeline.box_matching import overlap
 from wayside.pipeline.labels import FrameLabels
-from wayside.pipeline.learning.landmarks import NEAREST
 from wayside.pipeline.learning.samples import (
     FACE_FRACTION,
     FACE_PX,
@@ -23,6 +21,9 @@ from wayside.pipeline.learning.samples import (
 )
 from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, UNSURE
 from wayside.stages.geometry import box_areas, intersection_areas, iou_matrix
+
+NEAREST = 3
+"""Views of a landmark, the nearest ones, by which it is on a face or not."""
 
 PART_OF_FACE = 0.5
 """Fraction of a region on a face from which it is a part of that face, and no example of what is no sign."""

@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
 from wayside.stages.adjustment.normal_equations import (
     NormalEquations,
     WindowEstimate,

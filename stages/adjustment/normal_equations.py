@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
 from wayside.stages.adjustment.residuals import (
     PointAnchors,
     ResidualBlocks,

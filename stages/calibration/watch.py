@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
-
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion, PosedDetections
 from wayside.schemas.settings import LocalAdjustmentSettings, TieSettings

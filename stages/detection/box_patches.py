@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from wayside.stages.imaging import Pyramid
 from wayside.stages.kernels import compiled, require_array, require_image
 

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-
 from wayside.schemas.detections import (
     COLORS,
     NONE,

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from math import nan, pi, radians
 
 import numpy as np
-
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Pose
 from wayside.schemas.motion import ROUGH_LENGTHS

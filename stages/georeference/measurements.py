@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
 from wayside.schemas.settings import GeoreferenceSettings
 from wayside.stages.kernels import Array
 

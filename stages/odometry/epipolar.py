@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-
 from wayside.schemas.motion import StepPrior
 from wayside.stages.adjustment import StepConstraints, constraint_residuals
 from wayside.stages.geometry import (

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
 from wayside.schemas.detections import Detections
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import TieSettings

@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.settings import CodeSettings

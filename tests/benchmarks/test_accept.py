@@ -9,7 +9,6 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-
 from wayside.pipeline.evaluation import (
     RealEvaluation,
     RenderedEvaluation,

@@ -9,7 +9,6 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
-
 from wayside.schemas.frame import Pose
 
 

@@ -18,7 +18,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-
 from wayside.pipeline import run as run_module
 from wayside.pipeline.cli import app
 from wayside.pipeline.journal import JOURNAL

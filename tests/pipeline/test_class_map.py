@@ -1,5 +1,4 @@
 import pytest
-
 from wayside.pipeline.class_map import EXAMPLE, numbered, read_class_map
 from wayside.schemas.detectors import SignClass
 from wayside.schemas.errors import InputError

@@ -1,21 +1,18 @@
-"""The learning script on tiny drives: flat faces pasted on noise, written as real logs."""
+"""What is learned from: samples of tiny drives, flat faces pasted on noise, written as real logs."""
 
 import json
 
 import cv2
 import numpy as np
 import pytest
-
-from wayside.pipeline import learn
 from wayside.pipeline.importing import import_images
-from wayside.pipeline.learn import main
 from wayside.pipeline.learning.faces import main_color
 from wayside.pipeline.learning.gaussians import balanced, knee, location_model, moments
-from wayside.pipeline.learning.samples import read_drive, read_truth, sign_positions
-from wayside.pipeline.model_files import shipped_models
-from wayside.schemas.errors import InputError, OutputError
-from wayside.schemas.model_json import model_from_json
+from wayside.pipeline.learning.samples import LEARN_READ, read_drive, read_truth, sign_positions
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.schemas.errors import InputError
 from wayside.schemas.settings import Settings
+from wayside.stages.imaging import decode
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 600.0
 CALIBRATION = f"""image_width: {WIDTH}
@@ -94,49 +91,13 @@ def write_drive(folder, name, seed):
     return truth
 
 
-@pytest.fixture(scope="module")
-def learned(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("drives")
-    for seed, name in enumerate(("learn_a", "learn_b", "measured")):
-        write_drive(folder, name, seed)
-    status = main(["--drives", str(folder), "-o", str(folder / "models")])
-    assert status == 0
-    return folder
-
-
-@pytest.mark.slow
-def test_the_script_writes_every_model_with_its_provenance(learned):
-    files = sorted(path.name for path in (learned / "models").iterdir())
-    assert files == [
-        "color_rgb.json",
-        "location.json",
-        "shape.json",
-    ]
-    for name in files:
-        provenance = model_from_json((learned / "models" / name).read_text()).provenance
-        assert "learn_a (6 images" in provenance
-        assert "measured" not in provenance
-
-
-@pytest.mark.slow
-def test_the_same_drives_and_seed_give_the_same_bytes(learned, tmp_path):
-    assert main(["--drives", str(learned), "-o", str(tmp_path)]) == 0
-    for path in (learned / "models").iterdir():
-        assert (tmp_path / path.name).read_bytes() == path.read_bytes()
-
-
-@pytest.mark.slow
-def test_the_colours_learned_are_those_painted(learned):
-    model = model_from_json((learned / "models" / "color_rgb.json").read_text())
-    means = {one.name: one.mean for one in model.classes}
-    assert set(means) == set(COLORS)
-    for name, mean in means.items():
-        assert mean == pytest.approx(COLORS[name], abs=4)
+def images_of(log):
+    return decode(read_frames(log, LEARN_READ, ReadReport()))
 
 
 def test_the_samples_of_a_drive_are_its_clear_faces_and_the_colours_of_what_is_none(tmp_path):
     truth = write_drive(tmp_path, "learn_a", 0)
-    images = learn.images(tmp_path / "learn_a.mcap")
+    images = images_of(tmp_path / "learn_a.mcap")
     drive = read_drive(images, truth, tmp_path / "learn_a.masks", Settings())
     assert (drive.name, drive.frames, drive.size) == ("learn_a", 6, (WIDTH, HEIGHT))
     assert len(drive.faces) == 6 * len(COLORS)
@@ -151,7 +112,7 @@ def test_the_samples_of_a_drive_are_its_clear_faces_and_the_colours_of_what_is_n
 def test_invented_faces_are_no_samples_of_the_classes_of_the_report(tmp_path):
     truth = write_drive(tmp_path, "learn_a", 0)
     truth["signs"][1]["kind"] = "invented"
-    images = learn.images(tmp_path / "learn_a.mcap")
+    images = images_of(tmp_path / "learn_a.mcap")
     drive = read_drive(images, truth, tmp_path / "learn_a.masks", Settings())
     assert {face.color for face in drive.faces} == {"red", "yellow"}
     assert np.linalg.norm(drive.background - COLORS["green"], axis=1).min() > 30
@@ -161,48 +122,6 @@ def test_a_drive_without_images_is_refused(tmp_path):
     truth = write_drive(tmp_path, "learn_a", 0)
     with pytest.raises(InputError, match="learn_a: wanted images, found none"):
         read_drive([], truth, tmp_path / "learn_a.masks", Settings())
-
-
-def test_the_training_of_the_networks_wants_real_images(tmp_path, capsys):
-    with pytest.raises(SystemExit) as end:
-        main(["--drives", str(tmp_path), "-o", str(tmp_path), "--network-steps", "1"])
-    assert end.value.code == 2
-    assert "wants --real" in capsys.readouterr().err
-
-
-def test_networks_that_may_have_seen_a_source_are_not_begun_from_to_leave_it_out(tmp_path, capsys):
-    folder = str(tmp_path)
-    asked = ["--drives", folder, "--real", folder, "-o", folder, "--network-steps", "1"]
-    with pytest.raises(SystemExit) as end:
-        main([*asked, "--begin-from", folder, "--without", "ca_city_garmin"])
-    assert end.value.code == 2
-    assert "may have seen the source" in capsys.readouterr().err
-
-
-def test_a_source_to_leave_out_that_is_none_is_named(tmp_path, capsys):
-    asked = ["--drives", str(tmp_path), "--real", str(tmp_path), "-o", str(tmp_path)]
-    assert main([*asked, "--network-steps", "1", "--without", "garmin"]) == 3
-    assert "found garmin" in capsys.readouterr().err
-
-
-def test_the_models_that_ship_are_not_written_over_while_they_are_in_use(tmp_path, capsys):
-    shipped = str(shipped_models())
-    assert main(["--drives", str(tmp_path), "-o", shipped]) == OutputError.exit_status
-    assert f"{shipped}: wanted a folder of its own" in capsys.readouterr().err
-
-
-def test_a_folder_without_learning_drives_is_refused(tmp_path, capsys):
-    assert main(["--drives", str(tmp_path), "-o", str(tmp_path)]) == 3
-    assert "learn_*.mcap" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_a_missing_mask_is_named(learned, tmp_path, capsys):
-    truth = write_drive(tmp_path, "learn_c", 5)
-    (tmp_path / "learn_c.masks" / "0002.png").unlink()
-    assert truth["name"] == "learn_c"
-    assert main(["--drives", str(tmp_path), "-o", str(tmp_path / "out")]) == 3
-    assert "0002.png" in capsys.readouterr().err
 
 
 def test_a_truth_that_is_none_is_refused(tmp_path):

@@ -6,7 +6,6 @@ import sys
 import time
 
 import pytest
-
 from wayside.pipeline.progress import COMPILING, FrameProgress, SheetProgress
 from wayside.pipeline.run import Run
 

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from wayside.pipeline.settings_file import (
     format_settings,
     load_settings,

@@ -5,7 +5,6 @@ import time
 from dataclasses import dataclass
 
 import pytest
-
 from wayside.pipeline import workers
 from wayside.pipeline.workers import StageClock, ordered_parallel
 from wayside.schemas.errors import StageError

@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-
 from wayside.schemas.detections import (
     COLORS,
     SHAPES,

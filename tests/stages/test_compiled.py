@@ -3,7 +3,6 @@
 import threading
 
 import pytest
-
 from wayside.stages.kernels import compiled, compiled_exact
 
 

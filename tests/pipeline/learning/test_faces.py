@@ -3,7 +3,6 @@
 import cv2
 import numpy as np
 import pytest
-
 from wayside.pipeline.learning.faces import box_outline
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from wayside.pipeline.learning.score_calibration import platt
 
 

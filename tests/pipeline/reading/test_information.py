@@ -1,5 +1,4 @@
 import pytest
-
 from wayside.pipeline.information import describe_log, format_information
 from wayside.schemas.errors import InputError
 

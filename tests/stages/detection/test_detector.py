@@ -2,7 +2,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-
 from wayside.schemas.detections import (
     COLORS,
     SHAPES,

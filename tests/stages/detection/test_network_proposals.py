@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-
 from wayside.schemas.detections import (
     COLORS,
     SHAPES,

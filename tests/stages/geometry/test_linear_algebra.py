@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-
 from wayside.stages.geometry.linear_algebra import (
     cholesky_solve,
     cross_matrices,

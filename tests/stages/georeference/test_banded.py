@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from wayside.stages.georeference.banded import BandedNormal, block_covariances
 
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from wayside.schemas.detections import Candidates, Regions
 from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-
 from wayside.stages.mapping.hypotheses import pair_hypotheses
 
 

@@ -2,7 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.schemas.settings import AssemblySettings, LocateSettings, MappingSettings

@@ -1,7 +1,6 @@
 import cv2
 import numpy as np
 import pytest
-
 from wayside.stages.odometry.descriptor_matching import match_in_bands
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from wayside.schemas.frame import Pose
 from wayside.schemas.landmarks import Landmark
 
