@@ -13,13 +13,15 @@ import json
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 from common import WAYSIDE, processor_seconds
-from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
+from faulty_logs import CALIBRATION, IMAGE, Logged, edited, read_log, write_log
 
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
+PAUSE_NS = 300_000_000
+"""Between two turns."""
 
 
 def main() -> int:
@@ -59,31 +61,15 @@ def main() -> int:
 
 def play(source: Path, target: Path, times: int) -> None:
     """Copy images and calibration of a log, `times` over with times moved on."""
-    with target.open("wb") as stream:
-        writer = Writer(stream, compression=CompressionType.ZSTD)
-        writer.start()
-        channels: dict[int, int] = {}
-        shift = 0
-        for turn in range(times):
-            last = shift
-            with source.open("rb") as log:
-                first = None
-                for schema, channel, message in make_reader(log).iter_messages():
-                    if schema is None or not ("Image" in schema.name or "Camera" in schema.name):
-                        continue
-                    if channel.id not in channels:
-                        known = writer.register_schema(schema.name, schema.encoding, schema.data)
-                        channels[channel.id] = writer.register_channel(
-                            channel.topic, channel.message_encoding, known
-                        )
-                    first = message.log_time if first is None else first
-                    last = max(last, message.log_time - first + shift)
-                    when = first + shift + message.log_time - first
-                    writer.add_message(
-                        channels[channel.id], when, numbered(message.data, turn), when
-                    )
-            shift = last + 300_000_000
-        writer.finish()
+    messages = [m for m in read_log(source) if m.topic in (IMAGE, CALIBRATION)]
+    length_ns = messages[-1].log_ns - messages[0].log_ns + PAUSE_NS
+    write_log(target, (later(m, turn, length_ns) for turn in range(times) for m in messages))
+
+
+def later(message: Logged, turn: int, length_ns: int) -> Logged:
+    """The message as it is logged in a later turn."""
+    moved = edited(message, header_ns=turn * length_ns, log_ns=turn * length_ns)
+    return replace(moved, data=numbered(moved.data, turn))
 
 
 def numbered(message: bytes, turn: int) -> bytes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -65,7 +65,7 @@ def read_log(path: Path) -> Messages:
     return messages
 
 
-def write_log(path: Path, messages: Messages) -> None:
+def write_log(path: Path, messages: Iterable[Logged]) -> None:
     """Write messages in the given order, a chunk a megabyte."""
     with path.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.NONE, chunk_size=1 << 20)
