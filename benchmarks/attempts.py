@@ -19,6 +19,7 @@ from typing import Any, TextIO
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+
 from wayside.schemas.errors import WaysideError
 
 MEMORY_BYTES, LONGEST_S = 512 << 20, 2.0

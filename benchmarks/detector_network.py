@@ -20,8 +20,6 @@ import cv2
 import numpy as np
 from common import DRIVES, REAL_DRIVES, print_table
 from numpy.typing import NDArray
-from wayside.stages.detection import DetectionNetwork, boxes_of_maps
-from wayside.stages.geometry import covered_fractions, iou_matrix
 
 from training.detector_images import (
     FRONT,
@@ -30,6 +28,8 @@ from training.detector_images import (
     rendered_images,
     scene_set_images,
 )
+from wayside.stages.detection import DetectionNetwork, boxes_of_maps
+from wayside.stages.geometry import covered_fractions, iou_matrix
 
 ON_FACE, NEAR_FACE = 0.5, 0.3
 RATES = (0.2, 0.5, 1.0, 2.0)

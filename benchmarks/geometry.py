@@ -35,6 +35,7 @@ from geometry_runs import (
     run,
     true_poses,
 )
+
 from wayside.pipeline.box_matching import same_thing
 from wayside.pipeline.evaluation import RenderedEvaluation
 from wayside.pipeline.simulation.bound import point_bound

@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 from common import DRIVES, ROOT, head, processor_seconds, row
 from geometry_runs import FOLDER, Array, Run, camera_of, pair, true_poses
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.frame import Pose
 from wayside.stages.geometry import ideal_points
 

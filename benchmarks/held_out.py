@@ -22,6 +22,7 @@ from accept import (
     rendered_table,
 )
 from common import BENCHMARKS, render, versions
+
 from wayside.pipeline.evaluation import together
 
 HELD_OUT = {

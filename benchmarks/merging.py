@@ -29,6 +29,7 @@ from merging_simulation import (
     make_road,
     write_drive,
 )
+
 from wayside.pipeline.fleet.changes import find_changes
 from wayside.pipeline.fleet.merging import merge_inventory
 from wayside.pipeline.fleet.surveys import parse_survey

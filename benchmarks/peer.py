@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pycolmap
+
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from common import table
 from real_counts import CONFIDENCES, PLATES, Counts, total
+
 from wayside.pipeline.evaluate_misses import STEPS, cause_words, count_steps
 from wayside.pipeline.evaluation import (
     RealEvaluation,

@@ -32,6 +32,7 @@ from attempts import (
 )
 from common import DEMO
 from mcap.opcode import Opcode
+
 from wayside.pipeline import run
 from wayside.pipeline.box_file import load_boxes
 from wayside.pipeline.class_map import read_class_map

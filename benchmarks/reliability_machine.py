@@ -22,6 +22,7 @@ from pathlib import Path
 
 from common import DEMO, processor_seconds, run_wayside
 from faulty_logs import read_log, scaled, write_log
+
 from wayside.pipeline.cli import app
 
 KILL_HEADS = ("as the files lie there", "as wayside leaves them", "kills")

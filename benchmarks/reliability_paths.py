@@ -25,6 +25,7 @@ import numpy as np
 from common import DEMO, ROOT, run_wayside
 from reliability_machine import spent
 from small_inputs import CAMERAS
+
 from wayside.pipeline import cli
 
 HEADS = ("path", "tried", "refused", "elsewhere", "done", "wrong", "slowest, ms of CPU")

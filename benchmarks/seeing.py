@@ -24,6 +24,7 @@ import pyarrow.parquet as pq
 from accept import RENDERED
 from common import BENCHMARKS, DRIVES, render, table, versions
 from numpy.typing import NDArray
+
 from wayside.pipeline.evaluate_rendered import (
     SMALLEST_HEIGHT_PX,
     SMALLEST_VISIBLE,

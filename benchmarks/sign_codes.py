@@ -18,6 +18,8 @@ from typing import Any
 
 import numpy as np
 from common import table
+
+from training.face_classes import TESTED, crops, still_patches
 from wayside.pipeline.evaluate import evaluate
 from wayside.pipeline.evaluation import RenderedEvaluation
 from wayside.pipeline.model_files import load_models
@@ -27,8 +29,6 @@ from wayside.pipeline.statistics import share_interval
 from wayside.schemas.sign_catalogue import SERIES, US, VIENNA
 from wayside.schemas.tables import SIGNS
 from wayside.stages.sign_codes import FaceClassifier
-
-from training.face_classes import TESTED, crops, still_patches
 
 US_CODES = {
     "stop": "R1-1 R",

@@ -16,6 +16,10 @@ import pyarrow.parquet as pq
 from common import DEMO
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, IndexType, Writer
+
+from recordings.drives.messages.content import Calibration, CameraPose, FixReading
+from recordings.drives.messages.dialects import DIALECTS
+from recordings.drives.spec import CameraSpec
 from wayside.pipeline.reading.layout import (
     MAGIC,
     RECORD_HEAD,
@@ -27,10 +31,6 @@ from wayside.pipeline.reading.records import Message, scan
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.schemas.labels import BACK, SIGN
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
-
-from recordings.drives.messages.content import Calibration, CameraPose, FixReading
-from recordings.drives.messages.dialects import DIALECTS
-from recordings.drives.spec import CameraSpec
 
 START, STEP, WIDTH, HEIGHT = 1_700_000_000 * 10**9, 10**9 // 4, 48, 32
 PACKINGS: dict[str, dict[str, Any]] = {

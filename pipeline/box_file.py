@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
+
 from wayside.pipeline.class_map import numbered, read_class_map
 from wayside.pipeline.coco import Entry, coco_box, coco_classes
 from wayside.pipeline.image_order import natural_key

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.stages.geometry import box_areas, iou_matrix
 
 SMALLEST_IOU, LARGEST_AREA_RATIO = 0.3, 5.0

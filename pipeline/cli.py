@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+
+import wayside
 from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_calibrating as calibrating
 from wayside.pipeline import cli_changes as changing
@@ -60,8 +62,6 @@ from wayside.schemas.errors import (
     UsageError,
     WaysideError,
 )
-
-import wayside
 
 app = Application(
     cls=Commands,

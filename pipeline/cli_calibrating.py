@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+
 from wayside.pipeline.cli_help import examples
 from wayside.pipeline.cli_options import read_options
 from wayside.pipeline.visible_text import visible_lines

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+
 from wayside.pipeline.cli_help import examples
 from wayside.pipeline.visible_text import visible
 from wayside.schemas.errors import UsageError

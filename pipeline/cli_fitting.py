@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+
 from wayside.pipeline.cli_help import DETECT, examples
 from wayside.pipeline.cli_options import read_options
 from wayside.schemas.errors import UsageError

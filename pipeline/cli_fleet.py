@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
 from wayside.pipeline import cli_boxes as boxes
 from wayside.pipeline import cli_fitting as fitting
 from wayside.pipeline import cli_options as run_options
@@ -196,6 +197,7 @@ def query(
 def _print_table(names: list[str], rows: list[list[str | None]]) -> None:
     from rich.console import Console
     from rich.table import Table
+
     from wayside.pipeline.summary import plain
 
     table = Table(box=None, pad_edge=False, header_style="bold")

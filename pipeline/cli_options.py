@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
 from wayside.pipeline.cli_help import DETECT, READ
 
 if TYPE_CHECKING:

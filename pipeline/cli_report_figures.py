@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+
 from wayside.pipeline import cli_options as run_options
 from wayside.pipeline.cli_help import examples
 from wayside.pipeline.visible_text import visible

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+
 from wayside.pipeline.cli_help import ROUTE
 from wayside.schemas.errors import UsageError
 

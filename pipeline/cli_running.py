@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
+
 from wayside.pipeline.process import in_words, report_error
 from wayside.schemas.errors import (
     PARTS_LOST,
@@ -141,6 +142,7 @@ def process(
 ) -> int:
     """Run one log with progress and a closing summary; the exit status that it asks for."""
     from rich.console import Console
+
     from wayside.pipeline.model_files import load_models
     from wayside.pipeline.progress import FrameProgress
     from wayside.pipeline.reading.frames import ReadReport

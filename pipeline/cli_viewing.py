@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
 from wayside.pipeline.cli_help import VIEW
 from wayside.pipeline.visible_text import visible
 from wayside.schemas.errors import PARTS_LOST, UsageError

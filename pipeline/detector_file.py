@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.class_map import numbered, read_class_map
 from wayside.pipeline.input_files import read_input
 from wayside.pipeline.json_text import CONTENT_FAULTS

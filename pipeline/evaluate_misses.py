@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
+
 from wayside.pipeline.box_matching import Box, overlap
 from wayside.pipeline.evaluation_findings import (
     MissCause,

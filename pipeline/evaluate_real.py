@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+
 from wayside.pipeline.box_matching import Box, overlap
 from wayside.pipeline.evaluate_misses import Face
 from wayside.pipeline.evaluation import (

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
+
 from wayside.pipeline.box_matching import overlap
 from wayside.pipeline.evaluate_misses import Face
 from wayside.pipeline.evaluation import (

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 import numpy as np
+
 from wayside.pipeline.evaluation_findings import (
     Backs,
     Duplicate,

@@ -13,6 +13,7 @@ from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.timestamp_pb2 import DESCRIPTOR as TIMESTAMP_FILE
 from mcap.writer import CompressionType
 from mcap_protobuf.writer import Writer
+
 from wayside.pipeline.image_order import (
     ImageFile,
     copies_among,

@@ -13,6 +13,7 @@ from typing import Any, BinaryIO
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
+
 from wayside.pipeline.json_text import CONTENT_FAULTS
 from wayside.pipeline.parquet_footer import stated_columns
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+
 from wayside.pipeline.parquet import (
     ParquetFile,
     choice,

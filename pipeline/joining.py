@@ -13,6 +13,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.convert import ConverterError
 from rosbags.convert.converter import convert
 from rosbags.typesys import Stores, get_typestore
+
 from wayside.pipeline.reading.layout import Channel
 from wayside.pipeline.reading.messages import ROS_TYPES
 from wayside.pipeline.reading.parts import bag_parts, is_mcap

@@ -30,6 +30,7 @@ from typing import Any, BinaryIO, TypeVar
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
+
 from wayside.pipeline.earlier_result import file_digest, log_fingerprint
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.settings_file import settings_digest

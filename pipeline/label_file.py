@@ -9,6 +9,7 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+
 from wayside.pipeline.input_files import open_input, read_parquet
 from wayside.pipeline.parquet import record_batch
 from wayside.pipeline.writing import whole_file

@@ -13,6 +13,7 @@ from wayside.schemas.errors import UsageError
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
     from wayside.pipeline.reading.frames import ReadReport
     from wayside.pipeline.run import Run, RunObserver
     from wayside.schemas.landmarks import TrackedFrame

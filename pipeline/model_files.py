@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from scipy.special import expit, logit
+
 from wayside.pipeline.box_file import load_boxes
 from wayside.pipeline.detector_file import load_detector
 from wayside.pipeline.input_files import read_input

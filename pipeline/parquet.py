@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
+
 from wayside.pipeline.writing import create
 from wayside.schemas.tables import Table
 

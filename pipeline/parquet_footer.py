@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any, BinaryIO
 
 import pyarrow as pa
+
 from wayside.pipeline.json_text import CONTENT_FAULTS
 
 _TAIL = struct.Struct("<I4s")  # length of the footer, and which kind of file it is

@@ -20,6 +20,7 @@ from rich.progress import (
     TextColumn,
 )
 from rich.text import Text
+
 from wayside.pipeline.fleet.manifest import ENDED, Manifest
 from wayside.pipeline.fleet.status import figures_of
 from wayside.pipeline.visible_text import visible

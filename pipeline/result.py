@@ -9,6 +9,7 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+
 from wayside.pipeline.input_files import Where, read_input_text, read_parquet
 from wayside.pipeline.json_text import CONTENT_FAULTS, parse_json
 from wayside.pipeline.output_folder import finish_replacement

@@ -17,6 +17,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pyproj
 from numpy.typing import NDArray
+
 from wayside.pipeline.input_files import read_parquet
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.routes import RouteSegments

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.frame import Pose
 from wayside.schemas.landmarks import EVIDENCE_TERMS, TrackedFrame
 from wayside.schemas.motion import Motion

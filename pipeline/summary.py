@@ -9,6 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+
 from wayside.pipeline.code_words import code_of
 from wayside.pipeline.output_folder import RECORDING
 from wayside.pipeline.run import RunResult

@@ -7,6 +7,7 @@ from itertools import accumulate
 from typing import Any
 
 import yaml
+
 from wayside.pipeline.json_text import CONTENT_FAULTS
 
 _DEEPEST = 64

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.frame import Frame, Image
 
 COLORS = (

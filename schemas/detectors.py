@@ -8,6 +8,7 @@ from pathlib import PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import NONE
 from wayside.schemas.frame import Camera, Frame
 from wayside.schemas.models import OnnxFile

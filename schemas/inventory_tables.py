@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pyarrow as pa
+
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.routes import MEASURE_UNITS
 from wayside.schemas.tables import SIGN_STATUSES, Column, Table

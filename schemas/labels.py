@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import pyarrow as pa
+
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.tables import Column, Table
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import NOTHING_DROPPED, Candidates, Dropped
 from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.measurement import Measurement

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pyarrow as pa
+
 from wayside.schemas.tables import Column, Table
 
 _TEXT, _LONG, _REAL = pa.string(), pa.int64(), pa.float64()

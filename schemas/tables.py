@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import pyarrow as pa
+
 from wayside.schemas.detections import COLORS, SHAPES, SOURCES, VERDICTS
 from wayside.schemas.frame import FRAME_STATUSES
 from wayside.schemas.landmarks import EVIDENCE_TERMS

@@ -14,6 +14,7 @@ import pytest
 import typer.main
 import typer.testing
 from hypothesis import settings
+
 from wayside.pipeline import cli
 
 settings.register_profile("untimed", deadline=None, max_examples=50)  # a busy machine is no fault

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
 import wayside.pipeline
 
 ROOT = Path(__file__).parents[1]

@@ -31,6 +31,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from wayside.pipeline import chains, cli, detectors, flow, model_files, run, workers  # noqa: F401
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.detections import Candidates, Detections, Segmentation

@@ -7,6 +7,8 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
+
+from training.network_parts import Residual, layer, write_onnx
 from wayside.schemas.detections import NONE
 from wayside.stages.detection import (
     BOX_OUTPUT,
@@ -19,8 +21,6 @@ from wayside.stages.detection import (
     SIDE,
     SIZES,
 )
-
-from training.network_parts import Residual, layer, write_onnx
 
 CHANNELS, BLOCKS, HIDDEN, DROPOUT = (24, 48, 96, 128), (0, 1, 2, 1), 160, 0.2
 """Filters and residual blocks at 24, 12, 6 and 3 samples; units behind them, and the fraction dropped in training."""

@@ -11,10 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from wayside.pipeline.learning.samples import UNION, second_faces
-from wayside.schemas.detections import NONE
-from wayside.stages.detection import STRIDE, DetectionNetwork, boxes_of_maps
-from wayside.stages.geometry import iou_matrix
 
 from training.detector_crops import (
     CROP_PX,
@@ -24,6 +20,10 @@ from training.detector_crops import (
     shown_faces,
 )
 from training.detector_images import LabelledImage
+from wayside.pipeline.learning.samples import UNION, second_faces
+from wayside.schemas.detections import NONE
+from wayside.stages.detection import STRIDE, DetectionNetwork, boxes_of_maps
+from wayside.stages.geometry import iou_matrix
 
 PROPOSED, LEAST_SCORE, SAME_IOU = 14, -6.0, 0.6
 """Boxes of the detection network in a crop, its best; least log odds; overlap above which the lower is left out."""

@@ -18,6 +18,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from training.learn import learning_logs, run, write_model
 from wayside.pipeline.flow import Flow
 from wayside.pipeline.learning.samples import (
     LEARN_READ,
@@ -40,8 +42,6 @@ from wayside.schemas.detections import Candidates
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import NetworkSum, ScoreModel
 from wayside.stages.geometry import non_maximum_suppression
-
-from training.learn import learning_logs, run, write_model
 
 EVERY = 4
 """Every n-th image of a drive: three numbers are learned."""

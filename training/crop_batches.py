@@ -16,8 +16,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from torch.utils.data import DataLoader, Dataset
-from wayside.stages.detection import DetectionNetwork, drawn_patches
-from wayside.stages.imaging import pyramid
 
 from training.box_samples import BoxTargets, boxes_of_crop
 from training.camera_effects import Noise, make_noise
@@ -25,6 +23,8 @@ from training.detector_crops import Crop, drawn_crop, targets
 from training.detector_images import LabelledImage
 from training.face_drawings import FaceLibrary
 from training.training_images import drawing_probability
+from wayside.stages.detection import DetectionNetwork, drawn_patches
+from wayside.stages.imaging import pyramid
 
 TOGETHER, WAITING = 16, 3
 """Crops of a batch, and batches that wait for each process, at most."""

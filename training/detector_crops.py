@@ -10,14 +10,14 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from wayside.schemas.detections import NONE
-from wayside.stages.detection import STRIDE
 
 from training.camera_effects import Noise, through_a_camera
 from training.detector_images import BACK, FRONT, LabelledImage
 from training.distractor_drawings import draw_distractor
 from training.face_compositing import draw_faces
 from training.face_drawings import FaceLibrary
+from wayside.schemas.detections import NONE
+from wayside.stages.detection import STRIDE
 
 CROP_PX = 256
 """Side of a crop."""

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
+
 from wayside.pipeline.learning.faces import height_px, visible_fraction
 from wayside.pipeline.learning.samples import FACE_FRACTION, FACE_PX, LEARN_READ, read_truth
 from wayside.pipeline.reading.frames import ReadReport, read_frames

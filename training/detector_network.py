@@ -13,12 +13,12 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
-from wayside.schemas.detections import COLORS, NONE, SHAPES
-from wayside.stages.detection import CENTRE_PX, IMAGE, MAPS, OUTPUT, SIDE_PX, STRIDE
 
 from training.detector_crops import KNOWN, UNSURE
 from training.network_parts import Residual, layer, write_onnx
 from training.onnx_rewriting import LEVELS
+from wayside.schemas.detections import COLORS, NONE, SHAPES
+from wayside.stages.detection import CENTRE_PX, IMAGE, MAPS, OUTPUT, SIDE_PX, STRIDE
 
 CHANNELS, BLOCKS, HEAD = (16, 40, 64, 80), (0, 2, 2, 2), 32
 """Filters and residual blocks at stride 4, 8, 16 and 32; filters of the head."""

@@ -11,7 +11,6 @@ from math import ceil, floor
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from wayside.schemas.detections import NONE
 
 from recordings.drives.signs.face import COLORS
 from training.board_drawings import BOARD_WEIGHTS, some_words
@@ -24,6 +23,7 @@ from training.face_compositing import (
     wear,
 )
 from training.face_drawings import FaceDrawing
+from wayside.schemas.detections import NONE
 
 HEIGHTS_PX = (8.0, 110.0)
 """Heights, log-uniform."""

@@ -14,9 +14,9 @@ from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
-from wayside.stages.sign_codes import OTHER_FACE, face_patch
 
 from training.face_drawings import face_crops, vector_faces
+from wayside.stages.sign_codes import OTHER_FACE, face_patch
 
 GTSRB = (
     *("C14 20", "C14 30", "C14 50", "C14 60", "C14 70", "C14 80", "C17b 80", "C14 100", "C14 120"),

@@ -14,8 +14,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from wayside.schemas.detections import NONE
-from wayside.stages.sign_codes import OTHER_FACE, face_patch
 
 from training.camera_effects import Noise, make_noise, through_a_camera
 from training.detector_images import FRONT
@@ -32,6 +30,8 @@ from training.face_compositing import BRIGHTNESS, blend, seen_from_an_angle, wea
 from training.face_drawings import FaceDrawing, FaceLibrary, chosen_face
 from training.face_network import at_temperature, export, fit
 from training.learn import images, run
+from wayside.schemas.detections import NONE
+from wayside.stages.sign_codes import OTHER_FACE, face_patch
 
 FILE = "face_code.onnx"
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from wayside.schemas.detections import NONE
 
 from training.camera_effects import piece
 from training.detector_images import FRONT
@@ -20,6 +19,7 @@ from training.face_drawings import (
     FaceLibrary,
     chosen_face,
 )
+from wayside.schemas.detections import NONE
 
 HEIGHTS_PX = (7.0, 160.0)
 """Heights of drawn faces, log-uniform."""

@@ -12,13 +12,13 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from wayside.schemas.detections import COLORS, NONE, SHAPES
 
 from recordings.drives.signs.face import COLORS as SHEETING
 from recordings.drives.signs.regulatory import crossbuck
 from recordings.drives.signs.shapes import outline
 from training.board_drawings import BOARD_WEIGHTS, draw_board
 from training.detector_images import BACK, FRONT
+from wayside.schemas.detections import COLORS, NONE, SHAPES
 
 GIVE_WAY = 13
 """Class of GTSRB whose triangle points down."""

@@ -9,6 +9,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
+
+from training.network_parts import write_onnx
 from wayside.schemas.settings import CodeSettings
 from wayside.stages.sign_codes import (
     CLASSES,
@@ -18,8 +20,6 @@ from wayside.stages.sign_codes import (
     PATCH_SIDE,
     face_samples,
 )
-
-from training.network_parts import write_onnx
 
 FILTERS, HIDDEN = (16, 32, 64), 64
 """Filters of each layer, whose output is halved each way; units behind them."""

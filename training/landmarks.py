@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit
+
 from wayside.pipeline.evaluate_rendered import camera_pose, match_distance
 from wayside.pipeline.roc.faces import NEAREST
 from wayside.pipeline.roc.score_points import normal_tail, rates_of, score_points

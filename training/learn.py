@@ -15,6 +15,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
+from training.outlines import gather_choices, learn_outlines
 from wayside.pipeline.chains import panel_method
 from wayside.pipeline.learning.gaussians import location_model
 from wayside.pipeline.learning.samples import LEARN_READ, read_truth, sign_positions
@@ -27,8 +29,6 @@ from wayside.schemas.frame import Image
 from wayside.schemas.model_json import model_to_json
 from wayside.schemas.models import Model
 from wayside.stages.imaging import decode
-
-from training.outlines import gather_choices, learn_outlines
 
 PREFIX = "learn_"
 """Drives of a folder that are learned from bear this at the front of their name; the others are for measuring."""

@@ -15,6 +15,17 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import cv2
+
+from training.detector_images import checked_boxes
+from training.landmarks import (
+    KnownPanels,
+    LandmarkRow,
+    LandmarkSamples,
+    labelled_landmarks,
+    learn_landmark_classifier,
+    samples_of,
+)
+from training.learn import PROCESSES, learning_logs, run, write_model
 from wayside.pipeline.chains import panel_method
 from wayside.pipeline.detectors import detector_of
 from wayside.pipeline.flow import Flow
@@ -27,17 +38,6 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.settings import MappingSettings, ReadSettings, TrackSettings
 from wayside.stages.mapping import track
 from wayside.stages.odometry import estimate_motion
-
-from training.detector_images import checked_boxes
-from training.landmarks import (
-    KnownPanels,
-    LandmarkRow,
-    LandmarkSamples,
-    labelled_landmarks,
-    learn_landmark_classifier,
-    samples_of,
-)
-from training.learn import PROCESSES, learning_logs, run, write_model
 
 LENIENT = (0.0, 1.0, 2.0)
 """Log odds by which the threshold of faces is lowered: else few landmarks are no signs."""

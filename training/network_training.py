@@ -23,7 +23,6 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
-from wayside.pipeline.model_files import shipped_models
 
 from training import box_network, detector_network
 from training.crop_batches import TOGETHER, Columns, CropBatches
@@ -32,6 +31,7 @@ from training.face_drawings import read_face_library
 from training.learn import run
 from training.quantization import quantize, quantize_boxes
 from training.training_images import provenance, training_images
+from wayside.pipeline.model_files import shipped_models
 
 CROPS, BOXES_EACH = 128, 10
 """Crops of a step, and boxes of each of these."""

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.stages.detection import BIAS, FEATURES, HEAT, ODDS, OUTPUT, SCALE, WEIGHT
 
 LEVELS = 255

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from wayside.pipeline.provenance import onnx_metadata
-from wayside.stages.detection import IMAGE, MULTIPLE, PATCHES, SIZES, padded
 
 from training.onnx_rewriting import LEVELS, rewrite
+from wayside.pipeline.provenance import onnx_metadata
+from wayside.stages.detection import IMAGE, MULTIPLE, PATCHES, SIZES, padded
 
 LAST_LAYER = "/maps/Conv"
 """The last layer of the detection network, by the name that its export gives it."""

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from wayside.schemas.errors import InputError
 
 from training.detector_images import (
     LabelledImage,
@@ -18,6 +17,7 @@ from training.detector_images import (
     scene_set_images,
 )
 from training.face_drawings import FaceLibrary
+from wayside.schemas.errors import InputError
 
 WEIGHTS = {
     "rendered": 0.35,

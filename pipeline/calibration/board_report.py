@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import isfinite
 
 import numpy as np
+
 from wayside.pipeline.calibration.boards import CalibratedImages
 from wayside.pipeline.calibration.coverage import Coverage, image_corners
 from wayside.schemas.frame import Camera

@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.image_order import image_files, natural_key
 from wayside.pipeline.input_files import read_input
 from wayside.pipeline.reading.calibrations import OTHER_LENSES

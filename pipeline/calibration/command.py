@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import cv2
+
 from wayside.pipeline.calibration.board_report import format_boards, headline, parameter_lines
 from wayside.pipeline.calibration.boards import Watcher, calibrate_images
 from wayside.pipeline.calibration.coverage import coverage_of, draw_coverage

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.calibration.boards import CalibratedImages
 from wayside.schemas.frame import Camera
 from wayside.stages.kernels import Array

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from wayside.pipeline.calibration.drives import CalibratedDrive
 from wayside.schemas.settings.calibration import SelfCalibrationSettings
 from wayside.stages.calibration import LENS, changed_camera

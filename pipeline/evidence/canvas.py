@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
 from wayside.pipeline.evidence.marks import Ink
 
 PAPER: Ink = (255, 255, 255)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.result import read_rows
 from wayside.pipeline.visible_text import visible
 from wayside.schemas.errors import InputError, UsageError

@@ -15,6 +15,7 @@ from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.code_words import code_of
 from wayside.pipeline.evidence.gather import DriveMap
 from wayside.pipeline.evidence.maps import length_words, round_length

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.evidence.canvas import (
     ACCENT,
     BOLD,

@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.evidence.crops import Crop
 from wayside.pipeline.evidence.figures import (
     MEASUREMENT,

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
+
 from wayside.pipeline.result import read_rows, read_run
 from wayside.pipeline.reviewing.review import REVIEWS, Review, Reviewed
 from wayside.schemas.errors import InputError

@@ -18,6 +18,7 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap_protobuf.writer import Writer
 from scipy.spatial.transform import Rotation
+
 from wayside.pipeline.earlier_result import log_fingerprint
 from wayside.pipeline.evidence.marks import Ink, ink_of
 from wayside.pipeline.exporting.flat_table import FlatTable, Row

@@ -16,6 +16,7 @@ from types import ModuleType
 from typing import Any
 
 import pyarrow as pa
+
 from wayside.pipeline.exporting.flat_table import Chunk, Point, Row
 from wayside.pipeline.exporting.text_files import plain_value
 from wayside.pipeline.exporting.units import short_names

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import pyarrow as pa
 import pyproj
 from pyproj.exceptions import CRSError, ProjError
+
 from wayside.pipeline.exporting.flat_table import Chunk, FlatTable, Point, Row
 from wayside.pipeline.exporting.sources import Source
 from wayside.schemas.errors import UsageError

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import pyarrow.compute as pc
+
 from wayside.pipeline.exporting.flat_table import (
     FlatTable,
     flat_columns,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
+from wayside import __version__
 from wayside.pipeline.fitting.fit import FILES, Outcome, fit_models
 from wayside.pipeline.fitting.models import Task
 from wayside.pipeline.fitting.page import fit_page
@@ -19,8 +20,6 @@ from wayside.pipeline.writing import not_written, refuse, write_file, write_json
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.model_json import model_to_json
 from wayside.schemas.settings.fitting import FitSettings
-
-from wayside import __version__
 
 _SAYING = (".xml", ".txt", ".yaml", ".json", ".csv")
 FIGURES, PAGE = "fit.json", "fit.html"

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit
+
 from wayside.pipeline.fitting.gaussians import Samples
 from wayside.pipeline.roc.score_points import normal_tail, rates_of, score_points
 from wayside.schemas.errors import InputError

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.fitting.confidence import FittedConfidence, fit_confidence
 from wayside.pipeline.fitting.landmarks import by_side, landmark_samples, run_drives
 from wayside.pipeline.fitting.models import FittedModel, Task, fit_classes_of, fit_colors

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.models import GaussianClass, GaussianModel
 
 Floor = Callable[[NDArray[np.float64]], NDArray[np.float64]]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import numpy as np
+
 from wayside.pipeline.fitting.gaussians import Samples
 from wayside.pipeline.fitting.sources import LabelledDrive, sign_of_view
 from wayside.pipeline.learning.gates import OVERHEAD_M

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.fitting.gaussians import FittedClass, Floor, Samples, fit_classes
 from wayside.pipeline.fitting.thresholds import with_gate_thresholds
 from wayside.pipeline.fitting.validation import (

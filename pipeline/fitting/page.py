@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from html import escape
 
 import numpy as np
+
 from wayside.pipeline.fitting.confidence import FittedConfidence
 from wayside.pipeline.fitting.fit import Outcome
 from wayside.pipeline.fitting.models import FittedModel

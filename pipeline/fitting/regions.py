@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.fitting.gaussians import Samples
 from wayside.pipeline.fitting.sources import LabelledDrive
 from wayside.pipeline.learning.samples import OFF, ON

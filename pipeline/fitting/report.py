@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from wayside.pipeline.fitting.confidence import FittedConfidence
 from wayside.pipeline.fitting.fit import CONFIDENCE, FILES, Outcome
 from wayside.pipeline.fitting.models import FittedModel, Rates

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.image_order import image_files, natural_key
 from wayside.pipeline.labels import FrameLabels, LogImages, labels_by_frame
 from wayside.pipeline.learning.samples import ANY_SPACING_M, ON_FACE

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.roc.operating import component_points
 from wayside.pipeline.statistics import CONFIDENCE
 from wayside.schemas.models import GaussianModel, OperatingPoint

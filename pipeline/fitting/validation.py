@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.fitting.gaussians import FittedClass, Samples, distances_to, log_density
 from wayside.pipeline.fitting.thresholds import gate_thresholds
 from wayside.pipeline.roc.curves import RocCurve, Scores, roc_curve

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.evidence.crops import read_images
 from wayside.pipeline.fleet.changes_rows import Row
 from wayside.pipeline.fleet.manifest import DRIVES

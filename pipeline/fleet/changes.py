@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
 from wayside.pipeline.fleet.absence import Absence, Coverage, Side, coverage_of, mark_hidden
 from wayside.pipeline.fleet.changes_rows import (
     PANEL_COLUMNS,

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE
 from wayside.schemas.frame import turn_deg
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings

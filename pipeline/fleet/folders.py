@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pyarrow as pa
+
 from wayside.pipeline.fleet.manifest import MANIFEST, Manifest, read_manifest
 from wayside.pipeline.input_files import read_parquet
 from wayside.pipeline.output_folder import finish_under_lock

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.fleet.folders import replaced_folders
 from wayside.pipeline.fleet.inventory_data import (
     DriveSigns,

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
+
 from wayside.pipeline.fleet.inventory_data import DriveSigns
 from wayside.pipeline.fleet.recorded_settings import schema_with_settings
 from wayside.pipeline.parquet import (

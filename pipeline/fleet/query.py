@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
 import pyarrow as pa
+
 from wayside.pipeline.csv_text import FORMULA, guarded
 from wayside.pipeline.fleet.folders import CELL, merged_parts, open_inventory
 from wayside.pipeline.fleet.manifest import DRIVES, Manifest

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+
 from wayside.schemas.settings import ChangeSettings, MergeSettings
 from wayside.schemas.tables import Table
 

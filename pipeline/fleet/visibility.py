@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.fleet.inventory_data import DriveFrames, read_frames, read_signs
 from wayside.pipeline.json_text import CONTENT_FAULTS
 from wayside.pipeline.result import read_run

@@ -17,6 +17,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
+
 from wayside.pipeline.box_matching import overlap
 from wayside.pipeline.result import read_rows, read_table
 from wayside.schemas.labels import Box

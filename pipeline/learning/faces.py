@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.stages.geometry import iou_matrix
 from wayside.stages.report import SAMPLES, traced_sequences

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.labels import read_labels
 from wayside.pipeline.learning.samples import ANY_SPACING_M, ON
 from wayside.pipeline.model_files import REPORT_LOCATION, TRAJECTORY_FILES, Models, load_models

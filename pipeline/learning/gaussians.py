@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.learning.faces import FaceSample
 from wayside.pipeline.roc.curves import KNEE_RULE
 from wayside.schemas.detections import COLORS, SHAPES

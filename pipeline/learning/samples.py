@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.learning.faces import FaceSample, clear_faces, height_px, visible_fraction
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Image

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+
 from wayside.pipeline.reading.clocks import Floats, Integers
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.pixels import decoded_images

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+
 from wayside.pipeline.reading.contents import CalibrationContent, ContentError
 from wayside.schemas.frame import Camera
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+
 from wayside.pipeline.input_files import decoded, open_input
 from wayside.pipeline.json_text import CONTENT_FAULTS
 from wayside.pipeline.reading.calibrations import make_camera

@@ -10,6 +10,7 @@ from typing import BinaryIO
 
 from mcap import records
 from mcap.opcode import Opcode
+
 from wayside.pipeline.reading.layout import (
     LARGEST_RECORD,
     MAGIC,

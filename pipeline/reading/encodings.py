@@ -13,6 +13,7 @@ from mcap.records import Schema as McapSchema
 from mcap_protobuf.decoder import DecoderFactory
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
+
 from wayside.pipeline.reading.contents import ContentError
 from wayside.pipeline.reading.layout import Channel
 

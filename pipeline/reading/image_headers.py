@@ -16,6 +16,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 from PIL.WebPImagePlugin import WebPImageFile
+
 from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.h264 import H264, read_stream
 from wayside.schemas.errors import InputError

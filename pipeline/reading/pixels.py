@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+
 from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.clocks import Integers
 from wayside.pipeline.reading.h264 import H264

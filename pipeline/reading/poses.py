@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+
 from wayside.pipeline.reading.clocks import Floats, Integers
 from wayside.pipeline.reading.contents import PoseContent
 from wayside.pipeline.reading.positions import interpolate

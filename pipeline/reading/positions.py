@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+
 from wayside.pipeline.reading.clocks import Flags, Floats, Integers
 from wayside.pipeline.reading.streams import Samples
 from wayside.schemas.frame import EARTH_RADIUS_M, median_longitude_deg, turn_deg

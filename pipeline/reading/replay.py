@@ -8,6 +8,7 @@ from copy import deepcopy
 from dataclasses import fields, replace
 
 import numpy as np
+
 from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.clocks import Integers
 from wayside.pipeline.reading.parts import log_parts

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import BinaryIO
 
 from mcap.opcode import Opcode
+
 from wayside.pipeline.reading.layout import (
     ENDS,
     LARGEST_CHUNK_HEAD,

@@ -6,6 +6,7 @@ from array import array
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+
 from wayside.pipeline.reading.clocks import Floats, Integers, StreamTimes, stream_times
 from wayside.pipeline.reading.contents import CalibrationContent, FixContent, PoseContent
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.learning.samples import OFF, ON
 from wayside.pipeline.report_figures.gather import Drive
 from wayside.pipeline.report_figures.numbers import share_words

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.labels import FrameLabels, LogImages, labels_by_frame, read_labels
 from wayside.pipeline.learning.samples import ON
 from wayside.pipeline.model_files import Models, load_models

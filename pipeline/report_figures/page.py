@@ -10,6 +10,7 @@ from html import escape
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.file_marks import marked_head
 
 MARK = "wayside report-figures"

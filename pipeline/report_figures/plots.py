@@ -7,6 +7,7 @@ from html import escape
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
 from wayside.pipeline.report_figures.page import Picture
 
 _LEFT, _RIGHT, _TOP, _BOTTOM = 62.0, 14.0, 12.0, 44.0

@@ -6,6 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 
 import numpy as np
+
 from wayside.pipeline.box_matching import overlap
 from wayside.pipeline.evaluate_rendered import FEWEST_FRAMES
 from wayside.pipeline.learning.samples import OFF, ON

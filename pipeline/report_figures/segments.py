@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.learning.samples import OFF, ON
 from wayside.pipeline.report_figures.drawing import around, beside, boxed, cut, grey_of
 from wayside.pipeline.report_figures.gather import Drive, Scene

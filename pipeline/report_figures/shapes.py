@@ -7,6 +7,7 @@ from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.report_figures.drawing import Ink, around, beside, lined
 from wayside.pipeline.report_figures.gather import Drive, FaceOutline
 from wayside.pipeline.report_figures.numbers import share_words

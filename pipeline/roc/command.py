@@ -10,6 +10,7 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+
 from wayside.pipeline.input_files import read_parquet
 from wayside.pipeline.labels import joined, read_labels
 from wayside.pipeline.model_files import Models

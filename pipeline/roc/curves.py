@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.statistics import CONFIDENCE, Interval
 
 KNEE_RULE = "knee of the ROC: largest true minus false positive rate (report chapter 10)"

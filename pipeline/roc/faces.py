@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.box_matching import overlap
 from wayside.pipeline.labels import FrameLabels
 from wayside.pipeline.learning.samples import (

@@ -18,6 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.learning.samples import ON
 from wayside.pipeline.roc.classifier_samples import NO_CLASS, ClassifierSamples
 from wayside.pipeline.roc.curves import KNEE_RULE, Scores, resampled_groups, roc_curve

@@ -8,6 +8,7 @@ from math import isfinite
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.evidence.canvas import FAINT, MEDIUM, RULE, TEXT, Canvas, text_width
 from wayside.pipeline.evidence.marks import Ink
 from wayside.pipeline.roc.curves import RocCurve

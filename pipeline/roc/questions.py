@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.learning.samples import ON
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.roc.classifier_samples import NO_CLASS, ClassifierSamples

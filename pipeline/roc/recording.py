@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+
 from wayside.pipeline.roc.curves import RocCurve
 from wayside.pipeline.roc.pictures import ink_of
 from wayside.pipeline.roc.questions import Question

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.flow import Flow, Observer
 from wayside.pipeline.labels import LogImages, labels_by_frame
 from wayside.pipeline.learning.samples import NEITHER

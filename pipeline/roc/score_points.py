@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
+
 from wayside.pipeline.statistics import CONFIDENCE
 from wayside.schemas.models import OperatingPoint
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.stages.geometry import cross_matrices, rotation_from_vector, tangent_basis
 from wayside.stages.kernels import Array, compiled, require_array
 from wayside.stages.odometry import sampson_px

@@ -13,6 +13,7 @@ from math import inf, radians
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.detections import Candidates, Detections, Regions
 from wayside.schemas.frame import USED, Camera, Frame, Image, Pose, PosePrior
 from wayside.schemas.motion import PosedDetections

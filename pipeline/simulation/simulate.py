@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.pipeline.simulation.bound import motion_jacobian, point_bound, step_bound
 from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
 from wayside.pipeline.writing import write_json

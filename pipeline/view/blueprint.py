@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import rerun as rr
 import rerun.blueprint as rrb
+
 from wayside.pipeline.view import entities as at
 from wayside.schemas.detections import VERDICTS
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
+
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.entities import Entity
 from wayside.pipeline.view.landmarks import GREY, color_of

@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+
 from wayside.pipeline.code_words import code_of
 from wayside.pipeline.inventory import WrittenTables
 from wayside.pipeline.view import entities as at

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
+
 from wayside.schemas.frame import Frame
 
 APPLICATION = "wayside"

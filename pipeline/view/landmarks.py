@@ -6,6 +6,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.detections import COLOR_RGB, COLORS
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.landmarks import Landmark

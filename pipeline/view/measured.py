@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
+
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.entities import Entity
 from wayside.pipeline.view.landmarks import THIN

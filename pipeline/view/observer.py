@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import rerun as rr
+
 from wayside.pipeline.inventory import WrittenTables
 from wayside.pipeline.output_folder import RECORDING
 from wayside.pipeline.view import entities as at

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
+
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.entities import Entity
 from wayside.schemas.detections import Detections

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rerun.experimental import ViewerClient
+
 from wayside.pipeline.file_marks import is_marked, marked_png
 from wayside.pipeline.output_folder import RECORDING, finish_replacement
 from wayside.pipeline.result import read_rows, read_run

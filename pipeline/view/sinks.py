@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import rerun as rr
+
 from wayside.pipeline.output_folder import RECORDING
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.view.blueprint import drive_layout

@@ -17,6 +17,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import rerun as rr
 from rerun.experimental import ViewerClient
+
 from wayside.pipeline.view.entities import APPLICATION, FRAME
 from wayside.schemas.errors import InputError, OutputError, UsageError
 

@@ -7,12 +7,11 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from wayside.schemas.errors import WaysideError
-
 from recordings.drives.produce import render
 from recordings.drives.spec import DriveSpec
 from recordings.drives.spec_file import SPECS, find_spec, load_spec
 from recordings.drives.stamps import Output, is_complete
+from wayside.schemas.errors import WaysideError
 
 
 def _count(text: str) -> int:

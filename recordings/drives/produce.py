@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TypeAlias
 
 import cv2
-from wayside.schemas.errors import UsageError
 
 from recordings.drives.alignment import build_alignment
 from recordings.drives.arrays import Bytes
@@ -27,6 +26,7 @@ from recordings.drives.spec import DriveSpec
 from recordings.drives.stamps import Output, write_stamp
 from recordings.drives.truth import drive_truth
 from recordings.drives.views import FrameViews, frame_views
+from wayside.schemas.errors import UsageError
 
 RenderedFrame: TypeAlias = tuple[bytes | Bytes, FrameViews]
 """An image, as JPEG or bgr8 array, and what it shows."""

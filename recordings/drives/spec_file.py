@@ -9,10 +9,9 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-from wayside.schemas.errors import UsageError
-
 from recordings.drives.signs.catalogue import GROUPS
 from recordings.drives.spec import DriveSpec
+from wayside.schemas.errors import UsageError
 
 SPECS = Path(__file__).parent / "specs"
 

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.stages.adjustment.normal_equations import (
     NormalEquations,
     WindowEstimate,

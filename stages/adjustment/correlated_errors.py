@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.settings import TieSettings
 from wayside.stages.kernels import Array, compiled
 

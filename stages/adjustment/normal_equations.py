@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.stages.adjustment.residuals import (
     PointAnchors,
     ResidualBlocks,

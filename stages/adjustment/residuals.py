@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.motion import StepPrior
 from wayside.stages.geometry import (
     halfway_direction,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from statistics import NormalDist
 
 import numpy as np
+
 from wayside.schemas.settings import TieSettings
 from wayside.stages.kernels import Array
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion
 from wayside.stages.geometry import rays_of_ideal

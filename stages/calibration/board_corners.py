@@ -7,6 +7,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.settings.calibration import BoardSettings
 from wayside.stages.kernels import Array
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings.calibration import BoardSettings
 from wayside.stages.calibration.board_corners import Board

@@ -13,6 +13,7 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
+
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import LocalAdjustmentSettings, TieSettings
 from wayside.schemas.settings.calibration import SelfCalibrationSettings

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+
 from wayside.schemas.frame import Camera
 from wayside.stages.geometry import to_rays
 from wayside.stages.kernels import Array

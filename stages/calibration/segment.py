@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion
 from wayside.schemas.settings import LocalAdjustmentSettings, TieSettings

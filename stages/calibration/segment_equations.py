@@ -13,6 +13,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.frame import Camera
 from wayside.stages.calibration.lens import LENS, Projection, project
 from wayside.stages.calibration.segment import Segment

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
+
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion, PosedDetections
 from wayside.schemas.settings import LocalAdjustmentSettings, TieSettings

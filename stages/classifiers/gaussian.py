@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianModel
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.stages.classifiers import OnnxNetwork
 from wayside.stages.detection.box_patches import SIDE, drawn_patches

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.stages.imaging import Pyramid
 from wayside.stages.kernels import compiled, require_array, require_image
 

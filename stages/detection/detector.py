@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_softmax
+
 from wayside.schemas.detections import (
     COLORS,
     SHAPES,

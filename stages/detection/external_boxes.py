@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import (
     COLORS,
     NONE,

@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import COLORS, SHAPES, NetworkBoxes
 from wayside.stages.classifiers import OnnxNetwork
 from wayside.stages.geometry import non_maximum_suppression

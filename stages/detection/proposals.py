@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import (
     SHAPES,
     SOURCES,

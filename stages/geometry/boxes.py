@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.stages.kernels import compiled, require_array
 
 SLOTS = 1 << 13

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.stages.kernels import Array, compiled, shaped
 
 SMALLEST_SINE = 1e-6

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from pyproj import Transformer
+
 from wayside.schemas.frame import Fix, Pose, median_longitude_deg, turn_deg
 from wayside.stages.geometry import cross_matrices
 from wayside.stages.georeference.trajectory import Trajectory

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from math import nan, pi, radians
 
 import numpy as np
+
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Pose
 from wayside.schemas.motion import ROUGH_LENGTHS

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+
 from wayside.schemas.frame import EARTH_RADIUS_M
 from wayside.schemas.routes import MEASURE_UNITS, RouteSegments
 from wayside.schemas.settings import RouteSettings

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.settings import GeoreferenceSettings
 from wayside.stages.kernels import Array
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from math import nan
 
 import numpy as np
+
 from wayside.schemas.frame import Fix, Pose, PosePrior
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.stages.geometry import FrenetOffset, frenet_offset

@@ -7,6 +7,7 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.settings import GeoreferenceSettings
 from wayside.schemas.signs import GlobePosition, Sign

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.settings import GeoreferenceSettings
 from wayside.stages.geometry import cross_matrices
 from wayside.stages.georeference.banded import BandedNormal, block_covariances

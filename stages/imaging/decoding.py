@@ -12,6 +12,7 @@ import numpy as np
 import PIL.Image
 import simplejpeg
 from numpy.typing import NDArray
+
 from wayside.schemas.frame import DAMAGED, UNDECODABLE, USED, WRONG_SIZE, Frame, Image
 from wayside.schemas.settings import BalanceSettings
 from wayside.stages.imaging.white_balance import balanced

@@ -8,6 +8,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import BalanceSettings
 from wayside.stages.imaging.colorspace import DARK_LEVEL

@@ -7,6 +7,7 @@ from math import lgamma, log, pi, radians
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import Sightings
 from wayside.stages.kernels import compiled, compiled_within, require_array

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings.merging import ChangeSettings
 from wayside.stages.geometry import distort_points, ideal_of_rays

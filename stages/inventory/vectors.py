@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, poisson
+
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import Rows, Sightings
 from wayside.stages.inventory.association import face_log_ratio, facing_pairs, responsibilities

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings.merging import ChangeSettings
 

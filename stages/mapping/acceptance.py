@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.settings import AcceptanceSettings, AdjustmentSettings, LandmarkSettings
 from wayside.stages.mapping.association import AssociationGates, WindowCandidates, associate
 from wayside.stages.mapping.hypotheses import Hypotheses

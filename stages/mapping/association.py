@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.settings import AssociationSettings, TrackSettings
 from wayside.stages.kernels import Array, compiled, require_array
 

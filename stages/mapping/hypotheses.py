@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.stages.geometry import pair_midpoint
 from wayside.stages.mapping.association import AssociationGates, WindowCandidates
 

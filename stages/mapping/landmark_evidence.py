@@ -13,6 +13,7 @@ from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.models import EvidenceModel
 from wayside.schemas.settings import LandmarkSettings

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.settings import AdjustmentSettings, LandmarkSettings
 from wayside.stages.mapping.association import (
     MISSED,

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.measurement import WindowResidual
 from wayside.schemas.motion import ROUGH_LENGTHS
 from wayside.schemas.settings import AdjustmentSettings, LocalAdjustmentSettings, TieSettings

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.frame import Pose
 from wayside.schemas.measurement import PanelView
 from wayside.schemas.settings import AdjustmentSettings, PanelSettings

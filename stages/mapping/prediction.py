@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import SOURCES, Regions
 from wayside.schemas.settings import AssociationSettings, PredictionSettings
 from wayside.stages.detection import BoxClassifier

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.stages.kernels import Array
 
 SIDES, SAMPLES = 2.5, 60

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.settings import AdjustmentSettings
 from wayside.stages.geometry import Schedule, cholesky_solve, meet_rays, minimiser
 from wayside.stages.kernels import Array, compiled, shaped

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import verdict_code
 from wayside.schemas.frame import Pose
 from wayside.schemas.landmarks import Landmark

@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import Candidates, Features, Regions, verdict_code
 from wayside.schemas.frame import Camera, Frame
 from wayside.schemas.landmarks import Landmark, TrackedFrame

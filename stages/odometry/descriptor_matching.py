@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.stages.kernels import Array, compiled, require_array
 
 CELL_PX = 32.0

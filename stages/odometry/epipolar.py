@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+
 from wayside.schemas.motion import StepPrior
 from wayside.stages.adjustment import StepConstraints, constraint_residuals
 from wayside.stages.geometry import (

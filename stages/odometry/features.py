@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import Detections, Features
 from wayside.schemas.settings import FeatureSettings
 from wayside.stages.geometry import ideal_points

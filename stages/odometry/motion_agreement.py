@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+
 from wayside.schemas.frame import EARTH_RADIUS_M
 from wayside.schemas.settings import MotionSettings, TieSettings
 from wayside.stages.geometry import rays_of_ideal

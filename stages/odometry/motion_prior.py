@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from math import cos, inf, isfinite, nan, radians, sqrt
 
 import numpy as np
+
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import EARTH_RADIUS_M, Fix, Frame, Pose, PosePrior, turn_deg
 from wayside.schemas.motion import StepPrior

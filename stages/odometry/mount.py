@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from math import isfinite, nan
 
 import numpy as np
+
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import halfway_direction
 from wayside.stages.kernels import Array

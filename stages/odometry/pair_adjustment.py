@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import AdjustmentSettings, TieSettings
 from wayside.stages.adjustment import (

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.settings import TieSettings
 from wayside.stages.geometry import invert_symmetric
 from wayside.stages.kernels import Array, compiled, require_array

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import radians
 
 import numpy as np
+
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import TieSettings
 from wayside.stages.adjustment import tie_scatter

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import Detections
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import TieSettings

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from math import inf, isfinite, nan, radians, sqrt
 
 import numpy as np
+
 from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.motion import Motion, StepPrior, Ties
 from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings

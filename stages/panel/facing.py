@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+
 from wayside.schemas.settings import PanelSettings
 from wayside.stages.kernels import Array
 from wayside.stages.panel.rectification import PanelPlane

@@ -10,6 +10,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.measurement import Alignment
 from wayside.schemas.settings import RegistrationSettings
 from wayside.stages.kernels import Array, compiled, require_array

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.models import LinearModel
 from wayside.schemas.settings import PanelOutlineSettings
 from wayside.stages.kernels import Array

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.settings import PanelOutlineSettings
 from wayside.stages.kernels import Array, compiled, require_array
 from wayside.stages.panel.outline_shapes import Segments

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+
 from wayside.schemas.settings import PanelOutlineSettings
 from wayside.stages.kernels import Array
 from wayside.stages.panel.outline_edges import Gradients, edge_profiles, strongest_box

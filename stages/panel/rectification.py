@@ -8,6 +8,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.settings import PanelSettings
 from wayside.stages.geometry import distort_points, ideal_of_rays

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.measurement import Alignment
 from wayside.schemas.models import LinearModel
 from wayside.schemas.settings import (

@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import COLORS, Candidates, Detections, Segmentation, verdict_code
 from wayside.schemas.models import GaussianModel
 from wayside.stages.classifiers import nearest_class, require_gaussian_model

@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.stages.kernels import Array, require_array
 
 SAMPLES = 64

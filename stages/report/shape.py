@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import SHAPES, SOURCES, Detections, Regions, Segmentation
 from wayside.schemas.models import GaussianModel
 from wayside.stages.classifiers import nearest_class, require_gaussian_model

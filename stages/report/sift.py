@@ -11,6 +11,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import Candidates, Detections, Features
 from wayside.schemas.settings import SiftSettings
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.stages.kernels import compiled, require_array
 
 WIDEST = 65535

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.stages.kernels import compiled_exact, require_array, require_image
 
 MOST_CENTERS = 256

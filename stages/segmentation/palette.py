@@ -13,6 +13,7 @@ from math import isqrt
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.settings import SegmentSettings
 from wayside.stages.kernels import compiled, require_image
 from wayside.stages.segmentation.label_images import MOST_CENTERS, mean_of_labels

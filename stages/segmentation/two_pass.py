@@ -7,6 +7,7 @@ from math import atan2, ceil, floor, radians, tan
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import SOURCES, Dropped, Regions, Segmentation
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Camera, Image

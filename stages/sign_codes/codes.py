@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.settings import CodeSettings

@@ -9,6 +9,7 @@ from types import ModuleType
 
 import pyarrow.parquet as pq
 import pytest
+
 from wayside.pipeline.evaluate_real import evaluate_against_labels
 
 

@@ -9,6 +9,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.frame import Pose
 
 

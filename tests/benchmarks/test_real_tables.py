@@ -8,6 +8,8 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+
+import wayside
 from wayside.pipeline.evaluation import (
     RealEvaluation,
 )
@@ -17,8 +19,6 @@ from wayside.pipeline.evaluation_findings import (
     KindCount,
     MissCause,
 )
-
-import wayside
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 

@@ -17,6 +17,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from mcap_protobuf.writer import Writer
 from numpy.typing import NDArray
+
 from wayside.pipeline.cli import app
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"

@@ -19,6 +19,7 @@ import pytest
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.reader import make_reader
 from mcap.writer import Writer
+
 from wayside.pipeline import chains, cli
 
 WAYSIDE = Path(sys.executable).with_name("wayside")

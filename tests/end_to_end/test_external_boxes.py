@@ -8,13 +8,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
+import wayside
 from wayside.pipeline.box_file import load_boxes
 from wayside.pipeline.cli import app
 from wayside.pipeline.evaluate_rendered import evaluate_against_truth
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import UsageError
-
-import wayside
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 DETECTORS = Path(__file__).parents[1] / "stages" / "detection" / "detectors"

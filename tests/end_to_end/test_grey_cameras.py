@@ -12,10 +12,10 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from mcap_protobuf.writer import Writer
 from numpy.typing import NDArray
-from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.schemas.settings import ReadSettings
 
 import wayside
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.schemas.settings import ReadSettings
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 REAL = Path(__file__).parents[2] / "shared" / "data" / "real"

@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+
 from wayside.pipeline import run as run_module
 from wayside.pipeline.cli import app
 from wayside.pipeline.journal import JOURNAL

@@ -13,6 +13,7 @@ from mcap.writer import Writer as McapWriter
 from mcap_protobuf.decoder import DecoderFactory
 from mcap_protobuf.writer import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
 from wayside.pipeline.information import describe_log, format_information
 from wayside.pipeline.reading import video
 from wayside.pipeline.reading.contents import ImageContent

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+import wayside
 from wayside.pipeline.flow import Flow
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -12,8 +14,6 @@ from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.settings import BalanceSettings
 from wayside.stages.imaging.white_balance import road_chromaticity
-
-import wayside
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 UNTIL_S = 3.0

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+
 from wayside.pipeline.box_accounting import BoxAccounting, paired
 from wayside.pipeline.box_file import CORNERS, BoxRows, boxes_by_image, load_boxes
 from wayside.pipeline.settings_file import load_settings

@@ -7,6 +7,7 @@ import sys
 import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
+
 from wayside.pipeline import cli
 from wayside.pipeline.cli_help import PANELS
 

@@ -2,6 +2,7 @@
 
 import pytest
 import typer
+
 from wayside.pipeline import cli_running, model_files
 from wayside.pipeline.cli_running import process_all
 from wayside.pipeline.earlier_result import file_digest

@@ -7,6 +7,7 @@ import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.pipeline.csv_text import guarded, read_csv, unguarded
 from wayside.pipeline.exporting.flat_table import Chunk, FlatTable
 from wayside.pipeline.exporting.text_files import write_csv

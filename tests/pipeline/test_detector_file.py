@@ -2,6 +2,7 @@ from hashlib import sha256
 from pathlib import Path
 
 import pytest
+
 from wayside.pipeline import detector_file
 from wayside.pipeline.detector_file import load_detector
 from wayside.pipeline.model_files import shipped_models

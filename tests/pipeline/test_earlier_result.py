@@ -4,6 +4,7 @@ import hashlib
 import json
 
 import pytest
+
 from wayside.pipeline.cli import app
 from wayside.pipeline.earlier_result import TABLES, check_earlier, log_fingerprint
 from wayside.pipeline.output_folder import RECORDING

@@ -18,6 +18,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+
 from wayside.pipeline.box_matching import same_thing
 from wayside.pipeline.evaluate import evaluate, format_evaluation, write_evaluation
 from wayside.pipeline.evaluation import (

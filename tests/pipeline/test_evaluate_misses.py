@@ -6,6 +6,7 @@ from typing import Any
 
 import pyarrow as pa
 import pytest
+
 from wayside.pipeline.evaluate_misses import (
     STEPS,
     Candidates,

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
+
 from wayside.pipeline.cli import app
 from wayside.pipeline.evidence.canvas import ACCENT, shortened, text_width
 from wayside.pipeline.evidence.crops import cut, read_images

@@ -22,6 +22,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
+
 from wayside.pipeline.cli import app
 from wayside.pipeline.exporting.flat_table import FlatTable
 from wayside.pipeline.exporting.text_files import write_csv, write_geojson

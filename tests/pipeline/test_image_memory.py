@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from wayside.pipeline.image_memory import ImageMemory
 from wayside.pipeline.workers import ordered_parallel
 from wayside.schemas.errors import UsageError

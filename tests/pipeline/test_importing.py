@@ -9,6 +9,7 @@ from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.reader import make_reader
 from PIL import Image
+
 from wayside.pipeline.image_order import count_images
 from wayside.pipeline.importing import import_images
 from wayside.pipeline.reading.frames import ReadReport, read_frames

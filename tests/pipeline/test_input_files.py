@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
 from wayside.pipeline import input_files
 from wayside.pipeline.input_files import (
     files_below,

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+
 from wayside.pipeline.inventory import InventoryWriter
 from wayside.schemas.detections import Candidates, Dropped, Regions, verdict_code
 from wayside.schemas.errors import OutputError

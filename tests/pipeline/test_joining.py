@@ -11,6 +11,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 from typer.testing import CliRunner
+
 from wayside.pipeline.bags import readable_log
 from wayside.pipeline.cli import app
 from wayside.pipeline.earlier_result import log_fingerprint

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.pipeline.journal import JOURNAL, Journal, journal_key, remove_journal
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.settings_file import load_settings

@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
+
 from wayside.pipeline.cli import app
 from wayside.pipeline.importing import import_images
 from wayside.pipeline.label_file import read_label_file

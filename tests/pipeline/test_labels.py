@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from wayside.pipeline.importing import import_images
 from wayside.pipeline.label_file import read_label_file, write_labels
 from wayside.pipeline.labels import LogImages, labels_by_frame, read_labels

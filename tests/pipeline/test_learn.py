@@ -5,6 +5,7 @@ import json
 import cv2
 import numpy as np
 import pytest
+
 from wayside.pipeline.importing import import_images
 from wayside.pipeline.learning.faces import main_color
 from wayside.pipeline.learning.gaussians import balanced, knee, location_model, moments

@@ -15,11 +15,11 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
+
+import wayside
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
-
-import wayside
 
 ROOT = Path(__file__).parents[2]
 DEMO = ROOT / "recordings" / "demo.mcap"

@@ -6,6 +6,7 @@ from hashlib import sha256
 from pathlib import Path
 
 import pytest
+
 from wayside.pipeline.model_files import load_models, shipped_digests, shipped_models
 from wayside.pipeline.provenance import learned_from
 from wayside.pipeline.settings_file import load_settings

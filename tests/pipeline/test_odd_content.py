@@ -5,6 +5,7 @@ import json
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
 from wayside.pipeline import detector_file
 from wayside.pipeline.box_file import load_boxes
 from wayside.pipeline.detector_file import load_detector

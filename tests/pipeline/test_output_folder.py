@@ -9,6 +9,7 @@ import time
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+
 from wayside.pipeline import output_folder
 from wayside.pipeline.output_folder import DONE, LOCK, RECORDING, OutputFolder, finish_replacement
 from wayside.pipeline.writing import PART

@@ -1,6 +1,7 @@
 from dataclasses import replace
 
 import pytest
+
 from wayside.pipeline.pace import paced
 from wayside.schemas.frame import Frame
 

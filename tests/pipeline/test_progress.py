@@ -6,6 +6,7 @@ import sys
 import time
 
 import pytest
+
 from wayside.pipeline.progress import COMPILING, FrameProgress, SheetProgress
 from wayside.pipeline.run import Run
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.pipeline.model_files import load_models, shipped_models
 from wayside.pipeline.provenance import learned_from, onnx_metadata
 from wayside.pipeline.settings_file import load_settings

@@ -8,6 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
+
 from wayside.pipeline.cli import app
 from wayside.pipeline.label_file import read_label_file
 from wayside.pipeline.labels import read_labels

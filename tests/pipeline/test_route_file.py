@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pyogrio
 import pyproj
 import pytest
+
 from wayside.pipeline.cli_routing import options, parse_milepost
 from wayside.pipeline.route_file import open_routes, route_notes
 from wayside.pipeline.settings_file import load_settings

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.pipeline.settings_file import (
     format_settings,
     load_settings,

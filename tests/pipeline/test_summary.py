@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rich.console import Console
+
 from wayside.pipeline.inventory import WrittenTables
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.run import RunResult

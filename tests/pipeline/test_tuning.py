@@ -9,6 +9,7 @@ import subprocess
 import sys
 
 from numba import njit
+
 from wayside.pipeline.progress import COMPILING, FrameProgress
 from wayside.pipeline.run import Run
 from wayside.pipeline.tuning import keep_heap, watched_compilation

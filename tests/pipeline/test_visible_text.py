@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 from typer.testing import CliRunner
+
 from wayside.pipeline.cli import app, main
 from wayside.pipeline.progress import FrameProgress
 from wayside.pipeline.run import Run

@@ -5,6 +5,7 @@ import time
 from dataclasses import dataclass
 
 import pytest
+
 from wayside.pipeline import workers
 from wayside.pipeline.workers import StageClock, ordered_parallel
 from wayside.schemas.errors import StageError

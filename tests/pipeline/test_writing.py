@@ -7,6 +7,7 @@ import subprocess
 from contextlib import contextmanager
 
 import pytest
+
 from wayside.pipeline import writing
 from wayside.pipeline.writing import PART, whole_file, write_file, write_json
 from wayside.schemas.errors import OutputError

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+
 from wayside.pipeline.labels import read_labels
 from wayside.schemas.errors import InputError
 

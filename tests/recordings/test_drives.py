@@ -24,8 +24,6 @@ pytest.importorskip(
     "foxglove_schemas_protobuf", reason="the renderer needs: pip install -e '.[drives]'"
 )
 
-from wayside.schemas.errors import UsageError
-
 from recordings.drives.__main__ import main
 from recordings.drives.alignment import build_alignment
 from recordings.drives.geodesy import geodetic
@@ -35,6 +33,7 @@ from recordings.drives.produce import RenderedDrive, render
 from recordings.drives.spec import DriveSpec
 from recordings.drives.spec_file import SPECS, find_spec, load_spec
 from recordings.drives.stamps import Output, is_complete
+from wayside.schemas.errors import UsageError
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
 TINY = """

@@ -11,14 +11,13 @@ pytest.importorskip(
     "foxglove_schemas_protobuf", reason="the renderer needs: pip install -e '.[drives]'"
 )
 
-from wayside.schemas.detections import COLORS as SIGN_COLORS
-
 from recordings.drives.camera import CameraModel
 from recordings.drives.sensor import Exposure, Sensor
 from recordings.drives.signs.catalogue import GROUPS
 from recordings.drives.signs.face import COLORS, Face
 from recordings.drives.signs.invented import invented
 from recordings.drives.spec import CameraSpec, DriveSpec, SensorSpec
+from wayside.schemas.detections import COLORS as SIGN_COLORS
 
 
 def share_of(face: Face, color: str) -> float:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.frame import FRAME_STATUS_WORDS
 from wayside.schemas.motion import Motion

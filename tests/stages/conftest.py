@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from wayside.schemas.detections import (
     COLORS,
     SHAPES,

@@ -3,6 +3,7 @@
 import threading
 
 import pytest
+
 from wayside.stages.kernels import compiled, compiled_exact
 
 

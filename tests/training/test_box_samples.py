@@ -4,9 +4,6 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from wayside.schemas.detections import COLORS, NONE, SHAPES
-from wayside.stages.detection import MAPS, STRIDE, Maps
-from wayside.stages.geometry import iou_matrix
 
 from training.box_samples import (
     IGNORED,
@@ -33,6 +30,9 @@ from training.detector_crops import (
 from training.detector_crops import targets as crop_targets
 from training.detector_images import BACK, FRONT, labelled_image
 from training.face_drawings import FaceDrawing, FaceLibrary
+from wayside.schemas.detections import COLORS, NONE, SHAPES
+from wayside.stages.detection import MAPS, STRIDE, Maps
+from wayside.stages.geometry import iou_matrix
 
 NOISE = make_noise(np.random.default_rng(0))
 SIGN = [100, 60, 140, 100]

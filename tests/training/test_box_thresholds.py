@@ -5,12 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from wayside.pipeline.learning.samples import NEITHER, OFF, ON
-from wayside.pipeline.model_files import shipped_models
-from wayside.pipeline.statistics import resampled_interval
-from wayside.schemas.errors import InputError
-from wayside.schemas.model_json import model_from_json, model_to_json
-from wayside.schemas.models import ScoreModel
 
 from training import box_thresholds
 from training.box_thresholds import (
@@ -24,6 +18,12 @@ from training.box_thresholds import (
     rule_threshold,
     scored_boxes,
 )
+from wayside.pipeline.learning.samples import NEITHER, OFF, ON
+from wayside.pipeline.model_files import shipped_models
+from wayside.pipeline.statistics import resampled_interval
+from wayside.schemas.errors import InputError
+from wayside.schemas.model_json import model_from_json, model_to_json
+from wayside.schemas.models import ScoreModel
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 

@@ -5,7 +5,6 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
-from wayside.schemas.detections import COLORS, NONE, SHAPES
 
 from training import face_compositing
 from training.camera_effects import make_noise
@@ -22,6 +21,7 @@ from training.detector_images import BACK, FRONT, labelled_image
 from training.distractor_drawings import SLANTED, draw_distractor
 from training.face_compositing import blend, draw_faces, wear
 from training.face_drawings import FaceDrawing, FaceLibrary
+from wayside.schemas.detections import COLORS, NONE, SHAPES
 
 CELLS = CROP_PX // STRIDE
 NOISE = make_noise(np.random.default_rng(0))

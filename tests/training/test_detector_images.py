@@ -8,8 +8,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from wayside.schemas.detections import COLORS, NONE, SHAPES
-from wayside.schemas.errors import InputError
 
 from training import detector_images
 from training.detector_images import (
@@ -19,6 +17,8 @@ from training.detector_images import (
     rendered_images,
     scene_set_images,
 )
+from wayside.schemas.detections import COLORS, NONE, SHAPES
+from wayside.schemas.errors import InputError
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "real"
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"

@@ -4,8 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from wayside.schemas.detections import NONE
-from wayside.stages.detection import MAPS
 
 from training.detector_crops import (
     CELLS,
@@ -16,6 +14,8 @@ from training.detector_crops import (
     UNSURE,
 )
 from training.training_images import source_kind
+from wayside.schemas.detections import NONE
+from wayside.stages.detection import MAPS
 
 SIDE = CROP_PX // STRIDE
 

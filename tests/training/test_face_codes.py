@@ -3,8 +3,6 @@
 from pathlib import Path
 
 import pytest
-from wayside.schemas.sign_catalogue import CATALOGUE
-from wayside.stages.sign_codes import OTHER_FACE
 
 from training.face_classes import (
     DRAWN,
@@ -15,6 +13,8 @@ from training.face_classes import (
     class_of_drawing,
     drawings,
 )
+from wayside.schemas.sign_catalogue import CATALOGUE
+from wayside.stages.sign_codes import OTHER_FACE
 
 REAL = Path(__file__).parents[3] / "shared" / "data" / "real"
 CATALOGUED = {face for signs in CATALOGUE.values() for one in signs for face in one.faces}

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from wayside.pipeline.provenance import onnx_metadata
 from wayside.stages.sign_codes import OTHER_FACE, FaceClassifier
 

@@ -3,10 +3,6 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from scipy.special import expit
-from wayside.schemas.errors import InputError
-from wayside.schemas.landmarks import Observation
-from wayside.schemas.model_json import model_from_json, model_to_json
-from wayside.stages.mapping import FEATURES
 
 from training import landmarks as module
 from training.landmarks import (
@@ -20,6 +16,10 @@ from training.landmarks import (
     learn_landmark_classifier,
     samples_of,
 )
+from wayside.schemas.errors import InputError
+from wayside.schemas.landmarks import Observation
+from wayside.schemas.model_json import model_from_json, model_to_json
+from wayside.stages.mapping import FEATURES
 
 
 def joined(parts):

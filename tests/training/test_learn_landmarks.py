@@ -1,10 +1,10 @@
 """Learning of the landmark classifiers: what it refuses, and what its models say of themselves."""
 
 import numpy as np
-from wayside.stages.mapping import FEATURES
 
 from training.landmarks import SIGN, LandmarkSamples
 from training.learn_landmarks import main, provenance
+from wayside.stages.mapping import FEATURES
 
 
 def test_a_folder_without_learning_drives_is_refused(tmp_path, capsys):

@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+
 from wayside.pipeline.onnx_header import read_onnx_header
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.stages.detection import BOX_VALUES, INNER, SIDE, drawn_patches

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from wayside.pipeline.model_files import shipped_models
-from wayside.pipeline.onnx_header import read_onnx_header
-from wayside.stages.detection import SIDE
 
 from training.detector_images import FRONT, labelled_image
 from training.face_drawings import FaceLibrary
+from wayside.pipeline.model_files import shipped_models
+from wayside.pipeline.onnx_header import read_onnx_header
+from wayside.stages.detection import SIDE
 
 PROPOSING = Path(str(shipped_models() / "network.onnx"))
 

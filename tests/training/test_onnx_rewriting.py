@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from wayside.stages.classifiers import OnnxNetwork
-from wayside.stages.detection import DetectionNetwork
 
 from training import onnx_rewriting, quantization
 from training.onnx_rewriting import (
     _two_digits,
     rewrite,
 )
+from wayside.stages.classifiers import OnnxNetwork
+from wayside.stages.detection import DetectionNetwork
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,14 @@
 import cv2
 import numpy as np
 import pytest
+
+from training.outlines import (
+    FEWEST,
+    OutlineChoice,
+    gather_choices,
+    learn_outlines,
+    true_box,
+)
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError
@@ -19,14 +27,6 @@ from wayside.stages.panel import (
     PanelPlane,
     PosedImage,
     register_views,
-)
-
-from training.outlines import (
-    FEWEST,
-    OutlineChoice,
-    gather_choices,
-    learn_outlines,
-    true_box,
 )
 
 CAMERA = Camera(640, 480, 560.0, 560.0, 319.5, 239.5)

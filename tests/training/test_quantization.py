@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from wayside.pipeline.provenance import onnx_metadata
-from wayside.stages.detection import DetectionNetwork
 
 from training.detector_images import rendered_images
 from training.quantization import quantize
+from wayside.pipeline.provenance import onnx_metadata
+from wayside.stages.detection import DetectionNetwork
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 

@@ -1,9 +1,9 @@
 """Real images that are learned from: which sources."""
 
 import pytest
-from wayside.schemas.errors import InputError
 
 from training.training_images import real_sources
+from wayside.schemas.errors import InputError
 
 
 def test_a_source_is_left_out_as_a_whole_and_one_of_another_name_is_refused(tmp_path):

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from wayside.schemas.frame import Camera
 from wayside.stages.kernels import Array
 

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner
+
 from wayside.pipeline.calibration.board_report import format_boards
 from wayside.pipeline.calibration.boards import calibrate_images, parse_board
 from wayside.pipeline.calibration.command import calibrate_by_boards

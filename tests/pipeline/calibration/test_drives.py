@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner
+
 from wayside.pipeline.calibration import drives
 from wayside.pipeline.calibration.drive_report import format_drive, not_determined
 from wayside.pipeline.calibration.drives import CalibratedDrive, calibrate_log

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+
 from wayside.pipeline.fitting.confidence import (
     brier_score,
     calibrated,

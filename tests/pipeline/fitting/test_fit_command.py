@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner
+
 from wayside.pipeline.cli import app
 from wayside.pipeline.fitting.report import format_fit
 from wayside.pipeline.fitting.sources import labelled_drives, sign_numbers

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from wayside.pipeline.fitting.gaussians import Samples
 from wayside.pipeline.fitting.models import Task, enough, fit_colors, rates_of
 from wayside.schemas.detections import COLORS

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from wayside.pipeline.fitting.landmarks import by_side, landmark_samples, run_drives
 from wayside.pipeline.fitting.sources import LabelledDrive, sign_numbers
 from wayside.pipeline.labels import FrameLabels

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
+
 from wayside.pipeline.fitting.gaussians import (
     FittedClass,
     Samples,

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
+
 from wayside.pipeline.earlier_result import file_digest
 from wayside.pipeline.fleet import running, task
 from wayside.pipeline.fleet.merging import MergeReport

@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 from mcap.writer import Writer
 from numpy.typing import NDArray
+
 from wayside.pipeline.fleet.changes import ChangeReport, find_changes
 from wayside.pipeline.fleet.changes_page import write_page
 from wayside.pipeline.fleet.merging import merge_inventory

@@ -5,6 +5,7 @@ import sys
 from types import SimpleNamespace
 
 import pytest
+
 from wayside.pipeline.fleet.dask_engine import DaskEngine
 from wayside.pipeline.fleet.engine import ProcessEngine
 from wayside.schemas.errors import OutputError, UsageError

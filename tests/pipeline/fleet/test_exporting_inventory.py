@@ -16,6 +16,7 @@ import pyogrio
 import pytest
 import shapely
 from typer.testing import CliRunner
+
 from wayside.pipeline.cli import app
 from wayside.pipeline.exporting.sources import inventory_rows
 from wayside.pipeline.fleet.merging import merge_inventory

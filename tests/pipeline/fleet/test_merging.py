@@ -18,6 +18,7 @@ import pyarrow as pa
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 import pytest
+
 from wayside.pipeline import output_folder
 from wayside.pipeline.cli import app
 from wayside.pipeline.exporting.export import export

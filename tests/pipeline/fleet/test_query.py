@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
+
 from wayside.pipeline.cli import app
 from wayside.pipeline.fleet.manifest import Entry, Manifest, write_manifest
 from wayside.schemas.errors import InputError, UsageError

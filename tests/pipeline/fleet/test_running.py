@@ -5,6 +5,7 @@ import shutil
 from dataclasses import replace
 
 import pytest
+
 from wayside.pipeline.fleet.manifest import Entry, Manifest, read_manifest, write_manifest
 from wayside.pipeline.fleet.status import (
     describe_duration,

@@ -1,6 +1,7 @@
 """Two panels of two surveys look alike where nothing known of them differs."""
 
 import pytest
+
 from wayside.pipeline.fleet.changes_rows import same_face
 from wayside.schemas.settings import ChangeSettings, MergeSettings
 

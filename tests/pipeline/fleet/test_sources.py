@@ -1,6 +1,7 @@
 """Which logs are meant by what somebody types, and how they are read."""
 
 import pytest
+
 from wayside.pipeline.earlier_result import log_fingerprint
 from wayside.pipeline.fleet.manifest import free_name
 from wayside.pipeline.fleet.sources import (

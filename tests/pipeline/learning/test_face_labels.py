@@ -1,6 +1,7 @@
 """What boxes on and about faces teach the classifier."""
 
 import numpy as np
+
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON, face_labels
 
 SIGN, PLAQUE = [100, 100, 140, 140], [105, 141, 135, 156]

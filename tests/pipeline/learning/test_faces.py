@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+
 from wayside.pipeline.learning.faces import box_outline
 
 

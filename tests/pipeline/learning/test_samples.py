@@ -1,6 +1,7 @@
 """What a rendered drive says that its images show, and the labels of boxes by it."""
 
 import numpy as np
+
 from wayside.pipeline.learning.samples import (
     FACE_PX,
     NEITHER,

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from wayside.pipeline.learning.score_calibration import platt
 
 

@@ -8,6 +8,7 @@ import zlib
 import lz4.frame
 import pytest
 import zstandard
+
 from wayside.pipeline.reading import survey
 from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.records import Message, scan

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.pipeline.reading.encodings import unpack_json
 from wayside.pipeline.reading.image_headers import format_word, read_image_header
 

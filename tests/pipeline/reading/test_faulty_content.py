@@ -3,6 +3,7 @@
 import math
 
 import pytest
+
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings

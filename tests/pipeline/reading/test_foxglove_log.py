@@ -10,6 +10,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
+
 from wayside.pipeline.earlier_result import log_fingerprint
 from wayside.pipeline.exporting.export import export
 from wayside.pipeline.reviewing.review import MISSING, NO_REVIEW, Review, Reviewed

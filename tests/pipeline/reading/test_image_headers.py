@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
+
 from wayside.pipeline.reading.image_headers import format_word, read_image_header
 
 

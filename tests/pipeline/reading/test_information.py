@@ -1,4 +1,5 @@
 import pytest
+
 from wayside.pipeline.information import describe_log, format_information
 from wayside.schemas.errors import InputError
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.pipeline.information import describe_log, format_information
 from wayside.pipeline.reading import replay
 from wayside.pipeline.reading.bounds import Allowance

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
+
 from wayside.pipeline.reading.contents import FixContent, PoseContent
 from wayside.pipeline.reading.positions import (
     continuous_longitudes,

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType, IndexType, Writer
+
 from wayside.pipeline.reading.records import Attachment, Message, Metadata, scan
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.schemas.errors import InputError

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from mcap.writer import CompressionType, IndexType, Writer
+
 from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.parts import log_parts
 from wayside.pipeline.reading.records import Message, messages_at, scan

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+
 from wayside.pipeline.report_figures.command import PAGE, write_figures
 from wayside.pipeline.report_figures.gather import labels_beside
 from wayside.schemas.errors import InputError, OutputError

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.pipeline.file_marks import is_marked
 from wayside.pipeline.report_figures.drawing import around, beside, cut
 from wayside.pipeline.report_figures.numbers import rate_words, share_words

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from wayside.pipeline.report_figures.shapes import evenly, misfit
 from wayside.pipeline.view.outlines import CURVES, curve_of_terms
 

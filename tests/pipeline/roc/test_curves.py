@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import mannwhitneyu, norm
+
 from wayside.pipeline.roc.curves import Scores, resampled_groups, roc_curve
 
 

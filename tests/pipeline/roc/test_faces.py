@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from wayside.pipeline.labels import FrameLabels
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
 from wayside.pipeline.roc.faces import labelled_faces

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import norm
+
 from wayside.pipeline.roc.neyman_pearson import (
     Densities,
     fitted_densities,

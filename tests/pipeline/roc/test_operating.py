@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+
 from wayside.pipeline.learning.samples import OFF, ON
 from wayside.pipeline.roc.classifier_samples import ClassifierSamples
 from wayside.pipeline.roc.operating import (

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+
 from wayside.pipeline.simulation.bound import motion_jacobian, point_bound, step_bound
 from wayside.stages.geometry import tangent_basis
 from wayside.stages.mapping.landmark import point_covariance

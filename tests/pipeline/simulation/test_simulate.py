@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from typer.testing import CliRunner
+
 from wayside.pipeline.cli import app
 from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
 from wayside.pipeline.simulation.simulate import (

@@ -1,6 +1,7 @@
 """What the viewer says of rows once all signs are known."""
 
 import numpy as np
+
 from wayside.pipeline.view.chains import inventory_table, opening, sign_figures
 from wayside.schemas.models import GaussianClass, GaussianModel
 

@@ -5,6 +5,7 @@ import time
 
 import pytest
 import rerun as rr
+
 from wayside.pipeline.view import recorder
 from wayside.pipeline.view.entities import Batch, Entity, Times
 from wayside.pipeline.view.recorder import WAITING, Recorder

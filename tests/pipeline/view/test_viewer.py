@@ -16,6 +16,7 @@ import cv2
 import pyarrow.parquet as pq
 import pytest
 import rerun as rr
+
 from wayside.pipeline.cli import app
 from wayside.pipeline.cli_viewing import parse_rate
 from wayside.pipeline.view import viewer

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+
 from wayside.stages.adjustment.bundle_adjustment import adjust_window
 from wayside.stages.adjustment.residuals import (
     QUADRATIC,

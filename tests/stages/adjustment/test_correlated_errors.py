@@ -1,4 +1,5 @@
 import numpy as np
+
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import AdjustmentSettings, TieSettings
 from wayside.stages.adjustment.correlated_errors import correlated_covariance

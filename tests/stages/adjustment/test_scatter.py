@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from wayside.schemas.settings import TieSettings
 from wayside.stages.adjustment import tie_scatter
 

@@ -2,6 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+
 from wayside.stages.adjustment.tie_tracks import link_tracks, select_tracks, translation_px
 from wayside.stages.geometry import rotation_from_vector
 

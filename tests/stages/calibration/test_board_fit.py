@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.settings.calibration import BoardSettings
 from wayside.stages.calibration import Board, CalibrationError, calibrate_boards
 

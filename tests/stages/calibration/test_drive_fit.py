@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+
 from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import Settings

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+
 from wayside.pipeline.model_files import shipped_models
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.models import ScoreModel

@@ -1,6 +1,7 @@
 import cv2
 import numpy as np
 import pytest
+
 from wayside.stages.detection import INNER, SIDE, drawn_patches
 from wayside.stages.imaging import pyramid
 

@@ -2,6 +2,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+
 from wayside.schemas.detections import (
     COLORS,
     SHAPES,

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.stages.detection.detector_outputs import read_outputs, recognised
 
 SIZE = (320, 640)

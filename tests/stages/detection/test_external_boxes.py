@@ -3,6 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from wayside.pipeline.detector_file import load_detector
 from wayside.pipeline.model_files import shipped_models
 from wayside.schemas.detections import COLORS, SHAPES, SOURCES, verdict_code

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.pipeline.detector_file import load_detector
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import SUREST, SignClass, score_log_odds

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from wayside.schemas.detections import SOURCES, Regions, Segmentation
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
 from wayside.schemas.settings import CandidateSettings

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+
 from wayside.stages.geometry.levenberg_marquardt import Schedule, minimiser
 from wayside.stages.geometry.linear_algebra import cholesky_solve
 

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from wayside.stages.geometry.linear_algebra import (
     cholesky_solve,
     cross_matrices,

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.stages.geometry.path import frenet_offset
 
 UP = np.array([[0.0, -1.0, 0.0]])

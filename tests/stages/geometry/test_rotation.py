@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+
 from wayside.stages.geometry.rotation import (
     rotation_from_vector,
     tangent_basis,

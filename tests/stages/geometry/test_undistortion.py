@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.schemas.frame import Camera
 from wayside.stages.geometry.undistortion import (
     distort_points,

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from wayside.stages.georeference.banded import BandedNormal, block_covariances
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from pyproj import Geod
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.frame import Fix, Pose, PosePrior
 from wayside.schemas.settings import GeoreferenceSettings, LandmarkSettings, MotionSettings
 from wayside.stages.georeference import LocalOrigin, PathPoint, align_level, georeference

@@ -10,6 +10,7 @@ import pyproj
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.schemas.routes import RouteSegments
 from wayside.schemas.settings import RouteSettings
 from wayside.stages.georeference import measure_along_route

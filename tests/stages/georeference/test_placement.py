@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from wayside.schemas.detections import Candidates, Regions
 from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.settings import GeoreferenceSettings
 from wayside.stages.georeference import AbsoluteMeasurements, RelativeMotionChain, smooth
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from wayside.stages.imaging.colorspace import colorfulness, log_chromaticity
 
 COLORS = np.array([[0, 0, 0], [255, 255, 255], [200, 20, 3], [0, 255, 0]], np.float32)

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
+
 from wayside.schemas.frame import Camera, Frame
 from wayside.stages.imaging.decoding import decode, used_bits
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.schemas.frame import USED, Camera, Frame
 from wayside.schemas.settings import BalanceSettings
 from wayside.stages.imaging import decode

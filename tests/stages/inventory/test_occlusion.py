@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings.merging import ChangeSettings
 from wayside.stages.geometry import distort_points, ideal_points

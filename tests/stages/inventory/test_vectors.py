@@ -7,6 +7,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
+
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import Sightings
 from wayside.stages.inventory import (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.stages.inventory import PanelPlaces, gone_probability, views_of

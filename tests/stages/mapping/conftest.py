@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
+
 from wayside.schemas.models import EvidenceModel
 from wayside.schemas.settings import AssociationSettings, TrackSettings
 from wayside.stages.mapping.association import AssociationGates, WindowCandidates

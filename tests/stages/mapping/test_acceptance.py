@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from wayside.schemas.settings import AcceptanceSettings, AdjustmentSettings, LandmarkSettings
 from wayside.stages.mapping.acceptance import accept_greedily
 from wayside.stages.mapping.hypotheses import Hypotheses, pair_hypotheses

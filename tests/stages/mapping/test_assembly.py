@@ -1,6 +1,7 @@
 from dataclasses import replace
 
 import numpy as np
+
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.settings import AssemblySettings, MappingSettings
 from wayside.stages.mapping.assembly import assemble, same_support

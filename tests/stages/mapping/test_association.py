@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from wayside.stages.mapping.association import MISSED, associate
 from wayside.stages.mapping.hypotheses import pair_hypotheses
 

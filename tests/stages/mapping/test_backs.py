@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from wayside.schemas.detections import VERDICTS, Candidates, Regions, verdict_code
 from wayside.schemas.measurement import Alignment, PanelView
 from wayside.schemas.settings import MappingSettings

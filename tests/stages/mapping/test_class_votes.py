@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+
 from wayside.schemas.detections import COLORS
 from wayside.schemas.settings import MappingSettings
 from wayside.stages.mapping.tracker import track

@@ -1,6 +1,7 @@
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+
 from wayside.stages.mapping.landmark import point_covariance
 
 POINT = np.array([3.5, -1.0, 60.0])

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from wayside.stages.mapping.hypotheses import pair_hypotheses
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.schemas.model_json import model_from_json, model_to_json
 from wayside.schemas.settings import MappingSettings
 from wayside.stages.geometry import FrenetOffset

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+
 from wayside.schemas.settings import AdjustmentSettings, LandmarkSettings
 from wayside.stages.mapping.landmark_fit import fit_views, metric_size
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.motion import Motion, StepPrior, Ties
 from wayside.schemas.settings import AdjustmentSettings, LocalAdjustmentSettings, TieSettings

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.schemas.settings import AssemblySettings, LocateSettings, MappingSettings

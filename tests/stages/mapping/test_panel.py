@@ -6,6 +6,7 @@ from functools import partial
 import cv2
 import numpy as np
 import pytest
+
 from wayside.schemas.frame import Image
 from wayside.schemas.settings import LandmarkSettings, MappingSettings, TrackSettings
 from wayside.stages.geometry.path import FrenetOffset

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from wayside.schemas.detections import SOURCES, Candidates, Detections, Regions, verdict_code
 from wayside.schemas.models import ScoreModel
 from wayside.schemas.settings import (

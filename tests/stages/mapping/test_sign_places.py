@@ -2,6 +2,7 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.sign_places import LEAST_DENSITY, SURE, SignPlaces
 

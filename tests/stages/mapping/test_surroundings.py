@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+
 from wayside.stages.mapping.surroundings import surroundings_correlation
 
 FOCAL, SIZE, RIGHT, UP = 800.0, 0.8, 6.0, 1.0

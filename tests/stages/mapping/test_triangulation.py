@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.settings import AdjustmentSettings
 from wayside.stages.geometry.ray_midpoint import midpoint, pair_residual
 from wayside.stages.mapping import triangulation

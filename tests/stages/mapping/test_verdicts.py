@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.frame import Pose
 from wayside.schemas.settings import AdjustmentSettings, LandmarkSettings, VerdictSettings

@@ -1,6 +1,7 @@
 import cv2
 import numpy as np
 import pytest
+
 from wayside.stages.odometry.descriptor_matching import match_in_bands
 
 

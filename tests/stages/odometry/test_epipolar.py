@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.motion import StepPrior
 from wayside.stages.geometry import Schedule, halfway_direction
 from wayside.stages.odometry.epipolar import (

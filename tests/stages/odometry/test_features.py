@@ -1,6 +1,7 @@
 import cv2
 import numpy as np
 import pytest
+
 from wayside.schemas.frame import THINNED
 from wayside.schemas.settings import FeatureSettings
 from wayside.stages.geometry.undistortion import ideal_points

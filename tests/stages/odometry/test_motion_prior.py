@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from pyproj import Geod
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Camera, Fix, Frame, Pose, PosePrior
 from wayside.schemas.settings import MotionSettings

@@ -2,6 +2,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.odometry.mount import (
     Mount,

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import AdjustmentSettings, TieSettings
 from wayside.stages.geometry.rotation import tangent_basis

@@ -1,6 +1,7 @@
 import cv2
 import numpy as np
 import pytest
+
 from wayside.schemas.settings import TieSettings
 from wayside.stages.odometry.patch_registration import register_patches
 

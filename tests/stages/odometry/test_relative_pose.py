@@ -3,6 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import MotionSettings, TieSettings

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.odometry.motion_prior import MotionPrior

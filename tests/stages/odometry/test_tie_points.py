@@ -2,6 +2,7 @@ import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.detections import Candidates, Detections, Features, Regions
 from wayside.schemas.frame import USED, Camera, Frame, Image
 from wayside.schemas.motion import StepPrior

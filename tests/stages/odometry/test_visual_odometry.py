@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+
 from wayside.schemas.detections import Candidates, Detections, Regions, Segmentation
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import (

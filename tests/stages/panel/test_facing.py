@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+
 from wayside.schemas.settings import PanelSettings
 from wayside.stages.panel import facing
 from wayside.stages.panel.rectification import PanelPlane

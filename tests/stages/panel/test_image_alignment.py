@@ -6,6 +6,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, map_coordinates
+
 from wayside.schemas.settings import RegistrationSettings
 from wayside.stages.panel import image_alignment
 from wayside.stages.panel.image_alignment import warp_to_template

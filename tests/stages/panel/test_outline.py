@@ -3,6 +3,7 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
+
 from wayside.schemas.settings import PanelOutlineSettings
 from wayside.stages.panel.outline import FaceOutline, fit_face_outline, outline_candidates
 from wayside.stages.panel.outline_edges import edge_profiles, gradients_of, strip_colors

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.settings import RegistrationSettings
 from wayside.stages.panel.outline import FaceOutline

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.distance import mahalanobis
+
 from wayside.schemas.detections import COLORS, VERDICTS, Regions, Segmentation
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Frame, Image

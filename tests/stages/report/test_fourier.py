@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.stages.report.outline import TERMS, fourier_descriptors, resample_outline
 
 

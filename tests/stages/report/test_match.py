@@ -3,6 +3,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.settings import MappingSettings, SiftSettings, TrackSettings
 from wayside.stages.mapping.tracker import track

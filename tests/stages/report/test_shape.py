@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+
 from wayside.schemas.detections import SHAPES, VERDICTS, Candidates, Detections
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Frame, Image

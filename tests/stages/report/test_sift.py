@@ -1,5 +1,6 @@
 import cv2
 import numpy as np
+
 from wayside.schemas.frame import THINNED
 from wayside.schemas.settings import SiftSettings
 from wayside.stages.report.sift import extract_sift

@@ -1,5 +1,6 @@
 import cv2
 import numpy as np
+
 from wayside.stages.report.match import match_points, vote_regions
 
 

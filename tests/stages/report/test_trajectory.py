@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
+
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Pose
 from wayside.schemas.models import MixtureModel

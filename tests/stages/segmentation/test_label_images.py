@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+
 from wayside.stages.segmentation.label_images import (
     DIFFERENCES,
     difference_histogram,

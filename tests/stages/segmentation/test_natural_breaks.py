@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.stages.segmentation.natural_breaks import classes_of_values, optimal_breaks
 
 

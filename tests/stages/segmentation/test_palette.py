@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+
 from wayside.schemas.settings import SegmentSettings
 from wayside.stages.segmentation.palette import palette, sample_colors
 

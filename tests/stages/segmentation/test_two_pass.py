@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from scipy import ndimage
+
 from wayside.schemas.detections import SOURCES
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Camera, Frame, Image

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from wayside.schemas.frame import Pose
 from wayside.schemas.landmarks import Landmark
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.frame import Pose
 from wayside.schemas.landmarks import Landmark
