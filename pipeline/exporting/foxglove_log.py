@@ -188,7 +188,8 @@ def _outlined(
 ) -> ImageAnnotations:
     """Outlines of boxes, each with its words, in the colours of both."""
     time = _stamp(row["header_time_ns"])
-    outlines, texts = [], []
+    outlines: list[Any] = []
+    texts: list[Any] = []
     for (x0, y0, x1, y1), words, ink, ink_of_words in boxes:
         outline = {
             "timestamp": time,
@@ -222,7 +223,8 @@ def _scene(table: FlatTable, rows: Sequence[Row], world: str) -> SceneUpdate:
         if sign["best_frame"] in placed
     ]
     shared = {"timestamp": time, "frame_id": world}
-    return SceneUpdate(entities=[entity | shared for entity in entities])
+    whole: list[Any] = [entity | shared for entity in entities]
+    return SceneUpdate(entities=whole)
 
 
 def _path(placed: Sequence[Row]) -> Message:

@@ -11,7 +11,7 @@ from wayside.pipeline.learning.detector_crops import CROP_PX
 from wayside.pipeline.learning.detector_images import FRONT, labelled_image
 from wayside.pipeline.learning.face_drawings import FaceLibrary
 from wayside.pipeline.model_files import shipped_models
-from wayside.pipeline.onnx_header import read_onnx_header
+from wayside.pipeline.provenance import onnx_metadata
 from wayside.schemas.errors import InputError
 from wayside.stages.detection import drawn_patches
 from wayside.stages.imaging import pyramid
@@ -211,11 +211,11 @@ def test_a_training_writes_networks_with_their_provenance_and_can_be_taken_up(
                 None, tmp_path, tmp_path, options(training, wanted, without=("ca_city_garmin",))
             )
         for name in ("network.onnx", "box.onnx"):
-            said = read_onnx_header((tmp_path / name).read_bytes()).metadata
+            said = onnx_metadata((tmp_path / name).read_bytes())
             assert said["steps"] == str(wanted)
             assert "ca_city_garmin: 1 images, 1 faces, MIT" in said["sources"]
             assert "7 bits" in said["weights"]
-            beside = read_onnx_header((tmp_path / "without" / name).read_bytes()).metadata
+            beside = onnx_metadata((tmp_path / "without" / name).read_bytes())
             assert "ca_city_garmin" not in beside["sources"]
     networks = {"network.onnx", "float.onnx", "box.onnx", "box_float.onnx"}
     assert {path.name for path in (tmp_path / "without").iterdir()} == networks
@@ -247,7 +247,7 @@ def test_a_training_begins_from_networks_of_the_same_layers_and_says_so(training
         training.learn_networks(
             None, tmp_path, tmp_path / "begun", options(training, 1, begin_from=shipped)
         )
-    said = read_onnx_header((tmp_path / "begun" / "box.onnx").read_bytes()).metadata
+    said = onnx_metadata((tmp_path / "begun" / "box.onnx").read_bytes())
     assert "scenes_mixed" in said["begun from"]
     (tmp_path / "other").mkdir()
     for name in ("network.onnx", "box.onnx"):
