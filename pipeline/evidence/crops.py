@@ -22,6 +22,9 @@ CONTEXT = 3.0
 SMALLEST_PX = 64
 """No crop is lower than this: of a face far away, its surroundings say what it is."""
 _OUTSIDE_GREY = 200
+PAPER, ACCENT = (255, 255, 255), (214, 0, 128)
+"""Colours of the line around a box, outside and inside; no sign has the second."""
+_THIN_TO_PX, _HALO_PX, _SHIFT = 280, 3, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +79,21 @@ def cut(rgb: NDArray[np.uint8], box: tuple[float, float, float, float], proporti
 def _shifted_inside(start: int, length: int, room: int) -> int:
     """Where a stretch must start to lie in 0 to `room`; unchanged where it is too long."""
     return start if length > room else min(max(start, 0), room - length)
+
+
+def draw_crop(crop: Crop, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """A crop with its box, (height, width, 3) uint8 RGB; `size` is width, height of its proportion."""
+    scaled = crop.scaled_to(*size)
+    rgb = scaled.rgb.copy()
+    thickness = 2 if size[0] <= _THIN_TO_PX else 3
+    x0, y0, x1, y1 = (edge - 0.5 for edge in scaled.box)  # pixel centres stand at integers
+    gap = (thickness + _HALO_PX) / 2 + 1  # the line goes around the face, not over it
+    x0, y0, x1, y1 = x0 - gap, y0 - gap, x1 + gap, y1 + gap
+    corners = np.array([[(x0, y0)], [(x1, y0)], [(x1, y1)], [(x0, y1)]]) * (1 << _SHIFT)
+    outline = [np.rint(corners).astype(np.int32)]
+    for ink, width in ((PAPER, thickness + _HALO_PX), (ACCENT, thickness)):
+        cv2.polylines(rgb, outline, True, ink, width, cv2.LINE_AA, _SHIFT)
+    return rgb
 
 
 def read_images(

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.evidence.crops import Crop, cut, read_images
+from wayside.pipeline.evidence.crops import Crop, cut, draw_crop, read_images
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
 from wayside.pipeline.evidence.index import Card, format_index
-from wayside.pipeline.evidence.sheet import PROPORTION, draw_crop, draw_sheet
-from wayside.pipeline.evidence.sheet_page import format_sheet
+from wayside.pipeline.evidence.sheet import PROPORTION, draw_sheet, format_sheet
 from wayside.pipeline.file_marks import is_marked, marked_png
 from wayside.pipeline.output_folder import OutputFolder
 from wayside.pipeline.reading.frames import ReadReport
@@ -28,7 +27,6 @@ from wayside.schemas.settings import ReadSettings
 
 INDEX_FILE = "index.html"
 THUMB = 240, 180
-_PNG_LEVEL, _WEBP_QUALITY = 4, 75
 Watcher = Callable[[int, int], None]
 
 
@@ -87,9 +85,7 @@ def write_evidence(
     mark = f"wayside {run.get('log', '')} {run.get('log_fingerprint') or ''}".strip()
     source = (find_log(run, log), read_settings(out, run)) if signs else None
     with OutputFolder(folder) as output:
-        binder = _Binder(
-            output.part, drive, str(run.get("log", "")), str(run.get("world", "")), mark, png=png
-        )
+        binder = _Binder(output.part, drive, run, mark, png=png)
         names = [name for one in signs for name in binder.files(one)]
         if sign_id is None:
             names.append(INDEX_FILE)
@@ -100,7 +96,8 @@ def write_evidence(
             _fill(binder, signs, *source, watch)
         if sign_id is None:
             cards = [Card(one.sign, binder.name(one), binder.thumbs.get(one.name)) for one in signs]
-            index_page = format_index(cards, drive, binder.log, result_name(run), mark)
+            log_name = str(run.get("log", ""))
+            index_page = format_index(cards, drive, log_name, result_name(run), mark)
             _write(output.part / INDEX_FILE, index_page.encode())
         output.commit([] if sign_id else _sheets_of_others(folder, mark, signs))
     index = folder / INDEX_FILE if sign_id is None else None
@@ -134,9 +131,9 @@ class _Binder:
     """Keeps the cut-outs of every sign until its sheet can be drawn and written."""
 
     def __init__(
-        self, folder: Path, drive: DriveMap, log: str, world: str, mark: str, *, png: bool
+        self, folder: Path, drive: DriveMap, run: Mapping[str, Any], mark: str, *, png: bool
     ) -> None:
-        self.folder, self.drive, self.log, self.world = folder, drive, log, world
+        self.folder, self.drive, self.run = folder, drive, run
         self.mark, self.png = mark, png
         self.neighbours: dict[str, dict[str, str]] = {}
         self.crops: defaultdict[str, dict[SignView, Crop]] = defaultdict(dict)
@@ -170,12 +167,12 @@ class _Binder:
         """Draw and write the sheet of a sign with what there is of it."""
         crops = self.crops.pop(evidence.name, {})
         self.lost_views += len(evidence.views) - len(crops)
-        about = (evidence, crops, self.drive, self.log, self.world)
+        about = (evidence, crops, self.drive, self.run)
         page = format_sheet(*about, self.mark, self.neighbours.get(evidence.name, {}))
         _write(self.folder / self.name(evidence), page.encode())
         if self.png:
-            png = _encoded(".png", draw_sheet(*about), cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL)
-            _write(self.folder / f"{evidence.name}.png", marked_png(png, self.mark))
+            png = marked_png(draw_sheet(*about), self.mark)
+            _write(self.folder / f"{evidence.name}.png", png)
         if evidence.best in crops:
             thumb = draw_crop(crops[evidence.best], THUMB)
             self.thumbs[evidence.name] = encode_webp(thumb)
@@ -200,10 +197,6 @@ def _fill(
                 watch(len(signs) - len(open_signs), len(signs))
     for one in open_signs.values():  # the log has become shorter since the run
         binder.finish(one)
-
-
-def _encoded(kind: str, rgb: NDArray[np.uint8], *how: int) -> bytes:
-    return cv2.imencode(kind, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), how)[1].tobytes()
 
 
 def _write(path: Path, content: bytes) -> None:

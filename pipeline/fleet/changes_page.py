@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
-from html import escape
-from importlib.resources import files
 from pathlib import Path
-from string import Template
 from typing import Any
 
-from wayside.pipeline.evidence.crops import cut, read_images
+from wayside.pipeline.evidence.crops import cut, draw_crop, read_images
 from wayside.pipeline.evidence.marks import appearance_of
-from wayside.pipeline.evidence.sheet import draw_crop
-from wayside.pipeline.file_marks import is_marked, marked_head
+from wayside.pipeline.file_marks import is_marked
 from wayside.pipeline.fleet.manifest import DRIVES
 from wayside.pipeline.input_files import read_parquet
+from wayside.pipeline.pages import render_page
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.result import find_log, read_rows, read_run, read_settings
 from wayside.pipeline.webp import data_address, encode_webp
@@ -28,6 +25,7 @@ from wayside.schemas.tables import FRAMES
 Row = dict[str, Any]
 QUIET = ("unchanged", "not_looked_at")
 """Changes that a page shows only where all are asked for, or where something hides the place."""
+_SIDES = "before", "after"
 _SIZE = 480, 360
 _MARK = "wayside changes"
 
@@ -95,23 +93,19 @@ def write_page(
     images, faults = _images(inventory, rows, watch)
     counts = Counter(row["change"] for row in everything)
     shown = [kind for kind in kinds if any(row["change"] == kind for row in rows)]
-    template = Template(files(__package__).joinpath("changes.html").read_text("utf-8"))
-    page = template.substitute(
-        mark=marked_head(_MARK),
-        before=escape(names[0]),
-        after=escape(names[1]),
-        summary=escape(", ".join(f"{counts[kind]} {_words(kind)}" for kind in kinds)),
-        filters=_filters(shown, counts),
-        hidden="\n".join(
-            f"body:has(#show-{kind}:not(:checked)) li.{kind} {{ display: none; }}" for kind in shown
-        ),
-        cards="\n".join(
-            _card(row, names, [images.get((number, side)) for side in ("before", "after")])
+    page = render_page(
+        "changes.html",
+        _MARK,
+        names=names,
+        counts={kind: counts[kind] for kind in kinds},
+        shown=shown,
+        cards=[
+            _card(row, names, [images.get((number, side)) for side in _SIDES])
             for number, row in enumerate(rows)
-        ),
+        ],
     )
     write_file(file, page.encode(), is_own=lambda path: is_marked(path, _MARK), overwrite=overwrite)
-    wanted = sum(row[f"drive_{side}"] is not None for row in rows for side in ("before", "after"))
+    wanted = sum(row[f"drive_{side}"] is not None for row in rows for side in _SIDES)
     return Page(len(rows), wanted - len(images), tuple(faults))
 
 
@@ -123,7 +117,7 @@ def _images(
         lambda: defaultdict(list)
     )
     for number, row in enumerate(rows):
-        for side in ("before", "after"):
+        for side in _SIDES:
             if row[f"drive_{side}"] is not None:
                 wanted[row[f"drive_{side}"]][row[f"frame_{side}"]].append((number, side))
     images: dict[tuple[int, str], bytes] = {}
@@ -151,15 +145,7 @@ def _images(
     return images, faults
 
 
-def _filters(shown: list[str], counts: Counter[str]) -> str:
-    boxes = "".join(
-        f'<label><input type="checkbox" id="show-{kind}" checked> {_words(kind)} ({counts[kind]})</label>'
-        for kind in shown
-    )
-    return f"<fieldset>{boxes}</fieldset>" if shown else "<p>Nothing changed.</p>"
-
-
-def _card(row: Row, names: tuple[str, str], images: list[bytes | None]) -> str:
+def _card(row: Row, names: tuple[str, str], images: list[bytes | None]) -> dict[str, Any]:
     name = row["panel_before"] or row["panel_after"]
     facts = [f"{row['lat_deg']:.6f}°, {row['lon_deg']:.6f}°"]
     if row["probability"] is not None:
@@ -168,14 +154,15 @@ def _card(row: Row, names: tuple[str, str], images: list[bytes | None]) -> str:
         facts.append(f"moved {row['distance_m']:.1f} m")
     if row["route"] is not None and row["measure"] is not None:
         facts.append(f"{row['route']} {row['measure']:.3f} {row['measure_unit']}")
-    sides = _figure(row, "before", names[0], images[0]) + _figure(row, "after", names[1], images[1])
-    return (
-        f'<li class="{row["change"]}"><h2>{escape(_words(row["change"]))}: {escape(name)}</h2>'
-        f'<p>{escape(" · ".join(facts))}</p><div class="pair">{sides}</div></li>'
-    )
+    return {
+        "change": row["change"],
+        "name": name,
+        "facts": facts,
+        "figures": [_figure(row, *of) for of in zip(_SIDES, names, images, strict=True)],
+    }
 
 
-def _figure(row: Row, side: str, survey: str, image: bytes | None) -> str:
+def _figure(row: Row, side: str, survey: str, image: bytes | None) -> dict[str, Any]:
     """The image of one survey; where nothing was seen, the place."""
     seen, looked, hidden = (row[f"{count}_{side}"] for count in ("seen", "drives", "hidden"))
     if not looked:
@@ -192,12 +179,8 @@ def _figure(row: Row, side: str, survey: str, image: bytes | None) -> str:
         if row[f"drive_{side}"] is None
         else f", {row[f'drive_{side}']} frame {row[f'frame_{side}']}"
     )
-    caption = f"{survey}: {face}; {by}{where}"
-    shown = '<span class="none">no image</span>'
-    if image is not None:
-        shown = f'<img src="{data_address(image)}" loading="lazy" alt="{escape(face)}">'
-    return f"<figure>{shown}<figcaption>{escape(caption)}</figcaption></figure>"
-
-
-def _words(kind: str) -> str:
-    return kind.replace("_", " ")
+    return {
+        "face": face,
+        "caption": f"{survey}: {face}; {by}{where}",
+        "source": None if image is None else data_address(image),
+    }

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from html import escape
-from importlib.resources import files
 from pathlib import Path
-from string import Template
 from typing import Any
 
 from wayside.pipeline.evidence.crops import Crop, cut, read_images
 from wayside.pipeline.evidence.marks import class_words
-from wayside.pipeline.file_marks import is_marked, marked_head
+from wayside.pipeline.file_marks import is_marked
 from wayside.pipeline.labelling.items import Item, Questions, questions
+from wayside.pipeline.pages import render_page
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.result import find_log, read_rows, read_run, read_settings
 from wayside.pipeline.webp import data_address, encode_webp
@@ -103,13 +100,9 @@ def write_page(
         "items": [_entry(item, images.get(item.name, {}), times_ns) for item in asked.items],
     }
     landmarks = sum(not item.name.startswith("box ") for item in asked.items)
-    page = Template(files(__package__).joinpath("label.html").read_text("utf-8")).substitute(
-        log=escape(name),
-        file=escape(str(data["file"])),
-        mark=marked_head(mark),
-        summary=f"{landmarks} landmarks, then {len(asked.items) - landmarks} single boxes, those "
-        "first that the run was least sure of",
-        data=json.dumps(data).replace("<", "\\u003c"),
+    singles = len(asked.items) - landmarks
+    page = render_page(
+        "label.html", mark, log=name, data=data, landmarks=landmarks, singles=singles
     )
     try:
         folder.mkdir(parents=True, exist_ok=True)

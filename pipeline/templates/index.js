@@ -200,8 +200,8 @@ function drawMissing() {
     const u = one.x * w.turn[0][0] + one.y * w.turn[1][0], v = one.x * w.turn[0][1] + one.y * w.turn[1][1];
     const dot = document.createElementNS(map.namespaceURI, "circle");
     dot.setAttribute("class", "missing");
-    dot.setAttribute("cx", (u - w.left) * w.scale + w.margin);
-    dot.setAttribute("cy", (w.top - v) * w.scale + w.margin);
+    dot.setAttribute("cx", (u - w.left) * w.scale);
+    dot.setAttribute("cy", (w.top - v) * w.scale);
     dot.setAttribute("r", 9);
     map.append(dot);
   }
@@ -210,7 +210,7 @@ function drawMissing() {
 function place(pageX, pageY) {
   const point = new DOMPoint(pageX, pageY).matrixTransform(map.getScreenCTM().inverse());
   const w = about.map;
-  const u = (point.x - w.margin) / w.scale + w.left, v = w.top - (point.y - w.margin) / w.scale;
+  const u = point.x / w.scale + w.left, v = w.top - point.y / w.scale;
   const x = u * w.turn[0][0] + v * w.turn[0][1], y = u * w.turn[1][0] + v * w.turn[1][1];
   missing.push({ x: Math.round(x * 100) / 100, y: Math.round(y * 100) / 100, color: null, shape: null, note: "" });
   adding(false);
