@@ -5,23 +5,20 @@ from __future__ import annotations
 import filecmp
 import os
 import shutil
-from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-from wayside.pipeline.exporting.flat_table import Chunk, FlatTable, flat_table
-from wayside.pipeline.exporting.gis_files import GisLayer, made_files
-from wayside.pipeline.exporting.place import Placer
+from wayside.pipeline.exporting.flat_table import flat_table
+from wayside.pipeline.exporting.gis_files import made_files
+from wayside.pipeline.exporting.place import PlacedRows
 from wayside.pipeline.exporting.sources import (
     INVENTORY_TABLES,
-    Source,
     drive_signs,
     inventory_rows,
     is_inventory,
 )
 from wayside.pipeline.exporting.text_files import count_rows, write_csv, write_geojson
-from wayside.pipeline.exporting.units import in_feet_and_inches
 from wayside.pipeline.reviewing.review import Review
 from wayside.pipeline.writing import is_stream, not_whole, refuse, whole_file
 from wayside.schemas.errors import UsageError
@@ -124,7 +121,7 @@ def export(
             f"{out}: wanted signs on the globe for {FORMATS[kind]}, found none with longitude and latitude: the log "
             "has no satellite fixes; export CSV, gpkg or shp, whose x and y are relative to the drive"
         )
-    written = _Rows(source, crs, units)
+    written = PlacedRows(source, crs, imperial=units != UNITS[0])
     if kind in ("csv", "geojson"):
         write = write_csv if kind == "csv" else write_geojson
 
@@ -135,38 +132,11 @@ def export(
         with whole_file(file, overwrite=overwrite, read_back=read_back) as stream:
             write(written.columns, written, stream)
         told = kind != "csv" or crs is not None
-        return Exported(written.count, (file,), written.notes() if told else ())
-    layer = GisLayer(source.table, source.key, written.columns, written, written.crs, source.last)
-    with made_files(layer, kind, file) as (made, cut):
+        return Exported(written.count, (file,), tuple(written.notes()) if told else ())
+    with made_files(written, kind, file) as (made, cut):
         targets = [file.with_suffix(path.suffix) for path in made[:-1]] + [file]
         _write_together(made, targets, overwrite=overwrite)
     return Exported(written.count, tuple(targets), (*written.notes(), *cut))
-
-
-class _Rows:
-    """The rows of a source as they are written, counted: placed, projected, in the wanted units."""
-
-    def __init__(self, source: Source, crs: str | None, units: str) -> None:
-        self._source, self._units = source, units
-        self._placer = Placer(source, crs)
-        self.crs = self._placer.crs
-        self.columns = self._finished(FlatTable(source.columns, ())).table.columns
-        self.count = 0
-
-    def __iter__(self) -> Iterator[Chunk]:
-        for table in self._source.chunks():
-            self.count += len(table.rows)
-            yield self._finished(table)
-
-    def notes(self) -> tuple[str, ...]:
-        """What must be known of the rows so far."""
-        return tuple(self._placer.notes())
-
-    def _finished(self, table: FlatTable) -> Chunk:
-        placed = self._placer.place(table)
-        if self._units == UNITS[0]:
-            return placed
-        return replace(placed, table=in_feet_and_inches(placed.table))
 
 
 def _require_fitting(out: Path, kind: str, table: str | None, *, inventory: bool) -> None:
