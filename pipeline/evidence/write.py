@@ -9,21 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from wayside.pipeline.evidence.crops import Crop, cut, draw_crop, read_images
+from wayside.pipeline.evidence.crops import Crop, draw_crop, read_crops
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
 from wayside.pipeline.evidence.index import Card, format_index
 from wayside.pipeline.evidence.sheet import PROPORTION, draw_sheet, format_sheet
 from wayside.pipeline.file_marks import is_marked, marked_png
 from wayside.pipeline.output_folder import OutputFolder
-from wayside.pipeline.reading.frames import ReadReport
-from wayside.pipeline.result import find_log, read_run, read_settings
+from wayside.pipeline.result import read_run
 from wayside.pipeline.reviewing.review import result_name
 from wayside.pipeline.webp import encode_webp
 from wayside.pipeline.writing import create, not_written, refuse
-from wayside.schemas.settings import ReadSettings
 
 INDEX_FILE = "index.html"
 THUMB = 240, 180
@@ -83,7 +78,6 @@ def write_evidence(
     run = read_run(out)
     drive, signs = gather(out, sign_id)
     mark = f"wayside {run.get('log', '')} {run.get('log_fingerprint') or ''}".strip()
-    source = (find_log(run, log), read_settings(out, run)) if signs else None
     with OutputFolder(folder) as output:
         binder = _Binder(output.part, drive, run, mark, png=png)
         names = [name for one in signs for name in binder.files(one)]
@@ -92,8 +86,7 @@ def write_evidence(
             binder.link(signs)
         if not overwrite:
             _check_free(folder, names, mark)
-        if source is not None:
-            _fill(binder, signs, *source, watch)
+        _fill(binder, signs, out, log, watch)
         if sign_id is None:
             cards = [Card(one.sign, binder.name(one), binder.thumbs.get(one.name)) for one in signs]
             log_name = str(run.get("log", ""))
@@ -158,11 +151,6 @@ class _Binder:
                 beside["next"] = self.name(signs[number + 1])
             self.neighbours[one.name] = beside
 
-    def add(self, evidence: Evidence, view: SignView, rgb: NDArray[np.uint8] | None) -> None:
-        """Keep what the image of a view shows; None where it does not decode."""
-        if rgb is not None:
-            self.crops[evidence.name][view] = cut(rgb, view.box, PROPORTION)
-
     def finish(self, evidence: Evidence) -> None:
         """Draw and write the sheet of a sign with what there is of it."""
         crops = self.crops.pop(evidence.name, {})
@@ -179,22 +167,18 @@ class _Binder:
 
 
 def _fill(
-    binder: _Binder, signs: list[Evidence], log: Path, settings: ReadSettings, watch: Watcher
+    binder: _Binder, signs: list[Evidence], out: Path, log: Path | None, watch: Watcher
 ) -> None:
-    """Take the images of all views from the log and finish every sign with its last one."""
-    by_frame: defaultdict[int, list[tuple[Evidence, SignView]]] = defaultdict(list)
-    for one in signs:
-        for view in one.views:
-            by_frame[view.frame].append((one, view))
+    """Take the crops of all views from the log and finish every sign with its last one."""
+    boxes = (((one, view), view.frame, view.box) for one in signs for view in one.views)
     open_signs = {one.name: one for one in signs}
     watch(0, len(signs))
-    times_ns = binder.drive.log_times_ns
-    for image in read_images(log, settings, by_frame.keys(), times_ns, ReadReport()):
-        for one, view in by_frame[image.frame.index]:
-            binder.add(one, view, image.rgb)
-            if view is one.views[-1]:
-                binder.finish(open_signs.pop(one.name))
-                watch(len(signs) - len(open_signs), len(signs))
+    for (one, view), crop in read_crops(out, log, boxes, PROPORTION):
+        if crop is not None:
+            binder.crops[one.name][view] = crop
+        if view is one.views[-1]:
+            binder.finish(open_signs.pop(one.name))
+            watch(len(signs) - len(open_signs), len(signs))
     for one in open_signs.values():  # the log has become shorter since the run
         binder.finish(one)
 

@@ -8,19 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.evidence.crops import cut, draw_crop, read_images
+from wayside.pipeline.evidence.crops import draw_crop, read_crops
 from wayside.pipeline.evidence.marks import appearance_of
 from wayside.pipeline.file_marks import is_marked
 from wayside.pipeline.fleet.manifest import DRIVES
 from wayside.pipeline.input_files import read_parquet
 from wayside.pipeline.pages import render_page
-from wayside.pipeline.reading.frames import ReadReport
-from wayside.pipeline.result import find_log, read_rows, read_run, read_settings
 from wayside.pipeline.webp import data_address, encode_webp
 from wayside.pipeline.writing import write_file
 from wayside.schemas.errors import InputError
 from wayside.schemas.inventory_tables import CHANGES, CHANGES_OF_PANELS
-from wayside.schemas.tables import FRAMES
+from wayside.schemas.labels import Box
 
 Row = dict[str, Any]
 QUIET = ("unchanged", "not_looked_at")
@@ -113,32 +111,22 @@ def _images(
     inventory: Path, rows: list[Row], watch: Callable[[int, int], None]
 ) -> tuple[dict[tuple[int, str], bytes], list[str]]:
     """WebP images by row and side; faults of the logs that give none, in words."""
-    wanted: defaultdict[str, defaultdict[int, list[tuple[int, str]]]] = defaultdict(
-        lambda: defaultdict(list)
-    )
+    wanted: defaultdict[str, list[tuple[tuple[int, str], int, Box]]] = defaultdict(list)
     for number, row in enumerate(rows):
         for side in _SIDES:
             if row[f"drive_{side}"] is not None:
-                wanted[row[f"drive_{side}"]][row[f"frame_{side}"]].append((number, side))
+                box = tuple(row[f"box_{side}"])
+                wanted[row[f"drive_{side}"]].append(((number, side), row[f"frame_{side}"], box))
     images: dict[tuple[int, str], bytes] = {}
     faults = []
-    for done, (drive, frames) in enumerate(sorted(wanted.items())):
+    for done, (drive, boxes) in enumerate(sorted(wanted.items())):
         watch(done, len(wanted))
-        folder = inventory / DRIVES / drive
         try:
-            run = read_run(folder)
-            log, settings = find_log(run, None), read_settings(folder, run)
-            times = {
-                r["frame"]: r["log_time_ns"]
-                for r in read_rows(folder, FRAMES, ("frame", "log_time_ns"))
-            }
-            for image in read_images(log, settings, frames.keys(), times, ReadReport()):
-                for number, side in frames[image.frame.index]:
-                    if image.rgb is not None:
-                        crop = cut(
-                            image.rgb, tuple(rows[number][f"box_{side}"]), _SIZE[0] / _SIZE[1]
-                        )
-                        images[number, side] = encode_webp(draw_crop(crop, _SIZE))
+            for key, crop in read_crops(
+                inventory / DRIVES / drive, None, boxes, _SIZE[0] / _SIZE[1]
+            ):
+                if crop is not None:
+                    images[key] = encode_webp(draw_crop(crop, _SIZE))
         except InputError as error:
             faults.append(str(error))
     watch(len(wanted), len(wanted))

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.evidence.crops import Crop, cut, read_images
+from wayside.pipeline.evidence.crops import Crop, read_crops
 from wayside.pipeline.evidence.marks import class_words
 from wayside.pipeline.file_marks import is_marked
 from wayside.pipeline.labelling.items import Item, Questions, questions
 from wayside.pipeline.pages import render_page
-from wayside.pipeline.reading.frames import ReadReport
-from wayside.pipeline.result import find_log, read_rows, read_run, read_settings
+from wayside.pipeline.result import read_rows, read_run
 from wayside.pipeline.webp import data_address, encode_webp
 from wayside.pipeline.writing import not_written, write_file
 from wayside.schemas.detections import COLORS, SHAPES
@@ -85,7 +83,7 @@ def write_page(
     asked = questions(out, most)
     rows = read_rows(out, FRAMES, ["frame", "log_time_ns"])
     times_ns = {row["frame"]: row["log_time_ns"] for row in rows}
-    images = _images(out, run, asked.items, log, times_ns, watch) if asked.items else {}
+    images = _images(out, asked.items, log, watch)
     name = str(run.get("log", ""))
     mark = f"wayside label {name} {run.get('log_fingerprint') or ''}".strip()
     data = {
@@ -119,25 +117,15 @@ def write_page(
 
 
 def _images(
-    out: Path,
-    run: dict[str, Any],
-    items: tuple[Item, ...],
-    log: Path | None,
-    times_ns: Mapping[int, int],
-    watch: Watcher,
+    out: Path, items: tuple[Item, ...], log: Path | None, watch: Watcher
 ) -> dict[str, dict[str, Any]]:
     """`image` and `outline` of the page by name of item, where the image of its largest view decodes."""
-    by_frame: defaultdict[int, list[Item]] = defaultdict(list)
-    for item in items:
-        by_frame[item.shown.frame].append(item)
-    source, settings = find_log(run, log), read_settings(out, run)
     found: dict[str, dict[str, Any]] = {}
     watch(0, len(items))
-    for image in read_images(source, settings, by_frame.keys(), times_ns, ReadReport()):
-        if image.rgb is None:
-            continue
-        for item in by_frame[image.frame.index]:
-            found[item.name] = _image(cut(image.rgb, item.shown.box, _PROPORTION))
+    boxes = ((item.name, item.shown.frame, item.shown.box) for item in items)
+    for name, crop in read_crops(out, log, boxes, _PROPORTION):
+        if crop is not None:
+            found[name] = _image(crop)
         watch(len(found), len(items))
     return found
 
