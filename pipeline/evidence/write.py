@@ -77,10 +77,11 @@ def write_evidence(
     """
     run = read_run(out)
     drive, signs = gather(out, sign_id)
-    mark = f"wayside {run.get('log', '')} {run.get('log_fingerprint') or ''}".strip()
+    name = str(run.get("log", ""))
+    mark = f"wayside {name} {run.get('log_fingerprint') or ''}".strip()
     with OutputFolder(folder) as output:
         binder = _Binder(output.part, drive, run, mark, png=png)
-        names = [name for one in signs for name in binder.files(one)]
+        names = [file for one in signs for file in binder.files(one)]
         if sign_id is None:
             names.append(INDEX_FILE)
             binder.link(signs)
@@ -89,12 +90,11 @@ def write_evidence(
         _fill(binder, signs, out, log, watch)
         if sign_id is None:
             cards = [Card(one.sign, binder.name(one), binder.thumbs.get(one.name)) for one in signs]
-            log_name = str(run.get("log", ""))
-            index_page = format_index(cards, drive, log_name, result_name(run), mark)
+            index_page = format_index(cards, drive, name, result_name(run), mark)
             _write(output.part / INDEX_FILE, index_page.encode())
         output.commit([] if sign_id else _sheets_of_others(folder, mark, signs))
-    index = folder / INDEX_FILE if sign_id is None else None
-    return Written(tuple(folder / binder.name(one) for one in signs), index, binder.lost_views)
+    sheets = tuple(folder / binder.name(one) for one in signs)
+    return Written(sheets, None if sign_id else folder / INDEX_FILE, binder.lost_views)
 
 
 def _check_free(folder: Path, names: Sequence[str], mark: str) -> None:

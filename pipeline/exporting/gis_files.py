@@ -73,11 +73,6 @@ def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[P
     """
     pyogrio = load_pyogrio()
     source = rows.source
-    options: dict[str, str] = {}
-    if kind == "gpkg":  # GDAL before 3.7, that of QGIS 3.22 too, warns of later versions
-        options = {"VERSION": "1.2"}
-    if kind == "shp":
-        options = {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": f"{source.last:%Y-%m-%d}"}
     cut: Counter[str] = Counter()
     schema = _schema(rows.columns, kind)
     key = short_names(rows.columns)[source.key] if kind == "shp" else source.key
@@ -101,7 +96,7 @@ def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[P
                     geometry_name=GEOMETRY,
                     geometry_type="Point" if kind == "kml" else "Point Z",
                     crs=rows.crs,
-                    **options,
+                    **_options(kind, source.last),
                 )
         except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
             raise OutputError(
@@ -110,13 +105,16 @@ def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[P
         if _read_back(pyogrio, made, key) != written.digest():
             raise not_whole(file)
         beside = sorted(path for path in scratch.iterdir() if path != made)
-        yield (
-            [*beside, made],
-            [
-                f"{count} texts of {name} are cut to the {_LONGEST_TEXT} bytes that a Shapefile holds"
-                for name, count in cut.items()
-            ],
-        )
+        words = f"cut to the {_LONGEST_TEXT} bytes that a Shapefile holds"
+        yield [*beside, made], [f"{n} texts of {name} are {words}" for name, n in cut.items()]
+
+
+def _options(kind: str, last: datetime) -> dict[str, str]:
+    if kind == "gpkg":  # GDAL before 3.7, that of QGIS 3.22 too, warns of later versions
+        return {"VERSION": "1.2"}
+    if kind == "shp":
+        return {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": f"{last:%Y-%m-%d}"}
+    return {}
 
 
 @contextmanager

@@ -79,17 +79,10 @@ def write_page(
         for row in everything
         if every or row["change"] not in QUIET or row["hidden_before"] or row["hidden_after"]
     ]
-    kinds = list(CHANGES_OF_PANELS)
-    rows.sort(
-        key=lambda row: (
-            kinds.index(row["change"]),
-            -(row["probability"] or 0.0),
-            row["panel_before"] or "",
-            row["panel_after"] or "",
-        )
-    )
+    rows.sort(key=_order)
     images, faults = _images(inventory, rows, watch)
     counts = Counter(row["change"] for row in everything)
+    kinds = list(CHANGES_OF_PANELS)
     shown = [kind for kind in kinds if any(row["change"] == kind for row in rows)]
     page = render_page(
         "changes.html",
@@ -105,6 +98,12 @@ def write_page(
     write_file(file, page.encode(), is_own=lambda path: is_marked(path, _MARK), overwrite=overwrite)
     wanted = sum(row[f"drive_{side}"] is not None for row in rows for side in _SIDES)
     return Page(len(rows), wanted - len(images), tuple(faults))
+
+
+def _order(row: Row) -> tuple[int, float, str, str]:
+    """By kind of change, the surest first."""
+    names = row["panel_before"] or "", row["panel_after"] or ""
+    return list(CHANGES_OF_PANELS).index(row["change"]), -(row["probability"] or 0.0), *names
 
 
 def _images(

@@ -81,24 +81,12 @@ def write_page(
     """
     run = read_run(out)
     asked = questions(out, most)
-    rows = read_rows(out, FRAMES, ["frame", "log_time_ns"])
-    times_ns = {row["frame"]: row["log_time_ns"] for row in rows}
     images = _images(out, asked.items, log, watch)
-    name = str(run.get("log", ""))
-    mark = f"wayside label {name} {run.get('log_fingerprint') or ''}".strip()
-    data = {
-        "log": Path(name).stem,
-        "log_fingerprint": run.get("log_fingerprint") or "",
-        "file": f"{Path(name).stem}.marks.json",
-        "kinds": [
-            {"value": kind, "key": key, "words": words} for kind, (key, words) in KINDS.items()
-        ],
-        "colors": [*(_choice(c, COLOR_KEYS[c]) for c in COLORS), _choice(None, NO_COLOR_KEY)],
-        "shapes": [*(_choice(s, SHAPE_KEYS[s]) for s in SHAPES), _choice(None, NO_SHAPE_KEY)],
-        "items": [_entry(item, images.get(item.name, {}), times_ns) for item in asked.items],
-    }
+    name, fingerprint = str(run.get("log", "")), run.get("log_fingerprint") or ""
+    mark = f"wayside label {name} {fingerprint}".strip()
     landmarks = sum(not item.name.startswith("box ") for item in asked.items)
     singles = len(asked.items) - landmarks
+    data = _data(out, Path(name).stem, fingerprint, asked.items, images)
     page = render_page(
         "label.html", mark, log=name, data=data, landmarks=landmarks, singles=singles
     )
@@ -114,6 +102,28 @@ def write_page(
         overwrite=overwrite,
     )
     return WrittenPage(path, asked, len(asked.items) - len(images))
+
+
+def _data(
+    out: Path,
+    log: str,
+    fingerprint: str,
+    items: tuple[Item, ...],
+    images: Mapping[str, dict[str, Any]],
+) -> dict[str, Any]:
+    """What the script of the page works on, and its buttons."""
+    rows = read_rows(out, FRAMES, ["frame", "log_time_ns"])
+    times_ns = {row["frame"]: row["log_time_ns"] for row in rows}
+    kinds = [{"value": kind, "key": key, "words": words} for kind, (key, words) in KINDS.items()]
+    return {
+        "log": log,
+        "log_fingerprint": fingerprint,
+        "file": f"{log}.marks.json",
+        "kinds": kinds,
+        "colors": [*(_choice(c, COLOR_KEYS[c]) for c in COLORS), _choice(None, NO_COLOR_KEY)],
+        "shapes": [*(_choice(s, SHAPE_KEYS[s]) for s in SHAPES), _choice(None, NO_SHAPE_KEY)],
+        "items": [_entry(item, images.get(item.name, {}), times_ns) for item in items],
+    }
 
 
 def _images(
