@@ -37,6 +37,21 @@ class Card:
         """The sign's id."""
         return str(self.sign["sign_id"])
 
+    @property
+    def face(self) -> str:
+        """Colour and shape in words."""
+        return appearance_of(self.sign["color"], self.sign["shape"])
+
+    @property
+    def code(self) -> str:
+        """Of the sign, or that it is not known."""
+        return code_of(self.sign) or UNKNOWN
+
+    @property
+    def source(self) -> str:
+        """Address of the small image; empty where there is none."""
+        return "" if self.thumb is None else data_address(self.thumb)
+
 
 def format_index(cards: Sequence[Card], drive: DriveMap, log: str, result: str, mark: str) -> str:
     """HTML page that lists all signs, with a map and filters, and takes a review of them.
@@ -70,7 +85,7 @@ def format_index(cards: Sequence[Card], drive: DriveMap, log: str, result: str, 
         map=None if to_map is None else _map(drive, to_map),
         about=about if to_map is None else about | {"map": _place_of_map(to_map)},
         classes={"color": COLORS, "shape": SHAPES},
-        cards=[_card(card) for card in cards],
+        cards=cards,
     )
 
 
@@ -93,58 +108,6 @@ def _counts(known: Iterable[str], found: Sequence[str | None]) -> dict[str, int]
     """How often each class occurs that does, in their order."""
     counts = Counter(name or UNKNOWN for name in found)
     return {name: counts[name] for name in (*known, UNKNOWN) if counts[name]}
-
-
-def _card(card: Card) -> dict[str, Any]:
-    sign = card.sign
-    confidence, station = sign["confidence"], sign["station_m"]
-    return {
-        "name": card.name,
-        "data": {
-            "id": card.name.lower(),
-            "color": sign["color"] or UNKNOWN,
-            "shape": sign["shape"] or UNKNOWN,
-            "code": code_of(sign) or UNKNOWN,
-            "status": sign["status"],
-            "confidence": "" if confidence is None else f"{confidence:.4f}",
-            "station": "" if station is None else f"{station:.3f}",
-        },
-        "color": sign["color"],
-        "shape": sign["shape"],
-        "sheet": card.sheet,
-        "source": None if card.thumb is None else data_address(card.thumb),
-        "face": appearance_of(sign["color"], sign["shape"]),
-        "facts": _facts(sign),
-    }
-
-
-def _facts(sign: dict[str, Any]) -> list[tuple[str, str]]:
-    lateral = sign["lateral_m"]
-    side = "" if lateral is None else " right" if lateral >= 0 else " left"
-    confidence = sign["confidence"]
-    return [
-        ("Code", code_of(sign) or UNKNOWN),
-        ("Confidence", UNKNOWN if confidence is None else f"{confidence:.2f}"),
-        ("Along", _metres(_number(sign["station_m"], sign["sigma_along_m"]))),
-        ("Beside", _metres(_number(None if lateral is None else abs(lateral))) + side),
-        ("Size", _metres(f"{_number(sign['panel_width_m'])} x {_number(sign['panel_height_m'])}")),
-        ("Views", str(sign["views"])),
-        *(
-            [("Image", f"{name} {sign['image_date']}".strip())]
-            if (name := sign.get("image_name"))
-            else []
-        ),
-    ]
-
-
-def _number(value: float | None, sigma: float | None = None) -> str:
-    if value is None:
-        return UNKNOWN
-    return f"{value:.2f}" if sigma is None else f"{value:.2f} ± {sigma:.2f}"
-
-
-def _metres(words: str) -> str:
-    return words if UNKNOWN in words else f"{words} m"
 
 
 def _projection(drive: DriveMap) -> Projection | None:
