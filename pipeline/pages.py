@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
 
 from wayside.pipeline.evidence.marks import class_words, css, outline_of
 from wayside.pipeline.file_marks import marked_head
@@ -20,7 +19,7 @@ def render(template: str, **values: Any) -> str:
 
 def render_page(template: str, mark: str, **values: Any) -> str:
     """An HTML page that needs no other file, and by which `is_marked` knows it again."""
-    return render(template, marked_head=Markup(marked_head(mark)), **values)
+    return render(template, marked_head=marked_head(mark), **values)
 
 
 def shortened(words: str, most: int) -> str:

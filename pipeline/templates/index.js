@@ -1,4 +1,3 @@
-"use strict";
 const form = document.getElementById("filters");
 const fields = form.elements;
 const list = document.getElementById("signs");
@@ -6,7 +5,6 @@ const cards = Array.from(list.children);
 const byId = new Map(cards.map(card => [card.id, card]));
 const dots = new Map(Array.from(document.querySelectorAll("[data-for]"), dot => [dot.dataset.for, dot]));
 const about = JSON.parse(document.getElementById("about").textContent);
-const at = id => document.getElementById(id);
 
 function number(card, name, missing) {
   return card.dataset[name] === "" ? missing : Number(card.dataset[name]);
@@ -232,16 +230,6 @@ if (map) map.addEventListener("click", event => {
 at("add").hidden = !map;
 at("add").addEventListener("click", () => adding(!isAdding()));
 at("reviewer").addEventListener("change", remember);
-
-function save(name, text, type) {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([text], { type }));
-  link.download = name;
-  document.body.append(link);
-  link.click();
-  link.remove();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
-}
 
 function asJson() {
   const whole = { wayside_review: 1, log: about.log, result: about.result, reviewer: at("reviewer").value.trim(), reviews: rows() };
