@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.pipeline.onnx_header import read_onnx_header
+from wayside.pipeline.provenance import onnx_metadata
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.stages.detection import BOX_VALUES, INNER, SIDE, drawn_patches
 from wayside.stages.detection import BoxNetwork as InOnnxRuntime
@@ -129,7 +129,7 @@ def test_the_file_gives_the_values_of_pytorch(torch, network, settled, tmp_path:
     np.testing.assert_allclose(found.offset, values[:, 2:6], **close)
     np.testing.assert_allclose(found.color, values[:, 6:14], **close)
     np.testing.assert_allclose(found.shape, values[:, 14:], **close)
-    said = read_onnx_header((tmp_path / "box.onnx").read_bytes()).metadata
+    said = onnx_metadata((tmp_path / "box.onnx").read_bytes())
     assert said == {"sources": "demo: 3 images", "seed": "1"}
 
 
@@ -147,6 +147,6 @@ def test_the_file_in_whole_numbers_gives_nearly_the_same_values(network, settled
         assert np.abs(kept - changed).max() > 0
         assert np.std(kept - changed) < 0.15 * np.std(kept)
     assert other.stat().st_size < 0.8 * one.stat().st_size
-    said = read_onnx_header(other.read_bytes()).metadata
+    said = onnx_metadata(other.read_bytes())
     assert said["sources"] == "demo: 3 images"
     assert "7 bits" in said["weights"]

@@ -1,4 +1,3 @@
-"use strict";
 const form = document.getElementById("filters");
 const fields = form.elements;
 const list = document.getElementById("signs");
@@ -6,7 +5,6 @@ const cards = Array.from(list.children);
 const byId = new Map(cards.map(card => [card.id, card]));
 const dots = new Map(Array.from(document.querySelectorAll("[data-for]"), dot => [dot.dataset.for, dot]));
 const about = JSON.parse(document.getElementById("about").textContent);
-const at = id => document.getElementById(id);
 
 function number(card, name, missing) {
   return card.dataset[name] === "" ? missing : Number(card.dataset[name]);
@@ -200,8 +198,8 @@ function drawMissing() {
     const u = one.x * w.turn[0][0] + one.y * w.turn[1][0], v = one.x * w.turn[0][1] + one.y * w.turn[1][1];
     const dot = document.createElementNS(map.namespaceURI, "circle");
     dot.setAttribute("class", "missing");
-    dot.setAttribute("cx", (u - w.left) * w.scale + w.margin);
-    dot.setAttribute("cy", (w.top - v) * w.scale + w.margin);
+    dot.setAttribute("cx", (u - w.left) * w.scale);
+    dot.setAttribute("cy", (w.top - v) * w.scale);
     dot.setAttribute("r", 9);
     map.append(dot);
   }
@@ -210,7 +208,7 @@ function drawMissing() {
 function place(pageX, pageY) {
   const point = new DOMPoint(pageX, pageY).matrixTransform(map.getScreenCTM().inverse());
   const w = about.map;
-  const u = (point.x - w.margin) / w.scale + w.left, v = w.top - (point.y - w.margin) / w.scale;
+  const u = point.x / w.scale + w.left, v = w.top - point.y / w.scale;
   const x = u * w.turn[0][0] + v * w.turn[0][1], y = u * w.turn[1][0] + v * w.turn[1][1];
   missing.push({ x: Math.round(x * 100) / 100, y: Math.round(y * 100) / 100, color: null, shape: null, note: "" });
   adding(false);
@@ -232,16 +230,6 @@ if (map) map.addEventListener("click", event => {
 at("add").hidden = !map;
 at("add").addEventListener("click", () => adding(!isAdding()));
 at("reviewer").addEventListener("change", remember);
-
-function save(name, text, type) {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([text], { type }));
-  link.download = name;
-  document.body.append(link);
-  link.click();
-  link.remove();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
-}
 
 function asJson() {
   const whole = { wayside_review: 1, log: about.log, result: about.result, reviewer: at("reviewer").value.trim(), reviews: rows() };
