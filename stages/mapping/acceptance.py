@@ -1,6 +1,6 @@
 """Greedy acceptance: hypotheses become landmarks, best first, and each removes its candidates from the rest.
 
-Other boxes on a face make landmarks of their own: which of them is the face, all evidence decides (`verdicts.same_face`).
+Other boxes on a face make landmarks of their own: which one is the face, all evidence decides (`verdicts.same_face`).
 """
 
 from __future__ import annotations

@@ -320,9 +320,7 @@ class _Tracker:
             boxes[held.frame.index] = SeenBox(box, seen=True, measured=bool(not predicted))
         return boxes
 
-    def _boxes_by_image(
-        self, fit: LandmarkFit, seen: Mapping[int, SeenBox]
-    ) -> dict[int, SeenBox]:
+    def _boxes_by_image(self, fit: LandmarkFit, seen: Mapping[int, SeenBox]) -> dict[int, SeenBox]:
         """The boxes of a landmark in the images of the window: as seen, else where it must be."""
         boxes = {}
         for held in self._window:

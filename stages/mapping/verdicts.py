@@ -49,8 +49,8 @@ def in_swept_volume(fit: LandmarkFit, offset: FrenetOffset, settings: VerdictSet
 class SeenBox(NamedTuple):
     """Box (4,) of a landmark in one image, as rays, and what it rests on.
 
-    seen: the image shows the landmark there, else that is only where it must be; measured: by a candidate of that image,
-    not by a box that the landmark predicted.
+    seen: the image shows the landmark there, else that is only where it must be; measured: by a candidate of that
+    image, not by a box that the landmark predicted.
     """
 
     box: NDArray[np.float64]

@@ -120,6 +120,21 @@ def test_panels_that_touch_are_a_row_each_and_none_spans_two(
     assert {p.verdict for p in landmarks} == {"sign", "duplicate"}
 
 
+def test_a_box_beside_a_face_waits_until_the_more_likely_face_is_passed_too(
+    panel, drive, evidence_model
+):
+    # the middle of the wide box has left the last image of the first window, that of the face has not
+    face = panel(3.5, 1.2, 142.7, score=4.0)
+    wide = panel(4.2, 1.2, 142.7, wide=1.6, score=2.0)
+    surest = LandmarkClassifier(evidence_model(score_best=1.0))
+    landmarks = landmarks_of(run(drive([wide, face], 24), classifier=surest))
+    found = {p.verdict: p.width_m / BORDER for p in landmarks}
+    assert found == {
+        "sign": pytest.approx(0.75, rel=0.02),
+        "duplicate": pytest.approx(1.6, rel=0.02),
+    }
+
+
 def test_chevrons_in_a_row_that_hide_part_of_each_other_are_a_row_each(panel, drive):
     # each stands 8 m behind the one before and half a metre farther right: far images show it behind that one
     row = [panel(2.0 + 0.5 * k, 1.0, 100.0 + 8.0 * k, wide=0.6, tall=0.75) for k in range(5)]

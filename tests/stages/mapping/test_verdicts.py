@@ -72,7 +72,7 @@ def test_a_face_that_the_motion_has_placed_twice_is_predicted_on_itself(predicte
 
 
 def test_near_images_tell_more_than_far_ones():
-    far = views(dict.fromkeys(range(4), [0.0, 0.0, 0.02, 0.02]))
+    far = views({k: [0.0, 0.0, 0.02, 0.02] for k in range(4)})
     assert not same_face(far | views({4: FACE}), far | views({4: BESIDE}))
 
 
