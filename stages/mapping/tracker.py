@@ -100,12 +100,16 @@ class _Reported(NamedTuple):
 
 
 class _Classified(NamedTuple):
-    """A fitted landmark with what decides on it; surroundings: correlation round it, None: not measured."""
+    """A fitted landmark with what decides on it.
+
+    surroundings: correlation round it, None: not measured; accepted: it may be a sign.
+    """
 
     fit: LandmarkFit
     offset: FrenetOffset
     evidence: LandmarkEvidence
     surroundings: float | None
+    accepted: bool
 
 
 class _Tracker:
@@ -169,31 +173,34 @@ class _Tracker:
     def _solve(self, *, last: bool) -> None:
         """Decide the landmarks of the window that the vehicle has passed, most likely signs first.
 
-        One that a more likely one in sight explains waits for it; of those in sight it is remembered which views leave.
+        One waits where another that may be a sign, on the same pixels, is still in sight.
         """
-        fits = self._fits()
-        passed = [last or self._passed(fit) for fit in fits]
-        fits = self._with_predicted_views(fits, passed)
+        passed, ahead = self._fits(last=last)
         oldest = self._window[0].motion.pose
         self._reported = [
             one for one in self._reported if not oldest.to_camera(one.fit.point)[2] < 0
         ]
-        ahead: list[_Reported] = []
-        classified = [(self._classify(fit), done) for fit, done in zip(fits, passed, strict=True)]
-        for one, done in sorted(classified, key=lambda each: -each[0].evidence.log_odds):
-            if not done or self._is_explained(one.fit, ahead):
-                self._note_far_views(one.fit)
-                ahead.append(_Reported(one.fit, self._seen_boxes(one.fit)))
+        rivals = [
+            _Reported(fit, self._seen_boxes(fit))
+            for fit in ahead
+            if self._classify(fit, nan).accepted
+        ]
+        for one in sorted(map(self._classify, passed), key=lambda one: -one.evidence.log_odds):
+            if one.accepted and self._is_explained(one.fit, rivals):
+                ahead.append(one.fit)
             else:  # once more: the surer ones say where signs stand
                 self._decide(self._classify(one.fit, one.surroundings))
+        for fit in ahead:
+            self._note_far_views(fit)
 
-    def _fits(self) -> list[LandmarkFit]:
-        """Landmarks of the unassigned candidates."""
+    def _fits(self, *, last: bool) -> tuple[list[LandmarkFit], list[LandmarkFit]]:
+        """Landmarks of the unassigned candidates: those passed, with predicted views, and those in sight."""
         settings, window = self._settings, self._window
         hypotheses = Hypotheses.joined(self._hypotheses)
         candidates = candidates_of(window)
         free = ~np.concatenate([f.assigned for f in window])
-        fits: list[LandmarkFit] = []
+        passed: list[LandmarkFit] = []
+        ahead: list[LandmarkFit] = []
         for back in self._sides:
             found = accept_greedily(
                 candidates,
@@ -205,22 +212,12 @@ class _Tracker:
                 settings.adjustment,
                 fewest=settings.track.fewest_views,
             )
-            fits += [replace(fit, back=back) for fit in found]
-        return fits
-
-    def _with_predicted_views(
-        self, fits: Sequence[LandmarkFit], passed: Sequence[bool]
-    ) -> list[LandmarkFit]:
-        """The landmarks, those that the vehicle has passed with their predicted views."""
+            for fit in found:
+                over = last or self._passed(fit)
+                (passed if over else ahead).append(replace(fit, back=back))
         views = {back: side.view for back, side in self._sides.items() if side.view is not None}
-        settings = self._settings
-        done = [fit for fit, over in zip(fits, passed, strict=True) if over]
-        more = iter(
-            add_predicted_views(
-                done, self._window, views, settings.prediction, settings.association
-            )
-        )
-        return [next(more) if over else fit for fit, over in zip(fits, passed, strict=True)]
+        more = add_predicted_views(passed, window, views, settings.prediction, settings.association)
+        return more, ahead
 
     def _note_far_views(self, fit: LandmarkFit) -> None:
         """Remember which candidates of the frames that leave the window show a landmark that is still in sight."""
@@ -243,9 +240,10 @@ class _Tracker:
         classifier = self._sides[fit.back].landmark
         known = nan if surroundings is None else surroundings
         evidence = classifier.classify(fit, self._window, offset, places, known)
-        if surroundings is None and classifier.accepts(evidence):
+        accepted = classifier.accepts(evidence)
+        if surroundings is None and accepted:
             return self._classify(fit, surroundings_correlation(self._views_of(fit)))
-        return _Classified(fit, offset, evidence, surroundings)
+        return _Classified(fit, offset, evidence, surroundings, accepted)
 
     def _decide(self, one: _Classified) -> None:
         """Give a landmark its verdict, measure it and hand it to its frames."""
@@ -287,10 +285,9 @@ class _Tracker:
     def _verdict(self, one: _Classified) -> tuple[str, PanelMeasurement]:
         """The verdict, and the panel, which is measured of what may be a sign."""
         fit, seen = one.fit, PanelMeasurement()
-        classifier = self._sides[fit.back].landmark
         if in_swept_volume(fit, one.offset, self._settings.verdict):
             return "moving", seen
-        if not classifier.accepts(one.evidence):
+        if not one.accepted:
             return VERDICT_OF_TERM[one.evidence.weakest], seen
         if self._is_explained(fit, self._reported):
             return "duplicate", seen
@@ -298,7 +295,8 @@ class _Tracker:
             drift_rad = self._settings.landmark.drift_rad
             seen = measure_panel(fit, self._window, one.offset, self._panel, drift_rad)
         # any two rays meet somewhere: where nothing is known of signs, images in register confirm it
-        confirmed = classifier.model is not None or fit.used.sum() > 2 or len(seen.views) > 1
+        known = self._sides[fit.back].landmark.model is not None
+        confirmed = known or fit.used.sum() > 2 or len(seen.views) > 1
         return "sign" if confirmed else "residual", seen
 
     def _is_explained(self, fit: LandmarkFit, others: Sequence[_Reported]) -> bool:
