@@ -112,24 +112,6 @@ class VerdictSettings:
     swept_height_m: float = setting(
         2.0, "m", "height of that above the camera", origin="size of a vehicle", expert=True
     )
-    same_depth_share: float = setting(
-        0.12, "", "relative depth within which two are one face", origin=SET, expert=True
-    )
-    same_depth_m: float = setting(2.5, "m", "or so many metres", origin=SET, expert=True, low=0)
-    same_depth_sigmas: float = setting(
-        4.0, "sigmas", "or so many standard deviations", origin=SET, expert=True, low=0
-    )
-    same_cover: float = setting(
-        0.4, "", "fraction of either that the other must cover", origin=SET, expert=True
-    )
-    nearest_m: float = setting(
-        0.5,
-        "m",
-        "nearer to the camera a landmark covers nothing",
-        origin="its box is its size over its depth",
-        expert=True,
-        low=0.01,
-    )
 
 
 @dataclass(frozen=True, slots=True)

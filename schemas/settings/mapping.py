@@ -161,12 +161,6 @@ class AcceptanceSettings:
         expert=True,
         low=1,
     )
-    same_face_iou: float = setting(
-        0.4, "", "other boxes of more overlap show the same face", origin=SET, expert=True
-    )
-    same_face_cover: float = setting(
-        0.75, "", "so do boxes covered by more than this", origin=SET, expert=True
-    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +28,7 @@ class LandmarkFit:
     point was fitted to them; point (3,), covariance (3, 3) in the world, by the rays alone; residual_px, depth (v,):
     pixels, metres; metric, spread (2,): width and height and their scatter, metres; weight_sigma, ray_sigma (v,): what
     the views were weighted by, and the scatter of their rays alone; missed: frames that should show it and have no
-    candidate there; value: sum over the views; covered (c, 2): frame and row of other candidates on the same face;
-    back: it is followed as the back of a panel.
+    candidate there; value: sum over the views; back: it is followed as the back of a panel.
     """
 
     frames: NDArray[np.int64]
@@ -45,7 +44,6 @@ class LandmarkFit:
     ray_sigma: NDArray[np.float64]
     missed: int = 0
     value: float = 0.0
-    covered: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     back: bool = False
 
     @property

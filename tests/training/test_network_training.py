@@ -9,7 +9,7 @@ import pytest
 from training.detector_images import FRONT, labelled_image
 from training.face_drawings import FaceLibrary
 from wayside.pipeline.model_files import shipped_models
-from wayside.pipeline.onnx_header import read_onnx_header
+from wayside.pipeline.provenance import onnx_metadata
 from wayside.stages.detection import SIDE
 
 PROPOSING = Path(str(shipped_models() / "network.onnx"))
@@ -166,7 +166,7 @@ def test_a_training_writes_networks_with_their_provenance_and_can_be_taken_up(
                 None, tmp_path, tmp_path, options(training, wanted, "ca_city_garmin")
             )
         for name in ("network.onnx", "box.onnx"):
-            said = read_onnx_header((tmp_path / name).read_bytes()).metadata
+            said = onnx_metadata((tmp_path / name).read_bytes())
             assert said["steps"] == str(wanted)
             assert (
                 said["sources"]
