@@ -13,7 +13,7 @@ from wayside.stages.kernels import Array
 from wayside.stages.odometry.motion_prior import MotionPrior
 from wayside.stages.odometry.pair_adjustment import PairAdjustment
 
-PRIOR_STEPS, MEMORY = 5, 60
+PRIOR_STEPS, MEMORY = 3, 60
 """Steps that what the log states counts for, and steps that are remembered: a receiver loses and finds its signal."""
 MEDIANS = np.array([1.386, 2.366])
 """Of chi squared with two and with three degrees of freedom: direction across the travel, rotation."""
