@@ -23,6 +23,9 @@ from wayside.stages.georeference.path import DrivePath, PathPoint, StepScale, dr
 from wayside.stages.georeference.trajectory import Trajectory, smooth
 from wayside.stages.kernels import Array
 
+POSE_FLOORS = 1e-3, 1e-4
+"""Smallest scatter of a pose at the time of a frame, metres and radians: what interpolation leaves."""
+
 
 def georeference(
     points: Iterator[PathPoint],
@@ -157,8 +160,7 @@ def _measured_poses(
     """The log's own poses."""
     s = settings
     given = [(row, p.given) for row, p in enumerate(path) if p.given is not None]
-    floor = s.pose_floor_m, s.pose_floor_rad
-    sigma_m, sigma_rad = np.maximum([g.sigmas() for _, g in given], floor).T
+    sigma_m, sigma_rad = np.maximum([g.sigmas() for _, g in given], POSE_FLOORS).T
     return AbsoluteMeasurements(
         row=np.array([row for row, _ in given]),
         position=np.stack([g.pose.centre for _, g in given]),

@@ -25,7 +25,8 @@ class PoseNoise:
 
     A pose is compared with the adjusted step, which rests on it in part. The mean square of its error is the square of
     the difference plus the variance of the adjusted step: the expectation step of Dempster, Laird and Rubin (1977).
-    Medians over the last steps keep single wrong poses and steps from counting.
+    Medians over the last steps keep single wrong poses and steps from counting. Only directions show the error of
+    positions, so it includes what the rotation of the earlier pose adds to them.
     """
 
     squares: deque[Array] = field(
