@@ -114,9 +114,11 @@ class PosePrior:
     sigma_rad: float | None
     source: str  # "poses" or "odometry"
 
-    def sigmas(self) -> tuple[float, float]:
-        """Both standard deviations; where the log states none, those of a usual receiver."""
-        given = (self.sigma_m, USUAL_SIGMA_M), (self.sigma_rad, USUAL_SIGMA_RAD)
+    def sigmas(
+        self, default_m: float = USUAL_SIGMA_M, default_rad: float = USUAL_SIGMA_RAD
+    ) -> tuple[float, float]:
+        """Both standard deviations; the defaults where the log states none."""
+        given = (self.sigma_m, default_m), (self.sigma_rad, default_rad)
         sigma_m, sigma_rad = (own if own is not None and own > 0 else other for own, other in given)
         return sigma_m, sigma_rad
 
