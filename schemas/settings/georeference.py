@@ -93,22 +93,6 @@ class GeoreferenceSettings:
         low=1e-3,
     )
     # absolute measurements: poses and fixes of the log
-    pose_floor_m: float = setting(
-        1e-3,
-        "m",
-        "smallest scatter of a pose of the log at the time of a frame",
-        origin="estimate",
-        expert=True,
-        low=1e-6,
-    )
-    pose_floor_rad: float = setting(
-        1e-4,
-        "rad",
-        "smallest scatter of its rotation",
-        origin="estimate",
-        expert=True,
-        low=1e-8,
-    )
     correlation_s: float = setting(
         60.0,
         "s",

@@ -59,10 +59,6 @@ class MotionSettings:
         low=0.01,
     )
     # What is expected of a step
-    pose_sigma_m: float = setting(
-        0.03, "m", "standard deviation of a pose where the log states none", expert=True, low=1e-6
-    )
-    pose_sigma_deg: float = setting(0.1, "deg", "the same of its rotation", expert=True, low=1e-6)
     fix_sigma_m: float = setting(
         1.5, "m", "standard deviation of a fix where the log states none", expert=True, low=1e-6
     )

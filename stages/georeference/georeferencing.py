@@ -23,6 +23,9 @@ from wayside.stages.georeference.path import DrivePath, PathPoint, StepScale, dr
 from wayside.stages.georeference.trajectory import Trajectory, smooth
 from wayside.stages.kernels import Array
 
+POSE_FLOORS = 1e-3, 1e-4
+"""Smallest scatter of a pose at the time of a frame, metres and radians: what interpolation leaves."""
+
 
 def georeference(
     points: Iterator[PathPoint],
@@ -83,7 +86,7 @@ def _in_world_of_poses(
     motion: MotionSettings,
 ) -> DrivePath:
     """The path in the world of the log's poses; on the globe by a second adjustment, since that world drifts."""
-    measured = _measured_poses(path, settings, motion)
+    measured = _measured_poses(path, settings)
     inside = smooth(chain, measured, *_stacked(_follow_given(path)), settings)
     notes = notes_on([p.frame for p in path], chain, measured, inside, "poses", settings)
     globe = None
@@ -152,14 +155,12 @@ def _times(path: Sequence[PathPoint]) -> Array:
 
 
 def _measured_poses(
-    path: Sequence[PathPoint], settings: GeoreferenceSettings, motion: MotionSettings
+    path: Sequence[PathPoint], settings: GeoreferenceSettings
 ) -> AbsoluteMeasurements:
     """The log's own poses."""
     s = settings
     given = [(row, p.given) for row, p in enumerate(path) if p.given is not None]
-    default = motion.pose_sigma_m, radians(motion.pose_sigma_deg)
-    floor = s.pose_floor_m, s.pose_floor_rad
-    sigma_m, sigma_rad = np.maximum([g.sigmas(*default) for _, g in given], floor).T
+    sigma_m, sigma_rad = np.maximum([g.sigmas() for _, g in given], POSE_FLOORS).T
     return AbsoluteMeasurements(
         row=np.array([row for row, _ in given]),
         position=np.stack([g.pose.centre for _, g in given]),

@@ -19,6 +19,7 @@ from wayside.stages.kernels import Array
 from wayside.stages.odometry.motion_prior import MotionPrior, predict_motion
 from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.pair_adjustment import PairAdjustment, adjust_pair
+from wayside.stages.odometry.pose_noise import PoseNoise
 from wayside.stages.odometry.relative_pose import (
     RelativePose,
     RelativePoseEstimator,
@@ -45,7 +46,7 @@ class OdometryStep:
 
 @dataclass(slots=True)
 class VisualOdometry:
-    """State between images: the last image and its frame, the step to it, and how the camera is mounted.
+    """State between images: the last image and its frame, the step to it, the camera's mount, the noise of poses.
 
     `estimate` gives the relative pose of two images; simulated drives, which have ties but no pixels, replace it.
     """
@@ -58,17 +59,19 @@ class VisualOdometry:
     frame: Frame | None = None
     last: OdometryStep = field(default_factory=lambda: OdometryStep(None))
     mount: Mount = field(init=False)
+    noise: PoseNoise = field(default_factory=PoseNoise)
 
     def __post_init__(self) -> None:
         self.mount = Mount(self.settings)
 
     def advance(self, image: KeypointImage | None, frame: Frame) -> Motion:
         """Motion from the last image to this one; without pixels the expected one. The step is `last` then."""
-        motion, step = _START, OdometryStep(_START)
+        given, step = self.noise.of(frame), OdometryStep(None)
+        motion = replace(_START, given=given.pose)
         if self.frame is not None and self.last.motion is not None:
             expected = predict_motion(
-                self.frame,
-                frame,
+                self.noise.of(self.frame),
+                given,
                 self.mount.travel,
                 self.last.rotation,
                 self.last.speed_mps,
@@ -76,10 +79,11 @@ class VisualOdometry:
                 self.last.length.length_in_spacings,
             )
             motion, step = self._step(self.last.motion, image, expected)
+            motion = replace(motion, given=given.pose)
             seconds = (frame.time_ns - self.frame.time_ns) * 1e-9
             speed_mps = motion.baseline_m / seconds if seconds > 0 else nan
-            step = replace(step, motion=motion, speed_mps=speed_mps)
-        self.image, self.frame, self.last = image, frame, step
+            step = replace(step, speed_mps=speed_mps)
+        self.image, self.frame, self.last = image, frame, replace(step, motion=motion)
         return motion
 
     def _step(
@@ -121,6 +125,7 @@ class VisualOdometry:
         depths[step.tied.rows[matched, 1]] = points[matched, 2]
         # Only matched ties measure the height of the road: those predicted by the ground plane are biased.
         self.mount.learn(adjusted.rotation, adjusted.direction, points[matched])
+        self.noise.learn(expected, adjusted)
         pose = Pose(rotation, baseline * direction)
         motion = Motion(
             last.pose.compose(pose),
