@@ -21,6 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.labels import read_labels
+from wayside.pipeline.learning.asked import (
+    NO_CLASS,
+    TRAJECTORIES,
+    ClassifierSamples,
+    gather_samples,
+    join_drives,
+)
+from wayside.pipeline.learning.curves import ALL, RocCurve
 from wayside.pipeline.learning.gates import (
     CHAINS,
     KANSAS,
@@ -29,11 +37,7 @@ from wayside.pipeline.learning.gates import (
 )
 from wayside.pipeline.learning.samples import ANY_SPACING_M, ON
 from wayside.pipeline.model_files import REPORT_LOCATION, load_models
-from wayside.pipeline.roc.classifier_samples import NO_CLASS, ClassifierSamples, join_drives
 from wayside.pipeline.roc.command import characteristics, format_characteristics
-from wayside.pipeline.roc.curves import RocCurve
-from wayside.pipeline.roc.questions import ALL
-from wayside.pipeline.roc.samples import TRAJECTORIES, gather_samples
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.models import GaussianModel
 

@@ -10,8 +10,13 @@ from pathlib import Path
 from wayside import __version__
 from wayside.pipeline.fitting.fit import FILES, Outcome, fit_models
 from wayside.pipeline.fitting.models import Task
-from wayside.pipeline.fitting.page import fit_page
-from wayside.pipeline.fitting.report import FIT_KEYS, fit_json, format_fit, outcome_lines
+from wayside.pipeline.fitting.report import (
+    FIT_KEYS,
+    fit_json,
+    fit_page,
+    format_fit,
+    outcome_lines,
+)
 from wayside.pipeline.fitting.sources import LabelledDrive, labelled_drives
 from wayside.pipeline.labels import read_labels
 from wayside.pipeline.settings_file import load_settings
@@ -97,8 +102,8 @@ def provenance(options: FitOptions, drives: Sequence[LabelledDrive]) -> str:
         f"{path.resolve().name} (SHA-256 {digest_of(path)})" for path in options.labels
     )
     images = ", ".join(
-        f"{one.name} ({len(one.stretch)} labelled images, {len(one.sign)} boxes of "
-        f"{len(set(one.sign.tolist()))} signs)"
+        f"{one.name} ({len(one.stretch)} labelled images, {len(one.faces.sign)} boxes of "
+        f"{len(set(one.faces.sign.tolist()))} signs)"
         for one in drives
     )
     said = [f"labels {files} on {images}"]

@@ -22,12 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.flow import Flow
+from wayside.pipeline.learning.curves import KNEE_RULE
 from wayside.pipeline.learning.gaussians import knee
 from wayside.pipeline.learning.landmarks import NEITHER, SIGN, KnownPanels, label_in_images
 from wayside.pipeline.learning.samples import read_truth
 from wayside.pipeline.model_files import TRAJECTORY_FILES, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.roc.curves import KNEE_RULE
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
 from wayside.pipeline.writing import write_file

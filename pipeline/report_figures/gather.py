@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.labels import FrameLabels, LogImages, labels_by_frame, read_labels
+from wayside.pipeline.labels import FrameLabels, read_labels
+from wayside.pipeline.learning.asked import ClassifierSamples, gather_samples, labels_of_log
+from wayside.pipeline.learning.labelled import Faces, labelled_faces
 from wayside.pipeline.learning.samples import ON
 from wayside.pipeline.model_files import Models, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.roc.classifier_samples import ClassifierSamples
-from wayside.pipeline.roc.faces import Faces, labelled_faces
-from wayside.pipeline.roc.samples import gather_samples
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import Item
 from wayside.schemas.detections import SHAPES, Detections, Regions, Segmentation
@@ -207,8 +206,7 @@ def gather_drive(
     ).trajectory_density
     if density is None:
         raise InputError(f"models: wanted the trajectories of {TRAJECTORY_PRESET}, found none")
-    known = LogImages.of(log, settings.read)
-    found = labels_by_frame(labels, log.stem, known.times_ns, known.names)
+    found = labels_of_log(log, labels, settings.read)
     faces = labelled_faces(found)
     watch = _Watch(faces, shapes)
     samples = gather_samples(log, labels, settings, models, also=watch)

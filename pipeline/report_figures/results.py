@@ -9,11 +9,11 @@ import numpy as np
 
 from wayside.pipeline.box_matching import overlap
 from wayside.pipeline.evaluate_rendered import FEWEST_FRAMES
+from wayside.pipeline.learning.page import Figure
 from wayside.pipeline.learning.samples import OFF, ON
-from wayside.pipeline.report_figures.drawing import ACCENT, SIGN_INK, boxed
+from wayside.pipeline.report_figures.drawing import ACCENT, SIGN_INK, boxed, photo
 from wayside.pipeline.report_figures.gather import Drive
-from wayside.pipeline.report_figures.numbers import rate_words, share_words
-from wayside.pipeline.report_figures.page import Figure, photo
+from wayside.pipeline.statistics import rate_words, share_words
 from wayside.schemas.labels import SIGN
 
 REPORT_IMAGES = 100

@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.learning.asked import ClassifierSamples
+from wayside.pipeline.learning.page import Figure
+from wayside.pipeline.learning.plots import INKS, TEXT, new_axes, svg
 from wayside.pipeline.learning.samples import OFF, ON
-from wayside.pipeline.report_figures.drawing import around, beside, boxed, cut, grey_of
+from wayside.pipeline.report_figures.drawing import around, beside, boxed, cut, grey_of, photo
 from wayside.pipeline.report_figures.gather import Drive, Scene
-from wayside.pipeline.report_figures.numbers import share_words
-from wayside.pipeline.report_figures.page import Figure, Picture, photo
-from wayside.pipeline.report_figures.plots import INKS, Plot
-from wayside.pipeline.roc.classifier_samples import ClassifierSamples
+from wayside.pipeline.statistics import share_words
 from wayside.schemas.detections import SOURCES
 
 REPORT_GATE_PX = (50, 20_000)
@@ -156,25 +156,22 @@ def _size_gate(drive: Drive, scenes: dict[int, Scene], row: int | None) -> Figur
     edges = np.logspace(0, 6, 37)
     every, _ = np.histogram(area, edges, weights=count)
     faces, _ = np.histogram(area[on], edges, weights=count[on])
-    plot = Plot(
-        (0, 6),
-        (0, np.log10(max(every.max(), 1)) + 0.3),
-        ("log10 of the area, px", "log10 of segments"),
-    )
+    axes = new_axes((1, 1e6), (1, 2 * max(every.max(), 1)), ("area, px", "segments"))
+    axes.set(xscale="log", yscale="log")
     for values, ink, name in (
         (every, INKS[0], "all segments"),
         (faces, INKS[1], "on labelled signs"),
     ):
-        plot.bars(np.log10(edges), np.log10(np.maximum(values, 1)), ink, name)
+        axes.stairs(
+            np.maximum(values, 1), edges, baseline=1, fill=True, alpha=0.6, color=ink, label=name
+        )
     for limit in (*REPORT_GATE_PX, gate.largest_px):
-        plot.line([(np.log10(limit), 0), (np.log10(limit), 9)], "#161b22", dashed=True)
+        axes.axvline(limit, color=TEXT, linestyle="--", linewidth=1)
     total, on_total = int(count.sum()), int(count[on].sum())
     small, large = (int(count[rows].sum()) for rows in (area < low, area > high))
     lost = int(count[on & ((area < low) | (area > high))].sum())
     own = int(count[on & ((area < gate.smallest_px) | (area > gate.largest_px))].sum())
-    pictures: list[Picture] = [
-        plot.picture("dashed: 50 and 20000 px, and the largest area that is kept here")
-    ]
+    pictures = [svg(axes, "dashed: 50 and 20000 px, and the largest area that is kept here")]
     if row is not None and int(drive.faces.frame[row]) in scenes:
         scene = scenes[int(drive.faces.frame[row])]
         pictures.append(

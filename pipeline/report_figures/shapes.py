@@ -8,10 +8,10 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.report_figures.drawing import Ink, around, beside, lined
+from wayside.pipeline.learning.page import Figure
+from wayside.pipeline.report_figures.drawing import Ink, around, beside, lined, photo
 from wayside.pipeline.report_figures.gather import Drive, FaceOutline
-from wayside.pipeline.report_figures.numbers import share_words
-from wayside.pipeline.report_figures.page import Figure, photo
+from wayside.pipeline.statistics import share_words
 from wayside.pipeline.view.outlines import CURVES, INKS, curve_of_terms
 
 REPORT_IMAGES, REPORT_FOUND = 50, 0.92

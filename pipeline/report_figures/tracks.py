@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,12 +13,13 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.calibration.boards import calibrate_images, parse_board
 from wayside.pipeline.calibration.coverage import draw_coverage
+from wayside.pipeline.learning.gates import KANSAS_MEAN
+from wayside.pipeline.learning.page import Figure
+from wayside.pipeline.learning.plots import FAINT, INKS, TEXT, new_axes, svg
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
-from wayside.pipeline.report_figures.drawing import SIGN_INK, around, beside, boxed, cut
+from wayside.pipeline.report_figures.drawing import SIGN_INK, around, beside, boxed, cut, photo
 from wayside.pipeline.report_figures.gather import Drive
-from wayside.pipeline.report_figures.numbers import share_words
-from wayside.pipeline.report_figures.page import Figure, photo
-from wayside.pipeline.report_figures.plots import INKS, Plot
+from wayside.pipeline.statistics import share_words
 from wayside.schemas.detections import COLOR_RGB
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.settings import BoardSettings
@@ -121,13 +123,10 @@ def residual_figure(drive: Drive) -> Figure:
     if not good.any():
         return Figure("7.2", title, report, needs="two images that follow each other")
     top = float(np.nanmax(np.concatenate([straight[:, 1], adjusted[:, 1]])))
-    plot = Plot(
-        (float(straight[0, 0]), float(straight[-1, 0])),
-        (0, 1.1 * top),
-        ("image", "residual per coordinate, px"),
-    )
-    plot.line(straight, INKS[1], "straight motion")
-    plot.line(adjusted, INKS[2], "motion that is used")
+    span = (float(straight[0, 0]), float(straight[-1, 0]))
+    axes = new_axes(span, (0, 1.1 * top), ("image", "residual per coordinate, px"))
+    axes.plot(*straight.T, color=INKS[1], label="straight motion")
+    axes.plot(*adjusted.T, color=INKS[2], label="motion that is used")
     bent = good & (np.abs(turns) > 0.5)
     even = good & ~bent
     words = [
@@ -141,7 +140,7 @@ def residual_figure(drive: Drive) -> Figure:
         title,
         report,
         f"median of straight motion {', '.join(words)}; of the motion that is used {median:.2f} px",
-        (plot.picture(),),
+        (svg(axes),),
     )
 
 
@@ -204,34 +203,29 @@ def _scene(drive: Drive, signs: list[Landmark], title: str, report: str) -> Figu
     places = np.array([one.best_pose.to_world(one.position) for one in signs])
     path = np.array([m.pose.centre for _, m in sorted(drive.frames.items())])
     far = max(float(path[:, 2].max()), float(places[:, 2].max()))
-    above = Plot(
-        (float(min(path[:, 2].min(), 0)), far + 5),
-        (-SCENE_M, SCENE_M),
-        ("ahead of the first camera, m", "left of its axis, m"),
-        (1080, 420),
-        equal=True,
-    )
+    span = (float(min(path[:, 2].min(), 0)), far + 5)
+    words = ("ahead of the first camera, m", "left of its axis, m")
+    above = new_axes(span, (-SCENE_M, SCENE_M), words, (1080, 420), equal=True)
     points = [
         m.pose.to_world(m.ties.point[m.ties.inlier & (np.abs(m.ties.point) < SCENE_M).all(axis=1)])
         for _, m in sorted(drive.frames.items())
         if m.ties is not None
     ]
     ground = np.concatenate(points) if points else np.zeros((0, 3))
-    above.points(
-        ground[:: max(len(ground) // 3000, 1)][:, [2, 0]] * (1, -1), "#b8c0c8", "tie points", 1.0
-    )
-    above.line(path[:, [2, 0]] * (1, -1), "#161b22", "camera")
-    across = Plot(
-        (-15, 15), (-3, 8), ("right of the path, m", "above the camera, m"), (640, 300), equal=True
-    )
-    for one, place in zip(signs, places, strict=True):
-        ink = "#{:02x}{:02x}{:02x}".format(*COLOR_RGB.get(one.color or "", (150, 150, 150)))
-        above.points([(place[2], -place[0])], ink, radius=5)
+    some = ground[:: max(len(ground) // 3000, 1)]
+    tie: dict[str, Any] = {"color": "#b8c0c8", "s": 2, "label": "tie points", "rasterized": True}
+    above.scatter(some[:, 2], -some[:, 0], **tie)
+    above.plot(path[:, 2], -path[:, 0], color=TEXT, label="camera")
+    words = ("right of the path, m", "above the camera, m")
+    across = new_axes((-15, 15), (-3, 8), words, (640, 300), equal=True)
+    inks = [np.divide(COLOR_RGB.get(one.color or "", (150,) * 3), 255) for one in signs]
+    look: dict[str, Any] = {"color": inks, "edgecolor": FAINT, "s": 60}
+    above.scatter(places[:, 2], -places[:, 0], **look)
+    across.scatter([one.right_m for one in signs], [one.above_m for one in signs], **look)
+    for one, (x, _, z) in zip(signs, places, strict=True):
         if drive.judge(one) == ON:
-            above.word((place[2], -place[0]), _named(one))
-        across.points([(one.right_m, one.above_m)], ink, radius=5)
-    mean = np.array([3.121, 0.603])
-    across.points([mean], "#161b22", "report's mean sign", radius=4)
+            above.annotate(_named(one), (z, -x), (5, 4), textcoords="offset points", color=FAINT)
+    across.plot(*KANSAS_MEAN, "o", color=TEXT, label="report's mean sign")
     right = [one.right_m for one in signs]
     return Figure(
         "8.3 to 8.5",
@@ -240,7 +234,7 @@ def _scene(drive: Drive, signs: list[Landmark], title: str, report: str) -> Figu
         f"{len(signs)} signs, {sum(r < 0 for r in right)} left and {sum(r >= 0 for r in right)} right of the path, at "
         f"{np.median(np.abs(right)):.1f} m from it (median); "
         "the report's mean sign is 3.1 m right, 0.6 m above the camera",
-        (above.picture("from above; named: on labelled signs"), across.picture("across the road")),
+        (svg(above, "from above; named: on labelled signs"), svg(across, "across the road")),
     )
 
 
@@ -249,15 +243,10 @@ def _size(drive: Drive, signs: list[Landmark]) -> Figure:
     # that of the report is one whose size the adjustment gave well
     one = min(listed, key=lambda sign: sign.sigma_width_m / sign.width_m)
     wide, tall = one.width_m / FEET, one.height_m / FEET
-    plot = Plot((-0.5, wide + 1), (-0.5, tall + 1), ("ft", "ft"), (420, 320), equal=True)
-    corners = np.array([(0, 0), (wide, 0), (wide, tall), (0, tall), (0, 0)])
-    plot.line(corners, INKS[0], "the sign", width=2.5)
-    plot.line(
-        np.array([(0, 0), (3.5, 0), (3.5, 2), (0, 2), (0, 0)]),
-        INKS[1],
-        "the report's sign",
-        dashed=True,
-    )
+    axes = new_axes((-0.5, wide + 1), (-0.5, tall + 1), ("ft", "ft"), (420, 320), equal=True)
+    shown = ((wide, tall, 0, "-", "the sign"), (*REPORT_SIZE_FT, 1, "--", "the report's sign"))
+    for x, y, ink, style, name in shown:
+        axes.plot([0, x, x, 0, 0], [0, 0, y, y, 0], style, color=INKS[ink], label=name)
     sizes = [
         ("sign", "on a labelled sign", "width ft", "height ft", "width m", "height m"),
         *(
@@ -280,6 +269,6 @@ def _size(drive: Drive, signs: list[Landmark]) -> Figure:
         f"the sign of the surest width, {_named(one)}: {wide:.1f} ± {one.sigma_width_m / FEET:.1f} ft wide, "
         f"{tall:.1f} ± {one.sigma_height_m / FEET:.1f} ft high, by its boxes in {len(one.views)} images; "
         f"{others} rows that are on no labelled sign are not listed",
-        (plot.picture(),),
+        (svg(axes),),
         table=tuple(sizes),
     )

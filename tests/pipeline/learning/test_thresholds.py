@@ -7,9 +7,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from wayside.pipeline.learning.asked import ClassifierSamples
 from wayside.pipeline.learning.samples import OFF, ON
-from wayside.pipeline.roc.classifier_samples import ClassifierSamples
-from wayside.pipeline.roc.operating import (
+from wayside.pipeline.learning.thresholds import (
     class_points,
     component_points,
     gate_rates,
