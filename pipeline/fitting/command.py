@@ -24,7 +24,6 @@ from wayside.pipeline.visible_text import visible
 from wayside.pipeline.writing import not_written, refuse, write_file, write_json
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.model_json import model_to_json
-from wayside.schemas.settings.fitting import FitSettings
 
 _SAYING = (".xml", ".txt", ".yaml", ".json", ".csv")
 FIGURES, PAGE = "fit.json", "fit.html"
@@ -77,17 +76,11 @@ def fit_labels(
         name: load_settings(name, None, [], options.read)[0]
         for name in ("report-shape", "report", "default")
     }
-    settings = FitSettings()
     labels = [read_labels(path, options.classes) for path in options.labels]
-    drives = labelled_drives(
-        labels,
-        options.images,
-        presets["report"].read,
-        settings.stretches,
-        complete=options.complete,
-    )
+    read = presets["report"].read
+    drives = labelled_drives(labels, options.images, read, complete=options.complete)
     origin = provenance(options, drives)
-    task = Task(settings, options.alpha, options.only_labelled, origin)
+    task = Task(options.alpha, options.only_labelled, origin)
     outcomes = fit_models(drives, presets, task, options.wanted, options.space, notify)
     if not any(one.written for one in outcomes):
         lines = [line for one in outcomes for line in outcome_lines(one)]

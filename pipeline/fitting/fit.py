@@ -84,7 +84,7 @@ def fit_models(
     notify
         Called with what comes next.
     """
-    report, few = presets["report"], task.settings.most_others
+    report = presets["report"]
     models, default = load_models(report), load_models(presets["default"])
     shapes = load_models(presets["report-shape"]).shape_classes
     if models.color_classes is None or shapes is None or default.landmark_classifier is None:
@@ -97,7 +97,7 @@ def fit_models(
     outcomes: list[Outcome] = []
     if COLOR in wanted:
         notify("colours: segmenting the labelled images")
-        found = region_samples(drives, report, few)
+        found = region_samples(drives, report)
         fit = partial(fit_colors, found.samples, colors, task, space)
         outcomes.append(_tried(COLOR, fit, found))
         fitted = outcomes[-1].fitted
@@ -106,7 +106,7 @@ def fit_models(
             models = replace(models, color_classes=colors)
     if SHAPE in wanted:
         notify("shapes: segmenting the labelled images")
-        found = region_samples(drives, report, few, colors)
+        found = region_samples(drives, report, colors)
         floor = np.full(shapes.classes[0].mean.shape, SHAPE_FLOOR)
         fit = partial(_fit_one_space, found.samples, floor, SHAPES, "shape", shapes, task)
         outcomes.append(_tried(SHAPE, fit, found))

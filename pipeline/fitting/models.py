@@ -36,10 +36,18 @@ from wayside.pipeline.learning.thresholds import (
 from wayside.schemas.detections import COLORS
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import EvidenceModel, GaussianClass, GaussianModel
-from wayside.schemas.settings.fitting import FitSettings
 from wayside.stages.classifiers import nearest_class
 from wayside.stages.report import COLOR_SPACES, color_features
 
+FEWEST_SIGNS = 5
+"""Signs that a class needs: five found of five tell a true positive rate above 0.48 (Clopper and Pearson, 95 %)."""
+FEWEST_OTHERS = 50
+"""Samples of what is no sign: a rate of 0.05, about the smallest that is of use, of fewer is that of two samples."""
+FEWEST_LANDMARKS = 10
+"""Landmarks of signs, and of others: ten a coefficient, of which the confidence has two (Peduzzi et al. 1996)."""
+PRIOR_SIGNS = (1.0, 3.0, 10.0, 30.0)
+"""Signs that the pooled covariance counts as; the best when held out is taken. From nearly none to more than 50 images
+have."""
 DRAWS = 420
 """Values drawn from a shipped class that is kept."""
 RESAMPLINGS = 50
@@ -110,11 +118,10 @@ class FittedConfidence:
 class Task:
     """What is common to the models of a fit.
 
-    settings; alpha: false-alarm rate wanted of a gate, None: the knee; only_labelled: leave out classes of too few
-    signs instead of keeping their shipped form; provenance: what a model file says of its origin.
+    alpha: false-alarm rate wanted of a gate, None: the knee; only_labelled: leave out classes of too few signs instead
+    of keeping their shipped form; provenance: what a model file says of its origin.
     """
 
-    settings: FitSettings
     alpha: float | None
     only_labelled: bool
     provenance: str
@@ -164,7 +171,7 @@ def fit_gaussians(
     InputError
         Not one class has enough signs, or too little is known to be no sign.
     """
-    names = enough(samples, known, what, task.settings)
+    names = enough(samples, known, what)
     tried = {one: _validated(*asked, names, task) for one, asked in spaces.items()}
     first = next(iter(tried))
     chosen = max(tried, key=lambda one: float(np.nanmean(tried[one][1].gain)))
@@ -173,7 +180,6 @@ def fit_gaussians(
     prior, held = tried[chosen]
     model, kept = _model(*spaces[chosen], names, known, shipped, chosen, prior, task)
     counts = {name: samples.signs(name) for name in known if name not in names}
-    resamplings = task.settings.resamplings
     return FittedModel(
         model,
         held,
@@ -181,23 +187,19 @@ def fit_gaussians(
         {name: count for name, count in counts.items() if count},
         prior,
         {name: other for name, (_, other) in tried.items() if name != chosen},
-        model_rates(shipped, _asked(samples, names), known, resamplings),
-        model_rates(model, spaces[chosen][0], known, resamplings),
+        model_rates(shipped, _asked(samples, names), known),
+        model_rates(model, spaces[chosen][0], known),
     )
 
 
-def model_rates(
-    model: GaussianModel, samples: Samples, names: tuple[str, ...], resamplings: int
-) -> Rates:
+def model_rates(model: GaussianModel, samples: Samples, names: tuple[str, ...]) -> Rates:
     """How a model decides on samples in its space."""
     code, _, accepted = nearest_class(samples.values, model, names)
     given = np.where(accepted, np.array(names)[code], "")
-    return Resampled(samples, resamplings).rates(given)
+    return Resampled(samples).rates(given)
 
 
-def enough(
-    samples: Samples, known: Sequence[str], what: str, settings: FitSettings
-) -> tuple[str, ...]:
+def enough(samples: Samples, known: Sequence[str], what: str) -> tuple[str, ...]:
     """The classes that can be fitted and held out: enough signs, in two folds at least.
 
     Raises
@@ -206,22 +208,21 @@ def enough(
         There is none, or too little is known to be no sign.
     """
     others = int((samples.kind == "").sum())
-    if others < settings.fewest_others:
+    if others < FEWEST_OTHERS:
         raise InputError(
-            f"wanted {settings.fewest_others} samples of what is no sign, found {others}; mark images as "
+            f"wanted {FEWEST_OTHERS} samples of what is no sign, found {others}; mark images as "
             "complete (--complete: every sign of the labelled images is labelled), or label what is no sign"
         )
     counts = {name: samples.signs(name) for name in known}
     names = tuple(
         name
         for name in known
-        if counts[name] >= settings.fewest_signs
-        and len(np.unique(samples.fold[samples.kind == name])) > 1
+        if counts[name] >= FEWEST_SIGNS and len(np.unique(samples.fold[samples.kind == name])) > 1
     )
     if not names:
         found = ", ".join(f"{count} {name}" for name, count in counts.items() if count) or "none"
         raise InputError(
-            f"wanted {settings.fewest_signs} labelled signs of a {what}, in two stretches of road or more, "
+            f"wanted {FEWEST_SIGNS} labelled signs of a {what}, in two stretches of road or more, "
             f"found {found}; label more"
         )
     return names
@@ -252,11 +253,10 @@ def _validated(
         return lambda part: fit_classes(part, names, floor, prior)
 
     own = samples.select(np.isin(samples.kind, names))
-    choices = task.settings.prior_signs
-    prior = choices[int(np.argmax([held_out_log_density(own, fit(one)) for one in choices]))]
+    prior = max(PRIOR_SIGNS, key=lambda one: held_out_log_density(own, fit(one)))
     asked = _asked(samples, names)
     distance = held_out_distances(asked, names, fit(prior))
-    return prior, score_held_out(asked, names, distance, task.alpha, task.settings.resamplings)
+    return prior, score_held_out(asked, names, distance, task.alpha)
 
 
 def _model(
@@ -335,20 +335,18 @@ def fit_confidence(samples: Samples, shipped: EvidenceModel, task: Task) -> Fitt
         There are too few landmarks of signs, or of others, for the false-alarm rate too, or all are of one fold.
     """
     score, on = samples.values[:, 0], np.asarray(samples.kind != "")
-    signs, others, fewest = int(on.sum()), int((~on).sum()), task.settings.fewest_landmarks
-    folds = np.unique(samples.fold)
-    if min(signs, others) < fewest or len(folds) < 2:
+    signs, others, folds = int(on.sum()), int((~on).sum()), np.unique(samples.fold)
+    if min(signs, others) < FEWEST_LANDMARKS or len(folds) < 2:
         raise InputError(
-            f"wanted {fewest} landmarks of labelled signs and of what is no sign, in two stretches or more, found "
-            f"{signs} and {others} in {len(folds)}; label more"
+            f"wanted {FEWEST_LANDMARKS} landmarks of labelled signs and of what is no sign, in two stretches or more, "
+            f"found {signs} and {others} in {len(folds)}; label more"
         )
-    priors = task.settings.slope_sigma, task.settings.shift_sigma
     held = np.empty(len(score))
     for fold in folds:
         own = samples.fold == fold
-        slope, shift = calibrated(score[~own], on[~own], *priors)
+        slope, shift = calibrated(score[~own], on[~own])
         held[own] = slope * score[own] + shift
-    slope, shift = calibrated(score, on, *priors)
+    slope, shift = calibrated(score, on)
     model = replace(
         shipped,
         curves=tuple(slope * curve for curve in shipped.curves),

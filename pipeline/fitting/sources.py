@@ -22,6 +22,9 @@ from wayside.schemas.labels import LabelledImage, Labels
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.imaging import decode
 
+STRETCHES = 10
+"""Parts of the road, with as many labelled images each, that are held out one after the other (Kohavi 1995)."""
+
 
 @dataclass(frozen=True, slots=True)
 class LabelledDrive:
@@ -80,7 +83,6 @@ def labelled_drives(
     labels: Sequence[Labels],
     images: Sequence[Path],
     settings: ReadSettings,
-    stretches: int,
     *,
     complete: bool,
 ) -> list[LabelledDrive]:
@@ -94,8 +96,6 @@ def labelled_drives(
         Logs and folders of images.
     settings
         Which images of the logs take part.
-    stretches
-        How many parts all labelled images together are cut into.
     complete
         Take every labelled image for one in which every sign is labelled.
 
@@ -115,7 +115,7 @@ def labelled_drives(
         frames = _labelled(own)
         if complete:
             own = replace(own, complete=frozenset(frames))
-        parts = max(1, min(round(stretches * len(frames) / total), len(frames) // 2))
+        parts = max(1, min(round(STRETCHES * len(frames) / total), len(frames) // 2))
         stretch = {
             frame: first_stretch + min(parts - 1, place * parts // len(frames))
             for place, frame in enumerate(frames)

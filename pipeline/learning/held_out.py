@@ -17,7 +17,8 @@ from wayside.pipeline.learning.thresholds import best_point, component_points
 from wayside.pipeline.statistics import TAILS
 from wayside.schemas.models import GaussianClass, GaussianModel
 
-SEED = 1
+SEED, RESAMPLINGS = 1, 400
+"""Of the resampling of stretches: an end of a 95 % interval then rests on ten."""
 BEYOND = 1e6
 """Distance to a class that there is not."""
 VIEWS = 5040
@@ -114,11 +115,7 @@ def counts_of(samples: Samples) -> NDArray[np.int64]:
 
 
 def score_held_out(
-    samples: Samples,
-    names: Sequence[str],
-    distance: NDArray[np.float64],
-    alpha: float | None,
-    resamplings: int,
+    samples: Samples, names: Sequence[str], distance: NDArray[np.float64], alpha: float | None
 ) -> Held:
     """Rates of the classes `names` by held-out distances (n, names); the thresholds of a fold are those of the others.
 
@@ -134,7 +131,7 @@ def score_held_out(
     holds = distance <= limit
     nearest = np.where(holds, distance, np.inf).argmin(axis=1)
     given = np.where(holds.any(axis=1), np.array(names)[nearest], "")
-    resampled = Resampled(samples, resamplings)
+    resampled = Resampled(samples)
     classes = []
     for j, name in enumerate(names):
         own = np.asarray(samples.kind == name)
@@ -160,12 +157,12 @@ def score_held_out(
 class Resampled:
     """Shares in samples and in resamplings of their stretches, the same ones whatever is asked."""
 
-    def __init__(self, samples: Samples, resamplings: int) -> None:
+    def __init__(self, samples: Samples) -> None:
         self._samples, self._weight = samples, samples.weights()
         there = np.unique(samples.stretch)
         random = np.random.default_rng(SEED)
         # how often each stretch (columns) is in a resampling (rows); the first row holds each once
-        self._draws = np.zeros((resamplings + 1, int(there.max(initial=0)) + 1))
+        self._draws = np.zeros((RESAMPLINGS + 1, int(there.max(initial=0)) + 1))
         self._draws[0, there] = 1
         for row in self._draws[1:]:
             np.add.at(row, random.choice(there, len(there)), 1)

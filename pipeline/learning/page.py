@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from jinja2 import Environment, PackageLoader
 
@@ -31,6 +31,14 @@ class Figure:
     pictures: Sequence[Picture] = ()
     needs: str = ""
     table: Sequence[Sequence[str]] = ()
+
+    def shown(self, ours: str, *pictures: Picture, table: Sequence[Sequence[str]] = ()) -> Figure:
+        """The same with what this drive gives."""
+        return replace(self, ours=ours, pictures=pictures, table=table)
+
+    def left_out(self, needs: str) -> Figure:
+        """The same without, and what it needs."""
+        return replace(self, needs=needs)
 
 
 def format_page(

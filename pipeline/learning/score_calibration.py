@@ -21,14 +21,18 @@ def platt(scores: NDArray[np.floating[Any]], positive: NDArray[np.bool_]) -> tup
     return found[:-1], float(found[-1])
 
 
-def calibrated(
-    score: Values, on: NDArray[np.bool_], slope_sigma: float, shift_sigma: float
-) -> tuple[float, float]:
+SLOPE_SIGMA = 0.5
+"""Scatter of the slope before any label is seen: of the shipped classifier, drive by drive, it is less."""
+SHIFT_SIGMA = 2.0
+"""Scatter of the shift, log odds: a factor of seven in the share of signs among what is asked about."""
+
+
+def calibrated(score: Values, on: NDArray[np.bool_]) -> tuple[float, float]:
     """Slope and shift of log odds (n,) of the largest posterior probability: logistic likelihood, normal priors.
 
-    Before any label is seen the slope is 1 and the shift 0, with these scatters.
+    Before any label is seen the slope is 1 and the shift 0.
     """
-    precision = np.array([slope_sigma, shift_sigma]) ** -2.0
+    precision = np.array([SLOPE_SIGMA, SHIFT_SIGMA]) ** -2.0
     slope, shift = _logistic(score[:, None], on.astype(np.float64), np.array([1.0, 0]), precision)
     return float(slope), float(shift)
 

@@ -51,7 +51,6 @@ def neyman_pearson_figures(drive: Drive) -> Iterator[Figure]:
 def roc_figures(drive: Drive) -> Iterator[Figure]:
     """Figure 10.1 for each colour, and the report's claim for green."""
     samples = drive.samples["color"].known()
-    title = "ROC of the colour classifier"
     report = (
         "50 labelled images; green: all signs found while 1.8 % of the segments of no sign pass"
     )
@@ -76,11 +75,12 @@ def roc_figures(drive: Drive) -> Iterator[Figure]:
         rows.append((name, str(on.sum()), str((~on).sum()), f"{curve.area:.4f}", *shares))
         if name == "green":
             green = f"green: all signs pass with FPR {shares[2]}"
+    figure = Figure("10.1", "ROC of the colour classifier", report)
     if len(rows) == 1:
         needs = "labelled signs of a colour that the report's classifier has"
-        yield Figure("10.1", title, report, needs=needs)
+        yield figure.left_out(needs)
         return
-    yield Figure("10.1", title, report, green, (svg(axes),), table=rows)
+    yield figure.shown(green, svg(axes), table=rows)
     yield _confusion(samples)
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ from wayside.stages.segmentation import segment
 
 PRESET, SHAPE_PRESET, TRAJECTORY_PRESET = "report", "report-shape", "report-2d"
 """The report's last chain, and the one with its shape classifier."""
+T = TypeVar("T")
 LABELS_BESIDE = (".truth.json", ".labels.json", ".labels.parquet")
 """Endings of a log's labels beside it, in the order in which they are looked for."""
 
@@ -166,6 +167,12 @@ class _Watch:
                 bool(accepted[i]),
                 float(distance[i]),
             )
+
+
+def evenly(values: Sequence[T], count: int) -> list[T]:
+    """At most so many of them, evenly spread."""
+    at = np.unique(np.linspace(0, len(values) - 1, min(len(values), count)).round().astype(int))
+    return [values[i] for i in at] if len(values) else []
 
 
 def labels_beside(log: Path) -> Path:

@@ -7,19 +7,21 @@ from sklearn import metrics
 
 from wayside.pipeline.fitting.models import Task, fit_confidence
 from wayside.pipeline.learning.gaussians import Samples
-from wayside.pipeline.learning.score_calibration import brier_score, calibrated, log_loss
+from wayside.pipeline.learning.score_calibration import (
+    SHIFT_SIGMA,
+    SLOPE_SIGMA,
+    brier_score,
+    calibrated,
+    log_loss,
+)
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError
-from wayside.schemas.settings.fitting import FitSettings
 from wayside.stages.mapping import FEATURES
-
-SETTINGS = FitSettings()
-PRIORS = (SETTINGS.slope_sigma, SETTINGS.shift_sigma)
 
 
 def task(alpha=None):
-    return Task(SETTINGS, alpha, False, "labels")
+    return Task(alpha, False, "labels")
 
 
 def landmarks(count=200, slope=1.0, shift=0.0, seed=0):
@@ -42,22 +44,20 @@ def test_the_calibration_is_the_maximum_of_the_posterior():
     score, on = samples.values[:, 0], samples.kind != ""
 
     def negative(found):
-        prior = ((found[0] - 1) / SETTINGS.slope_sigma) ** 2 + (
-            found[1] / SETTINGS.shift_sigma
-        ) ** 2
+        prior = ((found[0] - 1) / SLOPE_SIGMA) ** 2 + (found[1] / SHIFT_SIGMA) ** 2
         return len(on) * log_loss(found[0] * score + found[1], on) + prior / 2
 
     wanted = minimize(negative, [1.0, 0.0], method="Nelder-Mead", options={"xatol": 1e-8}).x
-    assert calibrated(score, on, *PRIORS) == pytest.approx(wanted, abs=1e-4)
+    assert calibrated(score, on) == pytest.approx(wanted, abs=1e-4)
 
 
 def test_without_landmarks_the_shipped_calibration_stays():
-    assert calibrated(np.zeros(0), np.zeros(0, bool), *PRIORS) == pytest.approx((1, 0))
+    assert calibrated(np.zeros(0), np.zeros(0, bool)) == pytest.approx((1, 0))
 
 
 def test_scores_that_separate_everything_stay_finite():
     score = np.concatenate([np.full(20, -40.0), np.full(20, 40.0)])
-    slope, shift = calibrated(score, score > 0, *PRIORS)
+    slope, shift = calibrated(score, score > 0)
     assert 0.5 < slope < 2
     assert abs(shift) < 1
 

@@ -81,7 +81,7 @@ def test_samples_that_a_run_has_chosen_are_told(pictures, tmp_path):
     folder, labels = pictures
     whole = read_labels(labels)
     for labelled, told in ((whole, False), (Labels(whole.labels, ()), True)):
-        drives = labelled_drives([labelled], [folder], ReadSettings(), 4, complete=False)
+        drives = labelled_drives([labelled], [folder], ReadSettings(), complete=False)
         assert ("no image is complete" in format_fit([], drives, tmp_path)) == told
 
 
@@ -160,20 +160,20 @@ def test_two_files_of_labels_need_two_sets_of_images(pictures, tmp_path):
 
 def test_stretches_are_contiguous_and_a_sign_is_in_one_alone(pictures):
     folder, labels = pictures
-    (drive,) = labelled_drives([read_labels(labels)], [folder], ReadSettings(), 4, complete=False)
+    (drive,) = labelled_drives([read_labels(labels)], [folder], ReadSettings(), complete=False)
     assert list(drive.stretch) == list(range(12))
     assert sorted(drive.stretch.values()) == list(drive.stretch.values())
-    assert len(set(drive.stretch.values())) == 4
+    assert len(set(drive.stretch.values())) == 6  # two images each, at least
     assert drive.fold is None
     frames = np.array([0, 11, 40])
-    assert drive.stretch_of(frames, np.full(3, -1)).tolist() == [0, 3, 3]
-    assert drive.stretch_of(frames, np.full(3, 11)).tolist() == [3, 3, 3]
+    assert drive.stretch_of(frames, np.full(3, -1)).tolist() == [0, 5, 5]
+    assert drive.stretch_of(frames, np.full(3, 11)).tolist() == [5, 5, 5]
 
 
 def test_several_drives_are_held_out_whole(pictures):
     folder, labels = pictures
     drives = labelled_drives(
-        [read_labels(labels)] * 2, [folder, folder], ReadSettings(), 4, complete=False
+        [read_labels(labels)] * 2, [folder, folder], ReadSettings(), complete=False
     )
     assert [one.fold for one in drives] == [0, 1]
     assert not set(drives[0].stretch.values()) & set(drives[1].stretch.values())

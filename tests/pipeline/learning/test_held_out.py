@@ -108,7 +108,7 @@ def test_the_held_out_density_is_largest_near_the_true_scatter():
 
 
 def scored(samples, alpha=None):
-    return score_held_out(samples, NAMES, held_out_distances(samples, NAMES, fit), alpha, 100)
+    return score_held_out(samples, NAMES, held_out_distances(samples, NAMES, fit), alpha)
 
 
 def test_classes_far_from_the_rest_are_found_by_name():
