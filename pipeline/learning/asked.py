@@ -177,63 +177,20 @@ def gather_samples(
     if models.trajectory_density is not None:
         densities["trajectory"] = models.trajectory_density
     wanted = CLASSIFIERS if only is None else only
-    collector = _Collector(faces, models, settings.gate, also, densities, wanted)
+    collector = _Collector(log.stem, faces, models, settings.gate, also, densities, wanted)
     flow = Flow(settings, models, StageClock(), collector)
     for _ in flow.track(read_frames(log, settings.read, ReadReport())):
         pass
     for sign in flow.signs(flow.georeference()):
         collector.see_sign(sign)
-    return collector.samples(log.stem)
-
-
-@dataclass(frozen=True, slots=True)
-class _Asked(Rows):
-    """Questions put at once: as in `ClassifierSamples`, without classifier and drive."""
-
-    space: str
-    frame: NDArray[np.int32]
-    values: NDArray[np.float64]
-    label: NDArray[np.int8]
-    kind: NDArray[np.str_]
-    accepted: NDArray[np.bool_]
-    named: NDArray[np.str_]
-    box: NDArray[np.float32]
-    count: NDArray[np.int64]
-
-    @staticmethod
-    def of(
-        space: str,
-        frame: Any,
-        values: Any,
-        label: Any,
-        accepted: Any,
-        box: Any = np.nan,
-        kind: Any = NO_CLASS,
-        named: Any = NO_CLASS,
-        count: Any = 1,
-    ) -> _Asked:
-        """Columns of the right kinds, as long as `label`; one value stands for all rows."""
-
-        def column(given: Any, kind: Any, *width: int) -> NDArray[Any]:
-            return np.broadcast_to(np.asarray(given, kind), (len(label), *width))
-
-        return _Asked(
-            space,
-            column(frame, np.int32),
-            np.asarray(values, np.float64),
-            column(label, np.int8),
-            column(kind, np.str_),
-            column(accepted, np.bool_),
-            column(named, np.str_),
-            column(box, np.float32, 4),
-            column(count, np.int64),
-        )
+    return collector.samples()
 
 
 @dataclass
 class _Collector:
     """Sees the items of a flow and keeps what its classifiers were asked; frames may come in any order."""
 
+    drive: str
     faces: Faces
     models: Models
     gate: GateSettings
@@ -242,8 +199,8 @@ class _Collector:
     only: Collection[str]
 
     def __post_init__(self) -> None:
-        self._asked: dict[str, list[_Asked]] = {}
-        self._by_stage: dict[str, Callable[[Any], Iterable[tuple[str, _Asked]]]] = {
+        self._asked: dict[str, list[ClassifierSamples]] = {}
+        self._by_stage: dict[str, Callable[[Any], Iterable[ClassifierSamples]]] = {
             "segment": self._size,
             "color": self._color,
             "shape": self._shape,
@@ -257,89 +214,116 @@ class _Collector:
         if self.also is not None:
             self.also.see(stage, item)
         if stage in self._by_stage and (stage != "segment" or "size" in self.only):
-            for name, asked in self._by_stage[stage](item):
-                self._asked.setdefault(name, []).append(asked)
+            for asked in self._by_stage[stage](item):
+                self._asked.setdefault(asked.classifier, []).append(asked)
 
     def see_sign(self, sign: Sign) -> None:
         """Keep what the threshold of the confidence was asked; preset `report` gives none."""
         if sign.status in ("sign", "uncertain") and self.models.color_classes is None:
-            is_sign = [sign.status == "sign"]
-            asked = self._landmarks([sign.landmark], "probability", [(sign.confidence,)], is_sign)
+            value, is_sign = [(sign.confidence,)], [sign.status == "sign"]
+            asked = self._landmarks("confidence", [sign.landmark], "probability", value, is_sign)
             self._asked.setdefault("confidence", []).append(asked)
 
-    def samples(self, drive: str) -> dict[str, ClassifierSamples]:
+    def samples(self) -> dict[str, ClassifierSamples]:
         """All that was asked, by classifier, in the order of the chain and of the frames."""
         found = {}
         for name in (one for one in CLASSIFIERS if one in self.only and one in self._asked):
-            own = _Asked.joined(self._asked[name])
-            own = own.select(np.argsort(own.frame, kind="stable"))
-            drives = np.full(len(own), drive)
-            found[name] = ClassifierSamples(classifier=name, drive=drives, **own.columns())
+            own = ClassifierSamples.joined(self._asked[name])
+            found[name] = own.select(np.argsort(own.frame, kind="stable"))
         return found
 
-    def _size(self, item: Segmentation) -> Iterable[tuple[str, _Asked]]:
+    def _ask(
+        self,
+        classifier: str,
+        space: str,
+        frame: Any,
+        values: Any,
+        label: Any,
+        accepted: Any,
+        box: Any = np.nan,
+        kind: Any = NO_CLASS,
+        named: Any = NO_CLASS,
+        count: Any = 1,
+    ) -> ClassifierSamples:
+        """Columns of the right kinds, as long as `label`; one value stands for all rows."""
+
+        def column(given: Any, dtype: Any, *width: int) -> NDArray[Any]:
+            return np.broadcast_to(np.asarray(given, dtype), (len(label), *width))
+
+        return ClassifierSamples(
+            classifier,
+            space,
+            np.asarray(values, np.float64),
+            column(label, np.int8),
+            column(kind, np.str_),
+            column(accepted, np.bool_),
+            column(named, np.str_),
+            column(self.drive, np.str_),
+            column(frame, np.int32),
+            column(box, np.float32, 4),
+            column(count, np.int64),
+        )
+
+    def _size(self, item: Segmentation) -> Iterator[ClassifierSamples]:
         """Areas of all connected regions, equal ones of a frame counted in one row."""
         if item.image.rgb is None:
             return
-        regions = regions_before_gate(item)
-        label, _ = self.faces.label_regions(item.frame.index, regions.box)
+        regions, frame = regions_before_gate(item), item.frame.index
+        label, _ = self.faces.label_regions(frame, regions.box)
         # area and label in one number: far faster to sort than pairs
         pairs, count = np.unique(
             regions.area_px.astype(np.int64) * _LABELS + (label - NEITHER), return_counts=True
         )
-        area, kind = pairs // _LABELS, pairs % _LABELS + NEITHER
+        area, label = pairs // _LABELS, pairs % _LABELS + NEITHER
         accepted = (area >= self.gate.smallest_px) & (area <= self.gate.largest_px)
-        yield (
-            "size",
-            _Asked.of("area_px", item.frame.index, area[:, None], kind, accepted, count=count),
-        )
+        yield self._ask("size", "area_px", frame, area[:, None], label, accepted, count=count)
 
-    def _color(self, item: Detections) -> Iterable[tuple[str, _Asked]]:
-        every = item.candidates
-        colors = self.models.color_classes
+    def _color(self, item: Detections) -> Iterator[ClassifierSamples]:
+        every, colors = item.candidates, self.models.color_classes
         space = "rgb" if colors is None else colors.space
         values = color_features(every.regions.rgb, space)
         accepted = every.verdict != verdict_code("color")
         names = (self.faces.color, COLORS, every.color)
-        yield "color", self._regions(item, np.arange(len(every)), space, values, accepted, names)
+        yield self._regions("color", item, np.arange(len(every)), space, values, accepted, names)
 
-    def _shape(self, item: Detections) -> Iterable[tuple[str, _Asked]]:
+    def _shape(self, item: Detections) -> Iterator[ClassifierSamples]:
         every = item.candidates
         refused = every.verdict == verdict_code("shape")
         rows = np.flatnonzero(refused | (every.verdict == verdict_code("open")))
         values = region_descriptors(item.segmentation, every.regions.select(rows))
         names = (self.faces.shape, SHAPES, every.shape[rows])
-        yield "shape", self._regions(item, rows, "fourier6", values, ~refused[rows], names)
+        yield self._regions("shape", item, rows, "fourier6", values, ~refused[rows], names)
 
-    def _boxes(self, item: Detections) -> Iterable[tuple[str, _Asked]]:
+    def _boxes(self, item: Detections) -> Iterator[ClassifierSamples]:
         """Every box that the detector scored; one that a better box suppresses is none that it refused."""
-        score = item.candidates.score
+        score, learned = item.candidates.score, self.models.front_scores
         rows = np.flatnonzero(np.isfinite(score))
-        learned = self.models.front_scores
         above = score[rows] >= (-np.inf if learned is None else learned.threshold)
-        yield "detector", self._regions(item, rows, "log_odds", score[rows, None], above)
+        yield self._regions("detector", item, rows, "log_odds", score[rows, None], above)
 
     def _regions(
         self,
+        classifier: str,
         item: Detections,
         rows: NDArray[np.int64],
         space: str,
         values: NDArray[np.floating[Any]],
         accepted: NDArray[np.bool_],
         names: tuple[NDArray[np.str_], tuple[str, ...], NDArray[np.integer[Any]]] | None = None,
-    ) -> _Asked:
+    ) -> ClassifierSamples:
         """Candidates of one image; names: of the faces, of the classes, and the class (rows,) that each was given."""
         frame, box = item.frame.index, item.candidates.regions.box[rows]
         label, face = self.faces.label_regions(frame, box)
-        if names is None:
-            return _Asked.of(space, frame, values, label, accepted, box)
-        of_face, classes, code = names
-        kind = [NO_CLASS if i < 0 else of_face[i] for i in face]
-        given = zip(code, accepted, strict=True)
-        named = [classes[c] if c >= 0 and ok else NO_CLASS for c, ok in given]
-        return _Asked.of(space, frame, values, label, accepted, box, kind=kind, named=named)
+        kind: Any = NO_CLASS
+        named: Any = NO_CLASS
+        if names is not None:
+            of_face, classes, code = names
+            kind = [NO_CLASS if i < 0 else of_face[i] for i in face]
+            given = zip(code, accepted, strict=True)
+            named = [classes[c] if c >= 0 and ok else NO_CLASS for c, ok in given]
+        return self._ask(classifier, space, frame, values, label, accepted, box, kind, named)
 
-    def _tracked(self, frame: TrackedFrame) -> Iterator[tuple[str, _Asked]]:
+    def _tracked(self, frame: TrackedFrame) -> Iterator[ClassifierSamples]:
         """Landmarks before the gates of landmarks: of faces what the landmark classifier scores, and trajectories."""
         if self.models.color_classes is not None:
             yield from self._moved(frame)
@@ -354,33 +338,34 @@ class _Collector:
             accepted = [one.verdict == "sign" for one in asked]
             # the sum of the evidence, and each term
             values = [(one.score, *(ratio for _, ratio in one.evidence)) for one in asked]
-            yield "landmark", self._landmarks(asked, "log_odds", values, accepted)
+            yield self._landmarks("landmark", asked, "log_odds", values, accepted)
 
-    def _moved(self, frame: TrackedFrame) -> Iterator[tuple[str, _Asked]]:
+    def _moved(self, frame: TrackedFrame) -> Iterator[ClassifierSamples]:
         """Landmarks that no stage before the trajectory gate refused, whether a run has that gate or not."""
         asked = [one for one in frame.landmarks if one.verdict == "sign"]
         for name, density in self.densities.items() if asked else ():
             values = [(mean_log_density(one.trajectory, density),) for one in asked]
             accepted = [value >= density.threshold for (value,) in values]
-            yield name, self._landmarks(asked, "log_density", values, accepted)
+            yield self._landmarks(name, asked, "log_density", values, accepted)
 
-    def _located(self, frame: TrackedFrame) -> Iterator[tuple[str, _Asked]]:
+    def _located(self, frame: TrackedFrame) -> Iterator[ClassifierSamples]:
         """Landmarks that were signs but for their location; in preset `default` that is a term of the evidence."""
         asked = [one for one in frame.landmarks if one.verdict in ("sign", "location")]
         if asked and self.models.color_classes is not None:
             places = [(one.right_m, one.above_m) for one in asked]
             accepted = [one.verdict != "location" for one in asked]
-            yield "location", self._landmarks(asked, "right_up_m", places, accepted)
+            yield self._landmarks("location", asked, "right_up_m", places, accepted)
 
     def _landmarks(
         self,
+        classifier: str,
         landmarks: Sequence[Landmark],
         space: str,
         values: Sequence[tuple[float, ...]],
         accepted: Sequence[bool],
-    ) -> _Asked:
+    ) -> ClassifierSamples:
         views = [[(view.frame, view.box) for view in one.views] for one in landmarks]
         label = [self.faces.label_views(own) for own in views]
         frames = [one.best_frame for one in landmarks]
         boxes = [one.best_box for one in landmarks]
-        return _Asked.of(space, frames, values, label, accepted, boxes)
+        return self._ask(classifier, space, frames, values, label, accepted, boxes)
