@@ -231,12 +231,13 @@ def component_points(distance: Values, on: Flags, count: Counts) -> Points:
     steps: list[tuple[float, int, float]] = []
     for j in range(distance.shape[1]):
         own = np.asarray(known & (nearest == j))
-        steps += [(ratio, j, at) for ratio, at in _hull(distance[own, j], on[own], share[own])]
+        steps += [(slope, j, at) for slope, at in _hull(distance[own, j], on[own], share[own])]
     steps.sort(key=lambda one: -one[0])
     thresholds = np.zeros((len(steps) + 1, distance.shape[1]))
     for row, (_, j, reach) in enumerate(steps, 1):
         thresholds[row] = thresholds[row - 1]
-        thresholds[row, j] = reach
+        # of steps of one slope, rounding may sort the farther before the nearer
+        thresholds[row, j] = max(thresholds[row - 1, j], reach)
     return _points(distance, on, count, thresholds)
 
 
@@ -297,7 +298,7 @@ def _points(distance: Values, on: Flags, count: Counts, thresholds: Values) -> P
 
 
 def _hull(distance: Values, on: Flags, share: Values) -> list[tuple[float, float]]:
-    """Steps of a component's curve from sign to sign: the share of signs on the upper convex hull there, the distance.
+    """Steps of a component's curve from sign to sign: the slope of the upper convex hull there, and the distance.
 
     The hull of a ROC curve is the isotonic regression of signs on distance (Fawcett and Niculescu-Mizil 2007).
     """
@@ -310,8 +311,11 @@ def _hull(distance: Values, on: Flags, share: Values) -> list[tuple[float, float
     signs = np.append(0.0, np.cumsum(np.where(kind, part, 0.0))[last])
     at = np.flatnonzero(np.diff(signs) > 0) + 1
     rise, run = (np.diff(one[np.append(0, at)]) for one in (signs, others))
-    hull = isotonic_regression(rise / (rise + run), weights=rise + run, increasing=False).x
-    return list(zip(hull.tolist(), reach[last][at - 1].tolist(), strict=True))
+    both = rise + run
+    blocks = isotonic_regression(rise / both, weights=both, increasing=False).blocks
+    rise, run = (np.add.reduceat(one, blocks[:-1]) for one in (rise, run))
+    slope = np.repeat(rise / np.maximum(run, 1e-12), np.diff(blocks))
+    return list(zip(slope.tolist(), reach[last][at - 1].tolist(), strict=True))
 
 
 def _spread(rates: Values) -> NDArray[np.int64]:

@@ -94,13 +94,12 @@ def _confusion(samples: ClassifierSamples) -> Figure:
         rows.append((name, *(str(counts.get((kind, other), 0)) for other in given)))
     right = sum(counts.get((kind, kind), 0) for kind in labelled)
     words = share_words(right, int((samples.label == ON).sum()))
-    return Figure(
-        "10.1 (matrix)",
+    title, report = (
         "confusion matrix of the colour classifier",
         "one matrix of a colour, with TP, FN, FP and TN",
-        f"segments on signs that are named right: {words}",
-        table=rows,
     )
+    ours = f"segments on signs that are named right: {words}"
+    return Figure("10.1 (matrix)", title, report).shown(ours, table=rows)
 
 
 def _box_area(box: NDArray[np.float64]) -> float:
@@ -159,7 +158,7 @@ def _densities(densities: Sequence[tuple[str, Densities]], ours: str) -> Figure:
         axes.plot(d.values, d.on, style, color=INKS[2 * i + 1], label=f"{name}: white sign, p1")
     title = "densities of the red of white signs and of the rest"
     report = "p0 = N(118.337, 1489) on 20 to 252.6; p1 = 4.211e-9 exp(y / sqrt 235) on 136.2 to 253.8; 50 images"
-    return Figure("9.1", title, report, ours, (svg(axes),))
+    return Figure("9.1", title, report).shown(ours, svg(axes))
 
 
 def _ratio(densities: Sequence[tuple[str, Densities]]) -> Figure:
@@ -174,7 +173,7 @@ def _ratio(densities: Sequence[tuple[str, Densities]]) -> Figure:
         if len(below) and below[-1] + 1 < len(d.values):
             words.append(f"{name}: L is above 1 from {d.values[below[-1] + 1]:.1f} on")
     report = "L = p1 / p0 rises with the red"
-    return Figure("9.2", "likelihood ratio", report, "; ".join(words), (svg(axes),))
+    return Figure("9.2", "likelihood ratio", report).shown("; ".join(words), svg(axes))
 
 
 def _power(densities: Sequence[tuple[str, Densities]]) -> Figure:
@@ -198,14 +197,10 @@ def _power(densities: Sequence[tuple[str, Densities]]) -> Figure:
         test = most_powerful_test(own, alpha)
         reds = "several ranges" if test.threshold is None else f"{test.threshold:.1f}"
         rows.append((*cells, reds, f"{test.power:.4f}"))
-    return Figure(
-        "9.3",
-        "power of the most powerful test",
-        "its curve for white signs; the captions of figures 9.5 and 9.6 say 172 at alpha 0.1 and 207 at 0.03",
-        "the equations give 167.73 and 190.77: 172 and 207 are the thresholds of alpha 0.082 and 0.0105",
-        (svg(axes),),
-        table=rows,
-    )
+    report = "its curve for white signs; the captions of figures 9.5 and 9.6 say 172 at alpha 0.1 and 207 at 0.03"
+    ours = "the equations give 167.73 and 190.77: 172 and 207 are the thresholds of alpha 0.082 and 0.0105"
+    figure = Figure("9.3", "power of the most powerful test", report)
+    return figure.shown(ours, svg(axes), table=rows)
 
 
 def _image(
@@ -216,13 +211,15 @@ def _image(
     on: NDArray[np.float64],
     off: NDArray[np.float64],
 ) -> Figure:
-    title = "the image" if alpha is None else f"decided with alpha {alpha:g}"
-    said = "white signs" if alpha is None else f"red, green and blue above {CAPTIONS[alpha]}"
+    figure = Figure(number, "the image", "white signs")
+    if alpha is not None:
+        report = f"red, green and blue above {CAPTIONS[alpha]}; alpha is that of red alone"
+        figure = Figure(number, f"decided with alpha {alpha:g}", report)
     if frame is None:
-        return Figure(number, title, said, needs="a labelled white sign")
+        return figure.left_out("a labelled white sign")
     rgb = images[frame]
     if alpha is None:
-        return Figure(number, title, said, f"frame {frame}", (photo(rgb, scale=0.5),))
+        return figure.shown(f"frame {frame}", photo(rgb, scale=0.5))
     y = report_threshold(alpha)
     shown = np.where((rgb > y).all(axis=2, keepdims=True), rgb, 0).astype(np.uint8)
     words = [
@@ -230,10 +227,5 @@ def _image(
         f"{share_words(int((pixels >= y).all(axis=1).sum()), len(pixels))} by all three colours"
         for name, pixels in (("of pixels of white signs pass", on), ("of other pixels", off))
     ]
-    return Figure(
-        number,
-        title,
-        f"{said}; alpha is that of red alone",
-        f"threshold {y:.2f} by eq. 9.7; {'; '.join(words)}",
-        (photo(shown, f"frame {frame}, what passes", scale=0.5),),
-    )
+    ours = f"threshold {y:.2f} by eq. 9.7; {'; '.join(words)}"
+    return figure.shown(ours, photo(shown, f"frame {frame}, what passes", scale=0.5))
