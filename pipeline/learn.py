@@ -1,6 +1,6 @@
 """Learn from rendered drives and real images: `python -m wayside.pipeline.learn`.
 
-The classes of the report, where signs stand, and the outlines of panels; with `--network-steps` the two
+Where signs stand, the outlines of panels and how signs move; with `--network-steps` the two
 networks of preset `default` instead. Their thresholds and the landmark classifiers, which decide on what these
 let through, are learned after them: `learning/box_thresholds.py`, `learn_landmarks.py`.
 
@@ -14,23 +14,17 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
 from wayside.pipeline.flow import Flow
 from wayside.pipeline.learning import trajectories
-from wayside.pipeline.learning.faces import FaceSample
-from wayside.pipeline.learning.gaussians import color_model, location_model, shape_model
+from wayside.pipeline.learning.gaussians import location_model
 from wayside.pipeline.learning.outlines import OutlineChoice, gather_choices, learn_outlines
-from wayside.pipeline.learning.samples import (
-    LEARN_READ,
-    TrainingDrive,
-    for_each,
-    read_drive,
-    read_truth,
-)
-from wayside.pipeline.learning.scenes import real_faces, real_sources
+from wayside.pipeline.learning.samples import LEARN_READ, read_truth, sign_positions
+from wayside.pipeline.learning.scenes import real_sources
 from wayside.pipeline.model_files import load_models, shipped_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import load_settings
@@ -44,12 +38,6 @@ from wayside.stages.imaging import decode
 
 PREFIX = "learn_"
 """Drives of a folder that are learned from bear this at the front of their name; the others are for measuring."""
-
-FACE_SOURCES = ("scenes/jd", "scenes/mi")
-"""Sources whose faces are samples for the classes of the report: others show one camera, or few kinds of signs."""
-
-REPORT_IMAGE = (1600, 1200)
-"""Width and height of the images of the report, in pixels."""
 
 PROCESSES = 2
 """How many drives are run at a time."""
@@ -67,7 +55,7 @@ def learning_logs(folder: Path) -> list[Path]:
     return logs
 
 
-def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify) -> dict[str, str]:
+def learn(drives: Path, out: Path, seed: int, notify: Notify) -> dict[str, str]:
     """Learn every model and write it into `out`; the digests by file name.
 
     Raises
@@ -83,23 +71,10 @@ def learn(drives: Path, real: Path | None, out: Path, seed: int, notify: Notify)
             "learned; `make learn` puts the new ones there at its end"
         )
     logs = learning_logs(drives)
-    settings, _ = load_settings()
-
-    def read(log: Path) -> TrainingDrive:
-        truth = read_truth(log.with_suffix(".truth.json"))
-        drive = read_drive(images(log), truth, log.with_suffix(".masks"), settings)
-        notify(f"{log.stem}: {drive.frames} images, {len(drive.faces)} clear faces")
-        return drive
-
-    samples = for_each(read, logs)
-    sources = real_sources(real) if real else {}
-    crops = [
-        face for name in FACE_SOURCES if name in sources for face in real_faces(sources[name]())
-    ]
-    rendered = _origin(samples, seed)
-    origin = f"{rendered}; clear faces of {', '.join(FACE_SOURCES)}" if crops else rendered
-    models = gaussian_models(samples, crops, origin)
-    models["location.json"] = location_model(np.concatenate([d.places for d in samples]), rendered)
+    truths = [read_truth(log.with_suffix(".truth.json")) for log in logs]
+    rendered = _origin(truths, seed)
+    places = np.concatenate([sign_positions(truth) for truth in truths])
+    models: dict[str, Model] = {"location.json": location_model(places, rendered)}
     digests = {name: write_model(out / name, model, notify) for name, model in models.items()}
     further: dict[str, Callable[[], Mapping[str, Model]]] = {
         "outline.json": lambda: {
@@ -126,32 +101,14 @@ def outline_choices(logs: Sequence[Path], seed: int) -> list[OutlineChoice]:
     return choices
 
 
-def gaussian_models(
-    drives: Sequence[TrainingDrive],
-    crops: Sequence[FaceSample],
-    origin: str,
-) -> dict[str, Model]:
-    """Gaussian classes of colour and shape, by the name of their file.
-
-    The report's classes are those of its one camera, as far as there are drives with images of that size.
-    """
-    report_drives = [drive for drive in drives if drive.size == REPORT_IMAGE] or drives
-    faces = [*(face for drive in report_drives for face in drive.faces), *crops]
-    background = np.concatenate([drive.background for drive in drives])
-    return {
-        "color_rgb.json": color_model(faces, background, origin),
-        "shape.json": shape_model(faces, origin),
-    }
-
-
 def images(log: Path) -> Iterator[Image]:
     """Every image of a log, decoded, in order."""
     return decode(read_frames(log, LEARN_READ, ReadReport()))
 
 
-def _origin(drives: Sequence[TrainingDrive], seed: int) -> str:
-    """What was learned from, as `learned_from` finds it: each drive with its number of images."""
-    rendered = ", ".join(f"{d.name} ({d.frames} images, {len(d.faces)} faces)" for d in drives)
+def _origin(truths: Sequence[Mapping[str, Any]], seed: int) -> str:
+    """What was learned from: each drive with its number of images."""
+    rendered = ", ".join(f"{one['name']} ({len(one['frames'])} images)" for one in truths)
     return f"rendered drives {rendered}; seed {seed}; numpy {np.__version__}"
 
 
@@ -223,7 +180,7 @@ def main(arguments: list[str] | None = None) -> int:
         if given.network_steps is not None:
             _train(given)
         else:
-            learn(given.drives, given.real, given.out, given.seed, partial(print, flush=True))
+            learn(given.drives, given.out, given.seed, partial(print, flush=True))
     except WaysideError as error:
         print(f"wayside: {error}", file=sys.stderr)
         return error.exit_status

@@ -2,8 +2,8 @@
 
     .venv/bin/python -m wayside.pipeline.learning.gates DRIVE.mcap ... -o MODELS
 
-Each drive needs its truth beside it (DRIVE.truth.json). Means and covariances of colours and shapes are those of `make
-learn`, and so are the densities of trajectories; the thresholds that it finds elsewhere are replaced.
+Each drive needs its truth beside it (DRIVE.truth.json). Means and covariances of colours and shapes, and the densities
+of trajectories, stay those of the models at hand; thresholds are replaced.
 """
 
 from __future__ import annotations

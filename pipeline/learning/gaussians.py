@@ -1,21 +1,15 @@
-"""Gaussian classes of colours, shapes and places: of the report, and from the few samples of a user."""
+"""Gaussian classes of colours, shapes and places, from few samples."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.asked import Rows
-from wayside.pipeline.learning.curves import KNEE_RULE
-from wayside.pipeline.learning.faces import FaceSample
-from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.models import GaussianClass, GaussianModel
-from wayside.stages.report import fourier_descriptors
 
 Values = NDArray[np.float64]
 Floor = Callable[[Values], Values]
@@ -105,38 +99,6 @@ def fit_classes(
     )
 
 
-def color_model(
-    faces: Sequence[FaceSample], background: NDArray[Any], provenance: str
-) -> GaussianModel:
-    """Colour classes in space "rgb"; thresholds at the knee against `background`, (n, 3) mean colours of regions."""
-    values, others = np.array([f.rgb for f in faces]), np.asarray(background, np.float64)
-    kinds, signs = np.array([f.color for f in faces]), np.array([f.sign for f in faces])
-    classes = [
-        _at_knee(name, values[own], signs[own].tolist(), np.array(COLOR_FLOOR), others)
-        for name in COLORS
-        if (own := kinds == name).sum() >= FEWEST
-    ]
-    return GaussianModel("rgb", tuple(classes), provenance)
-
-
-def shape_model(faces: Sequence[FaceSample], provenance: str) -> GaussianModel:
-    """Shape classes in space "fourier6"; thresholds at the knee against the other shapes."""
-    values = fourier_descriptors(np.array([f.outline for f in faces]))
-    known = np.asarray(np.isfinite(values).all(axis=1))
-    kinds, signs = (
-        np.array([f.shape for f in faces])[known],
-        np.array([f.sign for f in faces])[known],
-    )
-    values = values[known]
-    floor = np.full(values.shape[1], SHAPE_FLOOR)
-    classes = [
-        _at_knee(name, values[own], signs[own].tolist(), floor, values[~own])
-        for name in SHAPES
-        if (own := kinds == name).sum() >= max(FEWEST, values.shape[1] + 2)
-    ]
-    return GaussianModel("fourier6", tuple(classes), provenance)
-
-
 def location_model(places: Values, provenance: str) -> GaussianModel:
     """Where signs stand, (right of the path, above the camera's path) in metres: the mixture of preset `default`.
 
@@ -166,13 +128,6 @@ def sides(places: Values, overhead_m: float) -> NDArray[np.str_]:
     return np.where(up > overhead_m, "overhead", np.where(right >= 0, "right", "left"))
 
 
-def balanced(signs: Sequence[str]) -> Values:
-    """Weights (n,) that sum to 1 and give every sign the same, however many views it has."""
-    candidates = Counter(signs)
-    weight = np.array([1.0 / candidates[s] for s in signs])
-    return np.asarray(weight / weight.sum())
-
-
 def moments(values: Values, weight: Values, floor: Values) -> tuple[Values, Values]:
     """Weighted mean (d,) and covariance (d, d) of values (n, d); no axis is narrower than its `floor` (d,)."""
     mean, covariance = _moments(values, weight)
@@ -188,26 +143,3 @@ def _moments(values: Values, weight: Values) -> tuple[Values, Values]:
 def _widened(covariance: Values, floor: Values) -> Values:
     lacking = np.maximum(floor**2 - np.diag(covariance), 0.0)
     return np.asarray(covariance + np.diag(lacking) + np.diag((0.1 * floor) ** 2))
-
-
-def knee(own: Values, others: Values) -> float:
-    """Distance at which most of `own` and fewest of `others` are accepted: largest difference of the two shares.
-
-    Where several are equally good, the smallest; half-way to the next sample of either.
-    """
-    steps = np.unique(np.concatenate([own, others]))
-    accepted = np.searchsorted(np.sort(own), steps, side="right") / max(len(own), 1)
-    wrong = np.searchsorted(np.sort(others), steps, side="right") / max(len(others), 1)
-    best = int(np.argmax(accepted - wrong))
-    following = steps[min(best + 1, len(steps) - 1)]
-    return float((steps[best] + following) / 2)
-
-
-def _at_knee(
-    name: str, values: Values, signs: Sequence[str], floor: Values, others: Values
-) -> GaussianClass:
-    mean, covariance = moments(values, balanced(signs), floor)
-    unbounded = GaussianClass(name, mean, covariance, np.inf, KNEE_RULE, len(values))
-    single = GaussianModel("", (unbounded,), "")
-    threshold = knee(single.distances(values)[:, 0], single.distances(others)[:, 0])
-    return replace(unbounded, threshold=threshold)

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from wayside.pipeline.learning.detector_images import (
-    FRONT,
     LabelledImage,
     real_drive_images,
     scene_set_images,
 )
-from wayside.pipeline.learning.faces import FaceSample, real_face
-from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.schemas.errors import InputError
 
 
@@ -41,15 +36,3 @@ def real_sources(
             f"wanted sources to leave out among {', '.join(sources)}, found {', '.join(sorted(unknown))}"
         )
     return {name: read for name, read in sources.items() if name not in without}
-
-
-def real_faces(images: Iterable[LabelledImage]) -> list[FaceSample]:
-    """The fronts of signs of known colour and shape in real images."""
-    found: list[FaceSample] = []
-    for image in images:
-        for row in np.flatnonzero(image.side == FRONT):
-            color, shape = image.color[row], image.shape[row]
-            if color != NONE and shape != NONE:
-                name = f"{image.name}/{row}"
-                found += real_face(image.rgb, COLORS[color], SHAPES[shape], image.box[row], name)
-    return found

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.flow import Flow
 from wayside.pipeline.learning.curves import KNEE_RULE
-from wayside.pipeline.learning.gaussians import knee
 from wayside.pipeline.learning.landmarks import NEITHER, SIGN, KnownPanels, label_in_images
 from wayside.pipeline.learning.samples import read_truth
 from wayside.pipeline.model_files import TRAJECTORY_FILES, load_models
@@ -222,6 +221,19 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"wayside: {error}", file=sys.stderr)
         return error.exit_status
     return 0
+
+
+def knee(own: NDArray[np.float64], others: NDArray[np.float64]) -> float:
+    """Distance at which most of `own` and fewest of `others` are accepted: largest difference of the two shares.
+
+    Where several are equally good, the smallest; half-way to the next sample of either.
+    """
+    steps = np.unique(np.concatenate([own, others]))
+    accepted = np.searchsorted(np.sort(own), steps, side="right") / max(len(own), 1)
+    wrong = np.searchsorted(np.sort(others), steps, side="right") / max(len(others), 1)
+    best = int(np.argmax(accepted - wrong))
+    following = steps[min(best + 1, len(steps) - 1)]
+    return float((steps[best] + following) / 2)
 
 
 if __name__ == "__main__":

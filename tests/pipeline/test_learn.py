@@ -6,16 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.pipeline import learn
 from wayside.pipeline.importing import import_images
 from wayside.pipeline.learn import main
-from wayside.pipeline.learning.faces import main_color
-from wayside.pipeline.learning.gaussians import balanced, knee, location_model, moments
-from wayside.pipeline.learning.samples import read_drive, read_truth, sign_positions
+from wayside.pipeline.learning.gaussians import location_model, moments
+from wayside.pipeline.learning.samples import read_truth, sign_positions
 from wayside.pipeline.model_files import shipped_models
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.model_json import model_from_json
-from wayside.schemas.settings import Settings
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 600.0
 CALIBRATION = f"""image_width: {WIDTH}
@@ -107,11 +104,7 @@ def learned(tmp_path_factory):
 @pytest.mark.slow
 def test_the_script_writes_every_model_with_its_provenance(learned):
     files = sorted(path.name for path in (learned / "models").iterdir())
-    assert files == [
-        "color_rgb.json",
-        "location.json",
-        "shape.json",
-    ]
+    assert files == ["location.json"]
     for name in files:
         provenance = model_from_json((learned / "models" / name).read_text()).provenance
         assert "learn_a (6 images" in provenance
@@ -123,44 +116,6 @@ def test_the_same_drives_and_seed_give_the_same_bytes(learned, tmp_path):
     assert main(["--drives", str(learned), "-o", str(tmp_path)]) == 0
     for path in (learned / "models").iterdir():
         assert (tmp_path / path.name).read_bytes() == path.read_bytes()
-
-
-@pytest.mark.slow
-def test_the_colours_learned_are_those_painted(learned):
-    model = model_from_json((learned / "models" / "color_rgb.json").read_text())
-    means = {one.name: one.mean for one in model.classes}
-    assert set(means) == set(COLORS)
-    for name, mean in means.items():
-        assert mean == pytest.approx(COLORS[name], abs=4)
-
-
-def test_the_samples_of_a_drive_are_its_clear_faces_and_the_colours_of_what_is_none(tmp_path):
-    truth = write_drive(tmp_path, "learn_a", 0)
-    images = learn.images(tmp_path / "learn_a.mcap")
-    drive = read_drive(images, truth, tmp_path / "learn_a.masks", Settings())
-    assert (drive.name, drive.frames, drive.size) == ("learn_a", 6, (WIDTH, HEIGHT))
-    assert len(drive.faces) == 6 * len(COLORS)
-    for face in drive.faces:
-        assert face.rgb == pytest.approx(COLORS[face.color], abs=4)
-    assert drive.places.tolist() == [[5.0, 0.5], [6.0, 0.5], [7.0, 0.5]]
-    for painted in COLORS.values():
-        assert np.linalg.norm(drive.background - painted, axis=1).min() > 30
-    assert np.abs(drive.background - 190).max(axis=1).min() < 10  # the back is no face
-
-
-def test_invented_faces_are_no_samples_of_the_classes_of_the_report(tmp_path):
-    truth = write_drive(tmp_path, "learn_a", 0)
-    truth["signs"][1]["kind"] = "invented"
-    images = learn.images(tmp_path / "learn_a.mcap")
-    drive = read_drive(images, truth, tmp_path / "learn_a.masks", Settings())
-    assert {face.color for face in drive.faces} == {"red", "yellow"}
-    assert np.linalg.norm(drive.background - COLORS["green"], axis=1).min() > 30
-
-
-def test_a_drive_without_images_is_refused(tmp_path):
-    truth = write_drive(tmp_path, "learn_a", 0)
-    with pytest.raises(InputError, match="learn_a: wanted images, found none"):
-        read_drive([], truth, tmp_path / "learn_a.masks", Settings())
 
 
 def test_the_training_of_the_networks_wants_real_images(tmp_path, capsys):
@@ -196,15 +151,6 @@ def test_a_folder_without_learning_drives_is_refused(tmp_path, capsys):
     assert "learn_*.mcap" in capsys.readouterr().err
 
 
-@pytest.mark.slow
-def test_a_missing_mask_is_named(learned, tmp_path, capsys):
-    truth = write_drive(tmp_path, "learn_c", 5)
-    (tmp_path / "learn_c.masks" / "0002.png").unlink()
-    assert truth["name"] == "learn_c"
-    assert main(["--drives", str(tmp_path), "-o", str(tmp_path / "out")]) == 3
-    assert "0002.png" in capsys.readouterr().err
-
-
 def test_a_truth_that_is_none_is_refused(tmp_path):
     path = tmp_path / "x.truth.json"
     path.write_text('{"name": "x"}')
@@ -223,28 +169,11 @@ def test_places_are_right_of_the_path_and_above_the_camera():
     assert sign_positions(truth).tolist() == [[4.0, 0.5]]
 
 
-def test_legends_and_borders_do_not_count_for_the_main_colour():
-    face = np.full((100, 3), (20, 110, 60), np.uint8)
-    face[:35] = 240
-    assert main_color(face) == pytest.approx([20, 110, 60])
-
-
-def test_every_sign_has_the_same_weight_however_often_it_is_seen():
-    weight = balanced(["a", "a", "a", "b"])
-    assert weight.sum() == pytest.approx(1)
-    assert weight[:3].sum() == pytest.approx(weight[3])
-
-
 def test_no_axis_of_a_class_is_narrower_than_the_floor():
     values = np.tile([1.0, 2.0], (5, 1))
     mean, covariance = moments(values, np.full(5, 0.2), np.array([0.5, 0.1]))
     assert mean.tolist() == [1, 2]
     assert (np.sqrt(np.diag(covariance)) >= [0.5, 0.1]).all()
-
-
-def test_the_knee_parts_two_separate_groups_between_them():
-    own, others = np.array([0.1, 0.5, 1.0]), np.array([3.0, 4.0])
-    assert knee(own, others) == pytest.approx(2.0)
 
 
 def test_signs_stand_right_left_and_above_of_the_road():
