@@ -23,11 +23,11 @@ from wayside.pipeline.learning.samples import (
 from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, UNSURE
 from wayside.stages.geometry import box_areas, intersection_areas, iou_matrix
 
+NEAREST = 3
+"""Views of a landmark, the nearest ones, by which it is on a face or not."""
+
 PART_OF_FACE = 0.5
 """Fraction of a region on a face from which it is a part of that face, and no example of what is no sign."""
-
-NEAREST = 3
-"""How many of the latest views of a landmark say what it is."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,10 +8,8 @@ import pytest
 
 from wayside.pipeline.importing import import_images
 from wayside.pipeline.learn import main
-from wayside.pipeline.learning.gaussians import location_model, moments
-from wayside.pipeline.learning.samples import read_truth, sign_positions
 from wayside.pipeline.model_files import shipped_models
-from wayside.schemas.errors import InputError, OutputError
+from wayside.schemas.errors import OutputError
 from wayside.schemas.model_json import model_from_json
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 600.0
@@ -149,43 +147,3 @@ def test_the_models_that_ship_are_not_written_over_while_they_are_in_use(tmp_pat
 def test_a_folder_without_learning_drives_is_refused(tmp_path, capsys):
     assert main(["--drives", str(tmp_path), "-o", str(tmp_path)]) == 3
     assert "learn_*.mcap" in capsys.readouterr().err
-
-
-def test_a_truth_that_is_none_is_refused(tmp_path):
-    path = tmp_path / "x.truth.json"
-    path.write_text('{"name": "x"}')
-    with pytest.raises(InputError, match="truth of a rendered drive"):
-        read_truth(path)
-
-
-def test_places_are_right_of_the_path_and_above_the_camera():
-    truth = {
-        "camera": {"mount": {"height_m": 1.5}},
-        "signs": [
-            {"faces_travel": True, "eligible_frames": 2, "lateral_m": 4.0, "up_m": 2.0},
-            {"faces_travel": False, "eligible_frames": 2, "lateral_m": 9.0, "up_m": 2.0},
-        ],
-    }
-    assert sign_positions(truth).tolist() == [[4.0, 0.5]]
-
-
-def test_no_axis_of_a_class_is_narrower_than_the_floor():
-    values = np.tile([1.0, 2.0], (5, 1))
-    mean, covariance = moments(values, np.full(5, 0.2), np.array([0.5, 0.1]))
-    assert mean.tolist() == [1, 2]
-    assert (np.sqrt(np.diag(covariance)) >= [0.5, 0.1]).all()
-
-
-def test_signs_stand_right_left_and_above_of_the_road():
-    rng = np.random.default_rng(2)
-    places = np.concatenate(
-        [
-            rng.normal((6, 0.5), 0.5, (50, 2)),
-            rng.normal((-8, 0.5), 0.5, (20, 2)),
-            [(0, 4.5), (1, 4.6), (3, 4.4), (-1, 4.5)],
-        ]
-    )
-    model = location_model(places, "made by hand")
-    named = {one.name: one for one in model.classes}
-    assert list(named) == ["right", "left", "overhead"]
-    assert named["right"].mean == pytest.approx([6, 0.5], abs=0.3)
