@@ -50,7 +50,7 @@ def new_axes(
         axes = figure.subplots()
         axes.set(xlim=x, ylim=y, xlabel=labels[0], ylabel=labels[1])
         if equal:
-            axes.set_aspect("equal", adjustable="datalim")
+            axes.set_aspect("equal", adjustable="box")
     return axes
 
 

@@ -211,7 +211,8 @@ def _size(drive: Drive, signs: list[Landmark], figure: Figure) -> Figure:
     # that of the report is one whose size the adjustment gave well
     one = min(listed, key=lambda sign: sign.sigma_width_m / sign.width_m)
     wide, tall = one.width_m / FEET, one.height_m / FEET
-    axes = new_axes((-0.5, wide + 1), (-0.5, tall + 1), ("ft", "ft"), (420, 320), equal=True)
+    ends = [(-0.5, max(pair) + 1) for pair in zip((wide, tall), REPORT_SIZE_FT, strict=True)]
+    axes = new_axes(ends[0], ends[1], ("ft", "ft"), (420, 320), equal=True)
     shown = ((wide, tall, 0, "-", "the sign"), (*REPORT_SIZE_FT, 1, "--", "the report's sign"))
     for x, y, ink, style, name in shown:
         axes.plot([0, x, x, 0, 0], [0, 0, y, y, 0], style, color=INKS[ink], label=name)
