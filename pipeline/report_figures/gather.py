@@ -83,10 +83,11 @@ class Scene:
         return np.asarray(np.sqrt((apart**2).sum(axis=2)), np.float32)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass
 class Drive:
-    """A drive that the report's chain has gone through.
+    """A drive that the report's chain goes through; it watches the stages, and keeps what the figures show.
 
+    shapes, density: the classes of shapes, and of what moves as signs do, that decide in other chains of the report;
     samples: what each classifier was asked, by its name; frames: motion by frame; landmarks: all, with their verdicts;
     regions: those of each frame that passed the size gate; outlines: of those that passed the colour gate and lie on a
     face, in order of frames.
@@ -97,12 +98,13 @@ class Drive:
     models: Models
     labels: FrameLabels
     faces: Faces
-    samples: dict[str, ClassifierSamples]
-    frames: dict[int, Motion] = field(repr=False)
-    landmarks: tuple[Landmark, ...] = field(repr=False)
-    regions: dict[int, Regions] = field(repr=False)
-    outlines: tuple[FaceOutline, ...] = field(repr=False)
+    shapes: GaussianModel
     density: MixtureModel
+    samples: dict[str, ClassifierSamples] = field(default_factory=dict, repr=False)
+    frames: dict[int, Motion] = field(default_factory=dict, repr=False)
+    landmarks: list[Landmark] = field(default_factory=list, repr=False)
+    regions: dict[int, Regions] = field(default_factory=dict, repr=False)
+    outlines: list[FaceOutline] = field(default_factory=list, repr=False)
 
     @property
     def signs(self) -> list[Landmark]:
@@ -128,17 +130,6 @@ class Drive:
         read = read_frames(self.log, self.settings.read, ReadReport())
         return (frame for frame in read if frame.index in wanted)
 
-
-class _Watch:
-    """Keeps what the stages make of each frame."""
-
-    def __init__(self, faces: Faces, shapes: GaussianModel) -> None:
-        self._faces, self._shapes = faces, shapes
-        self.outlines: list[FaceOutline] = []
-        self.frames: dict[int, Motion] = {}
-        self.landmarks: list[Landmark] = []
-        self.regions: dict[int, Regions] = {}
-
     def see(self, stage: str, item: Item) -> None:
         """Take note of the outlines on faces, and of a frame whose candidates are all decided."""
         if stage == "color" and isinstance(item, Detections):
@@ -151,12 +142,12 @@ class _Watch:
     def _outlines_on_faces(self, item: Detections) -> Iterator[FaceOutline]:
         rows = item.candidates.open_rows()
         regions, frame = item.candidates.regions.select(rows), item.frame.index
-        label, face = self._faces.label_regions(frame, regions.box)
+        label, face = self.faces.label_regions(frame, regions.box)
         on = np.flatnonzero(label == ON)
         regions, face = regions.select(on), face[on]
         outlines = outlines_of(item.segmentation, regions)
         features = fourier_descriptors(outlines)
-        code, distance, accepted = nearest_class(features, self._shapes, SHAPES)
+        code, distance, accepted = nearest_class(features, self.shapes, SHAPES)
         for i in np.flatnonzero(code >= 0):
             yield FaceOutline(
                 frame,
@@ -203,30 +194,21 @@ def gather_drive(
     UsageError
         A setting is wrong.
     """
-    settings, _ = load_settings(PRESET, None, assignments, options)
-    models, labels = load_models(settings), read_labels(labels_file)
-    shapes = load_models(load_settings(SHAPE_PRESET, None, assignments, options)[0]).shape_classes
-    if shapes is None:
-        raise InputError(f"models: wanted the shape classes of {SHAPE_PRESET}, found none")
-    density = load_models(
-        load_settings(TRAJECTORY_PRESET, None, assignments, options)[0]
-    ).trajectory_density
-    if density is None:
-        raise InputError(f"models: wanted the trajectories of {TRAJECTORY_PRESET}, found none")
+
+    def chain(preset: str) -> tuple[Settings, Models]:
+        settings, _ = load_settings(preset, None, assignments, options)
+        return settings, load_models(settings)
+
+    settings, models = chain(PRESET)
+    shapes, density = chain(SHAPE_PRESET)[1].shape_classes, chain(TRAJECTORY_PRESET)[1]
+    if shapes is None or density.trajectory_density is None:
+        raise InputError(
+            f"models: wanted those of {SHAPE_PRESET} and {TRAJECTORY_PRESET}, found some missing"
+        )
+    labels = read_labels(labels_file)
     found = labels_of_log(log, labels, settings.read)
-    faces = labelled_faces(found)
-    watch = _Watch(faces, shapes)
-    samples = gather_samples(log, labels, settings, models, also=watch)
-    return Drive(
-        log,
-        settings,
-        models,
-        found,
-        faces,
-        samples,
-        watch.frames,
-        tuple(watch.landmarks),
-        watch.regions,
-        tuple(sorted(watch.outlines, key=lambda one: (one.frame, one.face, one.box.tolist()))),
-        density,
-    )
+    faces, motion = labelled_faces(found), density.trajectory_density
+    drive = Drive(log, settings, models, found, faces, shapes, motion)
+    drive.samples = gather_samples(log, labels, settings, models, also=drive)
+    drive.outlines.sort(key=lambda one: (one.frame, one.face, one.box.tolist()))
+    return drive
