@@ -66,8 +66,7 @@ def fit(
         Space, typer.Option(help="Space of the colours; auto: by cross-validation.")
     ] = "auto",
     complete: Annotated[
-        bool,
-        typer.Option("--complete", help="Every sign of the labelled images is labelled."),
+        bool, typer.Option("--complete", help="Every sign of the labelled images is labelled.")
     ] = False,
     only_labelled: Annotated[
         bool,
@@ -77,8 +76,7 @@ def fit(
         ),
     ] = False,
     classes: Annotated[
-        Path | None,
-        typer.Option(help="TOML: which classes of COCO, YOLO, VOC are which signs."),
+        Path | None, typer.Option(help="TOML: which classes of COCO, YOLO, VOC are which signs.")
     ] = None,
     source: Annotated[str, typer.Option(help="Who made images and labels, for the models.")] = "",
     licence: Annotated[str, typer.Option(help="Licence of the images, for the models.")] = "",

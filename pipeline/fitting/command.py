@@ -10,13 +10,7 @@ from pathlib import Path
 from wayside import __version__
 from wayside.pipeline.fitting.fit import FILES, Outcome, fit_models
 from wayside.pipeline.fitting.models import Task
-from wayside.pipeline.fitting.report import (
-    FIT_KEYS,
-    fit_json,
-    fit_page,
-    format_fit,
-    outcome_lines,
-)
+from wayside.pipeline.fitting.report import FIT_KEYS, fit_json, fit_page, format_fit, outcome_lines
 from wayside.pipeline.fitting.sources import LabelledDrive, labelled_drives
 from wayside.pipeline.labels import read_labels
 from wayside.pipeline.settings_file import load_settings

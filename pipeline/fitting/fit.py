@@ -143,9 +143,7 @@ def _fit_one_space(
 
 
 def _tried(
-    what: str,
-    fit: Callable[[], FittedModel | FittedConfidence],
-    gathered: Gathered | None = None,
+    what: str, fit: Callable[[], FittedModel | FittedConfidence], gathered: Gathered | None = None
 ) -> Outcome:
     """The outcome of a fit: refused where it raises, or where the shipped model does better on what was held out."""
     faces, met = (None, None) if gathered is None else (gathered.faces, gathered.met)

@@ -80,11 +80,7 @@ class LabelledDrive:
 
 
 def labelled_drives(
-    labels: Sequence[Labels],
-    images: Sequence[Path],
-    settings: ReadSettings,
-    *,
-    complete: bool,
+    labels: Sequence[Labels], images: Sequence[Path], settings: ReadSettings, *, complete: bool
 ) -> list[LabelledDrive]:
     """The images with labels: whole drives are held out where there are several, else stretches of one.
 

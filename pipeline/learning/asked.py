@@ -115,9 +115,7 @@ class ClassifierSamples(Rows):
         return dict(sorted(counts.items()))
 
 
-def join_drives(
-    drives: Iterable[Mapping[str, ClassifierSamples]],
-) -> dict[str, ClassifierSamples]:
+def join_drives(drives: Iterable[Mapping[str, ClassifierSamples]]) -> dict[str, ClassifierSamples]:
     """The samples of several drives together, by classifier."""
     parts: dict[str, list[ClassifierSamples]] = {}
     for drive in drives:

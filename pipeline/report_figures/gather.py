@@ -180,10 +180,7 @@ def labels_beside(log: Path) -> Path:
 
 
 def gather_drive(
-    log: Path,
-    labels_file: Path,
-    assignments: list[str],
-    options: Mapping[str, Any] | None = None,
+    log: Path, labels_file: Path, assignments: list[str], options: Mapping[str, Any] | None = None
 ) -> Drive:
     """Run the report's chain over a log, and keep what the figures show.
 

@@ -5,10 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wayside.pipeline.learning.gaussians import (
-    Samples,
-    fit_classes,
-)
+from wayside.pipeline.learning.gaussians import Samples, fit_classes
 from wayside.pipeline.learning.held_out import (
     BEYOND,
     distances_to,
