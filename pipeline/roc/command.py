@@ -130,31 +130,28 @@ def format_characteristics(measured: Characteristics) -> str:
         "| classifier | class | signs | others | area | threshold | TPR | FPR | knee | TPR | FPR |",
         "| --- | --- | ---: | ---: | --- | ---: | --- | --- | ---: | ---: | ---: |",
     ]
-    for question, curve in measured.curves:
-        row = _summary(question, curve)
-        words = [question.classifier, question.name, str(row["positives"]), str(row["negatives"])]
-        if curve is None:
-            lines.append(f"| {' | '.join([*words, *['-'] * 7])} |")
-            continue
-        words += [
-            f"{curve.area:.3f}{_ends(row, 'area', 1, '.3f')}",
-            "-" if row["threshold"] is None else f"{question.threshold:.4g}",
-            *(
-                "-"
-                if row[rate] is None
-                else f"{100 * row[rate]:.3g} %{_ends(row, rate, 100, '.3g')}"
-                for rate in ("tpr", "fpr")
-            ),
-            f"{row['knee']:.4g}",
-            *(f"{100 * row[rate]:.3g} %" for rate in ("knee_tpr", "knee_fpr")),
-        ]
+    for row in (_summary(*one) for one in measured.curves):
+        words = [row["classifier"], row["class"], str(row["positives"]), str(row["negatives"])]
+        if row["area"] is None:
+            words += ["-"] * 7
+        else:
+            words += [
+                _with_ends(row, "area", 1, ".3f"),
+                "-" if row["threshold"] is None else f"{row['threshold']:.4g}",
+                *(_with_ends(row, rate, 100, ".3g", " %") for rate in ("tpr", "fpr")),
+                f"{row['knee']:.4g}",
+                *(f"{100 * row[rate]:.3g} %" for rate in ("knee_tpr", "knee_fpr")),
+            ]
         lines.append(f"| {' | '.join(words)} |")
     return "\n".join(lines)
 
 
-def _ends(row: Mapping[str, Any], name: str, factor: float, form: str) -> str:
-    low, high = row[f"{name}_low"], row[f"{name}_high"]
-    return "" if low is None else f" ({factor * low:{form}} to {factor * high:{form}})"
+def _with_ends(row: Mapping[str, Any], name: str, factor: float, form: str, unit: str = "") -> str:
+    value, low, high = (row[f"{name}{end}"] for end in ("", "_low", "_high"))
+    if value is None:
+        return "-"
+    ends = "" if low is None else f" ({factor * low:{form}} to {factor * high:{form}})"
+    return f"{factor * value:{form}}{unit}{ends}"
 
 
 def _write(folder: Path, measured: Characteristics) -> None:
@@ -253,9 +250,9 @@ def draw_curves(classifier: str, drawn: Drawn) -> bytes:
         at = curve.knee if used is None else used
         shown = float(curve.threshold[at]) if used is None else question.threshold
         value = f"{shown:.4g}" if math.isfinite(shown) else "none"
-        area = _ends(_summary(question, curve), "area", 1, ".3f")
+        area = _with_ends(_summary(question, curve), "area", 1, ".3f")
         words = (
-            f"{question.name}   area {curve.area:.3f}{area}\n"
+            f"{question.name}   area {area}\n"
             f"{'knee' if used is None else 'threshold'} {value}: {100 * curve.tpr[at]:.1f} % of {curve.positives} signs"
             f", {100 * curve.fpr[at]:.2g} % of {curve.negatives} others"
         )
