@@ -25,7 +25,7 @@ from wayside.pipeline.fitting.models import (
 )
 from wayside.pipeline.fitting.sources import LabelledDrive
 from wayside.pipeline.learning.gaussians import PLACE_FLOOR, SHAPE_FLOOR, SIDES, Samples
-from wayside.pipeline.model_files import OWN_COLORS, REPORT_LOCATION, load_models
+from wayside.pipeline.model_files import OWN_COLORS, REPORT_LOCATION, Models, load_models
 from wayside.schemas.detections import SHAPES
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianModel
@@ -87,13 +87,9 @@ def fit_models(
     report = presets["report"]
     models, default = load_models(report), load_models(presets["default"])
     shapes = load_models(presets["report-shape"]).shape_classes
-    if models.color_classes is None or shapes is None or default.landmark_classifier is None:
+    colors, evidence = models.color_classes, default.landmark_classifier
+    if colors is None or shapes is None or evidence is None:
         raise InputError("wanted the models that ship, found some missing; install wayside again")
-    colors, places, evidence = (
-        models.color_classes,
-        models.location_classes,
-        default.landmark_classifier,
-    )
     outcomes: list[Outcome] = []
     if COLOR in wanted:
         notify("colours: segmenting the labelled images")
@@ -112,13 +108,7 @@ def fit_models(
         outcomes.append(_tried(SHAPE, fit, found))
     if LOCATION in wanted:
         notify("location: running the logs with preset report")
-
-        def fit_location() -> FittedModel:
-            samples = by_side(landmark_samples(run_drives(drives, report, models), LOCATION))
-            floor = np.array(PLACE_FLOOR)
-            return _fit_one_space(samples, floor, SIDES, "side of the road", places, task)
-
-        outcomes.append(_tried(LOCATION, fit_location))
+        outcomes.append(_tried(LOCATION, partial(_fit_location, drives, report, models, task)))
     if CONFIDENCE in wanted:
         notify("confidence: running the logs with preset default")
 
@@ -128,6 +118,14 @@ def fit_models(
 
         outcomes.append(_tried(CONFIDENCE, fit_evidence))
     return outcomes
+
+
+def _fit_location(
+    drives: Sequence[LabelledDrive], settings: Settings, models: Models, task: Task
+) -> FittedModel:
+    samples = by_side(landmark_samples(run_drives(drives, settings, models), LOCATION))
+    floor, shipped = np.array(PLACE_FLOOR), models.location_classes
+    return _fit_one_space(samples, floor, SIDES, "side of the road", shipped, task)
 
 
 def _fit_one_space(
