@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
+from wayside.pipeline import cli_options as run_options
 from wayside.pipeline.cli_help import DETECT, examples
-from wayside.pipeline.cli_options import read_options
 from wayside.schemas.errors import UsageError
 
 FIT_EPILOG = examples(
@@ -20,25 +20,10 @@ FIT_EPILOG = examples(
 )
 
 
-class Fitted(StrEnum):
-    """What can be fitted."""
-
-    color = "color"
-    shape = "shape"
-    location = "location"
-    confidence = "confidence"
-
-
-class Space(StrEnum):
-    """Spaces of the colour classes."""
-
-    auto = "auto"
-    rgb = "rgb"
-    chromaticity = "chromaticity"
-    log_chromaticity = "log_chromaticity"
-    log_rgb = "log_rgb"
-    lab = "lab"
-
+Fitted = StrEnum("Fitted", ["color", "shape", "location", "confidence"])
+"""What can be fitted."""
+Space = Literal["auto", "rgb", "chromaticity", "log_chromaticity", "log_rgb", "lab"]
+"""Spaces of the colour classes."""
 
 Models = Annotated[
     Path | None,
@@ -79,10 +64,9 @@ def fit(
     ] = None,
     space: Annotated[
         Space, typer.Option(help="Space of the colours; auto: by cross-validation.")
-    ] = Space.auto,
+    ] = "auto",
     complete: Annotated[
-        bool,
-        typer.Option("--complete", help="Every sign of the labelled images is labelled."),
+        bool, typer.Option("--complete", help="Every sign of the labelled images is labelled.")
     ] = False,
     only_labelled: Annotated[
         bool,
@@ -92,22 +76,15 @@ def fit(
         ),
     ] = False,
     classes: Annotated[
-        Path | None,
-        typer.Option(help="TOML: which classes of COCO, YOLO, VOC are which signs."),
+        Path | None, typer.Option(help="TOML: which classes of COCO, YOLO, VOC are which signs.")
     ] = None,
     source: Annotated[str, typer.Option(help="Who made images and labels, for the models.")] = "",
     licence: Annotated[str, typer.Option(help="Licence of the images, for the models.")] = "",
-    spacing: Annotated[
-        str | None, typer.Option(help="Log: distance between images, as of `run`.")
-    ] = None,
-    camera: Annotated[
-        str | None, typer.Option(help="Log: image topic, where it has several.")
-    ] = None,
-    calibration: Annotated[
-        Path | None, typer.Option(help="Log: ROS camera_info YAML instead of the log's.")
-    ] = None,
-    start: Annotated[str | None, typer.Option("--from", help="Log: start here.")] = None,
-    until: Annotated[str | None, typer.Option(help="Log: stop here.")] = None,
+    spacing: run_options.Spacing = None,
+    camera: run_options.CameraTopic = None,
+    calibration: run_options.Calibration = None,
+    start: run_options.From = None,
+    until: run_options.Until = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")] = False,
 ) -> None:
     """Fit colours, shapes, location and confidence to your own labels.
@@ -126,16 +103,17 @@ def fit(
         tuple(labels),
         tuple(images),
         classes,
-        read_options(spacing, camera, calibration, start, until, None, None),
+        run_options.read_options(spacing, camera, calibration, start, until, None, None),
         tuple(one.value for one in Fitted if model is None or one in model),
         alpha,
-        None if space is Space.auto else space.value,
+        None if space == "auto" else space,
         complete,
         only_labelled,
         source,
         licence,
     )
-    report = fit_labels(
-        options, out, overwrite=overwrite, notify=lambda words: typer.echo(visible(words), err=True)
-    )
-    typer.echo(visible_lines(report))
+
+    def notify(words: str) -> None:
+        typer.echo(visible(words), err=True)
+
+    typer.echo(visible_lines(fit_labels(options, out, overwrite=overwrite, notify=notify)))

@@ -9,6 +9,7 @@ import typer
 
 from wayside.pipeline import cli_options as run_options
 from wayside.pipeline.cli_help import examples
+from wayside.pipeline.cli_viewing import Overwrite
 from wayside.pipeline.visible_text import visible
 
 REPORT_FIGURES_EPILOG = examples(
@@ -37,13 +38,8 @@ def report_figures(
     spacing: run_options.Spacing = None,
     camera: run_options.CameraTopic = None,
     calibration: run_options.Calibration = None,
-    assignments: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="GROUP.NAME=VALUE", help="Change a setting; repeatable."),
-    ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace a file of yours of that name.")
-    ] = False,
+    assignments: run_options.Assignments = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Make the figures of the report KS-09-9 on a drive, each number beside the report's, as one page."""
     from wayside.pipeline.report_figures.command import write_figures

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from wayside.pipeline import cli_options as run_options
 from wayside.pipeline.cli_help import examples
-from wayside.pipeline.cli_options import read_options
 from wayside.pipeline.cli_viewing import Overwrite
 
 ROC_EPILOG = examples(
@@ -28,18 +28,10 @@ def roc(
         ),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Output folder.")],
-    preset: Annotated[str, typer.Option(help="Whose classifiers.")] = "default",
-    settings: Annotated[
-        Path | None,
-        typer.Option("--settings", help="TOML file as `wayside settings` prints it."),
-    ] = None,
-    assignments: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="GROUP.NAME=VALUE", help="Change one setting."),
-    ] = None,
-    spacing: Annotated[
-        str | None, typer.Option(help="Distance between images, where the logs have no poses.")
-    ] = None,
+    preset: run_options.PresetOption = run_options.Preset.default,
+    settings: run_options.SettingsFile = None,
+    assignments: run_options.Assignments = None,
+    spacing: run_options.Spacing = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Measure every classifier on labelled drives: true and false positives over thresholds, knee, area, confusion.
@@ -49,20 +41,16 @@ def roc(
     """
     from wayside.pipeline.model_files import load_models
     from wayside.pipeline.roc.command import format_characteristics, measure_roc
-    from wayside.pipeline.settings_file import load_settings
     from wayside.pipeline.tuning import tune_process
     from wayside.pipeline.visible_text import visible_lines
 
     tune_process()
-    options = read_options(spacing, None, None, None, None, None, None)
-    chosen = load_settings(preset, settings, assignments or [], options)[0]
-    measured = measure_roc(
-        logs,
-        labels,
-        out,
-        chosen,
-        load_models(chosen),
-        lambda line: typer.echo(visible_lines(line), err=True),
-        overwrite=overwrite,
-    )
+    options = run_options.read_options(spacing, None, None, None, None, None, None)
+    chosen = run_options.chosen_settings(preset, settings, assignments, options)
+
+    def notify(line: str) -> None:
+        typer.echo(visible_lines(line), err=True)
+
+    models = load_models(chosen)
+    measured = measure_roc(logs, labels, out, chosen, models, notify, overwrite=overwrite)
     typer.echo(visible_lines(format_characteristics(measured)))

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from wayside.pipeline.learning.asked import ClassifierSamples
 from wayside.pipeline.learning.samples import OFF, ON
-from wayside.pipeline.roc.classifier_samples import ClassifierSamples
-from wayside.pipeline.roc.operating import (
+from wayside.pipeline.learning.thresholds import (
     class_points,
     component_points,
     gate_rates,
@@ -71,10 +71,7 @@ def test_the_points_hold_the_rates_of_the_gate_and_both_rise(seed):
     on[:2] = True, False
     own = on[:, None] & (draw.integers(0, 3, 60)[:, None] == np.arange(3))
     count = draw.integers(1, 4, 60)
-    for points in (
-        component_points(distance, on, count),
-        class_points(distance, own, on, count),
-    ):
+    for points in (component_points(distance, on, count), class_points(distance, own, on, count)):
         for one in points:
             rates = gate_rates(distance, on, count, np.array(one.thresholds))
             assert (one.false_alarm, one.power) == pytest.approx(rates)

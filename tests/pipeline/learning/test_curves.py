@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import mannwhitneyu, norm
+from sklearn import metrics
 
-from wayside.pipeline.roc.curves import Scores, resampled_groups, roc_curve
+from wayside.pipeline.learning.curves import Scores, resampled_groups, roc_curve
 
 
 def scores(on, off, *, below=False, groups=4):
@@ -49,6 +50,22 @@ def test_a_row_that_stands_for_many_counts_as_many():
     curve = roc_curve(many)
     assert curve.negatives == 10
     assert curve.area == pytest.approx(0.1)
+
+
+@settings(max_examples=25)
+@given(values, values, st.booleans(), st.integers(0, 2**32 - 1))
+def test_rates_and_area_of_counted_samples_are_those_of_scikit_learn(on, off, below, seed):
+    one = scores(on, off, below=below)
+    count = np.random.default_rng(seed).integers(1, 9, len(one.value))
+    curve = roc_curve(Scores(one.value, one.on, count, one.group, below))
+    fpr, tpr, _ = metrics.roc_curve(
+        one.on, one.likeness, sample_weight=count, drop_intermediate=False
+    )
+    assert curve.fpr == pytest.approx(fpr)
+    assert curve.tpr == pytest.approx(tpr)
+    assert curve.area == pytest.approx(
+        metrics.roc_auc_score(one.on, one.likeness, sample_weight=count)
+    )
 
 
 def test_values_that_are_unknown_are_never_accepted():

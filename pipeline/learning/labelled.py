@@ -34,7 +34,8 @@ PART_OF_FACE = 0.5
 class Faces:
     """Labelled faces of the images of a drive, m rows.
 
-    frame (m,) int64; box (m, 4) float64 pixels as recorded; color, shape (m,) names, "" where unknown; example (m,)
+    frame (m,) int64; box (m, 4) float64 pixels as recorded; sign (m,) int64: number of the physical sign, from 0 on (a
+    label without the name of its panel is a sign of its own); color, shape (m,) names, "" where unknown; example (m,)
     bool: whether what lies on it is an example of a sign; complete: frames whose faces are all labelled; others: boxes
     of what is labelled to be no face, by frame. What is on no face is no sign where the frame is complete, or where it
     lies on one of `others`.
@@ -42,8 +43,9 @@ class Faces:
 
     frame: NDArray[np.int64]
     box: NDArray[np.float64]
-    color: tuple[str, ...]
-    shape: tuple[str, ...]
+    sign: NDArray[np.int64]
+    color: NDArray[np.str_]
+    shape: NDArray[np.str_]
     example: NDArray[np.bool_]
     complete: frozenset[int]
     others: Mapping[int, NDArray[np.float64]]
@@ -94,6 +96,15 @@ class Faces:
         off = [int(self._off(frame, np.array([box]))[0]) for frame, box in known]
         return max(off) if not any(shown) else NEITHER
 
+    def sign_at(self, frame: int, box: Sequence[float]) -> int:
+        """Number of the sign that a box lies on in a frame; -1 where it is on none."""
+        own = np.flatnonzero(self.frame == frame)
+        if not len(own):
+            return -1
+        shared = iou_matrix(np.array([box], np.float64), self.box[own])[0]
+        best = int(shared.argmax())
+        return int(self.sign[own[best]]) if shared[best] >= ON_FACE else -1
+
     def _off(self, frame: int, box: NDArray[np.floating[Any]]) -> NDArray[np.int8]:
         """`OFF` (n,) where what is on no face is no sign, else `NEITHER`."""
         label = np.full(len(box), NEITHER, np.int8)
@@ -107,31 +118,30 @@ class Faces:
 
 def labelled_faces(labels: FrameLabels) -> Faces:
     """The faces of a drive by its labels: what is small, hidden, undecided or not wanted is no example."""
-    listed = [
-        (frame, one)
-        for frame, own in sorted(labels.labels.items())
-        for one in own
-        if one.kind in (SIGN, UNSURE)
-    ]
+    by_frame = sorted(labels.labels.items())
+    listed = [(k, one) for k, own in by_frame for one in own if one.kind in (SIGN, UNSURE)]
     others = {
         frame: np.array([one.box for one in own if one.kind in (BACK, NOT_A_SIGN)], np.float64)
-        for frame, own in labels.labels.items()
+        for frame, own in by_frame
     }
+    names: dict[str, int] = {}
+    signs = [
+        names.setdefault(one.panel or f"\0{row}", len(names)) for row, (_, one) in enumerate(listed)
+    ]
+    example = [
+        one.kind == SIGN
+        and one.wanted
+        and (one.visible is None or one.visible >= FACE_FRACTION)
+        and one.height_px >= FACE_PX
+        for _, one in listed
+    ]
     return Faces(
         np.array([frame for frame, _ in listed], np.int64),
         np.array([one.box for _, one in listed], np.float64).reshape(-1, 4),
-        tuple(one.color or "" for _, one in listed),
-        tuple(one.shape or "" for _, one in listed),
-        np.array(
-            [
-                one.kind == SIGN
-                and one.wanted
-                and (one.visible is None or one.visible >= FACE_FRACTION)
-                and one.height_px >= FACE_PX
-                for _, one in listed
-            ],
-            np.bool_,
-        ),
+        np.array(signs, np.int64),
+        np.array([one.color or "" for _, one in listed], np.str_),
+        np.array([one.shape or "" for _, one in listed], np.str_),
+        np.array(example, np.bool_),
         labels.complete,
         {frame: boxes for frame, boxes in others.items() if len(boxes)},
     )

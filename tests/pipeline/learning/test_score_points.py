@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from wayside.pipeline.roc.score_points import (
+from wayside.pipeline.learning.thresholds import (
     RATES,
     counted_tail,
     normal_tail,
