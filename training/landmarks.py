@@ -13,12 +13,8 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from wayside.pipeline.evaluate_rendered import camera_pose, match_distance
-<<<<<<< HEAD:training/landmarks.py
-from wayside.pipeline.roc.faces import NEAREST
-from wayside.pipeline.roc.score_points import normal_tail, rates_of, score_points
-=======
+from wayside.pipeline.learning.labelled import NEAREST
 from wayside.pipeline.learning.thresholds import normal_tail, rates_of, score_points
->>>>>>> refs/heads/learn:pipeline/learning/landmarks.py
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.models import EvidenceModel

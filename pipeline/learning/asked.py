@@ -179,7 +179,7 @@ def gather_samples(
     flow = Flow(settings, models, StageClock(), collector)
     for _ in flow.track(read_frames(log, settings.read, ReadReport())):
         pass
-    for sign in flow.signs(flow.georeference()):
+    for sign in flow.finish().signs:
         collector.see_sign(sign)
     return collector.samples()
 
