@@ -114,15 +114,8 @@ class Chain:
         for _ in collect(assemble(tracked, settings=s.assembly), record=record):
             pass
         points = iter(record.points)
-        (path,) = georeference(
-            points, settings=s.georeference, motion=s.motion, landmark=s.landmark
-        )
-        signs = place_signs(
-            iter(record.landmarks),
-            path=path,
-            settings=s.georeference,
-            confidence=s.locate.confidence,
-        )
+        (path,) = georeference(points, motion=s.motion, landmark=s.landmark)
+        signs = place_signs(iter(record.landmarks), path=path, confidence=s.locate.confidence)
         rows = [sign_row(sign, self.name) for sign in signs]
         return evaluate_against_truth([row for row in rows if row["status"] == "sign"], self.truth)
 

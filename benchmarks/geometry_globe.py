@@ -15,12 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.frame import Fix, Pose
-from wayside.schemas.settings import (
-    GeoreferenceSettings,
-    LandmarkSettings,
-    MotionSettings,
-    ReadSettings,
-)
+from wayside.schemas.settings import LandmarkSettings, MotionSettings, ReadSettings
 from wayside.stages.georeference import (
     AbsoluteMeasurements,
     Globe,
@@ -178,7 +173,7 @@ def on_earth(log: Path, *, poses: bool) -> tuple[Globe | None, Array]:
         path.append(
             PathPoint(frame.index, chained, given, frame.fix, frame.time_ns, covariance, "straight")
         )
-    (laid,) = georeference(iter(path), GeoreferenceSettings(), MotionSettings(), LandmarkSettings())
+    (laid,) = georeference(iter(path), MotionSettings(), LandmarkSettings())
     globe = laid.globe
     if globe is None:
         return None, np.zeros((0, 3))
@@ -204,7 +199,7 @@ def long_table() -> Iterator[str]:
         rigid, held, pulls, ways = [], [], [], []
         for seed in range(LONG_DRIVES):
             chain, measured, start, truth = made_up(seed, count)
-            found = smooth(chain, measured, *start, GeoreferenceSettings())
+            found = smooth(chain, measured, *start)
             error = found.centre - truth
             rigid.append(np.linalg.norm((start[1] - truth)[:, :2], axis=1))
             held.append(np.linalg.norm(error[:, :2], axis=1))

@@ -236,7 +236,7 @@ class Flow:
     def georeference(self) -> DrivePath:
         """After the last frame: the path of the whole drive in its world frame and on the globe."""
         s, points = self.settings, iter(self.record.points)
-        laid = georeference(points, settings=s.georeference, motion=s.motion, landmark=s.landmark)
+        laid = georeference(points, motion=s.motion, landmark=s.landmark)
         (path,) = self.drive_stage("georeference", laid)
         return path
 
@@ -253,7 +253,7 @@ class Flow:
         # scores of another detector are no probabilities: what its least score let through is a sign
         external = self.models.external is not None
         confidence = 0.0 if external else self.models.sign_confidence(s.locate.confidence)
-        placed = place_signs(landmarks, path=path, settings=s.georeference, confidence=confidence)
+        placed = place_signs(landmarks, path=path, confidence=confidence)
         placed = self.drive_stage("signs", placed)
         route = s.route
         if route.milepost >= 0:

@@ -11,7 +11,6 @@ from wayside.schemas.settings.calibration import BoardSettings, SelfCalibrationS
 from wayside.schemas.settings.codes import CodeSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.field import setting
-from wayside.schemas.settings.georeference import GeoreferenceSettings
 from wayside.schemas.settings.landmark import (
     AssemblySettings,
     LandmarkSettings,
@@ -55,7 +54,6 @@ __all__ = [
     "CodeSettings",
     "FeatureSettings",
     "GateSettings",
-    "GeoreferenceSettings",
     "LandmarkSettings",
     "LocalAdjustmentSettings",
     "LocateSettings",

@@ -10,7 +10,6 @@ from wayside.schemas.settings.balance import BalanceSettings
 from wayside.schemas.settings.calibration import BoardSettings, SelfCalibrationSettings
 from wayside.schemas.settings.codes import CodeSettings
 from wayside.schemas.settings.detection import CandidateSettings
-from wayside.schemas.settings.georeference import GeoreferenceSettings
 from wayside.schemas.settings.landmark import (
     AssemblySettings,
     LandmarkSettings,
@@ -65,7 +64,6 @@ class Settings:
     panel_outline: PanelOutlineSettings = field(default_factory=PanelOutlineSettings)
     local_adjustment: LocalAdjustmentSettings = field(default_factory=LocalAdjustmentSettings)
     locate: LocateSettings = field(default_factory=LocateSettings)
-    georeference: GeoreferenceSettings = field(default_factory=GeoreferenceSettings)
     route: RouteSettings = field(default_factory=RouteSettings)
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
     codes: CodeSettings = field(default_factory=CodeSettings)
