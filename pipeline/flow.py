@@ -314,9 +314,7 @@ class Flow:
     def panel_method(self) -> PanelMethod:
         """How panels are measured as planes."""
         s = self.settings
-        return PanelMethod(
-            self.models.outline_weights, s.panel, s.registration, s.panel_outline, s.adjustment
-        )
+        return PanelMethod(self.models.outline_weights, s.adjustment)
 
     def stage(self, name: str, items: Iterator[Result]) -> Iterator[Result]:
         """The items of a stage: timed, its faults named, and every item shown to the observer."""

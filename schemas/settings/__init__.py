@@ -28,9 +28,6 @@ from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.panel import (
     LocalAdjustmentSettings,
-    PanelOutlineSettings,
-    PanelSettings,
-    RegistrationSettings,
 )
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.report import ReportSettings, SiftSettings
@@ -61,11 +58,8 @@ __all__ = [
     "MergeSettings",
     "ModelSettings",
     "MotionSettings",
-    "PanelOutlineSettings",
-    "PanelSettings",
     "PredictionSettings",
     "ReadSettings",
-    "RegistrationSettings",
     "ReportSettings",
     "RouteSettings",
     "RunSettings",

@@ -27,9 +27,6 @@ from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.panel import (
     LocalAdjustmentSettings,
-    PanelOutlineSettings,
-    PanelSettings,
-    RegistrationSettings,
 )
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.report import ReportSettings, SiftSettings
@@ -59,9 +56,6 @@ class Settings:
     landmark: LandmarkSettings = field(default_factory=LandmarkSettings)
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
     adjustment: AdjustmentSettings = field(default_factory=AdjustmentSettings)
-    panel: PanelSettings = field(default_factory=PanelSettings)
-    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
-    panel_outline: PanelOutlineSettings = field(default_factory=PanelOutlineSettings)
     local_adjustment: LocalAdjustmentSettings = field(default_factory=LocalAdjustmentSettings)
     locate: LocateSettings = field(default_factory=LocateSettings)
     route: RouteSettings = field(default_factory=RouteSettings)
