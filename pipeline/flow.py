@@ -154,7 +154,7 @@ class Flow:
             self._by_segments(images) if self.models.external is None else self._external(images)
         )
         if s.features.sift:
-            found = stage("sift", extract_sift(found, settings=s.sift))
+            found = stage("sift", extract_sift(found))
         return stage("features", extract_features(found, settings=s.features))
 
     def _by_segments(self, images: Iterator[Image]) -> Iterator[Detections]:
@@ -272,7 +272,7 @@ class Flow:
         """By descriptors as in the report, or by predicted position."""
         s = self.settings
         if s.track.matching == "sift":
-            return match_by_descriptors(posed, settings=s.mapping, sift=s.sift)
+            return match_by_descriptors(posed, settings=s.mapping)
         front, back = self._side_classifiers()
         tracked = track(
             posed,

@@ -30,7 +30,7 @@ from wayside.schemas.settings.panel import (
     LocalAdjustmentSettings,
 )
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
-from wayside.schemas.settings.report import ReportSettings, SiftSettings
+from wayside.schemas.settings.report import ReportSettings
 from wayside.schemas.settings.route import RouteSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 from wayside.schemas.settings.ties import TieSettings
@@ -66,7 +66,6 @@ __all__ = [
     "SegmentSettings",
     "SelfCalibrationSettings",
     "Settings",
-    "SiftSettings",
     "TieSettings",
     "TrackSettings",
     "VerdictSettings",

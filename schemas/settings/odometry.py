@@ -12,28 +12,6 @@ class FeatureSettings:
     """Key points (report chapter 5)."""
 
     corners_per_cell: int = setting(3, "corners", "strongest corners kept in each cell", low=1)
-    pyramid_levels: int = setting(
-        3, "levels", "of the corners' image pyramid, from half size", expert=True, low=1
-    )
-    pyramid_scale: float = setting(
-        1.5,
-        "",
-        "from level to level",
-        origin="an object 20 m away grows 1.7 times over 8 m",
-        expert=True,
-        low=1.01,
-    )
-    corner_contrast: int = setting(
-        9,
-        "grey levels",
-        "FAST threshold",
-        origin="low enough for the texture of roads and verges",
-        expert=True,
-        low=1,
-    )
-    corner_cell_px: int = setting(
-        25, "px", "side of a cell, in pixels of its level", expert=True, low=1
-    )
     sift: bool = setting(False, "", "SIFT on the candidates (the report's matching)")
 
 

@@ -1,8 +1,8 @@
 """Strength of edges along the segments of an outline, in registered views (rows, columns, 3).
 
 What belongs to a face is at the same samples in all views; its background moves from view to view. An edge of gradient
-e counts as e^2 / (e^2 + c^2), so that a faint rim all along an outline outweighs a strong letter. Lengths are in samples
-of the template.
+e counts as e^2 / (e^2 + c^2), so that a faint rim all along an outline outweighs a strong letter. Lengths are in
+samples of the template.
 """
 
 from __future__ import annotations

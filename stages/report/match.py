@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import Features
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import MappingSettings, SiftSettings
+from wayside.schemas.settings import MappingSettings
 from wayside.stages.mapping import (
     AssociationGates,
     LandmarkFit,
@@ -25,9 +25,12 @@ from wayside.stages.mapping import (
 )
 from wayside.stages.report.trajectory import trajectory_of
 
+RATIO = 0.8
+"""Largest distance to the nearest descriptor over that to the second nearest (Lowe 2004)."""
+
 
 def match_by_descriptors(
-    posed: Iterator[PosedDetections], settings: MappingSettings, sift: SiftSettings
+    posed: Iterator[PosedDetections], settings: MappingSettings
 ) -> Iterator[TrackedFrame]:
     """Chain candidates from frame to frame by their key points; the midpoint of the two nearest rays is its landmark.
 
@@ -40,10 +43,10 @@ def match_by_descriptors(
     ----------
     posed
         Frames with their candidates, key points and motion.
-    settings, sift
+    settings
         Groups of settings of tracking and of landmarks, and of the SIFT matches.
     """
-    yield from through_window(posed, _Matcher(settings, sift), settings.track)
+    yield from through_window(posed, _Matcher(settings), settings.track)
 
 
 _Chain = tuple[tuple[WindowFrame, int], ...]
@@ -53,8 +56,8 @@ _Chain = tuple[tuple[WindowFrame, int], ...]
 class _Matcher:
     """Open chains, and the frames that they hold."""
 
-    def __init__(self, settings: MappingSettings, sift: SiftSettings) -> None:
-        self._settings, self._sift = settings.track, sift
+    def __init__(self, settings: MappingSettings) -> None:
+        self._settings = settings.track
         landmark = replace(settings.landmark, fitted_views=settings.track.sift_views)
         # the solver starts at the midpoint (eq. 7.4), and goes no further
         solver = replace(settings.adjustment, point_iterations=0)
@@ -75,9 +78,7 @@ class _Matcher:
         going: dict[int, _Chain] = {}
         if self._features is not None:
             before, previous = self._window[-1], self._features
-            pairs = match_points(
-                previous.sign_descriptors, features.sign_descriptors, self._sift.ratio
-            )
+            pairs = match_points(previous.sign_descriptors, features.sign_descriptors, RATIO)
             ends = previous.sign_points[pairs[:, 0]], features.sign_points[pairs[:, 1]]
             frame.matches = np.concatenate(ends, axis=1)
             local_before, local_now = _faces(before), _faces(frame)
