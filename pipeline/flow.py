@@ -106,7 +106,7 @@ class Flow:
 
     def __post_init__(self) -> None:
         """Watch the calibration by its settings, and load the networks that all workers share."""
-        self.calibration, m = CalibrationWatch(self.settings.calibration), self.models
+        self.calibration, m = CalibrationWatch(), self.models
         self.boxes = None if m.box_network is None else BoxNetwork(m.box_network.path)
         self.faces = None if m.face_network is None else FaceClassifier(m.face_network.path)
         own = None if m.external else m.detection_network

@@ -29,8 +29,8 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
 """Values of each preset that differ from the defaults, by group and name."""
 
 DEFAULT = "default"
-_NO_RESULT = ("run", "merge", "changes", "boards")
-"""Groups of how a run is carried out, of what is made of its result afterwards, and of calibration from boards."""
+_NO_RESULT = ("run", "merge", "changes")
+"""Groups of how a run is carried out, and of what is made of its result afterwards."""
 _SPOKEN_FLAGS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 
 

@@ -20,7 +20,6 @@ from wayside.pipeline.report_figures.page import Figure, photo
 from wayside.pipeline.report_figures.plots import INKS, Plot
 from wayside.schemas.detections import COLOR_RGB
 from wayside.schemas.landmarks import Landmark
-from wayside.schemas.settings import BoardSettings
 from wayside.stages.report import mean_log_density
 
 FEET = 0.3048
@@ -53,10 +52,9 @@ def board_figure(boards: list[Path], board: str | None) -> Figure:
         return Figure(
             "6.1", title, report, needs="images of a chessboard: --boards FOLDER --board 9x6"
         )
-    settings = BoardSettings()
-    found = calibrate_images(boards, parse_board(board, float("nan")), "plumb_bob", settings)
+    found = calibrate_images(boards, parse_board(board, float("nan")), "plumb_bob")
     one = found.calibration
-    drawn = draw_coverage(found, settings.cells)
+    drawn = draw_coverage(found)
     used = sum(view.used for view in one.views)
     return Figure(
         "6.1",

@@ -7,7 +7,6 @@ and `REPORT_SHAPE`.
 
 from wayside.schemas.settings.adjustment import AdjustmentSettings
 from wayside.schemas.settings.balance import BalanceSettings
-from wayside.schemas.settings.calibration import BoardSettings, SelfCalibrationSettings
 from wayside.schemas.settings.codes import CodeSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.field import setting
@@ -45,7 +44,6 @@ __all__ = [
     "AssemblySettings",
     "AssociationSettings",
     "BalanceSettings",
-    "BoardSettings",
     "CandidateSettings",
     "ChangeSettings",
     "CodeSettings",
@@ -64,7 +62,6 @@ __all__ = [
     "RouteSettings",
     "RunSettings",
     "SegmentSettings",
-    "SelfCalibrationSettings",
     "Settings",
     "TieSettings",
     "TrackSettings",

@@ -7,7 +7,6 @@ from typing import Any
 
 from wayside.schemas.settings.adjustment import AdjustmentSettings
 from wayside.schemas.settings.balance import BalanceSettings
-from wayside.schemas.settings.calibration import BoardSettings, SelfCalibrationSettings
 from wayside.schemas.settings.codes import CodeSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.landmark import (
@@ -62,8 +61,6 @@ class Settings:
     codes: CodeSettings = field(default_factory=CodeSettings)
     models: ModelSettings = field(default_factory=ModelSettings)
     run: RunSettings = field(default_factory=RunSettings)
-    boards: BoardSettings = field(default_factory=BoardSettings)
-    calibration: SelfCalibrationSettings = field(default_factory=SelfCalibrationSettings)
     merge: MergeSettings = field(default_factory=MergeSettings)
     changes: ChangeSettings = field(default_factory=ChangeSettings)
 

@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion
 from wayside.schemas.settings import LocalAdjustmentSettings, TieSettings
-from wayside.schemas.settings.calibration import SelfCalibrationSettings
 from wayside.stages.adjustment import StepTies, correlated_sigma_px, link_tracks, ties_of_step
 from wayside.stages.geometry import distort_points, ideal_of_rays, tangent_basis
 from wayside.stages.kernels import Array
 
+SEGMENT_IMAGES = 12
+"""Images of a segment, within which tracks are adjusted together."""
+FEWEST_TRACKS = 20
+"""A segment with fewer tracks is left out."""
 KNOWN_TURNS = ("poses", "odometry")
 """Sources of motion that know how the camera turned."""
 
@@ -61,14 +64,14 @@ def cut_segments(
     camera: Camera,
     ties: TieSettings,
     adjustment: LocalAdjustmentSettings,
-    settings: SelfCalibrationSettings,
+    images: int = SEGMENT_IMAGES,
 ) -> list[Segment]:
     """Segments of `images` images, each beginning with the last of the one before; those with few tracks left out."""
     found = []
-    for first in range(0, len(motions) - 2, settings.images - 1):
-        part = motions[first : first + settings.images]
+    for first in range(0, len(motions) - 2, images - 1):
+        part = motions[first : first + images]
         segment = make_segment(part, camera, ties, adjustment)
-        if segment is not None and len(segment.head) >= settings.fewest_tracks:
+        if segment is not None and len(segment.head) >= FEWEST_TRACKS:
             found.append(segment)
     return found
 
