@@ -229,7 +229,7 @@ class Flow:
             places = classify_location(tracked, model=refusing, settings=s.locate)
             tracked = stage("location", places)
         if self.faces is not None:
-            tracked = stage("face", classify_faces(tracked, model=self.faces, settings=s.codes))
+            tracked = stage("face", classify_faces(tracked, model=self.faces))
         assembled = stage("assemble", assemble(tracked, settings=s.assembly))
         return self.clock.timed("collect", collect(assembled, record=self.record))
 

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from wayside.pipeline.learning.network_parts import write_onnx
-from wayside.schemas.settings import CodeSettings
 from wayside.stages.sign_codes import (
     CLASSES,
     FACE_OUTPUT,
     FACES,
     OTHER_FACE,
+    OTHER_SHARE,
     PATCH_SIDE,
     face_samples,
 )
@@ -75,8 +75,8 @@ def fit(patches: NDArray[np.uint8], names: NDArray[np.str_], seed: int) -> FaceN
     rate = torch.optim.lr_scheduler.OneCycleLR(
         descent, LEARNING_RATE, total_steps=steps, pct_start=0.15
     )
-    other = CodeSettings().other_share
-    share = np.where(classes == OTHER_FACE, other, (1 - other) / max(len(classes) - 1, 1))
+    each = (1 - OTHER_SHARE) / max(len(classes) - 1, 1)
+    share = np.where(classes == OTHER_FACE, OTHER_SHARE, each)
     weight = (share / np.bincount(target))[target]
     random = np.random.default_rng(seed)
     drawn = random.choice(len(names), (steps, BATCH), p=weight / weight.sum())
