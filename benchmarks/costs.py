@@ -27,7 +27,6 @@ from wayside.schemas.settings import (
     AdjustmentSettings,
     LocalAdjustmentSettings,
     MotionSettings,
-    TieSettings,
     TrackSettings,
 )
 from wayside.stages.mapping import WindowFrame
@@ -78,11 +77,7 @@ def main() -> int:
 def window_ms(frames: int, ties: int, times: int = 50) -> float:
     """Processor time of one landmark adjusted with so many frames and ties a step, milliseconds, median."""
     drive = SimulatedDrive(Survey(ties=ties, signs=1))
-    moved = [
-        m
-        for m in drive.posed(MotionSettings(), TieSettings(), AdjustmentSettings())
-        if m.motion is not None
-    ]
+    moved = [m for m in drive.posed(MotionSettings(), AdjustmentSettings()) if m.motion is not None]
     seen = np.flatnonzero([len(s.sign) > 0 for s in drive.seen])
     last = int(seen[-1])
     first = last - frames + 1
@@ -98,13 +93,7 @@ def window_ms(frames: int, ties: int, times: int = 50) -> float:
     for _ in range(times):
         start = time.process_time()
         bundle.adjust_jointly(
-            held,
-            frames - 1,
-            sighted,
-            point,
-            LocalAdjustmentSettings(),
-            AdjustmentSettings(),
-            TieSettings(),
+            held, frames - 1, sighted, point, LocalAdjustmentSettings(), AdjustmentSettings()
         )
         spent.append(time.process_time() - start)
     return 1000 * float(np.median(spent))

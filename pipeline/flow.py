@@ -215,7 +215,7 @@ class Flow:
         stage, s, m = self.stage, self.settings, self.models
         posed = stage(
             "motion",
-            estimate_motion(detections, settings=s.motion, ties=s.ties, adjustment=s.adjustment),
+            estimate_motion(detections, settings=s.motion, adjustment=s.adjustment),
         )
         posed = self.memory.released(posed, lambda one: one.motion is None)
         watched = self.clock.timed("calibration", watch_calibration(posed, self.calibration))
@@ -243,7 +243,7 @@ class Flow:
     def check_calibration(self) -> LensCheck:
         """After the last frame: what the drive says of the lens."""
         s, watches = self.settings, iter((self.calibration,))
-        checked = check_calibration(watches, ties=s.ties, adjustment=s.local_adjustment)
+        checked = check_calibration(watches, adjustment=s.local_adjustment)
         (found,) = self.drive_stage("lens", checked)
         return found
 

@@ -23,7 +23,6 @@ from wayside.schemas.settings import (
     LocalAdjustmentSettings,
     MappingSettings,
     MotionSettings,
-    TieSettings,
     TrackSettings,
 )
 from wayside.stages.geometry import rays_of_ideal
@@ -113,7 +112,7 @@ def simulate(
     )
     mapping = MappingSettings(settings, landmark=noise)
     found: dict[int, tuple[Array, Array, float, int]] = {}
-    posed = drive.posed(MotionSettings(), TieSettings(), AdjustmentSettings())
+    posed = drive.posed(MotionSettings(), AdjustmentSettings())
     settled_frames = track(posed, mapping, adjustment=LocalAdjustmentSettings())
     for done, settled in enumerate(settled_frames, 1):
         watch(done, len(drive.poses))

@@ -32,7 +32,6 @@ from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSet
 from wayside.schemas.settings.report import ReportSettings
 from wayside.schemas.settings.route import RouteSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
-from wayside.schemas.settings.ties import TieSettings
 from wayside.schemas.settings.tree import REPORT, REPORT_2D, REPORT_SHAPE, Settings
 
 __all__ = [
@@ -63,7 +62,6 @@ __all__ = [
     "RunSettings",
     "SegmentSettings",
     "Settings",
-    "TieSettings",
     "TrackSettings",
     "VerdictSettings",
     "setting",

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from wayside.schemas.settings.adjustment import AdjustmentSettings
 from wayside.schemas.settings.field import SET, setting
 from wayside.schemas.settings.landmark import LandmarkSettings, VerdictSettings
-from wayside.schemas.settings.ties import TieSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,4 +197,3 @@ class MappingSettings:
     landmark: LandmarkSettings = field(default_factory=LandmarkSettings)
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
     adjustment: AdjustmentSettings = field(default_factory=AdjustmentSettings)
-    ties: TieSettings = field(default_factory=TieSettings)

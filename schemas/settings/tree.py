@@ -31,7 +31,6 @@ from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSet
 from wayside.schemas.settings.report import ReportSettings
 from wayside.schemas.settings.route import RouteSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
-from wayside.schemas.settings.ties import TieSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +44,6 @@ class Settings:
     candidates: CandidateSettings = field(default_factory=CandidateSettings)
     report: ReportSettings = field(default_factory=ReportSettings)
     features: FeatureSettings = field(default_factory=FeatureSettings)
-    ties: TieSettings = field(default_factory=TieSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     track: TrackSettings = field(default_factory=TrackSettings)
     association: AssociationSettings = field(default_factory=AssociationSettings)
@@ -75,7 +73,6 @@ class Settings:
             landmark=self.landmark,
             verdict=self.verdict,
             adjustment=self.adjustment,
-            ties=self.ties,
         )
 
 

@@ -2,6 +2,8 @@
 
 from wayside.stages.adjustment.bundle_adjustment import adjust_window
 from wayside.stages.adjustment.correlated_errors import (
+    TIE_ERRORS,
+    TieErrors,
     correlated_covariance,
     correlated_sigma_px,
 )
@@ -21,9 +23,11 @@ from wayside.stages.adjustment.tie_tracks import (
 
 __all__ = [
     "QUADRATIC",
+    "TIE_ERRORS",
     "ResidualBlocks",
     "StepConstraints",
     "StepTies",
+    "TieErrors",
     "adjust_window",
     "constraint_residuals",
     "correlated_covariance",

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from wayside.schemas.frame import Camera
-from wayside.schemas.settings import LocalAdjustmentSettings, TieSettings
-from wayside.stages.adjustment import correlated_covariance
+from wayside.schemas.settings import LocalAdjustmentSettings
+from wayside.stages.adjustment import TIE_ERRORS, correlated_covariance
 from wayside.stages.calibration.lens import LENS, changed_camera
 from wayside.stages.calibration.segment import Segment
 from wayside.stages.calibration.segment_equations import (
@@ -81,7 +81,6 @@ def calibrate_drive(
     segments: Sequence[Segment],
     camera: Camera,
     principal_sigma_px: float,
-    ties: TieSettings,
     adjustment: LocalAdjustmentSettings,
 ) -> DriveCalibration:
     """Estimate the lens of a camera from the segments of a drive.
@@ -96,7 +95,7 @@ def calibrate_drive(
         Where the estimate starts; the ratio of both focal lengths and the coefficients but k1 and k2 are held.
     principal_sigma_px
         How far off its principal point may be.
-    ties, adjustment
+    adjustment
         Errors of ties.
     """
     problem, state = _start(segments, camera, principal_sigma_px, adjustment)
@@ -108,7 +107,7 @@ def calibrate_drive(
         # A wrong lens has larger residuals, which let its errors pass for those of ties.
         problem = problem._replace(weights=problem.weights._replace(factor=factor))
         state = _settled(state.segments, state.lens, problem, INNER_ITERATIONS)
-    covariance, _ = _solve(state, problem, ties)
+    covariance, _ = _solve(state, problem)
     count = sum(len(one.track) for one in segments)
     return DriveCalibration(
         changed_camera(camera, state.lens),
@@ -125,7 +124,6 @@ def lens_step(
     segments: Sequence[Segment],
     camera: Camera,
     principal_sigma_px: float,
-    ties: TieSettings,
     adjustment: LocalAdjustmentSettings,
 ) -> tuple[Array, Array]:
     """The change (5,) of the lens to first order, in the order of `LENS`, and its covariance (5, 5).
@@ -134,7 +132,7 @@ def lens_step(
     errors.
     """
     problem, state = _start(segments, camera, principal_sigma_px, adjustment)
-    covariance, step = _solve(state, problem, ties)
+    covariance, step = _solve(state, problem)
     return step, covariance
 
 
@@ -236,7 +234,7 @@ def _settle(
     return segment, cost
 
 
-def _solve(state: _State, problem: _Problem, ties: TieSettings) -> tuple[Array, Array]:
+def _solve(state: _State, problem: _Problem) -> tuple[Array, Array]:
     """Covariance (5, 5) of the lens and the Gauss-Newton step (5,) from here.
 
     Of independent errors and of those that neighbouring ties share; raised to what the scatter between segments says.
@@ -248,7 +246,7 @@ def _solve(state: _State, problem: _Problem, ties: TieSettings) -> tuple[Array, 
         shared_px = problem.weights.factor * segment.shared_px
         effect = (one.gain @ inverse) * shared_px[:, None, None]
         result += correlated_covariance(
-            segment.end, segment.frames[:, 1], effect, ties.correlation_reach_px
+            segment.end, segment.frames[:, 1], effect, TIE_ERRORS.reach_px
         )
     step = np.asarray(inverse @ right, np.float64)
     count = len(linear)

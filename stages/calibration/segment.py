@@ -11,8 +11,14 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion
-from wayside.schemas.settings import LocalAdjustmentSettings, TieSettings
-from wayside.stages.adjustment import StepTies, correlated_sigma_px, link_tracks, ties_of_step
+from wayside.schemas.settings import LocalAdjustmentSettings
+from wayside.stages.adjustment import (
+    TIE_ERRORS,
+    StepTies,
+    correlated_sigma_px,
+    link_tracks,
+    ties_of_step,
+)
 from wayside.stages.geometry import distort_points, ideal_of_rays, tangent_basis
 from wayside.stages.kernels import Array
 
@@ -62,7 +68,6 @@ class Segment(NamedTuple):
 def cut_segments(
     motions: Sequence[Motion],
     camera: Camera,
-    ties: TieSettings,
     adjustment: LocalAdjustmentSettings,
     images: int = SEGMENT_IMAGES,
 ) -> list[Segment]:
@@ -70,17 +75,14 @@ def cut_segments(
     found = []
     for first in range(0, len(motions) - 2, images - 1):
         part = motions[first : first + images]
-        segment = make_segment(part, camera, ties, adjustment)
+        segment = make_segment(part, camera, adjustment)
         if segment is not None and len(segment.head) >= FEWEST_TRACKS:
             found.append(segment)
     return found
 
 
 def make_segment(
-    motions: Sequence[Motion],
-    camera: Camera,
-    ties: TieSettings,
-    settings: LocalAdjustmentSettings,
+    motions: Sequence[Motion], camera: Camera, settings: LocalAdjustmentSettings
 ) -> Segment | None:
     """Link the ties of a part of a drive to tracks and place their points.
 
@@ -90,7 +92,7 @@ def make_segment(
         Of its images in order; what led to the first one is ignored.
     camera
         The camera that the ties were undistorted with.
-    ties, settings
+    settings
         Errors of ties, and which are left out.
 
     Returns
@@ -132,8 +134,8 @@ def make_segment(
         start=distort_points(camera, ideal_of_rays(camera, tied.source)),
         end=distort_points(camera, tied.pixel),
         warp=tied.warp,
-        sigma_px=np.hypot(ties.sigma_px, settings.displacement_sigma * tied.displacement_px),
-        shared_px=correlated_sigma_px(tied.displacement_px, ties),
+        sigma_px=np.hypot(TIE_ERRORS.sigma_px, settings.displacement_sigma * tied.displacement_px),
+        shared_px=correlated_sigma_px(tied.displacement_px),
         head=np.asarray(head, np.int64),
         origin=centres[early],
         ray=ray,

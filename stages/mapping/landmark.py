@@ -56,9 +56,7 @@ def measure_landmark(
     panel = panel or box_panel(fit, window, settings.landmark)
     if adjustment is not None:
         observed = LandmarkRays(panel.frames, panel.rays, panel.ray_sigma)
-        joint = adjust_jointly(
-            window, best, observed, panel.point, adjustment, settings.adjustment, settings.ties
-        )
+        joint = adjust_jointly(window, best, observed, panel.point, adjustment, settings.adjustment)
         if joint is not None:
             return LandmarkMeasurement(joint.point, joint.covariance, panel, joint.residual)
     unknown = np.diag(np.square(settings.landmark.step_sigma))

@@ -21,9 +21,10 @@ from numpy.typing import NDArray
 
 from wayside.schemas.measurement import WindowResidual
 from wayside.schemas.motion import ROUGH_LENGTHS
-from wayside.schemas.settings import AdjustmentSettings, LocalAdjustmentSettings, TieSettings
+from wayside.schemas.settings import AdjustmentSettings, LocalAdjustmentSettings
 from wayside.stages.adjustment import (
     QUADRATIC,
+    TIE_ERRORS,
     ResidualBlocks,
     StepConstraints,
     StepTies,
@@ -64,7 +65,6 @@ def adjust_jointly(
     point: Array,
     settings: LocalAdjustmentSettings,
     solver: AdjustmentSettings,
-    registration: TieSettings,
 ) -> JointAdjustment | None:
     """Adjust a landmark with the motion of the frames around it.
 
@@ -84,8 +84,6 @@ def adjust_jointly(
         Window, selection and weights of ties.
     solver
         Robust cost and limits of the iteration.
-    registration
-        Errors of registered ties.
     """
     first, last = window_around(best, observed.frames, settings.most_frames)
     window = held[first : last + 1]
@@ -101,7 +99,7 @@ def adjust_jointly(
     count, seen = len(anchors), int(inside.sum())
     sigma = ties.scatter * np.hypot(
         # noise of both images, that of the earlier one magnified
-        registration.sigma_px * np.sqrt(1 + (ties.warp[:, 0] ** 2 + ties.warp[:, 2] ** 2) / 2),
+        TIE_ERRORS.sigma_px * np.sqrt(1 + (ties.warp[:, 0] ** 2 + ties.warp[:, 2] ** 2) / 2),
         settings.displacement_sigma * ties.displacement_px,
     )
     rows = ResidualBlocks.joined(
@@ -145,9 +143,7 @@ def adjust_jointly(
     )
     if not np.isfinite(found.covariance).all():
         return None
-    shared = shared_errors(
-        ties, found.gain[seen + count :] / focal, settings.displacement_sigma, registration
-    )
+    shared = shared_errors(ties, found.gain[seen + count :] / focal, settings.displacement_sigma)
     covariance = settings.variance_factor * found.covariance + shared
     rotation, position = home.rotation, home.to_world(found.position)
     history = np.sqrt(found.history / (2 * len(rows.point)))
@@ -193,9 +189,7 @@ def track_starts(
     return np.column_stack([ties.source[first], inverse]), ties.step[first]
 
 
-def shared_errors(
-    ties: StepTies, gain: Array, displacement_sigma: float, registration: TieSettings
-) -> Array:
+def shared_errors(ties: StepTies, gain: Array, displacement_sigma: float) -> Array:
     """Covariance (3, 3) to add to that of a landmark for errors that neighbouring ties share.
 
     gain (n, 2, 3): derivative of the landmark by the error of each tie, m / px. The part of the scatter that is a
@@ -203,10 +197,7 @@ def shared_errors(
     independent part is subtracted.
     """
     displacement, gain = ties.displacement_px, ties.scatter[:, None, None] * gain
-    shared = correlated_sigma_px(displacement, registration)[:, None, None] * gain
+    shared = correlated_sigma_px(displacement)[:, None, None] * gain
     alone = (displacement_sigma * displacement)[:, None, None] * gain
     counted: Array = np.einsum("nik,nim->km", alone, alone)
-    return (
-        correlated_covariance(ties.pixel, ties.step, shared, registration.correlation_reach_px)
-        - counted
-    )
+    return correlated_covariance(ties.pixel, ties.step, shared, TIE_ERRORS.reach_px) - counted

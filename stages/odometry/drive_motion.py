@@ -8,16 +8,13 @@ from dataclasses import replace
 from wayside.schemas.detections import NOTHING_DROPPED, Candidates, Detections, Regions
 from wayside.schemas.frame import DUPLICATE, Image
 from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings
-from wayside.stages.odometry.tie_points import KeypointImage, match_around
+from wayside.schemas.settings import AdjustmentSettings, MotionSettings
+from wayside.stages.odometry.tie_points import GUIDED_RATIO, SEARCH_PX, KeypointImage, match_around
 from wayside.stages.odometry.visual_odometry import VisualOdometry
 
 
 def estimate_motion(
-    images: Iterator[Detections],
-    settings: MotionSettings,
-    ties: TieSettings,
-    adjustment: AdjustmentSettings,
+    images: Iterator[Detections], settings: MotionSettings, adjustment: AdjustmentSettings
 ) -> Iterator[PosedDetections]:
     """Add the camera's motion to each image.
 
@@ -31,23 +28,20 @@ def estimate_motion(
     InputError
         Where no source gives the length of a step.
     """
-    odometry = VisualOdometry(settings, ties, adjustment)
+    odometry = VisualOdometry(settings, adjustment)
     for item in images:
         if not item.frame.used:
             yield PosedDetections(item, None)
             continue
         image = KeypointImage.of(item)
-        if shows_no_motion(odometry.image, image, settings, ties):
+        if shows_no_motion(odometry.image, image, settings):
             yield PosedDetections(_left_out(item), None)
         else:
             yield PosedDetections(item, odometry.advance(image, item.frame))
 
 
 def shows_no_motion(
-    before: KeypointImage | None,
-    now: KeypointImage | None,
-    settings: MotionSettings,
-    ties: TieSettings,
+    before: KeypointImage | None, now: KeypointImage | None, settings: MotionSettings
 ) -> bool:
     """Whether so many corners of an image are found again at the same place that the camera cannot have moved.
 
@@ -60,7 +54,7 @@ def shows_no_motion(
     most = min(len(before.corners), len(now.corners))
     if most < settings.smallest_ties:
         return False
-    again = match_around(before, now, ties.search_px, ties.guided_ratio, ties)
+    again = match_around(before, now, SEARCH_PX, GUIDED_RATIO)
     return len(again) >= settings.standing_share * most
 
 

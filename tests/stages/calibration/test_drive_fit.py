@@ -29,7 +29,7 @@ ERRORS, IMAGES = (SETTINGS.ties, SETTINGS.local_adjustment), 9
 def drive(images=17, **survey):
     """Images of a simulated drive with their motion, and the true camera."""
     simulated = SimulatedDrive(Survey(ties=80, signs=1, **survey))
-    posed = simulated.posed(SETTINGS.motion, SETTINGS.ties, SETTINGS.adjustment)
+    posed = simulated.posed(SETTINGS.motion, SETTINGS.adjustment)
     return [item for item, _ in zip(posed, range(images), strict=False)], simulated.camera
 
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.motion import Motion, StepPrior, Ties
-from wayside.schemas.settings import AdjustmentSettings, LocalAdjustmentSettings, TieSettings
+from wayside.schemas.settings import AdjustmentSettings, LocalAdjustmentSettings
 from wayside.stages.mapping.local_adjustment import (
     LandmarkRays,
     adjust_jointly,
@@ -115,9 +115,7 @@ def chained_place(held, observed):
 
 def adjusted(held, observed, point, settings=SETTINGS):
     """Adjusted with the last frame as the one it is reported in."""
-    return adjust_jointly(
-        held, FRAMES - 1, observed, point, settings, AdjustmentSettings(), TieSettings()
-    )
+    return adjust_jointly(held, FRAMES - 1, observed, point, settings, AdjustmentSettings())
 
 
 def error_of(held, point):
