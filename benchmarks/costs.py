@@ -23,12 +23,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
-from wayside.schemas.settings import (
-    AdjustmentSettings,
-    LocalAdjustmentSettings,
-    MotionSettings,
-    TrackSettings,
-)
+from wayside.schemas.settings import MotionSettings, TrackSettings
 from wayside.stages.mapping import WindowFrame
 from wayside.stages.mapping import local_adjustment as bundle
 
@@ -77,7 +72,7 @@ def main() -> int:
 def window_ms(frames: int, ties: int, times: int = 50) -> float:
     """Processor time of one landmark adjusted with so many frames and ties a step, milliseconds, median."""
     drive = SimulatedDrive(Survey(ties=ties, signs=1))
-    moved = [m for m in drive.posed(MotionSettings(), AdjustmentSettings()) if m.motion is not None]
+    moved = [m for m in drive.posed(MotionSettings()) if m.motion is not None]
     seen = np.flatnonzero([len(s.sign) > 0 for s in drive.seen])
     last = int(seen[-1])
     first = last - frames + 1
@@ -92,9 +87,7 @@ def window_ms(frames: int, ties: int, times: int = 50) -> float:
     spent = []
     for _ in range(times):
         start = time.process_time()
-        bundle.adjust_jointly(
-            held, frames - 1, sighted, point, LocalAdjustmentSettings(), AdjustmentSettings()
-        )
+        bundle.adjust_jointly(held, frames - 1, sighted, point)
         spent.append(time.process_time() - start)
     return 1000 * float(np.median(spent))
 

@@ -215,7 +215,7 @@ class Flow:
         stage, s, m = self.stage, self.settings, self.models
         posed = stage(
             "motion",
-            estimate_motion(detections, settings=s.motion, adjustment=s.adjustment),
+            estimate_motion(detections, settings=s.motion),
         )
         posed = self.memory.released(posed, lambda one: one.motion is None)
         watched = self.clock.timed("calibration", watch_calibration(posed, self.calibration))
@@ -242,8 +242,7 @@ class Flow:
 
     def check_calibration(self) -> LensCheck:
         """After the last frame: what the drive says of the lens."""
-        s, watches = self.settings, iter((self.calibration,))
-        checked = check_calibration(watches, adjustment=s.local_adjustment)
+        checked = check_calibration(iter((self.calibration,)))
         (found,) = self.drive_stage("lens", checked)
         return found
 
@@ -280,7 +279,7 @@ class Flow:
             front=front,
             back=back,
             panel=self.panel_method(),
-            adjustment=s.local_adjustment,
+            jointly=True,
         )
         return tracked if self.models.external is None else score_by_views(tracked)
 
@@ -313,8 +312,7 @@ class Flow:
 
     def panel_method(self) -> PanelMethod:
         """How panels are measured as planes."""
-        s = self.settings
-        return PanelMethod(self.models.outline_weights, s.adjustment)
+        return PanelMethod(self.models.outline_weights)
 
     def stage(self, name: str, items: Iterator[Result]) -> Iterator[Result]:
         """The items of a stage: timed, its faults named, and every item shown to the observer."""

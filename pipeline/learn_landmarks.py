@@ -123,7 +123,7 @@ def _posed(
         lenient = replace(scores, threshold=scores.threshold - lower)
         flow = Flow(settings, replace(models, front_scores=lenient), StageClock())
         frames = read_frames(log, read, ReadReport())
-        moved = estimate_motion(flow.detect(frames), settings.motion, settings.adjustment)
+        moved = estimate_motion(flow.detect(frames), settings.motion)
         front, back = flow.box_classifiers()
         yield PosedDrive(
             log.stem, moved, front, back, known, flow.panel_method(), source, lower == 0

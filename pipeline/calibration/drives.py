@@ -118,15 +118,14 @@ def _round(
 ) -> tuple[int, DriveCalibration]:
     """Images used, and the calibration by ties that were matched with a camera."""
     motions = list(islice(_motions(log, camera, settings), MOST_IMAGES))
-    adjustment = settings.local_adjustment
-    segments = cut_segments(motions, camera, adjustment)
+    segments = cut_segments(motions, camera)
     if not segments:
         raise InputError(
             f"{log}: wanted images with common points to calibrate by, found none among {len(motions)} images used; "
             "take a part of the drive with texture and light, with --from and --until"
         )
     try:
-        found = calibrate_drive(segments, camera, principal_sigma_px, adjustment)
+        found = calibrate_drive(segments, camera, principal_sigma_px)
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"{log}: wanted a drive that determines the focal length, found one whose tie points determine nothing; "
@@ -136,7 +135,7 @@ def _round(
 
 
 def _motions(log: Path, camera: Camera, settings: Settings) -> Iterator[Motion]:
-    odometry = VisualOdometry(settings.motion, settings.adjustment)
+    odometry = VisualOdometry(settings.motion)
     for image in decode(read_frames(log, settings.read, ReadReport(), camera)):
         if image.frame.used and image.grey is not None:
             corners, descriptors = tie_corners(image.grey, settings.features)

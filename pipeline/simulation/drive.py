@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from wayside.schemas.detections import Candidates, Detections, Regions
 from wayside.schemas.frame import USED, Camera, Frame, Image, Pose, PosePrior
 from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import AdjustmentSettings, MotionSettings
+from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import ideal_of_rays, rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.odometry import (
@@ -139,11 +139,9 @@ class SimulatedDrive:
         self._face = rng.normal(0, survey.face_share * survey.panel_m, (survey.signs, 2))
         self._points, self._point_station = self._scatter_points(station[-1] + TIE_REACH_M)
 
-    def posed(
-        self, settings: MotionSettings, adjustment: AdjustmentSettings
-    ) -> Iterator[PosedDetections]:
+    def posed(self, settings: MotionSettings) -> Iterator[PosedDetections]:
         """Every frame with its candidates and the motion that the odometry of `wayside run` estimates."""
-        odometry = VisualOdometry(settings, adjustment, estimate=self._estimate)
+        odometry = VisualOdometry(settings, estimate=self._estimate)
         for index, pose in enumerate(self.poses):
             frame = self._frame(index)
             motion = odometry.advance(self._keypoint_image(index), frame)

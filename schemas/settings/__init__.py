@@ -5,7 +5,6 @@
 and `REPORT_SHAPE`.
 """
 
-from wayside.schemas.settings.adjustment import AdjustmentSettings
 from wayside.schemas.settings.balance import BalanceSettings
 from wayside.schemas.settings.codes import CodeSettings
 from wayside.schemas.settings.detection import CandidateSettings
@@ -25,9 +24,6 @@ from wayside.schemas.settings.mapping import (
 )
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
-from wayside.schemas.settings.panel import (
-    LocalAdjustmentSettings,
-)
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.report import ReportSettings
 from wayside.schemas.settings.route import RouteSettings
@@ -39,7 +35,6 @@ __all__ = [
     "REPORT_2D",
     "REPORT_SHAPE",
     "AcceptanceSettings",
-    "AdjustmentSettings",
     "AssemblySettings",
     "AssociationSettings",
     "BalanceSettings",
@@ -49,7 +44,6 @@ __all__ = [
     "FeatureSettings",
     "GateSettings",
     "LandmarkSettings",
-    "LocalAdjustmentSettings",
     "LocateSettings",
     "MappingSettings",
     "MergeSettings",

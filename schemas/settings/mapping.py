@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from wayside.schemas.settings.adjustment import AdjustmentSettings
 from wayside.schemas.settings.field import SET, setting
 from wayside.schemas.settings.landmark import LandmarkSettings, VerdictSettings
 
@@ -196,4 +195,3 @@ class MappingSettings:
     prediction: PredictionSettings = field(default_factory=PredictionSettings)
     landmark: LandmarkSettings = field(default_factory=LandmarkSettings)
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
-    adjustment: AdjustmentSettings = field(default_factory=AdjustmentSettings)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from wayside.schemas.settings.adjustment import AdjustmentSettings
 from wayside.schemas.settings.balance import BalanceSettings
 from wayside.schemas.settings.codes import CodeSettings
 from wayside.schemas.settings.detection import CandidateSettings
@@ -24,9 +23,6 @@ from wayside.schemas.settings.mapping import (
 )
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
-from wayside.schemas.settings.panel import (
-    LocalAdjustmentSettings,
-)
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.report import ReportSettings
 from wayside.schemas.settings.route import RouteSettings
@@ -51,8 +47,6 @@ class Settings:
     prediction: PredictionSettings = field(default_factory=PredictionSettings)
     landmark: LandmarkSettings = field(default_factory=LandmarkSettings)
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
-    adjustment: AdjustmentSettings = field(default_factory=AdjustmentSettings)
-    local_adjustment: LocalAdjustmentSettings = field(default_factory=LocalAdjustmentSettings)
     locate: LocateSettings = field(default_factory=LocateSettings)
     route: RouteSettings = field(default_factory=RouteSettings)
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
@@ -72,7 +66,6 @@ class Settings:
             prediction=self.prediction,
             landmark=self.landmark,
             verdict=self.verdict,
-            adjustment=self.adjustment,
         )
 
 

@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wayside.schemas.frame import Camera
-from wayside.schemas.settings import LocalAdjustmentSettings
-from wayside.stages.adjustment import TIE_ERRORS, correlated_covariance
+from wayside.stages.adjustment import ANCHOR_SIGMA_PX, TIE_ERRORS, TIE_SCALE, correlated_covariance
 from wayside.stages.calibration.lens import LENS, changed_camera
 from wayside.stages.calibration.segment import Segment
 from wayside.stages.calibration.segment_equations import (
@@ -78,10 +77,7 @@ class DriveCalibration:
 
 
 def calibrate_drive(
-    segments: Sequence[Segment],
-    camera: Camera,
-    principal_sigma_px: float,
-    adjustment: LocalAdjustmentSettings,
+    segments: Sequence[Segment], camera: Camera, principal_sigma_px: float
 ) -> DriveCalibration:
     """Estimate the lens of a camera from the segments of a drive.
 
@@ -95,10 +91,8 @@ def calibrate_drive(
         Where the estimate starts; the ratio of both focal lengths and the coefficients but k1 and k2 are held.
     principal_sigma_px
         How far off its principal point may be.
-    adjustment
-        Errors of ties.
     """
-    problem, state = _start(segments, camera, principal_sigma_px, adjustment)
+    problem, state = _start(segments, camera, principal_sigma_px)
     for _ in range(REWEIGHTINGS):
         state = _minimise(state, problem)
         factor = _error_factor(state, problem)
@@ -121,17 +115,14 @@ def calibrate_drive(
 
 
 def lens_step(
-    segments: Sequence[Segment],
-    camera: Camera,
-    principal_sigma_px: float,
-    adjustment: LocalAdjustmentSettings,
+    segments: Sequence[Segment], camera: Camera, principal_sigma_px: float
 ) -> tuple[Array, Array]:
     """The change (5,) of the lens to first order, in the order of `LENS`, and its covariance (5, 5).
 
     The first step of `calibrate_drive`, for half of its time; the arguments are the same. It falls short of large
     errors.
     """
-    problem, state = _start(segments, camera, principal_sigma_px, adjustment)
+    problem, state = _start(segments, camera, principal_sigma_px)
     covariance, step = _solve(state, problem)
     return step, covariance
 
@@ -151,15 +142,12 @@ class _State(NamedTuple):
 
 
 def _start(
-    segments: Sequence[Segment],
-    camera: Camera,
-    principal_sigma_px: float,
-    adjustment: LocalAdjustmentSettings,
+    segments: Sequence[Segment], camera: Camera, principal_sigma_px: float
 ) -> tuple[_Problem, _State]:
     """Poses and points for the lens as given, with the errors of ties as large as their residuals say."""
     lens = np.zeros(len(LENS))
     scatter = [np.inf, principal_sigma_px, principal_sigma_px, DISTORTION_SIGMA, DISTORTION_SIGMA]
-    weights = Weights(1.0, adjustment.tie_scale, adjustment.anchor_sigma_px, LENGTH_SIGMA)
+    weights = Weights(1.0, TIE_SCALE, ANCHOR_SIGMA_PX, LENGTH_SIGMA)
     problem = _Problem(camera, weights, np.diag(1 / np.array(scatter) ** 2))
     state = _settled(segments, lens, problem, START_ITERATIONS)
     # Compressed images have larger errors than stated.

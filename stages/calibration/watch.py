@@ -12,7 +12,6 @@ from scipy import stats
 
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion, PosedDetections
-from wayside.schemas.settings import LocalAdjustmentSettings
 from wayside.stages.calibration.drive_fit import PRINCIPAL_POINT_SIGMA, calibrate_drive, lens_step
 from wayside.stages.calibration.lens import RADIAL, displacement
 from wayside.stages.calibration.segment import SEGMENT_IMAGES, Segment, cut_segments
@@ -37,12 +36,10 @@ def watch_calibration(
         yield item
 
 
-def check_calibration(
-    watches: Iterator[CalibrationWatch], *, adjustment: LocalAdjustmentSettings
-) -> Iterator[LensCheck]:
+def check_calibration(watches: Iterator[CalibrationWatch]) -> Iterator[LensCheck]:
     """What each watched drive says of its lens, after its last image."""
     for watch in watches:
-        yield watch.check(adjustment)
+        yield watch.check()
 
 
 class LensCheck(NamedTuple):
@@ -86,7 +83,7 @@ class CalibrationWatch:
         self.kept.sort(key=lambda one: -one[0])
         del self.kept[self.most :]
 
-    def check(self, adjustment: LocalAdjustmentSettings) -> LensCheck:
+    def check(self) -> LensCheck:
         """Compare the lens with that of the segments kept.
 
         It cannot be right where the adjustment of `calibrate_drive` exceeds both limits: a chi-square
@@ -96,27 +93,25 @@ class CalibrationWatch:
         camera = self.camera
         if camera is None:
             return _NOTHING
-        found = (cut_segments(part, camera, adjustment, self.images) for part in parts)
+        found = (cut_segments(part, camera, self.images) for part in parts)
         segments = [one for part in found for one in part]
         if not segments:
             return _NOTHING
         try:
-            return _check(segments, camera, adjustment)
+            return _check(segments, camera)
         except np.linalg.LinAlgError:  # ties that determine nothing
             return _NOTHING
 
 
-def _check(
-    segments: list[Segment], camera: Camera, adjustment: LocalAdjustmentSettings
-) -> LensCheck:
+def _check(segments: list[Segment], camera: Camera) -> LensCheck:
     sigma_px = PRINCIPAL_POINT_SIGMA * camera.width
-    step, covariance = lens_step(segments, camera, sigma_px, adjustment)
+    step, covariance = lens_step(segments, camera, sigma_px)
     if not (np.isfinite(step).all() and np.isfinite(covariance).all()):
         return _NOTHING
     correction, sigma = float(step[0]), sqrt(float(covariance[0, 0]))
     if displacement(camera, step) <= CHECK_CLOSER * CHECK_ERROR:
         return LensCheck(correction, sigma, None)
-    found = calibrate_drive(segments, camera, sigma_px, adjustment)
+    found = calibrate_drive(segments, camera, sigma_px)
     change, errors = found.lens[RADIAL], found.covariance[np.ix_(RADIAL, RADIAL)]
     by_chance = float(stats.chi2.sf(change @ np.linalg.solve(errors, change), len(RADIAL)))
     significant = by_chance < 2 * stats.norm.sf(CHECK_SIGMAS)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.landmarks import Landmark, Observation
 from wayside.schemas.measurement import WindowResidual
-from wayside.schemas.settings import LandmarkSettings, LocalAdjustmentSettings, MappingSettings
+from wayside.schemas.settings import LandmarkSettings, MappingSettings
 from wayside.stages.geometry import FrenetOffset, cross_matrices
 from wayside.stages.mapping.class_votes import VotedClass, voted_class
 from wayside.stages.mapping.landmark_fit import LandmarkFit
@@ -37,7 +37,7 @@ def measure_landmark(
     window: Sequence[WindowFrame],
     settings: MappingSettings,
     panel: Panel | None = None,
-    adjustment: LocalAdjustmentSettings | None = None,
+    jointly: bool = False,
 ) -> LandmarkMeasurement:
     """The landmark by its panel, or else its boxes, relative to the camera that shows it largest and whole.
 
@@ -49,14 +49,14 @@ def measure_landmark(
         Errors of boxes, of ties and of the adjustment.
     panel
         Its measured panel; None: the panel that the boxes show.
-    adjustment
-        How it is adjusted with the motion of the frames around it, where that has a prior; None: it is not.
+    jointly
+        Whether it is adjusted with the motion of the frames around it, where that has a prior.
     """
     best = int(fit.frames[best_view(fit, window)])
     panel = panel or box_panel(fit, window, settings.landmark)
-    if adjustment is not None:
+    if jointly:
         observed = LandmarkRays(panel.frames, panel.rays, panel.ray_sigma)
-        joint = adjust_jointly(window, best, observed, panel.point, adjustment, settings.adjustment)
+        joint = adjust_jointly(window, best, observed, panel.point)
         if joint is not None:
             return LandmarkMeasurement(joint.point, joint.covariance, panel, joint.residual)
     unknown = np.diag(np.square(settings.landmark.step_sigma))

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import Pose
 from wayside.schemas.measurement import PanelView
-from wayside.schemas.settings import AdjustmentSettings
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.kernels import Array
 from wayside.stages.mapping.landmark_fit import LandmarkFit
-from wayside.stages.mapping.triangulation import triangulate_views
+from wayside.stages.mapping.triangulation import CAUCHY_SIGMAS, triangulate_views
 from wayside.stages.mapping.window import WindowFrame
 from wayside.stages.panel import (
     ASPECT,
@@ -125,7 +124,7 @@ def measure_panel(
     outline = outline_of(registered, fit.metric, method)
     if outline is None:
         return PanelMeasurement(views)
-    panel = solve_panel(fit, registered, outline, held, method.solver, drift_rad)
+    panel = solve_panel(fit, registered, outline, held, drift_rad)
     return PanelMeasurement(views, outline, panel)
 
 
@@ -159,7 +158,6 @@ def solve_panel(
     registered: RegisteredViews,
     outline: FaceOutline,
     held: Sequence[WindowFrame],
-    solver: AdjustmentSettings,
     drift_rad: float,
 ) -> Panel | None:
     """Position, size and facing from the outline in all views; None where they are too far from those of the boxes."""
@@ -184,7 +182,7 @@ def solve_panel(
     weight_sigma = np.hypot(ray_sigma, drift_rad * np.sqrt(frames.max() - frames))
     if len(frames) > 1:
         rotations = np.stack([pose.rotation for pose in poses])
-        point, _ = triangulate_views(rotations, centres, rays, weight_sigma, solver)
+        point, _ = triangulate_views(rotations, centres, rays, weight_sigma)
         centre_views = (frames, rays, weight_sigma, ray_sigma)
     else:  # the depth is that of the boxes
         point, used = points[0], fit.used
@@ -205,7 +203,7 @@ def solve_panel(
         centres,
         sizes,
         np.hypot(stretch_sigma[:, None], deviations[:, 2:]),
-        cauchy=solver.cauchy_sigmas,
+        cauchy=CAUCHY_SIGMAS,
         aspect=ASPECT.get(outline.shape),
     )
     true_size = np.exp(facing.log_size)

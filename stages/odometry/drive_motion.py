@@ -8,13 +8,13 @@ from dataclasses import replace
 from wayside.schemas.detections import NOTHING_DROPPED, Candidates, Detections, Regions
 from wayside.schemas.frame import DUPLICATE, Image
 from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import AdjustmentSettings, MotionSettings
+from wayside.schemas.settings import MotionSettings
 from wayside.stages.odometry.tie_points import GUIDED_RATIO, SEARCH_PX, KeypointImage, match_around
 from wayside.stages.odometry.visual_odometry import VisualOdometry
 
 
 def estimate_motion(
-    images: Iterator[Detections], settings: MotionSettings, adjustment: AdjustmentSettings
+    images: Iterator[Detections], settings: MotionSettings
 ) -> Iterator[PosedDetections]:
     """Add the camera's motion to each image.
 
@@ -28,7 +28,7 @@ def estimate_motion(
     InputError
         Where no source gives the length of a step.
     """
-    odometry = VisualOdometry(settings, adjustment)
+    odometry = VisualOdometry(settings)
     for item in images:
         if not item.frame.used:
             yield PosedDetections(item, None)

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from wayside.schemas.motion import StepPrior
-from wayside.schemas.settings import AdjustmentSettings
 from wayside.stages.adjustment import (
     QUADRATIC,
     TIE_ERRORS,
+    WINDOW_ITERATIONS,
     ResidualBlocks,
     StepConstraints,
     TieErrors,
@@ -26,6 +26,8 @@ from wayside.stages.adjustment import (
 from wayside.stages.geometry import pair_midpoint
 from wayside.stages.kernels import Array, require_array
 
+PAIR_GAIN = 1e-4
+"""The adjustment ends where an iteration lowers the cost by less: .01 sigmas off the minimum."""
 FINE_LAST_SCALE_PX = 0.24
 """Cauchy scale of the last fine fit, and of the adjustment."""
 LENGTH_SIGMA = 1e-3
@@ -67,9 +69,10 @@ def adjust_pair(
     prior: StepPrior,
     *,
     focal_px: float,
-    solver: AdjustmentSettings,
     errors: TieErrors = TIE_ERRORS,
     scale_px: float = FINE_LAST_SCALE_PX,
+    iterations: int = WINDOW_ITERATIONS,
+    gain: float = PAIR_GAIN,
     scatter: float = 1.0,
 ) -> PairAdjustment:
     """Adjust motion and points together to the rays of two images.
@@ -84,10 +87,10 @@ def adjust_pair(
         What is known of the motion beforehand.
     focal_px
         Pixels of one unit of the rays.
-    solver
-        Limits of the iteration.
     errors, scale_px
         Stated errors of ties, and the scale of their robust cost.
+    iterations, gain
+        Iterations at most; they end where one lowers the cost by a smaller fraction.
     scatter
         Errors of these ties over the stated ones, 1 or more (`tie_scatter`): the covariance states them.
 
@@ -126,8 +129,8 @@ def adjust_pair(
         StepConstraints.of([prior._replace(length_m=1.0, sigma_m=LENGTH_SIGMA)]),
         wanted=1,
         of_pose=True,
-        iterations=solver.window_iterations,
-        gain=solver.pair_gain,
+        iterations=iterations,
+        gain=gain,
     )
     direction = found.centres[1] / np.linalg.norm(found.centres[1])
     offset = found.points[:, :2] - direction[:2] / direction[2]

@@ -13,7 +13,7 @@ import numpy as np
 
 from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.motion import Motion, StepPrior, Ties
-from wayside.schemas.settings import AdjustmentSettings, MotionSettings
+from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import halfway_direction, pair_residual, points_of_second
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.motion_prior import MotionPrior, predict_motion
@@ -51,7 +51,6 @@ class VisualOdometry:
     """
 
     settings: MotionSettings
-    adjustment: AdjustmentSettings
     estimate: RelativePoseEstimator = field(default_factory=lambda: estimate_relative_pose)
     image: KeypointImage | None = None
     frame: Frame | None = None
@@ -103,7 +102,6 @@ class VisualOdometry:
             (step.rotation, step.direction),
             expected.prior,
             focal_px=image.focal_px,
-            solver=self.adjustment,
             scatter=scatter,
         )
         carried = self._carried_length(step, adjusted)

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from wayside.schemas.measurement import Alignment
 from wayside.schemas.models import LinearModel
-from wayside.schemas.settings import AdjustmentSettings
 from wayside.stages.kernels import Array
 from wayside.stages.panel.image_alignment import align, warp_to_template
 from wayside.stages.panel.outline import FaceOutline, fit_face_outline
@@ -58,7 +57,6 @@ class PanelMethod:
     """How panels are measured: the model that chooses outlines, and the settings."""
 
     outline_model: LinearModel
-    solver: AdjustmentSettings
 
 
 class RegisteredViews(NamedTuple):

@@ -59,9 +59,7 @@ class _Matcher:
     def __init__(self, settings: MappingSettings) -> None:
         self._settings = settings.track
         landmark = replace(settings.landmark, fitted_views=settings.track.sift_views)
-        # the solver starts at the midpoint (eq. 7.4), and goes no further
-        solver = replace(settings.adjustment, point_iterations=0)
-        self._mapping = replace(settings, landmark=landmark, adjustment=solver)
+        self._mapping = replace(settings, landmark=landmark)
         self._gates = AssociationGates.of(settings.track, settings.association)
         self._path = TravelledPath(2 * settings.track.longest)
         self._window: list[WindowFrame] = []
@@ -118,9 +116,8 @@ class _Matcher:
                 continue
             frames = np.array([at[id(f)] for f, _ in chain])
             rows = candidates.first[frames] + np.array([row for _, row in chain])
-            fit = fit_views(
-                candidates, rows, frames, self._mapping.landmark, self._mapping.adjustment
-            )
+            # the solver starts at the midpoint (eq. 7.4), and goes no further
+            fit = fit_views(candidates, rows, frames, self._mapping.landmark, iterations=0)
             if fit is not None:
                 self._add_landmark(fit)
 

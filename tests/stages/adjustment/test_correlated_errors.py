@@ -1,7 +1,6 @@
 import numpy as np
 
 from wayside.schemas.motion import StepPrior
-from wayside.schemas.settings import AdjustmentSettings
 from wayside.stages.adjustment.correlated_errors import TieErrors, correlated_covariance
 from wayside.stages.geometry.rotation import tangent_basis, vector_from_rotation
 from wayside.stages.odometry.pair_adjustment import adjust_pair
@@ -21,14 +20,7 @@ def ties(rng, count=120):
 def adjust(previous, current, errors):
     prior = StepPrior(np.eye(3), 1.0, AHEAD, np.array([1.0, 1.0]), False, 8.0, 0.02)
     return adjust_pair(
-        previous,
-        current,
-        (np.eye(3), AHEAD),
-        prior,
-        focal_px=FOCAL,
-        errors=errors,
-        scale_px=100.0,
-        solver=AdjustmentSettings(),
+        previous, current, (np.eye(3), AHEAD), prior, focal_px=FOCAL, errors=errors, scale_px=100.0
     )
 
 

@@ -23,13 +23,13 @@ from wayside.stages.calibration.lens import displacement, project
 from wayside.stages.geometry import distort_points, ideal_points, to_rays
 
 SETTINGS = Settings()
-ERRORS, IMAGES = (SETTINGS.ties, SETTINGS.local_adjustment), 9
+IMAGES = 9
 
 
 def drive(images=17, **survey):
     """Images of a simulated drive with their motion, and the true camera."""
     simulated = SimulatedDrive(Survey(ties=80, signs=1, **survey))
-    posed = simulated.posed(SETTINGS.motion, SETTINGS.adjustment)
+    posed = simulated.posed(SETTINGS.motion)
     return [item for item, _ in zip(posed, range(images), strict=False)], simulated.camera
 
 
@@ -48,8 +48,8 @@ def scaled(camera, factor):
 
 
 def calibrated(items, camera):
-    segments = cut_segments([item.motion for item in items], camera, *ERRORS, IMAGES)
-    return calibrate_drive(segments, camera, 5.0, *ERRORS)
+    segments = cut_segments([item.motion for item in items], camera, IMAGES)
+    return calibrate_drive(segments, camera, 5.0)
 
 
 @pytest.mark.parametrize("factor", [pytest.param(0.9, marks=pytest.mark.slow), 1.1])
@@ -83,8 +83,8 @@ def test_the_first_order_correction_points_to_the_truth(curve):
     items, true = curve
     for factor in (0.9, 1.1):
         camera = scaled(true, factor)
-        segments = cut_segments([item.motion for item in items], camera, *ERRORS, IMAGES)
-        step, _ = lens_step(segments, camera, 5.0, *ERRORS)
+        segments = cut_segments([item.motion for item in items], camera, IMAGES)
+        step, _ = lens_step(segments, camera, 5.0)
         assert 0.03 < -np.sign(np.log(factor)) * step[0] < 0.2
 
 
@@ -113,7 +113,7 @@ def watched(items, change=lambda camera: camera):
     watch = CalibrationWatch(images=IMAGES)
     given = [processed(item, change(item.frame.camera)) for item in items]
     assert list(watch_calibration(iter(given), watch)) == given
-    return watch.check(*ERRORS).found
+    return watch.check().found
 
 
 def too_long(camera):
@@ -140,7 +140,7 @@ def test_a_run_notices_a_distortion_that_cannot_be_right(curve):
 def test_a_run_is_silent_where_the_calibration_is_right_or_nothing_tells(curve, straight):
     assert watched(curve[0]) is None
     assert watched(straight[0]) is None
-    assert CalibrationWatch().check(*ERRORS) == (None, None, None)
+    assert CalibrationWatch().check() == (None, None, None)
     assert watched(curve[0][:1], too_long) is None
 
 

@@ -6,7 +6,6 @@ import pytest
 from wayside.schemas.detections import SOURCES, Candidates, Detections, Regions, verdict_code
 from wayside.schemas.models import ScoreModel
 from wayside.schemas.settings import (
-    AdjustmentSettings,
     CandidateSettings,
     LandmarkSettings,
     MappingSettings,
@@ -71,9 +70,7 @@ def holding(frames):
 def fit_of(held, frames):
     candidates = candidates_of(held)
     rows = np.array([candidates.first[f] for f in frames], np.int64)
-    fit = fit_views(
-        candidates, rows, np.array(frames, np.int64), LandmarkSettings(), AdjustmentSettings()
-    )
+    fit = fit_views(candidates, rows, np.array(frames, np.int64), LandmarkSettings())
     assert fit is not None
     return fit
 

@@ -4,7 +4,6 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.motion import StepPrior
-from wayside.schemas.settings import AdjustmentSettings
 from wayside.stages.adjustment import TieErrors
 from wayside.stages.geometry.rotation import tangent_basis
 from wayside.stages.odometry.pair_adjustment import adjust_pair
@@ -31,14 +30,14 @@ def pair(noise_px=SIGMA, count=60, seed=0, turn=(0.003, 0.03, -0.002), slope=(0.
 
 
 def adjust(previous, current, prior=LOOSE, start=START, scale_px=1e6, scatter=1.0):
-    solver = AdjustmentSettings(window_iterations=30, pair_gain=1e-9)
     return adjust_pair(
         previous,
         current,
         start,
         prior,
         focal_px=FOCAL,
-        solver=solver,
+        iterations=30,
+        gain=1e-9,
         errors=ERRORS,
         scale_px=scale_px,
         scatter=scatter,
