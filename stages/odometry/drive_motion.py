@@ -12,6 +12,9 @@ from wayside.schemas.settings import MotionSettings
 from wayside.stages.odometry.tie_points import GUIDED_RATIO, SEARCH_PX, KeypointImage, match_around
 from wayside.stages.odometry.visual_odometry import VisualOdometry
 
+STANDING_SHARE = 0.4
+"""Share of corners found again in place of a camera that stands: drives show 0.26 at most, shaken images 0.43."""
+
 
 def estimate_motion(
     images: Iterator[Detections], settings: MotionSettings
@@ -55,7 +58,7 @@ def shows_no_motion(
     if most < settings.smallest_ties:
         return False
     again = match_around(before, now, SEARCH_PX, GUIDED_RATIO)
-    return len(again) >= settings.standing_share * most
+    return len(again) >= STANDING_SHARE * most
 
 
 def _left_out(item: Detections) -> Detections:

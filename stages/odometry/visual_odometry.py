@@ -58,7 +58,7 @@ class VisualOdometry:
     mount: Mount = field(init=False)
 
     def __post_init__(self) -> None:
-        self.mount = Mount(self.settings)
+        self.mount = Mount()
 
     def advance(self, image: KeypointImage | None, frame: Frame) -> Motion:
         """Motion from the last image to this one; without pixels the expected one. The step is `last` then."""

@@ -6,7 +6,6 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import StepPrior
-from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import halfway_direction
 from wayside.stages.odometry import relative_pose
 from wayside.stages.odometry.motion_prior import MotionPrior
@@ -51,7 +50,7 @@ def test_a_vehicle_at_our_pace_does_not_make_a_curve_straight(yaw_deg, monkeypat
     monkeypatch.setattr(relative_pose, "find_coarse_motion", lambda *_: coarse)
     monkeypatch.setattr(relative_pose, "register_ties", lambda *_: tied)
     expected = MotionPrior(MOUNTED, start, np.eye(3), 45.0, "straight")
-    mount = Mount(MotionSettings())
+    mount = Mount()
     step = relative_pose.estimate_relative_pose(VIEW, VIEW, expected, mount, 20)
     off = Rotation.from_matrix(rotation.T @ step.rotation).magnitude()
     assert np.degrees(off) < 0.05
