@@ -23,7 +23,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
-from wayside.schemas.settings import MotionSettings, TrackSettings
+from wayside.schemas.settings import MotionSettings
 from wayside.stages.mapping import WindowFrame
 from wayside.stages.mapping import local_adjustment as bundle
 
@@ -76,9 +76,7 @@ def window_ms(frames: int, ties: int, times: int = 50) -> float:
     seen = np.flatnonzero([len(s.sign) > 0 for s in drive.seen])
     last = int(seen[-1])
     first = last - frames + 1
-    held = [
-        WindowFrame.of(m, m.motion, drive.camera, TrackSettings()) for m in moved[first : last + 1]
-    ]
+    held = [WindowFrame.of(m, m.motion, drive.camera) for m in moved[first : last + 1]]
     rays = np.array(
         [(d := p.to_camera(drive.signs[0]))[:2] / d[2] for p in drive.poses[first : last + 1]]
     )

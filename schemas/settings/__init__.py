@@ -19,7 +19,6 @@ from wayside.schemas.settings.mapping import (
     AcceptanceSettings,
     AssociationSettings,
     MappingSettings,
-    PredictionSettings,
     TrackSettings,
 )
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
@@ -49,7 +48,6 @@ __all__ = [
     "MergeSettings",
     "ModelSettings",
     "MotionSettings",
-    "PredictionSettings",
     "ReadSettings",
     "ReportSettings",
     "RouteSettings",

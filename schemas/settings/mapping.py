@@ -36,29 +36,6 @@ class TrackSettings:
         expert=True,
         low=1,
     )
-    weakest_score: float = setting(
-        -7.0,
-        "log odds",
-        "weakest refused candidate that may still join a landmark that others propose",
-        origin=SET,
-        expert=True,
-    )
-    edge_px: float = setting(
-        2.0,
-        "px",
-        "a box nearer to the edge of the image than this is taken as cut",
-        origin=SET,
-        expert=True,
-        low=0,
-    )
-    sift_views: int = setting(
-        2,
-        "views",
-        "nearest views that place a chain of descriptors",
-        origin="report chapter 7: two views",
-        expert=True,
-        low=2,
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,24 +151,11 @@ class AcceptanceSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class PredictionSettings:
-    """Views that a landmark predicts where no candidate was found."""
-
-    sigma_share: float = setting(
-        0.15, "heights", "largest scatter of a predicted box", origin=SET, expert=True, low=0
-    )
-    sigma_px: float = setting(
-        1.0, "px", "scatter that is always allowed", origin=SET, expert=True, low=0
-    )
-
-
-@dataclass(frozen=True, slots=True)
 class MappingSettings:
     """The groups that tracking reads, under their names in the tree."""
 
     track: TrackSettings = field(default_factory=TrackSettings)
     association: AssociationSettings = field(default_factory=AssociationSettings)
     acceptance: AcceptanceSettings = field(default_factory=AcceptanceSettings)
-    prediction: PredictionSettings = field(default_factory=PredictionSettings)
     landmark: LandmarkSettings = field(default_factory=LandmarkSettings)
     verdict: VerdictSettings = field(default_factory=VerdictSettings)

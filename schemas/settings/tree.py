@@ -18,7 +18,6 @@ from wayside.schemas.settings.mapping import (
     AcceptanceSettings,
     AssociationSettings,
     MappingSettings,
-    PredictionSettings,
     TrackSettings,
 )
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
@@ -44,7 +43,6 @@ class Settings:
     track: TrackSettings = field(default_factory=TrackSettings)
     association: AssociationSettings = field(default_factory=AssociationSettings)
     acceptance: AcceptanceSettings = field(default_factory=AcceptanceSettings)
-    prediction: PredictionSettings = field(default_factory=PredictionSettings)
     landmark: LandmarkSettings = field(default_factory=LandmarkSettings)
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
     locate: LocateSettings = field(default_factory=LocateSettings)
@@ -63,7 +61,6 @@ class Settings:
             track=self.track,
             association=self.association,
             acceptance=self.acceptance,
-            prediction=self.prediction,
             landmark=self.landmark,
             verdict=self.verdict,
         )

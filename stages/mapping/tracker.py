@@ -86,7 +86,7 @@ def track(
         Whether a landmark is adjusted together with the motion.
     """
     tracker = _Tracker(settings, front or SideClassifiers(), back, panel, jointly)
-    yield from through_window(posed, tracker, settings.track)
+    yield from through_window(posed, tracker)
 
 
 _SCORE = FEATURES.index("score_best")
@@ -200,7 +200,7 @@ class _Tracker:
                 else:
                     self._note_far_views(fit)
         views = {back: side.view for back, side in self._sides.items() if side.view is not None}
-        return add_predicted_views(fits, window, views, settings.prediction, settings.association)
+        return add_predicted_views(fits, window, views, settings.association)
 
     def _note_far_views(self, fit: LandmarkFit) -> None:
         """Remember which candidates of the frames that leave the window show a landmark that is still in sight."""
@@ -227,7 +227,6 @@ class _Tracker:
         """Give a landmark its verdict, measure it and hand it to its frames."""
         fit = one.fit
         verdict, evidence, seen = self._verdict(one)
-        settings = self._settings.landmark
         jointly = self._jointly and verdict == "sign"
         measured = measure_landmark(fit, self._window, self._settings, seen.panel, jointly)
         landmark = build_landmark(
@@ -235,7 +234,6 @@ class _Tracker:
             self._window,
             measured,
             self._path.offset(measured.point),
-            settings,
             track_id=self._next_id,
             score=evidence.log_odds,
             verdict=verdict,

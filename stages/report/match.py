@@ -25,6 +25,8 @@ from wayside.stages.mapping import (
 )
 from wayside.stages.report.trajectory import trajectory_of
 
+SIFT_VIEWS = 2
+"""Nearest views that place a chain of descriptors, as in report chapter 7."""
 RATIO = 0.8
 """Largest distance to the nearest descriptor over that to the second nearest (Lowe 2004)."""
 
@@ -46,7 +48,7 @@ def match_by_descriptors(
     settings
         Groups of settings of tracking and of landmarks, and of the SIFT matches.
     """
-    yield from through_window(posed, _Matcher(settings), settings.track)
+    yield from through_window(posed, _Matcher(settings))
 
 
 _Chain = tuple[tuple[WindowFrame, int], ...]
@@ -58,7 +60,7 @@ class _Matcher:
 
     def __init__(self, settings: MappingSettings) -> None:
         self._settings = settings.track
-        landmark = replace(settings.landmark, fitted_views=settings.track.sift_views)
+        landmark = replace(settings.landmark, fitted_views=SIFT_VIEWS)
         self._mapping = replace(settings, landmark=landmark)
         self._gates = AssociationGates.of(settings.track, settings.association)
         self._path = TravelledPath(2 * settings.track.longest)
@@ -136,7 +138,6 @@ class _Matcher:
             window,
             measure_landmark(fit, window, settings),
             self._path.offset(fit.point),
-            settings.landmark,
             track_id=self._next_id,
             score=np.nan,
             verdict=verdict,

@@ -9,7 +9,6 @@ from wayside.schemas.settings import (
     CandidateSettings,
     LandmarkSettings,
     MappingSettings,
-    TrackSettings,
 )
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.detection.box_network import BoxScores
@@ -64,7 +63,7 @@ def shown(drive):
 
 
 def holding(frames):
-    return [WindowFrame.of(m, m.motion, m.frame.camera, TrackSettings()) for m in frames]
+    return [WindowFrame.of(m, m.motion, m.frame.camera) for m in frames]
 
 
 def fit_of(held, frames):
@@ -76,13 +75,11 @@ def fit_of(held, frames):
 
 
 def predicted(fit, frame):
-    return predicted_box(fit, frame, SETTINGS.prediction, SETTINGS.association.nearest_m)
+    return predicted_box(fit, frame, SETTINGS.association.nearest_m)
 
 
 def with_predicted_views(fit, held, classifier):
-    (found,) = add_predicted_views(
-        [fit], held, {fit.back: classifier}, SETTINGS.prediction, SETTINGS.association
-    )
+    (found,) = add_predicted_views([fit], held, {fit.back: classifier}, SETTINGS.association)
     return found
 
 
@@ -160,11 +157,7 @@ def test_views_of_a_back_are_predicted_by_the_classifier_of_backs(shown, panel):
     (new,) = {held[f].candidates.back_score[0] for f in set(found.frames) - set(fit.frames)}
     assert new == -3
     (same,) = add_predicted_views(
-        [replace(fit, back=True)],
-        held,
-        {False: reddish()},
-        SETTINGS.prediction,
-        SETTINGS.association,
+        [replace(fit, back=True)], held, {False: reddish()}, SETTINGS.association
     )
     assert same.rows.tolist() == fit.rows.tolist()
 

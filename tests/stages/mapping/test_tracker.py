@@ -6,12 +6,12 @@ import pytest
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.settings import MappingSettings
 from wayside.stages.mapping import LandmarkClassifier, SideClassifiers
+from wayside.stages.mapping.landmark import BORDER
 from wayside.stages.mapping.tracker import track
 from wayside.stages.report import match_by_descriptors
 
 SETTINGS = MappingSettings()
 TRACK = SETTINGS.track
-BORDER = SETTINGS.landmark.border
 
 
 def landmarks_of(tracked):
