@@ -51,7 +51,7 @@ class RouteFile:
     settings: RouteSettings
 
     def near(self, places: NDArray[np.float64]) -> RouteSegments:
-        """Pieces of the routes in the box about places (n, 2), longitude and latitude, and as much as `reach_m` around.
+        """Pieces of the routes in the box about places (n, 2), degrees, and `ROUTE_REACH_M` around.
 
         Pieces without a measure at both ends are left out.
 

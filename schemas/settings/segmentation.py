@@ -6,9 +6,6 @@ from dataclasses import dataclass
 
 from wayside.schemas.settings.field import setting
 
-_CHOSEN = "chosen by hand"
-_HANG = "where faces hang beside and over roads"
-
 
 @dataclass(frozen=True, slots=True)
 class SegmentSettings:

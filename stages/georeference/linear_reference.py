@@ -101,8 +101,8 @@ def nearest_on_routes(
 ) -> tuple[Array, Array]:
     """Distance (p, r), metres, of each point to each route, and the measure (p, r) of the nearest point of the route.
 
-    A point is compared with the pieces that lie within `reach_m` and run along the travel; infinite, nan where there is
-    none. Distances are those on the plane that touches the sphere at the point: exact to 1e-5 within `reach_m`.
+    A point is compared with the pieces that lie within `ROUTE_REACH_M` and run along the travel; infinite, nan
+    where there is none. Distances are those on the plane that touches the sphere at the point: exact to 1e-5 within `ROUTE_REACH_M`.
 
     Parameters
     ----------
@@ -160,8 +160,8 @@ def _compare(
 def follow_routes(distance: Array) -> np.ndarray[Any, np.dtype[np.int64]]:
     """The route (p,) that each point of a path is on, -1: none, so that it changes seldom (Viterbi 1967).
 
-    Being on a route costs the squared distance in standard deviations, on none that of `reach_m`; a change costs
-    `change`. Of two routes with the same line the first by name stays.
+    Being on a route costs the squared distance in standard deviations, on none that of `ROUTE_REACH_M`; a change costs
+    `CHANGE`. Of two routes with the same line the first by name stays.
 
     Parameters
     ----------

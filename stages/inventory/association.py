@@ -41,7 +41,7 @@ def candidate_pairs(
 ) -> Ints:
     """Pairs (m, 2) of rows of different drives, the lower first, near each other and facing the same way.
 
-    Near: within `near_sigmas` standard deviations of the errors of both, level, and at most within `reach_m`.
+    Near: within `NEAR_SIGMAS` standard deviations of the errors of both, level, and at most within `reach_m`.
 
     Parameters
     ----------

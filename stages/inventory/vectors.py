@@ -39,7 +39,7 @@ _TRIED = 64
 class Differences(Rows):
     """Pairs of sightings that may be of one panel; m rows.
 
-    drive (m, 2): the lower first; support (m,): assembly of the first; alone_m (m,): longest of the `vector_reach_m`
+    drive (m, 2): the lower first; support (m,): assembly of the first; alone_m (m,): longest of the `VECTOR_REACH_M`
     within which no other pair of these drives holds one of the two, 0: none; apart_m (m, 3): second less first, east,
     north, up; own, stated (m, 3): variances of that, of the panels relative to the cameras nearby and of the errors
     common to neighbouring panels.
@@ -74,7 +74,7 @@ class Agreement:
 
 
 def measure_differences(sightings: Sightings, counted: Flags) -> Differences:
-    """Pairs of rows with one face that look the same way, within `vector_reach_m`; counted (n,) of the first."""
+    """Pairs of rows with one face that look the same way, within `VECTOR_REACH_M`; counted (n,) of the first."""
     longest = max(VECTOR_REACH_M)
     i, j = facing_pairs(sightings, sightings.position, longest).T
     same = face_log_ratio(sightings, i, j) > 0

@@ -69,7 +69,7 @@ def mean_log_probabilities(
 ) -> NDArray[np.float64] | None:
     """Mean over the classified views of the log probability of each class; None where no view is classified.
 
-    A view weighs as it is tall, up to `clear_px`, less where it is cut; none may rule a class out.
+    A view weighs as it is tall, up to `CLEAR_PX`, less where it is cut; none may rule a class out.
     """
     total, weights = 0.0, 0.0
     for frame, row in views:

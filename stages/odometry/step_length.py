@@ -134,7 +134,7 @@ def _checked(
 
     Errors of points, of triggers and of single steps come and go: the changes of neighbouring steps do not agree. Where
     a vehicle brakes they do, and differ by little. The sum of their products in squared sigmas, less 1 for each step
-    and never below 0, is a CUSUM test (Page 1954): it decides where `most_doubts` products of `doubt_sigmas` each
+    and never below 0, is a CUSUM test (Page 1954): it decides where `MOST_DOUBTS` products of `doubt_sigmas` each
     would.
     """
     s, before = settings, last.check

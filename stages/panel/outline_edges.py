@@ -59,7 +59,7 @@ def gradients_of(views: NDArray[np.float32]) -> Gradients:
 
 
 def edge_profiles(gradients: Gradients, segments: Segments, low: float, high: float) -> Array:
-    """Strength of the edge along each segment at offsets low, low + `offset_step`, ... (k, m), 0 to 1, over the views.
+    """Strength of the edge along each segment at offsets low, low + `OFFSET_STEP`, ... (k, m), 0 to 1, over the views.
 
     Segments that leave the views have strength 0.
     """
@@ -77,7 +77,7 @@ def edge_profiles(gradients: Gradients, segments: Segments, low: float, high: fl
 def strip_colors(
     views: NDArray[np.float32], segments: Segments, low: float, high: float
 ) -> NDArray[np.float32]:
-    """Mean colour along each segment at offsets low, low + `offset_step`, ...: (k, views, m, 3)."""
+    """Mean colour along each segment at offsets low, low + `OFFSET_STEP`, ...: (k, views, m, 3)."""
     require_array(views, "views", np.float32, (None, None, None, 3))
     step, samples = OFFSET_STEP, STRIP_SAMPLES
     ends = (segments.begin, segments.end, segments.normal)
