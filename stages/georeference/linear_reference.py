@@ -102,7 +102,8 @@ def nearest_on_routes(
     """Distance (p, r), metres, of each point to each route, and the measure (p, r) of the nearest point of the route.
 
     A point is compared with the pieces that lie within `ROUTE_REACH_M` and run along the travel; infinite, nan
-    where there is none. Distances are those on the plane that touches the sphere at the point: exact to 1e-5 within `ROUTE_REACH_M`.
+    where there is none. Distances are those on the plane that touches the sphere at the point: exact to 1e-5 within the
+    reach.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ def measure_landmark(
     fit, window
         The landmark and its frames.
     settings
-        Errors of boxes, of ties and of the adjustment.
+        Errors of steps without covariance.
     panel
         Its measured panel; None: the panel that the boxes show.
     jointly

@@ -54,7 +54,7 @@ OUTLINE_VIEWS = 3
 
 @dataclass(frozen=True, slots=True)
 class PanelMethod:
-    """How panels are measured: the model that chooses outlines, and the settings."""
+    """How panels are measured: the model that chooses outlines."""
 
     outline_model: LinearModel
 
@@ -98,7 +98,7 @@ def register_views(
     detected
         Numbers of the frames in which the panel was detected: in others something may stand in front of it.
     method
-        Settings, and the model of outlines.
+        The model of outlines.
     """
     templates = [i for i, (_, image) in enumerate(usable) if image.frame in detected]
     first, *others = templates[:MOST_TEMPLATES] or [0]

@@ -46,7 +46,7 @@ def match_by_descriptors(
     posed
         Frames with their candidates, key points and motion.
     settings
-        Groups of settings of tracking and of landmarks, and of the SIFT matches.
+        Groups of settings of tracking and of landmarks.
     """
     yield from through_window(posed, _Matcher(settings))
 
