@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from training.network_parts import write_onnx
-from wayside.schemas.settings import CodeSettings
 from wayside.stages.sign_codes import (
     CLASSES,
     FACE_OUTPUT,
     FACES,
     OTHER_FACE,
+    OTHER_SHARE,
     PATCH_SIDE,
     face_samples,
 )
@@ -75,7 +75,7 @@ def fit(patches: NDArray[np.uint8], names: NDArray[np.str_], seed: int) -> FaceN
     rate = torch.optim.lr_scheduler.OneCycleLR(
         descent, LEARNING_RATE, total_steps=steps, pct_start=0.15
     )
-    other = CodeSettings().other_share
+    other = OTHER_SHARE
     share = np.where(classes == OTHER_FACE, other, (1 - other) / max(len(classes) - 1, 1))
     weight = (share / np.bincount(target))[target]
     random = np.random.default_rng(seed)

@@ -73,7 +73,7 @@ def learn(drives: Path, out: Path, seed: int) -> None:
     write_model(out / "location.json", location_model(places, origin))
     settings, _ = load_settings()
     # views are registered with the model that ships
-    method = panel_method(settings, load_models(settings))
+    method = panel_method(load_models(settings))
     choices = [
         choice
         for log, truth in zip(logs, truths, strict=True)

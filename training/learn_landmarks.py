@@ -122,10 +122,10 @@ def _landmarks_of(
             models, front_scores=scores, landmark_classifier=None, back_landmark_classifier=None
         )
         found = Flow(settings, own, StageClock()).detect(read_frames(log, read, ReadReport()))
-        moved = estimate_motion(found, settings.motion, settings.ties, settings.adjustment)
+        moved = estimate_motion(found, settings.motion)
         detector = detector_of(settings, own)
         mapping = MappingSettings(TrackSettings(fewest_views=FEWEST))
-        panel = panel_method(settings, own)
+        panel = panel_method(own)
         tracked = track(moved, mapping, detector.front(), detector.back(), panel)
         rows += labelled_landmarks(tracked, known, usual=lower == 0)
     return rows

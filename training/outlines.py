@@ -114,16 +114,16 @@ def _choice(
     detected = size / INNER_FIELD * np.exp(rng.normal(0, SIZE_SIGMA, 2))
     offset = rng.normal(0, CENTRE_SIGMA, (1, 2)) * size
     found_plane = plane._replace(point=plane.points(offset)[0])
-    usable = usable_views(found_plane, detected, images, method.panel)
+    usable = usable_views(found_plane, detected, images)
     if not usable:
         return None
     frames = np.array([image.frame for image in images], np.int64)
     registered = register_views(found_plane, detected, usable, frames, method)
     panel = PanelPlane.across(centre, -normal, up)
     true = true_box(registered, panel, size)
-    views = registered.stacked(method.outline)
+    views = registered.stacked()
     box = registered.box(detected)
-    found = outline_candidates(views, gradients_of(views), box, method.outline)
+    found = outline_candidates(views, gradients_of(views), box)
     off = np.array([np.abs(c.outline.box - true).max() for c in found])
     off[[c.outline.shape != _shape(sign) for c in found]] = np.inf
     if not len(found) or off.min() > NEAREST:

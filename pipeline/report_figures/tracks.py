@@ -21,7 +21,6 @@ from wayside.pipeline.report_figures.gather import Drive, evenly
 from wayside.pipeline.statistics import share_words
 from wayside.schemas.detections import COLOR_RGB
 from wayside.schemas.landmarks import Landmark
-from wayside.schemas.settings import BoardSettings
 from wayside.stages.report import mean_log_density
 
 FEET = 0.3048
@@ -50,12 +49,9 @@ def board_figure(boards: list[Path], board: str | None) -> Figure:
     figure = Figure("6.1", "calibration by a chessboard", report)
     if not boards or board is None:
         return figure.left_out("images of a chessboard: --boards FOLDER --board 9x6")
-    settings = BoardSettings()
-    found = calibrate_images(boards, parse_board(board, float("nan")), "plumb_bob", settings)
+    found = calibrate_images(boards, parse_board(board, float("nan")), "plumb_bob")
     one = found.calibration
-    drawn = np.asarray(
-        cv2.cvtColor(draw_coverage(found, settings.cells), cv2.COLOR_BGR2RGB), np.uint8
-    )
+    drawn = np.asarray(cv2.cvtColor(draw_coverage(found), cv2.COLOR_BGR2RGB), np.uint8)
     return figure.shown(
         f"{sum(view.used for view in one.views)} of {len(found.images)} images used, {one.rms_px:.2f} px RMS, fx "
         f"{one.camera.fx:.1f} px, fy {one.camera.fy:.1f} px, centre {one.camera.cx:.1f}, {one.camera.cy:.1f} px",

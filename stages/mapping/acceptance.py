@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.settings import AcceptanceSettings, AdjustmentSettings, LandmarkSettings
+from wayside.schemas.settings import AcceptanceSettings, LandmarkSettings
 from wayside.stages.mapping.association import AssociationGates, WindowCandidates, associate
 from wayside.stages.mapping.hypotheses import Hypotheses
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_hypothesis
@@ -21,7 +21,6 @@ def accept_greedily(
     gates: AssociationGates,
     settings: AcceptanceSettings,
     landmark: LandmarkSettings,
-    solver: AdjustmentSettings,
     *,
     fewest: int,
 ) -> list[LandmarkFit]:
@@ -37,7 +36,7 @@ def accept_greedily(
         Candidates that may be used, (N,).
     gates
         Largest gaps and ratios of a view, and what it counts.
-    settings, landmark, solver
+    settings, landmark
         Limits of hypotheses; errors of boxes; robust cost and limits of the iteration.
     fewest
         Views that a landmark needs.
@@ -51,14 +50,7 @@ def accept_greedily(
         best = int(np.argmax(np.where(alive, value, -np.inf)))
         alive[best] = False
         fit = fit_hypothesis(
-            candidates,
-            row[best],
-            left,
-            gates,
-            landmark,
-            solver,
-            fewest=fewest,
-            rounds=settings.rounds,
+            candidates, row[best], left, gates, landmark, fewest=fewest, rounds=settings.rounds
         )
         if fit is None or fit.value <= settings.least_value:
             continue

@@ -19,7 +19,7 @@ from wayside.schemas.detections import SOURCES, Features
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import LocalAdjustmentSettings, MappingSettings
+from wayside.schemas.settings import MappingSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.kernels import Array
@@ -62,7 +62,7 @@ def track(
     front: SideClassifiers | None = None,
     back: SideClassifiers | None = None,
     panel: PanelMethod | None = None,
-    adjustment: LocalAdjustmentSettings | None = None,
+    jointly: bool = False,
 ) -> Iterator[TrackedFrame]:
     """Decide every candidate: measure it as a landmark with its other views, or say why not.
 
@@ -82,11 +82,11 @@ def track(
         The same of panels seen from behind; None: they are not tracked.
     panel
         How panels are measured as planes; None: they are not, boxes alone give position and size.
-    adjustment
-        How a landmark is adjusted together with the motion; None: it is not.
+    jointly
+        Whether a landmark is adjusted together with the motion.
     """
-    tracker = _Tracker(settings, front or SideClassifiers(), back, panel, adjustment)
-    yield from through_window(posed, tracker, settings.track)
+    tracker = _Tracker(settings, front or SideClassifiers(), back, panel, jointly)
+    yield from through_window(posed, tracker)
 
 
 _SCORE = FEATURES.index("score_best")
@@ -121,9 +121,9 @@ class _Tracker:
         front: SideClassifiers,
         back: SideClassifiers | None,
         panel: PanelMethod | None,
-        adjustment: LocalAdjustmentSettings | None,
+        jointly: bool,
     ) -> None:
-        self._settings, self._panel, self._adjustment = settings, panel, adjustment
+        self._settings, self._panel, self._jointly = settings, panel, jointly
         self._sides = {False: front} if back is None else {False: front, True: back}
         self._places = {back: SignPlaces() for back in self._sides}
         self._gates = AssociationGates.of(settings.track, settings.association)
@@ -209,14 +209,13 @@ class _Tracker:
                 self._gates,
                 settings.acceptance,
                 settings.landmark,
-                settings.adjustment,
                 fewest=settings.track.fewest_views,
             )
             for fit in found:
                 over = last or self._passed(fit)
                 (passed if over else ahead).append(replace(fit, back=back))
         views = {back: side.view for back, side in self._sides.items() if side.view is not None}
-        more = add_predicted_views(passed, window, views, settings.prediction, settings.association)
+        more = add_predicted_views(passed, window, views, self._settings.association)
         return more, ahead
 
     def _note_far_views(self, fit: LandmarkFit) -> None:
@@ -249,15 +248,13 @@ class _Tracker:
         """Give a landmark its verdict, measure it and hand it to its frames."""
         fit, evidence = one.fit, one.evidence
         verdict, seen = self._verdict(one)
-        settings = self._settings.landmark
-        adjustment = self._adjustment if verdict == "sign" else None
-        measured = measure_landmark(fit, self._window, self._settings, seen.panel, adjustment)
+        jointly = self._jointly and verdict == "sign"
+        measured = measure_landmark(fit, self._window, self._settings, seen.panel, jointly)
         landmark = build_landmark(
             fit,
             self._window,
             measured,
             self._path.offset(measured.point),
-            settings,
             track_id=self._next_id,
             score=evidence.score,
             verdict=verdict,

@@ -13,7 +13,7 @@ import numpy as np
 
 from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.motion import Motion, StepPrior, Ties
-from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings
+from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import halfway_direction, pair_residual, points_of_second
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.motion_prior import MotionPrior, predict_motion
@@ -52,8 +52,6 @@ class VisualOdometry:
     """
 
     settings: MotionSettings
-    ties: TieSettings
-    adjustment: AdjustmentSettings
     estimate: RelativePoseEstimator = field(default_factory=lambda: estimate_relative_pose)
     image: KeypointImage | None = None
     frame: Frame | None = None
@@ -62,7 +60,7 @@ class VisualOdometry:
     noise: PoseNoise = field(default_factory=PoseNoise)
 
     def __post_init__(self) -> None:
-        self.mount = Mount(self.settings)
+        self.mount = Mount()
 
     def advance(self, image: KeypointImage | None, frame: Frame) -> Motion:
         """Motion from the last image to this one; without pixels the expected one. The step is `last` then."""
@@ -93,7 +91,7 @@ class VisualOdometry:
         step = None
         if self.image is not None and image is not None:
             fewest = self.settings.smallest_ties
-            step = self.estimate(self.image, image, expected, self.mount, fewest, self.ties)
+            step = self.estimate(self.image, image, expected, self.mount, fewest)
         if step is None or image is None or self.image is None:
             # The rotation of the last step is kept for one step without measurement, and is unknown after two.
             rotation = None if last.ties is None else self.last.rotation
@@ -101,15 +99,13 @@ class VisualOdometry:
             return _unmeasured(last, expected, self.mount.height_m, self.settings), kept
         focal = (image.camera.fx, image.camera.fy)
         held = step.previous[step.inlier], step.current[step.inlier]
-        scatter = step.scatter(image.focal_px, self.ties)
+        scatter = step.scatter(image.focal_px)
         straight_px = self._root_mean(pair_residual(*held, *expected.straight, focal))
         adjusted = adjust_pair(
             *held,
             (step.rotation, step.direction),
             expected.prior,
             focal_px=image.focal_px,
-            ties=self.ties,
-            solver=self.adjustment,
             scatter=scatter,
         )
         carried = self._carried_length(step, adjusted)

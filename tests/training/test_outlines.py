@@ -15,12 +15,6 @@ from wayside.pipeline.model_files import load_models
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Camera, Frame, Image, Pose
-from wayside.schemas.settings import (
-    AdjustmentSettings,
-    PanelOutlineSettings,
-    PanelSettings,
-    RegistrationSettings,
-)
 from wayside.stages.panel import (
     OUTLINE_FEATURES,
     PanelMethod,
@@ -37,13 +31,7 @@ LOOKING_EAST = [-0.5, 0.5, -0.5, 0.5]
 @pytest.fixture(scope="module")
 def method():
     models = load_models(load_settings()[0])
-    return PanelMethod(
-        models.outline_weights,
-        PanelSettings(),
-        RegistrationSettings(),
-        PanelOutlineSettings(),
-        AdjustmentSettings(),
-    )
+    return PanelMethod(models.outline_weights)
 
 
 def sign(number, right):

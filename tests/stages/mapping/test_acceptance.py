@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from wayside.schemas.settings import AcceptanceSettings, AdjustmentSettings, LandmarkSettings
+from wayside.schemas.settings import AcceptanceSettings, LandmarkSettings
 from wayside.stages.mapping.acceptance import accept_greedily
 from wayside.stages.mapping.hypotheses import Hypotheses, pair_hypotheses
 
@@ -25,14 +25,7 @@ def accepted(gates, window, standing):
         )
         free = np.ones(len(candidates.ray), bool)
         return accept_greedily(
-            candidates,
-            hypotheses,
-            free,
-            gates,
-            SETTINGS,
-            LandmarkSettings(),
-            AdjustmentSettings(),
-            fewest=fewest,
+            candidates, hypotheses, free, gates, SETTINGS, LandmarkSettings(), fewest=fewest
         )
 
     return make

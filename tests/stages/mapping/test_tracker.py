@@ -1,18 +1,17 @@
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
 
 from wayside.schemas.detections import VERDICTS
-from wayside.schemas.settings import MappingSettings, SiftSettings
+from wayside.schemas.settings import MappingSettings
 from wayside.stages.mapping import LandmarkClassifier, SideClassifiers
+from wayside.stages.mapping.landmark import BORDER
 from wayside.stages.mapping.tracker import track
 from wayside.stages.report import match_by_descriptors
 
 SETTINGS = MappingSettings()
 TRACK = SETTINGS.track
-BORDER = SETTINGS.landmark.border
 
 
 def landmarks_of(tracked):
@@ -242,7 +241,7 @@ def test_the_input_is_left_as_it_was(panel, drive):
     assert all((f.detections.candidates.verdict == 0).all() for f in frames)
 
 
-@pytest.mark.parametrize("follow", [track, partial(match_by_descriptors, sift=SiftSettings())])
+@pytest.mark.parametrize("follow", [track, match_by_descriptors])
 def test_no_more_frames_are_held_than_the_window_is_long(panel, drive, follow):
     taken = 0
 
