@@ -122,6 +122,7 @@ EVERYTHING: dict[type, dict[str, str]] = {
         "adjusted": "/iterations",
         "iterations": "/iterations",
         "camera_height_m": HEIGHT,
+        "given": "not: a pose of the log, which `view_frame` has no more of; it weighs the path",
         "expected": "/world/points/straight",
         "history_px": "/iterations",
         "length_ratio": TABLES,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wayside.schemas.detections import VERDICTS
-from wayside.schemas.settings import AdjustmentSettings, LandmarkSettings, VerdictSettings
+from wayside.schemas.settings import LandmarkSettings, VerdictSettings
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.landmark_fit import fit_views
 from wayside.stages.mapping.verdicts import (
@@ -23,9 +23,7 @@ def fit_at(window, standing):
 
     def make(ahead, sigma_ahead=0.3):
         candidates = window(standing([(6.0, -1.0, ahead, 1.7, 0.8, 1.0)], 2))
-        fit = fit_views(
-            candidates, np.arange(2), np.arange(2), LandmarkSettings(), AdjustmentSettings()
-        )
+        fit = fit_views(candidates, np.arange(2), np.arange(2), LandmarkSettings())
         return replace(fit, covariance=np.diag([0.01, 0.01, sigma_ahead**2]))
 
     return make
