@@ -9,7 +9,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from wayside.pipeline import cli
-from wayside.pipeline.cli_help import PANELS
+from wayside.pipeline.cli.help import PANELS
 
 COMMANDS = sorted(get_command(cli.app).commands)
 
