@@ -11,9 +11,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from wayside.pipeline.evaluate import evaluate
-from wayside.pipeline.evaluate_misses import cause_words
-from wayside.pipeline.evaluation import RenderedEvaluation
+from wayside.pipeline.evaluation import RenderedEvaluation, cause_words, evaluate
 
 ROOT = Path(__file__).resolve().parents[1]
 DRIVES, RESULTS = ROOT / ".cache" / "drives", ROOT / ".cache" / "accept" / "default"

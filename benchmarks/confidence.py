@@ -8,9 +8,13 @@ from typing import Any
 
 from reached import table
 
-from wayside.pipeline.evaluate_rendered import evaluate_against_truth
-from wayside.pipeline.evaluation import RenderedEvaluation, together
-from wayside.pipeline.reliability import ConfidenceBin, confidence_bin
+from wayside.pipeline.evaluation import (
+    ConfidenceBin,
+    RenderedEvaluation,
+    confidence_bin,
+    evaluate_against_truth,
+    together,
+)
 
 BINS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
 SETTINGS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)

@@ -23,9 +23,12 @@ from accept import DRIVES, RENDERED, RESULTS, ROOT, spread_cell
 from generations_plot import draw
 from held_out import HELD_OUT
 
-from wayside.pipeline.evaluate import evaluate
-from wayside.pipeline.evaluate_rendered import evaluate_against_truth
-from wayside.pipeline.evaluation import RenderedEvaluation, together
+from wayside.pipeline.evaluation import (
+    RenderedEvaluation,
+    evaluate,
+    evaluate_against_truth,
+    together,
+)
 from wayside.pipeline.flow import Flow
 from wayside.pipeline.learning.gates import trajectory_densities
 from wayside.pipeline.learning.landmarks import NEITHER, SIGN

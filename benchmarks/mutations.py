@@ -27,7 +27,7 @@ from random_changes import changed_bytes, changed_tree
 from recordings.drives.messages.content import Calibration, CameraPose, FixReading
 from recordings.drives.messages.dialects import DIALECTS
 from recordings.drives.spec import CameraSpec
-from wayside.pipeline.evaluate import evaluate
+from wayside.pipeline.evaluation import evaluate
 from wayside.pipeline.model_files import shipped_models
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames

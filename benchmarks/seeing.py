@@ -39,7 +39,7 @@ from reached import (
 )
 from seeing_plot import draw
 
-from wayside.pipeline.evaluate_rendered import SMALLEST_HEIGHT_PX, SMALLEST_VISIBLE, is_eligible
+from wayside.pipeline.evaluation import SMALLEST_HEIGHT_PX, SMALLEST_VISIBLE, is_eligible
 from wayside.pipeline.lengths import parse_length
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.run import run_log

@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from wayside.pipeline.evaluate import evaluate
-from wayside.pipeline.evaluation import RenderedEvaluation
+from wayside.pipeline.evaluation import RenderedEvaluation, evaluate
 from wayside.pipeline.learning.face_classes import TESTED, crops
 from wayside.pipeline.learning.face_codes import still_patches
 from wayside.pipeline.model_files import load_models

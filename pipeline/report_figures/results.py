@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from wayside.pipeline.box_matching import overlap
-from wayside.pipeline.evaluate_rendered import FEWEST_FRAMES
+from wayside.pipeline.evaluation import FEWEST_FRAMES
 from wayside.pipeline.learning.samples import OFF, ON
 from wayside.pipeline.report_figures.drawing import ACCENT, SIGN_INK, boxed
 from wayside.pipeline.report_figures.gather import Drive

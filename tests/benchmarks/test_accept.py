@@ -11,16 +11,14 @@ from types import ModuleType
 import pytest
 
 from wayside.pipeline.evaluation import (
-    RealEvaluation,
-    RenderedEvaluation,
-    together,
-)
-from wayside.pipeline.evaluation_findings import (
     Backs,
     Duplicate,
     FalseSign,
     Match,
     MissedPanel,
+    RealEvaluation,
+    RenderedEvaluation,
+    together,
 )
 from wayside.pipeline.provenance import onnx_metadata
 

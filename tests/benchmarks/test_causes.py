@@ -8,13 +8,11 @@ from types import ModuleType
 import pytest
 
 from wayside.pipeline.evaluation import (
-    RenderedEvaluation,
-)
-from wayside.pipeline.evaluation_findings import (
     Duplicate,
     FalseSign,
     MissCause,
     MissedPanel,
+    RenderedEvaluation,
 )
 
 

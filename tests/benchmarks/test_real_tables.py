@@ -11,13 +11,11 @@ import pytest
 
 import wayside
 from wayside.pipeline.evaluation import (
-    RealEvaluation,
-)
-from wayside.pipeline.evaluation_findings import (
     Duplicate,
     FalseSign,
     KindCount,
     MissCause,
+    RealEvaluation,
 )
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"

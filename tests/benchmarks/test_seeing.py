@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from wayside.pipeline.reliability import ConfidenceBin
+from wayside.pipeline.evaluation import ConfidenceBin
 
 FACE = [10.0, 10.0, 30.0, 30.0]
 

@@ -7,16 +7,14 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from wayside.pipeline.evaluate_misses import (
+from wayside.pipeline.evaluation import (
     STEPS,
     Candidates,
     Face,
+    MissCause,
     cause_words,
     count_steps,
     miss_causes,
-)
-from wayside.pipeline.evaluation_findings import (
-    MissCause,
 )
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.tables import OBSERVATIONS

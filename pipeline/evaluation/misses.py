@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from wayside.pipeline.box_matching import Box, overlap
-from wayside.pipeline.evaluation_findings import (
+from wayside.pipeline.evaluation.figures import (
     MissCause,
 )
 from wayside.schemas.frame import USED
