@@ -7,25 +7,16 @@ from wayside.pipeline.evaluation.compare import (
     write_evaluation,
 )
 from wayside.pipeline.evaluation.figures import (
-    Backs,
-    Duplicate,
     Evaluation,
-    FalseSign,
     KindCount,
-    Match,
-    MissCause,
-    MissedPanel,
     RealEvaluation,
     RenderedEvaluation,
     together,
 )
 from wayside.pipeline.evaluation.misses import (
     STEPS,
-    Candidates,
-    Face,
     cause_words,
     count_steps,
-    miss_causes,
 )
 from wayside.pipeline.evaluation.real import evaluate_against_labels
 from wayside.pipeline.evaluation.reliability import ConfidenceBin, confidence_bin
@@ -44,17 +35,9 @@ __all__ = [
     "SMALLEST_HEIGHT_PX",
     "SMALLEST_VISIBLE",
     "STEPS",
-    "Backs",
-    "Candidates",
     "ConfidenceBin",
-    "Duplicate",
     "Evaluation",
-    "Face",
-    "FalseSign",
     "KindCount",
-    "Match",
-    "MissCause",
-    "MissedPanel",
     "RealEvaluation",
     "RenderedEvaluation",
     "camera_pose",
@@ -67,7 +50,6 @@ __all__ = [
     "format_evaluation",
     "is_eligible",
     "match_distance",
-    "miss_causes",
     "other_log",
     "together",
     "write_evaluation",

@@ -18,6 +18,7 @@ from wayside.pipeline.evaluation.figures import (
 from wayside.pipeline.evaluation.misses import (
     STEPS,
     Candidates,
+    Distances,
     Face,
     cause_words,
     count_steps,
@@ -86,13 +87,7 @@ def other_log(out: Path, truth: Path) -> str | None:
     return f"{truth} says that it is of {of_truth}, the result in {out} is of {of_run}"
 
 
-_Compared = tuple[
-    Evaluation,
-    tuple[FalseSign, ...],
-    list[Face],
-    Candidates,
-    dict[tuple[str, int | str], float],
-]
+_Compared = tuple[Evaluation, tuple[FalseSign, ...], list[Face], Candidates, Distances]
 """Figures; those rows with a confidence that are false; missed signs, candidates on them, and distances of rows."""
 
 

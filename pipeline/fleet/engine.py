@@ -6,16 +6,15 @@ takes only its own task along.
 
 from __future__ import annotations
 
-import multiprocessing
+import multiprocessing.connection
 import os
 import signal
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import AbstractContextManager, suppress
-from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, Protocol
@@ -84,26 +83,28 @@ class ProcessEngine(AbstractContextManager["ProcessEngine"]):
             return "its worker was asked to end"
         if not isinstance(error, BrokenProcessPool):
             return None
-        (process,) = next(some for some, last in self._pools.values() if last is future)
-        process.join(_PATIENCE_S)
-        code = process.exitcode
+        pool = next(pool for pool, (_, last) in self._pools.items() if last is future)
+        processes, _ = self._pools.pop(pool)
+        pool.shutdown()  # it waits for the process; two threads that do are not both told how it ended
+        code = next((process.exitcode for process in processes), None)
         if code is None or code >= 0:
-            return f"its worker ended with exit status {code}"
+            return (
+                "its worker died" if code is None else f"its worker ended with exit status {code}"
+            )
         with suppress(ValueError):
             return f"its worker was ended by {signal.Signals(-code).name}"
         return f"its worker was ended by signal {-code}"
 
     def __exit__(self, *_: object) -> None:
         """Ask all workers to end, and wait until they have."""
-        pools, self._pools = self._pools, {}
-        for pool, (processes, last) in pools.items():
-            for process in processes if not last.done() else ():
-                process.terminate()
-            pool.shutdown(wait=False, cancel_futures=True)
-        for process in (one for processes, _ in pools.values() for one in processes):
-            process.join(_PATIENCE_S)
-            if process.is_alive():
+        busy = {last: processes for processes, last in self._pools.values() if not last.done()}
+        for process in (one for processes in busy.values() for one in processes):
+            process.terminate()
+        for future in wait(busy, _PATIENCE_S).not_done:
+            for process in busy[future]:
                 process.kill()
+        for pool in self._pools:
+            pool.shutdown()
 
 
 def _prepare() -> None:
@@ -117,7 +118,7 @@ def _end_with_parent() -> None:
     """Do not go on with work that nobody waits for."""
     parent = multiprocessing.parent_process()
     if parent is not None:
-        wait([parent.sentinel])
+        multiprocessing.connection.wait([parent.sentinel])
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(_PATIENCE_S)
         os._exit(1)  # a worker of a pool would wait for its next task for ever

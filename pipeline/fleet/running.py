@@ -155,18 +155,9 @@ def run_fleet(
             uris, earlier, key_of, inventory, retry=options.retry, overwrite=options.overwrite
         )
         book = _Book(inventory, replace(earlier, started=time.time(), where=here()), planned, watch)
+        how = settings, options.attempts, options.arguments, options.overwrite
         tasks = [
-            Task(
-                entry.name,
-                entry.source,
-                entry.fingerprint,
-                entry.key,
-                str(inventory),
-                settings,
-                options.attempts,
-                options.arguments,
-                options.overwrite,
-            )
+            Task(entry.name, entry.source, entry.fingerprint, entry.key, str(inventory), *how)
             for entry in planned.values()
             if entry.state == WAITING and entry.key is not None
         ]

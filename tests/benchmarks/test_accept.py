@@ -10,16 +10,8 @@ from types import ModuleType
 
 import pytest
 
-from wayside.pipeline.evaluation import (
-    Backs,
-    Duplicate,
-    FalseSign,
-    Match,
-    MissedPanel,
-    RealEvaluation,
-    RenderedEvaluation,
-    together,
-)
+from wayside.pipeline.evaluation import RealEvaluation, RenderedEvaluation, together
+from wayside.pipeline.evaluation.figures import Backs, Duplicate, FalseSign, Match, MissedPanel
 from wayside.pipeline.provenance import onnx_metadata
 
 ROOT = Path(__file__).parents[2]

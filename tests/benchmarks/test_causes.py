@@ -7,13 +7,8 @@ from types import ModuleType
 
 import pytest
 
-from wayside.pipeline.evaluation import (
-    Duplicate,
-    FalseSign,
-    MissCause,
-    MissedPanel,
-    RenderedEvaluation,
-)
+from wayside.pipeline.evaluation import RenderedEvaluation
+from wayside.pipeline.evaluation.figures import Duplicate, FalseSign, MissCause, MissedPanel
 
 
 @pytest.fixture(scope="module")

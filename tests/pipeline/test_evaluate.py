@@ -21,8 +21,6 @@ from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.box_matching import same_thing
 from wayside.pipeline.evaluation import (
-    Backs,
-    Duplicate,
     KindCount,
     RealEvaluation,
     RenderedEvaluation,
@@ -31,6 +29,7 @@ from wayside.pipeline.evaluation import (
     together,
     write_evaluation,
 )
+from wayside.pipeline.evaluation.figures import Backs, Duplicate
 from wayside.pipeline.statistics import fraction, spread
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError, OutputError
