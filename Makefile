@@ -62,48 +62,45 @@ drives: .venv/.ready
 	@$(RUN) recordings.drives recordings/drives/specs/*.toml -o .cache/drives --missing --masks --jobs $(JOBS)
 
 learning-drives: .venv/.ready
-	@$(RUN) recordings.drives recordings/drives/specs/learn_*.toml -o .cache/drives --missing --masks --jobs $(JOBS)
+	@$(RUN) recordings.drives recordings/drives/specs/learn_*.toml -o .cache/drives --missing --jobs $(JOBS)
 
 # Landmarks are learned from other drives than the detectors that find them: the same specifications with other seeds.
 AGAIN := .cache/drives/again
-# Thresholds of the report's gates need few drives: every region of an image is an example.
-GATES := causeway compact crossing fells tramway
 # A folder of its own, which begins as a copy of the models that ship: each step finds there what those before it wrote.
 LEARNED := .cache/models
-learn: learning-drives .venv/.learn
+learn: learning-drives
 	@rm -rf $(LEARNED) && mkdir -p $(LEARNED) && cp pipeline/models/*.json pipeline/models/*.onnx $(LEARNED)
-	@OMP_NUM_THREADS=1 $(RUN) wayside.pipeline.learn --drives .cache/drives $(if $(REAL),--real $(REAL)) -o $(LEARNED)
+	@OMP_NUM_THREADS=1 $(RUN) training.learn --drives .cache/drives -o $(LEARNED)
 	@$(RUN) recordings.drives recordings/drives/specs/learn_*.toml -o $(AGAIN) --reseed 70000 --frames 44 --missing --jobs $(JOBS)
-	@$(RUN) wayside.pipeline.learning.box_thresholds --drives $(AGAIN) -o $(LEARNED)
-	@$(RUN) wayside.pipeline.learn_landmarks --drives $(AGAIN) $(if $(REAL),--real $(REAL) --without benchmarks/models_without) -o $(LEARNED)
-	@$(RUN) wayside.pipeline.learning.gates $(GATES:%=$(AGAIN)/learn_%_70000.mcap) -o $(LEARNED)
+	@$(RUN) training.box_thresholds --drives $(AGAIN) -o $(LEARNED)
+	@$(RUN) training.learn_landmarks --drives $(AGAIN) $(if $(REAL),--real $(REAL) --without benchmarks/models_without) -o $(LEARNED)
 	@cp $(LEARNED)/*.json $(LEARNED)/*.onnx pipeline/models
 	@cd pipeline/models && sha256sum *.json *.onnx > SHA256SUMS
 
 # Minutes on an accelerator with many cores, most of a day on two; it can be interrupted, and goes on from its checkpoint.
-# BEGIN_FROM=FOLDER begins with the weights of earlier networks, WITHOUT=SOURCE trains others beside that never see a source.
+# WITHOUT=SOURCE trains networks that never see a source of real pictures, in a folder of their own.
 # After it: thresholds and landmark classifiers, which `make learn` learns.
 NETWORK_STEPS ?= 22000
 learn-networks: learning-drives .venv/.learn
 	@test -n "$(REAL)" || { echo 'wanted REAL=FOLDER of real pictures, found none' >&2; exit 2; }
-	@OMP_NUM_THREADS=1 $(RUN) wayside.pipeline.learn --drives .cache/drives --real $(REAL) -o .cache/networks \
-		--network-steps $(NETWORK_STEPS) $(if $(BEGIN_FROM),--begin-from $(BEGIN_FROM)) $(WITHOUT:%=--without %)
+	@OMP_NUM_THREADS=1 $(RUN) training.network_training --drives .cache/drives --real $(REAL) --steps $(NETWORK_STEPS) \
+		-o .cache/networks$(WITHOUT:%=_without_%) $(WITHOUT:%=--without %)
 
 learn-faces: .venv/.learn
 	@test -n "$(REAL)" || { echo 'wanted REAL=FOLDER of real pictures, found none' >&2; exit 2; }
-	@OMP_NUM_THREADS=1 $(RUN) wayside.pipeline.learning.face_codes --real $(REAL) -o pipeline/models
+	@OMP_NUM_THREADS=1 $(RUN) training.face_codes --real $(REAL) -o pipeline/models
 	@cd pipeline/models && sha256sum *.json *.onnx > SHA256SUMS
 
 clean:
 	@rm -rf out build dist .mypy_cache .pytest_cache .ruff_cache .hypothesis .import_linter_cache
 
-.venv/.ready: pyproject.toml requirements.lock
+.venv/.ready: pyproject.toml setup.py requirements.lock
 	@test -n "$(PYTHON)" || { echo 'wanted Python 3.11 or newer, found none; install it or say make PYTHON=/path/to/python' >&2; exit 2; }
 	@echo 'making the environment in .venv (once)'
 	@$(PYTHON) -m venv .venv
 	@.venv/bin/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	@.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
-	@mkdir -p .venv/checkout && ln -sfn ../.. .venv/checkout/wayside
+	@ln -sfn ../pipeline ../schemas ../stages wayside/
 	@$(RUN) wayside.pipeline.warm_up recordings/demo.mcap
 	@touch $@
 

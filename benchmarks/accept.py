@@ -2,9 +2,9 @@
 
     .venv/bin/python benchmarks/accept.py [--quick] [--only NAME] [--preset report]
 
-Renders the development drives once into .cache/drives, runs both presets on each and on real drives where they are at
-hand, evaluates every result, and writes benchmarks/accuracy.md and benchmarks/accuracy_real.md. A rendered drive that a
-model was learned from is refused; a real one stands in a table of its own. Speed is printed only: it belongs to the
+Renders the development drives once into .cache/drives, and runs both presets on each and on real drives where they are
+at hand. Evaluates every result, and writes benchmarks/accuracy.md and benchmarks/accuracy_real.md. A rendered drive
+that a model was learned from is refused; a real one has a table of its own. Speed is printed only: it belongs to the
 machine. With --quick, --only or --preset nothing is written.
 """
 
@@ -12,15 +12,23 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
 import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 
 from checked_boxes import with_checked_boxes
+from common import (
+    BENCHMARKS,
+    DRIVES,
+    REAL_DRIVES,
+    RESULTS,
+    render,
+    run_wayside,
+    table,
+    versions,
+)
 from real_counts import Counts, counts_by_confidence
 from real_tables import RealDrive, real_page
 
@@ -35,12 +43,12 @@ from wayside.pipeline.evaluation import (
 from wayside.pipeline.statistics import Spread
 from wayside.schemas.errors import WaysideError
 
-ROOT = Path(__file__).resolve().parents[1]
-DRIVES, RESULTS = ROOT / ".cache" / "drives", ROOT / ".cache" / "accept"
-FLOOR = ROOT / "benchmarks" / "floor.toml"
+FLOOR = BENCHMARKS / "floor.toml"
 PRESETS = ("default", "report")
+EARLIER = ("report-2d", "report-shape")
+"""Presets that are measured where they are asked for, and have no floor."""
 RENDERED = {"demo": "", "straight": "", "curve": "", "town": "", "report": "26.4ft", "raw": ""}
-"""Development drives with the spacing that a run is told, where the log has no poses."""
+"""Development drives with the spacing that a run is given, where the log has no poses."""
 REAL = {
     "de_road_kitti0015": "6.15m",
     "us_freeway_challenge": "7.6m",
@@ -53,13 +61,13 @@ REAL = {
     "de_residential_kitti03a": "",
 }
 """Real drives and their spacing, estimated from the images; "": the log has fixes or poses."""
-WITHOUT = ROOT / "benchmarks" / "models_without"
+WITHOUT = BENCHMARKS / "models_without"
 """Models that were learned without a real drive, in a folder of its name: they measure it."""
 
 
 @dataclass(frozen=True)
 class BenchmarkDrive:
-    """A log with its truth, the spacing that a run is told, and models other than those that ship."""
+    """A log with its truth, the spacing that a run is given, and models other than those that ship."""
 
     name: str
     log: Path
@@ -70,10 +78,10 @@ class BenchmarkDrive:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A drive and its figures; `evaluation` is None where the run failed.
+    """A drive and its figures, without an evaluation where the run failed.
 
-    unlabelled: rows of a real drive on no label of its own, but on a sign that these leave out; right in `evaluation`.
-    counts: of a real drive at each of `CONFIDENCES`, where the preset states any.
+    Rows of a real drive on a sign that its labels leave out are `unlabelled`; they are right in `evaluation`. The
+    `counts` of a real drive are at each of `CONFIDENCES`, where the preset states any.
     """
 
     drive: BenchmarkDrive
@@ -93,26 +101,18 @@ def main() -> int:
     parser.add_argument(
         "--only", action="append", metavar="NAME", help="this drive only, repeatable"
     )
-    parser.add_argument("--preset", action="append", choices=PRESETS, help="this preset only")
-    parser.add_argument("--real", type=Path, default=ROOT.parent / "shared" / "data" / "real")
+    presets = (*PRESETS, *EARLIER)
+    parser.add_argument("--preset", action="append", choices=presets, help="this preset only")
+    parser.add_argument("--real", type=Path, default=REAL_DRIVES)
     parser.add_argument("--jobs", type=int, default=2, help="drives rendered at once")
     args = parser.parse_args()
     presets = ["default"] if args.quick else args.preset or list(PRESETS)
     whole = not (args.quick or args.only or args.preset)
 
     render([n for n in RENDERED if not args.only or n in args.only], args.jobs)
-    drives = [
-        BenchmarkDrive(name, DRIVES / f"{name}.mcap", DRIVES / f"{name}.truth.json", spacing)
-        for name, spacing in RENDERED.items()
-    ]
+    drives = [rendered_drive(name, spacing) for name, spacing in RENDERED.items()]
     if not args.quick:
-        drives += [
-            BenchmarkDrive(
-                name, args.real / f"{name}.mcap", args.real / f"{name}.labels.json", spacing
-            )
-            for name, spacing in REAL.items()
-            if (args.real / f"{name}.mcap").is_file()
-        ]
+        drives += real_drives(args.real)
     chosen = [drive for drive in drives if not args.only or drive.name in args.only]
     outcomes = {
         preset: [evaluate_drive(one, preset) for one in with_models_without(chosen, preset)]
@@ -144,35 +144,29 @@ def with_models_without(drives: Iterable[BenchmarkDrive], preset: str) -> Iterat
             yield replace(drive, name=f"{drive.name}, models without it", models=folder)
 
 
-def render(names: list[str], jobs: int) -> None:
-    """Make the rendered drives that are not there yet."""
-    if not names:
-        return
-    specs = [f"recordings/drives/specs/{name}.toml" for name in names]
-    command = [sys.executable, "-m", "recordings.drives", *specs, "-o", str(DRIVES), "--missing"]
-    subprocess.run([*command, "--jobs", str(jobs)], cwd=ROOT, check=True)
+def rendered_drive(name: str, spacing: str) -> BenchmarkDrive:
+    """A rendered drive by its name."""
+    return BenchmarkDrive(name, DRIVES / f"{name}.mcap", DRIVES / f"{name}.truth.json", spacing)
+
+
+def real_drives(folder: Path) -> Iterator[BenchmarkDrive]:
+    """The real drives that are at hand."""
+    for name, spacing in REAL.items():
+        if (folder / f"{name}.mcap").is_file():
+            labels = folder / f"{name}.labels.json"
+            yield BenchmarkDrive(name, folder / f"{name}.mcap", labels, spacing)
 
 
 def evaluate_drive(drive: BenchmarkDrive, preset: str) -> Outcome:
     """Run one preset on one drive in a process of its own, compare with the truth, print a line."""
     out = RESULTS / preset / drive.name
-    command = [
-        str(Path(sys.executable).with_name("wayside")),
-        "run",
-        str(drive.log),
-        "-o",
-        str(out),
-        "--overwrite",  # the drive may have been rendered anew
-    ]
-    command += ["--preset", preset, *(["--spacing", drive.spacing] if drive.spacing else [])]
-    command += ["--models", str(drive.models)] if drive.models else []
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    words = ["--preset", preset, *(["--spacing", drive.spacing] if drive.spacing else [])]
+    words += ["--models", str(drive.models)] if drive.models else []
+    done = run_wayside("run", drive.log, "-o", out, "--overwrite", *words)  # it may be a new drive
     title = f"{preset:8} {drive.name:24}"
     if done.returncode != 0:
-        print(
-            f"{title} run ended with status {done.returncode}\n{done.stderr.strip()[-2000:]}",
-            flush=True,
-        )
+        last = done.stderr.strip()[-2000:]
+        print(f"{title} run ended with status {done.returncode}\n{last}", flush=True)
         return Outcome(drive, None)
     try:
         evaluation, unlabelled, counts = evaluate(out, drive.truth), 0, ()
@@ -223,7 +217,7 @@ def below_floor(outcomes: dict[str, list[Outcome]]) -> Iterable[str]:
         total = together(rendered(by_drive))
         print(f"{preset:8} {'rendered drives together':24} {in_short(total)}")
         for figure, value in (("recall", total.recall), ("precision", total.precision)):
-            if value < floor[preset][figure]:
+            if value < floor.get(preset, {}).get(figure, 0.0):
                 yield f"{preset}: {figure} {value:.4f} is below the floor of {floor[preset][figure]}"
 
 
@@ -243,7 +237,6 @@ def rendered(outcomes: Iterable[Outcome]) -> list[RenderedEvaluation]:
 
 def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
     """Write both pages; that of the real drives only where they were at hand."""
-    made = versions()
     lines = [
         "# Accuracy on rendered drives",
         "",
@@ -252,49 +245,43 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
         "A panel is wanted where its front is at least 10 px tall and half visible in three or more images. "
         "Errors are absolute, of wanted panels that were found, median / 95 %: metres; sizes in per cent of the truth. "
         "Duplicates: of the false rows, those on a panel that a better row is on. "
-        "Backs: rows of status `back` that are on a panel seen from behind, of all such rows / such panels of which "
-        "three images show 10 px or more, were nothing before them.",
+        "Backs: rows of status `back` on a panel seen from behind, of all such rows / panels of which three images "
+        "show 10 px or more, were nothing before them.",
         "",
-        f"Versions: {made}.",
+        versions(),
     ]
     for preset, by_drive in outcomes.items():
         lines += ["", f"## Preset `{preset}`", "", *rendered_table(by_drive)]
-    (ROOT / "benchmarks" / "accuracy.md").write_text("\n".join(lines) + "\n")
+    (BENCHMARKS / "accuracy.md").write_text("\n".join(lines) + "\n")
     if not real(outcomes["default"]):
         return
     lines = [
         "# Real drives with hand-made labels",
         "",
         "Made by `make accept` where the drives are at hand; they are not part of the repository. Labels are not "
-        "complete, so precision is a lower bound: a row is right on a sign that they leave out, too, where that "
+        "complete, so precision is a lower bound. A row on a sign that they leave out is right, too, where that "
         "was boxed by eye ([checked_boxes.py](checked_boxes.py)). No sign was surveyed, so no position is "
         "evaluated. A drive is seen where the provenance of a model of the run names it (models in brackets). "
         "Rules, the threshold of the classifier and the kinds of faces rendered to learn from were chosen with "
-        "the misses of `de_road_kitti0015`, `us_freeway_challenge` and `us_freeway_white_right` in view, and the "
-        "distance between used images with those of `ca_city_garmin`. The boards and things beside faces that are "
-        "drawn to learn from were designed with the misses of `de_city_kitti0001` and of `ca_city_garmin` in "
-        "view, and the networks that ship were chosen by counts of all of these. Which features the evidence rests "
+        "the misses of `de_road_kitti0015`, `us_freeway_challenge` and `us_freeway_white_right` in view. The distance "
+        "between used images was chosen with those of `ca_city_garmin`. The boards and other things drawn to learn "
+        "from were designed with the misses of `de_city_kitti0001` and `ca_city_garmin` in view. The networks that "
+        "ship were chosen by counts of all of these. Which features the evidence rests "
         "on was chosen by all drives, its curves by none that it is measured on. A drive with "
         "`models without it` was run by models that were learned without it "
         "([models_without](models_without/README.md)), more briefly than those that ship, and chosen by counts of it, "
         "too.",
         "",
-        "Shares: 95 % intervals by Wilson's score, exact for none and all; rates: exact for a Poisson count; both as "
-        "if signs and rows were independent, which those on one post are not. A duplicate lies on a label that has "
-        "another, better row; it counts as a row on a label. The cause of a miss is the last step that a candidate on "
-        "the sign passed in any labelled image; the verdicts on all of them are counted behind it.",
+        "Intervals are 95 %: of shares by Wilson's score, exact for none and all; of rates exact for a Poisson count. "
+        "Both are as if signs and rows were independent, which those on one post are not. A duplicate lies on a label "
+        "that has another, better row; it counts as a row on a label. The cause of a miss is the last step that a "
+        "candidate on the sign passed in any labelled image; the verdicts on all of them are counted behind it.",
         "",
-        f"Versions: {made}.",
+        versions(),
     ]
     for preset, by_drive in outcomes.items():
         lines += ["", f"## Preset `{preset}`", *real_page(real(by_drive))]
-    (ROOT / "benchmarks" / "accuracy_real.md").write_text("\n".join(lines) + "\n")
-
-
-def versions() -> str:
-    """The packages that the figures depend on."""
-    names = ("wayside", "numpy", "scipy", "opencv-python-headless", "numba")
-    return ", ".join(f"{name} {version(name)}" for name in names)
+    (BENCHMARKS / "accuracy_real.md").write_text("\n".join(lines) + "\n")
 
 
 def rendered_table(outcomes: list[Outcome]) -> list[str]:
@@ -309,31 +296,23 @@ def rendered_table(outcomes: list[Outcome]) -> list[str]:
         if isinstance(o.evaluation, RenderedEvaluation)
     ]
     rows.append(("**together**", together(evaluation for _, evaluation in rows)))
+    return table(head, (rendered_cells(name, evaluation) for name, evaluation in rows))
+
+
+def rendered_cells(name: str, e: RenderedEvaluation) -> list[str]:
+    """Cells of one line."""
+    shares = (e.color_right, e.shape_right)
     return [
-        "| " + " | ".join(head) + " |",
-        "| --- |" + " ---: |" * (len(head) - 1),
-        *(rendered_line(name, evaluation) for name, evaluation in rows),
-    ]
-
-
-def rendered_line(name: str, e: RenderedEvaluation) -> str:
-    """One line of the table."""
-    cells = [
         name,
-        str(e.wanted),
-        str(e.found_count),
+        *map(str, (e.wanted, e.found_count)),
         f"{e.recall:.3f}",
         f"{e.precision:.3f}",
-        str(len(e.false)),
-        str(len(e.duplicates)),
+        *map(str, (len(e.false), len(e.duplicates))),
+        *(spread_cell(e.error_m[axis], 1.0) for axis in ("along", "lateral", "up")),
+        *(spread_cell(error, 100.0) for error in (e.width_error, e.height_error)),
+        *("-" if share is None else f"{100 * share:.0f} %" for share in shares),
+        f"{e.backs.right} of {e.backs.reported} / {e.backs.in_view}",
     ]
-    cells += [spread_cell(e.error_m[axis], 1.0) for axis in ("along", "lateral", "up")]
-    cells += [spread_cell(e.width_error, 100.0), spread_cell(e.height_error, 100.0)]
-    cells += [
-        "-" if share is None else f"{100 * share:.0f} %" for share in (e.color_right, e.shape_right)
-    ]
-    cells.append(f"{e.backs.right} of {e.backs.reported} / {e.backs.in_view}")
-    return "| " + " | ".join(cells) + " |"
 
 
 def spread_cell(spread: Spread, scale: float) -> str:

@@ -3,37 +3,25 @@
     .venv/bin/python benchmarks/costs.py .cache/drives/straight.mcap [--times 20]
 
 The long log is the short one played over and over: its images and calibration only, times moved on, so both run from
-the known spacing. Also compares the bytes that one and two workers write, and times the adjustment of windows of
-simulated frames. Prints a table; writes nothing but scratch.
+the known spacing. Also compares the bytes that one and two workers write. Prints a table; writes nothing but scratch.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import resource
 import subprocess
 import sys
 import tempfile
-import time
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
-
-from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
-from wayside.schemas.settings import (
-    AdjustmentSettings,
-    LocalAdjustmentSettings,
-    MotionSettings,
-    TieSettings,
-    TrackSettings,
-)
-from wayside.stages.mapping import WindowFrame
-from wayside.stages.mapping import local_adjustment as bundle
+from common import WAYSIDE, processor_seconds
+from faulty_logs import CALIBRATION, IMAGE, Logged, edited, read_log, write_log
 
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
+PAUSE_NS = 300_000_000
+"""Between two turns."""
 
 
 def main() -> int:
@@ -68,75 +56,20 @@ def main() -> int:
             print(
                 f"  {stage:10s} {1000 * seconds / result['accounting']['frames_read']:7.1f} ms processor time per image"
             )
-    for frames, ties in ((4, 60), (8, 60), (8, 200)):
-        print(
-            f"  window of {frames} frames, {ties} ties a step: {window_ms(frames, ties):.1f} ms processor time"
-        )
     return 0 if same else 1
-
-
-def window_ms(frames: int, ties: int, times: int = 50) -> float:
-    """Processor time of one landmark adjusted with so many frames and ties a step, milliseconds, median."""
-    drive = SimulatedDrive(Survey(ties=ties, signs=1))
-    moved = [
-        m
-        for m in drive.posed(MotionSettings(), TieSettings(), AdjustmentSettings())
-        if m.motion is not None
-    ]
-    seen = np.flatnonzero([len(s.sign) > 0 for s in drive.seen])
-    last = int(seen[-1])
-    first = last - frames + 1
-    held = [
-        WindowFrame.of(m, m.motion, drive.camera, TrackSettings()) for m in moved[first : last + 1]
-    ]
-    rays = np.array(
-        [(d := p.to_camera(drive.signs[0]))[:2] / d[2] for p in drive.poses[first : last + 1]]
-    )
-    sighted = bundle.LandmarkRays(np.arange(frames), rays, np.full(frames, 1e-4))
-    point = held[-1].motion.pose.to_world(drive.poses[last].to_camera(drive.signs[0]))
-    spent = []
-    for _ in range(times):
-        start = time.process_time()
-        bundle.adjust_jointly(
-            held,
-            frames - 1,
-            sighted,
-            point,
-            LocalAdjustmentSettings(),
-            AdjustmentSettings(),
-            TieSettings(),
-        )
-        spent.append(time.process_time() - start)
-    return 1000 * float(np.median(spent))
 
 
 def play(source: Path, target: Path, times: int) -> None:
     """Copy images and calibration of a log, `times` over with times moved on."""
-    with target.open("wb") as stream:
-        writer = Writer(stream, compression=CompressionType.ZSTD)
-        writer.start()
-        channels: dict[int, int] = {}
-        shift = 0
-        for turn in range(times):
-            last = shift
-            with source.open("rb") as log:
-                first = None
-                for schema, channel, message in make_reader(log).iter_messages():
-                    if schema is None or not ("Image" in schema.name or "Camera" in schema.name):
-                        continue
-                    if channel.id not in channels:
-                        known = writer.register_schema(schema.name, schema.encoding, schema.data)
-                        channels[channel.id] = writer.register_channel(
-                            channel.topic, channel.message_encoding, known
-                        )
-                    first = message.log_time if first is None else first
-                    last = max(last, message.log_time - first + shift)
-                    when = first + shift + message.log_time - first
-                    writer.add_message(
-                        channels[channel.id], when, numbered(message.data, turn), when
-                    )
-            shift = last + 300_000_000
-        writer.finish()
+    messages = [m for m in read_log(source) if m.topic in (IMAGE, CALIBRATION)]
+    length_ns = messages[-1].log_ns - messages[0].log_ns + PAUSE_NS
+    write_log(target, (later(m, turn, length_ns) for turn in range(times) for m in messages))
+
+
+def later(message: Logged, turn: int, length_ns: int) -> Logged:
+    """The message as it is logged in a later turn."""
+    moved = edited(message, header_ns=turn * length_ns, log_ns=turn * length_ns)
+    return replace(moved, data=numbered(moved.data, turn))
 
 
 def numbered(message: bytes, turn: int) -> bytes:
@@ -150,23 +83,13 @@ def numbered(message: bytes, turn: int) -> bytes:
 
 def run(log: Path, out: Path, spacing: str, workers: int, *more: str) -> tuple[dict, float, float]:
     """Run the command as a process of its own; `run.json`, peak memory (MB) and processor seconds."""
-    command = [
-        sys.executable,
-        "-c",
-        "from wayside.pipeline.cli import main; main()",
-        "run",
-        str(log),
-        "-o",
-        str(out),
-        "--overwrite",
-    ]
-    command += ["--spacing", spacing, "--workers", str(workers), "--set", "read.thin_m=0", *more]
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [WAYSIDE, "run", str(log), "-o", str(out), "--overwrite", "--spacing", spacing]
+    command += ["--workers", str(workers), "--set", "read.thin_m=0", *more]
+    before = processor_seconds()
     watch = f"import resource,subprocess,sys; code=subprocess.call({command!r}, stdout=subprocess.DEVNULL); "
     watch += "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss); sys.exit(code)"
     done = subprocess.run([sys.executable, "-c", watch], check=True, capture_output=True, text=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    processor = processor_seconds() - before
     return (
         json.loads((out / "run.json").read_text()),
         int(done.stdout.split()[-1]) / 1024,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from collections.abc import Iterator
 from importlib.metadata import version
@@ -10,18 +11,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pyarrow.parquet as pq
-from geometry_runs import (
-    DRIVES,
-    RESULTS,
-    Array,
-    Run,
-    camera_of,
-    heading,
-    pair,
-    processor_seconds,
-    row,
-    true_poses,
-)
+from common import DRIVES, ROOT, head, processor_seconds, row
+from geometry_runs import FOLDER, Array, Run, camera_of, pair, true_poses
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import Pose
@@ -33,33 +24,28 @@ STEPS = 5
 
 def peer_table(runs: list[Run], count: int) -> Iterator[str]:
     """Motion, signs and cost side by side."""
-    yield f"## Beside pycolmap {version('pycolmap')}"
+    yield f"## pycolmap {version('pycolmap')}"
     yield ""
     yield (
-        f"The first {count} images of each drive, images and spacing only, same calibration, one thread. pycolmap: "
-        "SIFT, sequential matching over five images, incremental mapping with options loosened for forward motion "
-        "(without that no model comes about), scaled by the known spacing; a sign's place is the median of the points "
-        "on its face, each against the true plane along its own ray, in the closest image that shows one. Rotation "
-        f"and direction of each step, position of the camera {STEPS} images on, errors of signs: median / 95 %."
+        f"The first {count} images of each drive, images and spacing only, same calibration, one thread. The peer, "
+        "pycolmap, runs SIFT, sequential matching over five images and incremental mapping. Its options are loosened "
+        "for forward motion, and it is scaled by the known spacing. Its place of a sign is the median of the points on "
+        "the face, each against the true plane along its own ray, in the closest image that shows one. Rotation and "
+        f"direction of each step, position of the camera {STEPS} images on and errors of signs are median / 95 %."
     )
     yield ""
-    head = "drive|what|images|rotation, deg|direction, deg|camera, cm|signs|along, cm|lateral, cm"
-    yield from heading(f"{head}|processor s per image")
+    names = "drive|what|images|rotation, deg|direction, deg|camera, cm|signs|along, cm|lateral, cm"
+    yield head([*names.split("|"), "processor s per image"], words=2)
     for one in runs:
         truth = true_poses(one.truth)
-        yield row(
-            [
-                one.name,
-                "wayside",
-                *motion_cells(wayside_poses(one, count), truth),
-                *own_signs(one, count),
-            ]
-        )
-        out = RESULTS / f"{one.name}-peer.npz"
+        own = motion_cells(wayside_poses(one, count), truth)
+        yield row([one.name, "wayside", *own, *own_signs(one, count)])
+        out = FOLDER / f"{one.name}-peer.npz"
         out.unlink(missing_ok=True)
-        log = DRIVES / f"{one.name}.mcap"
-        command = [sys.executable, "benchmarks/peer.py", str(log), str(out), "--frames", str(count)]
-        spent = processor_seconds(command)
+        command = [sys.executable, "benchmarks/peer.py", str(DRIVES / f"{one.name}.mcap"), str(out)]
+        before = processor_seconds()
+        subprocess.run([*command, "--frames", str(count)], check=True, cwd=ROOT)
+        spent = processor_seconds() - before
         with np.load(out) as model:
             poses, scale = scaled_poses(model, truth)
             errors = peer_signs(one, model, poses, scale)

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import resource
-import subprocess
-import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
+from common import DRIVES, ROOT, processor_seconds, run_wayside
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
@@ -21,23 +19,11 @@ from scipy.spatial.transform import Rotation
 from wayside.pipeline.evaluation import RenderedEvaluation, evaluate_against_truth
 from wayside.schemas.frame import Camera, Pose
 
-ROOT = Path(__file__).resolve().parents[1]
-DRIVES, RESULTS = ROOT / ".cache" / "drives", ROOT / ".cache" / "geometry"
-NAMES = ("straight", "curve")
-SPACING = "26.4ft"
+FOLDER = ROOT / ".cache" / "geometry"
+NAMES, SPACING = ("straight", "curve"), "26.4ft"
 NOTHING_ELSE, FIXES = ("Image", "Camera"), ("Image", "Camera", "NavSat", "LocationFix")
-POSES_GIVEN, SPACING_ONLY, FIXES_AND_SPACING, FIXES_ONLY = (
-    "poses given",
-    "images and spacing only",
-    "fixes and spacing",
-    "fixes only",
-)
-WAYS = {
-    POSES_GIVEN: None,
-    SPACING_ONLY: NOTHING_ELSE,
-    FIXES_AND_SPACING: FIXES,
-    FIXES_ONLY: FIXES,
-}
+POSES_GIVEN, SPACING_ONLY, FIXES_ONLY = "poses given", "images and spacing only", "fixes only"
+WAYS = {POSES_GIVEN: None, SPACING_ONLY: NOTHING_ELSE, FIXES_ONLY: FIXES}
 """What a run is given, and which messages of the log it keeps for that."""
 Array = NDArray[np.float64]
 
@@ -59,35 +45,19 @@ class Run:
         return evaluate_against_truth(rows, self.truth)
 
 
-def render() -> None:
-    """Make the rendered drives that are not there yet."""
-    specs = [f"recordings/drives/specs/{name}.toml" for name in NAMES]
-    command = [sys.executable, "-m", "recordings.drives", *specs, "-o", str(DRIVES), "--missing"]
-    subprocess.run(command, cwd=ROOT, check=True)
-
-
 def run(name: str, way: str) -> Run:
     """Run wayside on a drive as recorded, or with part of its messages."""
     log, keep = DRIVES / f"{name}.mcap", WAYS[way]
-    folder = RESULTS / f"{name}-{way.replace(' ', '-')}"
+    folder = FOLDER / f"{name}-{way.replace(' ', '-')}"
     if keep is not None:
-        part = RESULTS / f"{folder.name}.mcap"
+        part = FOLDER / f"{folder.name}.mcap"
         strip(log, part, keep)
         log = part
-    command = [sys.executable, "-c", "from wayside.pipeline.cli import main; main()", "run"]
-    command += [
-        str(log),
-        "-o",
-        str(folder),
-        "--overwrite",
-        "--workers",
-        "1",
-        "--set",
-        "read.thin_m=0",
-    ]
-    if way in (SPACING_ONLY, FIXES_AND_SPACING):
-        command += ["--spacing", SPACING]
-    spent = processor_seconds(command)
+    words = ["--overwrite", "--workers", "1", "--set", "read.thin_m=0"]
+    words += ["--spacing", SPACING] if way == SPACING_ONLY else []
+    before = processor_seconds()
+    run_wayside("run", log, "-o", folder, *words, check=True)
+    spent = processor_seconds() - before
     truth = json.loads((DRIVES / f"{name}.truth.json").read_text())
     rows = pq.read_table(folder / "signs.parquet").to_pylist()
     return Run(name, way, folder, truth, spent, [r for r in rows if r["status"] == "sign"])
@@ -113,16 +83,6 @@ def strip(source: Path, target: Path, keep: Iterable[str]) -> None:
         writer.finish()
 
 
-def processor_seconds(command: list[str]) -> float:
-    """Run a process to its end; what it cost."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
-    if done.returncode != 0:
-        raise SystemExit(f"{' '.join(command)}\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
 def true_poses(truth: dict[str, Any]) -> dict[int, Pose]:
     """Pose of each image."""
     return {
@@ -136,17 +96,6 @@ def camera_of(truth: dict[str, Any]) -> Camera:
     c = truth["camera"]
     size, focal = (c["width"], c["height"]), (c["fx"], c["fy"])
     return Camera(*size, *focal, c["cx"], c["cy"], tuple(c["distortion"]))
-
-
-def heading(text: str) -> list[str]:
-    """Head of a table."""
-    names = text.split("|")
-    return [row(names), "| --- |" + " ---: |" * (len(names) - 1)]
-
-
-def row(cells: Iterable[str]) -> str:
-    """A line of a table."""
-    return "| " + " | ".join(cells) + " |"
 
 
 def pair(middle: float | None, tail: float | None, scale: float) -> str:

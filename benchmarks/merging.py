@@ -1,21 +1,14 @@
-"""Measures the merging of drives on simulated roads: duplicates, position error, changes found, time and memory.
+"""Measures the merging of drives on simulated roads: duplicates, position error, changes found.
 
     python benchmarks/merging.py passes changes --seeds 27 28 29
-    python benchmarks/merging.py scale --panels 20000
 
 Prints the tables of merging.md: sums over the seeds with 95 % intervals, means with the lowest and the highest.
-`scale` merges in a process of its own, whose peak memory is taken.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import resource
-import subprocess
-import sys
 import tempfile
-import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -26,6 +19,7 @@ from typing import Any
 import numpy as np
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
+from common import print_table
 from merging_simulation import (
     DAY_NS,
     START_NS,
@@ -59,8 +53,9 @@ def sighted(inventory: Path, identities: Identities) -> Iterator[tuple[dict[str,
 class Identified:
     """Which true panels the rows of an inventory hold.
 
-    of: true panel by `panel_id`, that of most sightings; seen: true panels that were seen; duplicates: rows too many
-    for them; mixed: rows of several true panels; spurious: rows that hold a sighting of no panel beside true ones.
+    The true panel `of` a `panel_id` has the most of its sightings. There are `seen` true panels, and `duplicates` rows
+    too many for them. Rows of several true panels are `mixed`, and those of a true panel with a sighting of none are
+    `spurious`.
     """
 
     of: dict[str, int]
@@ -99,12 +94,10 @@ class Passed:
 def measure_passes(seeds: Sequence[int]) -> None:
     """Duplicates and position error against the number of passes."""
     runs = [_passes(seed) for seed in seeds]
-    print(
-        "| passes | panels | duplicates per 1,000 | rows of two panels | with a spurious sighting | level error, RMS "
-        "| 1/sqrt(n) | stated | height |"
-    )
-    print("| ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |")
+    counted = ("duplicates per 1,000", "rows of two panels", "with a spurious sighting")
+    heads = ("passes", "panels", *counted, "level error, RMS", "1/sqrt(n)", "stated", "height")
     alone = float(np.mean([run[0].level_m for run in runs]))
+    rows = []
     for k, passes in enumerate(PASSES):
         of = [run[k] for run in runs]
         seen, mixed, spurious, twice = (
@@ -113,14 +106,14 @@ def measure_passes(seeds: Sequence[int]) -> None:
         )
         between = rate_interval(twice, seen / 1000)
         assert between is not None  # panels were seen
+        often = f"{1000 * twice / seen:.1f} ({between.low:.1f} to {between.high:.1f})"
         level, stated, height = (
             _ranged([getattr(one, name) for one in of])
             for name in ("level_m", "stated_m", "height_m")
         )
-        print(
-            f"| {passes} | {seen} | {1000 * twice / seen:.1f} ({between.low:.1f} to {between.high:.1f}) | {mixed} "
-            f"| {spurious} | {level} | {alone / passes**0.5:.2f} m | {stated} | {height} |"
-        )
+        bound = f"{alone / passes**0.5:.2f} m"
+        rows.append((passes, seen, often, mixed, spurious, level, bound, stated, height))
+    print_table(heads, rows, words=0)
 
 
 def _ranged(values: Sequence[float]) -> str:
@@ -162,7 +155,7 @@ def _passes(seed: int) -> list[Passed]:
 
 @dataclass(slots=True)
 class Told:
-    """What a comparison said of the true history: rows, rows not looked at, per kind all and those found right.
+    """What a comparison said of the true history: rows, rows of places not in view, per kind all and those found right.
 
     stated: of each row that is gone or new its probability, and whether it is right.
     """
@@ -177,43 +170,32 @@ class Told:
 
 def measure_changes(seeds: Sequence[int]) -> None:
     """What is found of changes between two surveys."""
-    print(
-        "| drives a survey | not looked at | unchanged re-found | gone | moved | changed face | new | false changes |"
-    )
-    print("| ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |")
+    kinds = ("unchanged", "gone", "moved", "changed_face", "new")
+    names = ("unchanged re-found", "gone", "moved", "changed face", "new")
     stated: list[tuple[float, bool]] = []
+    rows = []
     for drives in (1, 2, 3):
         told = Told(stated=stated)
         for seed in seeds:
             _changes(seed, drives, told)
-        words = []
-        for kind in ("unchanged", "gone", "moved", "changed_face", "new"):
-            right, total = told.right[kind], told.total[kind]
-            between = share_interval(right, total)
-            assert between is not None  # each kind was drawn
-            words.append(
-                f"{right} of {total} ({100 * right / total:.1f} %; "
-                f"{100 * between.low:.1f} to {100 * between.high:.1f})"
-            )
-        print(
-            f"| {drives} | {told.unknown} of {told.rows} | {' | '.join(words)} | {told.false} |",
-            flush=True,
-        )
-    _print_stated(stated)
-
-
-def _print_stated(stated: Sequence[tuple[float, bool]]) -> None:
-    """Stated probabilities of gone and new beside the share that was right."""
-    print("\n| stated | gone or new | mean | right |\n| ---: | ---: | ---: | ---: |")
+        words = [_share(told.right[kind], told.total[kind], 1) for kind in kinds]
+        rows.append((drives, f"{told.unknown} of {told.rows}", *words, told.false))
+    print_table(("drives a survey", "not in view", *names, "false changes"), rows, words=0)
+    rows = []
     for low, high in pairwise(STATED):
-        some = [right for probability, right in stated if low <= probability < high]
-        mean = np.mean([probability for probability, _ in stated if low <= probability < high])
-        between = share_interval(sum(some), len(some))
-        assert between is not None
-        print(
-            f"| {low:.1f} to {min(high, 1):.1f} | {len(some)} | {100 * mean:.0f} % | {sum(some)} "
-            f"({100 * sum(some) / len(some):.0f} %; {100 * between.low:.0f} to {100 * between.high:.0f}) |"
-        )
+        some = [one for one in stated if low <= one[0] < high]
+        mean = 100 * np.mean([probability for probability, _ in some])
+        right = _share(sum(right for _, right in some), len(some), 0)
+        rows.append((f"{low:.1f} to {min(high, 1):.1f}", len(some), f"{mean:.0f} %", right))
+    print()
+    print_table(("stated", "gone or new", "mean", "right"), rows, words=0)
+
+
+def _share(right: int, total: int, places: int) -> str:
+    between = share_interval(right, total)
+    assert between is not None  # there are such rows
+    share, low, high = (f"{100 * one:.{places}f}" for one in (right / total, *between))
+    return f"{right} of {total} ({share} %; {low} to {high})"
 
 
 def _changes(seed: int, drives: int, told: Told) -> None:
@@ -244,9 +226,7 @@ def _count_changes(
 ) -> None:
     of = panel_identities(root, identities).of
     told: dict[int, str] = {}
-    blank: set[int] = (
-        set()
-    )  # a face that one survey saw from behind only cannot be told from another
+    blank: set[int] = set()  # a face that one survey saw only from behind has no known change
     rows = pq.read_table(root / "changes.parquet").to_pylist()
     for row in rows:
         before, after = (of.get(row[f"panel_{side}"], -1) for side in ("before", "after"))
@@ -273,82 +253,18 @@ def _count_changes(
         counted.false += kind == "unchanged" and found != kind
 
 
-def measure_scale(panels: int, seed: int) -> None:
-    """Time and peak memory of merging so many panels, each passed five times."""
-    rng = np.random.default_rng(seed)
-    count = max(1, round(panels / (LENGTH_M / SPACING_M * 1.4)))
-    with tempfile.TemporaryDirectory() as scratch:
-        root = Path(scratch)
-        for n in range(count):
-            road = make_road(n, LENGTH_M, SPACING_M, rng)
-            for k in range(5):
-                write_drive(
-                    root / "drives" / f"road{n:05d}_pass{k}",
-                    road,
-                    START_NS + k * DAY_NS,
-                    k != 3,
-                    Quality(),
-                    rng,
-                )
-        command = [sys.executable, __file__, "merge", "--folder", str(root)]
-        done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
-    figures = json.loads(done.stdout.splitlines()[-1])
-    print("| panels | sightings | drives | processor time | a sighting | peak memory |")
-    print("| ---: | ---: | ---: | ---: | ---: | ---: |")
-    print(
-        f"| {figures['panels']} | {figures['sightings']} | {figures['drives']} | {figures['cpu_s']:.0f} s "
-        f"| {1e3 * figures['cpu_s'] / figures['sightings']:.2f} ms | {figures['peak_mb']:.0f} MB |"
-    )
-
-
-def merge(folder: Path) -> None:
-    """Merge the drives of a folder and print the figures as JSON."""
-    drives = sorted((folder / "drives").iterdir())
-    merge_inventory(drives[:5], folder / "warm")  # compiles
-    start = time.process_time()
-
-    def watch(cells: int, of: int) -> None:
-        if cells % 1000 == 0:
-            words = (
-                f"{cells} of {of} cells, {time.process_time() - start:.0f} s, {_peak_mb():.0f} MB"
-            )
-            print(words, file=sys.stderr, flush=True)
-
-    report = merge_inventory(drives, folder / "inventory", watch=watch)
-    figures = {
-        "panels": report.panels,
-        "sightings": report.sightings,
-        "drives": report.drives,
-        "cpu_s": time.process_time() - start,
-        "peak_mb": _peak_mb(),
-    }
-    print(json.dumps(figures))
-
-
-def _peak_mb() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
 def main() -> None:
-    """Run what is asked for."""
+    """Print the tables that were chosen."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", nargs="+", choices=("passes", "changes", "scale", "merge"))
+    parser.add_argument("what", nargs="+", choices=("passes", "changes"))
     parser.add_argument("--seeds", type=int, nargs="+", default=[27])
-    parser.add_argument(
-        "--panels", type=int, default=20_000, help="of `scale`, with the first seed"
-    )
-    parser.add_argument("--folder", type=Path, help="of `merge`: holds drives/")
     given = parser.parse_args()
     if "passes" in given.what:
         measure_passes(given.seeds)
     if "changes" in given.what:
         measure_changes(given.seeds)
-    if "scale" in given.what:
-        measure_scale(given.panels, given.seeds[0])
-    if "merge" in given.what:
-        merge(given.folder)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Results of drives as `wayside run` would write them, made from exact truth without images.
 
-Roads run beside each other, 1.1 km apart and straight, with supports on both sides that face either direction.
+Roads are parallel, 1.1 km apart and straight, with supports on both sides that face either direction.
 A drive sees the panels that face it, some from behind, misses some, reads some wrong, and adds some that are none.
 Its fixes err together: a Gauss-Markov process with a correlation time of a minute at 25 m/s, averaged over 100 m, since
 the motion between images holds the path together. None of this is taken from the merging that it tests.
@@ -9,6 +9,7 @@ the motion between images holds the path together. None of this is taken from th
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -31,17 +32,11 @@ DAY_NS = 86_400 * 10**9
 YEAR_NS = 365 * DAY_NS
 START_NS = 1_710_000_000 * 10**9
 SPACING_M, SPEED_MPS, CORRELATION_S, SMOOTHED_M = 8.0, 25.0, 60.0, 100.0
-CAMERA = {
-    "width": 1600,
-    "height": 1200,
-    "fx": 1400.0,
-    "fy": 1400.0,
-    "cx": 799.5,
-    "cy": 599.5,
-    "distortion": [],
-}
+CAMERA: dict[str, Any] = {"width": 1600, "height": 1200, "fx": 1400.0, "fy": 1400.0}
+CAMERA |= {"cx": 799.5, "cy": 599.5, "distortion": []}
 RANGE_PX = 12.0
 """Height at which a face is first measured."""
+PER_PANEL = ("position", "forward", "turn_rad", "color", "shape", "size", "support", "identity")
 LATERAL_SIGMA_M, ALONG_SIGMA_M, UP_SIGMA_M = 0.03, 0.07, 0.02
 
 
@@ -49,9 +44,8 @@ LATERAL_SIGMA_M, ALONG_SIGMA_M, UP_SIGMA_M = 0.03, 0.07, 0.02
 class Road:
     """The panels of a road; n rows.
 
-    position (n, 3): metres along the road (east), to its left (north), up; forward (n,): faces those who drive east;
-    turn_rad (n,): of the face against the road; color, shape (n,); size (n, 2); support (n,); identity (n,): number of
-    the panel.
+    The position (n, 3) is in metres along the road (east), to its left (north) and up. A panel with `forward` (n,)
+    faces those who drive east. Its face is turned by `turn_rad` (n,) against the road, and its number is `identity`.
     """
 
     origin: LocalOrigin
@@ -67,16 +61,15 @@ class Road:
 
     def select(self, rows: Any) -> Road:
         """Some of the panels."""
-        names = ("position", "forward", "turn_rad", "color", "shape", "size", "support", "identity")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        return replace(self, **{name: getattr(self, name)[rows] for name in PER_PANEL})
 
 
 @dataclass(frozen=True, slots=True)
 class Quality:
     """How a drive measures.
 
-    fix_sigma_m: level, 1.6 times as much in height; shares of panels found, of backs found, of faces read wrong, of
-    rows that are no panel, and of measurements four times as far off.
+    fix_sigma_m: level, 1.6 times as much in height. The others are shares: of panels and backs that are found, of faces
+    read wrong, of rows that are no panel, and of measurements four times as far off.
     """
 
     fix_sigma_m: float = 1.0
@@ -162,17 +155,7 @@ def change_road(
     )
     history |= {int(one): ("new", int(one)) for one in identity}
     joined = {
-        name: np.concatenate([getattr(kept, name), getattr(fresh, name)])
-        for name in (
-            "position",
-            "forward",
-            "turn_rad",
-            "color",
-            "shape",
-            "size",
-            "support",
-            "identity",
-        )
+        name: np.concatenate([getattr(kept, name), getattr(fresh, name)]) for name in PER_PANEL
     }
     return replace(road, **joined), history
 
@@ -204,77 +187,112 @@ def write_drive(
     facing = road.forward == eastward
     first = np.minimum(CAMERA["fx"] * road.size[:, 1] / RANGE_PX, 150.0)
     within = (ahead > 20) & (ahead < count * SPACING_M)
-    found = within & (
-        rng.random(len(ahead)) < np.where(facing, quality.recall, quality.back_recall)
-    )
-    rows = np.flatnonzero(found)
+    recall = np.where(facing, quality.recall, quality.back_recall)
+    rows = np.flatnonzero(within & (rng.random(len(ahead)) < recall))
     rows = rows[np.argsort(ahead[rows], kind="stable")]
-    truth = road.select(rows)
-    back, n = ~facing[rows], len(rows)
     best = np.clip(((ahead[rows] - 14) / SPACING_M).astype(np.int64), 0, count - 1)
     start = np.clip(((ahead[rows] - first[rows]) / SPACING_M).astype(np.int64), 0, best)
+    truth = road.select(rows)
+    seen = _measured(truth, ~facing[rows], error[best], quality, rng)
+    side = seen.place - camera[best] - error[best]
+    size = truth.size * (1 + rng.normal(0, 0.03, (len(rows), 2)))
+    facing_deg = np.degrees(truth.turn_rad + rng.normal(0, 0.05, len(rows)))
+    values = {
+        "sign_id": [f"{folder.name}-{k:05d}" for k in range(1, len(rows) + 1)],
+        "assembly_id": [f"{folder.name}-a{k:05d}" for k in truth.support],
+        "log": [folder.name] * len(rows),
+        "station_m": ahead[rows],
+        "panel_width_m": size[:, 0].astype(np.float32),
+        "panel_height_m": size[:, 1].astype(np.float32),
+        "facing_deg": facing_deg.astype(np.float32),
+        "best_frame": best.astype(np.int32),
+        "best_time_ns": frame_ns[best],
+        "best_box": _box(side, size, sign),
+        "first_frame": start.astype(np.int32),
+        "last_frame": best.astype(np.int32),
+        "views": (best - start + 1).astype(np.int32),
+    }
+    values |= _places(road.origin, seen, side, sign, quality)
+    _write(folder, SIGNS, values)
+    about = {"wayside": "simulated", "log": f"{folder.name}.mcap", "world": "enu", "camera": CAMERA}
+    (folder / "run.json").write_text(json.dumps(about))
+    return seen.identity
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """What a drive measures of n panels: place and standard deviations (n, 3), colours, shapes, which are backs."""
+
+    place: Floats
+    sigma: Floats
+    color: Ints
+    shape: Ints
+    back: NDArray[np.bool_]
+    identity: Ints
+
+
+def _measured(
+    truth: Road,
+    back: NDArray[np.bool_],
+    error: Floats,
+    quality: Quality,
+    rng: np.random.Generator,
+) -> _Seen:
+    """Places, colours and shapes with their errors; some rows are no panel."""
+    n = len(back)
     sigma = np.array([ALONG_SIGMA_M, LATERAL_SIGMA_M, UP_SIGMA_M]) * rng.uniform(0.6, 1.8, (n, 1))
     noise = rng.normal(0, 1, (n, 3)) * sigma * np.where(rng.random((n, 1)) < quality.outliers, 4, 1)
-    place = truth.position + noise + error[best]
+    place = truth.position + noise + error
     color, shape = (
         np.where(rng.random(n) < quality.misread, rng.integers(0, high, n), codes)
         for codes, high in ((truth.color, len(COLORS)), (truth.shape, len(SHAPES)))
     )
     false = rng.random(n) < quality.false
     place[false] += rng.normal(0, 1, (int(false.sum()), 3)) * [20, 1, 0.3]
-    size = truth.size * (1 + rng.normal(0, 0.03, (n, 2)))
-    side = place - camera[best] - error[best]
-    identity = np.where(false, -1, truth.identity)
-    values: dict[str, Any] = {
-        name: pa.nulls(n, SIGNS.schema.field(name).type) for name in SIGNS.schema.names
-    }
-    total = np.sqrt(sigma**2 + (np.array([1, 1, 1.6]) * quality.fix_sigma_m) ** 2)
-    geodetic = road.origin.geodetic(place)
-    covariance = np.zeros((n, 6))
-    covariance[:, [0, 3, 5]] = sigma**2
+    return _Seen(place, sigma, color, shape, back, np.where(false, -1, truth.identity))
+
+
+def _box(side: Floats, size: Floats, sign: float) -> pa.Array[Any]:
+    """Boxes of panels of `size` (n, 2) at places (n, 3) from the camera that shows them best."""
     half = CAMERA["fx"] * size / (2 * np.maximum(np.abs(side[:, :1]), 4))
+    away = CAMERA["fx"] / np.abs(side[:, 0])
     middle = np.column_stack(
-        [CAMERA["cx"] - side[:, 1] * sign / np.abs(side[:, 0]) * CAMERA["fx"],
-         CAMERA["cy"] - side[:, 2] / np.abs(side[:, 0]) * CAMERA["fx"]]
-    )  # fmt: skip
-    values |= {
-        "sign_id": [f"{folder.name}-{k:05d}" for k in range(1, n + 1)],
-        "assembly_id": [f"{folder.name}-a{k:05d}" for k in truth.support],
-        "log": [folder.name] * n,
-        "status": choice(SIGNS, "status", np.where(back, list(SIGN_STATUSES).index("back"), 0)),
+        [CAMERA["cx"] - side[:, 1] * sign * away, CAMERA["cy"] - side[:, 2] * away]
+    )
+    return fixed_list(np.hstack([middle - half, middle + half]), 4)
+
+
+def _places(
+    origin: LocalOrigin, seen: _Seen, side: Floats, sign: float, quality: Quality
+) -> dict[str, Any]:
+    """Columns of what is measured, in the world, on the globe and from the camera."""
+    n = len(side)
+    total = np.sqrt(seen.sigma**2 + (np.array([1, 1, 1.6]) * quality.fix_sigma_m) ** 2)
+    covariance = np.zeros((n, 6))
+    covariance[:, [0, 3, 5]] = seen.sigma**2
+    back = list(SIGN_STATUSES).index("back")
+    return {
+        "status": choice(SIGNS, "status", np.where(seen.back, back, 0)),
         "confidence": np.full(n, 0.95, np.float32),
-        "color": choice(SIGNS, "color", np.where(back, -1, color)),
-        "shape": choice(SIGNS, "shape", shape),
-        **{axis: place[:, k] for k, axis in enumerate("xyz")},
+        "color": choice(SIGNS, "color", np.where(seen.back, -1, seen.color)),
+        "shape": choice(SIGNS, "shape", seen.shape),
+        **_columns("xyz", seen.place),
+        **_columns(("lon_deg", "lat_deg", "alt_m"), origin.geodetic(seen.place)),
+        **_columns(("sigma_east_m", "sigma_north_m", "sigma_alt_m"), total.astype(np.float32)),
         "covariance": pa.FixedSizeListArray.from_arrays(pa.array(covariance.ravel()), 6),
-        "station_m": ahead[rows],
         "lateral_m": -side[:, 1] * sign,
-        "up_m": place[:, 2],
-        "panel_width_m": size[:, 0].astype(np.float32),
-        "panel_height_m": size[:, 1].astype(np.float32),
+        "up_m": seen.place[:, 2],
         "sigma_width_m": np.full(n, 0.03, np.float32),
         "sigma_height_m": np.full(n, 0.03, np.float32),
-        "facing_deg": np.degrees(truth.turn_rad + rng.normal(0, 0.05, n)).astype(np.float32),
-        "lon_deg": geodetic[:, 0],
-        "lat_deg": geodetic[:, 1],
-        "alt_m": geodetic[:, 2],
-        "sigma_east_m": total[:, 0].astype(np.float32),
-        "sigma_north_m": total[:, 1].astype(np.float32),
-        "sigma_alt_m": total[:, 2].astype(np.float32),
-        "best_frame": best.astype(np.int32),
-        "best_time_ns": frame_ns[best],
-        "best_box": fixed_list(np.hstack([middle - half, middle + half]), 4),
         "right_m": -side[:, 1] * sign,
         "down_m": -side[:, 2],
         "ahead_m": np.abs(side[:, 0]),
-        "first_frame": start.astype(np.int32),
-        "last_frame": best.astype(np.int32),
-        "views": (best - start + 1).astype(np.int32),
-    }  # fmt: skip
-    _write(folder, SIGNS, values)
-    about = {"wayside": "simulated", "log": f"{folder.name}.mcap", "world": "enu", "camera": CAMERA}
-    (folder / "run.json").write_text(json.dumps(about))
-    return identity
+    }
+
+
+def _columns(names: Sequence[str], values: NDArray[np.floating[Any]]) -> dict[str, Any]:
+    """Columns of a matrix by their names."""
+    return {name: values[:, k] for k, name in enumerate(names)}
 
 
 def _common_error(count: int, sigma_m: float, rng: np.random.Generator) -> Floats:
@@ -297,21 +315,15 @@ def _write_frames(
     count = len(centre)
     looks = np.array([[0, 0, 1.0], [-1.0, 0, 0], [0, -1.0, 0]]) * [[sign], [sign], [1]]
     quaternion = Rotation.from_matrix(looks).as_quat(canonical=True)
-    geodetic = origin.geodetic(centre)
-    values: dict[str, Any] = {
-        name: pa.nulls(count, FRAMES.schema.field(name).type) for name in FRAMES.schema.names
-    }
-    values |= {
+    values = {
         "frame": np.arange(count, dtype=np.int32),
         "log_time_ns": time_ns,
         "header_time_ns": time_ns,
         "status": ["used"] * count,
-        **{axis: centre[:, k] for k, axis in enumerate("xyz")},
-        **{f"q{axis}": np.full(count, quaternion[k]) for k, axis in enumerate("xyzw")},
+        **_columns("xyz", centre),
+        **_columns(("qx", "qy", "qz", "qw"), np.tile(quaternion, (count, 1))),
+        **_columns(("lon_deg", "lat_deg", "alt_m"), origin.geodetic(centre)),
         "station_m": station,
-        "lon_deg": geodetic[:, 0],
-        "lat_deg": geodetic[:, 1],
-        "alt_m": geodetic[:, 2],
         "heading_deg": np.full(count, 90.0 if sign > 0 else 270.0, np.float32),
     }
     folder.mkdir(parents=True)
@@ -319,7 +331,9 @@ def _write_frames(
 
 
 def _write(folder: Path, table: Table, values: dict[str, Any]) -> None:
-    batch = record_batch(table, values)
-    pq.write_table(
-        pa.Table.from_batches([batch], table.schema), folder / table.file, compression="zstd"
-    )
+    """Write a table; columns that are not given are null."""
+    count = len(next(iter(values.values())))
+    schema = table.schema
+    nulls = {name: pa.nulls(count, schema.field(name).type) for name in schema.names}
+    batch = record_batch(table, nulls | values)
+    pq.write_table(pa.Table.from_batches([batch], schema), folder / table.file, compression="zstd")

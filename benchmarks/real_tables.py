@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from reached import table
+from common import table
 from real_counts import CONFIDENCES, PLATES, Counts, total
 
 from wayside.pipeline.evaluation import (
@@ -200,7 +200,7 @@ def cause_table(drives: Drives) -> list[str]:
     rows = [[name, str(c.id), cause_words(c)] for name, e, *_ in drives for c in e.causes]
     if not rows:
         return []
-    return ["", "### Cause of each miss", "", *table(("drive", "sign", "cause"), rows, "---")]
+    return ["", "### Cause of each miss", "", *table(("drive", "sign", "cause"), rows, words=3)]
 
 
 def _together(drives: Drives) -> RealEvaluation:

@@ -1,10 +1,10 @@
 """How many codes of signs are right on rendered drives, by the kind that the truth says.
 
 `python benchmarks/sign_codes.py OUT TRUTH [OUT TRUTH ...]` compares results of `wayside run` with their truth files.
-Right is a code, or a series, that the sign is of; the rest of the panels that were found are wrong or not settled.
+Right is a code or a series of the sign. The other panels that were found are wrong or have no code.
 
 `python benchmarks/sign_codes.py --crops FOLDER` names the crops of real tracks that the face classifier has not learned
-from: how many it names right, by the probability that it gives, and by the height of the face.
+from. It lists how many are right by the stated probability and by the height of the face.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import table
 
+from training.face_classes import TESTED, crops, still_patches
 from wayside.pipeline.evaluation import RenderedEvaluation, evaluate
-from wayside.pipeline.learning.face_classes import TESTED, crops
-from wayside.pipeline.learning.face_codes import still_patches
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.result import read_rows
 from wayside.pipeline.settings_file import load_settings
@@ -117,7 +117,7 @@ def allowed(panel: dict[str, Any]) -> tuple[str, frozenset[str]] | None:
 
 
 def compare(out: Path, truth: Path) -> Counter[str]:
-    """Counts of the matched panels of a drive: right code, right series, not settled, wrong."""
+    """Counts of the matched panels of a drive: right code, right series, undecided, wrong."""
     evaluation = evaluate(out, truth)
     assert isinstance(evaluation, RenderedEvaluation)
     columns = ["sign_id", "mutcd", "vienna", "legend", "code_probability", "nominal_width_in"]
@@ -134,7 +134,7 @@ def compare(out: Path, truth: Path) -> Counter[str]:
         other = {"mutcd": "vienna", "vienna": "mutcd"}[column]
         stated = row[column]
         if stated is None and row[other] is None:
-            counts["not settled"] += 1
+            counts["undecided"] += 1
         elif stated in codes:
             level = "series" if stated in {*SERIES[US], *SERIES[VIENNA]} else "code"
             counts[f"right {level}"] += 1
@@ -163,13 +163,13 @@ def crops_table(real: Path) -> list[str]:
         f"{low:g} px high or more, below {high:g}": (height >= low) & (height < high)
         for low, high in pairwise(edges)
     }
-    lines = ["| crops | number | named right | 95 % interval |", "| --- | ---: | ---: | ---: |"]
+    rows = []
     for words, chosen in parts.items():
         count, total = int(right[chosen].sum()), int(chosen.sum())
         low, high = share_interval(count, total) or (0.0, 1.0)
         share = f"{100 * count / max(total, 1):.1f} %"
-        lines.append(f"| {words} | {total} | {share} | {100 * low:.1f} to {100 * high:.1f} % |")
-    return lines
+        rows.append((words, total, share, f"{100 * low:.1f} to {100 * high:.1f} %"))
+    return table(("crops", "number", "named right", "95 % interval"), rows)
 
 
 def main() -> None:
@@ -178,15 +178,15 @@ def main() -> None:
         print(*crops_table(Path(sys.argv[2])), sep="\n")
         return
     total: Counter[str] = Counter()
-    heads = ("right code", "right series", "not settled", "wrong", "kind without a code")
-    print("| drive |", " | ".join(heads), "|")
+    rows = {}
     for out, truth in zip(sys.argv[1::2], sys.argv[2::2], strict=True):
-        counts = compare(Path(out), Path(truth))
+        rows[Path(truth).name.split(".")[0]] = counts = compare(Path(out), Path(truth))
         total += counts
-        print(
-            f"| {Path(truth).name.split('.')[0]} |", " | ".join(str(counts[h]) for h in heads), "|"
-        )
-    print("| all |", " | ".join(str(total[h]) for h in heads), "|")
+    heads = ("right code", "right series", "undecided", "wrong", "kind without a code")
+    cells = (
+        (name, *(counts[h] for h in heads)) for name, counts in (rows | {"all": total}).items()
+    )
+    print(*table(("drive", *heads), cells), sep="\n")
 
 
 if __name__ == "__main__":

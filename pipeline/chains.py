@@ -64,7 +64,7 @@ def chain_of(settings: Settings, models: Models, routes: RouteFile | None = None
 
 def default_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
     """Preset `default`: boxes of networks or of another detector, tracks by predicted position, all evidence."""
-    record, watch = DriveRecord(), CalibrationWatch(s.calibration)
+    record, watch = DriveRecord(), CalibrationWatch()
     detector = detector_of(s, m)
     faces = FaceClassifier(m.face_network.path) if m.face_network else None
     return Chain(
@@ -74,7 +74,7 @@ def default_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
             stage("features", extract_features, settings=s.features),
         ],
         per_frame=[
-            stage("motion", estimate_motion, s.motion, s.ties, s.adjustment),
+            stage("motion", estimate_motion, s.motion),
             stage("calibration", watch_calibration, watch).unseen(),
             stage(
                 "track",
@@ -82,17 +82,17 @@ def default_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
                 settings=s.mapping,
                 front=detector.front(),
                 back=detector.back(),
-                panel=panel_method(s, m),
-                adjustment=s.local_adjustment,
+                panel=panel_method(m),
+                jointly=True,
             ),
             stage("location", classify_location, model=None, settings=s.locate),
-            *([stage("face", classify_faces, model=faces, settings=s.codes)] if faces else []),
+            *([stage("face", classify_faces, model=faces)] if faces else []),
             stage("assemble", assemble, settings=s.assembly),
             stage("collect", collect, record=record).unseen(),
         ],
         path=_path(s),
         signs=lambda path: _signs(s, m, routes, path, faces.classes if faces else ()),
-        lens=_lens(s),
+        lens=stage("lens", check_calibration),
         record=record,
         calibration=watch,
     )
@@ -100,19 +100,19 @@ def default_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
 
 def report_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
     """Presets `report`, `report-2d` and `report-shape`: the report's chain, with the gates that its settings name."""
-    record, watch = DriveRecord(), CalibrationWatch(s.calibration)
+    record, watch = DriveRecord(), CalibrationWatch()
     moves = m.trajectory_density
     return Chain(
         per_image=[
             stage("decode", decode, s.balance),
             *detector_of(s, m).stages(),
-            stage("sift", extract_sift, settings=s.sift),
+            stage("sift", extract_sift),
             stage("features", extract_features, settings=s.features),
         ],
         per_frame=[
-            stage("motion", estimate_motion, s.motion, s.ties, s.adjustment),
+            stage("motion", estimate_motion, s.motion),
             stage("calibration", watch_calibration, watch).unseen(),
-            stage("track", match_by_descriptors, settings=s.mapping, sift=s.sift),
+            stage("track", match_by_descriptors, settings=s.mapping),
             *([stage("trajectory", classify_trajectory, model=moves)] if moves else []),
             *(
                 [stage("location", classify_location, model=m.location_classes, settings=s.locate)]
@@ -124,25 +124,19 @@ def report_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
         ],
         path=_path(s),
         signs=lambda path: _signs(s, m, routes, path),
-        lens=_lens(s),
+        lens=stage("lens", check_calibration),
         record=record,
         calibration=watch,
     )
 
 
-def panel_method(s: Settings, m: Models) -> PanelMethod:
+def panel_method(m: Models) -> PanelMethod:
     """How panels are measured as planes."""
-    return PanelMethod(m.outline_weights, s.panel, s.registration, s.panel_outline, s.adjustment)
+    return PanelMethod(m.outline_weights)
 
 
 def _path(s: Settings) -> Stage[Any, DrivePath]:
-    return stage(
-        "georeference",
-        georeference,
-        settings=s.georeference,
-        motion=s.motion,
-        landmark=s.landmark,
-    )
+    return stage("georeference", georeference, motion=s.motion, landmark=s.landmark)
 
 
 def _signs(
@@ -159,7 +153,7 @@ def _signs(
         segments = routes.near(path.globe.route()[:, :2])
     along = s.route.milepost >= 0 or segments is not None
     return [
-        stage("signs", place_signs, path=path, settings=s.georeference, confidence=confidence),
+        stage("signs", place_signs, path=path, confidence=confidence),
         *(
             [stage("route", measure_along_route, path=path, settings=s.route, segments=segments)]
             if along
@@ -167,7 +161,3 @@ def _signs(
         ),
         stage("codes", assign_codes, settings=s.codes, classes=classes),
     ]
-
-
-def _lens(s: Settings) -> Stage[Any, Any]:
-    return stage("lens", check_calibration, ties=s.ties, adjustment=s.local_adjustment)

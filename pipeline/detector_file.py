@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 from wayside.pipeline.class_map import numbered, read_class_map
 from wayside.pipeline.input_files import read_input
 from wayside.pipeline.json_text import CONTENT_FAULTS
-from wayside.pipeline.onnx_header import FLOAT32, OnnxHeader, OnnxInput, read_onnx_header
 from wayside.schemas.detectors import DetectorFile
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import OnnxFile
 from wayside.schemas.settings import ModelSettings
-from wayside.stages.classifiers import OnnxNetwork
+from wayside.stages.classifiers import NetworkInput, OnnxNetwork
 from wayside.stages.detection import multiple_of, recognised
 
+FLOAT32 = "tensor(float)"
+"""Type of an input of single precision."""
 SIZE_INPUT = "orig_target_sizes"
 """Second input of the networks that give pixels of the image: its width and height."""
 FREE_SIZE = (640, 640)
@@ -42,21 +43,21 @@ def load_detector(settings: ModelSettings) -> DetectorFile:
     path = Path(settings.detector)
     try:
         data = read_input(path)
-        header = read_onnx_header(data)
+        network = OnnxNetwork(str(path))
     except (OSError, ValueError) as error:
         raise _refusal(
-            path, "an ONNX file", str(error), "export the detector as ONNX, or correct the path"
+            path, "an ONNX file", _words(error), "export the detector as ONNX, or correct the path"
         ) from error
-    task = header.metadata.get("task", "detect")
+    task = network.metadata.get("task", "detect")
     if task != "detect":
         raise _refusal(path, "a detector", f"a network for the task {task!r}", ADVICE)
-    image, size_input = _inputs(path, header)
+    image, size_input = _inputs(path, network)
     input_size = _input_size(path, image)
-    names = _names(header)
-    outputs = _first_run(path, header, image, size_input, input_size or FREE_SIZE)
+    names = _names(network)
+    outputs = _first_run(path, network, image, size_input, input_size or FREE_SIZE)
     form = settings.detector_format
     if form == "auto":
-        head = header.metadata.get("head", "") or header.metadata.get("description", "")
+        head = network.metadata.get("head", "") or network.metadata.get("description", "")
         try:
             form = recognised(outputs, input_size or FREE_SIZE, head, len(names))
         except ValueError as error:
@@ -76,24 +77,24 @@ def load_detector(settings: ModelSettings) -> DetectorFile:
         input_size,
         image.name,
         size_input,
-        header.outputs,
+        network.outputs,
         signs,
     )
 
 
-def _inputs(path: Path, header: OnnxHeader) -> tuple[OnnxInput, str]:
+def _inputs(path: Path, network: OnnxNetwork) -> tuple[NetworkInput, str]:
     """The input for the image, and the name of that for its size (empty: there is none)."""
-    images = [one for one in header.inputs if len(one.shape) == 4]
-    others = [one.name for one in header.inputs if len(one.shape) != 4]
+    images = [one for one in network.inputs if len(one.shape) == 4]
+    others = [one.name for one in network.inputs if len(one.shape) != 4]
     if len(images) != 1 or others not in ([], [SIZE_INPUT]):
-        listed = ", ".join(f"{one.name} {list(one.shape)}" for one in header.inputs)
+        listed = ", ".join(f"{one.name} {list(one.shape)}" for one in network.inputs)
         raise _refusal(
             path, f"one image as input (and {SIZE_INPUT} at most)", f"the inputs {listed}", ADVICE
         )
     image = images[0]
     batch, channels = image.shape[:2]
-    if batch > 1 or channels not in (0, 3) or image.element != FLOAT32:
-        kind = "float32" if image.element == FLOAT32 else f"element type {image.element}"
+    if batch > 1 or channels not in (0, 3) or image.type != FLOAT32:
+        kind = "float32" if image.type == FLOAT32 else image.type
         raise _refusal(
             path,
             "an input of one RGB image, float32 [1, 3, height, width]",
@@ -103,7 +104,7 @@ def _inputs(path: Path, header: OnnxHeader) -> tuple[OnnxInput, str]:
     return image, others[0] if others else ""
 
 
-def _input_size(path: Path, image: OnnxInput) -> tuple[int, int] | None:
+def _input_size(path: Path, image: NetworkInput) -> tuple[int, int] | None:
     height, width = image.shape[2:]
     if height * width > MOST_PIXELS:
         raise _refusal(
@@ -122,10 +123,10 @@ def _input_size(path: Path, image: OnnxInput) -> tuple[int, int] | None:
     return (height, width) if height else None
 
 
-def _names(header: OnnxHeader) -> dict[int, str]:
+def _names(network: OnnxNetwork) -> dict[int, str]:
     """Names of the classes by number, as Ultralytics writes them; empty where there are none."""
     try:
-        names: Any = ast.literal_eval(header.metadata.get("names", "{}"))
+        names: Any = ast.literal_eval(network.metadata.get("names", "{}"))
         listed = names.items() if isinstance(names, Mapping) else enumerate(names)
         return {int(number): str(name) for number, name in listed}
     except (*CONTENT_FAULTS, SyntaxError, MemoryError, RecursionError):  # both of deep nesting
@@ -134,8 +135,8 @@ def _names(header: OnnxHeader) -> dict[int, str]:
 
 def _first_run(
     path: Path,
-    header: OnnxHeader,
-    image: OnnxInput,
+    network: OnnxNetwork,
+    image: NetworkInput,
     size_input: str,
     size: tuple[int, int],
 ) -> dict[str, NDArray[np.float32]]:
@@ -145,11 +146,15 @@ def _first_run(
     if size_input:
         inputs[size_input] = np.array([[width, height]], np.int64)
     try:
-        return OnnxNetwork(str(path), header.outputs).run(inputs)
+        return network.run(inputs)
     except ValueError as error:
-        words = " ".join(str(error).split())[:200]
-        raise _refusal(path, "a network that can be run", words, ADVICE) from error
+        raise _refusal(path, "a network that can be run", _words(error), ADVICE) from error
 
 
 def _refusal(path: Path, wanted: str, found: str, advice: str) -> InputError:
     return InputError(f"models.detector: wanted {wanted} at {path}, found {found}; {advice}")
+
+
+def _words(error: Exception) -> str:
+    """What an error says, in one line."""
+    return " ".join(str(error).split())[:200]

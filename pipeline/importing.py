@@ -6,11 +6,8 @@ from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 
-from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
-from google.protobuf.descriptor_pool import DescriptorPool
-from google.protobuf.message import Message
-from google.protobuf.message_factory import GetMessageClass
-from google.protobuf.timestamp_pb2 import DESCRIPTOR as TIMESTAMP_FILE
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.writer import CompressionType
 from mcap_protobuf.writer import Writer
 
@@ -43,26 +40,6 @@ SECOND_NS = 10**9
 
 _MOST_LISTED = 6
 _CAMERA_FRAME = "camera"
-
-_Kind = FieldDescriptorProto
-_Fields = tuple[tuple[str, int, "FieldDescriptorProto.Type.ValueType"], ...]
-_IMAGE: _Fields = (
-    ("timestamp", 1, _Kind.TYPE_MESSAGE),
-    ("data", 2, _Kind.TYPE_BYTES),
-    ("format", 3, _Kind.TYPE_STRING),
-    ("frame_id", 4, _Kind.TYPE_STRING),
-)
-_CALIBRATION: _Fields = (
-    ("timestamp", 1, _Kind.TYPE_MESSAGE),
-    ("width", 2, _Kind.TYPE_FIXED32),
-    ("height", 3, _Kind.TYPE_FIXED32),
-    ("distortion_model", 4, _Kind.TYPE_STRING),
-    ("D", 5, _Kind.TYPE_DOUBLE),
-    ("K", 6, _Kind.TYPE_DOUBLE),
-    ("R", 7, _Kind.TYPE_DOUBLE),
-    ("P", 8, _Kind.TYPE_DOUBLE),
-    ("frame_id", 9, _Kind.TYPE_STRING),
-)
 
 
 def import_images(
@@ -223,10 +200,9 @@ def _write(
     writer.add_metadata(NAMES_METADATA, {time: image.path.name for time, image in timed})
     if dates := {time: image.exif.date for time, image in timed if image.exif.date}:
         writer.add_metadata(DATES_METADATA, dates)
-    image_type = _message_type("CompressedImage", _IMAGE)
     writer.write_message("/camera/calibration", _calibration(camera), 0, 0, 1)
     for done, (image, count, time_ns) in enumerate(zip(images, counts, times, strict=True), 1):
-        content = image_type(
+        content = CompressedImage(
             data=_bytes_of(image), format=image.header.encoding, frame_id=_CAMERA_FRAME
         )
         writer.write_message("/camera/image", content, time_ns, time_ns, count)
@@ -251,9 +227,9 @@ def _bytes_of(image: ImageFile) -> bytes:
         ) from error
 
 
-def _calibration(camera: Camera) -> Message:
+def _calibration(camera: Camera) -> CameraCalibration:
     c = camera
-    return _message_type("CameraCalibration", _CALIBRATION)(
+    return CameraCalibration(
         width=c.width,
         height=c.height,
         distortion_model="rational_polynomial" if len(c.distortion) > 5 else "plumb_bob",
@@ -263,25 +239,3 @@ def _calibration(camera: Camera) -> Message:
         P=[c.fx, 0.0, c.cx, 0.0, 0.0, c.fy, c.cy, 0.0, 0.0, 0.0, 1.0, 0.0],
         frame_id=_CAMERA_FRAME,
     )
-
-
-def _message_type(name: str, fields: _Fields) -> type[Message]:
-    """A message of a Foxglove schema; names, numbers and types of https://github.com/foxglove/foxglove-sdk."""
-    file = FileDescriptorProto(
-        name=f"foxglove/{name}.proto",
-        package="foxglove",
-        syntax="proto3",
-        dependency=[TIMESTAMP_FILE.name],
-    )
-    described = file.message_type.add(name=name)
-    for field_name, number, kind in fields:
-        field = described.field.add(name=field_name, number=number, label=_Kind.LABEL_OPTIONAL)
-        field.type = kind
-        if kind == _Kind.TYPE_MESSAGE:
-            field.type_name = ".google.protobuf.Timestamp"
-        elif kind == _Kind.TYPE_DOUBLE:
-            field.label = _Kind.LABEL_REPEATED
-    pool = DescriptorPool()
-    pool.AddSerializedFile(TIMESTAMP_FILE.serialized_pb)
-    pool.Add(file)
-    return GetMessageClass(pool.FindMessageTypeByName(f"foxglove.{name}"))

@@ -15,11 +15,13 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from wayside.pipeline.json_text import CONTENT_FAULTS
-from wayside.pipeline.parquet_footer import stated_columns
 
 MOST_BYTES = 1 << 30
 """Of a file read into memory, and of what Parquet unpacks to: forty million boxes with their scores."""
 Where = Mapping[str, str | Collection[int]]
+_BATCH_ROWS = 1 << 14
+_WIDTH = 8
+"""Bytes of a value, as it is counted at least."""
 _TEXTS = (pa.string(), pa.binary(), pa.large_string(), pa.large_binary())
 _KINDS = {
     stat.S_IFIFO: "a pipe",
@@ -101,8 +103,8 @@ def read_parquet(
 ) -> pa.Table:
     """A table of a Parquet file that is not larger than `MOST_BYTES` when unpacked.
 
-    The bound is tested on the metadata: the bytes that it states for the columns, and the rows times the width of a
-    value. Texts are read as numbers of distinct ones first, and are spelt out where that stays within the bound.
+    What is read is counted batch by batch. Texts are read as numbers of distinct ones first, and are spelt out where
+    that stays within the bound.
 
     Parameters
     ----------
@@ -129,9 +131,11 @@ def read_parquet(
 
 
 def _bounded_table(stream: BinaryIO, columns: Sequence[str] | None, where: Where) -> pa.Table:
-    stated = stated_columns(stream)
-    _test(sum(c.bytes for c in stated if columns is None or c.name in (*columns, *where)))
-    stream.seek(0)
+    """All batches, read in this thread.
+
+    `pyarrow.parquet.read_table` reads in threads of Arrow's own, which now and then abort a process that ends
+    right behind them (github.com/apache/arrow/issues/34314); so do filters by an expression, and `pre_buffer`.
+    """
     schema = pq.ParquetFile(stream).schema_arrow
     names = schema.names if columns is None else list(columns)
     read = list(dict.fromkeys((*names, *where)))
@@ -140,32 +144,21 @@ def _bounded_table(stream: BinaryIO, columns: Sequence[str] | None, where: Where
         raise pa.ArrowInvalid(
             f"it has no column {missing[0]}; its columns are {', '.join(schema.names)}"
         )
+    wanted = pa.schema([schema.field(name) for name in read]).with_metadata(schema.metadata)
     texts = [field.name for field in schema if field.type in _TEXTS]
     stream.seek(0)
-    found = _read_groups(
-        pq.ParquetFile(stream, read_dictionary=texts, pre_buffer=False), read, where
-    ).select(names)
-    _test(sum(_spelt_bytes(found.column(name)) for name in found.column_names))
-    for name in set(texts) & set(found.column_names):
-        at = found.schema.get_field_index(name)
-        field = schema.field(name)
-        if found.schema.field(at).type != field.type:
-            found = found.set_column(at, field, found.column(at).cast(field.type))
-    return found
-
-
-def _read_groups(file: pq.ParquetFile, columns: list[str], where: Where) -> pa.Table:
-    """Row groups one after the other in this thread.
-
-    `pyarrow.parquet.read_table` reads in threads of Arrow's own, which now and then abort a process that ends
-    right behind them (github.com/apache/arrow/issues/34314); so do filters by an expression, and `pre_buffer`.
-    """
-    if file.num_row_groups == 0:
-        return file.read(columns, use_threads=False)
-    return pa.concat_tables(
-        _rows(file.read_row_group(number, columns, use_threads=False), where)
-        for number in range(file.num_row_groups)
-    )
+    file = pq.ParquetFile(stream, read_dictionary=texts, pre_buffer=False)
+    found, size = [wanted.empty_table()], 0
+    for batch in file.iter_batches(_BATCH_ROWS, columns=read, use_threads=False):
+        size += sum(map(_spelt_bytes, batch.columns))
+        if size > MOST_BYTES:
+            raise pa.ArrowInvalid(
+                f"Parquet that unpacks to more than {MOST_BYTES} bytes: leave rows or columns out"
+            )
+        table = pa.Table.from_batches([batch]).select(read).cast(wanted)
+        found.append(_rows(table, where).select(names))
+    found[0] = found[0].select(names)
+    return pa.concat_tables(found)
 
 
 def _rows(table: pa.Table, where: Where) -> pa.Table:
@@ -182,19 +175,10 @@ def _rows(table: pa.Table, where: Where) -> pa.Table:
     return table
 
 
-def _test(found: int) -> None:
-    if found > MOST_BYTES:
-        raise pa.ArrowInvalid(
-            f"Parquet that unpacks to {found} bytes, more than {MOST_BYTES}: leave rows or columns out"
-        )
-
-
-def _spelt_bytes(column: pa.ChunkedArray[Any]) -> int:
-    """What a column of numbered texts takes with every text spelt out; else 0."""
-    total = 0
-    for chunk in column.chunks:
-        if isinstance(chunk, pa.DictionaryArray) and not pa.types.is_integer(chunk.type.value_type):
-            texts: Any = chunk.dictionary  # of one of four types
-            lengths = pc.binary_length(texts).take(chunk.indices)
-            total += int(pc.sum(lengths.cast(pa.int64())).as_py() or 0)
-    return total
+def _spelt_bytes(column: pa.Array[Any]) -> int:
+    """What a column takes, every text spelt out."""
+    if isinstance(column, pa.DictionaryArray) and not pa.types.is_integer(column.type.value_type):
+        texts: Any = column.dictionary  # of one of four types
+        lengths = pc.binary_length(texts).take(column.indices)
+        return int(pc.sum(lengths.cast(pa.int64())).as_py() or 0) + _WIDTH * len(column)
+    return max(column.nbytes, _WIDTH * len(column))

@@ -19,8 +19,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from filelock import FileLock
+
 from wayside.pipeline.json_text import parse_json
-from wayside.pipeline.writing import PART, create, lock, not_written, sync
+from wayside.pipeline.writing import PART, create, give_back, not_written, sync, take_lock
 from wayside.schemas.errors import InputError, OutputError
 
 DONE, LOCK = ".wayside-done", ".wayside-lock"
@@ -56,7 +58,7 @@ class OutputFolder:
     def __init__(self, folder: Path, kept: Collection[str] = ()) -> None:
         self.folder, self.part = folder, folder / PART
         self._kept = tuple(kept)
-        self._lock: int | None = None
+        self._lock: FileLock | None = None
         self._made = False
 
     def __enter__(self) -> Self:
@@ -139,9 +141,7 @@ class OutputFolder:
 
     def _release(self) -> None:
         if self._lock is not None:
-            with suppress(OSError):
-                (self.folder / LOCK).unlink()
-            os.close(self._lock)
+            give_back(self._lock)
             self._lock = None
 
 
@@ -161,45 +161,23 @@ def finish_under_lock(folder: Path, done: str, lock: str, move: Callable[[Path],
     late = time.monotonic() + _PATIENCE_S
     while _is_folder(folder / done):
         try:
-            opened = take_lock(folder / lock)
-            if opened is not None:
+            held = take_lock(folder / lock)
+            if held is not None:
                 try:
                     move(folder)
                 finally:
-                    with suppress(OSError):
-                        (folder / lock).unlink()
-                    os.close(opened)
+                    give_back(held)
         except OSError as error:
             raise InputError(
                 f"{folder}: wanted one result, found a new one that has not replaced the old one yet: "
                 f"{error.strerror or error}; open it where the folder can be written"
             ) from error
-        if opened is None:
+        if held is None:
             if time.monotonic() > late:
                 raise InputError(
                     f"{folder}: wanted one result, found that another wayside replaces it now; try again"
                 )
             time.sleep(_POLL_S)
-
-
-def take_lock(path: Path) -> int | None:
-    """Make and lock a file; None where another process holds it.
-
-    The holder removes the file in the end, so a lock counts only while the file still has its name.
-    """
-    while True:
-        opened = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
-        try:
-            if not lock(opened):
-                os.close(opened)
-                return None
-            with suppress(FileNotFoundError):
-                if os.path.samestat(os.fstat(opened), os.stat(path, follow_symlinks=False)):
-                    return opened
-        except BaseException:
-            os.close(opened)
-            raise
-        os.close(opened)
 
 
 def _move_into_place(folder: Path) -> None:

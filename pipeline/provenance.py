@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from wayside.pipeline.onnx_header import read_onnx_header
+from wayside.stages.classifiers import OnnxNetwork
 
 
 def learned_from(log: str, provenances: Mapping[str, str]) -> tuple[str, ...]:
@@ -26,6 +26,6 @@ def learned_from(log: str, provenances: Mapping[str, str]) -> tuple[str, ...]:
 def onnx_metadata(content: bytes) -> dict[str, str]:
     """Metadata of a network by the content of its ONNX file; none where it is not one."""
     try:
-        return read_onnx_header(content).metadata
+        return dict(OnnxNetwork(content).metadata)
     except ValueError:
         return {}

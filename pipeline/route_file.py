@@ -23,6 +23,7 @@ from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.routes import RouteSegments
 from wayside.schemas.settings import RouteSettings
 from wayside.schemas.signs import Sign
+from wayside.stages.georeference import ROUTE_REACH_M
 
 _WGS_84 = "OGC:CRS84"
 _NAMES = (
@@ -50,7 +51,7 @@ class RouteFile:
     settings: RouteSettings
 
     def near(self, places: NDArray[np.float64]) -> RouteSegments:
-        """Pieces of the routes in the box about places (n, 2), longitude and latitude, and as much as `reach_m` around.
+        """Pieces of the routes in the box about places (n, 2), degrees, and `ROUTE_REACH_M` around.
 
         Pieces without a measure at both ends are left out.
 
@@ -60,7 +61,7 @@ class RouteFile:
             The file has changed and can no longer be read.
         """
         margin = (
-            self.settings.reach_m / 1e4
+            ROUTE_REACH_M / 1e4
         )  # degrees: a metre is at most 1e-4 of one, up to 84 degrees of latitude
         low, high = places.min(axis=0) - margin, places.max(axis=0) + margin
         box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
@@ -154,7 +155,7 @@ def route_notes(settings: RouteSettings, signs: Sequence[Sign], *, on_globe: boo
         return []
     return [
         f"{count} of {len(signs)} signs have no route: the path follows no line of {Path(settings.file).name} within "
-        f"{settings.reach_m:g} m there"
+        f"{ROUTE_REACH_M:g} m there"
     ]
 
 

@@ -29,8 +29,8 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
 """Values of each preset that differ from the defaults, by group and name."""
 
 DEFAULT = "default"
-_NO_RESULT = ("run", "merge", "changes", "boards")
-"""Groups of how a run is carried out, of what is made of its result afterwards, and of calibration from boards."""
+_NO_RESULT = ("run", "merge", "changes")
+"""Groups of how a run is carried out, and of what is made of its result afterwards."""
 _SPOKEN_FLAGS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 
 
@@ -216,9 +216,6 @@ def _convert(name: str, value: Any, origin: str, leaves: Mapping[str, Field[Any]
         raise UsageError(_refusal(name, leaf, value, origin)) from error
     if kind is float and type(converted) is int:
         converted = float(converted)
-    if kind is tuple and isinstance(converted, (list, tuple)):
-        numbers = all(type(one) in (int, float) for one in converted)
-        converted = tuple(map(float, converted)) if numbers else converted
     if type(converted) is not kind or not _within(converted, leaf):
         raise UsageError(_refusal(name, leaf, value, origin))
     return converted
@@ -233,8 +230,6 @@ def _from_text(text: str, leaf: Field[Any]) -> Any:
         return _SPOKEN_FLAGS[text.lower()]
     if kind is float and unit == "m" and not _is_number(text):
         return -parse_length(text[1:]) if text.startswith("-") else parse_length(text)
-    if kind is tuple:
-        return tuple(float(one) for one in text.strip("[]").split(","))
     if kind in (int, float):
         return kind(text.removesuffix(unit))
     return text
@@ -253,8 +248,6 @@ def _within(value: Any, leaf: Field[Any]) -> bool:
         return value in leaf.metadata["choices"]
     if isinstance(value, (str, bool)):
         return True
-    if isinstance(value, tuple):
-        return len(value) > 0 and all(_within(one, leaf) for one in value)
     low, high = leaf.metadata["low"], leaf.metadata["high"]
     return (
         math.isfinite(value) and (low is None or value >= low) and (high is None or value <= high)
@@ -264,10 +257,7 @@ def _within(value: Any, leaf: Field[Any]) -> bool:
 def _refusal(name: str, leaf: Field[Any], value: Any, origin: str) -> str:
     """What was wanted and what was found."""
     low, high, choices = (leaf.metadata[key] for key in ("low", "high", "choices"))
-    kind = {
-        **{bool: "true or false", int: "a whole number", float: "a number", str: "a text"},
-        tuple: "numbers in brackets",
-    }
+    kind = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
     wanted = " or ".join(choices) if choices else kind[type(leaf.default)]
     if leaf.metadata["unit"] and not choices:
         wanted += f" ({leaf.metadata['unit']})"
@@ -357,4 +347,4 @@ def _toml(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return repr(list(value) if isinstance(value, tuple) else value)
+    return repr(value)

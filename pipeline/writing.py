@@ -18,13 +18,10 @@ from io import BufferedWriter
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from filelock import FileLock, Timeout
+
 from wayside.pipeline.json_text import parse_json
 from wayside.schemas.errors import OutputError
-
-try:
-    import fcntl
-except ImportError:  # not on Windows: there, two commands that write the same are not kept apart
-    fcntl = None  # type: ignore[assignment]
 
 PART = ".wayside-part"
 """Scratch folder of a set of files, and the end of the name of a scratch file."""
@@ -35,7 +32,7 @@ _ADVICE = {
     errno.EFBIG: "the file would be larger than is permitted here:",
     errno.EIO: "the disk reports a fault: check it, or",
 }
-_NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
+_NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP)
 UNWRITABLE = (*_ADVICE, errno.EROFS)
 """What a system call says of an output that cannot be written, wherever it comes up."""
 
@@ -91,18 +88,27 @@ def sync(path: Path) -> None:
         os.close(opened)
 
 
-def lock(opened: int) -> bool:
-    """Lock an open file until it is closed; whether it is ours now. True where the file system has no locks."""
-    if fcntl is None:
-        return True
+def take_lock(path: Path) -> FileLock | None:
+    """Lock a file, made where it is missing; None where another process holds it.
+
+    A file system without locks keeps nobody apart. The holder removes the file before the lock is given back.
+    """
+    held = FileLock(path, mode=0o666, thread_local=False)
     try:
-        fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
+        held.acquire(blocking=False)
+    except Timeout:
+        return None
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             raise
-    return True
+    return held
+
+
+def give_back(held: FileLock) -> None:
+    """Remove a file that `take_lock` has locked, and let others have it."""
+    with suppress(OSError):
+        Path(held.lock_file).unlink()
+    held.release()
 
 
 def refuse(path: Path, found: str) -> OutputError:
@@ -160,8 +166,8 @@ def whole_file(
         _sweep(target)
         scratch = target.with_name(f".{target.name}.{secrets.token_hex(4)}{PART}")
         with create(scratch) as stream:
+            held = take_lock(scratch)
             try:
-                lock(stream.fileno())
                 yield stream
                 stream.flush()
                 os.fsync(stream.fileno())
@@ -175,6 +181,9 @@ def whole_file(
                 with suppress(OSError):
                     stream.close()  # what waits in its buffer may not fit, either
                 raise
+            finally:
+                if held is not None:
+                    held.release()
         sync(target.parent)
     except OSError as error:
         raise not_written(path, error, "to write a file here", "name another file") from error
@@ -240,17 +249,11 @@ def is_stream(path: Path) -> bool:
 
 def _sweep(target: Path) -> None:
     """Remove scratch files of the same name whose writers were killed: nobody holds their locks."""
-    if fcntl is None:
-        return
     with suppress(OSError):
         for left in target.parent.glob(f".{_literal(target.name)}.*{PART}"):
             with suppress(OSError):
-                opened = os.open(left, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-                try:
-                    if stat.S_ISREG(os.fstat(opened).st_mode) and lock(opened):
-                        left.unlink()
-                finally:
-                    os.close(opened)
+                if left.is_file() and (held := take_lock(left)) is not None:
+                    give_back(held)
 
 
 def _literal(name: str) -> str:

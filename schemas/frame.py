@@ -34,6 +34,8 @@ FRAME_STATUS_WORDS = {
 FRAME_STATUSES = tuple(FRAME_STATUS_WORDS)
 
 
+USUAL_SIGMA_M, USUAL_SIGMA_RAD = 0.03, 1.7e-3
+"""Of poses whose log states no standard deviation, until their drive has shown its own."""
 EARTH_RADIUS_M = 6_371_000.0
 """Of the sphere on which short distances between fixes are measured."""
 
@@ -112,7 +114,9 @@ class PosePrior:
     sigma_rad: float | None
     source: str  # "poses" or "odometry"
 
-    def sigmas(self, default_m: float, default_rad: float) -> tuple[float, float]:
+    def sigmas(
+        self, default_m: float = USUAL_SIGMA_M, default_rad: float = USUAL_SIGMA_RAD
+    ) -> tuple[float, float]:
         """Both standard deviations; the defaults where the log states none."""
         given = (self.sigma_m, default_m), (self.sigma_rad, default_rad)
         sigma_m, sigma_rad = (own if own is not None and own > 0 else other for own, other in given)

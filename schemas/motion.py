@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import Detections
-from wayside.schemas.frame import Frame, Pose
+from wayside.schemas.frame import Frame, Pose, PosePrior
 
 ROUGH_LENGTHS = ("fixes", "points", "speed")
 """Sources that know the length of a step only roughly: the path of the whole drive determines it."""
@@ -68,7 +68,8 @@ class Motion:
     expected: the step by the prior alone (None where there was no measurement);
     history_px: RMS of eq. 7.5 per coordinate over the inliers at the start of the adjustment and after each iteration.
     length_ratio: length of the step over that of the step before, by points common to both, and its scatter;
-    prior: what is known of the step before its images are compared (None: nothing).
+    prior: what is known of the step before its images are compared (None: nothing);
+    given: the log's pose of the frame, with its standard deviations as the drive has shown them.
     """
 
     pose: Pose
@@ -87,6 +88,7 @@ class Motion:
     history_px: tuple[float, ...] = ()
     length_ratio: tuple[float, float] = (nan, nan)
     prior: StepPrior | None = None
+    given: PosePrior | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,7 +51,7 @@ VERDICT_WORDS = {
     "attached": "what surrounds it stays with it: part of a wall, a vehicle or a larger board",
     "panel_size": "measured width or height outside the limits of a sign panel",
     "place_score": "its views look too little like a sign: the weakest of all evidence on the landmark",
-    "duplicate": "second measurement of a panel already reported",
+    "duplicate": "on the pixels of a more likely panel, or a second measurement of one",
     "trajectory": "does not move in the image as signs do (preset `report-2d`)",
 }
 

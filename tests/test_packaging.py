@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
+import zipfile
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-import wayside
+import wayside.pipeline
 
 ROOT = Path(__file__).parents[1]
 LAYERS = ("pipeline", "stages", "schemas")
+OUTSIDE = ("training", "recordings", "tests")
 
 
 @pytest.fixture(scope="module")
@@ -38,29 +41,44 @@ def pins() -> dict[str, str]:
     )
 
 
-def test_every_folder_with_modules_is_a_listed_package(project: dict[str, Any]) -> None:
-    folders = {
-        ".".join(("wayside", *path.parent.relative_to(ROOT).parts))
-        for layer in LAYERS
-        for path in (ROOT / layer).rglob("*.py")
-        if "__pycache__" not in path.parts
+@pytest.fixture(scope="module")
+def packed(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
+    """Names of the files of a wheel."""
+    out = tmp_path_factory.mktemp("wheel")
+    source = out / "source"
+    left_out = shutil.ignore_patterns(".*", "__pycache__", "build", "*.egg-info", *LAYERS)
+    shutil.copytree(ROOT / "wayside", source / "wayside", ignore=left_out)
+    for name in LAYERS + OUTSIDE:
+        shutil.copytree(
+            ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__", "*.mcap")
+        )
+    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    build = f"from setuptools.build_meta import build_wheel; build_wheel({str(out)!r})"
+    subprocess.run([sys.executable, "-c", build], cwd=source, check=True, capture_output=True)
+    with zipfile.ZipFile(next(out.glob("*.whl"))) as archive:
+        return set(archive.namelist())
+
+
+def test_a_wheel_holds_every_file_of_the_package_and_no_other(packed: set[str]) -> None:
+    wanted = {
+        f"{prefix}{path.relative_to(ROOT)}"
+        for layer, prefix in (("wayside", ""), *((layer, "wayside/") for layer in LAYERS))
+        for path in (ROOT / layer).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
     }
-    assert set(project["tool"]["setuptools"]["packages"]) == {"wayside", *folders}
+    assert {name for name in packed if ".dist-info/" not in name} == wanted
 
 
-def test_every_package_has_an_init_module(project: dict[str, Any]) -> None:
-    for name in project["tool"]["setuptools"]["packages"]:
-        folder = ROOT.joinpath(*name.split(".")[1:])
-        assert (folder / "__init__.py").is_file(), name
+def test_every_folder_with_modules_has_an_init_module() -> None:
+    for layer in LAYERS:
+        for path in (ROOT / layer).rglob("*.py"):
+            assert (path.parent / "__init__.py").is_file(), path
 
 
-def test_the_package_is_marked_as_typed() -> None:
-    assert (ROOT / "py.typed").is_file()
-
-
-def test_the_checkout_is_the_package(project: dict[str, Any]) -> None:
-    assert project["tool"]["setuptools"]["package-dir"] == {"wayside": "."}
-    assert Path(wayside.__file__) == ROOT / "__init__.py"
+def test_the_package_is_that_of_the_checkout(project: dict[str, Any]) -> None:
+    assert Path(wayside.__file__) == ROOT / "wayside" / "__init__.py"
+    assert Path(wayside.pipeline.__file__).resolve() == ROOT / "pipeline" / "__init__.py"
     assert wayside.__version__ == project["project"]["version"]
 
 
@@ -69,21 +87,6 @@ def test_the_repository_holds_no_symbolic_link() -> None:
         ["git", "ls-files", "-s"], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert not [line for line in listed.stdout.splitlines() if line.startswith("120000")]
-
-
-def test_every_data_file_is_packed_with_the_package_it_lies_in(project: dict[str, Any]) -> None:
-    setuptools = project["tool"]["setuptools"]
-    folders = {name: ROOT.joinpath(*name.split(".")[1:]) for name in setuptools["packages"]}
-    packed = {
-        path
-        for name, folder in folders.items()
-        for pattern in setuptools["package-data"].get(name, ())
-        for path in folder.glob(pattern)
-    }
-    for layer in LAYERS:
-        for path in (ROOT / layer).rglob("*"):
-            if path.is_file() and path.suffix != ".py" and "__pycache__" not in path.parts:
-                assert path in packed, path
 
 
 def test_every_dependency_is_pinned_and_explained(project: dict[str, Any]) -> None:

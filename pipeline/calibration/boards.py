@@ -16,7 +16,6 @@ from wayside.pipeline.input_files import read_input
 from wayside.pipeline.reading.calibrations import OTHER_LENSES
 from wayside.pipeline.reading.image_headers import read_exif, refuse_turned
 from wayside.schemas.errors import InputError, UsageError
-from wayside.schemas.settings import BoardSettings
 from wayside.stages.calibration import (
     LENS_MODELS,
     Board,
@@ -77,11 +76,7 @@ def parse_board(text: str, square_m: float) -> Board:
 
 
 def calibrate_images(
-    paths: list[Path],
-    board: Board,
-    model: str,
-    settings: BoardSettings,
-    watch: Watcher = lambda done, total: None,
+    paths: list[Path], board: Board, model: str, watch: Watcher = lambda done, total: None
 ) -> CalibratedImages:
     """Calibrate a camera by images of a chessboard.
 
@@ -91,7 +86,7 @@ def calibrate_images(
     ----------
     paths
         Image files, and folders of them.
-    board, model, settings
+    board, model
         The board, a lens model and what decides about views.
     watch
         Told after each image how many of how many are done.
@@ -115,11 +110,11 @@ def calibrate_images(
     wanted = _common_size(files, decoded)
     images = []
     for file, size in zip(files, decoded, strict=True):
-        images.append(_look(file, size, wanted, board, settings))
+        images.append(_look(file, size, wanted, board))
         watch(len(images), len(files))
     views = [image.corners for image in images if image.corners is not None]
     try:
-        calibration = calibrate_boards(views, board, wanted, model, settings)
+        calibration = calibrate_boards(views, board, wanted, model)
     except CalibrationError as error:
         reasons = "".join(f"\n  {i.path}: {i.why}" for i in images if i.corners is None)
         raise InputError(f"{error}{reasons}") from error
@@ -151,9 +146,7 @@ def _size_of(file: Path) -> Size | str:
     return grey if isinstance(grey, str) else (grey.shape[1], grey.shape[0])
 
 
-def _look(
-    file: Path, size: Size | str, wanted: Size, board: Board, settings: BoardSettings
-) -> BoardImage:
+def _look(file: Path, size: Size | str, wanted: Size, board: Board) -> BoardImage:
     if isinstance(size, str):
         return BoardImage(file, None, size)
     if size != wanted:
@@ -162,7 +155,7 @@ def _look(
     grey = _read(file)
     if isinstance(grey, str) or (grey.shape[1], grey.shape[0]) != size:
         raise InputError(f"{file}: wanted the image read before, found another; do not change it")
-    found = find_board(grey, board, settings)
+    found = find_board(grey, board)
     return BoardImage(file, found.corners, found.why)
 
 

@@ -16,7 +16,7 @@ from wayside.pipeline.calibration.drives import calibrate_log
 from wayside.pipeline.reading.camera_file import format_camera
 from wayside.pipeline.writing import refuse, write_file
 from wayside.schemas.errors import InputError, OutputError
-from wayside.schemas.settings import BoardSettings, Settings
+from wayside.schemas.settings import Settings
 from wayside.stages.calibration import Board
 
 
@@ -24,7 +24,6 @@ def calibrate_by_boards(
     paths: list[Path],
     board: Board,
     *,
-    settings: BoardSettings,
     model: str,
     name: str,
     out: Path | None,
@@ -46,15 +45,15 @@ def calibrate_by_boards(
     picture = coverage or (None if out is None else out.with_suffix(".coverage.png"))
     files = [path for path in (out, picture) if path is not None]
     _require_free(files, overwrite=overwrite)
-    found = calibrate_images(paths, board, model, settings, watch)
+    found = calibrate_images(paths, board, model, watch)
     if out is not None:
         comments = [f"wayside calibrate: {headline(found)}", *parameter_lines(found)]
         text = format_camera(found.calibration.camera, name, comments)
         write_file(out, text.encode(), overwrite=overwrite)
     if picture is not None:
-        drawn = cv2.imencode(".png", draw_coverage(found, settings.cells))[1]
+        drawn = cv2.imencode(".png", draw_coverage(found))[1]
         write_file(picture, drawn.tobytes(), overwrite=overwrite)
-    report = format_boards(found, coverage_of(found, settings.cells))
+    report = format_boards(found, coverage_of(found))
     written = "".join(f"\nwritten: {path}" for path in files)
     return report + written
 
@@ -76,7 +75,7 @@ def calibrate_by_drive(
     """
     _require_free([] if out is None else [out], overwrite=overwrite)
     found = calibrate_log(log, settings)
-    if refusal := not_determined(found, settings.calibration):
+    if refusal := not_determined(found):
         raise InputError(refusal)
     report = format_drive(found)
     if out is None:

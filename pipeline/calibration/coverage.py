@@ -12,6 +12,8 @@ from wayside.pipeline.calibration.boards import CalibratedImages
 from wayside.schemas.frame import Camera
 from wayside.stages.kernels import Array
 
+_CELLS = 16
+"""Cells across the image."""
 _WIDTH, _LEGEND = 1200, 40
 _GROUND, _EMPTY, _LINE, _INK = (255, 255, 255), (222, 226, 240), (190, 190, 190), (40, 40, 40)
 _UNUSED = (150, 150, 150)
@@ -32,14 +34,14 @@ class Coverage(NamedTuple):
         return float((self.counts == 0).mean())
 
 
-def coverage_of(found: CalibratedImages, cells: int) -> Coverage:
-    """Count the corners of the used views in nearly square cells, `cells` of them across the image."""
+def coverage_of(found: CalibratedImages) -> Coverage:
+    """Count the corners of the used views in nearly square cells."""
     camera = found.calibration.camera
-    rows = max(1, round(cells * camera.height / camera.width))
+    rows = max(1, round(_CELLS * camera.height / camera.width))
     corners = _corners(found, used=True)
-    column = np.clip((corners[:, 0] + 0.5) * cells / camera.width, 0, cells - 1).astype(np.int64)
+    column = np.clip((corners[:, 0] + 0.5) * _CELLS / camera.width, 0, _CELLS - 1).astype(np.int64)
     row = np.clip((corners[:, 1] + 0.5) * rows / camera.height, 0, rows - 1).astype(np.int64)
-    counts = np.zeros((rows, cells), np.int64)
+    counts = np.zeros((rows, _CELLS), np.int64)
     np.add.at(counts, (row, column), 1)
     centre = np.array([camera.cx, camera.cy])
     outermost = np.linalg.norm(corners - centre, axis=1).max()
@@ -53,7 +55,7 @@ def image_corners(camera: Camera) -> Array:
     return np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]])
 
 
-def draw_coverage(found: CalibratedImages, cells: int) -> NDArray[np.uint8]:
+def draw_coverage(found: CalibratedImages) -> NDArray[np.uint8]:
     """BGR picture: corners of all views on the image plane, coloured by residual, and cells without corners.
 
     Blue is a residual of zero, red one of three times the RMS or more; grey corners are of views left out. Cells
@@ -63,10 +65,10 @@ def draw_coverage(found: CalibratedImages, cells: int) -> NDArray[np.uint8]:
     scale = _WIDTH / camera.width
     height = round(camera.height * scale)
     picture = np.full((height + _LEGEND, _WIDTH, 3), _GROUND, np.uint8)
-    coverage = coverage_of(found, cells)
+    coverage = coverage_of(found)
     rows = len(coverage.counts)
-    for row, column in np.ndindex(rows, cells):
-        x0, x1 = _WIDTH * column // cells, _WIDTH * (column + 1) // cells
+    for row, column in np.ndindex(rows, _CELLS):
+        x0, x1 = _WIDTH * column // _CELLS, _WIDTH * (column + 1) // _CELLS
         y0, y1 = height * row // rows, height * (row + 1) // rows
         if coverage.counts[row, column] == 0:
             cv2.rectangle(picture, (x0, y0), (x1 - 1, y1 - 1), _EMPTY, cv2.FILLED)

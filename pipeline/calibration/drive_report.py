@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from wayside.pipeline.calibration.drives import CalibratedDrive
-from wayside.schemas.settings.calibration import SelfCalibrationSettings
 from wayside.stages.calibration import LENS, changed_camera
 
+LARGEST_SIGMA = 0.03
+"""A focal length with a larger relative standard error is not determined: so large is that of positions."""
 WHAT_DETERMINES = (
     "straight driving says nothing of the focal length: take a drive with curves, with poses if there are any, or "
     "photograph a board (wayside calibrate IMAGES --board 9x6)"
@@ -54,13 +55,13 @@ def format_drive(found: CalibratedDrive) -> str:
     return "\n".join(lines)
 
 
-def not_determined(found: CalibratedDrive, settings: SelfCalibrationSettings) -> str:
+def not_determined(found: CalibratedDrive) -> str:
     """Words of refusal where the drive does not determine the focal length, else empty."""
     sigma = found.calibration.focal_sigma
-    if sigma <= settings.largest_sigma:
+    if sigma <= LARGEST_SIGMA:
         return ""
     return (
-        f"{found.log}: wanted a drive that determines the focal length to {100 * settings.largest_sigma:g} %, "
+        f"{found.log}: wanted a drive that determines the focal length to {100 * LARGEST_SIGMA:g} %, "
         f"found one whose standard error is {100 * sigma:.2f} % ({headline(found)}); {WHAT_DETERMINES}"
     )
 

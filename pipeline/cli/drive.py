@@ -180,7 +180,6 @@ def calibrate(
         report = calibrate_by_boards(
             paths,
             parse_board(board, square_m),
-            settings=chosen.boards,
             model=model or "plumb_bob",
             name=name,
             out=out,

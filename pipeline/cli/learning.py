@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -25,24 +25,10 @@ app = Application()
 _RESULT = "result"
 
 
-class Fitted(StrEnum):
-    """What can be fitted."""
-
-    color = "color"
-    shape = "shape"
-    location = "location"
-    confidence = "confidence"
-
-
-class Space(StrEnum):
-    """Spaces of the colour classes."""
-
-    auto = "auto"
-    rgb = "rgb"
-    chromaticity = "chromaticity"
-    log_chromaticity = "log_chromaticity"
-    log_rgb = "log_rgb"
-    lab = "lab"
+Fitted = StrEnum("Fitted", ["color", "shape", "location", "confidence"])
+"""What can be fitted."""
+Space = Literal["auto", "rgb", "chromaticity", "log_chromaticity", "log_rgb", "lab"]
+"""Spaces of the colour classes."""
 
 
 @app.command(
@@ -204,7 +190,7 @@ def fit(
     ] = None,
     space: Annotated[
         Space, typer.Option(help="Space of the colours; auto: by cross-validation.")
-    ] = Space.auto,
+    ] = "auto",
     complete: Annotated[
         bool,
         typer.Option("--complete", help="Every sign of the labelled images is labelled."),
@@ -243,7 +229,7 @@ def fit(
         settings_of(given),
         tuple(one.value for one in Fitted if model is None or one in model),
         alpha,
-        None if space is Space.auto else space.value,
+        None if space == "auto" else space,
         complete,
         only_labelled,
         source,

@@ -3,25 +3,34 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.result import find_log, read_rows, read_run, read_settings
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Frame, Image
+from wayside.schemas.labels import Box
 from wayside.schemas.settings import ReadSettings
+from wayside.schemas.tables import FRAMES
 from wayside.stages.imaging import decode
 
+Key = TypeVar("Key")
 CONTEXT = 3.0
 """A crop is this many times as large as the box in it."""
 SMALLEST_PX = 64
 """No crop is lower than this: of a face far away, its surroundings say what it is."""
 _OUTSIDE_GREY = 200
+PAPER, ACCENT = (255, 255, 255), (214, 0, 128)
+"""Colours of the line around a box, outside and inside; no sign has the second."""
+_THIN_TO_PX, _HALO_PX, _SHIFT = 280, 3, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +49,7 @@ class Crop:
         return Crop(rgb, (x0 * along, y0 * down, x1 * along, y1 * down))
 
 
-def cut(rgb: NDArray[np.uint8], box: tuple[float, float, float, float], proportion: float) -> Crop:
+def cut(rgb: NDArray[np.uint8], box: Box, proportion: float) -> Crop:
     """Cut a box with its surroundings out of an image.
 
     Parameters
@@ -78,6 +87,47 @@ def _shifted_inside(start: int, length: int, room: int) -> int:
     return start if length > room else min(max(start, 0), room - length)
 
 
+def draw_crop(crop: Crop, size: tuple[int, int]) -> NDArray[np.uint8]:
+    """A crop with its box, (height, width, 3) uint8 RGB; `size` is width, height of its proportion."""
+    scaled = crop.scaled_to(*size)
+    rgb = scaled.rgb.copy()
+    thickness = 2 if size[0] <= _THIN_TO_PX else 3
+    x0, y0, x1, y1 = (edge - 0.5 for edge in scaled.box)  # pixel centres stand at integers
+    gap = (thickness + _HALO_PX) / 2 + 1  # the line goes around the face, not over it
+    x0, y0, x1, y1 = x0 - gap, y0 - gap, x1 + gap, y1 + gap
+    corners = np.array([[(x0, y0)], [(x1, y0)], [(x1, y1)], [(x0, y1)]]) * (1 << _SHIFT)
+    outline = [np.rint(corners).astype(np.int32)]
+    for ink, width in ((PAPER, thickness + _HALO_PX), (ACCENT, thickness)):
+        cv2.polylines(rgb, outline, True, ink, width, cv2.LINE_AA, _SHIFT)
+    return rgb
+
+
+def read_crops(
+    out: Path,
+    log: Path | None,
+    boxes: Iterable[tuple[Key, int, Box]],
+    proportion: float,
+) -> Iterator[tuple[Key, Crop | None]]:
+    """Cut boxes with their surroundings out of the images of a result's log, which is read once.
+
+    out: folder of the result; log: where its log lies now, None: as at the time of the run; boxes: what to call a box,
+    its frame and itself. Crops come in order of their frames, None where an image does not decode; what the log has no
+    longer does not come. Raises InputError where the result or the log cannot be used, or the log is another one.
+    """
+    wanted: defaultdict[int, list[tuple[Key, Box]]] = defaultdict(list)
+    for key, frame, box in boxes:
+        wanted[frame].append((key, box))
+    if not wanted:
+        return
+    run = read_run(out)
+    source, settings = find_log(run, log), read_settings(out, run)
+    frames = read_rows(out, FRAMES, ["frame", "log_time_ns"])
+    times_ns = {row["frame"]: row["log_time_ns"] for row in frames}
+    for image in read_images(source, settings, wanted.keys(), times_ns, ReadReport()):
+        for key, box in wanted[image.frame.index]:
+            yield key, None if image.rgb is None else cut(image.rgb, box, proportion)
+
+
 def read_images(
     log: Path,
     settings: ReadSettings,
@@ -85,23 +135,9 @@ def read_images(
     log_times_ns: Mapping[int, int],
     report: ReadReport,
 ) -> Iterator[Image]:
-    """Decoded images of a log, only the wanted ones, in order; reading ends with the last of them.
+    """Decoded images of frames of these indices, in order; reading ends with the last of them.
 
-    Parameters
-    ----------
-    log, settings
-        The log of the result, read as it was read then.
-    wanted
-        Indices of frames.
-    log_times_ns
-        Log time of every frame of the result, by index.
-    report
-        Filled while the images are taken.
-
-    Raises
-    ------
-    InputError
-        The log cannot be used, or is another one than the result was made from.
+    log_times_ns: of every frame of the result, by which another log than that it was made from is told (InputError).
     """
     return decode(_wanted_frames(log, settings, wanted, log_times_ns, report))
 

@@ -6,96 +6,135 @@ World x goes right and y up, true to scale.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.evidence.canvas import (
-    ACCENT,
-    FAINT,
-    MEDIUM,
-    TEXT,
-    Canvas,
-)
 from wayside.pipeline.evidence.gather import DriveMap, Evidence
-from wayside.pipeline.evidence.marks import Ink, ink_of
 
-OTHERS: Ink = (168, 175, 184)
-SIGHT: Ink = (240, 170, 210)
-ELLIPSE_FILL: Ink = (252, 226, 240)
 SIGMAS = 2.0
-_MARGIN_PX, _FOOT_PX = 26, 46
-_SMALL, _DOT_PX, _OTHER_PX = 17, 8.5, 4.5
+MARGIN_PX, FOOT_PX = 26, 46
+"""Around a map, and for the scale bar below it."""
+_SIZE = 484, 340
 _NARROWEST_M = 20.0
-_PANEL_THICKNESS, _ARROW_PX = 7, 11
 
 
 @dataclass(frozen=True, slots=True)
 class Projection:
-    """World x, y (metres) to page: `scale` pixels a metre, `centre` metres shown at `middle` pixels."""
+    """World x, y (metres) to page, x right and y down.
+
+    turn (2, 2): turns rows x, y; scale: pixels a metre; centre: turned metres shown at `middle` pixels; extent: pixels
+    of what is shown, `middle` in its middle.
+    """
 
     scale: float
     centre: NDArray[np.float64]
     middle: NDArray[np.float64]
+    extent: NDArray[np.float64]
+    turn: NDArray[np.float64] = field(default_factory=lambda: np.eye(2))
 
     def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Page points of world points (..., 2)."""
-        page: NDArray[np.float64] = (points[..., :2] - self.centre) * [1, -1] * self.scale
-        return page + self.middle
+        """Page points of world points (..., 2), to a tenth of a pixel."""
+        page = (points[..., :2] @ self.turn - self.centre) * [1, -1] * self.scale
+        return np.round(page + self.middle, 1)
+
+    def foot(
+        self,
+        box: tuple[float, float, float, float],
+        north: NDArray[np.float64] | None,
+        axes: str = "",
+    ) -> dict[str, Any]:
+        """Scale bar and, where it is known, an arrow to the north or what the axes are, at the foot of a map.
+
+        box: left, top, width and height of the map, pixels.
+        """
+        left, top, width, height = box
+        metres = round_length(0.3 * width / self.scale)
+        words = f"{metres * 100:g} cm" if metres < 1 else f"{metres:g} m"
+        x, y = (0, 1) if north is None else north @ self.turn
+        return {
+            "left": round(left + MARGIN_PX, 1),
+            "bar": round(left + MARGIN_PX + metres * self.scale, 1),
+            "right": round(left + width - MARGIN_PX, 1),
+            "base": round(top + height - 17, 1),
+            "words": f"{metres / 1000:g} km" if metres >= 1000 else words,
+            "axes": axes,
+            "turn_deg": None if north is None else round(math.degrees(math.atan2(x, y)), 1),
+        }
 
 
-def fit(points: NDArray[np.float64], size: tuple[int, int], narrowest_m: float) -> Projection:
+def fit(
+    points: NDArray[np.float64],
+    size: tuple[int, int],
+    narrowest_m: float,
+    turn: NDArray[np.float64] | None = None,
+) -> Projection:
     """Projection that shows all points (n, 2) on a map of that size, and no less than `narrowest_m` metres."""
-    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-    room = np.array(size, np.float64) - [2 * _MARGIN_PX, _MARGIN_PX + _FOOT_PX]
-    scale = float(np.min(room / np.maximum(high - low, narrowest_m)))
-    middle = np.array([size[0] / 2, _MARGIN_PX + room[1] / 2])
-    return Projection(scale, (low + high) / 2, middle)
+    turn = np.eye(2) if turn is None else turn
+    turned = points[:, :2] @ turn
+    low, high = turned.min(axis=0), turned.max(axis=0)
+    room = np.array(size, np.float64) - [2 * MARGIN_PX, MARGIN_PX + FOOT_PX]
+    extent = np.maximum(high - low, narrowest_m)
+    scale = float(np.min(room / extent))
+    middle = np.array([size[0] / 2, MARGIN_PX + room[1] / 2])
+    return Projection(scale, (low + high) / 2, middle, extent * scale, turn)
 
 
-def draw_drive_map(page: Canvas, evidence: Evidence, drive: DriveMap) -> None:
-    """The camera's path, every sign in grey and this one in its colour."""
+def sign_maps(evidence: Evidence, drive: DriveMap) -> list[dict[str, Any]]:
+    """Maps as the macro `drawing` of `drawings.svg` takes them.
+
+    On the first two the camera's path, every sign in grey and this one in its colour, on the second also where the
+    camera stood when it measured the sign. On the third the error ellipse close by, and the panel as a line of its
+    measured width.
+    """
     position = _position(evidence)
-    everything = np.concatenate([drive.path[:, :2], drive.signs[:, :2]])
-    to_page = fit(everything, _size(page), _NARROWEST_M)
-    _draw_path(page, to_page, drive)
-    _draw_others(page, to_page, drive, position)
-    _draw_ellipse(page, to_page, evidence)
-    _draw_sign(page, to_page, evidence)
-    _draw_foot(page, to_page, drive.north)
-
-
-def draw_sight_map(page: Canvas, evidence: Evidence, drive: DriveMap) -> None:
-    """Where the camera stood when it measured the sign, with the lines of sight."""
-    position = _position(evidence)
-    stands = [drive.cameras[v.frame] for v in evidence.views if v.frame in drive.cameras]
-    cameras = np.array(stands, np.float64).reshape(-1, 3)
-    shown = np.concatenate([cameras[:, :2], position[None]])
-    to_page = fit(shown, _size(page), _NARROWEST_M)
-    for camera in cameras:
-        page.line(to_page(np.stack([camera[:2], position])), SIGHT)
-    _draw_path(page, to_page, drive)
-    for camera in cameras:
-        page.dot(to_page(camera), 5, TEXT)
-    _draw_others(page, to_page, drive, position)
-    _draw_ellipse(page, to_page, evidence)
-    _draw_sign(page, to_page, evidence)
-    _draw_foot(page, to_page, drive.north)
-
-
-def draw_ellipse_map(page: Canvas, evidence: Evidence, drive: DriveMap) -> None:
-    """The error ellipse close by, the panel as a line of its measured width, and the direction of travel."""
     ellipse, panel = error_ellipse(evidence), panel_line(evidence, drive)
-    position = _position(evidence)
-    shown = np.concatenate([position[None], ellipse, panel])
-    to_page = fit(shown, _size(page), 0.5)
-    _draw_ellipse(page, to_page, evidence)
-    if len(panel):
-        page.line(to_page(panel), TEXT, _PANEL_THICKNESS + 4)
-        page.line(to_page(panel), ink_of(evidence.sign["color"]), _PANEL_THICKNESS)
-    page.dot(to_page(position), 4, ACCENT)
-    _draw_foot(page, to_page, drive.north)
+    stands = [drive.cameras[v.frame] for v in evidence.views if v.frame in drive.cameras]
+    cameras = np.array(stands, np.float64).reshape(-1, 3)[:, :2]
+    others = drive.signs[np.any(drive.signs[:, :2] != position, axis=1)][:, :2]
+    road = {
+        "path": drive.path[:, :2],
+        "others": others,
+        "ellipse": ellipse,
+        "sign": position[None],
+    }
+    close = {"ellipse": ellipse, "panel": panel, "centre": position[None]}
+    everything = [drive.path[:, :2], drive.signs[:, :2]]
+    return [
+        _map("Whole drive", everything, _NARROWEST_M, drive, road),
+        _map(
+            "Lines of sight",
+            [cameras, position[None]],
+            _NARROWEST_M,
+            drive,
+            road | {"cameras": cameras},
+        ),
+        _map(
+            "2-sigma error ellipse and panel", [position[None], ellipse, panel], 0.5, drive, close
+        ),
+    ]
+
+
+def _map(
+    heading: str,
+    shown: list[NDArray[np.float64]],
+    narrowest_m: float,
+    drive: DriveMap,
+    shapes: dict[str, NDArray[np.float64]],
+) -> dict[str, Any]:
+    """A map that shows some points, with its shapes in pixels."""
+    to_page = fit(np.concatenate(shown), _SIZE, narrowest_m)
+    names = ("path", "others", "ellipse", "sign", "cameras", "panel", "centre")
+    none = np.zeros((0, 2))
+    return {
+        "heading": heading,
+        "width": _SIZE[0],
+        "height": _SIZE[1],
+        "foot": to_page.foot((0, 0, *_SIZE), drive.north, "x right, y up"),
+        **{name: to_page(shapes.get(name, none)).tolist() for name in names},
+    }
 
 
 def error_ellipse(evidence: Evidence) -> NDArray[np.float64]:
@@ -138,73 +177,7 @@ def _position(evidence: Evidence) -> NDArray[np.float64]:
     return np.array([evidence.sign["x"], evidence.sign["y"]], np.float64)
 
 
-def _size(page: Canvas) -> tuple[int, int]:
-    return page.rgb.shape[1], page.rgb.shape[0]
-
-
-def _draw_path(page: Canvas, to_page: Projection, drive: DriveMap) -> None:
-    page.line(to_page(drive.path), FAINT, 2)
-
-
-def _draw_others(
-    page: Canvas, to_page: Projection, drive: DriveMap, position: NDArray[np.float64]
-) -> None:
-    for other in to_page(drive.signs[np.any(drive.signs[:, :2] != position, axis=1)]):
-        page.dot(other, _OTHER_PX, OTHERS)
-
-
-def _draw_ellipse(page: Canvas, to_page: Projection, evidence: Evidence) -> None:
-    outline = error_ellipse(evidence)
-    if len(outline):
-        page.polygon(to_page(outline), ELLIPSE_FILL, ACCENT, 2)
-
-
-def _draw_sign(page: Canvas, to_page: Projection, evidence: Evidence) -> None:
-    page.dot(to_page(_position(evidence)), _DOT_PX, ink_of(evidence.sign["color"]), TEXT)
-
-
-def _draw_foot(page: Canvas, to_page: Projection, north: NDArray[np.float64] | None) -> None:
-    """Scale bar at the left, at the right an arrow to the north or what the axes are, below the map."""
-    width, height = _size(page)
-    length_m = round_length(0.3 * width / to_page.scale)
-    baseline, left = height - 17, _MARGIN_PX
-    right = left + length_m * to_page.scale
-    tick = 5
-    page.line(
-        [
-            (left, baseline - 5 - tick),
-            (left, baseline - 5),
-            (right, baseline - 5),
-            (right, baseline - 5 - tick),
-        ],
-        TEXT,
-        2,
-    )
-    page.text((right + 10, baseline), length_words(length_m), _SMALL, TEXT, MEDIUM)
-    words, end = "x right, y up", width - _MARGIN_PX
-    if north is not None:
-        words, end = "north", end - 2 * _ARROW_PX - 6
-        _draw_arrow(page, np.array([width - _MARGIN_PX - _ARROW_PX, baseline - 6]), north)
-    page.text((end, baseline), words, _SMALL, FAINT, right=True)
-
-
-def _draw_arrow(page: Canvas, middle: NDArray[np.float64], towards: NDArray[np.float64]) -> None:
-    """An arrow about a point of the page, in a direction (2,) of the world."""
-    along = towards * [1, -1] * _ARROW_PX
-    across = np.array([-along[1], along[0]])
-    tip = middle + along
-    page.line([middle - along, tip], TEXT, 2)
-    page.line([tip - (along - across) / 2, tip, tip - (along + across) / 2], TEXT, 2)
-
-
 def round_length(most: float) -> float:
     """The longest length of 1, 2 or 5 times a power of ten that is not above `most`."""
     power = 10.0 ** math.floor(math.log10(most))
     return max(step * power for step in (1, 2, 5) if step * power <= most)
-
-
-def length_words(metres: float) -> str:
-    """A length as a scale bar says it."""
-    if metres >= 1000:
-        return f"{metres / 1000:g} km"
-    return f"{metres:g} m" if metres >= 1 else f"{metres * 100:g} cm"

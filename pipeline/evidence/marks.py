@@ -55,6 +55,11 @@ def ink_of(color: str | None) -> Ink:
     return UNKNOWN_INK if color is None else COLOR_INK[color]
 
 
+def css(color: str | None) -> str:
+    """The ink of a class of colours as CSS has it."""
+    return "#{:02x}{:02x}{:02x}".format(*ink_of(color))
+
+
 def outline_of(shape: str | None) -> Outline:
     """Outline to paint a class with; a hexagon where it is not known."""
     return OUTLINES["other" if shape is None else shape]

@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-
-from wayside.pipeline.evidence.crops import Crop, cut, read_images
+from wayside.pipeline.evidence.crops import Crop, draw_crop, read_crops
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
 from wayside.pipeline.evidence.index import Card, format_index
-from wayside.pipeline.evidence.sheet import PROPORTION, draw_crop, draw_sheet
-from wayside.pipeline.evidence.sheet_page import format_sheet
+from wayside.pipeline.evidence.sheet import PROPORTION, draw_sheet, format_sheet
 from wayside.pipeline.file_marks import is_marked, marked_png
 from wayside.pipeline.output_folder import OutputFolder
-from wayside.pipeline.reading.frames import ReadReport
-from wayside.pipeline.result import find_log, read_run, read_settings
+from wayside.pipeline.result import read_run
 from wayside.pipeline.reviewing.review import result_name
 from wayside.pipeline.webp import encode_webp
 from wayside.pipeline.writing import create, not_written, refuse
-from wayside.schemas.settings import ReadSettings
 
 INDEX_FILE = "index.html"
 THUMB = 240, 180
-_PNG_LEVEL, _WEBP_QUALITY = 4, 75
 Watcher = Callable[[int, int], None]
 
 
@@ -84,27 +77,24 @@ def write_evidence(
     """
     run = read_run(out)
     drive, signs = gather(out, sign_id)
-    mark = f"wayside {run.get('log', '')} {run.get('log_fingerprint') or ''}".strip()
-    source = (find_log(run, log), read_settings(out, run)) if signs else None
+    name = str(run.get("log", ""))
+    mark = f"wayside {name} {run.get('log_fingerprint') or ''}".strip()
     with OutputFolder(folder) as output:
-        binder = _Binder(
-            output.part, drive, str(run.get("log", "")), str(run.get("world", "")), mark, png=png
-        )
-        names = [name for one in signs for name in binder.files(one)]
+        binder = _Binder(output.part, drive, run, mark, png=png)
+        names = [file for one in signs for file in binder.files(one)]
         if sign_id is None:
             names.append(INDEX_FILE)
             binder.link(signs)
         if not overwrite:
             _check_free(folder, names, mark)
-        if source is not None:
-            _fill(binder, signs, *source, watch)
+        _fill(binder, signs, out, log, watch)
         if sign_id is None:
             cards = [Card(one.sign, binder.name(one), binder.thumbs.get(one.name)) for one in signs]
-            index_page = format_index(cards, drive, binder.log, result_name(run), mark)
+            index_page = format_index(cards, drive, name, result_name(run), mark)
             _write(output.part / INDEX_FILE, index_page.encode())
         output.commit([] if sign_id else _sheets_of_others(folder, mark, signs))
-    index = folder / INDEX_FILE if sign_id is None else None
-    return Written(tuple(folder / binder.name(one) for one in signs), index, binder.lost_views)
+    sheets = tuple(folder / binder.name(one) for one in signs)
+    return Written(sheets, None if sign_id else folder / INDEX_FILE, binder.lost_views)
 
 
 def _check_free(folder: Path, names: Sequence[str], mark: str) -> None:
@@ -134,9 +124,9 @@ class _Binder:
     """Keeps the cut-outs of every sign until its sheet can be drawn and written."""
 
     def __init__(
-        self, folder: Path, drive: DriveMap, log: str, world: str, mark: str, *, png: bool
+        self, folder: Path, drive: DriveMap, run: Mapping[str, Any], mark: str, *, png: bool
     ) -> None:
-        self.folder, self.drive, self.log, self.world = folder, drive, log, world
+        self.folder, self.drive, self.run = folder, drive, run
         self.mark, self.png = mark, png
         self.neighbours: dict[str, dict[str, str]] = {}
         self.crops: defaultdict[str, dict[SignView, Crop]] = defaultdict(dict)
@@ -161,49 +151,36 @@ class _Binder:
                 beside["next"] = self.name(signs[number + 1])
             self.neighbours[one.name] = beside
 
-    def add(self, evidence: Evidence, view: SignView, rgb: NDArray[np.uint8] | None) -> None:
-        """Keep what the image of a view shows; None where it does not decode."""
-        if rgb is not None:
-            self.crops[evidence.name][view] = cut(rgb, view.box, PROPORTION)
-
     def finish(self, evidence: Evidence) -> None:
         """Draw and write the sheet of a sign with what there is of it."""
         crops = self.crops.pop(evidence.name, {})
         self.lost_views += len(evidence.views) - len(crops)
-        about = (evidence, crops, self.drive, self.log, self.world)
+        about = (evidence, crops, self.drive, self.run)
         page = format_sheet(*about, self.mark, self.neighbours.get(evidence.name, {}))
         _write(self.folder / self.name(evidence), page.encode())
         if self.png:
-            png = _encoded(".png", draw_sheet(*about), cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL)
-            _write(self.folder / f"{evidence.name}.png", marked_png(png, self.mark))
+            png = marked_png(draw_sheet(*about), self.mark)
+            _write(self.folder / f"{evidence.name}.png", png)
         if evidence.best in crops:
             thumb = draw_crop(crops[evidence.best], THUMB)
             self.thumbs[evidence.name] = encode_webp(thumb)
 
 
 def _fill(
-    binder: _Binder, signs: list[Evidence], log: Path, settings: ReadSettings, watch: Watcher
+    binder: _Binder, signs: list[Evidence], out: Path, log: Path | None, watch: Watcher
 ) -> None:
-    """Take the images of all views from the log and finish every sign with its last one."""
-    by_frame: defaultdict[int, list[tuple[Evidence, SignView]]] = defaultdict(list)
-    for one in signs:
-        for view in one.views:
-            by_frame[view.frame].append((one, view))
+    """Take the crops of all views from the log and finish every sign with its last one."""
+    boxes = (((one, view), view.frame, view.box) for one in signs for view in one.views)
     open_signs = {one.name: one for one in signs}
     watch(0, len(signs))
-    times_ns = binder.drive.log_times_ns
-    for image in read_images(log, settings, by_frame.keys(), times_ns, ReadReport()):
-        for one, view in by_frame[image.frame.index]:
-            binder.add(one, view, image.rgb)
-            if view is one.views[-1]:
-                binder.finish(open_signs.pop(one.name))
-                watch(len(signs) - len(open_signs), len(signs))
+    for (one, view), crop in read_crops(out, log, boxes, PROPORTION):
+        if crop is not None:
+            binder.crops[one.name][view] = crop
+        if view is one.views[-1]:
+            binder.finish(open_signs.pop(one.name))
+            watch(len(signs) - len(open_signs), len(signs))
     for one in open_signs.values():  # the log has become shorter since the run
         binder.finish(one)
-
-
-def _encoded(kind: str, rgb: NDArray[np.uint8], *how: int) -> bytes:
-    return cv2.imencode(kind, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), how)[1].tobytes()
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -5,23 +5,20 @@ from __future__ import annotations
 import filecmp
 import os
 import shutil
-from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-from wayside.pipeline.exporting.flat_table import Chunk, FlatTable, flat_table
-from wayside.pipeline.exporting.gis_files import GisLayer, made_files
-from wayside.pipeline.exporting.place import Placer
+from wayside.pipeline.exporting.flat_table import FlatTable, flat_table
+from wayside.pipeline.exporting.gis_files import made_files
+from wayside.pipeline.exporting.place import PlacedRows
 from wayside.pipeline.exporting.sources import (
     INVENTORY_TABLES,
-    Source,
     drive_signs,
     inventory_rows,
     is_inventory,
 )
 from wayside.pipeline.exporting.text_files import count_rows, write_csv, write_geojson
-from wayside.pipeline.exporting.units import in_feet_and_inches
 from wayside.pipeline.reviewing.review import Review
 from wayside.pipeline.writing import is_stream, not_whole, refuse, whole_file
 from wayside.schemas.errors import UsageError
@@ -95,6 +92,64 @@ def export(
     OutputError
         A file cannot be written, or another stands there.
     """
+    inventory = is_inventory(out)
+    _require_fitting(kind, crs, units)
+    _require_table(out, kind, table, inventory=inventory)
+    if kind == "mcap":
+        return _write_log(out, flat_table(out, review), log, file, overwrite=overwrite)
+    if inventory:
+        source = inventory_rows(out, table or next(iter(INVENTORY_TABLES)))
+    else:
+        source = drive_signs(out, review)
+    if kind in _ALWAYS_WGS_84 and source.world is not None:
+        raise UsageError(
+            f"{out}: wanted signs on the globe for {FORMATS[kind]}, found none with longitude and latitude: the log "
+            "has no satellite fixes; export CSV, gpkg or shp, whose x and y are relative to the drive"
+        )
+    rows = PlacedRows(source, crs, imperial=units != UNITS[0])
+    write = _write_text if kind in ("csv", "geojson") else _write_gis
+    files, cut = write(rows, kind, file, overwrite=overwrite)
+    told = kind != "csv" or crs is not None
+    return Exported(rows.count, files, (*(rows.notes() if told else ()), *cut))
+
+
+def _write_log(
+    out: Path, signs: FlatTable, log: Path | None, file: Path, *, overwrite: bool
+) -> Exported:
+    from wayside.pipeline.exporting.foxglove_log import require_whole_log, write_foxglove_log
+
+    with whole_file(file, overwrite=overwrite, read_back=require_whole_log) as stream:
+        notes = write_foxglove_log(out, signs, log, stream)
+    return Exported(len(signs.rows), (file,), tuple(notes))
+
+
+def _write_text(
+    rows: PlacedRows, kind: str, file: Path, *, overwrite: bool
+) -> tuple[tuple[Path, ...], list[str]]:
+    """Write CSV or GeoJSON; the file."""
+
+    def read_back(made: Path) -> None:
+        if count_rows(made, kind) != rows.count:
+            raise not_whole(file)
+
+    write = write_csv if kind == "csv" else write_geojson
+    with whole_file(file, overwrite=overwrite, read_back=read_back) as stream:
+        write(rows.columns, rows, stream)
+    return (file,), []
+
+
+def _write_gis(
+    rows: PlacedRows, kind: str, file: Path, *, overwrite: bool
+) -> tuple[tuple[Path, ...], list[str]]:
+    """Write what GDAL writes; the files, and what was cut, in words."""
+    with made_files(rows, kind, file) as (made, cut):
+        targets = [file.with_suffix(path.suffix) for path in made[:-1]] + [file]
+        _write_together(made, targets, overwrite=overwrite)
+    return tuple(targets), cut
+
+
+def _require_fitting(kind: str, crs: str | None, units: str) -> None:
+    """Refuse a reference system or units that a format has not."""
     if crs is not None and kind in (*_ALWAYS_WGS_84, "mcap"):
         always = (
             "lies in the frames of the drive" if kind == "mcap" else "is WGS 84 by its standard"
@@ -106,70 +161,9 @@ def export(
         raise UsageError(
             f"--units {units}: wanted another format, found mcap, whose schemas are in metres; leave --units out"
         )
-    inventory = is_inventory(out)
-    _require_fitting(out, kind, table, inventory=inventory)
-    if kind == "mcap":
-        from wayside.pipeline.exporting.foxglove_log import require_whole_log, write_foxglove_log
-
-        signs = flat_table(out, review)
-        with whole_file(file, overwrite=overwrite, read_back=require_whole_log) as stream:
-            notes = write_foxglove_log(out, signs, log, stream)
-        return Exported(len(signs.rows), (file,), tuple(notes))
-    if inventory:
-        source = inventory_rows(out, table or next(iter(INVENTORY_TABLES)))
-    else:
-        source = drive_signs(out, review)
-    if kind in _ALWAYS_WGS_84 and source.world is not None:
-        raise UsageError(
-            f"{out}: wanted signs on the globe for {FORMATS[kind]}, found none with longitude and latitude: the log "
-            "has no satellite fixes; export CSV, gpkg or shp, whose x and y are relative to the drive"
-        )
-    written = _Rows(source, crs, units)
-    if kind in ("csv", "geojson"):
-        write = write_csv if kind == "csv" else write_geojson
-
-        def read_back(made: Path) -> None:
-            if count_rows(made, kind) != written.count:
-                raise not_whole(file)
-
-        with whole_file(file, overwrite=overwrite, read_back=read_back) as stream:
-            write(written.columns, written, stream)
-        told = kind != "csv" or crs is not None
-        return Exported(written.count, (file,), written.notes() if told else ())
-    layer = GisLayer(source.table, source.key, written.columns, written, written.crs, source.last)
-    with made_files(layer, kind, file) as (made, cut):
-        targets = [file.with_suffix(path.suffix) for path in made[:-1]] + [file]
-        _write_together(made, targets, overwrite=overwrite)
-    return Exported(written.count, tuple(targets), (*written.notes(), *cut))
 
 
-class _Rows:
-    """The rows of a source as they are written, counted: placed, projected, in the wanted units."""
-
-    def __init__(self, source: Source, crs: str | None, units: str) -> None:
-        self._source, self._units = source, units
-        self._placer = Placer(source, crs)
-        self.crs = self._placer.crs
-        self.columns = self._finished(FlatTable(source.columns, ())).table.columns
-        self.count = 0
-
-    def __iter__(self) -> Iterator[Chunk]:
-        for table in self._source.chunks():
-            self.count += len(table.rows)
-            yield self._finished(table)
-
-    def notes(self) -> tuple[str, ...]:
-        """What must be known of the rows so far."""
-        return tuple(self._placer.notes())
-
-    def _finished(self, table: FlatTable) -> Chunk:
-        placed = self._placer.place(table)
-        if self._units == UNITS[0]:
-            return placed
-        return replace(placed, table=in_feet_and_inches(placed.table))
-
-
-def _require_fitting(out: Path, kind: str, table: str | None, *, inventory: bool) -> None:
+def _require_table(out: Path, kind: str, table: str | None, *, inventory: bool) -> None:
     """Refuse what only the result of a drive, or only an inventory, has."""
     if table is not None and not inventory:
         raise UsageError(

@@ -16,8 +16,9 @@ from wayside.pipeline.reviewing.review import REVIEWS, Review, Reviewed
 from wayside.schemas.errors import InputError
 from wayside.schemas.tables import FRAMES, SIGNS, Column, Table
 
+GEOMETRY = "geometry"
 Row = dict[str, Any]
-"""Values by column name; one that is absent or None is unknown."""
+"""Values by column name; one that is absent or None is unknown. What is to be written has a `Point` as geometry."""
 
 Point = tuple[float, ...]
 """A place: x, y, or x, y and height."""
@@ -40,14 +41,6 @@ class FlatTable:
 
     columns: tuple[Column, ...]
     rows: tuple[Row, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Chunk:
-    """Some rows of a table, and where each lies: a point for each row, None where it has no place."""
-
-    table: FlatTable
-    points: tuple[Point | None, ...]
 
 
 def flat_table(out: Path, review: Review) -> FlatTable:
@@ -74,7 +67,7 @@ def flat_table(out: Path, review: Review) -> FlatTable:
 
 def kept_columns(table: Table) -> list[Column]:
     """The columns of a table that its flat one is made of: all but the geometry."""
-    return [column for column in table.columns if column.name != "geometry"]
+    return [column for column in table.columns if column.name != GEOMETRY]
 
 
 def flat_columns(table: Table) -> tuple[Column, ...]:

@@ -14,6 +14,10 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap_protobuf.writer import Writer
@@ -28,32 +32,9 @@ from wayside.pipeline.reading.plan import Plan, plan_reading
 from wayside.pipeline.reading.poses import bare
 from wayside.pipeline.result import find_log, read_rows, read_run, read_settings, read_table
 from wayside.pipeline.writing import not_whole
-from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Pose
 from wayside.schemas.tables import FRAMES, OBSERVATIONS
-
-try:
-    from foxglove_schemas_protobuf.Color_pb2 import Color
-    from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
-    from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
-    from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
-    from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
-    from foxglove_schemas_protobuf.Point2_pb2 import Point2
-    from foxglove_schemas_protobuf.Point3_pb2 import Point3
-    from foxglove_schemas_protobuf.PointsAnnotation_pb2 import PointsAnnotation
-    from foxglove_schemas_protobuf.Pose_pb2 import Pose as PoseMessage
-    from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
-    from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
-    from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-    from foxglove_schemas_protobuf.TextAnnotation_pb2 import TextAnnotation
-    from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
-    from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
-    from google.protobuf.timestamp_pb2 import Timestamp
-except ImportError as error:
-    raise UsageError(
-        "wanted the package foxglove-schemas-protobuf for -f mcap, found none; "
-        "install it with pip install 'wayside[foxglove]'"
-    ) from error
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _FRAME_COLUMNS = ("frame", "log_time_ns", "header_time_ns", "x", "y", "z", *_QUATERNION)
@@ -63,6 +44,8 @@ _BOX_PX, _REJECTED_PX, _TEXT_PX, _SCENE_TEXT_PX = 4.0, 1.5, 24.0, 14.0
 _REJECTED_INK, _WHITE = (140, 140, 140), (255, 255, 255)
 _UNTOLD = ("score", "overlap")
 """Verdicts on one box in one image, of which there are hundreds: they have no label."""
+Message = dict[str, Any]
+"""Fields of a message within another, which protobuf makes a message of."""
 _IDENTITY = Pose(Rotation.identity().as_matrix(), Rotation.identity().as_rotvec())
 
 
@@ -205,29 +188,27 @@ def _outlined(
 ) -> ImageAnnotations:
     """Outlines of boxes, each with its words, in the colours of both."""
     time = _stamp(row["header_time_ns"])
-    found = ImageAnnotations(timestamp=time)
+    outlines: list[Any] = []
+    texts: list[Any] = []
     for (x0, y0, x1, y1), words, ink, ink_of_words in boxes:
-        found.points.append(
-            PointsAnnotation(
-                timestamp=time,
-                type=PointsAnnotation.LINE_LOOP,
-                points=[Point2(x=x, y=y) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))],
-                outline_color=_color(ink),
-                thickness=thickness,
-            )
-        )
-        if words:
-            found.texts.append(
-                TextAnnotation(
-                    timestamp=time,
-                    position=Point2(x=x0, y=y0),
-                    text=words,
-                    font_size=_TEXT_PX,
-                    text_color=_color(ink_of_words),
-                    background_color=Color(a=0.6),
-                )
-            )
-    return found
+        outline = {
+            "timestamp": time,
+            "type": "LINE_LOOP",
+            "points": [{"x": x, "y": y} for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))],
+            "outline_color": _color(ink),
+            "thickness": thickness,
+        }
+        text = {
+            "timestamp": time,
+            "position": {"x": x0, "y": y0},
+            "text": words,
+            "font_size": _TEXT_PX,
+            "text_color": _color(ink_of_words),
+            "background_color": {"a": 0.6},
+        }
+        outlines.append(outline)
+        texts += [text] if words else []
+    return ImageAnnotations(timestamp=time, points=outlines, texts=texts)
 
 
 def _scene(table: FlatTable, rows: Sequence[Row], world: str) -> SceneUpdate:
@@ -235,31 +216,30 @@ def _scene(table: FlatTable, rows: Sequence[Row], world: str) -> SceneUpdate:
     first = rows[0]
     time = _stamp(first["header_time_ns"] or min(row["log_time_ns"] for row in rows))
     placed = {row["frame"]: row for row in rows if row["qw"] is not None}
-    entities = [_path(time, list(placed.values()))]
+    entities = [_path(list(placed.values()))]
     entities += [
-        (_missing if sign.get("status") is None else _panel)(time, sign, placed[sign["best_frame"]])
+        (_missing if sign.get("status") is None else _panel)(sign, placed[sign["best_frame"]])
         for sign in table.rows
         if sign["best_frame"] in placed
     ]
-    for entity in entities:
-        entity.frame_id = world
-    return SceneUpdate(entities=entities)
+    shared = {"timestamp": time, "frame_id": world}
+    whole: list[Any] = [entity | shared for entity in entities]
+    return SceneUpdate(entities=whole)
 
 
-def _path(time: Timestamp | None, placed: Sequence[Row]) -> SceneEntity:
-    points = [Point3(x=row["x"], y=row["y"], z=row["z"]) for row in placed]
-    line = LinePrimitive(
-        type=LinePrimitive.LINE_STRIP,
-        pose=_pose(_IDENTITY),
-        thickness=2.0,
-        scale_invariant=True,
-        points=points,
-        color=_color(_WHITE),
-    )
-    return SceneEntity(timestamp=time, id="path", lines=[line] if len(points) > 1 else [])
+def _path(placed: Sequence[Row]) -> Message:
+    line = {
+        "type": "LINE_STRIP",
+        "pose": _pose(_IDENTITY),
+        "thickness": 2.0,
+        "scale_invariant": True,
+        "points": [{axis: row[axis] for axis in "xyz"} for row in placed],
+        "color": _color(_WHITE),
+    }
+    return {"id": "path", "lines": [line] if len(placed) > 1 else []}
 
 
-def _panel(time: Timestamp | None, sign: Row, camera: Row) -> SceneEntity:
+def _panel(sign: Row, camera: Row) -> Message:
     """A sign: axes of its box as those of the camera turned by `facing_deg` about its y axis, which points down."""
     turn = Rotation.from_euler("y", sign["facing_deg"] or 0.0, degrees=True)
     axes = (Rotation.from_quat([camera[name] for name in _QUATERNION]) * turn).as_matrix()
@@ -267,38 +247,34 @@ def _panel(time: Timestamp | None, sign: Row, camera: Row) -> SceneEntity:
     panel = Pose(axes, _IDENTITY.centre + [sign[axis] for axis in "xyz"])
     above = Pose(axes, panel.centre - (height / 2 + _TEXT_ABOVE_M) * axes[:, 1])
     color = _color(ink_of(sign["color"]))
-    return SceneEntity(
-        timestamp=time,
-        id=sign["sign_id"],
-        cubes=[
-            CubePrimitive(
-                pose=_pose(panel), size=Vector3(x=width, y=height, z=_THICKNESS_M), color=color
-            )
-        ],
-        texts=[_name(above, color, _words(sign))],
-        metadata=[],
-    )
+    size = {"x": width, "y": height, "z": _THICKNESS_M}
+    return {
+        "id": sign["sign_id"],
+        "cubes": [{"pose": _pose(panel), "size": size, "color": color}],
+        "texts": [_name(above, color, _words(sign))],
+    }
 
 
-def _missing(time: Timestamp | None, sign: Row, camera: Row) -> SceneEntity:
+def _missing(sign: Row, camera: Row) -> Message:
     """The name of a sign that only the review knows, at the height of the camera, as its own is not known."""
     place = np.array([sign["x"], sign["y"], camera["z"]], np.float64)
     look = {name: sign[f"reviewed_{name}"] for name in ("color", "shape")}
-    name = _name(
-        Pose(_IDENTITY.rotation, place), _color(ink_of(look["color"])), _words(sign | look)
-    )
-    return SceneEntity(timestamp=time, id=sign["sign_id"], texts=[name])
+    at = Pose(_IDENTITY.rotation, place)
+    return {
+        "id": sign["sign_id"],
+        "texts": [_name(at, _color(ink_of(look["color"])), _words(sign | look))],
+    }
 
 
-def _name(at: Pose, color: Color, words: str) -> TextPrimitive:
-    return TextPrimitive(
-        pose=_pose(at),
-        billboard=True,
-        font_size=_SCENE_TEXT_PX,
-        scale_invariant=True,
-        color=color,
-        text=words,
-    )
+def _name(at: Pose, color: Message, words: str) -> Message:
+    return {
+        "pose": _pose(at),
+        "billboard": True,
+        "font_size": _SCENE_TEXT_PX,
+        "scale_invariant": True,
+        "color": color,
+        "text": words,
+    }
 
 
 def _transform(row: Row, frames: _Frames) -> FrameTransform | None:
@@ -308,23 +284,22 @@ def _transform(row: Row, frames: _Frames) -> FrameTransform | None:
     pose = frames.pose_of_child(camera)
     if pose is None or not math.isfinite(pose.centre.sum()):
         return None
-    message = _pose(pose)
-    position = message.position
+    moved = _pose(pose)
     return FrameTransform(
         timestamp=_stamp(time_ns),
         parent_frame_id=frames.world,
         child_frame_id=frames.child or "",
-        translation=Vector3(x=position.x, y=position.y, z=position.z),
-        rotation=message.orientation,
+        translation=moved["position"],
+        rotation=moved["orientation"],
     )
 
 
-def _pose(pose: Pose) -> PoseMessage:
-    qx, qy, qz, qw = Rotation.from_matrix(pose.rotation).as_quat(canonical=True).tolist()
-    x, y, z = pose.centre.tolist()
-    return PoseMessage(
-        position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw)
-    )
+def _pose(pose: Pose) -> Message:
+    turn = Rotation.from_matrix(pose.rotation).as_quat(canonical=True).tolist()
+    return {
+        "position": dict(zip("xyz", pose.centre.tolist(), strict=True)),
+        "orientation": dict(zip("xyzw", turn, strict=True)),
+    }
 
 
 def _words(sign: Row) -> str:
@@ -339,6 +314,6 @@ def _stamp(time_ns: int | None) -> Timestamp | None:
     return None if time_ns is None else Timestamp(seconds=time_ns // 10**9, nanos=time_ns % 10**9)
 
 
-def _color(ink: tuple[int, int, int]) -> Color:
+def _color(ink: Ink) -> Message:
     r, g, b = (value / 255 for value in ink)
-    return Color(r=r, g=g, b=b, a=1.0)
+    return {"r": r, "g": g, "b": b, "a": 1.0}

@@ -6,9 +6,8 @@ import hashlib
 import struct
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,14 +16,14 @@ from typing import Any
 
 import pyarrow as pa
 
-from wayside.pipeline.exporting.flat_table import Chunk, Point, Row
+from wayside.pipeline.exporting.flat_table import GEOMETRY, FlatTable, Point, Row
+from wayside.pipeline.exporting.place import PlacedRows
 from wayside.pipeline.exporting.text_files import plain_value
 from wayside.pipeline.exporting.units import short_names
 from wayside.pipeline.writing import PART, is_stream, not_whole, not_written, resolved
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.tables import Column
 
-_GEOMETRY = "geometry"
 _DRIVERS = {"gpkg": "GPKG", "shp": "ESRI Shapefile", "kml": "LIBKML"}
 _LONGEST_TEXT = 254
 """Bytes of a text in a dBASE file."""
@@ -49,42 +48,17 @@ def load_pyogrio() -> ModuleType:
     return pyogrio  # type: ignore[no-any-return]
 
 
-@dataclass(frozen=True, slots=True)
-class GisLayer:
-    """What a file of a geographic information system is made of.
-
-    Attributes
-    ----------
-    name, key
-        Of the layer, and the column that names a row.
-    columns
-        Of all rows.
-    chunks
-        The rows, read once, while the file is written.
-    crs
-        Of the points, as GDAL reads it.
-    when
-        Where a format wants the time of its writing, it gets this, so that the same rows give the same bytes.
-    """
-
-    name: str
-    key: str
-    columns: tuple[Column, ...]
-    chunks: Iterable[Chunk]
-    crs: str
-    when: datetime
-
-
 @contextmanager
-def made_files(layer: GisLayer, kind: str, file: Path) -> Iterator[tuple[list[Path], list[str]]]:
-    """The files of a layer in a scratch folder, which goes with the block, the main one last; and what was cut.
+def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[Path], list[str]]]:
+    """The files of a table in a scratch folder, which goes with the block, the main one last; and what was cut.
 
-    GDAL says nothing where a Shapefile or KML finds no room, so that all rows are read back.
+    GDAL says nothing where a Shapefile or KML finds no room, so that all rows are read back. Where a format wants the
+    time of its writing, it gets the latest of the rows, so that the same rows give the same bytes.
 
     Parameters
     ----------
-    layer
-        The rows and where they lie.
+    rows
+        Read once, while the file is written.
     kind
         `gpkg`, `shp` or `kml`.
     file
@@ -98,35 +72,31 @@ def made_files(layer: GisLayer, kind: str, file: Path) -> Iterator[tuple[list[Pa
         They cannot be written, or are not whole.
     """
     pyogrio = load_pyogrio()
-    options: dict[str, str] = {}
-    if kind == "gpkg":  # GDAL before 3.7, that of QGIS 3.22 too, warns of later versions
-        options = {"VERSION": "1.2"}
-    if kind == "shp":
-        options = {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": f"{layer.when:%Y-%m-%d}"}
+    source = rows.source
     cut: Counter[str] = Counter()
-    schema = _schema(layer, kind)
-    key = short_names(layer.columns)[layer.key] if kind == "shp" else layer.key
+    schema = _schema(rows.columns, kind)
+    key = short_names(rows.columns)[source.key] if kind == "shp" else source.key
     written = hashlib.sha256()
 
     def batches() -> Iterator[pa.RecordBatch]:
-        for chunk in layer.chunks:
-            batch = _batch(chunk, layer, schema, kind, cut)
-            _count(batch, key, _GEOMETRY, written)
+        for table in rows:
+            batch = _batch(table, source.key, schema, kind, cut)
+            _count(batch, key, GEOMETRY, written)
             yield batch
 
     with _scratch_beside(file) as scratch:
         made = scratch / f"{file.stem}.{kind}"
         try:
-            with _dated(pyogrio, layer.when):
+            with _dated(pyogrio, source.last):
                 pyogrio.write_arrow(
                     pa.RecordBatchReader.from_batches(schema, batches()),
                     made,
-                    layer=file.stem if kind == "shp" else layer.name,
+                    layer=file.stem if kind == "shp" else source.table,
                     driver=_DRIVERS[kind],
-                    geometry_name=_GEOMETRY,
+                    geometry_name=GEOMETRY,
                     geometry_type="Point" if kind == "kml" else "Point Z",
-                    crs=layer.crs,
-                    **options,
+                    crs=rows.crs,
+                    **_options(kind, source.last),
                 )
         except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
             raise OutputError(
@@ -135,13 +105,16 @@ def made_files(layer: GisLayer, kind: str, file: Path) -> Iterator[tuple[list[Pa
         if _read_back(pyogrio, made, key) != written.digest():
             raise not_whole(file)
         beside = sorted(path for path in scratch.iterdir() if path != made)
-        yield (
-            [*beside, made],
-            [
-                f"{count} texts of {name} are cut to the {_LONGEST_TEXT} bytes that a Shapefile holds"
-                for name, count in cut.items()
-            ],
-        )
+        words = f"cut to the {_LONGEST_TEXT} bytes that a Shapefile holds"
+        yield [*beside, made], [f"{n} texts of {name} are {words}" for name, n in cut.items()]
+
+
+def _options(kind: str, last: datetime) -> dict[str, str]:
+    if kind == "gpkg":  # GDAL before 3.7, that of QGIS 3.22 too, warns of later versions
+        return {"VERSION": "1.2"}
+    if kind == "shp":
+        return {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": f"{last:%Y-%m-%d}"}
+    return {}
 
 
 @contextmanager
@@ -174,13 +147,13 @@ def _read_back(pyogrio: ModuleType, made: Path, key: str) -> bytes:
     return found.digest()
 
 
-def _schema(layer: GisLayer, kind: str) -> pa.Schema:
+def _schema(columns: tuple[Column, ...], kind: str) -> pa.Schema:
     """One field a column, and the geometry; those of KML begin with name and description."""
-    short = short_names(layer.columns)
+    short = short_names(columns)
     fields: list[pa.Field[Any]] = []
     if kind == "kml":
         fields += [pa.field(name, pa.string()) for name in ("Name", "description")]
-    for column in layer.columns:
+    for column in columns:
         if kind == "shp":
             kept = pa.string() if _is_text(column) else column.type
             fields.append(pa.field(short[column.name], kept))
@@ -188,21 +161,22 @@ def _schema(layer: GisLayer, kind: str) -> pa.Schema:
             comment = f"{column.words} [{column.unit}]" if column.unit else column.words
             about = {"GDAL:OGR:comment": comment} if kind == "gpkg" else None
             fields.append(pa.field(column.name, column.type, metadata=about))
-    return pa.schema([*fields, pa.field(_GEOMETRY, pa.binary())])
+    return pa.schema([*fields, pa.field(GEOMETRY, pa.binary())])
 
 
 def _batch(
-    chunk: Chunk, layer: GisLayer, schema: pa.Schema, kind: str, cut: Counter[str]
+    table: FlatTable, key: str, schema: pa.Schema, kind: str, cut: Counter[str]
 ) -> pa.RecordBatch:
     """Rows in the fields of `_schema`; counts the texts that are cut by their column."""
-    rows, points = chunk.table.rows, chunk.points
+    rows = table.rows
+    points = [row[GEOMETRY] for row in rows]
     arrays: list[list[Any]] = []
     if (
         kind == "kml"
     ):  # its heights are above the sea, those here above the ellipsoid: on the ground
-        points = tuple(None if point is None else point[:2] for point in points)
-        arrays += [[str(row[layer.key]) for row in rows], [_appearance(row) for row in rows]]
-    for column in layer.columns:
+        points = [None if point is None else point[:2] for point in points]
+        arrays += [[str(row[key]) for row in rows], [_appearance(row) for row in rows]]
+    for column in table.columns:
         values = [row.get(column.name) for row in rows]
         if kind == "shp" and _is_text(column):
             texts = [None if v is None else str(plain_value(v)) for v in values]

@@ -1,4 +1,4 @@
-"""Where the rows of a table lie: on the globe, in a projection of it, or in the drive's own frame."""
+"""Rows as they are written: placed on the globe, in a projection of it, or in the drive's own frame."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import pyarrow as pa
 import pyproj
 from pyproj.exceptions import CRSError, ProjError
 
-from wayside.pipeline.exporting.flat_table import Chunk, FlatTable, Point, Row
+from wayside.pipeline.exporting.flat_table import GEOMETRY, FlatTable, Point, Row
 from wayside.pipeline.exporting.sources import Source
+from wayside.pipeline.exporting.units import in_feet_and_inches
 from wayside.schemas.errors import UsageError
 from wayside.schemas.tables import Column
 
@@ -22,16 +23,23 @@ _WORLDS = {
 }
 
 
-class Placer:
-    """Points of rows in one reference system, and what must be known to trust them.
+class PlacedRows:
+    """The rows of a source in one reference system and in the wanted units, counted while they are read.
 
     Without fixes points are x, y, z of the world frame, in metres; else longitude, latitude and ellipsoidal height, or
-    their projection, whose heights stay metres above the WGS 84 ellipsoid.
+    their projection, whose heights stay metres above the WGS 84 ellipsoid, with coordinates as columns `crs`, `crs_x`
+    and `crs_y` too. Reading raises UsageError where a point has no place in the wanted system.
 
     Attributes
     ----------
+    source
+        Where they come from.
+    columns
+        Of all rows.
     crs
-        As GDAL reads it.
+        Of the points, as GDAL reads it.
+    count
+        Rows read so far.
 
     Raises
     ------
@@ -39,57 +47,56 @@ class Placer:
         The wanted system is none, or one with a height of its own, or the source has no place on the globe.
     """
 
-    def __init__(self, source: Source, wanted: str | None) -> None:
-        self._world, self._wanted, self._table = source.world, wanted, source.table
+    def __init__(self, source: Source, wanted: str | None, *, imperial: bool) -> None:
+        self.source, self._wanted, self._imperial = source, wanted, imperial
+        self.count = self._unplaced = self._outside = 0
         self._target = None if wanted is None else _horizontal(wanted)
-        self._placed = self._unplaced = self._outside = 0
+        if source.world is not None and wanted is not None:
+            raise UsageError(
+                f"{source.folder}: wanted signs on the globe for --crs {wanted}, found none with longitude and "
+                "latitude: the log has no satellite fixes; leave --crs out for x, y of the drive"
+            )
+        self.crs = WGS_84
         if source.world is not None:
             name = f"wayside {source.world}: {_WORLDS.get(source.world, 'local')}"
             self.crs = (
                 f'ENGCRS["{name}",EDATUM["{source.world}"],CS[Cartesian,2],AXIS["x",unspecified],'
                 'AXIS["y",unspecified],LENGTHUNIT["metre",1]]'
             )
-            if wanted is not None:
-                raise UsageError(
-                    f"{source.folder}: wanted signs on the globe for --crs {wanted}, found none with longitude and "
-                    "latitude: the log has no satellite fixes; leave --crs out for x, y of the drive"
-                )
-            return
-        self.crs = WGS_84 if self._target is None else self._target.to_wkt()
-        if self._target is not None:
+        elif self._target is not None:
+            self.crs = self._target.to_wkt()
             self._to_crs = pyproj.Transformer.from_crs(WGS_84, self._target, always_xy=True)
+        self.columns = self._placed(FlatTable(source.columns, ())).columns
 
-    def place(self, table: FlatTable) -> Chunk:
-        """A point for each row; with `wanted`, coordinates as columns `crs`, `crs_x`, `crs_y` too.
+    def __iter__(self) -> Iterator[FlatTable]:
+        for table in self.source.chunks():
+            self.count += len(table.rows)
+            yield self._placed(table)
 
-        Raises
-        ------
-        UsageError
-            A point has no place in the wanted system.
-        """
-        names = _GLOBE if self._world is None else _LOCAL
+    def _placed(self, table: FlatTable) -> FlatTable:
+        names = _GLOBE if self.source.world is None else _LOCAL
         points = tuple(_point(row, names) for row in table.rows)
-        unplaced = points.count(None)
-        self._unplaced += unplaced
-        self._placed += len(points) - unplaced
-        if self._target is None:
-            return Chunk(table, points)
-        self._outside += _outside(self._target, points)
-        projected = tuple(None if point is None else self._project(point) for point in points)
-        return Chunk(_with_coordinates(table, projected, self._target), projected)
+        self._unplaced += points.count(None)
+        if self._target is not None:
+            self._outside += _outside(self._target, points)
+            points = tuple(None if point is None else self._project(point) for point in points)
+            table = _with_coordinates(table, points, self._target)
+        rows = zip(table.rows, points, strict=True)
+        placed = FlatTable(table.columns, tuple(row | {GEOMETRY: point} for row, point in rows))
+        return in_feet_and_inches(placed) if self._imperial else placed
 
     def notes(self) -> Iterator[str]:
         """In words, what the rows placed so far need."""
-        if self._world is not None:
+        if self.source.world is not None:
             yield "the log has no fixes: geometry is x, y, z of the drive's own frame, in metres"
             return
         if self._unplaced:
             yield f"{self._unplaced} rows have no place on the globe: they have no geometry"
-        if self._target is not None and self._placed:
+        if self._target is not None and self.count > self._unplaced:
             yield _operation(self._target, self._to_crs)
         if self._target is not None and self._outside:
             yield (
-                f"{self._outside} {self._table} lie outside of the area that {self._target.name} is made for: "
+                f"{self._outside} {self.source.table} lie outside of the area that {self._target.name} is made for: "
                 f"{_area(self._target)}"
             )
 

@@ -12,31 +12,32 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from wayside.pipeline.csv_text import guarded
-from wayside.pipeline.exporting.flat_table import Chunk
+from wayside.pipeline.exporting.flat_table import GEOMETRY, FlatTable
 from wayside.schemas.tables import Column
 
 
-def write_csv(columns: Iterable[Column], chunks: Iterable[Chunk], stream: BinaryIO) -> None:
+def write_csv(columns: Iterable[Column], tables: Iterable[FlatTable], stream: BinaryIO) -> None:
     """Names of the columns in the first line; empty where a value is unknown; times in ISO 8601, UTC.
 
     No text is a formula.
     """
     text = TextIOWrapper(stream, "utf-8", newline="")
     names = [column.name for column in columns]
-    writer = csv.DictWriter(text, names, restval="", lineterminator="\n")
-    writer.writeheader()
-    for chunk in chunks:
-        writer.writerows({k: _cell(v) for k, v in row.items()} for row in chunk.table.rows)
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    for table in tables:
+        writer.writerows([_cell(row.get(name)) for name in names] for row in table.rows)
     text.detach()
 
 
-def write_geojson(columns: Iterable[Column], chunks: Iterable[Chunk], stream: BinaryIO) -> None:
+def write_geojson(columns: Iterable[Column], tables: Iterable[FlatTable], stream: BinaryIO) -> None:
     """RFC 7946, a feature a line: WGS 84, longitude before latitude; the height is that above the ellipsoid."""
     names = [column.name for column in columns]
     stream.write(b'{"type": "FeatureCollection", "features": [')
     between = "\n"
-    for chunk in chunks:
-        for row, point in zip(chunk.table.rows, chunk.points, strict=True):
+    for table in tables:
+        for row in table.rows:
+            point = row[GEOMETRY]
             geometry = None if point is None else {"type": "Point", "coordinates": point}
             values = {name: _finite(plain_value(row.get(name))) for name in names}
             feature = {"type": "Feature", "geometry": geometry, "properties": values}

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
 
-from wayside.pipeline.exporting.flat_table import FlatTable
+from wayside.pipeline.exporting.flat_table import FlatTable, Row
 from wayside.pipeline.lengths import METRES_IN_FOOT
 from wayside.schemas.tables import Column
 
@@ -64,12 +63,16 @@ def in_feet_and_inches(table: FlatTable) -> FlatTable:
     """
     converted = {column.name: _imperial(column) for column in table.columns}
 
-    def convert(name: str, value: Any) -> tuple[str, Any]:
-        column, factor = converted[name]
-        return column.name, value if factor is None or value is None else value * factor
+    def convert(row: Row) -> Row:
+        changed = dict(row)
+        for name, (column, factor) in converted.items():
+            if factor is not None and name in row:
+                value = changed.pop(name)
+                changed[column.name] = None if value is None else value * factor
+        return changed
 
-    rows = tuple(dict(convert(name, value) for name, value in row.items()) for row in table.rows)
-    return FlatTable(tuple(column for column, _ in converted.values()), rows)
+    columns = tuple(column for column, _ in converted.values())
+    return FlatTable(columns, tuple(map(convert, table.rows)))
 
 
 def _imperial(column: Column) -> tuple[Column, float | None]:

@@ -10,8 +10,7 @@ from pathlib import Path
 from wayside import __version__
 from wayside.pipeline.fitting.fit import FILES, Outcome, fit_models
 from wayside.pipeline.fitting.models import Task
-from wayside.pipeline.fitting.page import fit_page
-from wayside.pipeline.fitting.report import FIT_KEYS, fit_json, format_fit, outcome_lines
+from wayside.pipeline.fitting.report import FIT_KEYS, fit_json, fit_page, format_fit, outcome_lines
 from wayside.pipeline.fitting.sources import LabelledDrive, labelled_drives
 from wayside.pipeline.labels import read_labels
 from wayside.pipeline.settings_file import load_settings
@@ -19,7 +18,6 @@ from wayside.pipeline.visible_text import visible
 from wayside.pipeline.writing import not_written, refuse, write_file, write_json
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.model_json import model_to_json
-from wayside.schemas.settings.fitting import FitSettings
 
 _SAYING = (".xml", ".txt", ".yaml", ".json", ".csv")
 FIGURES, PAGE = "fit.json", "fit.html"
@@ -72,17 +70,11 @@ def fit_labels(
         name: load_settings(name, None, [], options.read)[0]
         for name in ("report-shape", "report", "default")
     }
-    settings = FitSettings()
     labels = [read_labels(path, options.classes) for path in options.labels]
-    drives = labelled_drives(
-        labels,
-        options.images,
-        presets["report"].read,
-        settings.stretches,
-        complete=options.complete,
-    )
+    read = presets["report"].read
+    drives = labelled_drives(labels, options.images, read, complete=options.complete)
     origin = provenance(options, drives)
-    task = Task(settings, options.alpha, options.only_labelled, origin)
+    task = Task(options.alpha, options.only_labelled, origin)
     outcomes = fit_models(drives, presets, task, options.wanted, options.space, notify)
     if not any(one.written for one in outcomes):
         lines = [line for one in outcomes for line in outcome_lines(one)]
@@ -97,8 +89,8 @@ def provenance(options: FitOptions, drives: Sequence[LabelledDrive]) -> str:
         f"{path.resolve().name} (SHA-256 {digest_of(path)})" for path in options.labels
     )
     images = ", ".join(
-        f"{one.name} ({len(one.stretch)} labelled images, {len(one.sign)} boxes of "
-        f"{len(set(one.sign.tolist()))} signs)"
+        f"{one.name} ({len(one.stretch)} labelled images, {len(one.faces.sign)} boxes of "
+        f"{len(set(one.faces.sign.tolist()))} signs)"
         for one in drives
     )
     said = [f"labels {files} on {images}"]

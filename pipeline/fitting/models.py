@@ -1,21 +1,22 @@
-"""Models of Gaussian classes fitted to a user's samples: classes of enough signs, thresholds by a rule."""
+"""Models fitted to a user's samples: Gaussian classes of enough signs, and the confidence; thresholds by a rule."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.fitting.gaussians import FittedClass, Floor, Samples, fit_classes
-from wayside.pipeline.fitting.thresholds import with_gate_thresholds
-from wayside.pipeline.fitting.validation import (
+from wayside.pipeline.learning.curves import KNEE_RULE
+from wayside.pipeline.learning.gaussians import COLOR_FLOOR, Floor, Samples, fit_classes
+from wayside.pipeline.learning.held_out import (
     BEYOND,
     SEED,
     VIEWS,
     Fit,
     Held,
+    Rates,
     Resampled,
     counts_of,
     exceeds,
@@ -23,26 +24,42 @@ from wayside.pipeline.fitting.validation import (
     held_out_log_density,
     score_held_out,
 )
-from wayside.pipeline.learning.gaussians import COLOR_FLOOR
+from wayside.pipeline.learning.score_calibration import brier_score, calibrated, log_loss
+from wayside.pipeline.learning.thresholds import (
+    Points,
+    component_points,
+    normal_tail,
+    rates_of,
+    score_points,
+    with_joint_thresholds,
+)
 from wayside.schemas.detections import COLORS
 from wayside.schemas.errors import InputError
-from wayside.schemas.models import GaussianClass, GaussianModel
-from wayside.schemas.settings.fitting import FitSettings
+from wayside.schemas.models import EvidenceModel, GaussianClass, GaussianModel
 from wayside.stages.classifiers import nearest_class
 from wayside.stages.report import COLOR_SPACES, color_features
 
+FEWEST_SIGNS = 5
+"""Signs that a class needs: five found of five tell a true positive rate above 0.48 (Clopper and Pearson, 95 %)."""
+FEWEST_OTHERS = 50
+"""Samples of what is no sign: a rate of 0.05, about the smallest that is of use, of fewer is that of two samples."""
+FEWEST_LANDMARKS = 10
+"""Landmarks of signs, and of others: ten a coefficient, of which the confidence has two (Peduzzi et al. 1996)."""
+PRIOR_SIGNS = (1.0, 3.0, 10.0, 30.0)
+"""Signs that the pooled covariance counts as; the best when held out is taken. From nearly none to more than 50 images
+have."""
 DRAWS = 420
 """Values drawn from a shipped class that is kept."""
+RESAMPLINGS = 50
+"""Resamplings behind the interval of a threshold."""
+KNEE_WORDS = f"knee of the ROC of all classes together: {KNEE_RULE.partition(': ')[2]}, on held-out distances"
+ALPHA_WORDS = (
+    "most true positives of all classes together of at most this false positive rate (report chapter 9), on held-out "
+    "distances"
+)
 
-
-@dataclass(frozen=True, slots=True)
-class Rates:
-    """Shares: of the signs that are accepted, and by name; of the rest that is accepted; `gain` as of `Held`."""
-
-    accepted: float
-    named: float
-    false_rate: float
-    gain: NDArray[np.float64]
+Asked = tuple[Samples, Floor]
+"""Samples in a space, and the smallest scatter of a class there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,19 +87,41 @@ class FittedModel:
 
         By more than one standard error of the difference.
         """
-        told_apart = exceeds(self.held.gain, np.zeros_like(self.held.gain))
-        return told_apart and exceeds(self.held.gain, self.shipped.gain)
+        return exceeds(self.held.gain) and exceeds(self.held.gain, self.shipped.gain)
+
+
+@dataclass(frozen=True, slots=True)
+class FittedConfidence:
+    """The landmark classifier with other log odds, slope * shipped + shift, and what it rests on.
+
+    signs, others: labelled landmarks; before, after: mean log loss (nats) of held-out landmarks with the shipped
+    calibration and with one fitted without them; brier_before, brier_after: their mean squared errors of probability.
+    """
+
+    model: EvidenceModel
+    slope: float
+    shift: float
+    signs: int
+    others: int
+    before: float
+    after: float
+    brier_before: float
+    brier_after: float
+
+    @property
+    def better(self) -> bool:
+        """Whether held-out landmarks are the likelier for it."""
+        return self.after < self.before
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
     """What is common to the models of a fit.
 
-    settings; alpha: false-alarm rate wanted of a gate, None: the knee; only_labelled: leave out classes of too few
-    signs instead of keeping their shipped form; provenance: what a model file says of its origin.
+    alpha: false-alarm rate wanted of a gate, None: the knee; only_labelled: leave out classes of too few signs instead
+    of keeping their shipped form; provenance: what a model file says of its origin.
     """
 
-    settings: FitSettings
     alpha: float | None
     only_labelled: bool
     provenance: str
@@ -91,85 +130,76 @@ class Task:
 def fit_colors(
     samples: Samples, shipped: GaussianModel, task: Task, space: str | None
 ) -> FittedModel:
-    """Colour classes in the given space; without one, in that which does best on held-out stretches.
+    """Colour classes by mean colours of regions, RGB; in the given space, or in that which does best when held out.
 
     RGB, the report's space, stays where no other accepts more signs by name for its false alarms by more than one
-    standard error of the difference.
+    standard error. The shipped classes are in RGB; parameters and errors are those of `fit_gaussians`.
+    """
+    tried = {
+        one: (samples.with_values(color_features(samples.values, one)), color_floor(one))
+        for one in ([space] if space else COLOR_SPACES)
+    }
+    return fit_gaussians(samples, tried, COLORS, "colour", shipped, task)
+
+
+def fit_gaussians(
+    samples: Samples,
+    spaces: Mapping[str, Asked],
+    known: tuple[str, ...],
+    what: str,
+    shipped: GaussianModel,
+    task: Task,
+) -> FittedModel:
+    """The classes among `known` that have enough signs, in the space that does best on what is held out.
 
     Parameters
     ----------
     samples
-        Mean colours of regions, RGB.
+        In the space of the shipped model.
+    spaces
+        The same samples in each space that is tried, and the smallest scatter there. The first stays where no other is
+        better by more than one standard error.
+    known, what
+        All classes there can be, and a word for one.
     shipped
-        Classes that stand in for those of too few signs, in RGB.
-    task, space
-        As above; of `COLOR_SPACES`, or None.
+        Classes that stand in for those of too few signs.
+    task
+        As above.
 
     Raises
     ------
     InputError
         Not one class has enough signs, or too little is known to be no sign.
     """
-    names = enough(samples, COLORS, "colour", task.settings)
-    tried: dict[str, tuple[float, Held]] = {}
-    for one in [space] if space else COLOR_SPACES:
-        values = samples.with_values(color_features(samples.values, one))
-        tried[one] = _validated(values, names, color_floor(one), task)
-    chosen = space or _best_space({name: held for name, (_, held) in tried.items()})
-    in_space = samples.with_values(color_features(samples.values, chosen))
-    model, kept = _model(in_space, names, COLORS, shipped, chosen, tried[chosen][0], task)
-    return FittedModel(
-        model,
-        tried[chosen][1],
-        kept,
-        _lacking(samples, COLORS, names),
-        tried[chosen][0],
-        {name: other for name, (_, other) in tried.items() if name != chosen},
-        rates_of(shipped, _asked(samples, names), COLORS, task.settings.resamplings),
-        rates_of(model, in_space, COLORS, task.settings.resamplings),
-    )
-
-
-def fit_classes_of(
-    samples: Samples,
-    known: tuple[str, ...],
-    what: str,
-    floor: Floor,
-    shipped: GaussianModel,
-    task: Task,
-) -> FittedModel:
-    """Classes among `known` in the space of the shipped model; parameters and errors are those of `fit_colors`."""
-    names = enough(samples, known, what, task.settings)
-    prior, held = _validated(samples, names, floor, task)
-    model, kept = _model(samples, names, known, shipped, shipped.space, prior, task, floor)
+    names = enough(samples, known, what)
+    tried = {one: _validated(*asked, names, task) for one, asked in spaces.items()}
+    first = next(iter(tried))
+    chosen = max(tried, key=lambda one: float(np.nanmean(tried[one][1].gain)))
+    if not exceeds(tried[chosen][1].gain, tried[first][1].gain):
+        chosen = first
+    prior, held = tried[chosen]
+    model, kept = _model(*spaces[chosen], names, known, shipped, chosen, prior, task)
+    counts = {name: samples.signs(name) for name in known if name not in names}
     return FittedModel(
         model,
         held,
         kept,
-        _lacking(samples, known, names),
+        {name: count for name, count in counts.items() if count},
         prior,
-        {},
-        rates_of(shipped, _asked(samples, names), known, task.settings.resamplings),
-        rates_of(model, samples, known, task.settings.resamplings),
+        {name: other for name, (_, other) in tried.items() if name != chosen},
+        model_rates(shipped, _asked(samples, names), known),
+        model_rates(model, spaces[chosen][0], known),
     )
 
 
-def rates_of(
-    model: GaussianModel, samples: Samples, names: tuple[str, ...], resamplings: int
-) -> Rates:
+def model_rates(model: GaussianModel, samples: Samples, names: tuple[str, ...]) -> Rates:
     """How a model decides on samples in its space."""
     code, _, accepted = nearest_class(samples.values, model, names)
-    others = np.asarray(samples.kind == "")
-    rate = Resampled(samples, resamplings).rate
-    named = rate(accepted & (np.array(names)[code] == samples.kind), ~others)
-    false = rate(accepted, others)
-    known = float(rate(accepted, ~others)[0])
-    return Rates(known, float(named[0]), float(false[0]), (named - false)[1:])
+    given = np.where(accepted, np.array(names)[code], "")
+    return Resampled(samples).rates(given)
 
 
-def enough(
-    samples: Samples, known: Sequence[str], what: str, settings: FitSettings
-) -> tuple[str, ...]:
+def enough(samples: Samples, known: Sequence[str], what: str) -> tuple[str, ...]:
     """The classes that can be fitted and held out: enough signs, in two folds at least.
 
     Raises
@@ -178,22 +208,21 @@ def enough(
         There is none, or too little is known to be no sign.
     """
     others = int((samples.kind == "").sum())
-    if others < settings.fewest_others:
+    if others < FEWEST_OTHERS:
         raise InputError(
-            f"wanted {settings.fewest_others} samples of what is no sign, found {others}; mark images as "
+            f"wanted {FEWEST_OTHERS} samples of what is no sign, found {others}; mark images as "
             "complete (--complete: every sign of the labelled images is labelled), or label what is no sign"
         )
     counts = {name: samples.signs(name) for name in known}
     names = tuple(
         name
         for name in known
-        if counts[name] >= settings.fewest_signs
-        and len(np.unique(samples.fold[samples.kind == name])) > 1
+        if counts[name] >= FEWEST_SIGNS and len(np.unique(samples.fold[samples.kind == name])) > 1
     )
     if not names:
         found = ", ".join(f"{count} {name}" for name, count in counts.items() if count) or "none"
         raise InputError(
-            f"wanted {settings.fewest_signs} labelled signs of a {what}, in two stretches of road or more, "
+            f"wanted {FEWEST_SIGNS} labelled signs of a {what}, in two stretches of road or more, "
             f"found {found}; label more"
         )
     return names
@@ -201,14 +230,13 @@ def enough(
 
 def color_floor(space: str) -> Floor:
     """The smallest scatter of a colour class in RGB, carried over into a space at the mean."""
-    random = np.random.default_rng(SEED)
-    steps = random.normal(0, COLOR_FLOOR, (DRAWS, 3))
+    if space == "rgb":
+        return lambda mean: np.array(COLOR_FLOOR)
+    steps = np.random.default_rng(SEED).normal(0, COLOR_FLOOR, (DRAWS, 3))
     grid = np.stack(np.meshgrid(*[np.arange(0, 256, 15.0)] * 3), axis=-1).reshape(-1, 3)
     features = color_features(grid, space)
 
     def floor(mean: NDArray[np.float64]) -> NDArray[np.float64]:
-        if space == "rgb":
-            return np.array(COLOR_FLOOR)
         near = grid[((features - mean) ** 2 / features.var(axis=0)).sum(axis=1).argmin()]
         around = color_features(np.clip(near + steps, 0, 255), space)
         return np.asarray(around.std(axis=0), np.float64)
@@ -217,7 +245,7 @@ def color_floor(space: str) -> Floor:
 
 
 def _validated(
-    samples: Samples, names: Sequence[str], floor: Floor, task: Task
+    samples: Samples, floor: Floor, names: Sequence[str], task: Task
 ) -> tuple[float, Held]:
     """The strength of the prior that does best on held-out folds, and how the classes do there with it."""
 
@@ -225,59 +253,63 @@ def _validated(
         return lambda part: fit_classes(part, names, floor, prior)
 
     own = samples.select(np.isin(samples.kind, names))
-    choices = task.settings.prior_signs
-    prior = choices[int(np.argmax([held_out_log_density(own, fit(one)) for one in choices]))]
+    # rounded: where there is one class alone, all do the same
+    prior = max(PRIOR_SIGNS, key=lambda one: round(held_out_log_density(own, fit(one)), 6))
     asked = _asked(samples, names)
     distance = held_out_distances(asked, names, fit(prior))
-    return prior, score_held_out(asked, names, distance, task.alpha, task.settings.resamplings)
+    return prior, score_held_out(asked, names, distance, task.alpha)
 
 
 def _model(
     samples: Samples,
+    floor: Floor,
     names: Sequence[str],
     known: tuple[str, ...],
     shipped: GaussianModel,
     space: str,
     prior: float,
     task: Task,
-    floor: Floor | None = None,
 ) -> tuple[GaussianModel, tuple[str, ...]]:
     """The classes of all samples and the shipped ones that are kept, with thresholds by held-out distances.
 
     A kept class has no labels, or few: values drawn from its density stand in for one sign more (Laplace's rule of
     succession).
     """
-    scatter = floor or color_floor(space)
 
-    def fit(part: Samples) -> tuple[FittedClass, ...]:
-        return fit_classes(part, names, scatter, prior)
+    def fit(part: Samples) -> tuple[GaussianClass, ...]:
+        return fit_classes(part, names, floor, prior)
 
-    drawn = {
-        one.name: _drawn(one, space)
+    kept = {
+        one.name: (_drawn(one, space), one.count)
         for one in shipped.classes
         if one.name not in names and not task.only_labelled
     }
-    own = [GaussianClass(c.name, c.mean, c.covariance, 0.0, "", c.views) for c in fit(samples)]
-    counted = {one.name: one.count for one in shipped.classes}
-    own += [
-        GaussianClass(name, values.mean(axis=0), np.cov(values.T), 0.0, "", counted[name])
-        for name, values in drawn.items()
-    ]
-    model = GaussianModel(
-        space, tuple(sorted(own, key=lambda one: known.index(one.name))), task.provenance
-    )
+    classes = list(fit(samples))
+    for name, (values, known_by) in kept.items():
+        mean, covariance = values.mean(axis=0), np.cov(values.T)
+        classes.append(GaussianClass(name, mean, covariance, 0.0, "", known_by))
+    classes.sort(key=lambda one: known.index(one.name))
+    model = GaussianModel(space, tuple(classes), task.provenance)
     # distances of the labelled to their own classes as held out, to the kept ones as they are
-    ordered = [one.name for one in model.classes]
+    ordered = [one.name for one in classes]
     distance = model.distances(samples.values)
     distance[:, [ordered.index(name) for name in names]] = held_out_distances(samples, names, fit)
-    parts = [distance, *(model.distances(values) for values in drawn.values())]
-    stand_in = len(drawn) * DRAWS
+    parts = [distance, *(model.distances(values) for values, _ in kept.values())]
+    stand_in = len(kept) * DRAWS
     on = np.concatenate([samples.kind != "", np.ones(stand_in, bool)])
     count = np.concatenate([counts_of(samples), np.full(stand_in, VIEWS // DRAWS)])
     group = np.concatenate([samples.stretch, np.arange(stand_in) % (samples.stretch.max() + 1)])
     every = np.minimum(np.concatenate(parts), BEYOND)
-    learned = with_gate_thresholds(model, every, on, count, group, task.alpha, SEED)
-    return learned, tuple(drawn)
+
+    def points_of(rows: NDArray[np.bool_], counted: NDArray[np.int64]) -> Points:
+        return component_points(every[rows], on[rows], counted[rows])
+
+    alpha, draws = task.alpha, RESAMPLINGS
+    rule = KNEE_WORDS if alpha is None else f"alpha {alpha:g}: {ALPHA_WORDS}"
+    learned = with_joint_thresholds(
+        model, points_of, on, count, group, rule, alpha=alpha, draws=draws, seed=SEED
+    )
+    return learned, tuple(kept)
 
 
 def _drawn(one: GaussianClass, space: str) -> NDArray[np.float64]:
@@ -292,14 +324,47 @@ def _asked(samples: Samples, names: Sequence[str]) -> Samples:
     return samples.select((samples.kind == "") | np.isin(samples.kind, names))
 
 
-def _lacking(samples: Samples, known: Sequence[str], names: Sequence[str]) -> dict[str, int]:
-    return {
-        name: count for name in known if name not in names and (count := samples.signs(name)) > 0
-    }
+def fit_confidence(samples: Samples, shipped: EvidenceModel, task: Task) -> FittedConfidence:
+    """Fit slope and shift of the log odds (n, 1) of labelled landmarks, held out fold by fold (Platt 1999).
 
+    The model decides where a sign is as likely as anything else, or at a false-alarm rate; its operating points are
+    those of the held-out log odds.
 
-def _best_space(tried: dict[str, Held]) -> str:
-    """The space of the largest gain; RGB where that is not larger than its own by a standard error."""
-    gains = {name: float(np.nanmean(held.gain)) for name, held in tried.items()}
-    best = max(gains, key=lambda name: gains[name])
-    return best if exceeds(tried[best].gain, tried["rgb"].gain) else "rgb"
+    Raises
+    ------
+    InputError
+        There are too few landmarks of signs, or of others, for the false-alarm rate too, or all are of one fold.
+    """
+    score, on = samples.values[:, 0], np.asarray(samples.kind != "")
+    signs, others, folds = int(on.sum()), int((~on).sum()), np.unique(samples.fold)
+    if min(signs, others) < FEWEST_LANDMARKS or len(folds) < 2:
+        raise InputError(
+            f"wanted {FEWEST_LANDMARKS} landmarks of labelled signs and of what is no sign, in two stretches or more, "
+            f"found {signs} and {others} in {len(folds)}; label more"
+        )
+    held = np.empty(len(score))
+    for fold in folds:
+        own = samples.fold == fold
+        slope, shift = calibrated(score[~own], on[~own])
+        held[own] = slope * score[own] + shift
+    slope, shift = calibrated(score, on)
+    model = replace(
+        shipped,
+        curves=tuple(slope * curve for curve in shipped.curves),
+        shift=slope * shipped.shift + shift,
+        threshold=shipped.threshold - shipped.decision,
+        provenance=f"{task.provenance}; log odds {slope:.3f} x + {shift:.3f} of: {shipped.provenance}",
+        decision=0.0,
+        threshold_rule="log odds of 0: as likely a sign as anything else, by labelled landmarks (Platt 1999)",
+        threshold_interval=None,
+        curve=score_points(held, on, samples.stretch, normal_tail, rates_of(others)),
+    )
+    if task.alpha is not None:
+        try:
+            model = model.at_alpha(task.alpha)
+        except ValueError as error:
+            raise InputError(
+                f"{error}; {others} landmarks that are no sign tell no smaller one: label more"
+            ) from error
+    losses = (loss(one, on) for loss in (log_loss, brier_score) for one in (score, held))
+    return FittedConfidence(model, slope, shift, signs, others, *losses)

@@ -1,4 +1,4 @@
-"""The figures of a fit in words, and as JSON."""
+"""The figures of a fit in words, as JSON, and as a page with the held-out curves."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from wayside.pipeline.fitting.confidence import FittedConfidence
 from wayside.pipeline.fitting.fit import CONFIDENCE, FILES, Outcome
-from wayside.pipeline.fitting.models import FittedModel, Rates
+from wayside.pipeline.fitting.models import FittedConfidence, FittedModel
 from wayside.pipeline.fitting.sources import LabelledDrive
-from wayside.pipeline.fitting.validation import Held
+from wayside.pipeline.learning.curves import RocCurve
+from wayside.pipeline.learning.held_out import ClassScore, Held, Rates, Share
+from wayside.pipeline.learning.page import Figure, Picture, format_page
+from wayside.pipeline.learning.plots import INKS, RATES, draw_band, draw_roc, new_axes, svg
 from wayside.pipeline.statistics import Interval
+from wayside.schemas.models import GaussianClass
 
 FIT_KEYS = ("provenance", "models", "held_out")
 NETWORKS = (
@@ -26,6 +29,10 @@ _CHOSEN = (
     "shipped model accepts more than of all regions and so looks worse than it is; try the result on another drive, "
     "or label complete images (--complete)"
 )
+_CURVES = (
+    "Curves show samples that were held out. Grey: 95 % band of the true positive rate over stretches of road. Dot: "
+    "the threshold in the model file; ring: the knee. Of a gate, all thresholds are chosen together."
+)
 
 
 def fit_json(
@@ -35,11 +42,10 @@ def fit_json(
     alpha: float | None,
 ) -> dict[str, Any]:
     """All figures: what was learned from, per model its classes, thresholds, held-out rates and curves."""
-    by_drive = any(drive.fold is not None for drive in drives)
     return {
         "provenance": provenance,
-        "held_out": "drives" if by_drive else "stretches of road",
-        "stretches": len({s for drive in drives for s in drive.stretch.values()}),
+        "held_out": "drives" if _by_drive(drives) else "stretches of road",
+        "stretches": _stretches(drives),
         "rule": "knee" if alpha is None else f"alpha {alpha:g}",
         "models": {one.what: _outcome(one) for one in outcomes},
         "not_fitted": NETWORKS,
@@ -49,33 +55,32 @@ def fit_json(
 def format_fit(outcomes: Sequence[Outcome], drives: Sequence[LabelledDrive], out: Path) -> str:
     """The report that the command prints."""
     lines = [
-        f"{drive.name}: {len(drive.stretch)} labelled images, {len(drive.sign)} boxes of "
-        f"{len(set(drive.sign.tolist()))} signs, {len(drive.labels.complete)} images complete"
+        f"{drive.name}: {len(drive.stretch)} labelled images, {len(drive.faces.sign)} boxes of "
+        f"{len(set(drive.faces.sign.tolist()))} signs, {len(drive.labels.complete)} images complete"
         for drive in drives
     ]
-    stretches = len({s for drive in drives for s in drive.stretch.values()})
-    by_drive = any(drive.fold is not None for drive in drives)
-    held = f"{len(drives)} drives" if by_drive else f"{stretches} stretches of road"
+    stretches = _stretches(drives)
+    held = f"{len(drives)} drives" if _by_drive(drives) else f"{stretches} stretches of road"
     lines.append(f"held out in turn: {held}; brackets: 95 % intervals over {stretches} stretches")
     if not any(drive.labels.complete for drive in drives):
         lines.append(_CHOSEN)
     for one in outcomes:
         lines += ["", *outcome_lines(one)]
-    lines += ["", f"not fitted: {NETWORKS}"]
     written = [one.what for one in outcomes if one.written]
-    lines.append(f"written to {out}: {', '.join(FILES[what] for what in written)}")
     preset = "" if CONFIDENCE in written else " --preset report"
-    lines[-1] += f", fit.json, fit.html; next: wayside run drive.mcap{preset} --models {out}"
+    lines += [
+        "",
+        f"not fitted: {NETWORKS}",
+        f"written to {out}: {', '.join(FILES[what] for what in written)}, fit.json, fit.html; next: wayside run "
+        f"drive.mcap{preset} --models {out}",
+    ]
     return "\n".join(lines)
 
 
 def outcome_lines(one: Outcome) -> list[str]:
     """What became of one model, in lines."""
-    name = FILES[one.what]
-    head = (
-        f"{one.what}: {name} written" if one.written else f"{one.what}: not written, {one.refusal}"
-    )
-    lines = [head]
+    state = f"{FILES[one.what]} written" if one.written else f"not written, {one.refusal}"
+    lines = [f"{one.what}: {state}"]
     if one.faces is not None:
         lines.append(f"  {one.met} of {one.faces} labelled faces have a region of the segmentation")
     if isinstance(one.fitted, FittedConfidence):
@@ -92,45 +97,56 @@ def outcome_lines(one: Outcome) -> list[str]:
 def _model_lines(fitted: FittedModel) -> list[str]:
     held, before = fitted.held, fitted.shipped
     lines = [
-        f"  held out, {fitted.model.space}: accepted {_share(held.accepted, held.accepted_interval)}, under the right "
-        f"name {_share(held.named, held.named_interval)}, of {held.others} others "
-        f"{_share(held.false_rate, held.false_interval)}",
-        f"  shipped, same samples: accepted {before.accepted:.2f}, right name {before.named:.2f}, others "
-        f"{before.false_rate:.2f}",
+        f"  held out, {fitted.model.space}: accepted {_share(held.accepted)}, under the right name "
+        f"{_share(held.named)}, of {held.others} others {_share(held.false_rate)}",
+        f"  shipped, same samples: accepted {before.accepted.value:.2f}, right name {before.named.value:.2f}, others "
+        f"{before.false_rate.value:.2f}",
     ]
     for name, other in fitted.compared.items():
-        lines.append(
-            f"  in space {name}: right name {_share(other.named, other.named_interval)}, others "
-            f"{_share(other.false_rate, other.false_interval)}"
-        )
+        rates = f"right name {_share(other.named)}, others {_share(other.false_rate)}"
+        lines.append(f"  in space {name}: {rates}")
     lines.append(
         "  class                      signs  views  right name         area               threshold"
     )
-    thresholds = {one.name: one for one in fitted.model.classes}
+    classes = {one.name: one for one in fitted.model.classes}
     for score in held.classes:
-        one = thresholds[score.name]
-        area = score.curve
-        words = "-" if area is None else _share(area.area, area.area_interval)
         lines.append(
-            f"  {score.name:<26} {score.signs:>5}  {score.views:>5}  {_share(score.named, score.named_interval):<17}  "
-            f"{words:<17}  {_share(one.threshold, one.threshold_interval)}"
+            f"  {score.name:<26} {score.signs:>5}  {score.views:>5}  {_share(score.named):<17}  "
+            f"{_area(score.curve):<17}  {_threshold(classes[score.name])}"
         )
     for name in fitted.kept:
-        found = fitted.lacking.get(name, 0)
         lines.append(
-            f"  {name:<26} {found:>5}         too few signs: shipped class kept          threshold "
-            f"{thresholds[name].threshold:.2f}"
+            f"  {name:<26} {fitted.lacking.get(name, 0):>5}         too few signs: shipped class kept          "
+            f"threshold {classes[name].threshold:.2f}"
         )
-    left = [
-        f"{name} ({count})" for name, count in fitted.lacking.items() if name not in fitted.kept
-    ]
+    left = [f"{name} ({n})" for name, n in fitted.lacking.items() if name not in fitted.kept]
     if left:
         lines.append(f"  left out, too few signs: {', '.join(left)}")
     return lines
 
 
-def _share(value: float, interval: Interval | tuple[float, float] | None) -> str:
-    return f"{value:.2f}" + ("" if interval is None else f" [{interval[0]:.2f} {interval[1]:.2f}]")
+def _by_drive(drives: Sequence[LabelledDrive]) -> bool:
+    return any(drive.fold is not None for drive in drives)
+
+
+def _stretches(drives: Sequence[LabelledDrive]) -> int:
+    return len({stretch for drive in drives for stretch in drive.stretch.values()})
+
+
+def _share(share: Share) -> str:
+    return _with_ends(share.value, (share.low, share.high))
+
+
+def _area(curve: RocCurve | None) -> str:
+    return "-" if curve is None else _with_ends(curve.area, curve.area_interval)
+
+
+def _threshold(one: GaussianClass) -> str:
+    return _with_ends(one.threshold, one.threshold_interval)
+
+
+def _with_ends(value: float, ends: Interval | tuple[float, float] | None) -> str:
+    return f"{value:.2f}" + ("" if ends is None else f" [{ends[0]:.2f} {ends[1]:.2f}]")
 
 
 def _outcome(one: Outcome) -> dict[str, Any]:
@@ -142,7 +158,7 @@ def _outcome(one: Outcome) -> dict[str, Any]:
     }
     if isinstance(one.fitted, FittedConfidence):
         c = one.fitted
-        body |= {
+        return body | {
             "slope": c.slope,
             "shift": c.shift,
             "landmarks_of_signs": c.signs,
@@ -150,69 +166,100 @@ def _outcome(one: Outcome) -> dict[str, Any]:
             "log_loss": {"shipped": c.before, "held_out": c.after},
             "brier_score": {"shipped": c.brier_before, "held_out": c.brier_after},
         }
-    elif one.fitted is not None:
-        f = one.fitted
-        body |= {
-            "space": f.model.space,
-            "prior_signs": f.prior_signs,
-            "held_out": _held(f.held),
-            "shipped_on_the_same": _plain(f.shipped),
-            "fitted_on_all": _plain(f.fitted),
-            "other_spaces": {name: _rates(held) for name, held in f.compared.items()},
-            "kept": list(f.kept),
-            "too_few_signs": f.lacking,
-            "thresholds": {
-                c.name: {
-                    "threshold": c.threshold,
-                    "interval": c.threshold_interval,
-                    "rule": c.threshold_rule,
-                    "samples": c.count,
-                }
-                for c in f.model.classes
-            },
-        }
-    return body
-
-
-def _plain(rates: Rates) -> dict[str, float]:
-    return {
-        "accepted": rates.accepted,
-        "named": rates.named,
-        "false_rate": rates.false_rate,
-    }
-
-
-def _rates(held: Held) -> dict[str, Any]:
-    return {
-        "accepted": [held.accepted, *held.accepted_interval],
-        "named": [held.named, *held.named_interval],
-        "false_rate": [held.false_rate, *held.false_interval],
-    }
-
-
-def _held(held: Held) -> dict[str, Any]:
-    return _rates(held) | {
-        "others": held.others,
-        "confusion": held.confusion,
-        "classes": {
-            one.name: {
-                "signs": one.signs,
-                "views": one.views,
-                "named": [one.named, *one.named_interval],
-                "area": None if one.curve is None else one.curve.area,
-                "area_interval": None if one.curve is None else one.curve.area_interval,
-                "curve": None
-                if one.curve is None
-                else {
-                    "threshold": _finite(one.curve.threshold),
-                    "true_rate": np.round(one.curve.tpr, 4).tolist(),
-                    "false_rate": np.round(one.curve.fpr, 5).tolist(),
-                },
+    if one.fitted is None:
+        return body
+    f = one.fitted
+    return body | {
+        "space": f.model.space,
+        "prior_signs": f.prior_signs,
+        "held_out": _held(f.held),
+        "shipped_on_the_same": {name: share[0] for name, share in _rates(f.shipped).items()},
+        "fitted_on_all": {name: share[0] for name, share in _rates(f.fitted).items()},
+        "other_spaces": {name: _rates(held) for name, held in f.compared.items()},
+        "kept": list(f.kept),
+        "too_few_signs": f.lacking,
+        "thresholds": {
+            c.name: {
+                "threshold": c.threshold,
+                "interval": c.threshold_interval,
+                "rule": c.threshold_rule,
+                "samples": c.count,
             }
-            for one in held.classes
+            for c in f.model.classes
         },
     }
 
 
-def _finite(values: Any) -> list[float | None]:
-    return [round(float(v), 4) if np.isfinite(v) else None for v in values]
+def _rates(rates: Rates) -> dict[str, Share]:
+    return {name: getattr(rates, name) for name in ("accepted", "named", "false_rate")}
+
+
+def _held(held: Held) -> dict[str, Any]:
+    return {
+        **_rates(held),
+        "others": held.others,
+        "confusion": held.confusion,
+        "classes": {one.name: _class(one) for one in held.classes},
+    }
+
+
+def _class(one: ClassScore) -> dict[str, Any]:
+    curve = one.curve
+    return {
+        "signs": one.signs,
+        "views": one.views,
+        "named": one.named,
+        "area": None if curve is None else curve.area,
+        "area_interval": None if curve is None else curve.area_interval,
+        "curve": None
+        if curve is None
+        else {
+            "threshold": [
+                round(v, 4) if np.isfinite(v) else None for v in curve.threshold.tolist()
+            ],
+            "true_rate": np.round(curve.tpr, 4).tolist(),
+            "false_rate": np.round(curve.fpr, 5).tolist(),
+        },
+    }
+
+
+def fit_page(outcomes: Sequence[Outcome], provenance: str) -> str:
+    """HTML: for each model its held-out rates beside the shipped ones, and the curve of each class."""
+    chapters = [(one.what, _figures(one)) for one in outcomes]
+    return format_page("Models fitted to labels", (provenance, _CURVES), chapters)
+
+
+def _figures(one: Outcome) -> tuple[Figure]:
+    state = "written" if one.written else f"not written: {one.refusal}"
+    if isinstance(one.fitted, FittedConfidence):
+        c = one.fitted
+        state = (
+            f"{state}. {c.signs} landmarks of signs, {c.others} others. Held-out log loss {c.before:.3f} shipped, "
+            f"{c.after:.3f} fitted; Brier score {c.brier_before:.3f}, {c.brier_after:.3f}."
+        )
+    if not isinstance(one.fitted, FittedModel):
+        return (Figure("", "", "", state),)
+    fitted = one.fitted
+    compared: dict[str, Rates] = {f"fitted, held out ({fitted.model.space})": fitted.held}
+    compared["shipped, same samples"] = fitted.shipped
+    compared |= {f"in space {name}, held out": held for name, held in fitted.compared.items()}
+    rows = [("", "signs accepted", "under the right name", "others accepted")]
+    for name, rates in compared.items():
+        accepted, named, false = (f"{100 * one.value:.1f} %" for one in _rates(rates).values())
+        rows.append((name, accepted, named, false))
+    classes = {one.name: one for one in fitted.model.classes}
+    pictures = [_picture(score, classes[score.name]) for score in fitted.held.classes]
+    return (Figure("", "", "", state, pictures, table=rows),)
+
+
+def _picture(score: ClassScore, one: GaussianClass) -> Picture:
+    words = f"{score.name}: {score.signs} signs, {score.views} views"
+    curve = score.curve
+    if curve is None:
+        return Picture("", f"{words}, all in one stretch")
+    axes = new_axes((0, 1), (0, 1), RATES, (300, 290))
+    draw_band(axes, curve)
+    used = curve.at(one.threshold, accept_below=True)
+    draw_roc(axes, curve, INKS[0], "", used=used)
+    words += f"; area {curve.area:.2f}; threshold {_threshold(one)}: {one.threshold_rule}"
+    return svg(axes, words)

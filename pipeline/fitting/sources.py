@@ -12,32 +12,33 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.image_order import image_files, natural_key
 from wayside.pipeline.labels import FrameLabels, LogImages, labels_by_frame
-from wayside.pipeline.learning.samples import ANY_SPACING_M, ON_FACE
+from wayside.pipeline.learning.labelled import Faces, labelled_faces
+from wayside.pipeline.learning.samples import ANY_SPACING_M
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.image_headers import read_exif, refuse_turned
-from wayside.pipeline.roc.faces import Faces, labelled_faces
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Frame, Image
-from wayside.schemas.labels import SIGN, UNSURE, LabelledImage, Labels
+from wayside.schemas.labels import LabelledImage, Labels
 from wayside.schemas.settings import ReadSettings
-from wayside.stages.geometry import iou_matrix
 from wayside.stages.imaging import decode
+
+STRETCHES = 10
+"""Parts of the road, with as many labelled images each, that are held out one after the other (Kohavi 1995)."""
 
 
 @dataclass(frozen=True, slots=True)
 class LabelledDrive:
     """A log, or a folder of images in their natural order, with labels.
 
-    path; is_log; labels: by frame; faces: the same as boxes, a row a label of a sign, or of what is undecided; sign
-    (m,): number of the physical sign of each row of `faces`, the same in no other drive; stretch: number of the
-    stretch of each labelled frame; fold: that of all its stretches where whole drives are held out, else None.
+    path; is_log; labels: by frame; faces: the same as boxes, their numbers of signs those of no other drive; stretch:
+    number of the stretch of each labelled frame; fold: that of all its stretches where whole drives are held out, else
+    None.
     """
 
     path: Path
     is_log: bool
     labels: FrameLabels
     faces: Faces
-    sign: NDArray[np.int64]
     stretch: Mapping[int, int]
     fold: int | None
 
@@ -51,9 +52,7 @@ class LabelledDrive:
         if not self.is_log:
             yield from _folder_images(self.path, self.stretch)
             return
-        spacing = settings.spacing_m or ANY_SPACING_M
-        every = replace(settings, thin_m=0.0, every=1, spacing_m=spacing)
-        frames = read_frames(self.path, every, ReadReport())
+        frames = read_frames(self.path, _every_image(settings), ReadReport())
         yield from decode(frame for frame in frames if frame.index in self.stretch and frame.used)
 
     def stretch_of(self, frames: NDArray[np.int64], sign: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -65,7 +64,7 @@ class LabelledDrive:
         nearest = np.abs(frames[:, None] - labelled).argmin(axis=1)
         found = np.array([self.stretch[frame] for frame in labelled[nearest].tolist()], np.int64)
         for one in np.unique(sign[sign >= 0]):
-            own = self.faces.frame[self.sign == one].tolist()
+            own = self.faces.frame[self.faces.sign == one].tolist()
             found[sign == one] = np.bincount([self.stretch[frame] for frame in own]).argmax()
         return found
 
@@ -81,12 +80,7 @@ class LabelledDrive:
 
 
 def labelled_drives(
-    labels: Sequence[Labels],
-    images: Sequence[Path],
-    settings: ReadSettings,
-    stretches: int,
-    *,
-    complete: bool,
+    labels: Sequence[Labels], images: Sequence[Path], settings: ReadSettings, *, complete: bool
 ) -> list[LabelledDrive]:
     """The images with labels: whole drives are held out where there are several, else stretches of one.
 
@@ -98,8 +92,6 @@ def labelled_drives(
         Logs and folders of images.
     settings
         Which images of the logs take part.
-    stretches
-        How many parts all labelled images together are cut into.
     complete
         Take every labelled image for one in which every sign is labelled.
 
@@ -119,45 +111,18 @@ def labelled_drives(
         frames = _labelled(own)
         if complete:
             own = replace(own, complete=frozenset(frames))
-        parts = max(1, min(round(stretches * len(frames) / total), len(frames) // 2))
+        parts = max(1, min(round(STRETCHES * len(frames) / total), len(frames) // 2))
         stretch = {
             frame: first_stretch + min(parts - 1, place * parts // len(frames))
             for place, frame in enumerate(frames)
         }
-        faces, signs = labelled_faces(own), sign_numbers(own)
+        faces = labelled_faces(own)
+        faces = replace(faces, sign=faces.sign + first_sign)
         fold = number if len(found) > 1 else None
-        drives.append(LabelledDrive(path, is_log, own, faces, signs + first_sign, stretch, fold))
+        drives.append(LabelledDrive(path, is_log, own, faces, stretch, fold))
         first_stretch += parts
-        first_sign += len(signs)
+        first_sign += len(faces.sign)
     return drives
-
-
-def sign_numbers(labels: FrameLabels) -> NDArray[np.int64]:
-    """The number of the sign of each row of `labelled_faces`, from 0 on.
-
-    Labels without the name of their panel are signs of their own.
-    """
-    panels = [
-        label.panel
-        for _, own in sorted(labels.labels.items())
-        for label in own
-        if label.kind in (SIGN, UNSURE)
-    ]
-    names: dict[str, int] = {}
-    numbers = [
-        names.setdefault(panel or f"\0{row}", len(names)) for row, panel in enumerate(panels)
-    ]
-    return np.array(numbers, np.int64)
-
-
-def sign_of_view(drive: LabelledDrive, frame: int, box: Sequence[float]) -> int:
-    """Number of the sign that a box lies on in a frame; -1 where it is on none."""
-    own = np.flatnonzero(drive.faces.frame == frame)
-    if not len(own):
-        return -1
-    overlap = iou_matrix(np.array([box], np.float64), drive.faces.box[own])[0]
-    best = int(overlap.argmax())
-    return int(drive.sign[own[best]]) if overlap[best] >= ON_FACE else -1
 
 
 def _labelled(labels: FrameLabels) -> list[int]:
@@ -174,9 +139,7 @@ def _by_frame(labels: Labels, path: Path, settings: ReadSettings) -> tuple[bool,
         found = labels_by_frame(labels, path.resolve().name, {k: -1 - k for k in names}, names)
         used = set(names)
     else:
-        spacing = settings.spacing_m or ANY_SPACING_M
-        every = replace(settings, thin_m=0.0, every=1, spacing_m=spacing)
-        known = LogImages.of(path, every)
+        known = LogImages.of(path, _every_image(settings))
         used = set(known.used)
         found = labels_by_frame(labels, path.stem, known.times_ns, known.names)
     kept = {frame: own for frame, own in found.labels.items() if frame in used}
@@ -188,6 +151,11 @@ def _by_frame(labels: Labels, path: Path, settings: ReadSettings) -> tuple[bool,
             "give the labels of this log or folder, see docs/labels.md"
         )
     return path.is_file(), found
+
+
+def _every_image(settings: ReadSettings) -> ReadSettings:
+    spacing = settings.spacing_m or ANY_SPACING_M
+    return replace(settings, thin_m=0.0, every=1, spacing_m=spacing)
 
 
 def _files(folder: Path) -> list[Path]:

@@ -22,6 +22,9 @@ from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.tables import FRAMES
 from wayside.stages.inventory import YEAR_NS, PanelViews, gone_probability, measure_occlusion
 
+VIEWS = 3
+"""A place was in view if a panel there would show in so many images, one more than make a landmark."""
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Side = Literal["before", "after"]
@@ -100,7 +103,7 @@ def coverage_of(
     for height, box in zip(found.height, found.box, strict=True):
         largest = np.argsort(-height, kind="stable")[: settings.images]
         largest = largest[height[largest] > 0]
-        if np.count_nonzero(height) < settings.views:
+        if np.count_nonzero(height) < VIEWS:
             coverages.append(None)
         else:
             coverages.append((rows[np.sort(largest)], int(rows[largest[0]]), box[largest[0]]))

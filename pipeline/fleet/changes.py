@@ -166,7 +166,7 @@ class _Comparison:
         self.merge = merge_settings_of(self._parts[0]) if self._parts else MergeSettings()
         self._zoom = self.merge.cell_zoom
         self._view = lru_cache(self.merge.drives_in_memory)(
-            lambda name: read_view(inventory / DRIVES / name, settings)
+            lambda name: read_view(inventory / DRIVES / name)
         )
         for folder in _merged_results(inventory, manifest):
             self._index(folder, surveys)
@@ -316,12 +316,7 @@ class _Comparison:
         near = cKDTree(where[: len(gone)]).query_ball_tree(
             cKDTree(where[len(gone) :]), self.settings.moved_m
         )
-        pairs = [
-            (g, n)
-            for g, some in enumerate(near)
-            for n in some
-            if same_face(gone[g], new[n], self.settings, self.merge)
-        ]
+        pairs = [(g, n) for g, some in enumerate(near) for n in some if same_face(gone[g], new[n])]
         between = np.array(pairs, np.int64).reshape(-1, 2)
         away = np.linalg.norm(where[between[:, 0]] - where[len(gone) + between[:, 1]], axis=1)
         moved = match_moved(between, away)

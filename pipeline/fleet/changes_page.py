@@ -5,29 +5,25 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
-from html import escape
-from importlib.resources import files
 from pathlib import Path
-from string import Template
 from typing import Any
 
-from wayside.pipeline.evidence.crops import cut, read_images
+from wayside.pipeline.evidence.crops import draw_crop, read_crops
 from wayside.pipeline.evidence.marks import appearance_of
-from wayside.pipeline.evidence.sheet import draw_crop
-from wayside.pipeline.file_marks import is_marked, marked_head
+from wayside.pipeline.file_marks import is_marked
 from wayside.pipeline.fleet.manifest import DRIVES
 from wayside.pipeline.input_files import read_parquet
-from wayside.pipeline.reading.frames import ReadReport
-from wayside.pipeline.result import find_log, read_rows, read_run, read_settings
+from wayside.pipeline.pages import render_page
 from wayside.pipeline.webp import data_address, encode_webp
 from wayside.pipeline.writing import write_file
 from wayside.schemas.errors import InputError
 from wayside.schemas.inventory_tables import CHANGES, CHANGES_OF_PANELS
-from wayside.schemas.tables import FRAMES
+from wayside.schemas.labels import Box
 
 Row = dict[str, Any]
 QUIET = ("unchanged", "not_looked_at")
 """Changes that a page shows only where all are asked for, or where something hides the place."""
+_SIDES = "before", "after"
 _SIZE = 480, 360
 _MARK = "wayside changes"
 
@@ -83,83 +79,60 @@ def write_page(
         for row in everything
         if every or row["change"] not in QUIET or row["hidden_before"] or row["hidden_after"]
     ]
-    kinds = list(CHANGES_OF_PANELS)
-    rows.sort(
-        key=lambda row: (
-            kinds.index(row["change"]),
-            -(row["probability"] or 0.0),
-            row["panel_before"] or "",
-            row["panel_after"] or "",
-        )
-    )
+    rows.sort(key=_order)
     images, faults = _images(inventory, rows, watch)
     counts = Counter(row["change"] for row in everything)
+    kinds = list(CHANGES_OF_PANELS)
     shown = [kind for kind in kinds if any(row["change"] == kind for row in rows)]
-    template = Template(files(__package__).joinpath("changes.html").read_text("utf-8"))
-    page = template.substitute(
-        mark=marked_head(_MARK),
-        before=escape(names[0]),
-        after=escape(names[1]),
-        summary=escape(", ".join(f"{counts[kind]} {_words(kind)}" for kind in kinds)),
-        filters=_filters(shown, counts),
-        hidden="\n".join(
-            f"body:has(#show-{kind}:not(:checked)) li.{kind} {{ display: none; }}" for kind in shown
-        ),
-        cards="\n".join(
-            _card(row, names, [images.get((number, side)) for side in ("before", "after")])
+    page = render_page(
+        "changes.html",
+        _MARK,
+        names=names,
+        counts={kind: counts[kind] for kind in kinds},
+        shown=shown,
+        cards=[
+            _card(row, names, [images.get((number, side)) for side in _SIDES])
             for number, row in enumerate(rows)
-        ),
+        ],
     )
     write_file(file, page.encode(), is_own=lambda path: is_marked(path, _MARK), overwrite=overwrite)
-    wanted = sum(row[f"drive_{side}"] is not None for row in rows for side in ("before", "after"))
+    wanted = sum(row[f"drive_{side}"] is not None for row in rows for side in _SIDES)
     return Page(len(rows), wanted - len(images), tuple(faults))
+
+
+def _order(row: Row) -> tuple[int, float, str, str]:
+    """By kind of change, the surest first."""
+    names = row["panel_before"] or "", row["panel_after"] or ""
+    return list(CHANGES_OF_PANELS).index(row["change"]), -(row["probability"] or 0.0), *names
 
 
 def _images(
     inventory: Path, rows: list[Row], watch: Callable[[int, int], None]
 ) -> tuple[dict[tuple[int, str], bytes], list[str]]:
     """WebP images by row and side; faults of the logs that give none, in words."""
-    wanted: defaultdict[str, defaultdict[int, list[tuple[int, str]]]] = defaultdict(
-        lambda: defaultdict(list)
-    )
+    wanted: defaultdict[str, list[tuple[tuple[int, str], int, Box]]] = defaultdict(list)
     for number, row in enumerate(rows):
-        for side in ("before", "after"):
+        for side in _SIDES:
             if row[f"drive_{side}"] is not None:
-                wanted[row[f"drive_{side}"]][row[f"frame_{side}"]].append((number, side))
+                box = tuple(row[f"box_{side}"])
+                wanted[row[f"drive_{side}"]].append(((number, side), row[f"frame_{side}"], box))
     images: dict[tuple[int, str], bytes] = {}
     faults = []
-    for done, (drive, frames) in enumerate(sorted(wanted.items())):
+    for done, (drive, boxes) in enumerate(sorted(wanted.items())):
         watch(done, len(wanted))
-        folder = inventory / DRIVES / drive
         try:
-            run = read_run(folder)
-            log, settings = find_log(run, None), read_settings(folder, run)
-            times = {
-                r["frame"]: r["log_time_ns"]
-                for r in read_rows(folder, FRAMES, ("frame", "log_time_ns"))
-            }
-            for image in read_images(log, settings, frames.keys(), times, ReadReport()):
-                for number, side in frames[image.frame.index]:
-                    if image.rgb is not None:
-                        crop = cut(
-                            image.rgb, tuple(rows[number][f"box_{side}"]), _SIZE[0] / _SIZE[1]
-                        )
-                        images[number, side] = encode_webp(draw_crop(crop, _SIZE))
+            for key, crop in read_crops(
+                inventory / DRIVES / drive, None, boxes, _SIZE[0] / _SIZE[1]
+            ):
+                if crop is not None:
+                    images[key] = encode_webp(draw_crop(crop, _SIZE))
         except InputError as error:
             faults.append(str(error))
     watch(len(wanted), len(wanted))
     return images, faults
 
 
-def _filters(shown: list[str], counts: Counter[str]) -> str:
-    boxes = "".join(
-        f'<label><input type="checkbox" id="show-{kind}" checked> {_words(kind)} ({counts[kind]})</label>'
-        for kind in shown
-    )
-    return f"<fieldset>{boxes}</fieldset>" if shown else "<p>Nothing changed.</p>"
-
-
-def _card(row: Row, names: tuple[str, str], images: list[bytes | None]) -> str:
+def _card(row: Row, names: tuple[str, str], images: list[bytes | None]) -> dict[str, Any]:
     name = row["panel_before"] or row["panel_after"]
     facts = [f"{row['lat_deg']:.6f}°, {row['lon_deg']:.6f}°"]
     if row["probability"] is not None:
@@ -168,14 +141,15 @@ def _card(row: Row, names: tuple[str, str], images: list[bytes | None]) -> str:
         facts.append(f"moved {row['distance_m']:.1f} m")
     if row["route"] is not None and row["measure"] is not None:
         facts.append(f"{row['route']} {row['measure']:.3f} {row['measure_unit']}")
-    sides = _figure(row, "before", names[0], images[0]) + _figure(row, "after", names[1], images[1])
-    return (
-        f'<li class="{row["change"]}"><h2>{escape(_words(row["change"]))}: {escape(name)}</h2>'
-        f'<p>{escape(" · ".join(facts))}</p><div class="pair">{sides}</div></li>'
-    )
+    return {
+        "change": row["change"],
+        "name": name,
+        "facts": facts,
+        "figures": [_figure(row, *of) for of in zip(_SIDES, names, images, strict=True)],
+    }
 
 
-def _figure(row: Row, side: str, survey: str, image: bytes | None) -> str:
+def _figure(row: Row, side: str, survey: str, image: bytes | None) -> dict[str, Any]:
     """The image of one survey; where nothing was seen, the place."""
     seen, looked, hidden = (row[f"{count}_{side}"] for count in ("seen", "drives", "hidden"))
     if not looked:
@@ -192,12 +166,8 @@ def _figure(row: Row, side: str, survey: str, image: bytes | None) -> str:
         if row[f"drive_{side}"] is None
         else f", {row[f'drive_{side}']} frame {row[f'frame_{side}']}"
     )
-    caption = f"{survey}: {face}; {by}{where}"
-    shown = '<span class="none">no image</span>'
-    if image is not None:
-        shown = f'<img src="{data_address(image)}" loading="lazy" alt="{escape(face)}">'
-    return f"<figure>{shown}<figcaption>{escape(caption)}</figcaption></figure>"
-
-
-def _words(kind: str) -> str:
-    return kind.replace("_", " ")
+    return {
+        "face": face,
+        "caption": f"{survey}: {face}; {by}{where}",
+        "source": None if image is None else data_address(image),
+    }

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE
 from wayside.schemas.frame import turn_deg
-from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
-from wayside.stages.inventory import PanelPlaces
+from wayside.stages.inventory import FACING_DEG, PanelPlaces
+
+SAME_SIZE = 0.15
+"""A panel that was moved keeps its width and height to this fraction: three standard deviations of two sizes."""
 
 Row = dict[str, Any]
 PANEL_COLUMNS = (
@@ -73,16 +75,16 @@ def places_of(rows: Sequence[Row]) -> PanelPlaces:
     )
 
 
-def same_face(one: Row, other: Row, settings: ChangeSettings, merge: MergeSettings) -> bool:
+def same_face(one: Row, other: Row) -> bool:
     """Whether two panels look alike: colour, shape, size and facing; what is not known of either tells nothing."""
     looks = ((one[name], other[name]) for name in ("color", "shape"))
     same = all(None in pair or pair[0] == pair[1] for pair in looks)
     for name in ("panel_width_m", "panel_height_m"):
         a, b = one[name], other[name]
-        same &= a is None or b is None or abs(a - b) < settings.same_size * max(a, b)
+        same &= a is None or b is None or abs(a - b) < SAME_SIZE * max(a, b)
     a, b = one["bearing_deg"], other["bearing_deg"]
     turn = 0.0 if a is None or b is None else abs(turn_deg(b, a))
-    return bool(same and turn < merge.facing_deg)
+    return bool(same and turn < FACING_DEG)
 
 
 def level_metres(rows: Sequence[Row]) -> NDArray[np.float64]:

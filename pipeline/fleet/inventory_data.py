@@ -20,6 +20,11 @@ from wayside.schemas.sightings import Sightings
 from wayside.schemas.tables import FRAMES, SIGNS
 from wayside.stages.georeference import LocalOrigin
 
+COMMON_FLOOR_M = 0.02
+"""Smallest standard deviation of the error common to neighbouring panels: carrier phase receivers."""
+POSITION_FLOOR_M = 0.02
+"""Smallest standard deviation of a panel relative to the cameras nearby: its thickness, seen from either side."""
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 METRES_PER_DEGREE = 111_320.0
@@ -138,12 +143,12 @@ def read_signs(folder: Path, frames: DriveFrames, settings: MergeSettings) -> Dr
         [c or [np.nan] * 6 for c in table["covariance"].to_pylist()], np.float64
     ).reshape(-1, 6)
     world = np.nan_to_num(six[:, _SYMMETRIC].reshape(-1, 3, 3), nan=0.0)
-    covariance = turn @ world @ turn.transpose(0, 2, 1) + settings.position_floor_m**2 * np.eye(3)
+    covariance = turn @ world @ turn.transpose(0, 2, 1) + POSITION_FLOOR_M**2 * np.eye(3)
     total = (
         np.column_stack([_numbers(table, f"sigma_{axis}_m") for axis in ("east", "north", "alt")])
         ** 2
     )
-    shared = np.maximum(total - covariance[:, [0, 1, 2], [0, 1, 2]], settings.common_floor_m**2)
+    shared = np.maximum(total - covariance[:, [0, 1, 2], [0, 1, 2]], COMMON_FLOOR_M**2)
     sightings = Sightings(
         drive=np.zeros(len(table), np.int64),
         row=np.asarray(table["row"], np.int64),

@@ -33,6 +33,7 @@ from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import MergedPanels, Sightings
 from wayside.stages.inventory import (
+    VECTOR_REACH_M,
     Agreement,
     Differences,
     agreement_of,
@@ -40,6 +41,9 @@ from wayside.stages.inventory import (
     merge_sightings,
     reference_vectors,
 )
+
+MARGIN_M = 300.0
+"""Sightings so far outside a cell take part in its merging: longer than supports and gates."""
 
 Ints = NDArray[np.int64]
 _MOST_LISTED = 20
@@ -154,7 +158,7 @@ class _Merging:
         zoom, total = self.settings.cell_zoom, len(self._order)
         for done, cell in enumerate(self._order):
             watch(done, total)
-            block = self._block(cell, self.settings.margin_m)
+            block = self._block(cell, MARGIN_M)
             merged = merge_sightings(block.sightings, self.settings)
             own = self._own_supports(block, merged, cell)
             self._taken.pop(cell, None)
@@ -174,17 +178,17 @@ class _Merging:
         waiting: defaultdict[tuple[int, int], list[Differences]] = defaultdict(list)
         found: dict[tuple[int, int], Agreement] = {}
         for place, cell in enumerate(self._order):
-            block = self._block(cell, 2 * max(self.settings.vector_reach_m))
+            block = self._block(cell, 2 * max(VECTOR_REACH_M))
             seen = block.sightings
             for number, time in zip(seen.drive.tolist(), seen.time_ns.tolist(), strict=True):
                 first_ns[number] = min(first_ns[number], time)
             here = (block.cell == cell).all(axis=1)
-            differ = measure_differences(seen, here, self.settings)
+            differ = measure_differences(seen, here)
             pairs, of = np.unique(differ.drive, axis=0, return_inverse=True)
             for k, (a, b) in enumerate(pairs.tolist()):
                 waiting[a, b].append(differ.select(of.ravel() == k))
             for pair in [pair for pair in waiting if last[pair[0]] <= place]:
-                agreement = agreement_of(Differences.joined(waiting.pop(pair)), self.settings)
+                agreement = agreement_of(Differences.joined(waiting.pop(pair)))
                 if agreement is not None:
                     found[pair] = agreement
         names = [folder.name for folder in self._folders]

@@ -33,6 +33,4 @@ def merge_settings_of(part: Path) -> MergeSettings:
     about = json.loads((pq.read_schema(part).metadata or {}).get(_KEY, b"{}"))
     said = about.get("settings", {}).get("merge", {})
     known = {each.name for each in fields(MergeSettings)}
-    values = {name: value for name, value in said.items() if name in known}
-    lists = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
-    return MergeSettings(**values | lists)
+    return MergeSettings(**{name: value for name, value in said.items() if name in known})

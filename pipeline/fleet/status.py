@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -23,8 +22,7 @@ from wayside.pipeline.fleet.manifest import (
     Manifest,
 )
 from wayside.pipeline.fleet.merging import MERGED
-from wayside.pipeline.output_folder import take_lock
-from wayside.pipeline.writing import not_written
+from wayside.pipeline.writing import give_back, not_written, take_lock
 from wayside.schemas.errors import OutputError
 
 _MOST_LISTED = 20
@@ -137,9 +135,7 @@ def locked_inventory(inventory: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        with suppress(OSError):
-            (inventory / LOCK).unlink()
-        os.close(lock)
+        give_back(lock)
 
 
 def is_under_way(inventory: Path) -> bool:
@@ -151,7 +147,7 @@ def is_under_way(inventory: Path) -> bool:
     except OSError:  # not ours to write: nobody here can tell
         return False
     if lock is not None:
-        os.close(lock)
+        lock.release()
     return lock is None
 
 

@@ -18,6 +18,13 @@ from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.stages.georeference import LocalOrigin
 from wayside.stages.inventory import PanelPlaces, PanelViews, PlaceImage, views_of
 
+SEEN_SHARE = 0.75
+"""Share of a drive's panels first measured at the visible height, or less: its own detection range."""
+FEWEST_SIGNS = 5
+"""A drive with fewer panels takes `VISIBLE_PX` (estimate)."""
+VISIBLE_PX = 25.0
+"""Height of a visible face, where the drive does not tell: nearly all of it are found on rendered drives."""
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -47,12 +54,7 @@ class DriveView:
         near = ((centre[:, :2] > low) & (centre[:, :2] < high)).all(axis=1)
         rows = np.flatnonzero(near)
         found = views_of(
-            places,
-            centre[rows],
-            self.frames.rotation[rows],
-            self.camera,
-            self.smallest_px,
-            settings,
+            places, centre[rows], self.frames.rotation[rows], self.camera, self.smallest_px
         )
         return rows, found
 
@@ -69,7 +71,7 @@ class DriveView:
         return np.asarray(origin.topocentric(self.frames.geodetic[rows]) - offset_m, np.float64)
 
 
-def read_view(folder: Path, settings: ChangeSettings) -> DriveView | None:
+def read_view(folder: Path) -> DriveView | None:
     """The cameras of a drive; None where its result does not hold their places, headings and calibration.
 
     Raises
@@ -86,19 +88,17 @@ def read_view(folder: Path, settings: ChangeSettings) -> DriveView | None:
         raise InputError(
             f"{folder}: wanted the calibration in run.json, found {error}; run the log again"
         ) from error
-    return DriveView(folder.name, frames, camera, _smallest_px(folder, frames, camera, settings))
+    return DriveView(folder.name, frames, camera, _smallest_px(folder, frames, camera))
 
 
-def _smallest_px(
-    folder: Path, frames: DriveFrames, camera: Camera, settings: ChangeSettings
-) -> float:
+def _smallest_px(folder: Path, frames: DriveFrames, camera: Camera) -> float:
     """Height of face from which on the drive measured most of its panels."""
     signs = read_signs(folder, frames, MergeSettings())
-    if len(signs.table) < settings.fewest_signs:
-        return settings.visible_px
+    if len(signs.table) < FEWEST_SIGNS:
+        return VISIBLE_PX
     origin = LocalOrigin(float(frames.geodetic[0, 1]), float(frames.geodetic[0, 0]), 0.0)
     at = np.searchsorted(frames.frame, signs.table["first_frame"].to_numpy())
     at = np.minimum(at, len(frames.frame) - 1)
     away = origin.topocentric(signs.geodetic) - origin.topocentric(frames.geodetic)[at]
     height = camera.fy * signs.sightings.size_m[:, 1] / np.linalg.norm(away, axis=1)
-    return float(np.nanquantile(height, settings.seen_share))
+    return float(np.nanquantile(height, SEEN_SHARE))

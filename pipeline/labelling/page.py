@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import json
-from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from html import escape
-from importlib.resources import files
 from pathlib import Path
-from string import Template
 from typing import Any
 
-from wayside.pipeline.evidence.crops import Crop, cut, read_images
+from wayside.pipeline.evidence.crops import Crop, read_crops
 from wayside.pipeline.evidence.marks import class_words
-from wayside.pipeline.file_marks import is_marked, marked_head
+from wayside.pipeline.file_marks import is_marked
 from wayside.pipeline.labelling.items import Item, Questions, questions
-from wayside.pipeline.reading.frames import ReadReport
-from wayside.pipeline.result import find_log, read_rows, read_run, read_settings
+from wayside.pipeline.pages import render_page
+from wayside.pipeline.result import read_rows, read_run
 from wayside.pipeline.webp import data_address, encode_webp
 from wayside.pipeline.writing import not_written, write_file
 from wayside.schemas.detections import COLORS, SHAPES
@@ -86,30 +81,14 @@ def write_page(
     """
     run = read_run(out)
     asked = questions(out, most)
-    rows = read_rows(out, FRAMES, ["frame", "log_time_ns"])
-    times_ns = {row["frame"]: row["log_time_ns"] for row in rows}
-    images = _images(out, run, asked.items, log, times_ns, watch) if asked.items else {}
-    name = str(run.get("log", ""))
-    mark = f"wayside label {name} {run.get('log_fingerprint') or ''}".strip()
-    data = {
-        "log": Path(name).stem,
-        "log_fingerprint": run.get("log_fingerprint") or "",
-        "file": f"{Path(name).stem}.marks.json",
-        "kinds": [
-            {"value": kind, "key": key, "words": words} for kind, (key, words) in KINDS.items()
-        ],
-        "colors": [*(_choice(c, COLOR_KEYS[c]) for c in COLORS), _choice(None, NO_COLOR_KEY)],
-        "shapes": [*(_choice(s, SHAPE_KEYS[s]) for s in SHAPES), _choice(None, NO_SHAPE_KEY)],
-        "items": [_entry(item, images.get(item.name, {}), times_ns) for item in asked.items],
-    }
+    images = _images(out, asked.items, log, watch)
+    name, fingerprint = str(run.get("log", "")), run.get("log_fingerprint") or ""
+    mark = f"wayside label {name} {fingerprint}".strip()
     landmarks = sum(not item.name.startswith("box ") for item in asked.items)
-    page = Template(files(__package__).joinpath("label.html").read_text("utf-8")).substitute(
-        log=escape(name),
-        file=escape(str(data["file"])),
-        mark=marked_head(mark),
-        summary=f"{landmarks} landmarks, then {len(asked.items) - landmarks} single boxes, those "
-        "first that the run was least sure of",
-        data=json.dumps(data).replace("<", "\\u003c"),
+    singles = len(asked.items) - landmarks
+    data = _data(out, Path(name).stem, fingerprint, asked.items, images)
+    page = render_page(
+        "label.html", mark, log=name, data=data, landmarks=landmarks, singles=singles
     )
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -125,26 +104,38 @@ def write_page(
     return WrittenPage(path, asked, len(asked.items) - len(images))
 
 
-def _images(
+def _data(
     out: Path,
-    run: dict[str, Any],
+    log: str,
+    fingerprint: str,
     items: tuple[Item, ...],
-    log: Path | None,
-    times_ns: Mapping[int, int],
-    watch: Watcher,
+    images: Mapping[str, dict[str, Any]],
+) -> dict[str, Any]:
+    """What the script of the page works on, and its buttons."""
+    rows = read_rows(out, FRAMES, ["frame", "log_time_ns"])
+    times_ns = {row["frame"]: row["log_time_ns"] for row in rows}
+    kinds = [{"value": kind, "key": key, "words": words} for kind, (key, words) in KINDS.items()]
+    return {
+        "log": log,
+        "log_fingerprint": fingerprint,
+        "file": f"{log}.marks.json",
+        "kinds": kinds,
+        "colors": [*(_choice(c, COLOR_KEYS[c]) for c in COLORS), _choice(None, NO_COLOR_KEY)],
+        "shapes": [*(_choice(s, SHAPE_KEYS[s]) for s in SHAPES), _choice(None, NO_SHAPE_KEY)],
+        "items": [_entry(item, images.get(item.name, {}), times_ns) for item in items],
+    }
+
+
+def _images(
+    out: Path, items: tuple[Item, ...], log: Path | None, watch: Watcher
 ) -> dict[str, dict[str, Any]]:
     """`image` and `outline` of the page by name of item, where the image of its largest view decodes."""
-    by_frame: defaultdict[int, list[Item]] = defaultdict(list)
-    for item in items:
-        by_frame[item.shown.frame].append(item)
-    source, settings = find_log(run, log), read_settings(out, run)
     found: dict[str, dict[str, Any]] = {}
     watch(0, len(items))
-    for image in read_images(source, settings, by_frame.keys(), times_ns, ReadReport()):
-        if image.rgb is None:
-            continue
-        for item in by_frame[image.frame.index]:
-            found[item.name] = _image(cut(image.rgb, item.shown.box, _PROPORTION))
+    boxes = ((item.name, item.shown.frame, item.shown.box) for item in items)
+    for name, crop in read_crops(out, log, boxes, _PROPORTION):
+        if crop is not None:
+            found[name] = _image(crop)
         watch(len(found), len(items))
     return found
 

@@ -2,8 +2,8 @@
 
     .venv/bin/python -m wayside.pipeline.learning.gates DRIVE.mcap ... -o MODELS
 
-Each drive needs its truth beside it (DRIVE.truth.json). Means and covariances of colours and shapes are those of `make
-learn`, and so are the densities of trajectories; the thresholds that it finds elsewhere are replaced.
+Each drive needs its truth beside it (DRIVE.truth.json). Means and covariances of colours and shapes, and the densities
+of trajectories, stay those of the models at hand; thresholds are replaced.
 """
 
 from __future__ import annotations
@@ -19,18 +19,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.labels import read_labels
+from wayside.pipeline.learning.asked import (
+    TRAJECTORIES,
+    ClassifierSamples,
+    gather_samples,
+    join_drives,
+)
+from wayside.pipeline.learning.gaussians import SIDES, sides
 from wayside.pipeline.learning.samples import ANY_SPACING_M, ON
+from wayside.pipeline.learning.thresholds import with_learned_thresholds, with_score_threshold
 from wayside.pipeline.model_files import REPORT_LOCATION, TRAJECTORY_FILES, Models, load_models
-from wayside.pipeline.roc.classifier_samples import ClassifierSamples, join_drives
-from wayside.pipeline.roc.operating import with_learned_thresholds, with_score_threshold
-from wayside.pipeline.roc.samples import TRAJECTORIES, gather_samples
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.writing import write_file
 from wayside.schemas.errors import InputError
 from wayside.schemas.model_json import model_to_json
 from wayside.schemas.models import GaussianClass, GaussianModel, MixtureModel
 
-KANSAS = "report-kansas.json"
+KANSAS, OWN = "report-kansas.json", {"color": "color_rgb.json", "shape": "shape.json"}
 
 KANSAS_MEAN = (3.121, 0.603)
 """Mean place of a sign in the report: (1.9783, 10.2391) feet up and right of the camera (chapters 8 and 11)."""
@@ -68,21 +73,20 @@ def learn_gates(
         Too few signs reached a gate.
     """
     learned: dict[str, GaussianModel | MixtureModel] = {}
-    if "color" in samples and models.color_classes is not None:
-        colors = with_learned_thresholds(models.color_classes, samples["color"])
-        origin = _with_origin(colors, "thresholds by", samples["color"])
-        learned["color_rgb.json"] = replace(colors, provenance=origin)
-    if "shape" in samples and models.shape_classes is not None:
-        # nine knees, one a shape, together accept half of all regions
-        shapes = with_learned_thresholds(models.shape_classes, samples["shape"], one_knee=True)
-        origin = _with_origin(shapes, "thresholds by", samples["shape"])
-        learned["shape.json"] = replace(shapes, provenance=origin)
+    # nine knees, one a shape, together accept half of all regions
+    gates = (("color", models.color_classes, False), ("shape", models.shape_classes, True))
+    for name, model, one_knee in gates:
+        if name in samples and model is not None:
+            found = with_learned_thresholds(model, samples[name], one_knee=one_knee)
+            origin = _with_origin(model, "thresholds by", samples[name])
+            learned[OWN[name]] = replace(found, provenance=origin)
     for density in densities:
         asked = samples.get(TRAJECTORIES[density.space])
         if asked is not None:
             origin = _with_origin(density, "threshold by", asked)
-            found = replace(with_score_threshold(density, asked), provenance=origin)
-            learned[TRAJECTORY_FILES[density.space]] = found
+            learned[TRAJECTORY_FILES[density.space]] = replace(
+                with_score_threshold(density, asked), provenance=origin
+            )
     if "location" not in samples:
         return learned
     places = samples["location"]
@@ -120,14 +124,9 @@ def location_components(places: NDArray[np.float64], provenance: str) -> Gaussia
     InputError
         No component has `FEWEST` signs.
     """
-    overhead = places[:, 1] > OVERHEAD_M
-    groups = {
-        "right": ~overhead & (places[:, 0] >= 0),
-        "left": ~overhead & (places[:, 0] < 0),
-        "overhead": overhead,
-    }
-    classes = []
-    for name, own in groups.items():
+    side, classes = sides(places, OVERHEAD_M), []
+    for name in SIDES:
+        own = side == name
         if own.sum() < FEWEST:
             continue
         mean = np.median(places[own], axis=0)

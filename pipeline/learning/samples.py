@@ -1,24 +1,20 @@
-"""What is learned from rendered drives: clear faces, mean colours of what is none, places of signs, labels of boxes."""
+"""What is learned from rendered drives: places of signs, labels of boxes."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.faces import FaceSample, clear_faces, height_px, visible_fraction
+from wayside.pipeline.learning.faces import height_px, visible_fraction
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import Image
-from wayside.schemas.settings import ReadSettings, Settings
+from wayside.schemas.settings import ReadSettings
 from wayside.stages.geometry import intersection_areas, iou_matrix
-from wayside.stages.segmentation import segment
 
 FACE_FRACTION, FACE_PX = 0.4, 8
 """Visible fraction and height of a face, pixels, from which boxes on it are examples; else they count as neither."""
@@ -33,9 +29,6 @@ which a box that shows a second face as well is no example rather than a bad one
 SHOWN, APART = 0.5, 0.3
 """Fraction of a second face in a box from which the box shows it; fraction of the smaller of two faces that both may
 share: more, and one lies on the other."""
-
-BACKGROUND_OVERLAP = 0.05
-"""Segments that overlap no face by more are background."""
 
 OFF, ON, NEITHER = 0, 1, -1
 
@@ -53,25 +46,6 @@ Result = TypeVar("Result")
 
 SignViews = list[tuple[dict[str, Any], dict[str, Any]]]
 """Signs of which an image shows the front (or the back), each with its view there (box, visible fraction)."""
-
-INVENTED = "invented"
-"""Kind of the faces of rendered drives that no catalogue holds."""
-
-
-@dataclass(frozen=True, slots=True)
-class TrainingDrive:
-    """The samples of one rendered drive.
-
-    faces: clear ones; background (n, 3): mean colours of segments off all faces; places (signs, 2): right of the path
-    and above the camera, metres, of the signs that face the travel; size: width and height of its images.
-    """
-
-    name: str
-    frames: int
-    faces: tuple[FaceSample, ...]
-    background: NDArray[np.float32]
-    places: NDArray[np.float64]
-    size: tuple[int, int]
 
 
 def for_each(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
@@ -92,41 +66,6 @@ def read_truth(path: Path) -> dict[str, Any]:
             "render the drive again with masks"
         ) from error
     return dict(truth)
-
-
-def read_drive(
-    images: Iterable[Image], truth: dict[str, Any], masks: Path, settings: Settings
-) -> TrainingDrive:
-    """Go through the images of a drive, in order; `masks` is the folder of FRAME.png with sign ids.
-
-    The classes of the report were those of a catalogue: invented faces are no samples.
-    """
-    seen, _ = views_by_frame(truth)
-    faces: list[FaceSample] = []
-    background = [np.zeros((0, 3), np.float32)]
-    frames = 0
-    for one in segment(iter(images), settings=settings.segment, gate=settings.gate):
-        rgb, index = one.image.rgb, one.frame.index
-        if rgb is None:
-            continue
-        frames += 1
-        here = seen.get(index, [])
-        mask = _read_mask(masks / f"{index:04d}.png", rgb.shape[:2])
-        listed = [view for view in here if view[0]["kind"] != INVENTED]
-        faces.extend(clear_faces(rgb, mask, listed, truth["name"]))
-        _, overlap = box_labels(one.regions.box, here)
-        background.append(one.regions.rgb[overlap < BACKGROUND_OVERLAP])
-    if not frames:
-        raise InputError(f"{truth['name']}: wanted images, found none that can be used")
-    camera = truth["camera"]
-    return TrainingDrive(
-        truth["name"],
-        frames,
-        tuple(faces),
-        np.concatenate(background),
-        sign_positions(truth),
-        (int(camera["width"]), int(camera["height"])),
-    )
 
 
 def views_by_frame(truth: dict[str, Any]) -> tuple[dict[int, SignViews], dict[int, SignViews]]:
@@ -151,17 +90,6 @@ def sign_positions(truth: dict[str, Any]) -> NDArray[np.float64]:
         if sign["faces_travel"] and sign["eligible_frames"] > 0
     ]
     return np.array(rows, np.float64).reshape(-1, 2)
-
-
-def _read_mask(path: Path, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    mask = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if mask is None or mask.shape != shape or mask.dtype != np.uint8:
-        found = "none" if mask is None else f"{mask.shape} {mask.dtype}"
-        raise InputError(
-            f"{path}: wanted an 8-bit mask of {shape[1]} x {shape[0]}, found {found}; "
-            "render the drive again with masks"
-        )
-    return np.asarray(mask, np.uint8)
 
 
 def box_labels(

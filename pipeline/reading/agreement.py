@@ -17,7 +17,7 @@ from wayside.pipeline.reading.poses import path_of
 from wayside.pipeline.reading.streams import Samples
 from wayside.pipeline.reading.video import VideoStreams
 from wayside.schemas.frame import Camera
-from wayside.schemas.settings import FeatureSettings, MotionSettings, TieSettings
+from wayside.schemas.settings import FeatureSettings, MotionSettings
 from wayside.stages.odometry import (
     AXES,
     Agreement,
@@ -201,7 +201,7 @@ def image_steps(
             before, now = images.at(rows[0]), images.at(rows[1])
             if before is None or now is None:
                 break
-            step = image_step(rows, before, now, MotionSettings(), TieSettings())
+            step = image_step(rows, before, now, MotionSettings())
             if step is not None:
                 steps.append(step)
                 break
@@ -223,7 +223,7 @@ def clock_set_at(plan: Plan, time_ns: Integers, cameras: Sequence[Camera | None]
         before, now = images.at(row - 1), images.at(row)
         if before is None or now is None:
             continue
-        if image_step((row - 1, row), before, now, MotionSettings(), TieSettings()) is not None:
+        if image_step((row - 1, row), before, now, MotionSettings()) is not None:
             return int(row)
     return None
 

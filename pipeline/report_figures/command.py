@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.file_marks import is_marked
+from wayside.pipeline.file_marks import is_marked, marked_head
+from wayside.pipeline.learning.page import Figure, format_page
 from wayside.pipeline.report_figures.decisions import neyman_pearson_figures, roc_figures
 from wayside.pipeline.report_figures.gather import PRESET, Drive, gather_drive, labels_beside
-from wayside.pipeline.report_figures.page import MARK, Figure, format_page
 from wayside.pipeline.report_figures.results import result_figures
 from wayside.pipeline.report_figures.segments import color_figures, segmentation_figures
 from wayside.pipeline.report_figures.shapes import shape_figures
@@ -22,7 +22,7 @@ from wayside.pipeline.report_figures.tracks import (
 from wayside.pipeline.visible_text import visible
 from wayside.pipeline.writing import not_written, write_file
 
-PAGE = "report_figures.html"
+PAGE, MARK = "report_figures.html", "wayside report-figures"
 
 
 def write_figures(
@@ -69,7 +69,8 @@ def write_figures(
         f"Preset {PRESET} on {len(drive.frames)} images with {int(drive.faces.example.sum())} labelled views of signs. "
         "What the report shows and says stands beside the same of this drive; shares have their 95 % interval."
     )
-    content = format_page(visible(log.stem), summary, chapters).encode()
+    title = f"Figures of KS-09-9 on {visible(log.stem)}"
+    content = format_page(title, [summary], chapters, marked_head(MARK)).encode()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

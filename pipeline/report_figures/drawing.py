@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Sequence
+from html import escape
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wayside.pipeline.learning.page import Picture
+
 Ink = tuple[int, int, int]
 ACCENT: Ink = (255, 0, 140)
 SIGN_INK: Ink = (255, 230, 0)
 _PAPER, _GAP, _SHIFT = 255, 6, 4
+_WIDEST, _QUALITY = 1100, 82
 
 
 def around(
@@ -82,3 +87,17 @@ def lined(
 def grey_of(values: NDArray[np.floating]) -> NDArray[np.uint8]:
     """Values as grey levels, 255 at most."""
     return np.asarray(np.minimum(np.rint(values), 255), np.uint8)
+
+
+def photo(rgb: NDArray[np.uint8], words: str = "", *, scale: float = 1.0) -> Picture:
+    """An image (height, width, 3) RGB or (height, width) grey as JPEG, enlarged by a factor, shrunk where too wide."""
+    factor = min(scale, _WIDEST / rgb.shape[1])
+    size = (max(round(rgb.shape[1] * factor), 1), max(round(rgb.shape[0] * factor), 1))
+    method = cv2.INTER_CUBIC if factor > 1 else cv2.INTER_AREA
+    shown = cv2.resize(rgb, size, interpolation=method)
+    if shown.ndim == 3:
+        shown = cv2.cvtColor(shown, cv2.COLOR_RGB2BGR)
+    _, coded = cv2.imencode(".jpg", shown, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    source = base64.b64encode(coded.tobytes()).decode()
+    alt = f'width="{size[0]}" height="{size[1]}" alt="{escape(words)}"'
+    return Picture(f'<img src="data:image/jpeg;base64,{source}" {alt}>', words)

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.labels import FrameLabels, LogImages, labels_by_frame, read_labels
+from wayside.pipeline.labels import FrameLabels, read_labels
+from wayside.pipeline.learning.asked import ClassifierSamples, gather_samples, labels_of_log
+from wayside.pipeline.learning.labelled import Faces, labelled_faces
 from wayside.pipeline.learning.samples import ON
 from wayside.pipeline.model_files import Models, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.roc.classifier_samples import ClassifierSamples
-from wayside.pipeline.roc.faces import Faces, labelled_faces
-from wayside.pipeline.roc.samples import gather_samples
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import Item
 from wayside.schemas.detections import SHAPES, Detections, Regions, Segmentation
@@ -33,6 +32,7 @@ from wayside.stages.segmentation import segment
 
 PRESET, SHAPE_PRESET, TRAJECTORY_PRESET = "report", "report-shape", "report-2d"
 """The report's last chain, and the one with its shape classifier."""
+T = TypeVar("T")
 LABELS_BESIDE = (".truth.json", ".labels.json", ".labels.parquet")
 """Endings of a log's labels beside it, in the order in which they are looked for."""
 
@@ -83,10 +83,11 @@ class Scene:
         return np.asarray(np.sqrt((apart**2).sum(axis=2)), np.float32)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass
 class Drive:
-    """A drive that the report's chain has gone through.
+    """A drive that the report's chain goes through; it watches the stages, and keeps what the figures show.
 
+    shapes, density: the classes of shapes, and of what moves as signs do, that decide in other chains of the report;
     samples: what each classifier was asked, by its name; frames: motion by frame; landmarks: all, with their verdicts;
     regions: those of each frame that passed the size gate; outlines: of those that passed the colour gate and lie on a
     face, in order of frames.
@@ -97,12 +98,13 @@ class Drive:
     models: Models
     labels: FrameLabels
     faces: Faces
-    samples: dict[str, ClassifierSamples]
-    frames: dict[int, Motion] = field(repr=False)
-    landmarks: tuple[Landmark, ...] = field(repr=False)
-    regions: dict[int, Regions] = field(repr=False)
-    outlines: tuple[FaceOutline, ...] = field(repr=False)
+    shapes: GaussianModel
     density: MixtureModel
+    samples: dict[str, ClassifierSamples] = field(default_factory=dict, repr=False)
+    frames: dict[int, Motion] = field(default_factory=dict, repr=False)
+    landmarks: list[Landmark] = field(default_factory=list, repr=False)
+    regions: dict[int, Regions] = field(default_factory=dict, repr=False)
+    outlines: list[FaceOutline] = field(default_factory=list, repr=False)
 
     @property
     def signs(self) -> list[Landmark]:
@@ -128,17 +130,6 @@ class Drive:
         read = read_frames(self.log, self.settings.read, ReadReport())
         return (frame for frame in read if frame.index in wanted)
 
-
-class _Watch:
-    """Keeps what the stages make of each frame."""
-
-    def __init__(self, faces: Faces, shapes: GaussianModel) -> None:
-        self._faces, self._shapes = faces, shapes
-        self.outlines: list[FaceOutline] = []
-        self.frames: dict[int, Motion] = {}
-        self.landmarks: list[Landmark] = []
-        self.regions: dict[int, Regions] = {}
-
     def see(self, stage: str, item: Item) -> None:
         """Take note of the outlines on faces, and of a frame whose candidates are all decided."""
         if stage == "color" and isinstance(item, Detections):
@@ -151,12 +142,12 @@ class _Watch:
     def _outlines_on_faces(self, item: Detections) -> Iterator[FaceOutline]:
         rows = item.candidates.open_rows()
         regions, frame = item.candidates.regions.select(rows), item.frame.index
-        label, face = self._faces.label_regions(frame, regions.box)
+        label, face = self.faces.label_regions(frame, regions.box)
         on = np.flatnonzero(label == ON)
         regions, face = regions.select(on), face[on]
         outlines = outlines_of(item.segmentation, regions)
         features = fourier_descriptors(outlines)
-        code, distance, accepted = nearest_class(features, self._shapes, SHAPES)
+        code, distance, accepted = nearest_class(features, self.shapes, SHAPES)
         for i in np.flatnonzero(code >= 0):
             yield FaceOutline(
                 frame,
@@ -167,6 +158,12 @@ class _Watch:
                 bool(accepted[i]),
                 float(distance[i]),
             )
+
+
+def evenly(values: Sequence[T], count: int) -> list[T]:
+    """At most so many of them, evenly spread."""
+    at = np.unique(np.linspace(0, len(values) - 1, min(len(values), count)).round().astype(int))
+    return [values[i] for i in at] if len(values) else []
 
 
 def labels_beside(log: Path) -> Path:
@@ -183,10 +180,7 @@ def labels_beside(log: Path) -> Path:
 
 
 def gather_drive(
-    log: Path,
-    labels_file: Path,
-    assignments: list[str],
-    options: Mapping[str, Any] | None = None,
+    log: Path, labels_file: Path, assignments: list[str], options: Mapping[str, Any] | None = None
 ) -> Drive:
     """Run the report's chain over a log, and keep what the figures show.
 
@@ -197,31 +191,21 @@ def gather_drive(
     UsageError
         A setting is wrong.
     """
-    settings, _ = load_settings(PRESET, None, assignments, options)
-    models, labels = load_models(settings), read_labels(labels_file)
-    shapes = load_models(load_settings(SHAPE_PRESET, None, assignments, options)[0]).shape_classes
-    if shapes is None:
-        raise InputError(f"models: wanted the shape classes of {SHAPE_PRESET}, found none")
-    density = load_models(
-        load_settings(TRAJECTORY_PRESET, None, assignments, options)[0]
-    ).trajectory_density
-    if density is None:
-        raise InputError(f"models: wanted the trajectories of {TRAJECTORY_PRESET}, found none")
-    known = LogImages.of(log, settings.read)
-    found = labels_by_frame(labels, log.stem, known.times_ns, known.names)
-    faces = labelled_faces(found)
-    watch = _Watch(faces, shapes)
-    samples = gather_samples(log, labels, settings, models, also=watch)
-    return Drive(
-        log,
-        settings,
-        models,
-        found,
-        faces,
-        samples,
-        watch.frames,
-        tuple(watch.landmarks),
-        watch.regions,
-        tuple(sorted(watch.outlines, key=lambda one: (one.frame, one.face, one.box.tolist()))),
-        density,
-    )
+
+    def chain(preset: str) -> tuple[Settings, Models]:
+        settings, _ = load_settings(preset, None, assignments, options)
+        return settings, load_models(settings)
+
+    settings, models = chain(PRESET)
+    shapes, density = chain(SHAPE_PRESET)[1].shape_classes, chain(TRAJECTORY_PRESET)[1]
+    if shapes is None or density.trajectory_density is None:
+        raise InputError(
+            f"models: wanted those of {SHAPE_PRESET} and {TRAJECTORY_PRESET}, found some missing"
+        )
+    labels = read_labels(labels_file)
+    found = labels_of_log(log, labels, settings.read)
+    faces, motion = labelled_faces(found), density.trajectory_density
+    drive = Drive(log, settings, models, found, faces, shapes, motion)
+    drive.samples = gather_samples(log, labels, settings, models, also=drive)
+    drive.outlines.sort(key=lambda one: (one.frame, one.face, one.box.tolist()))
+    return drive

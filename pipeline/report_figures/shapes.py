@@ -8,10 +8,10 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.report_figures.drawing import Ink, around, beside, lined
-from wayside.pipeline.report_figures.gather import Drive, FaceOutline
-from wayside.pipeline.report_figures.numbers import share_words
-from wayside.pipeline.report_figures.page import Figure, photo
+from wayside.pipeline.learning.page import Figure
+from wayside.pipeline.report_figures.drawing import around, beside, lined, photo
+from wayside.pipeline.report_figures.gather import Drive, FaceOutline, evenly
+from wayside.pipeline.statistics import share_words
 from wayside.pipeline.view.outlines import CURVES, INKS, curve_of_terms
 
 REPORT_IMAGES, REPORT_FOUND = 50, 0.92
@@ -19,17 +19,21 @@ _TALL, _MOST = 300, 4
 
 View = list[FaceOutline]
 """The outlines on one face in one image."""
+Images = dict[int, NDArray[np.uint8]]
 
 
 def shape_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 4.1 and 4.2, and the claim."""
     views = views_with_shape(drive)
-    missed = [view for view in views if not right(drive, view)]
-    shown = _largest_of_each_shape(drive, views)
-    worst = sorted(missed, key=lambda view: -_size(view))[:_MOST]
+    by_size = sorted(views, key=lambda view: -_area(_largest(view)))
+    found = [view for view in by_size if right(drive, view)]
+    # the largest of each shape
+    shown = list({drive.faces.shape[view[0].face]: view for view in reversed(found)}.values())
+    shown = sorted(shown, key=lambda view: -_area(_largest(view)))[:_MOST]
+    worst = [view for view in by_size if not right(drive, view)][:_MOST]
     images = drive.images({view[0].frame for view in (*shown, *worst)})
-    yield _curves(drive, images, shown)
-    yield _false_negatives(drive, images, worst)
+    yield _curves(drive, images, [_largest(view) for view in shown])
+    yield _false_negatives(drive, images, [_largest(view) for view in worst])
     yield _claim(drive, views)
 
 
@@ -44,12 +48,6 @@ def right(drive: Drive, view: View) -> bool:
     return any(one.accepted and one.named == drive.faces.shape[one.face] for one in view)
 
 
-def evenly(views: Sequence[View], count: int) -> list[View]:
-    """At most so many, evenly along the drive."""
-    at = np.unique(np.linspace(0, len(views) - 1, min(len(views), count)).round().astype(int))
-    return [views[i] for i in at] if views else []
-
-
 def misfit(sequence: NDArray[np.complex128], terms: tuple[int, ...]) -> float:
     """RMS distance of an outline from the curve of its terms, as a share of its mean radius."""
     curve = curve_of_terms(sequence[None], terms)[0]
@@ -57,72 +55,53 @@ def misfit(sequence: NDArray[np.complex128], terms: tuple[int, ...]) -> float:
     return float(np.sqrt((np.abs(sequence - curve) ** 2).mean()) / radius)
 
 
-def _size(view: View) -> float:
-    return max(float(np.prod(one.box[2:] - one.box[:2])) for one in view)
+def _area(one: FaceOutline) -> float:
+    return float(np.prod(one.box[2:] - one.box[:2]))
 
 
 def _largest(view: View) -> FaceOutline:
-    return max(view, key=lambda one: float(np.prod(one.box[2:] - one.box[:2])))
-
-
-def _largest_of_each_shape(drive: Drive, views: Sequence[View]) -> list[View]:
-    best: dict[str, View] = {}
-    for view in views:
-        shape = drive.faces.shape[view[0].face]
-        if right(drive, view) and (shape not in best or _size(view) > _size(best[shape])):
-            best[shape] = view
-    return sorted(best.values(), key=lambda view: -_size(view))[:_MOST]
+    return max(view, key=_area)
 
 
 def _drawn(
-    images: dict[int, NDArray[np.uint8]], one: FaceOutline, curves: Sequence[str]
+    images: Images, outlines: Sequence[FaceOutline], curves: Sequence[str]
 ) -> NDArray[np.uint8] | None:
-    rgb = images.get(one.frame)
-    if rgb is None:
-        return None
-    corners = around(one.box, rgb.shape[:2], times=1.5, least=24)
-    strips: list[tuple[NDArray[np.complex128], Ink]] = [(one.sequence, INKS["traced"])]
-    strips += [(curve_of_terms(one.sequence[None], CURVES[name])[0], INKS[name]) for name in curves]
-    return lined(rgb, corners, _TALL, strips)
+    crops = []
+    for one in outlines:
+        if (rgb := images.get(one.frame)) is not None:
+            corners = around(one.box, rgb.shape[:2], times=1.5, least=24)
+            terms = [(curve_of_terms(one.sequence[None], CURVES[k])[0], INKS[k]) for k in curves]
+            crops.append(lined(rgb, corners, _TALL, [(one.sequence, INKS["traced"]), *terms]))
+    return beside(crops) if crops else None
 
 
-def _curves(drive: Drive, images: dict[int, NDArray[np.uint8]], shown: Sequence[View]) -> Figure:
+def _curves(drive: Drive, images: Images, shown: Sequence[FaceOutline]) -> Figure:
     title = "circle, ellipse and curve of six terms fitted to outlines"
     report = "an outline is described by its first Fourier terms; six descriptors are used"
-    crops = [_drawn(images, _largest(view), tuple(CURVES)) for view in shown]
-    drawn = [image for image in crops if image is not None]
-    if not drawn:
-        return Figure("4.1", title, report, needs="a labelled sign whose outline is recognised")
+    figure = Figure("4.1", title, report)
+    drawn = _drawn(images, shown, tuple(CURVES))
+    if drawn is None:
+        return figure.left_out("a labelled sign whose outline is recognised")
     rows = [("shape", *(name.replace("_", " ") for name in CURVES))]
-    for view in shown:
-        one = _largest(view)
+    for one in shown:
         errors = [f"{100 * misfit(one.sequence, terms):.1f} %" for terms in CURVES.values()]
         rows.append((drive.faces.shape[one.face], *errors))
     words = "white: traced; orange: circle; blue: ellipse; pink: six terms"
-    return Figure(
-        "4.1",
-        title,
-        report,
-        "distance of the outline from each curve, RMS, as a share of its mean radius:",
-        (photo(beside(drawn), words),),
-        table=tuple(rows),
-    )
+    ours = "distance of the outline from each curve, RMS, as a share of its mean radius:"
+    return figure.shown(ours, photo(drawn, words), table=rows)
 
 
-def _false_negatives(
-    drive: Drive, images: dict[int, NDArray[np.uint8]], worst: Sequence[View]
-) -> Figure:
+def _false_negatives(drive: Drive, images: Images, worst: Sequence[FaceOutline]) -> Figure:
     title, report = "signs whose shape is missed", "8 % are missed: boundaries are irregular"
-    crops = [_drawn(images, _largest(view), ()) for view in worst]
-    drawn = [image for image in crops if image is not None]
-    if not drawn:
-        return Figure("4.2", title, report, "none of the labelled signs is missed")
+    figure, drawn = Figure("4.2", title, report), _drawn(images, worst, ())
+    if drawn is None:
+        return figure.shown("none of the labelled signs is missed")
     told = [
         f"{drive.faces.shape[one.face]} taken for {one.named} at {one.distance:.1f}"
         + ("" if one.accepted else ", too far")
-        for one in map(_largest, worst)
+        for one in worst
     ]
-    return Figure("4.2", title, report, "; ".join(told), (photo(beside(drawn), "traced outlines"),))
+    return figure.shown("; ".join(told), photo(drawn, "traced outlines"))
 
 
 def _claim(drive: Drive, views: Sequence[View]) -> Figure:
@@ -130,12 +109,9 @@ def _claim(drive: Drive, views: Sequence[View]) -> Figure:
     hits = sum(right(drive, view) for view in sample)
     found = sum(any(one.accepted for one in view) for view in sample)
     every = sum(right(drive, view) for view in views)
-    return Figure(
-        "4 (claim)",
-        "the shape is right on 50 images",
-        f"{100 * REPORT_FOUND:.0f} % found of {REPORT_IMAGES}, 8 % missed",
+    report = f"{100 * REPORT_FOUND:.0f} % found of {REPORT_IMAGES}, 8 % missed"
+    return Figure("4 (claim)", "the shape is right on 50 images", report).shown(
         f"views of labelled signs that reach the classifier, evenly along the drive: right "
-        f"{share_words(hits, len(sample))}; "
-        f"some sign shape {share_words(found, len(sample))}; right on all {share_words(every, len(views))}. "
-        "The intervals take views as independent, which those of one sign are not",
+        f"{share_words(hits, len(sample))}; some sign shape {share_words(found, len(sample))}; right on all "
+        f"{share_words(every, len(views))}. The intervals take views as independent, which those of one sign are not"
     )

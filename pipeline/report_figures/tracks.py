@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import cv2
@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.calibration.boards import calibrate_images, parse_board
 from wayside.pipeline.calibration.coverage import draw_coverage
+from wayside.pipeline.learning.gates import KANSAS_MEAN
+from wayside.pipeline.learning.page import Figure
+from wayside.pipeline.learning.plots import FAINT, INKS, TEXT, new_axes, svg
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
-from wayside.pipeline.report_figures.drawing import SIGN_INK, around, beside, boxed, cut
-from wayside.pipeline.report_figures.gather import Drive
-from wayside.pipeline.report_figures.numbers import share_words
-from wayside.pipeline.report_figures.page import Figure, photo
-from wayside.pipeline.report_figures.plots import INKS, Plot
+from wayside.pipeline.report_figures.drawing import SIGN_INK, around, beside, boxed, cut, photo
+from wayside.pipeline.report_figures.gather import Drive, evenly
+from wayside.pipeline.statistics import share_words
 from wayside.schemas.detections import COLOR_RGB
 from wayside.schemas.landmarks import Landmark
-from wayside.schemas.settings import BoardSettings
 from wayside.stages.report import mean_log_density
 
 FEET = 0.3048
@@ -32,45 +32,30 @@ SCENE_M = 25.0
 
 def track_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 5.2 to 5.4."""
-    title, report = (
-        "the track of a sign through four images",
-        "SIFT points are followed from image to image",
-    )
+    title = "the track of a sign through four images"
+    figure = Figure("5.2", title, "SIFT points are followed from image to image")
     labelled = [one for one in drive.signs if drive.judge(one) == ON]
     longest = max(labelled or drive.signs, key=lambda one: len(one.views), default=None)
     if longest is None:
-        yield Figure("5.2", title, report, needs="a sign that is followed over several images")
+        yield figure.left_out("a sign that is followed over several images")
     else:
-        yield _track(drive, longest, title, report)
+        yield _track(drive, longest, figure)
     yield _trajectories(drive)
 
 
 def board_figure(boards: list[Path], board: str | None) -> Figure:
     """Figure 6.1, by images of a chessboard where some are given."""
-    title = "calibration by a chessboard"
     report = "a chessboard on a foam sheet of 4 x 8 ft; no residual is given"
+    figure = Figure("6.1", "calibration by a chessboard", report)
     if not boards or board is None:
-        return Figure(
-            "6.1", title, report, needs="images of a chessboard: --boards FOLDER --board 9x6"
-        )
-    settings = BoardSettings()
-    found = calibrate_images(boards, parse_board(board, float("nan")), "plumb_bob", settings)
+        return figure.left_out("images of a chessboard: --boards FOLDER --board 9x6")
+    found = calibrate_images(boards, parse_board(board, float("nan")), "plumb_bob")
     one = found.calibration
-    drawn = draw_coverage(found, settings.cells)
-    used = sum(view.used for view in one.views)
-    return Figure(
-        "6.1",
-        title,
-        report,
-        f"{used} of {len(found.images)} images used, {one.rms_px:.2f} px RMS, fx {one.camera.fx:.1f} px, "
-        f"fy {one.camera.fy:.1f} px, centre {one.camera.cx:.1f}, {one.camera.cy:.1f} px",
-        (
-            photo(
-                np.asarray(cv2.cvtColor(drawn, cv2.COLOR_BGR2RGB), np.uint8),
-                "corners of all images",
-                scale=0.7,
-            ),
-        ),
+    drawn = np.asarray(cv2.cvtColor(draw_coverage(found), cv2.COLOR_BGR2RGB), np.uint8)
+    return figure.shown(
+        f"{sum(view.used for view in one.views)} of {len(found.images)} images used, {one.rms_px:.2f} px RMS, fx "
+        f"{one.camera.fx:.1f} px, fy {one.camera.fy:.1f} px, centre {one.camera.cx:.1f}, {one.camera.cy:.1f} px",
+        photo(drawn, "corners of all images", scale=0.7),
     )
 
 
@@ -78,12 +63,12 @@ def _trajectories(drive: Drive) -> Figure:
     """Figures 5.3 and 5.4: one image with all tracks on it, and with those that move as signs do."""
     title = "segments before and after the trajectory classifier"
     report = 'typically all false segments are removed, except on curves: "typically all" colour false positives'
+    figure = Figure("5.3, 5.4", title, report)
     asked = [one for one in drive.landmarks if one.verdict in ("sign", "location", "duplicate")]
     if not asked:
-        return Figure("5.3, 5.4", title, report, needs="tracks of candidates that pass the colours")
-    typical = [
-        mean_log_density(one.trajectory, drive.density) >= drive.density.threshold for one in asked
-    ]
+        return figure.left_out("tracks of candidates that pass the colours")
+    density = drive.density
+    typical = [mean_log_density(one.trajectory, density) >= density.threshold for one in asked]
     words = []
     for what, label in (("tracks on signs kept", ON), ("others removed", OFF)):
         own = [
@@ -96,84 +81,68 @@ def _trajectories(drive: Drive) -> Figure:
     frame = max(counts, key=lambda k: (counts[k], -k))
     rgb = drive.images({frame})[frame]
     pages = []
-    for shown in ([True] * len(asked), typical):
-        boxes = [
-            view.box
-            for one, is_shown in zip(asked, shown, strict=True)
-            for view in one.views
-            if is_shown and view.frame == frame
-        ]
+    for shown in (asked, [one for one, keeps in zip(asked, typical, strict=True) if keeps]):
+        boxes = [view.box for one in shown for view in one.views if view.frame == frame]
         pages.append(photo(boxed(rgb, boxes, SIGN_INK), f"image {frame}: {len(boxes)} segments"))
-    return Figure("5.3, 5.4", title, report, "; ".join(words), tuple(pages))
+    return figure.shown("; ".join(words), *pages)
 
 
 def residual_figure(drive: Drive) -> Figure:
     """Figure 7.2: eq. 7.5 by straight motion and by the adjusted one, image by image."""
-    steps = sorted(drive.frames.items())
-    straight = np.array([(k, m.residual_straight_px) for k, m in steps])
-    adjusted = np.array([(k, m.residual_px) for k, m in steps])
-    turns = np.array([0.0 if m.step is None else _turn_deg(m.step.rotation) for _, m in steps])
-    good = np.isfinite(straight[:, 1])
-    title = "residual of straight motion"
+    frames, steps = np.array(sorted(drive.frames)), [m for _, m in sorted(drive.frames.items())]
+    straight = np.array([m.residual_straight_px for m in steps])
+    adjusted = np.array([m.residual_px for m in steps])
+    turns = np.array([0.0 if m.step is None else _turn_deg(m.step.rotation) for m in steps])
+    good = np.isfinite(straight)
     report = (
         "low on straight road, high in curves, where two views are adjusted; no number is given"
     )
+    figure = Figure("7.2", "residual of straight motion", report)
     if not good.any():
-        return Figure("7.2", title, report, needs="two images that follow each other")
-    top = float(np.nanmax(np.concatenate([straight[:, 1], adjusted[:, 1]])))
-    plot = Plot(
-        (float(straight[0, 0]), float(straight[-1, 0])),
-        (0, 1.1 * top),
-        ("image", "residual per coordinate, px"),
-    )
-    plot.line(straight, INKS[1], "straight motion")
-    plot.line(adjusted, INKS[2], "motion that is used")
-    bent = good & (np.abs(turns) > 0.5)
-    even = good & ~bent
-    words = [
-        f"{np.median(straight[rows, 1]):.2f} px in {rows.sum()} steps that turn by {kind} than half a degree"
-        for rows, kind in ((even, "less"), (bent, "more"))
+        return figure.left_out("two images that follow each other")
+    top = 1.1 * float(np.nanmax([straight, adjusted]))
+    span = (float(frames[0]), float(frames[-1]))
+    axes = new_axes(span, (0, top), ("image", "residual per coordinate, px"))
+    axes.plot(frames, straight, color=INKS[1], label="straight motion")
+    axes.plot(frames, adjusted, color=INKS[2], label="motion that is used")
+    bent = np.abs(turns) > 0.5
+    words = ", ".join(
+        f"{np.median(straight[rows]):.2f} px in {rows.sum()} steps that turn by {kind} than half a degree"
+        for rows, kind in ((good & ~bent, "less"), (good & bent, "more"))
         if rows.any()
-    ]
-    median = float(np.nanmedian(adjusted[good, 1]))
-    return Figure(
-        "7.2",
-        title,
-        report,
-        f"median of straight motion {', '.join(words)}; of the motion that is used {median:.2f} px",
-        (plot.picture(),),
     )
+    median = float(np.nanmedian(adjusted[good]))
+    ours = f"median of straight motion {words}; of the motion that is used {median:.2f} px"
+    return figure.shown(ours, svg(axes))
 
 
 def scene_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 8.3 to 8.6."""
     signs = drive.signs
-    title = "the scene from above and across the road"
-    report = (
+    scene = (
         "stripes lie between the yellow signs at the left and the green and white ones at the right"
     )
-    if not signs or not drive.frames:
-        yield Figure("8.3 to 8.5", title, report, needs="signs in three dimensions")
-        yield Figure(
-            "8.6",
-            "size of a sign",
-            "about 3.5 ft wide, 2 ft high",
-            needs="signs in three dimensions",
-        )
-        return
-    yield _scene(drive, signs, title, report)
-    yield _size(drive, signs)
+    size = f"about {REPORT_SIZE_FT[0]} ft wide and {REPORT_SIZE_FT[1]:.0f} ft high, read from points of the adjustment"
+    figures = (
+        Figure("8.3 to 8.5", "the scene from above and across the road", scene),
+        Figure("8.6", "size of a sign on a grid of feet", size),
+    )
+    for figure, show in zip(figures, (_scene, _size), strict=True):
+        if signs and drive.frames:
+            yield show(drive, signs, figure)
+        else:
+            yield figure.left_out("signs in three dimensions")
 
 
-def _track(drive: Drive, sign: Landmark, title: str, report: str) -> Figure:
+def _track(drive: Drive, sign: Landmark, figure: Figure) -> Figure:
     views = sorted(sign.views, key=lambda view: view.frame)
-    at = np.unique(np.linspace(0, len(views) - 1, 4).round().astype(int))
-    images = drive.images({views[i].frame for i in at})
+    some = evenly(views, 4)
+    images = drive.images({view.frame for view in some})
     crops = []
-    for i in at:
-        rgb = images[views[i].frame]
-        corners = around(views[i].box, rgb.shape[:2], times=6, least=160)
-        crops.append(cut(boxed(rgb, [views[i].box], SIGN_INK), corners, 230))
+    for view in some:
+        rgb = images[view.frame]
+        corners = around(view.box, rgb.shape[:2], times=6, least=160)
+        crops.append(cut(boxed(rgb, [view.box], SIGN_INK), corners, 230))
     page = images[views[-1].frame].copy()
     path = np.array([(view.u_px, view.v_px) for view in views])
     cv2.polylines(page, [np.rint(path).astype(np.int32)[:, None]], False, SIGN_INK, 3, cv2.LINE_AA)
@@ -181,13 +150,11 @@ def _track(drive: Drive, sign: Landmark, title: str, report: str) -> Figure:
         cv2.circle(page, (round(u), round(v)), 7, SIGN_INK, -1, cv2.LINE_AA)
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     lengths = ", ".join(f"{length:.0f}" for length in steps)
-    return Figure(
-        "5.2",
-        title,
-        report,
+    return figure.shown(
         f"{len(views)} images, frames {views[0].frame} to {views[-1].frame}; "
         f"it moves by {lengths} px from image to image",
-        (photo(beside(crops)), photo(page, "its path in the last image", scale=0.5)),
+        photo(beside(crops)),
+        photo(page, "its path in the last image", scale=0.5),
     )
 
 
@@ -200,86 +167,64 @@ def _turn_deg(rotation: NDArray[np.float64]) -> float:
     return float(np.degrees(np.arctan2(rotation[0, 2], rotation[2, 2])))
 
 
-def _scene(drive: Drive, signs: list[Landmark], title: str, report: str) -> Figure:
+def _scene(drive: Drive, signs: list[Landmark], figure: Figure) -> Figure:
     places = np.array([one.best_pose.to_world(one.position) for one in signs])
     path = np.array([m.pose.centre for _, m in sorted(drive.frames.items())])
     far = max(float(path[:, 2].max()), float(places[:, 2].max()))
-    above = Plot(
-        (float(min(path[:, 2].min(), 0)), far + 5),
-        (-SCENE_M, SCENE_M),
-        ("ahead of the first camera, m", "left of its axis, m"),
-        (1080, 420),
-        equal=True,
-    )
+    span = (float(min(path[:, 2].min(), 0)), far + 5)
+    words = ("ahead of the first camera, m", "left of its axis, m")
+    above = new_axes(span, (-SCENE_M, SCENE_M), words, (1080, 420), equal=True)
     points = [
         m.pose.to_world(m.ties.point[m.ties.inlier & (np.abs(m.ties.point) < SCENE_M).all(axis=1)])
         for _, m in sorted(drive.frames.items())
         if m.ties is not None
     ]
-    ground = np.concatenate(points) if points else np.zeros((0, 3))
-    above.points(
-        ground[:: max(len(ground) // 3000, 1)][:, [2, 0]] * (1, -1), "#b8c0c8", "tie points", 1.0
-    )
-    above.line(path[:, [2, 0]] * (1, -1), "#161b22", "camera")
-    across = Plot(
-        (-15, 15), (-3, 8), ("right of the path, m", "above the camera, m"), (640, 300), equal=True
-    )
-    for one, place in zip(signs, places, strict=True):
-        ink = "#{:02x}{:02x}{:02x}".format(*COLOR_RGB.get(one.color or "", (150, 150, 150)))
-        above.points([(place[2], -place[0])], ink, radius=5)
+    ground = np.concatenate([np.zeros((0, 3)), *points])
+    some = ground[:: max(len(ground) // 3000, 1)]
+    above.scatter(some[:, 2], -some[:, 0], 2, color="#b8c0c8", label="tie points", rasterized=True)
+    above.plot(path[:, 2], -path[:, 0], color=TEXT, label="camera")
+    words = ("right of the path, m", "above the camera, m")
+    across = new_axes((-15, 15), (-3, 8), words, (640, 300), equal=True)
+    right, up = np.array([(one.right_m, one.above_m) for one in signs]).T
+    inks = [np.divide(COLOR_RGB.get(one.color or "", (150,) * 3), 255) for one in signs]
+    above.scatter(places[:, 2], -places[:, 0], 60, color=inks, edgecolor=FAINT)
+    across.scatter(right, up, 60, color=inks, edgecolor=FAINT)
+    for one, (x, _, z) in zip(signs, places, strict=True):
         if drive.judge(one) == ON:
-            above.word((place[2], -place[0]), _named(one))
-        across.points([(one.right_m, one.above_m)], ink, radius=5)
-    mean = np.array([3.121, 0.603])
-    across.points([mean], "#161b22", "report's mean sign", radius=4)
-    right = [one.right_m for one in signs]
-    return Figure(
-        "8.3 to 8.5",
-        title,
-        report,
-        f"{len(signs)} signs, {sum(r < 0 for r in right)} left and {sum(r >= 0 for r in right)} right of the path, at "
+            above.annotate(_named(one), (z, -x), (5, 4), textcoords="offset points", color=FAINT)
+    across.plot(*KANSAS_MEAN, "o", color=TEXT, label="report's mean sign")
+    return figure.shown(
+        f"{len(signs)} signs, {(right < 0).sum()} left and {(right >= 0).sum()} right of the path, at "
         f"{np.median(np.abs(right)):.1f} m from it (median); "
         "the report's mean sign is 3.1 m right, 0.6 m above the camera",
-        (above.picture("from above; named: on labelled signs"), across.picture("across the road")),
+        svg(above, "from above; named: on labelled signs"),
+        svg(across, "across the road"),
     )
 
 
-def _size(drive: Drive, signs: list[Landmark]) -> Figure:
+def _size(drive: Drive, signs: list[Landmark], figure: Figure) -> Figure:
     listed = [sign for sign in signs if drive.judge(sign) == ON] or signs
     # that of the report is one whose size the adjustment gave well
     one = min(listed, key=lambda sign: sign.sigma_width_m / sign.width_m)
     wide, tall = one.width_m / FEET, one.height_m / FEET
-    plot = Plot((-0.5, wide + 1), (-0.5, tall + 1), ("ft", "ft"), (420, 320), equal=True)
-    corners = np.array([(0, 0), (wide, 0), (wide, tall), (0, tall), (0, 0)])
-    plot.line(corners, INKS[0], "the sign", width=2.5)
-    plot.line(
-        np.array([(0, 0), (3.5, 0), (3.5, 2), (0, 2), (0, 0)]),
-        INKS[1],
-        "the report's sign",
-        dashed=True,
-    )
-    sizes = [
-        ("sign", "on a labelled sign", "width ft", "height ft", "width m", "height m"),
-        *(
-            (
-                f"{_named(s)}, frame {s.best_frame}",
-                _JUDGED[drive.judge(s)],
-                f"{s.width_m / FEET:.1f} ± {s.sigma_width_m / FEET:.1f}",
-                f"{s.height_m / FEET:.1f} ± {s.sigma_height_m / FEET:.1f}",
-                f"{s.width_m:.2f}",
-                f"{s.height_m:.2f}",
-            )
-            for s in listed
-        ),
+    ends = [(-0.5, max(pair) + 1) for pair in zip((wide, tall), REPORT_SIZE_FT, strict=True)]
+    axes = new_axes(ends[0], ends[1], ("ft", "ft"), (420, 320), equal=True)
+    shown = ((wide, tall, 0, "-", "the sign"), (*REPORT_SIZE_FT, 1, "--", "the report's sign"))
+    for x, y, ink, style, name in shown:
+        axes.plot([0, x, x, 0, 0], [0, 0, y, y, 0], style, color=INKS[ink], label=name)
+    sizes: list[Sequence[str]] = [
+        ("sign", "on a labelled sign", "width ft", "height ft", "width m", "height m")
     ]
-    others = len(signs) - len(listed)
-    return Figure(
-        "8.6",
-        "size of a sign on a grid of feet",
-        f"about {REPORT_SIZE_FT[0]} ft wide and {REPORT_SIZE_FT[1]:.0f} ft high, read from points of the adjustment",
+    for sign in listed:
+        pairs = ((sign.width_m, sign.sigma_width_m), (sign.height_m, sign.sigma_height_m))
+        feet = (f"{size / FEET:.1f} ± {sigma / FEET:.1f}" for size, sigma in pairs)
+        width, height = (f"{size:.2f}" for size, _ in pairs)
+        name = f"{_named(sign)}, frame {sign.best_frame}"
+        sizes.append((name, _JUDGED[drive.judge(sign)], *feet, width, height))
+    return figure.shown(
         f"the sign of the surest width, {_named(one)}: {wide:.1f} ± {one.sigma_width_m / FEET:.1f} ft wide, "
         f"{tall:.1f} ± {one.sigma_height_m / FEET:.1f} ft high, by its boxes in {len(one.views)} images; "
-        f"{others} rows that are on no labelled sign are not listed",
-        (plot.picture(),),
-        table=tuple(sizes),
+        f"{len(signs) - len(listed)} rows that are on no labelled sign are not listed",
+        svg(axes),
+        table=sizes,
     )

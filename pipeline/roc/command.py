@@ -8,29 +8,43 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from wayside.pipeline.input_files import read_parquet
 from wayside.pipeline.labels import joined, read_labels
+from wayside.pipeline.learning.asked import ClassifierSamples, gather_samples, join_drives
+from wayside.pipeline.learning.curves import ALL, Question, RocCurve, questions, roc_curve
+from wayside.pipeline.learning.plots import (
+    FAINT,
+    INKS,
+    RATES,
+    TEXT,
+    draw_band,
+    draw_roc,
+    legend_beside,
+    new_axes,
+    png,
+)
 from wayside.pipeline.model_files import Models
 from wayside.pipeline.output_folder import OutputFolder
 from wayside.pipeline.parquet import ParquetFile, record_batch
-from wayside.pipeline.roc.classifier_samples import ClassifierSamples, join_drives
-from wayside.pipeline.roc.curves import RocCurve, roc_curve
-from wayside.pipeline.roc.pictures import draw_curves, png
-from wayside.pipeline.roc.questions import Question, confusion, questions
-from wayside.pipeline.roc.recording import record_curves
-from wayside.pipeline.roc.samples import gather_samples
+
+# before rerun itself: it says what to install where that is absent
+from wayside.pipeline.view.entities import APPLICATION
 from wayside.pipeline.writing import create, not_written, refuse
+from wayside.schemas.detections import COLOR_RGB
 from wayside.schemas.errors import InputError
 from wayside.schemas.roc import CLASSIFIERS, CONFUSION, CURVES
 from wayside.schemas.settings import Settings
 from wayside.schemas.tables import Table
 
 RECORDING_FILE = "roc.rrd"
+KEY = "dot: threshold of the run; ring: knee;\ngrey: 95 % band of the first curve"
 
 Notify = Callable[[str], None]
+Drawn = Sequence[tuple[Question, RocCurve]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,78 +130,65 @@ def format_characteristics(measured: Characteristics) -> str:
         "| classifier | class | signs | others | area | threshold | TPR | FPR | knee | TPR | FPR |",
         "| --- | --- | ---: | ---: | --- | ---: | --- | --- | ---: | ---: | ---: |",
     ]
-    for question, curve in measured.curves:
-        row = _summary(question, curve)
-        words = [question.classifier, question.name, str(row["positives"]), str(row["negatives"])]
-        if curve is None:
-            lines.append(f"| {' | '.join([*words, *['-'] * 7])} |")
-            continue
-        words += [
-            f"{row['area']:.3f}{_ends(row['area_low'], row['area_high'], 1, '.3f')}",
-            "-" if row["threshold"] is None else f"{question.threshold:.4g}",
-            *(
-                "-"
-                if row[rate] is None
-                else f"{100 * row[rate]:.3g} %{_ends(row[f'{rate}_low'], row[f'{rate}_high'], 100, '.3g')}"
-                for rate in ("tpr", "fpr")
-            ),
-            f"{row['knee']:.4g}",
-            *(f"{100 * row[rate]:.3g} %" for rate in ("knee_tpr", "knee_fpr")),
-        ]
+    for row in (_summary(*one) for one in measured.curves):
+        words = [row["classifier"], row["class"], str(row["positives"]), str(row["negatives"])]
+        if row["area"] is None:
+            words += ["-"] * 7
+        else:
+            words += [
+                _with_ends(row, "area", 1, ".3f"),
+                "-" if row["threshold"] is None else f"{row['threshold']:.4g}",
+                *(_with_ends(row, rate, 100, ".3g", " %") for rate in ("tpr", "fpr")),
+                f"{row['knee']:.4g}",
+                *(f"{100 * row[rate]:.3g} %" for rate in ("knee_tpr", "knee_fpr")),
+            ]
         lines.append(f"| {' | '.join(words)} |")
     return "\n".join(lines)
 
 
-def _ends(low: float | None, high: float | None, factor: float, form: str) -> str:
-    return (
-        "" if low is None or high is None else f" ({factor * low:{form}} to {factor * high:{form}})"
-    )
+def _with_ends(row: Mapping[str, Any], name: str, factor: float, form: str, unit: str = "") -> str:
+    value, low, high = (row[f"{name}{end}"] for end in ("", "_low", "_high"))
+    if value is None:
+        return "-"
+    ends = "" if low is None else f" ({factor * low:{form}} to {factor * high:{form}})"
+    return f"{factor * value:{form}}{unit}{ends}"
 
 
 def _write(folder: Path, measured: Characteristics) -> None:
     drawn = measured.drawn()
+    summaries = [_summary(question, curve) for question, curve in measured.curves]
+    counts = [
+        {"classifier": name, "labelled": labelled, "given": given, "count": count}
+        for name, samples in measured.samples.items()
+        for (labelled, given), count in samples.confusion().items()
+    ]
     with OutputFolder(folder) as output:
         try:
-            _write_table(output.part, CURVES, _curve_rows(measured))
-            _write_table(
-                output.part,
-                CLASSIFIERS,
-                [_summary(question, curve) for question, curve in measured.curves],
-            )
-            rows = [
-                {"classifier": name, "labelled": labelled, "given": given, "count": count}
-                for name, samples in measured.samples.items()
-                for (labelled, given), count in confusion(samples).items()
-            ]
-            _write_table(output.part, CONFUSION, rows)
-            for name, curves in drawn.items():
+            curves = [columns for own in drawn.values() for columns in map(_curve_columns, own)]
+            _write_table(output.part, CURVES, curves)
+            _write_table(output.part, CLASSIFIERS, [_columns(CLASSIFIERS, summaries)])
+            _write_table(output.part, CONFUSION, [_columns(CONFUSION, counts)])
+            for name, own in drawn.items():
                 with create(output.part / f"roc_{name}.png") as stream:
-                    stream.write(png(draw_curves(name, curves)))
+                    stream.write(draw_curves(name, own))
         except OSError as error:
             raise not_written(folder, error) from error
         record_curves(output.part / RECORDING_FILE, drawn, format_characteristics(measured))
         output.commit(_pictures_of_before(folder))
 
 
-def _curve_rows(measured: Characteristics) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = []
-    for question, curve in measured.curves:
-        if curve is None:
-            continue
-        for k in range(len(curve.threshold)):
-            rows.append(
-                {
-                    "classifier": question.classifier,
-                    "class": question.name,
-                    "threshold": float(curve.threshold[k]),
-                    "tp": int(curve.tp[k]),
-                    "fp": int(curve.fp[k]),
-                    "tpr": float(curve.tpr[k]),
-                    "fpr": float(curve.fpr[k]),
-                    **_band(curve, k),
-                }
-            )
-    return rows
+def _curve_columns(drawn: tuple[Question, RocCurve]) -> dict[str, Any]:
+    question, curve = drawn
+    n = len(curve.threshold)
+    columns = {
+        "classifier": [question.classifier] * n,
+        "class": [question.name] * n,
+        **{name: getattr(curve, name) for name in ("threshold", "tp", "fp", "tpr", "fpr")},
+    }
+    for name, band in (("tpr", curve.tpr_band), ("fpr", curve.fpr_band)):
+        for end, side in enumerate(("low", "high")):
+            columns[f"{name}_{side}"] = [None] * n if band is None else band[:, end]
+    return columns
 
 
 def _summary(question: Question, curve: RocCurve | None) -> dict[str, Any]:
@@ -214,27 +215,108 @@ def _summary(question: Question, curve: RocCurve | None) -> dict[str, Any]:
         "full_tpr_fpr": float(curve.fpr[full]) if full < len(curve.tp) else None,
         "groups": curve.groups,
     }
+    intervals: dict[str, Sequence[float] | None] = {
+        "area": curve.area_interval,
+        "knee": curve.knee_interval,
+    }
     if (at := question.used_row(curve)) is not None:
-        row |= {"tpr": float(curve.tpr[at]), "fpr": float(curve.fpr[at]), **_band(curve, at)}
-    for name, interval in (("area", curve.area_interval), ("knee", curve.knee_interval)):
+        row |= {"tpr": float(curve.tpr[at]), "fpr": float(curve.fpr[at])}
+        for name, band in (("tpr", curve.tpr_band), ("fpr", curve.fpr_band)):
+            intervals[name] = None if band is None else band[at].tolist()
+    for name, interval in intervals.items():
         if interval is not None:
-            row |= {f"{name}_low": interval.low, f"{name}_high": interval.high}
+            row[f"{name}_low"], row[f"{name}_high"] = interval
     return row
 
 
-def _band(curve: RocCurve, row: int) -> dict[str, float | None]:
-    """Columns of the bands at a row of the curve."""
-    columns: dict[str, float | None] = {}
-    for name, band in (("tpr", curve.tpr_band), ("fpr", curve.fpr_band)):
-        for end, side in enumerate(("low", "high")):
-            columns[f"{name}_{side}"] = None if band is None else float(band[row, end])
-    return columns
+def _columns(table: Table, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    return {column.name: [row[column.name] for row in rows] for column in table.columns}
 
 
-def _write_table(folder: Path, table: Table, rows: Sequence[Mapping[str, Any]]) -> None:
-    values = {column.name: [row[column.name] for row in rows] for column in table.columns}
+def _write_table(folder: Path, table: Table, parts: Sequence[dict[str, Any]]) -> None:
     with ParquetFile(folder / table.file, table.schema) as file:
-        file.write([record_batch(table, values)])
+        file.write([record_batch(table, columns) for columns in parts])
+
+
+def draw_curves(classifier: str, drawn: Drawn) -> bytes:
+    """PNG: TPR against FPR of each class, the band of the first; ring: knee, dot: threshold of the run."""
+    height = max(660, 130 + 42 * len(drawn))
+    axes = new_axes((0, 1), (0, 1), RATES, (1160, height))
+    axes.set_title(f"ROC of {classifier}", loc="left", color=TEXT)
+    axes.set_box_aspect(1)
+    draw_band(axes, drawn[0][1])
+    for row, (question, curve) in enumerate(drawn):
+        used = question.used_row(curve)
+        at = curve.knee if used is None else used
+        shown = float(curve.threshold[at]) if used is None else question.threshold
+        value = f"{shown:.4g}" if math.isfinite(shown) else "none"
+        area = _with_ends(_summary(question, curve), "area", 1, ".3f")
+        words = (
+            f"{question.name}   area {area}\n"
+            f"{'knee' if used is None else 'threshold'} {value}: {100 * curve.tpr[at]:.1f} % of {curve.positives} signs"
+            f", {100 * curve.fpr[at]:.2g} % of {curve.negatives} others"
+        )
+        width = 2.6 if question.name == ALL else 1.6
+        draw_roc(axes, curve, ink_of(question.name, row), words, used=used, width=width)
+    legend_beside(axes, KEY)
+    return png(axes)
+
+
+def ink_of(name: str, row: int) -> str:
+    """Colour of a curve: dark of a whole classifier, that of a class of colour, somewhat darker, else by its row."""
+    if name == ALL:
+        return TEXT
+    if name in COLOR_RGB:
+        return "#{:02x}{:02x}{:02x}".format(*(round(0.8 * v) for v in COLOR_RGB[name]))
+    return INKS[row % len(INKS)]
+
+
+def record_curves(path: Path, drawn: Mapping[str, Drawn], page: str) -> None:
+    """Write a recording: TPR upwards against FPR of each classifier, knees and thresholds as points; `page` as text.
+
+    Parameters
+    ----------
+    path
+        The .rrd file to make.
+    drawn
+        Curves by classifier.
+    page
+        All figures, Markdown.
+    """
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    def rgb(ink: str) -> tuple[int, ...]:
+        return tuple(bytes.fromhex(ink[1:]))
+
+    plots = [rrb.Spatial2DView(origin=f"/roc/{name}", name=f"ROC of {name}") for name in drawn]
+    text = rrb.TextDocumentView(origin="/figures", name="figures")
+    layout = rrb.Blueprint(rrb.Horizontal(rrb.Grid(*plots), text), collapse_panels=True)
+    stream = rr.RecordingStream(APPLICATION, recording_id="roc")
+    stream.save(path, default_blueprint=layout)
+    stream.log("/figures", rr.TextDocument(page, media_type=rr.MediaType.MARKDOWN), static=True)
+    square = [[(0, 0), (1, 0), (1, -1), (0, -1), (0, 0)], [(0, 0), (1, -1)]]
+    for name, curves in drawn.items():
+        frame = rr.LineStrips2D(square, colors=[rgb(FAINT)], radii=0.001)
+        stream.log(f"/roc/{name}/axes", frame, static=True)
+        for row, (question, curve) in enumerate(curves):
+            ink = rgb(ink_of(question.name, row))
+            line = np.stack([np.append(curve.fpr, 1.0), -np.append(curve.tpr, 1.0)], axis=1)
+            at = question.used_row(curve)
+            shown = {"knee": curve.knee} if at is None else {"knee": curve.knee, "threshold": at}
+            entity = f"/roc/{name}/{question.name}"
+            strips = rr.LineStrips2D([line], colors=[ink], radii=0.003, labels=[question.name])
+            stream.log(f"{entity}/curve", strips, static=True)
+            marks = rr.Points2D(
+                line[list(shown.values())],
+                colors=[ink],
+                radii=[0.008, 0.012][: len(shown)],
+                labels=list(shown),
+                show_labels=False,
+            )
+            stream.log(f"{entity}/points", marks, static=True)
+    stream.flush()
+    stream.disconnect()
 
 
 def _pictures_of_before(folder: Path) -> list[str]:

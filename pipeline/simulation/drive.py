@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from wayside.schemas.detections import Candidates, Detections, Regions
 from wayside.schemas.frame import USED, Camera, Frame, Image, Pose, PosePrior
 from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings
+from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import ideal_of_rays, rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.odometry import (
@@ -139,11 +139,9 @@ class SimulatedDrive:
         self._face = rng.normal(0, survey.face_share * survey.panel_m, (survey.signs, 2))
         self._points, self._point_station = self._scatter_points(station[-1] + TIE_REACH_M)
 
-    def posed(
-        self, settings: MotionSettings, ties: TieSettings, adjustment: AdjustmentSettings
-    ) -> Iterator[PosedDetections]:
+    def posed(self, settings: MotionSettings) -> Iterator[PosedDetections]:
         """Every frame with its candidates and the motion that the odometry of `wayside run` estimates."""
-        odometry = VisualOdometry(settings, ties, adjustment, estimate=self._estimate)
+        odometry = VisualOdometry(settings, estimate=self._estimate)
         for index, pose in enumerate(self.poses):
             frame = self._frame(index)
             motion = odometry.advance(self._keypoint_image(index), frame)
@@ -266,7 +264,6 @@ class SimulatedDrive:
         expected: MotionPrior,
         mount: Mount,
         fewest: int,
-        settings: TieSettings,
     ) -> RelativePose | None:
         """Relative pose of two images from simulated ties; parameters as of `estimate_relative_pose`."""
         (*old, first), (*new, second) = (v.descriptors.view(np.int64)[:, 0] for v in (before, now))
@@ -284,9 +281,7 @@ class SimulatedDrive:
         gross = self._rng.random(len(rows)) < self.survey.outliers
         current[gross] += self._rng.normal(0, GROSS_TIE_PX, (int(gross.sum()), 2))
         rays = rays_of_ideal(before.camera, previous), rays_of_ideal(now.camera, current)
-        coarse, _ = fit_coarse_motion(
-            *rays, expected.prior, expected.search, now.focal_px, settings
-        )
+        coarse, _ = fit_coarse_motion(*rays, expected.prior, expected.search, now.focal_px)
         growth = self._depths(int(first), shared) / self._depths(int(second), shared)
         warp = np.column_stack([growth, np.zeros(len(rows)), growth])
         sigma = np.zeros(len(rows))  # no patch slides along an edge
@@ -294,7 +289,7 @@ class SimulatedDrive:
             previous, current, rows, warp, sigma, (rows, np.column_stack([current, warp, sigma]))
         )
         pose = fit_relative_pose(
-            before, now, tied, (coarse.rotation, coarse.direction), expected.prior, settings
+            before, now, tied, (coarse.rotation, coarse.direction), expected.prior
         )
         return pose if pose.inliers >= fewest else None
 

@@ -18,12 +18,9 @@ from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.settings import (
-    AdjustmentSettings,
     LandmarkSettings,
-    LocalAdjustmentSettings,
     MappingSettings,
     MotionSettings,
-    TieSettings,
     TrackSettings,
 )
 from wayside.stages.geometry import rays_of_ideal
@@ -113,8 +110,8 @@ def simulate(
     )
     mapping = MappingSettings(settings, landmark=noise)
     found: dict[int, tuple[Array, Array, float, int]] = {}
-    posed = drive.posed(MotionSettings(), TieSettings(), AdjustmentSettings())
-    settled_frames = track(posed, mapping, adjustment=LocalAdjustmentSettings())
+    posed = drive.posed(MotionSettings())
+    settled_frames = track(posed, mapping, jointly=True)
     for done, settled in enumerate(settled_frames, 1):
         watch(done, len(drive.poses))
         for place in settled.landmarks:

@@ -81,7 +81,7 @@ class Sensor:
         )
         if sensor.motion_blur_px > 0:
             angle = rng.uniform(0, np.pi)
-            kernel = _line_kernel(sensor.motion_blur_px * rng.uniform(0.3, 1.0), angle)
+            kernel = line_kernel(sensor.motion_blur_px * rng.uniform(0.3, 1.0), angle)
             light = cv2.filter2D(light, -1, kernel)
         if sensor.blur_px > 0:
             light = cv2.GaussianBlur(light, (0, 0), sensor.blur_px)
@@ -108,7 +108,7 @@ def _response(contrast: float) -> Singles:
     return (255 * np.where(shoulder < 0.0031308, shoulder * 12.92, power)).astype(np.float32)
 
 
-def _line_kernel(length: float, angle: float) -> Singles:
+def line_kernel(length: float, angle: float) -> Singles:
     """Small normalised line kernel, 5 x 5."""
     kernel: Singles = np.zeros((5, 5), np.float32)
     for w in np.linspace(-0.5, 0.5, 21):

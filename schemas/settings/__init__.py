@@ -5,13 +5,10 @@
 and `REPORT_SHAPE`.
 """
 
-from wayside.schemas.settings.adjustment import AdjustmentSettings
 from wayside.schemas.settings.balance import BalanceSettings
-from wayside.schemas.settings.calibration import BoardSettings, SelfCalibrationSettings
 from wayside.schemas.settings.codes import CodeSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.field import setting
-from wayside.schemas.settings.georeference import GeoreferenceSettings
 from wayside.schemas.settings.landmark import (
     AssemblySettings,
     LandmarkSettings,
@@ -22,22 +19,14 @@ from wayside.schemas.settings.mapping import (
     AcceptanceSettings,
     AssociationSettings,
     MappingSettings,
-    PredictionSettings,
     TrackSettings,
 )
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
-from wayside.schemas.settings.panel import (
-    LocalAdjustmentSettings,
-    PanelOutlineSettings,
-    PanelSettings,
-    RegistrationSettings,
-)
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
-from wayside.schemas.settings.report import ReportSettings, SiftSettings
+from wayside.schemas.settings.report import ReportSettings
 from wayside.schemas.settings.route import RouteSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
-from wayside.schemas.settings.ties import TieSettings
 from wayside.schemas.settings.tree import REPORT, REPORT_2D, REPORT_SHAPE, Settings
 
 __all__ = [
@@ -45,37 +34,26 @@ __all__ = [
     "REPORT_2D",
     "REPORT_SHAPE",
     "AcceptanceSettings",
-    "AdjustmentSettings",
     "AssemblySettings",
     "AssociationSettings",
     "BalanceSettings",
-    "BoardSettings",
     "CandidateSettings",
     "ChangeSettings",
     "CodeSettings",
     "FeatureSettings",
     "GateSettings",
-    "GeoreferenceSettings",
     "LandmarkSettings",
-    "LocalAdjustmentSettings",
     "LocateSettings",
     "MappingSettings",
     "MergeSettings",
     "ModelSettings",
     "MotionSettings",
-    "PanelOutlineSettings",
-    "PanelSettings",
-    "PredictionSettings",
     "ReadSettings",
-    "RegistrationSettings",
     "ReportSettings",
     "RouteSettings",
     "RunSettings",
     "SegmentSettings",
-    "SelfCalibrationSettings",
     "Settings",
-    "SiftSettings",
-    "TieSettings",
     "TrackSettings",
     "VerdictSettings",
     "setting",

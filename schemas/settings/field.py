@@ -6,8 +6,7 @@ from dataclasses import field
 from typing import Any
 
 SET = "set on the development drives"
-MEASURED = "measured on the development drives"
-"""Origins of many settings: chosen by trial, or a figure of the drives themselves."""
+"""Origin of many settings: chosen by trial."""
 
 
 def setting(

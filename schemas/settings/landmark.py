@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from wayside.schemas.settings.field import MEASURED, SET, setting
+from wayside.schemas.settings.field import SET, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,18 +55,6 @@ class LandmarkSettings:
     least_spread: float = setting(
         0.02, "", "least scatter of the size, by the size", origin=SET, expert=True, low=0
     )
-    border: float = setting(
-        1.06, "", "panel by box: boxes follow the inner field", origin=MEASURED, expert=True, low=1
-    )
-    size_sigma: float = setting(
-        0.05, "", "scatter of that factor", origin=MEASURED, expert=True, low=0
-    )
-    centre_bias: float = setting(
-        0.02, "sizes", "error that all boxes' centres share", origin=MEASURED, expert=True, low=0
-    )
-    facing_sigma_deg: float = setting(
-        20.0, "deg", "scatter of an unmeasured facing", origin=SET, expert=True, low=0
-    )
     step_sigma_rad: float = setting(
         2e-4, "rad", "rotation of a step of unknown scatter", origin=SET, expert=True, low=0
     )
@@ -78,20 +66,6 @@ class LandmarkSettings:
     )
     step_sigma_ahead_m: float = setting(
         0.025, "m", "the same, ahead", origin=SET, expert=True, low=0
-    )
-    clear_px: float = setting(
-        60.0, "px", "a view of this height shows a face in full", origin=SET, expert=True
-    )
-    cut_weight: float = setting(
-        0.2, "", "weight of a view cut by the edge of the image", origin=SET, expert=True
-    )
-    least_log_probability: float = setting(
-        -5.0,
-        "log",
-        "least log probability that a view gives a class: each may be of a wrong box",
-        origin=SET,
-        expert=True,
-        high=0,
     )
 
     @property
@@ -111,24 +85,6 @@ class VerdictSettings:
     )
     swept_height_m: float = setting(
         2.0, "m", "height of that above the camera", origin="size of a vehicle", expert=True
-    )
-    same_depth_share: float = setting(
-        0.12, "", "relative depth within which two are one face", origin=SET, expert=True
-    )
-    same_depth_m: float = setting(2.5, "m", "or so many metres", origin=SET, expert=True, low=0)
-    same_depth_sigmas: float = setting(
-        4.0, "sigmas", "or so many standard deviations", origin=SET, expert=True, low=0
-    )
-    same_cover: float = setting(
-        0.4, "", "fraction of either that the other must cover", origin=SET, expert=True
-    )
-    nearest_m: float = setting(
-        0.5,
-        "m",
-        "nearer to the camera a landmark covers nothing",
-        origin="its box is its size over its depth",
-        expert=True,
-        low=0.01,
     )
 
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from wayside.schemas.settings.adjustment import AdjustmentSettings
 from wayside.schemas.settings.field import SET, setting
 from wayside.schemas.settings.landmark import LandmarkSettings, VerdictSettings
-from wayside.schemas.settings.ties import TieSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,29 +29,6 @@ class TrackSettings:
         origin="bounds the time",
         expert=True,
         low=1,
-    )
-    weakest_score: float = setting(
-        -7.0,
-        "log odds",
-        "weakest refused candidate that may still join a landmark that others propose",
-        origin=SET,
-        expert=True,
-    )
-    edge_px: float = setting(
-        2.0,
-        "px",
-        "a box nearer to the edge of the image than this is taken as cut",
-        origin=SET,
-        expert=True,
-        low=0,
-    )
-    sift_views: int = setting(
-        2,
-        "views",
-        "nearest views that place a chain of descriptors",
-        origin="report chapter 7: two views",
-        expert=True,
-        low=2,
     )
 
 
@@ -161,24 +136,6 @@ class AcceptanceSettings:
         expert=True,
         low=1,
     )
-    same_face_iou: float = setting(
-        0.4, "", "other boxes of more overlap show the same face", origin=SET, expert=True
-    )
-    same_face_cover: float = setting(
-        0.75, "", "so do boxes covered by more than this", origin=SET, expert=True
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class PredictionSettings:
-    """Views that a landmark predicts where no candidate was found."""
-
-    sigma_share: float = setting(
-        0.15, "heights", "largest scatter of a predicted box", origin=SET, expert=True, low=0
-    )
-    sigma_px: float = setting(
-        1.0, "px", "scatter that is always allowed", origin=SET, expert=True, low=0
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,8 +145,5 @@ class MappingSettings:
     track: TrackSettings = field(default_factory=TrackSettings)
     association: AssociationSettings = field(default_factory=AssociationSettings)
     acceptance: AcceptanceSettings = field(default_factory=AcceptanceSettings)
-    prediction: PredictionSettings = field(default_factory=PredictionSettings)
     landmark: LandmarkSettings = field(default_factory=LandmarkSettings)
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
-    adjustment: AdjustmentSettings = field(default_factory=AdjustmentSettings)
-    ties: TieSettings = field(default_factory=TieSettings)

@@ -12,28 +12,6 @@ class FeatureSettings:
     """Key points (report chapter 5)."""
 
     corners_per_cell: int = setting(3, "corners", "strongest corners kept in each cell", low=1)
-    pyramid_levels: int = setting(
-        3, "levels", "of the corners' image pyramid, from half size", expert=True, low=1
-    )
-    pyramid_scale: float = setting(
-        1.5,
-        "",
-        "from level to level",
-        origin="an object 20 m away grows 1.7 times over 8 m",
-        expert=True,
-        low=1.01,
-    )
-    corner_contrast: int = setting(
-        9,
-        "grey levels",
-        "FAST threshold",
-        origin="low enough for the texture of roads and verges",
-        expert=True,
-        low=1,
-    )
-    corner_cell_px: int = setting(
-        25, "px", "side of a cell, in pixels of its level", expert=True, low=1
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +37,6 @@ class MotionSettings:
         low=0.01,
     )
     # What is expected of a step
-    pose_sigma_m: float = setting(
-        0.03, "m", "standard deviation of a pose where the log states none", expert=True, low=1e-6
-    )
-    pose_sigma_deg: float = setting(0.1, "deg", "the same of its rotation", expert=True, low=1e-6)
     fix_sigma_m: float = setting(
         1.5, "m", "standard deviation of a fix where the log states none", expert=True, low=1e-6
     )
@@ -80,16 +54,6 @@ class MotionSettings:
         45.0, "px", "the same with the rotation of the step before", expert=True, low=0
     )
     first_slack_px: float = setting(120.0, "px", "the same with neither", expert=True, low=0)
-    standing_share: float = setting(
-        0.4,
-        "",
-        "share of an image's corners found again at the same place from which the camera has not moved",
-        origin="measured: at most 0.26 on drives (demo and real ones), at least 0.43 on images shaken by 1 px, "
-        "saved again at JPEG quality 60, or with a third of them moving",
-        expert=True,
-        low=0.05,
-        high=1,
-    )
     shortest_m: float = setting(0.02, "m", "shortest step", expert=True, low=0)
     fastest_mps: float = setting(
         150.0, "m/s", "fixes that imply a higher speed have jumped", expert=True, low=1
@@ -112,48 +76,6 @@ class MotionSettings:
     )
 
     # Mount of the camera on its vehicle
-    mount_sigma_deg: float = setting(
-        1.5,
-        "deg",
-        "scatter of the direction of travel while the mount is unknown",
-        expert=True,
-        low=0,
-    )
-    travel_right_sigma_deg: float = setting(
-        0.35,
-        "deg",
-        "scatter of the direction of travel sideways",
-        origin="measured",
-        expert=True,
-        low=0,
-    )
-    travel_up_sigma_deg: float = setting(
-        0.25, "deg", "scatter of the direction of travel up", origin="measured", expert=True, low=0
-    )
-    mount_steps: int = setting(3, "steps", "until the mount counts as known", expert=True, low=1)
-    mount_memory: int = setting(61, "steps", "that the mount is the median of", expert=True, low=1)
-    height_memory: int = setting(
-        300, "steps", "that the height above the road is found from", expert=True, low=1
-    )
-    lane_half_width_m: float = setting(
-        3.0, "m", "points further to the side give no height", expert=True, low=0
-    )
-    lane_reach_m: float = setting(
-        18.0, "m", "points further ahead give no height", expert=True, low=0
-    )
-    lowest_camera_m: float = setting(0.8, "m", "lowest camera above the road", expert=True, low=0)
-    highest_camera_m: float = setting(
-        3.2,
-        "m",
-        "highest camera above the road",
-        origin="a vehicle ahead can resemble a road further down",
-        expert=True,
-        low=0,
-    )
-    height_band: float = setting(
-        0.06, "", "relative width of the band of heights that counts as road", expert=True, low=0
-    )
-    fewest_heights: int = setting(8, "points", "in that band at least", expert=True, low=1)
 
     # Length of a step by common points
     fewest_common: int = setting(
@@ -161,25 +83,6 @@ class MotionSettings:
     )
     smallest_parallax_px: float = setting(
         6.0, "px", "smallest displacement of such a point by travel", expert=True, low=0
-    )
-    common_sigma: float = setting(
-        0.004, "", "smallest relative error of the length by common points", expert=True, low=0
-    )
-    spacing_tolerance: float = setting(
-        0.15,
-        "",
-        "relative deviation of a length from a multiple of the spacing",
-        expert=True,
-        low=0,
-    )
-    most_triggers: int = setting(
-        5, "triggers", "in one step at most, with its own", expert=True, low=1
-    )
-    most_dropped: int = setting(
-        2, "steps", "in a row that may have lost triggers", expert=True, low=0
-    )
-    most_doubts: int = setting(
-        2, "steps", "in a row for which common points overrule fixes", expert=True, low=0
     )
     doubt_sigmas: float = setting(
         3.0, "sigmas", "difference of the two lengths that makes a doubt", expert=True, low=0

@@ -33,36 +33,3 @@ class RouteSettings:
     column: str = setting(
         "", "", "column of `file` that names the route; empty: the first of the usual names"
     )
-    reach_m: float = setting(
-        30.0,
-        "m",
-        "the path is on a route only where its line is so near",
-        origin="lines of a road in one, lanes of 3.7 m: half of eight lanes with a median, and 5 m of fix and line",
-        expert=True,
-        low=1,
-    )
-    angle_deg: float = setting(
-        30.0,
-        "deg",
-        "and where it runs within this angle of the travel, in either direction",
-        origin="crossing roads meet at more, ramps leave at less",
-        expert=True,
-        low=1,
-        high=90,
-    )
-    sigma_m: float = setting(
-        8.0,
-        "m",
-        "scatter of the path about the line of its route",
-        origin="two lanes, and the scatter of fix and line",
-        expert=True,
-        low=0.1,
-    )
-    change: float = setting(
-        25.0,
-        "",
-        "squared standard deviations that a change of route costs: a shorter stretch of a nearer line is ignored",
-        origin="five standard deviations: crossing roads and ramps that run along are left out",
-        expert=True,
-        low=0,
-    )

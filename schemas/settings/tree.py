@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from wayside.schemas.settings.adjustment import AdjustmentSettings
 from wayside.schemas.settings.balance import BalanceSettings
-from wayside.schemas.settings.calibration import BoardSettings, SelfCalibrationSettings
 from wayside.schemas.settings.codes import CodeSettings
 from wayside.schemas.settings.detection import CandidateSettings
-from wayside.schemas.settings.georeference import GeoreferenceSettings
 from wayside.schemas.settings.landmark import (
     AssemblySettings,
     LandmarkSettings,
@@ -21,22 +18,14 @@ from wayside.schemas.settings.mapping import (
     AcceptanceSettings,
     AssociationSettings,
     MappingSettings,
-    PredictionSettings,
     TrackSettings,
 )
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
-from wayside.schemas.settings.panel import (
-    LocalAdjustmentSettings,
-    PanelOutlineSettings,
-    PanelSettings,
-    RegistrationSettings,
-)
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
-from wayside.schemas.settings.report import ReportSettings, SiftSettings
+from wayside.schemas.settings.report import ReportSettings
 from wayside.schemas.settings.route import RouteSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
-from wayside.schemas.settings.ties import TieSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,30 +38,19 @@ class Settings:
     gate: GateSettings = field(default_factory=GateSettings)
     candidates: CandidateSettings = field(default_factory=CandidateSettings)
     report: ReportSettings = field(default_factory=ReportSettings)
-    sift: SiftSettings = field(default_factory=SiftSettings)
     features: FeatureSettings = field(default_factory=FeatureSettings)
-    ties: TieSettings = field(default_factory=TieSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     track: TrackSettings = field(default_factory=TrackSettings)
     association: AssociationSettings = field(default_factory=AssociationSettings)
     acceptance: AcceptanceSettings = field(default_factory=AcceptanceSettings)
-    prediction: PredictionSettings = field(default_factory=PredictionSettings)
     landmark: LandmarkSettings = field(default_factory=LandmarkSettings)
     verdict: VerdictSettings = field(default_factory=VerdictSettings)
-    adjustment: AdjustmentSettings = field(default_factory=AdjustmentSettings)
-    panel: PanelSettings = field(default_factory=PanelSettings)
-    registration: RegistrationSettings = field(default_factory=RegistrationSettings)
-    panel_outline: PanelOutlineSettings = field(default_factory=PanelOutlineSettings)
-    local_adjustment: LocalAdjustmentSettings = field(default_factory=LocalAdjustmentSettings)
     locate: LocateSettings = field(default_factory=LocateSettings)
-    georeference: GeoreferenceSettings = field(default_factory=GeoreferenceSettings)
     route: RouteSettings = field(default_factory=RouteSettings)
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
     codes: CodeSettings = field(default_factory=CodeSettings)
     models: ModelSettings = field(default_factory=ModelSettings)
     run: RunSettings = field(default_factory=RunSettings)
-    boards: BoardSettings = field(default_factory=BoardSettings)
-    calibration: SelfCalibrationSettings = field(default_factory=SelfCalibrationSettings)
     merge: MergeSettings = field(default_factory=MergeSettings)
     changes: ChangeSettings = field(default_factory=ChangeSettings)
 
@@ -83,11 +61,8 @@ class Settings:
             track=self.track,
             association=self.association,
             acceptance=self.acceptance,
-            prediction=self.prediction,
             landmark=self.landmark,
             verdict=self.verdict,
-            adjustment=self.adjustment,
-            ties=self.ties,
         )
 
 

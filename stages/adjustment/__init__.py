@@ -1,7 +1,9 @@
 """Bundle adjustment of frames and points together (report chapter 8)."""
 
-from wayside.stages.adjustment.bundle_adjustment import adjust_window
+from wayside.stages.adjustment.bundle_adjustment import WINDOW_ITERATIONS, adjust_window
 from wayside.stages.adjustment.correlated_errors import (
+    TIE_ERRORS,
+    TieErrors,
     correlated_covariance,
     correlated_sigma_px,
 )
@@ -13,6 +15,12 @@ from wayside.stages.adjustment.residuals import (
 )
 from wayside.stages.adjustment.scatter import tie_scatter
 from wayside.stages.adjustment.tie_tracks import (
+    ANCHOR_SIGMA_PX,
+    DISPLACEMENT_SIGMA,
+    FARTHEST_TIE_M,
+    NEAREST_TIE_M,
+    SLIDING_PX,
+    TIE_SCALE,
     StepTies,
     link_tracks,
     select_tracks,
@@ -20,10 +28,19 @@ from wayside.stages.adjustment.tie_tracks import (
 )
 
 __all__ = [
+    "ANCHOR_SIGMA_PX",
+    "DISPLACEMENT_SIGMA",
+    "FARTHEST_TIE_M",
+    "NEAREST_TIE_M",
     "QUADRATIC",
+    "SLIDING_PX",
+    "TIE_ERRORS",
+    "TIE_SCALE",
+    "WINDOW_ITERATIONS",
     "ResidualBlocks",
     "StepConstraints",
     "StepTies",
+    "TieErrors",
     "adjust_window",
     "constraint_residuals",
     "correlated_covariance",

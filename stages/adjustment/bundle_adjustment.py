@@ -36,6 +36,9 @@ from wayside.stages.adjustment.residuals import (
 from wayside.stages.geometry import Schedule, cholesky_solve, minimiser, rotation_from_vector
 from wayside.stages.kernels import Array, compiled, require_array
 
+WINDOW_ITERATIONS = 15
+"""Of a window at most: leaves a position .003 sigmas off the minimum (median; .16 in 95 %)."""
+
 
 class WindowAdjustment(NamedTuple):
     """Result of `adjust_window`.

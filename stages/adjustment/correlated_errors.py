@@ -6,20 +6,37 @@ correlated. The part of such a field of errors that resembles motion is absorbed
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.settings import TieSettings
 from wayside.stages.kernels import Array, compiled
 
 
-def correlated_sigma_px(displacement_px: Array, settings: TieSettings) -> Array:
+class TieErrors(NamedTuple):
+    """Errors of registered ties, measured."""
+
+    sigma_px: float = 0.08
+    """Standard deviation of a coordinate."""
+    shared_px: float = 0.05
+    """Standard deviation of the error that neighbouring ties share: scatter of rotations and directions."""
+    shared_fraction: float = 0.004
+    """Added to that, as a fraction of the displacement by travel."""
+    reach_px: float = 60.0
+    """Reach of the correlation."""
+
+
+TIE_ERRORS = TieErrors()
+
+
+def correlated_sigma_px(displacement_px: Array, errors: TieErrors = TIE_ERRORS) -> Array:
     """Scatter (n,) of the error that ties share with their neighbours, by their displacement through travel, pixels.
 
     Directions of travel depend on few near ties, mostly on the road, which slide along markings or are biased towards
     the motion by which they were searched for.
     """
-    return np.asarray(settings.correlated_sigma_px + settings.correlated_fraction * displacement_px)
+    return np.asarray(errors.shared_px + errors.shared_fraction * displacement_px)
 
 
 def correlated_covariance(

@@ -6,11 +6,14 @@ from statistics import NormalDist
 
 import numpy as np
 
-from wayside.schemas.settings import TieSettings
+from wayside.stages.adjustment.correlated_errors import TIE_ERRORS
 from wayside.stages.kernels import Array
 
+SCATTER_QUANTILE = 0.75
+"""Quantile that is compared: by the median, errors of directions are raised too little."""
 
-def tie_scatter(distance_px: Array, settings: TieSettings) -> float:
+
+def tie_scatter(distance_px: Array) -> float:
     """How many times larger the errors of the ties of a step are than stated, by their Sampson distances (n,).
 
     A quantile of the distances, in stated standard deviations, over that of a normal distribution: how large gross
@@ -20,6 +23,8 @@ def tie_scatter(distance_px: Array, settings: TieSettings) -> float:
     """
     if len(distance_px) == 0:
         return 1.0
-    quantile = settings.scatter_quantile
+    quantile = SCATTER_QUANTILE
     normal = NormalDist().inv_cdf((1 + quantile) / 2)
-    return max(1.0, float(np.quantile(np.abs(distance_px), quantile)) / settings.sigma_px / normal)
+    return max(
+        1.0, float(np.quantile(np.abs(distance_px), quantile)) / TIE_ERRORS.sigma_px / normal
+    )

@@ -13,6 +13,19 @@ from wayside.schemas.motion import Motion
 from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array, compiled
 
+SLIDING_PX = 0.12
+"""Ties that may slide further along the edges of their patches are left out."""
+DISPLACEMENT_SIGMA = 0.002
+"""Scatter of a tie as a fraction of its displacement in the image (measured)."""
+TIE_SCALE = 1.0
+"""Scale of the robust cost of a tie, standard deviations."""
+ANCHOR_SIGMA_PX = 0.01
+"""Scatter of the first corner of a track: it defines the point."""
+NEAREST_TIE_M = 1.0
+"""Least depth of a tie at the start."""
+FARTHEST_TIE_M = 2000.0
+"""Largest depth of a tie at the start."""
+
 Numbers = NDArray[np.int64]
 
 NEAREST_DEPTH = 1e-6

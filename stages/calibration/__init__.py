@@ -9,7 +9,12 @@ from wayside.stages.calibration.board_fit import (
     calibrate_boards,
     format_residuals,
 )
-from wayside.stages.calibration.drive_fit import DriveCalibration, calibrate_drive, lens_step
+from wayside.stages.calibration.drive_fit import (
+    PRINCIPAL_POINT_SIGMA,
+    DriveCalibration,
+    calibrate_drive,
+    lens_step,
+)
 from wayside.stages.calibration.lens import LENS, changed_camera
 from wayside.stages.calibration.segment import cut_segments
 from wayside.stages.calibration.watch import (
@@ -22,6 +27,7 @@ from wayside.stages.calibration.watch import (
 __all__ = [
     "LENS",
     "LENS_MODELS",
+    "PRINCIPAL_POINT_SIGMA",
     "Board",
     "BoardCalibration",
     "CalibrationError",

@@ -8,9 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.settings.calibration import BoardSettings
 from wayside.stages.kernels import Array
 
+WINDOW = 0.33
+"""Half side of the window that refines a corner, by the distance to the next: least scatter, 0.04 px (measured)."""
+LARGEST_WINDOW_PX = 11
+"""That half side at most, as boards are not flat."""
 _SMALLEST_PART = (3, 3)
 _THOROUGH = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
 """Equalised histograms (CALIB_CB_NORMALIZE_IMAGE) are left out: they cost a third of a pixel on rendered boards."""
@@ -38,7 +41,7 @@ class FoundBoard(NamedTuple):
     why: str
 
 
-def find_board(grey: NDArray[np.uint8], board: Board, settings: BoardSettings) -> FoundBoard:
+def find_board(grey: NDArray[np.uint8], board: Board) -> FoundBoard:
     """Find all inner corners of a board in a grey image (height, width).
 
     By localised Radon transform (Duda and Frese 2018), or else by its quadrangles; then refined to where the gradients
@@ -50,7 +53,7 @@ def find_board(grey: NDArray[np.uint8], board: Board, settings: BoardSettings) -
     if not found:
         found, corners = cv2.findChessboardCorners(grey, shape)
     if found:
-        return FoundBoard(_refined(grey, np.array(corners, np.float32), board, settings), "")
+        return FoundBoard(_refined(grey, np.array(corners, np.float32), board), "")
     wanted = f"{board.columns} x {board.rows} inner corners"
     part, _, meta = cv2.findChessboardCornersSBWithMeta(
         grey, _SMALLEST_PART, _THOROUGH | cv2.CALIB_CB_LARGER
@@ -65,12 +68,10 @@ def find_board(grey: NDArray[np.uint8], board: Board, settings: BoardSettings) -
     return FoundBoard(None, f"no board of {wanted} found: too blurred, too small, or another board")
 
 
-def _refined(
-    grey: NDArray[np.uint8], corners: NDArray[np.float32], board: Board, settings: BoardSettings
-) -> Array:
+def _refined(grey: NDArray[np.uint8], corners: NDArray[np.float32], board: Board) -> Array:
     """Corners (n, 2) refined in windows that do not reach the next corner."""
     grid = corners.reshape(board.rows, board.columns, 2)
     gaps = [np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1)]
-    half = int(np.clip(settings.window * min(gaps), 2, settings.largest_window_px))
+    half = int(np.clip(WINDOW * min(gaps), 2, LARGEST_WINDOW_PX))
     refined = cv2.cornerSubPix(grey, corners.reshape(-1, 1, 2), (half, half), (-1, -1), _REFINED)
     return np.asarray(refined, np.float64).reshape(-1, 2)

@@ -10,11 +10,16 @@ import cv2
 import numpy as np
 
 from wayside.schemas.frame import Camera
-from wayside.schemas.settings.calibration import BoardSettings
 from wayside.stages.calibration.board_corners import Board
 from wayside.stages.geometry import rotation_from_vector
 from wayside.stages.kernels import Array
 
+FEWEST_VIEWS = 4
+"""Two determine a camera without distortion (Zhang 2000), two more show a wrong one."""
+OUTLIER_RATIO = 3.0
+"""A view is left out where its residual exceeds that of the median view by this factor."""
+LARGEST_SIGMA = 0.01
+"""A larger relative standard error of the focal length is refused: so large is that of positions along the road."""
 LENS_MODELS = {"plumb_bob": 4, "plumb_bob_k3": 5, "rational": 8}
 """Number of distortion coefficients that are fitted of each lens model.
 
@@ -88,12 +93,16 @@ class _Fit(NamedTuple):
 
 
 def calibrate_boards(
-    views: list[Array], board: Board, size: tuple[int, int], model: str, settings: BoardSettings
+    views: list[Array],
+    board: Board,
+    size: tuple[int, int],
+    model: str,
+    largest_sigma: float = LARGEST_SIGMA,
 ) -> BoardCalibration:
     """Calibrate a camera by views of a board.
 
     The worst view is left out, and the rest fitted again, while its residual exceeds that of the median view by
-    `outlier_ratio`.
+    `OUTLIER_RATIO`.
 
     Parameters
     ----------
@@ -105,8 +114,8 @@ def calibrate_boards(
         Width and height of the images.
     model
         A name of `LENS_MODELS`.
-    settings
-        Which views take part.
+    largest_sigma
+        Largest relative standard error of a focal length.
 
     Raises
     ------
@@ -115,14 +124,14 @@ def calibrate_boards(
         told, since a lens of another kind looks like that, too.
     """
     kept = list(range(len(views)))
-    _require_views(len(kept), settings)
+    _require_views(len(kept))
     fit = _fit([views[i] for i in kept], board, size, model)
     while True:
         worst = int(np.argmax(fit.view_rms_px))
-        if fit.view_rms_px[worst] <= settings.outlier_ratio * np.median(fit.view_rms_px):
+        if fit.view_rms_px[worst] <= OUTLIER_RATIO * np.median(fit.view_rms_px):
             break
         del kept[worst]
-        _require_views(len(kept), settings)
+        _require_views(len(kept))
         fit = _fit([views[i] for i in kept], board, size, model)
     used = [views[i] for i in kept]
     by_model = {name: _residual_px(used, board, size, name) for name in LENS_MODELS}
@@ -133,17 +142,17 @@ def calibrate_boards(
     parameters = tuple(
         map(Parameter, _NAMES[:count], values.tolist(), fit.sigma.tolist(), spread.tolist())
     )
-    _require_focal_length(parameters, placed, by_model, settings)
+    _require_focal_length(parameters, placed, by_model, largest_sigma)
     lens = values[4:].tolist() + [0.0] * (LENS_MODELS[model] == 4)
     fx, fy, cx, cy = values[:4].tolist()
     camera = Camera(size[0], size[1], fx, fy, cx, cy, tuple(lens))
     return BoardCalibration(camera, parameters, fit.rms_px, by_model, tuple(placed))
 
 
-def _require_views(count: int, settings: BoardSettings) -> None:
-    if count < settings.fewest_views:
+def _require_views(count: int) -> None:
+    if count < FEWEST_VIEWS:
         raise CalibrationError(
-            f"wanted {settings.fewest_views} views of the board or more, found {count}; "
+            f"wanted {FEWEST_VIEWS} views of the board or more, found {count}; "
             "photograph it 15 to 20 times, tilted, all over the image"
         )
 
@@ -216,11 +225,11 @@ def _require_focal_length(
     parameters: tuple[Parameter, ...],
     views: list[FittedView],
     by_model: dict[str, float],
-    settings: BoardSettings,
+    largest: float,
 ) -> None:
     for one in parameters[:2]:
         error = max(one.sigma, one.spread) / abs(one.value)
-        if not error <= settings.largest_sigma:
+        if not error <= largest:
             tilt = max(view.tilt_deg for view in views if view.used)
             raise CalibrationError(
                 f"wanted views that determine the focal length, found {one.name} = {one.value:.0f} px with a "

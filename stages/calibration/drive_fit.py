@@ -15,9 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wayside.schemas.frame import Camera
-from wayside.schemas.settings import LocalAdjustmentSettings, TieSettings
-from wayside.schemas.settings.calibration import SelfCalibrationSettings
-from wayside.stages.adjustment import correlated_covariance
+from wayside.stages.adjustment import ANCHOR_SIGMA_PX, TIE_ERRORS, TIE_SCALE, correlated_covariance
 from wayside.stages.calibration.lens import LENS, changed_camera
 from wayside.stages.calibration.segment import Segment
 from wayside.stages.calibration.segment_equations import (
@@ -29,6 +27,26 @@ from wayside.stages.calibration.segment_equations import (
 )
 from wayside.stages.kernels import Array
 
+PRINCIPAL_POINT_SIGMA = 0.006
+"""Scatter of a given principal point as a fraction of the width: boards show 3 px to 20 px of 1280."""
+DISTORTION_SIGMA = 0.3
+"""Scatter of k1 and k2 beforehand, for lenses of 50 to 90 degrees."""
+LENGTH_SIGMA = 0.2
+"""Relative scatter of the lengths of steps: they do not depend on the lens and only fix the scale."""
+ITERATIONS = 15
+"""Steps of the lens in one fit at most."""
+START_ITERATIONS = 10
+"""Steps of poses and points at the start, before the lens is free, at most."""
+INNER_ITERATIONS = 4
+"""Steps of poses and points after each step of the lens at most."""
+GAIN = 0.5
+"""Steps end where twice the log likelihood changes by less: one standard error changes it by 1."""
+LONGEST_STEP = 0.1
+"""Relative change of the focal length in one step at most."""
+REWEIGHTINGS = 3
+"""Fits with the errors of ties as large as the residuals of the last one say."""
+SAME_ERRORS = 0.95
+"""The last fit is one after which these errors are at least so many times those before."""
 _RAYLEIGH_MEDIAN = sqrt(2 * np.log(2))
 """Median length of a residual of two normal coordinates, in their sigmas."""
 
@@ -59,12 +77,7 @@ class DriveCalibration:
 
 
 def calibrate_drive(
-    segments: Sequence[Segment],
-    camera: Camera,
-    principal_sigma_px: float,
-    ties: TieSettings,
-    adjustment: LocalAdjustmentSettings,
-    settings: SelfCalibrationSettings,
+    segments: Sequence[Segment], camera: Camera, principal_sigma_px: float
 ) -> DriveCalibration:
     """Estimate the lens of a camera from the segments of a drive.
 
@@ -78,21 +91,17 @@ def calibrate_drive(
         Where the estimate starts; the ratio of both focal lengths and the coefficients but k1 and k2 are held.
     principal_sigma_px
         How far off its principal point may be.
-    ties, adjustment
-        Errors of ties.
-    settings
-        What is known of the lens beforehand.
     """
-    problem, state = _start(segments, camera, principal_sigma_px, adjustment, settings)
-    for _ in range(settings.reweightings):
+    problem, state = _start(segments, camera, principal_sigma_px)
+    for _ in range(REWEIGHTINGS):
         state = _minimise(state, problem)
         factor = _error_factor(state, problem)
-        if factor > settings.same_errors * problem.weights.factor:
+        if factor > SAME_ERRORS * problem.weights.factor:
             break
         # A wrong lens has larger residuals, which let its errors pass for those of ties.
         problem = problem._replace(weights=problem.weights._replace(factor=factor))
-        state = _settled(state.segments, state.lens, problem, settings.inner_iterations)
-    covariance, _ = _solve(state, problem, ties)
+        state = _settled(state.segments, state.lens, problem, INNER_ITERATIONS)
+    covariance, _ = _solve(state, problem)
     count = sum(len(one.track) for one in segments)
     return DriveCalibration(
         changed_camera(camera, state.lens),
@@ -106,30 +115,24 @@ def calibrate_drive(
 
 
 def lens_step(
-    segments: Sequence[Segment],
-    camera: Camera,
-    principal_sigma_px: float,
-    ties: TieSettings,
-    adjustment: LocalAdjustmentSettings,
-    settings: SelfCalibrationSettings,
+    segments: Sequence[Segment], camera: Camera, principal_sigma_px: float
 ) -> tuple[Array, Array]:
     """The change (5,) of the lens to first order, in the order of `LENS`, and its covariance (5, 5).
 
     The first step of `calibrate_drive`, for half of its time; the arguments are the same. It falls short of large
     errors.
     """
-    problem, state = _start(segments, camera, principal_sigma_px, adjustment, settings)
-    covariance, step = _solve(state, problem, ties)
+    problem, state = _start(segments, camera, principal_sigma_px)
+    covariance, step = _solve(state, problem)
     return step, covariance
 
 
 class _Problem(NamedTuple):
-    """The camera of the start, weights, the inverse covariance (5, 5) of the lens beforehand, and when to stop."""
+    """The camera of the start, weights, the inverse covariance (5, 5) of the lens beforehand."""
 
     camera: Camera
     weights: Weights
     known: Array
-    settings: SelfCalibrationSettings
 
 
 class _State(NamedTuple):
@@ -139,21 +142,17 @@ class _State(NamedTuple):
 
 
 def _start(
-    segments: Sequence[Segment],
-    camera: Camera,
-    principal_sigma_px: float,
-    adjustment: LocalAdjustmentSettings,
-    settings: SelfCalibrationSettings,
+    segments: Sequence[Segment], camera: Camera, principal_sigma_px: float
 ) -> tuple[_Problem, _State]:
     """Poses and points for the lens as given, with the errors of ties as large as their residuals say."""
-    s, lens = settings, np.zeros(len(LENS))
-    scatter = [np.inf, principal_sigma_px, principal_sigma_px, s.distortion, s.distortion]
-    weights = Weights(1.0, adjustment.tie_scale, adjustment.anchor_sigma_px, s.length)
-    problem = _Problem(camera, weights, np.diag(1 / np.array(scatter) ** 2), s)
-    state = _settled(segments, lens, problem, s.start_iterations)
+    lens = np.zeros(len(LENS))
+    scatter = [np.inf, principal_sigma_px, principal_sigma_px, DISTORTION_SIGMA, DISTORTION_SIGMA]
+    weights = Weights(1.0, TIE_SCALE, ANCHOR_SIGMA_PX, LENGTH_SIGMA)
+    problem = _Problem(camera, weights, np.diag(1 / np.array(scatter) ** 2))
+    state = _settled(segments, lens, problem, START_ITERATIONS)
     # Compressed images have larger errors than stated.
     problem = problem._replace(weights=weights._replace(factor=_error_factor(state, problem)))
-    return problem, _settled(state.segments, lens, problem, s.start_iterations)
+    return problem, _settled(state.segments, lens, problem, START_ITERATIONS)
 
 
 def _error_factor(state: _State, problem: _Problem) -> float:
@@ -165,19 +164,19 @@ def _error_factor(state: _State, problem: _Problem) -> float:
 
 
 def _minimise(start: _State, problem: _Problem) -> _State:
-    s, best, damping = problem.settings, start, 0.0
-    for _ in range(s.iterations):
+    best, damping = start, 0.0
+    for _ in range(ITERATIONS):
         linear, matrix, right = _equations(best, problem, _SMALLEST_DAMPING)
         damped = matrix + damping * np.diag(np.diag(matrix))
         step: Array = np.asarray(np.linalg.solve(damped, right), np.float64)
-        shortened = min(1.0, s.longest_step / max(abs(float(step[0])), 1e-12))
+        shortened = min(1.0, LONGEST_STEP / max(abs(float(step[0])), 1e-12))
         step *= shortened
         moved = [updated(a, b, step) for a, b in zip(best.segments, linear, strict=True)]
-        trial = _settled(moved, best.lens + step, problem, s.inner_iterations)
+        trial = _settled(moved, best.lens + step, problem, INNER_ITERATIONS)
         if trial.cost < best.cost:
             gain, best = best.cost - trial.cost, trial
             damping = damping / 10 if damping > 1e-6 else 0.0
-            if gain < s.gain:
+            if gain < GAIN:
                 break
         else:
             damping = max(10 * damping, 1e-3)
@@ -199,7 +198,7 @@ def _equations(
 def _settled(segments: Sequence[Segment], lens: Array, problem: _Problem, rounds: int) -> _State:
     """Poses and points for a lens, and the cost of it."""
     here = changed_camera(problem.camera, lens)
-    gain = problem.settings.gain
+    gain = GAIN
     settled = [_settle(one, here, problem.weights, rounds, gain) for one in segments]
     cost = sum(cost for _, cost in settled) + float(lens @ problem.known @ lens)
     return _State(lens, [segment for segment, _ in settled], cost)
@@ -223,7 +222,7 @@ def _settle(
     return segment, cost
 
 
-def _solve(state: _State, problem: _Problem, ties: TieSettings) -> tuple[Array, Array]:
+def _solve(state: _State, problem: _Problem) -> tuple[Array, Array]:
     """Covariance (5, 5) of the lens and the Gauss-Newton step (5,) from here.
 
     Of independent errors and of those that neighbouring ties share; raised to what the scatter between segments says.
@@ -235,7 +234,7 @@ def _solve(state: _State, problem: _Problem, ties: TieSettings) -> tuple[Array, 
         shared_px = problem.weights.factor * segment.shared_px
         effect = (one.gain @ inverse) * shared_px[:, None, None]
         result += correlated_covariance(
-            segment.end, segment.frames[:, 1], effect, ties.correlation_reach_px
+            segment.end, segment.frames[:, 1], effect, TIE_ERRORS.reach_px
         )
     step = np.asarray(inverse @ right, np.float64)
     count = len(linear)

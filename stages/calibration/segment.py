@@ -11,12 +11,24 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion
-from wayside.schemas.settings import LocalAdjustmentSettings, TieSettings
-from wayside.schemas.settings.calibration import SelfCalibrationSettings
-from wayside.stages.adjustment import StepTies, correlated_sigma_px, link_tracks, ties_of_step
+from wayside.stages.adjustment import (
+    DISPLACEMENT_SIGMA,
+    FARTHEST_TIE_M,
+    NEAREST_TIE_M,
+    SLIDING_PX,
+    TIE_ERRORS,
+    StepTies,
+    correlated_sigma_px,
+    link_tracks,
+    ties_of_step,
+)
 from wayside.stages.geometry import distort_points, ideal_of_rays, tangent_basis
 from wayside.stages.kernels import Array
 
+SEGMENT_IMAGES = 12
+"""Images of a segment, within which tracks are adjusted together."""
+FEWEST_TRACKS = 20
+"""A segment with fewer tracks is left out."""
 KNOWN_TURNS = ("poses", "odometry")
 """Sources of motion that know how the camera turned."""
 
@@ -57,28 +69,19 @@ class Segment(NamedTuple):
 
 
 def cut_segments(
-    motions: Sequence[Motion],
-    camera: Camera,
-    ties: TieSettings,
-    adjustment: LocalAdjustmentSettings,
-    settings: SelfCalibrationSettings,
+    motions: Sequence[Motion], camera: Camera, images: int = SEGMENT_IMAGES
 ) -> list[Segment]:
     """Segments of `images` images, each beginning with the last of the one before; those with few tracks left out."""
     found = []
-    for first in range(0, len(motions) - 2, settings.images - 1):
-        part = motions[first : first + settings.images]
-        segment = make_segment(part, camera, ties, adjustment)
-        if segment is not None and len(segment.head) >= settings.fewest_tracks:
+    for first in range(0, len(motions) - 2, images - 1):
+        part = motions[first : first + images]
+        segment = make_segment(part, camera)
+        if segment is not None and len(segment.head) >= FEWEST_TRACKS:
             found.append(segment)
     return found
 
 
-def make_segment(
-    motions: Sequence[Motion],
-    camera: Camera,
-    ties: TieSettings,
-    settings: LocalAdjustmentSettings,
-) -> Segment | None:
+def make_segment(motions: Sequence[Motion], camera: Camera) -> Segment | None:
     """Link the ties of a part of a drive to tracks and place their points.
 
     Parameters
@@ -87,15 +90,13 @@ def make_segment(
         Of its images in order; what led to the first one is ignored.
     camera
         The camera that the ties were undistorted with.
-    ties, settings
-        Errors of ties, and which are left out.
 
     Returns
     -------
     None without a track over three images.
     """
     all_ties = StepTies.joined(
-        ties_of_step(k, motion, camera, camera, settings.sliding_px, inliers=False)
+        ties_of_step(k, motion, camera, camera, SLIDING_PX, inliers=False)
         for k, motion in enumerate(motions[1:])
     )
     all_ties = all_ties.select(np.flatnonzero((all_ties.corners >= 0).all(axis=1)))
@@ -114,8 +115,8 @@ def make_segment(
     local /= np.linalg.norm(local, axis=1)[:, None]
     ray = np.einsum("nij,nj->ni", rotations[early], local)
     distance = np.einsum("ni,ni->n", tied.place[head], local)
-    known = np.isfinite(distance) & (distance > settings.nearest_m)
-    inverse = np.where(known, 1 / np.where(known, distance, 1.0), 1 / settings.farthest_m)
+    known = np.isfinite(distance) & (distance > NEAREST_TIE_M)
+    inverse = np.where(known, 1 / np.where(known, distance, 1.0), 1 / FARTHEST_TIE_M)
     turns, sigma = _turns(motions)
     gaps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
     return Segment(
@@ -129,8 +130,8 @@ def make_segment(
         start=distort_points(camera, ideal_of_rays(camera, tied.source)),
         end=distort_points(camera, tied.pixel),
         warp=tied.warp,
-        sigma_px=np.hypot(ties.sigma_px, settings.displacement_sigma * tied.displacement_px),
-        shared_px=correlated_sigma_px(tied.displacement_px, ties),
+        sigma_px=np.hypot(TIE_ERRORS.sigma_px, DISPLACEMENT_SIGMA * tied.displacement_px),
+        shared_px=correlated_sigma_px(tied.displacement_px),
         head=np.asarray(head, np.int64),
         origin=centres[early],
         ray=ray,

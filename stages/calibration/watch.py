@@ -12,11 +12,18 @@ from scipy import stats
 
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion, PosedDetections
-from wayside.schemas.settings import LocalAdjustmentSettings, TieSettings
-from wayside.schemas.settings.calibration import SelfCalibrationSettings
-from wayside.stages.calibration.drive_fit import calibrate_drive, lens_step
+from wayside.stages.calibration.drive_fit import PRINCIPAL_POINT_SIGMA, calibrate_drive, lens_step
 from wayside.stages.calibration.lens import RADIAL, displacement
-from wayside.stages.calibration.segment import Segment, cut_segments
+from wayside.stages.calibration.segment import SEGMENT_IMAGES, Segment, cut_segments
+
+CHECK_SEGMENTS = 3
+"""Segments of a run by which its calibration is checked, those that turn most: 0.2 s to 0.5 s each."""
+CHECK_ERROR = 0.03
+"""A lens is wrong where a point is displaced by more, by its distance from the principal point."""
+CHECK_CLOSER = 0.5
+"""The full fit follows where the first step, which falls short, displaces a point by so much of `CHECK_ERROR`."""
+CHECK_SIGMAS = 4.0
+"""A lens is wrong where a chi-square test of focal length, k1 and k2 rejects it at so many standard deviations."""
 
 
 def watch_calibration(
@@ -29,12 +36,10 @@ def watch_calibration(
         yield item
 
 
-def check_calibration(
-    watches: Iterator[CalibrationWatch], *, ties: TieSettings, adjustment: LocalAdjustmentSettings
-) -> Iterator[LensCheck]:
+def check_calibration(watches: Iterator[CalibrationWatch]) -> Iterator[LensCheck]:
     """What each watched drive says of its lens, after its last image."""
     for watch in watches:
-        yield watch.check(ties, adjustment)
+        yield watch.check()
 
 
 class LensCheck(NamedTuple):
@@ -51,12 +56,13 @@ class LensCheck(NamedTuple):
 
 @dataclass(slots=True)
 class CalibrationWatch:
-    """Motions of the segments that turn most, of bounded number; the camera of the first image counts."""
+    """Motions of the segments that turn most, `most` segments of so many images; the first camera counts."""
 
-    settings: SelfCalibrationSettings = field(default_factory=SelfCalibrationSettings)
     camera: Camera | None = None
     current: list[Motion] = field(default_factory=list)
     kept: list[tuple[float, list[Motion]]] = field(default_factory=list)
+    images: int = SEGMENT_IMAGES
+    most: int = CHECK_SEGMENTS
 
     def add(self, motion: Motion, camera: Camera) -> None:
         """Take note of the next used image."""
@@ -65,7 +71,7 @@ class CalibrationWatch:
             self.current = []
             return
         self.current.append(motion)
-        if len(self.current) == self.settings.images:
+        if len(self.current) == self.images:
             self._keep()
             self.current = [motion]
 
@@ -75,48 +81,41 @@ class CalibrationWatch:
         self.kept.append((angle, self.current))
         # The sort is stable: of equal angles the earlier stays.
         self.kept.sort(key=lambda one: -one[0])
-        del self.kept[self.settings.check_segments :]
+        del self.kept[self.most :]
 
-    def check(self, ties: TieSettings, adjustment: LocalAdjustmentSettings) -> LensCheck:
+    def check(self) -> LensCheck:
         """Compare the lens with that of the segments kept.
 
-        It cannot be right where the adjustment of `calibrate_drive` exceeds both limits of the settings: a chi-square
+        It cannot be right where the adjustment of `calibrate_drive` exceeds both limits: a chi-square
         test of focal length, k1 and k2 together, since their errors are correlated, and the displacement of points.
         """
         parts = [motions for _, motions in self.kept] or [self.current]
-        camera, s = self.camera, self.settings
+        camera = self.camera
         if camera is None:
             return _NOTHING
-        segments = [
-            one for part in parts for one in cut_segments(part, camera, ties, adjustment, s)
-        ]
+        found = (cut_segments(part, camera, self.images) for part in parts)
+        segments = [one for part in found for one in part]
         if not segments:
             return _NOTHING
         try:
-            return _check(segments, camera, ties, adjustment, s)
+            return _check(segments, camera)
         except np.linalg.LinAlgError:  # ties that determine nothing
             return _NOTHING
 
 
-def _check(
-    segments: list[Segment],
-    camera: Camera,
-    ties: TieSettings,
-    adjustment: LocalAdjustmentSettings,
-    settings: SelfCalibrationSettings,
-) -> LensCheck:
-    s, sigma_px = settings, settings.principal_point * camera.width
-    step, covariance = lens_step(segments, camera, sigma_px, ties, adjustment, s)
+def _check(segments: list[Segment], camera: Camera) -> LensCheck:
+    sigma_px = PRINCIPAL_POINT_SIGMA * camera.width
+    step, covariance = lens_step(segments, camera, sigma_px)
     if not (np.isfinite(step).all() and np.isfinite(covariance).all()):
         return _NOTHING
     correction, sigma = float(step[0]), sqrt(float(covariance[0, 0]))
-    if displacement(camera, step) <= s.check_closer * s.check_error:
+    if displacement(camera, step) <= CHECK_CLOSER * CHECK_ERROR:
         return LensCheck(correction, sigma, None)
-    found = calibrate_drive(segments, camera, sigma_px, ties, adjustment, s)
+    found = calibrate_drive(segments, camera, sigma_px)
     change, errors = found.lens[RADIAL], found.covariance[np.ix_(RADIAL, RADIAL)]
     by_chance = float(stats.chi2.sf(change @ np.linalg.solve(errors, change), len(RADIAL)))
-    significant = by_chance < 2 * stats.norm.sf(s.check_sigmas)
-    wrong = significant and displacement(camera, found.lens) > s.check_error
+    significant = by_chance < 2 * stats.norm.sf(CHECK_SIGMAS)
+    wrong = significant and displacement(camera, found.lens) > CHECK_ERROR
     return LensCheck(correction, sigma, found.camera if wrong else None)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,14 +13,32 @@ ERRORS = 3
 """Severity from which onnxruntime writes to the terminal."""
 
 
+@dataclass(frozen=True, slots=True)
+class NetworkInput:
+    """An input of a network: its type as onnxruntime writes it, and its shape, 0 where a side is not fixed."""
+
+    name: str
+    type: str
+    shape: tuple[int, ...]
+
+
 class OnnxNetwork:
     """A network of an ONNX file, run by onnxruntime in the thread that asks; threads may share it.
 
-    outputs: that are wanted, by name; all of the file where none are named. Raises ValueError where the file is none
-    that can be run.
+    Parameters
+    ----------
+    file
+        Its path or content.
+    outputs
+        That are wanted, by name; all of the file where none are named.
+
+    Raises
+    ------
+    ValueError
+        The file is none that can be run.
     """
 
-    def __init__(self, path: str, outputs: tuple[str, ...] = ()) -> None:
+    def __init__(self, file: str | bytes, outputs: tuple[str, ...] = ()) -> None:
         import onnxruntime
 
         options = onnxruntime.SessionOptions()
@@ -27,11 +46,15 @@ class OnnxNetwork:
         options.log_severity_level = ERRORS
         try:
             self._session = onnxruntime.InferenceSession(
-                path, options, providers=["CPUExecutionProvider"]
+                file, options, providers=["CPUExecutionProvider"]
             )
         except Exception as error:  # the engine has a class of its own for each fault of a file
             raise ValueError(str(error)) from error
-        self._outputs = outputs or tuple(one.name for one in self._session.get_outputs())
+        self.outputs = outputs or tuple(one.name for one in self._session.get_outputs())
+        self.inputs = tuple(
+            NetworkInput(one.name, one.type, tuple(_fixed(side) for side in one.shape))
+            for one in self._session.get_inputs()
+        )
         self.metadata: Mapping[str, str] = self._session.get_modelmeta().custom_metadata_map
 
     def run(self, inputs: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
@@ -40,10 +63,14 @@ class OnnxNetwork:
         Raises ValueError where the inputs are none that the network takes, or the outputs no numbers.
         """
         try:
-            values = self._session.run(list(self._outputs), dict(inputs))
+            values = self._session.run(list(self.outputs), dict(inputs))
             return {
                 name: np.asarray(value, np.uint8 if value.dtype == np.uint8 else np.float32)
-                for name, value in zip(self._outputs, values, strict=True)
+                for name, value in zip(self.outputs, values, strict=True)
             }
         except Exception as error:  # outputs that are no arrays of numbers, too
             raise ValueError(str(error)) from error
+
+
+def _fixed(side: int | str | None) -> int:
+    return max(side, 0) if isinstance(side, int) else 0

@@ -2,13 +2,14 @@
 
 from wayside.stages.georeference.geodesy import Globe, LocalOrigin, align_level
 from wayside.stages.georeference.georeferencing import georeference
-from wayside.stages.georeference.linear_reference import measure_along_route
+from wayside.stages.georeference.linear_reference import ROUTE_REACH_M, measure_along_route
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
 from wayside.stages.georeference.path import DrivePath, DriveRecord, PathPoint, StepScale, collect
 from wayside.stages.georeference.placement import place_signs
 from wayside.stages.georeference.trajectory import smooth
 
 __all__ = [
+    "ROUTE_REACH_M",
     "AbsoluteMeasurements",
     "DrivePath",
     "DriveRecord",

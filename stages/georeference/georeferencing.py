@@ -15,20 +15,49 @@ import numpy as np
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Pose
 from wayside.schemas.motion import ROUGH_LENGTHS
-from wayside.schemas.settings import GeoreferenceSettings, LandmarkSettings, MotionSettings
+from wayside.schemas.settings import LandmarkSettings, MotionSettings
 from wayside.stages.georeference.geodesy import Globe, align_level, origin_of
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
 from wayside.stages.georeference.notes import contradiction, notes_on, notes_on_spacing
 from wayside.stages.georeference.path import DrivePath, PathPoint, StepScale, drive_path
+from wayside.stages.georeference.placement import SCALE_STEPS
 from wayside.stages.georeference.trajectory import Trajectory, smooth
 from wayside.stages.kernels import Array
 
+POSE_FLOOR_M = 1e-3
+"""Smallest scatter of a pose of the log at the time of a frame (estimate)."""
+POSE_FLOOR_RAD = 1e-4
+"""Smallest scatter of the rotation of such a pose (estimate)."""
+CORRELATION_S = 60.0
+"""Correlation time of the error of fixes (atmosphere, orbits, reflections), usual for single receivers."""
+WHITE_FRACTION = 0.1
+"""Part of the stated scatter of a fix that is independent of the fix before (estimate)."""
+WHITE_M = 0.02
+"""Smallest independent scatter of a fix, that of carrier phase receivers."""
+UP_FACTOR = 1.6
+"""Scatter of heights over that of level positions, where the log does not say: usual satellite geometry."""
+ORIGIN_REACH_DEG = 1.0
+"""A fix farther from the median of all is no origin: receivers that start up report other continents."""
+FIRST_TILT_DEG = 5.0
+"""Scatter of pitch and roll of the first camera where only fixes are given (estimate)."""
+WORLD_TILT_DEG = 0.5
+"""Scatter of the tilt of the log's own world against the level of the globe (estimate)."""
+ROLL_DEG = 10.0
+"""Scatter of each camera's roll, that of its mount included, where only fixes are given (estimate)."""
+POSES_DRIFT_M = 0.02
+"""Drift of the log's poses against the globe after a metre (estimate); grows with the root of the distance."""
+POSES_DRIFT_DEG = 0.002
+"""The same of the rotation of poses (estimate)."""
+ODOMETRY_DRIFT_M = 0.1
+"""Drift of the log's odometry against the globe after a metre (estimate); grows with the root of the distance."""
+ODOMETRY_DRIFT_DEG = 0.02
+"""The same of the rotation of odometry (estimate)."""
+HEADING_STEP_M = 1.0
+"""Without poses and fixes, x of the world points along the first displacement longer than this."""
+
 
 def georeference(
-    points: Iterator[PathPoint],
-    settings: GeoreferenceSettings,
-    motion: MotionSettings,
-    landmark: LandmarkSettings,
+    points: Iterator[PathPoint], motion: MotionSettings, landmark: LandmarkSettings
 ) -> Iterator[DrivePath]:
     """Choose the world frame of a drive and give every used camera its pose in it: one path for all points.
 
@@ -40,8 +69,6 @@ def georeference(
     ----------
     points
         Used frames in the order of travel.
-    settings
-        Scatter of what is measured, and of what is known beforehand.
     motion, landmark
         Scatter of poses and fixes where the log does not say, and the antenna of the fixes; scatter of steps without
         covariance.
@@ -55,18 +82,18 @@ def georeference(
     """
     path = list(points)
     if any(p.given is not None for p in path):
-        yield _in_world_of_poses(path, _chain(path, landmark.step_sigma), settings, motion)
+        yield _in_world_of_poses(path, _chain(path, landmark.step_sigma), motion)
         return
-    start = _drive_start(path, settings.heading_step_m) if path else None
+    start = _drive_start(path, HEADING_STEP_M) if path else None
     poses = [] if start is None else [start.compose(p.chained) for p in path]
     if sum(p.fix is not None for p in path) < 2:
         in_order = {p.frame: q for p, q in zip(path, poses, strict=True)}
-        scales = _scales_by_points(path, _chain(path, landmark.step_sigma), settings.scale_steps)
+        scales = _scales_by_points(path, _chain(path, landmark.step_sigma), SCALE_STEPS)
         yield drive_path(path, "drive_start", in_order, None, scales, notes_on_spacing(path))
         return
     chain = _chain(path, landmark.step_sigma)
-    tilt, roll = radians(settings.first_tilt_deg), radians(settings.roll_deg)
-    globe, notes = _on_globe(path, chain, _stacked(poses), tilt, roll, settings, motion)
+    tilt, roll = radians(FIRST_TILT_DEG), radians(ROLL_DEG)
+    globe, notes = _on_globe(path, chain, _stacked(poses), tilt, roll, motion)
     if globe is None:
         raise InputError(
             f"{notes[0]}; nothing else tells how far the camera moved: give the distance between images "
@@ -77,21 +104,18 @@ def georeference(
 
 
 def _in_world_of_poses(
-    path: Sequence[PathPoint],
-    chain: RelativeMotionChain,
-    settings: GeoreferenceSettings,
-    motion: MotionSettings,
+    path: Sequence[PathPoint], chain: RelativeMotionChain, motion: MotionSettings
 ) -> DrivePath:
     """The path in the world of the log's poses; on the globe by a second adjustment, since that world drifts."""
-    measured = _measured_poses(path, settings, motion)
-    inside = smooth(chain, measured, *_stacked(_follow_given(path)), settings)
-    notes = notes_on([p.frame for p in path], chain, measured, inside, "poses", settings)
+    measured = _measured_poses(path)
+    inside = smooth(chain, measured, *_stacked(_follow_given(path)))
+    notes = notes_on([p.frame for p in path], chain, measured, inside, "poses")
     globe = None
     if any(p.fix is not None for p in path):
         start = inside.rotation, inside.centre
-        drifting = _drifting_chain(path, chain, inside, settings)
-        tilt = radians(settings.world_tilt_deg)
-        globe, more = _on_globe(path, drifting, start, tilt, np.inf, settings, motion)
+        drifting = _drifting_chain(path, chain, inside)
+        tilt = radians(WORLD_TILT_DEG)
+        globe, more = _on_globe(path, drifting, start, tilt, np.inf, motion)
         notes += more
     scales = _scales(path, chain, inside)
     return drive_path(path, "log", _poses(path, inside), globe, scales, notes)
@@ -124,20 +148,16 @@ def _chain(path: Sequence[PathPoint], step_sigma: Sequence[float]) -> RelativeMo
 
 
 def _drifting_chain(
-    path: Sequence[PathPoint],
-    chain: RelativeMotionChain,
-    inside: Trajectory,
-    settings: GeoreferenceSettings,
+    path: Sequence[PathPoint], chain: RelativeMotionChain, inside: Trajectory
 ) -> RelativeMotionChain:
     """Smoothed poses as steps whose sum drifts against the globe as the log's source does, in its gaps as the chain."""
-    s = settings
     back = inside.rotation[:-1].transpose(0, 2, 1)
     rotation, translation = np.tile(np.eye(3), (len(path), 1, 1)), np.zeros((len(path), 3))
     rotation[1:] = back @ inside.rotation[1:]
     translation[1:] = np.einsum("nij,nj->ni", back, np.diff(inside.centre, axis=0))
     poses = next(p.given.source for p in path if p.given is not None) == "poses"
-    drift_m = s.poses_drift_m if poses else s.odometry_drift_m
-    drift_rad = radians(s.poses_drift_deg if poses else s.odometry_drift_deg)
+    drift_m = POSES_DRIFT_M if poses else ODOMETRY_DRIFT_M
+    drift_rad = radians(POSES_DRIFT_DEG if poses else ODOMETRY_DRIFT_DEG)
     length = np.linalg.norm(translation, axis=1)
     covariance = length[:, None, None] * np.diag([drift_rad**2] * 3 + [drift_m**2] * 3)
     gap = np.array([p.given is None for p in path])
@@ -151,21 +171,17 @@ def _times(path: Sequence[PathPoint]) -> Array:
     return np.array([(p.time_ns - path[0].time_ns) * 1e-9 for p in path])
 
 
-def _measured_poses(
-    path: Sequence[PathPoint], settings: GeoreferenceSettings, motion: MotionSettings
-) -> AbsoluteMeasurements:
+def _measured_poses(path: Sequence[PathPoint]) -> AbsoluteMeasurements:
     """The log's own poses."""
-    s = settings
     given = [(row, p.given) for row, p in enumerate(path) if p.given is not None]
-    default = motion.pose_sigma_m, radians(motion.pose_sigma_deg)
-    floor = s.pose_floor_m, s.pose_floor_rad
-    sigma_m, sigma_rad = np.maximum([g.sigmas(*default) for _, g in given], floor).T
+    floors = POSE_FLOOR_M, POSE_FLOOR_RAD
+    sigma_m, sigma_rad = np.maximum([g.sigmas() for _, g in given], floors).T
     return AbsoluteMeasurements(
         row=np.array([row for row, _ in given]),
         position=np.stack([g.pose.centre for _, g in given]),
         sigma_m=np.tile(sigma_m[:, None], (1, 3)),
         correlated_sigma_m=np.zeros((len(path), 3)),
-        correlation_s=s.correlation_s,
+        correlation_s=CORRELATION_S,
         lever_arm_m=np.zeros(3),
         rotation=np.stack([g.pose.rotation for _, g in given]),
         sigma_rad=sigma_rad,
@@ -180,20 +196,18 @@ def _on_globe(
     start: tuple[Array, Array],
     tilt_rad: float,
     roll_rad: float,
-    settings: GeoreferenceSettings,
     motion: MotionSettings,
 ) -> tuple[Globe | None, tuple[str, ...]]:
     """The path in east, north, up, bounded by the fixes, and notes on these; None where the fixes contradict it.
 
     start: rotations and centres, level; tilt_rad: how level the first is, roll_rad: all cameras are.
     """
-    s = settings
     fixed = [(row, p.fix) for row, p in enumerate(path) if p.fix is not None]
     rows = np.array([row for row, _ in fixed])
     fixes = [fix for _, fix in fixed]
-    origin = origin_of(fixes, s.origin_reach_deg)
+    origin = origin_of(fixes, ORIGIN_REACH_DEG)
     position = origin.local(fixes)
-    unknown = (motion.fix_sigma_m, motion.fix_sigma_m, s.up_factor * motion.fix_sigma_m)
+    unknown = (motion.fix_sigma_m, motion.fix_sigma_m, UP_FACTOR * motion.fix_sigma_m)
     sigma = np.array([unknown if f.sigma_m is None else f.sigma_m for f in fixes])
     latest = np.maximum(np.searchsorted(rows, np.arange(len(path)), side="right") - 1, 0)
     lever_arm = np.array(motion.antenna_m)
@@ -203,9 +217,9 @@ def _on_globe(
     measured = AbsoluteMeasurements(
         row=rows,
         position=position,
-        sigma_m=np.hypot(np.hypot(s.white_fraction * sigma, s.white_m), sagitta[:, None]),
+        sigma_m=np.hypot(np.hypot(WHITE_FRACTION * sigma, WHITE_M), sagitta[:, None]),
         correlated_sigma_m=sigma[latest],
-        correlation_s=s.correlation_s,
+        correlation_s=CORRELATION_S,
         lever_arm_m=lever_arm,
         rotation=None,
         sigma_rad=None,
@@ -213,11 +227,11 @@ def _on_globe(
         roll_sigma_rad=roll_rad,
     )
     heading, shift = align_level(centre[rows] + rotation[rows] @ lever_arm, position)
-    found = smooth(chain, measured, heading @ rotation, centre @ heading.T + shift, s)
+    found = smooth(chain, measured, heading @ rotation, centre @ heading.T + shift)
     frames = [p.frame for p in path]
     if reason := contradiction(chain, found):
         return None, (f"the fixes are left out, as they contradict the motion: {reason}",)
-    notes = notes_on(frames, chain, measured, found, "fixes", s)
+    notes = notes_on(frames, chain, measured, found, "fixes")
     return Globe(origin, {frame: row for row, frame in enumerate(frames)}, found), notes
 
 

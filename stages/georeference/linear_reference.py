@@ -16,6 +16,14 @@ from wayside.schemas.signs import Sign
 from wayside.stages.georeference.path import DrivePath
 from wayside.stages.kernels import Array
 
+ROUTE_REACH_M = 30.0
+"""Farthest line of the path's route: half of eight lanes of 3.7 m with a median, and 5 m of fix and line."""
+ANGLE_DEG = 30.0
+"""Largest angle between a line and the travel, either way: crossing roads meet at more, ramps leave at less."""
+SIGMA_M = 8.0
+"""Scatter of the path about the line of its route: two lanes, and the scatter of fix and line."""
+CHANGE = 25.0
+"""Cost of a change of route, five standard deviations squared: crossing roads and ramps are left out."""
 _BLOCK = 64
 
 
@@ -46,7 +54,7 @@ def measure_along_route(
     if segments is None:
         yield from _by_milepost(signs, settings)
     else:
-        yield from _by_lines(list(signs), path, segments, settings)
+        yield from _by_lines(list(signs), path, segments)
 
 
 def _by_milepost(signs: Iterator[Sign], settings: RouteSettings) -> Iterator[Sign]:
@@ -58,9 +66,7 @@ def _by_milepost(signs: Iterator[Sign], settings: RouteSettings) -> Iterator[Sig
         )
 
 
-def _by_lines(
-    listed: list[Sign], path: DrivePath, segments: RouteSegments, settings: RouteSettings
-) -> Iterator[Sign]:
+def _by_lines(listed: list[Sign], path: DrivePath, segments: RouteSegments) -> Iterator[Sign]:
     if path.globe is None or not len(segments) or not listed:
         yield from listed
         return
@@ -70,10 +76,10 @@ def _by_lines(
     every = np.concatenate([stations, at_signs])
     order = np.argsort(every, kind="stable")
     points, directions = _along(places, stations, every[order])
-    distance, measure = nearest_on_routes(points, directions, segments, settings)
+    distance, measure = nearest_on_routes(points, directions, segments)
     followed = np.empty(len(every), np.int64)
     measures = np.full(len(every), math.nan)
-    chosen = follow_routes(distance, settings)
+    chosen = follow_routes(distance)
     followed[order] = chosen
     known = chosen >= 0
     measures[order[known]] = measure[known, chosen[known]]
@@ -91,12 +97,13 @@ def _by_lines(
 
 
 def nearest_on_routes(
-    points: Array, directions: Array, segments: RouteSegments, settings: RouteSettings
+    points: Array, directions: Array, segments: RouteSegments
 ) -> tuple[Array, Array]:
     """Distance (p, r), metres, of each point to each route, and the measure (p, r) of the nearest point of the route.
 
-    A point is compared with the pieces that lie within `reach_m` and run along the travel; infinite, nan where there is
-    none. Distances are those on the plane that touches the sphere at the point: exact to 1e-5 within `reach_m`.
+    A point is compared with the pieces that lie within `ROUTE_REACH_M` and run along the travel; infinite, nan
+    where there is none. Distances are those on the plane that touches the sphere at the point: exact to 1e-5 within the
+    reach.
 
     Parameters
     ----------
@@ -104,8 +111,6 @@ def nearest_on_routes(
         Longitude and latitude (p, 2), degrees; unit vectors of travel (p, 2), east and north.
     segments
         Of the routes.
-    settings
-        `reach_m` and `angle_deg`.
     """
     distance = np.full((len(points), len(segments.names)), math.inf)
     measure = np.full(distance.shape, math.nan)
@@ -114,13 +119,13 @@ def nearest_on_routes(
     for first in range(0, len(points), _BLOCK):
         block = slice(first, first + _BLOCK)
         narrowest = math.cos(math.radians(min(float(np.abs(points[block, 1]).max()), 89.0)))
-        margin = math.degrees(settings.reach_m / EARTH_RADIUS_M) / np.array([narrowest, 1.0])
+        margin = math.degrees(ROUTE_REACH_M / EARTH_RADIUS_M) / np.array([narrowest, 1.0])
         inside = (high >= points[block].min(axis=0) - margin) & (
             low <= points[block].max(axis=0) + margin
         )
         near = np.flatnonzero(inside.all(axis=1))
         for row in range(first, min(first + _BLOCK, len(points))):
-            _compare(row, near, points, directions, segments, settings, distance, measure)
+            _compare(row, near, points, directions, segments, distance, measure)
     return distance, measure
 
 
@@ -130,7 +135,6 @@ def _compare(
     points: Array,
     directions: Array,
     segments: RouteSegments,
-    settings: RouteSettings,
     distance: Array,
     measure: Array,
 ) -> None:
@@ -144,8 +148,8 @@ def _compare(
     part = np.clip(-(start * span).sum(axis=1) / np.maximum(squared, 1e-12), 0.0, 1.0)
     apart = np.linalg.norm(start + part[:, None] * span, axis=1)
     along = np.abs(span @ directions[row])
-    cosine = math.cos(math.radians(settings.angle_deg))
-    fits = (apart <= settings.reach_m) & (along >= cosine * np.sqrt(squared)) & (squared > 0)
+    cosine = math.cos(math.radians(ANGLE_DEG))
+    fits = (apart <= ROUTE_REACH_M) & (along >= cosine * np.sqrt(squared)) & (squared > 0)
     here = near[fits]
     ends = segments.start_measure[here], segments.end_measure[here]
     found = ends[0] + part[fits] * (ends[1] - ends[0])
@@ -154,28 +158,26 @@ def _compare(
             distance[row, route], measure[row, route] = metres, value
 
 
-def follow_routes(distance: Array, settings: RouteSettings) -> np.ndarray[Any, np.dtype[np.int64]]:
+def follow_routes(distance: Array) -> np.ndarray[Any, np.dtype[np.int64]]:
     """The route (p,) that each point of a path is on, -1: none, so that it changes seldom (Viterbi 1967).
 
-    Being on a route costs the squared distance in standard deviations, on none that of `reach_m`; a change costs
-    `change`. Of two routes with the same line the first by name stays.
+    Being on a route costs the squared distance in standard deviations, on none that of `ROUTE_REACH_M`; a change costs
+    `CHANGE`. Of two routes with the same line the first by name stays.
 
     Parameters
     ----------
     distance
         (p, r), metres, of the points in order of travel to each route.
-    settings
-        `sigma_m`, `reach_m`, `change`.
     """
-    none = (settings.reach_m / settings.sigma_m) ** 2
-    costs = np.column_stack([(distance / settings.sigma_m) ** 2, np.full(len(distance), none)])
+    none = (ROUTE_REACH_M / SIGMA_M) ** 2
+    costs = np.column_stack([(distance / SIGMA_M) ** 2, np.full(len(distance), none)])
     total = costs[0]
     came_from = np.empty(costs.shape, np.int64)
     for row in range(1, len(costs)):
         best = int(np.argmin(total))
-        stay = total <= total[best] + settings.change
+        stay = total <= total[best] + CHANGE
         came_from[row] = np.where(stay, np.arange(len(total)), best)
-        total = np.minimum(total, total[best] + settings.change) + costs[row]
+        total = np.minimum(total, total[best] + CHANGE) + costs[row]
     state = int(np.argmin(total))
     states = np.empty(len(costs), np.int64)
     for row in range(len(costs) - 1, -1, -1):

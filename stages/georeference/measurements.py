@@ -7,8 +7,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.settings import GeoreferenceSettings
 from wayside.stages.kernels import Array
+
+ACCELERATION_MPS2 = 1.0
+"""Standard deviation of the acceleration in ordinary driving, by which lengths of steps are compared."""
+STAMP_S = 2e-3
+"""Scatter of capture times in recorded logs."""
+EQUAL_LENGTH_SIGMA = 0.1
+"""Relative scatter of a step's length against the one before, where times do not tell (estimate)."""
+RATIO_SIGMA = 0.0015
+"""Smallest relative scatter of the length ratio of two steps by common points (measured, rendered drives)."""
+RATIO_FRACTION = 0.2
+"""Part of a ratio's stated scatter that counts: errors of points enter two ratios with opposite signs and cancel."""
+RATIO_LIMIT = 3.0
+"""Length ratios above this or below its inverse are ignored (estimate)."""
+ALONG_SIGMA_M = 2e-3
+"""Scatter of a step along itself where its length is an unknown: small against every other error."""
+STEP_FLOOR_M = 1e-3
+"""Smallest scatter of a step (estimate)."""
+STEP_FLOOR_RAD = 1e-5
+"""Smallest scatter of a step's rotation (estimate)."""
+
 
 LengthRatios = tuple[NDArray[np.int64], Array, Array]
 """Rows (k,) of frames, log (k,) of the scale of the step to each over that of the step before, its scatter (k,)."""
@@ -48,7 +67,7 @@ class RelativeMotionChain:
         """Time (n,) since the frame before, 0 at the first."""
         return np.diff(self.time_s, prepend=self.time_s[:1])
 
-    def step_covariance(self, settings: GeoreferenceSettings) -> Array:
+    def step_covariance(self) -> Array:
         """Covariance (n, 6, 6) of the steps; without the length where that is an unknown of its own."""
         result = self.covariance.copy()
         free = self.free_length
@@ -56,33 +75,33 @@ class RelativeMotionChain:
         sideways = np.eye(3) - ahead[:, :, None] * ahead[:, None]
         result[free, 3:] = sideways @ result[free, 3:]
         result[free, :, 3:] = result[free, :, 3:] @ sideways
-        result[free, 3:, 3:] += settings.along_sigma_m**2 * ahead[:, :, None] * ahead[:, None]
-        floor = [settings.step_floor_rad**2] * 3 + [settings.step_floor_m**2] * 3
+        result[free, 3:, 3:] += ALONG_SIGMA_M**2 * ahead[:, :, None] * ahead[:, None]
+        floor = [STEP_FLOOR_RAD**2] * 3 + [STEP_FLOOR_M**2] * 3
         return result + np.diag(floor)
 
-    def ratios_by_points(self, settings: GeoreferenceSettings) -> LengthRatios:
+    def ratios_by_points(self) -> LengthRatios:
         """Lengths against those before by points common to both steps, where there are enough."""
         rows = self._neighbours()
         ratio, scatter = self.length_ratio[rows].T
-        limit = settings.ratio_limit
+        limit = RATIO_LIMIT
         with np.errstate(invalid="ignore"):
             known = (ratio > 1 / limit) & (ratio < limit) & np.isfinite(scatter)
         rows, ratio, scatter = rows[known], ratio[known], scatter[known]
-        sigma = np.hypot(settings.ratio_fraction * scatter / ratio, settings.ratio_sigma)
+        sigma = np.hypot(RATIO_FRACTION * scatter / ratio, RATIO_SIGMA)
         return rows, np.log(ratio) - self._given(rows), sigma
 
-    def ratios_by_time(self, settings: GeoreferenceSettings) -> LengthRatios:
+    def ratios_by_time(self) -> LengthRatios:
         """Lengths against those before at a steady speed; equal lengths where times do not tell."""
-        stamp = settings.stamp_s
+        stamp = STAMP_S
         rows = self._neighbours()
         now, before = self.interval_s[rows], self.interval_s[rows - 1]
         timed = (now > stamp) & (before > stamp)
         now, before = np.where(timed, now, 1.0), np.where(timed, before, 1.0)
-        by_speed = settings.acceleration_mps2 * 0.5 * (now + before) * now / self.length[rows]
+        by_speed = ACCELERATION_MPS2 * 0.5 * (now + before) * now / self.length[rows]
         # of the logarithm of the ratio of two intervals that share a stamp
         by_stamps = stamp * np.sqrt(2 * (now**-2 + before**-2 + 1 / (now * before)))
         wanted = np.where(timed, np.log(now / before) - self._given(rows), 0.0)
-        sigma = np.where(timed, np.hypot(by_speed, by_stamps), settings.equal_length_sigma)
+        sigma = np.where(timed, np.hypot(by_speed, by_stamps), EQUAL_LENGTH_SIGMA)
         return rows, wanted, sigma
 
     def _neighbours(self) -> NDArray[np.int64]:

@@ -7,11 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.settings import GeoreferenceSettings
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
 from wayside.stages.georeference.path import PathPoint
 from wayside.stages.georeference.trajectory import Trajectory
 from wayside.stages.kernels import Array
+
+GAP_S = 10.0
+"""Longer gaps between poses or fixes are reported."""
+JUMP_M = 0.5
+"""Shorter jumps are not reported."""
+JUMP_FACTOR = 8.0
+"""A reported jump exceeds the median disagreement of neighbouring frames by this factor."""
+
 
 LONGEST_LEVER_M = 15.0
 """No vehicle on a road carries its antenna further from its camera."""
@@ -23,14 +30,13 @@ def notes_on(
     measured: AbsoluteMeasurements,
     found: Trajectory,
     what: str,
-    settings: GeoreferenceSettings,
 ) -> tuple[str, ...]:
     """Notes on `what` was measured ("poses" or "fixes"); frames: the index of each row."""
     every = (
         _time_offset(chain, found, what),
         _outliers(found, what),
-        _jumps(frames, chain, measured, found, what, settings),
-        _gap(frames, chain, measured, found, what, settings.gap_s),
+        _jumps(frames, chain, measured, found, what),
+        _gap(frames, chain, measured, found, what, GAP_S),
     )
     return tuple(note for note in every if note)
 
@@ -97,13 +103,12 @@ def _jumps(
     measured: AbsoluteMeasurements,
     found: Trajectory,
     what: str,
-    settings: GeoreferenceSettings,
 ) -> str:
     """Where positions leave the relative motion and stay off; an outlier, which comes back at once, is no jump."""
     off, later = _disagreement(chain, measured, found)
     if len(off) < 3:
         return ""
-    far = off > max(settings.jump_m, settings.jump_factor * float(np.median(off)))
+    far = off > max(JUMP_M, JUMP_FACTOR * float(np.median(off)))
     beside = np.zeros(len(off), bool)
     beside[1:] |= far[:-1]
     beside[:-1] |= far[1:]

@@ -113,7 +113,7 @@ def collect(tracked: Iterator[TrackedFrame], record: DriveRecord) -> Iterator[Tr
                 PathPoint(
                     frame.index,
                     motion.pose,
-                    frame.pose,
+                    motion.given,
                     frame.fix,
                     frame.time_ns,
                     motion.covariance,

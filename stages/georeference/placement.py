@@ -9,18 +9,23 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from wayside.schemas.landmarks import Landmark
-from wayside.schemas.settings import GeoreferenceSettings
 from wayside.schemas.signs import GlobePosition, Sign
 from wayside.stages.georeference.geodesy import Globe
 from wayside.stages.georeference.path import DrivePath, StepScale
 from wayside.stages.kernels import Array
 
+SCALE_STEPS = 3
+"""Steps up to a sign's best frame whose mean scale is the sign's: its distance depends on these."""
+SCALE_FRACTION = 0.9
+"""Largest part of a sign's variance along its ray that is taken for that of the steps: leaves a covariance."""
+FRAMES_BEFORE = 3
+"""Used frames before the best one in which the camera may pass a sign."""
+FRAMES_AFTER = 20
+"""Used frames from the best one on in which it may."""
+
 
 def place_signs(
-    landmarks: Iterator[Landmark],
-    path: DrivePath,
-    settings: GeoreferenceSettings,
-    confidence: float,
+    landmarks: Iterator[Landmark], path: DrivePath, confidence: float
 ) -> Iterator[Sign]:
     """Signs in the order of their numbers: by station, then lateral offset.
 
@@ -30,8 +35,6 @@ def place_signs(
         All of the drive that are signs, in any order.
     path
         Of the whole drive.
-    settings
-        Which steps scale a sign, and which part of the path it is measured against.
     confidence
         Signs below get the status `uncertain`; backs keep theirs.
     """
@@ -40,25 +43,18 @@ def place_signs(
     for number, landmark in enumerate(ordered, 1):
         key = landmark.assembly if landmark.assembly >= 0 else -1 - landmark.track_id
         assembly = assemblies.setdefault(key, len(assemblies) + 1)
-        yield _sign(landmark, number, assembly, path, settings, confidence)
+        yield _sign(landmark, number, assembly, path, confidence)
 
 
 def _sign(
-    landmark: Landmark,
-    number: int,
-    assembly: int,
-    path: DrivePath,
-    settings: GeoreferenceSettings,
-    confidence: float,
+    landmark: Landmark, number: int, assembly: int, path: DrivePath, confidence: float
 ) -> Sign:
-    scale = _scale(landmark, path, settings.scale_steps)
+    scale = _scale(landmark, path, SCALE_STEPS)
     position = scale.factor * landmark.position
-    covariance = _scaled_covariance(landmark, scale, settings.scale_fraction)
+    covariance = _scaled_covariance(landmark, scale, SCALE_FRACTION)
     pose = path.poses[landmark.best_frame]
     centre = pose.to_world(position)
-    offset = path.offset_of(
-        centre, landmark.best_frame, settings.frames_before, settings.frames_after
-    )
+    offset = path.offset_of(centre, landmark.best_frame, FRAMES_BEFORE, FRAMES_AFTER)
     right, above = (
         (scale.factor * landmark.right_m, scale.factor * landmark.above_m)
         if offset is None

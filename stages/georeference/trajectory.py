@@ -12,11 +12,44 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from wayside.schemas.settings import GeoreferenceSettings
 from wayside.stages.geometry import cross_matrices
 from wayside.stages.georeference.banded import BandedNormal, block_covariances
-from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
+from wayside.stages.georeference.measurements import (
+    STEP_FLOOR_RAD,
+    AbsoluteMeasurements,
+    RelativeMotionChain,
+)
 from wayside.stages.kernels import Array
+
+KNOWN_LENGTH_SIGMA = 1e-4
+"""Relative scatter of the scale of a step whose length is measured: holds it at 1."""
+UNKNOWN_LENGTH_SIGMA = 0.3
+"""The same where the length was taken from fixes, points or the last speed (estimate)."""
+ITERATIONS = 50
+"""Of Gauss-Newton at most."""
+CONVERGED_M = 1e-4
+"""The adjustment ends when no camera centre moves further."""
+OFFSET_SIGMA_S = 0.5
+"""Prior scatter of the time offset between poses or fixes and frames (estimate)."""
+OFFSET_DRIFT_S = 1e-5
+"""Scatter of the change of this offset from frame to frame: holds it constant."""
+OFFSET_SIGMAS = 4.0
+"""An offset of so many of its standard deviations is undone: rendered drives without one show none."""
+SMALLEST_OFFSET_S = 0.02
+"""Shorter time offsets are ignored (estimate)."""
+STEP_REACH = 6.0
+"""Residual of a step, in standard deviations, at which its Cauchy weight is one half."""
+RATIO_REACH = 6.0
+"""The same of a length ratio."""
+POSITION_REACH = 3.0
+"""The same of a pose or fix."""
+JUMP_WEIGHT = 0.3
+"""Poses and fixes of lower weight are excluded before the correlated error is estimated: it would follow a jump."""
+EXCLUDED_WEIGHT = 1e-6
+"""Weight of an excluded pose or fix: not 0, which would be singular."""
+OUTLIER_WEIGHT = 0.05
+"""Poses and fixes of lower final weight are reported as outliers."""
+
 
 CENTRE, ROTATION, SCALE, CORRELATED, OFFSET = slice(0, 3), slice(3, 6), 6, slice(7, 10), 10
 UNKNOWNS, STATED = 11, 7
@@ -49,11 +82,7 @@ LONGEST_OFFSET_S = 1.0
 
 
 def smooth(
-    chain: RelativeMotionChain,
-    measured: AbsoluteMeasurements,
-    rotation: Array,
-    centre: Array,
-    settings: GeoreferenceSettings,
+    chain: RelativeMotionChain, measured: AbsoluteMeasurements, rotation: Array, centre: Array
 ) -> Trajectory:
     """The trajectory that fits relative motion and absolute positions best.
 
@@ -65,24 +94,21 @@ def smooth(
         Relative motion of all frames, and absolute measurements of some.
     rotation, centre
         (n, 3, 3) and (n, 3): initial values, tens of metres and some degrees away at most.
-    settings
-        Scatters, weights and when to stop.
 
     Raises
     ------
     numpy.linalg.LinAlgError
         Where the measurements leave something undetermined.
     """
-    s = settings
-    free = _Adjustment(chain, measured, rotation, centre, s.offset_sigma_s, s).run()
-    threshold = max(s.offset_sigmas * free.time_offset_sigma_s, s.smallest_offset_s)
+    free = _Adjustment(chain, measured, rotation, centre, OFFSET_SIGMA_S).run()
+    threshold = max(OFFSET_SIGMAS * free.time_offset_sigma_s, SMALLEST_OFFSET_S)
     found_s, impossible_s = free.time_offset_s, 0.0
     if abs(found_s) > LONGEST_OFFSET_S:
         impossible_s = found_s
         free = replace(free, rotation=rotation, centre=centre)
     elif abs(found_s) > threshold:
         return free
-    held = _Adjustment(chain, measured, free.rotation, free.centre, s.offset_drift_s, s).run()
+    held = _Adjustment(chain, measured, free.rotation, free.centre, OFFSET_DRIFT_S).run()
     return replace(
         held,
         time_offset_s=0.0,
@@ -101,14 +127,13 @@ class _Adjustment:
         rotation: Array,
         centre: Array,
         offset_sigma_s: float,
-        settings: GeoreferenceSettings,
     ) -> None:
-        self.chain, self.measured, self.settings = chain, measured, settings
+        self.chain, self.measured = chain, measured
         self.offset_sigma_s = offset_sigma_s
         self.first, self.rotation, self.centre = rotation[:1].copy(), rotation.copy(), centre.copy()
         n = len(centre)
         self.scale, self.correlated, self.offset = np.zeros(n), np.zeros((n, 3)), np.zeros(n)
-        self.root = _inverse_root(chain.step_covariance(settings), settings.step_floor_rad**2)
+        self.root = _inverse_root(chain.step_covariance(), STEP_FLOOR_RAD**2)
         self.weight = np.ones(len(measured.row))
         self.estimates_correlated = not measured.correlated_sigma_m.any()
 
@@ -118,11 +143,11 @@ class _Adjustment:
         The first time it counts as independent scatter: estimated, it would follow a jump of the fixes, which then
         fits. Measurements that do not fit by then are excluded in the first iteration that estimates it.
         """
-        s, initial = self.settings, None
+        initial = None
         if self.measured.correlated_sigma_m.any():
             self._iterate(None)
             self.estimates_correlated = True
-            initial = np.where(self.weight < s.jump_weight, s.excluded_weight, 1.0)
+            initial = np.where(self.weight < JUMP_WEIGHT, EXCLUDED_WEIGHT, 1.0)
         factor = self._iterate(initial)
         own = block_covariances(factor, UNKNOWNS)
         return Trajectory(
@@ -131,7 +156,7 @@ class _Adjustment:
             np.exp(self.scale),
             own[:, :STATED, :STATED],
             self.weight,
-            int((self.weight < s.outlier_weight).sum()),
+            int((self.weight < OUTLIER_WEIGHT).sum()),
             float(self.offset[0]),
             float(np.sqrt(own[0, OFFSET, OFFSET])),
         )
@@ -139,7 +164,7 @@ class _Adjustment:
     def _iterate(self, weight: Array | None) -> Array:
         """Gauss-Newton, its first iteration with these weights; the Cholesky factor of the last normal equations."""
         factor = np.zeros((2 * UNKNOWNS, 0))
-        for _ in range(self.settings.iterations):
+        for _ in range(ITERATIONS):
             normal = BandedNormal(len(self.centre), UNKNOWNS)
             self._add_priors(normal)
             self._add_steps(normal)
@@ -148,7 +173,7 @@ class _Adjustment:
             weight = None
             change, factor = normal.solve()
             self._update(change)
-            if np.abs(change[:, CENTRE]).max() < self.settings.converged_m:
+            if np.abs(change[:, CENTRE]).max() < CONVERGED_M:
                 break
         return factor
 
@@ -161,10 +186,10 @@ class _Adjustment:
 
     def _add_priors(self, normal: BandedNormal) -> None:
         """Priors of scales and time offset; the correlated error is a first-order Gauss-Markov process."""
-        n, s = len(self.centre), self.settings
+        n = len(self.centre)
         every, later = np.arange(n), np.arange(1, n)
         one = np.ones((1, 1, 1))
-        sigma = np.where(self.chain.free_length, s.unknown_length_sigma, s.known_length_sigma)
+        sigma = np.where(self.chain.free_length, UNKNOWN_LENGTH_SIGMA, KNOWN_LENGTH_SIGMA)
         normal.add(
             every, (SCALE,), np.tile(one, (n, 1, 1)), -self.scale[:, None], sigma[:, None] ** -2
         )
@@ -179,7 +204,7 @@ class _Adjustment:
         normal.add(every[:1], (OFFSET,), one, -self.offset[:1, None], self.offset_sigma_s**-2)
         jacobian = np.tile([1.0, -1.0], (n - 1, 1, 1))
         residual = -np.diff(self.offset)[:, None]
-        normal.add(later, (OFFSET, OFFSET - UNKNOWNS), jacobian, residual, s.offset_drift_s**-2)
+        normal.add(later, (OFFSET, OFFSET - UNKNOWNS), jacobian, residual, OFFSET_DRIFT_S**-2)
 
     def _add_steps(self, normal: BandedNormal) -> None:
         """The steps: rotation and translation in the axes of the camera before."""
@@ -199,16 +224,16 @@ class _Adjustment:
         jacobian[:, 3:, 12] = -wanted
         root = self.root[1:]
         white, jacobian = -_times(root, residual), root @ jacobian
-        weight = _cauchy((white**2).sum(axis=1), 6, self.settings.step_reach)
+        weight = _cauchy((white**2).sum(axis=1), 6, STEP_REACH)
         columns = (*range(-UNKNOWNS, 6 - UNKNOWNS), *range(7))
         normal.add(np.arange(1, n), columns, jacobian, white, weight[:, None])
 
     def _add_ratios(self, normal: BandedNormal) -> None:
         """Lengths of neighbouring steps against each other."""
-        chain, s = self.chain, self.settings
-        for rows, wanted, sigma in (chain.ratios_by_points(s), chain.ratios_by_time(s)):
+        chain = self.chain
+        for rows, wanted, sigma in (chain.ratios_by_points(), chain.ratios_by_time()):
             white = (wanted - self.scale[rows] + self.scale[rows - 1]) / sigma
-            weight = _cauchy(white**2, 1, s.ratio_reach)
+            weight = _cauchy(white**2, 1, RATIO_REACH)
             jacobian = np.stack([1 / sigma, -1 / sigma], axis=1)[:, None]
             columns = (SCALE, SCALE - UNKNOWNS)
             normal.add(rows, columns, jacobian, white[:, None], weight[:, None])
@@ -245,7 +270,7 @@ class _Adjustment:
             sigma[:, 3:] = measured.sigma_rad[:, None]
         white, jacobian = residual / sigma, jacobian / sigma[:, :, None]
         freedom = 3 if measured.rotation is None else 6
-        robust = _cauchy((white**2).sum(axis=1), freedom, self.settings.position_reach)
+        robust = _cauchy((white**2).sum(axis=1), freedom, POSITION_REACH)
         self.weight = robust if weight is None else weight
         normal.add(rows, range(UNKNOWNS), jacobian, white, self.weight[:, None])
         self._add_level(normal)

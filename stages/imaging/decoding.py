@@ -92,7 +92,7 @@ def decode(frames: Iterator[Frame], balance: BalanceSettings | None = None) -> I
             if frame.grey:  # what its channels differ by is noise, or a cast
                 rgb = np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB), np.uint8)
             elif balance is not None and balance.on and frame.camera is not None:
-                rgb = balanced(rgb, frame.camera, balance)
+                rgb = balanced(rgb, frame.camera)
             yield Image(frame, rgb, grey)
 
 

@@ -1,9 +1,10 @@
 """After many drives: one inventory of their panels, and what was in view of which drive."""
 
-from wayside.stages.inventory.association import YEAR_NS, gone_probability
+from wayside.stages.inventory.association import FACING_DEG, YEAR_NS, gone_probability
 from wayside.stages.inventory.grouping import merge_sightings
 from wayside.stages.inventory.occlusion import PlaceImage, measure_occlusion
 from wayside.stages.inventory.vectors import (
+    VECTOR_REACH_M,
     Agreement,
     Differences,
     agreement_of,
@@ -13,6 +14,8 @@ from wayside.stages.inventory.vectors import (
 from wayside.stages.inventory.visibility import PanelPlaces, PanelViews, match_moved, views_of
 
 __all__ = [
+    "FACING_DEG",
+    "VECTOR_REACH_M",
     "YEAR_NS",
     "Agreement",
     "Differences",

@@ -12,6 +12,25 @@ from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import Sightings
 from wayside.stages.kernels import compiled, compiled_within, require_array
 
+NEAR_SIGMAS = 4.0
+"""Sightings farther apart, by their errors, are two: of normal errors one pair in 16,000 lies beyond."""
+SAME_PROBABILITY = 0.9999
+"""Chi-square (3) bound on sightings of one panel that tell of offsets: far pairs say nothing."""
+FACING_DEG = 45.0
+"""Faces that look in directions farther apart are two panels: more than scatter, less than back to back."""
+TAIL_FREEDOM = 5.0
+"""Degrees of freedom of a position's Student distribution: one error in a hundred is four times as large."""
+DENSITY = 0.02
+"""Other panels around a panel, 1/m^3: one more within 50 m^3, panels on one support."""
+MISREAD = 0.03
+"""Probability that a drive gives a face another colour; the same of shape and size (judgement)."""
+SAME_BY_CHANCE = 0.3
+"""Probability that two panels have one colour by chance; the same of the shape: three kinds in equal parts."""
+SIZE_FLOOR = 0.05
+"""Smallest relative standard deviation of a width or height (rendered drives held out)."""
+MOST_CHANGED = 0.5
+"""Largest probability of a change, however long ago: then the face says nothing of the place."""
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 YEAR_NS = 365.25 * 86_400e9
@@ -22,7 +41,7 @@ def candidate_pairs(
 ) -> Ints:
     """Pairs (m, 2) of rows of different drives, the lower first, near each other and facing the same way.
 
-    Near: within `near_sigmas` standard deviations of the errors of both, level, and at most within `reach_m`.
+    Near: within `NEAR_SIGMAS` standard deviations of the errors of both, level, and at most within `reach_m`.
 
     Parameters
     ----------
@@ -34,17 +53,15 @@ def candidate_pairs(
     where = sightings.position if position is None else position
     spread = sightings.common_sigma_m[:, 0]
     own = np.sqrt(sightings.covariance[:, [0, 1], [0, 1]].max(axis=1, initial=0.0))
-    around = settings.near_sigmas * np.hypot(spread, own)
+    around = NEAR_SIGMAS * np.hypot(spread, own)
     radius = min(settings.reach_m, float(np.hypot(1, 1) * around.max(initial=0.0)))
-    pairs = facing_pairs(sightings, where, radius, settings)
+    pairs = facing_pairs(sightings, where, radius)
     i, j = pairs.T
     near = np.linalg.norm(where[i, :2] - where[j, :2], axis=1) <= np.hypot(around[i], around[j])
     return np.asarray(pairs[near])
 
 
-def facing_pairs(
-    sightings: Sightings, where: Floats, radius_m: float, settings: MergeSettings
-) -> Ints:
+def facing_pairs(sightings: Sightings, where: Floats, radius_m: float) -> Ints:
     """Pairs (m, 2) of rows of different drives, the lower first, that face one way.
 
     They lie at `where` (n, 3), within a radius of each other on the level.
@@ -53,30 +70,30 @@ def facing_pairs(
     pairs = np.sort(np.asarray(found, np.int64).reshape(-1, 2), axis=1)
     i, j = pairs.T
     turn = np.abs(np.angle(np.exp(1j * (sightings.bearing_rad[i] - sightings.bearing_rad[j]))))
-    apart = turn > radians(settings.facing_deg)  # false where a bearing is unknown
+    apart = turn > radians(FACING_DEG)  # false where a bearing is unknown
     pairs = pairs[(sightings.drive[i] != sightings.drive[j]) & ~apart]
     return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
 
 
-def face_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettings) -> Floats:
+def face_log_ratio(sightings: Sightings, i: Ints, j: Ints) -> Floats:
     """Log-likelihood ratio (m,) of the faces of rows i and j: of one panel, against of two by chance.
 
     What is unknown in either row says nothing.
     """
-    agree = log((1 - settings.misread) / settings.same_by_chance)
-    differ = log(settings.misread / (1 - settings.same_by_chance))
-    ratio = size_log_ratio(sightings, i, j, settings)
+    agree = log((1 - MISREAD) / SAME_BY_CHANCE)
+    differ = log(MISREAD / (1 - SAME_BY_CHANCE))
+    ratio = size_log_ratio(sightings, i, j)
     for code in (sightings.color, sightings.shape):
         known = (code[i] >= 0) & (code[j] >= 0)
         ratio += np.where(known, np.where(code[i] == code[j], agree, differ), 0.0)
     return ratio
 
 
-def size_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettings) -> Floats:
+def size_log_ratio(sightings: Sightings, i: Ints, j: Ints) -> Floats:
     """Log-likelihood (m,) of two sizes against that of equal ones, not below that of a wrong measurement."""
-    relative = np.hypot(sightings.size_sigma_m / sightings.size_m, settings.size_floor)
+    relative = np.hypot(sightings.size_sigma_m / sightings.size_m, SIZE_FLOOR)
     change = np.log(sightings.size_m[i] / sightings.size_m[j]) / np.hypot(relative[i], relative[j])
-    ratio = np.maximum(-0.5 * np.square(change).sum(axis=1), log(settings.misread))
+    ratio = np.maximum(-0.5 * np.square(change).sum(axis=1), log(MISREAD))
     return np.where(np.isfinite(ratio), ratio, 0.0)
 
 
@@ -86,9 +103,7 @@ def faces_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSetti
     Either one face, or another one that was put up in its place between the two: what is seen then is as by chance.
     """
     replaced = np.maximum(changed_share(_years(sightings, i, j), settings), 1e-9)
-    return np.logaddexp(
-        np.log1p(-replaced) + face_log_ratio(sightings, i, j, settings), np.log(replaced)
-    )
+    return np.logaddexp(np.log1p(-replaced) + face_log_ratio(sightings, i, j), np.log(replaced))
 
 
 def miss_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettings) -> Floats:
@@ -132,14 +147,14 @@ def gone_probability(
 
 def changed_share(years: Floats, settings: MergeSettings) -> Floats:
     """Probability (n,) that a face is replaced, put up or taken down within years (n,)."""
-    return np.minimum(settings.change_per_year * years, settings.most_changed)
+    return np.minimum(settings.change_per_year * years, MOST_CHANGED)
 
 
 def _years(sightings: Sightings, i: Ints, j: Ints) -> Floats:
     return np.asarray(np.abs(sightings.time_ns[i] - sightings.time_ns[j]) / YEAR_NS, np.float64)
 
 
-def place_log_ratio(apart: Floats, spread: Floats, settings: MergeSettings) -> Floats:
+def place_log_ratio(apart: Floats, spread: Floats) -> Floats:
     """Log-likelihood ratio (m,) of the places of two sightings: of one panel, against of one and its neighbour.
 
     The difference of two measurements of one panel has a multivariate Student distribution, since some are farther off
@@ -155,14 +170,14 @@ def place_log_ratio(apart: Floats, spread: Floats, settings: MergeSettings) -> F
     apart, spread = np.ascontiguousarray(apart), np.ascontiguousarray(spread)
     require_array(apart, "apart", np.float64, (None, 3))
     require_array(spread, "spread", np.float64, (len(apart), 3, 3))
-    return _place_ratios(apart, spread, *place_terms(settings))
+    return _place_ratios(apart, spread, *place_terms())
 
 
-def place_terms(settings: MergeSettings) -> tuple[float, float]:
+def place_terms() -> tuple[float, float]:
     """What `place_ratio` needs besides: degrees of freedom, and the term that no measurement changes."""
-    freedom = settings.tail_freedom
+    freedom = TAIL_FREEDOM
     constant = lgamma((freedom + 3) / 2) - lgamma(freedom / 2) - 1.5 * log(freedom * pi)
-    return freedom, constant - log(settings.density)
+    return freedom, constant - log(DENSITY)
 
 
 @compiled_within

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import MergedPanels, Sightings
 from wayside.stages.inventory.association import (
+    MISREAD,
     YEAR_NS,
     candidate_pairs,
     changed_share,
@@ -52,7 +53,7 @@ def merge_sightings(sightings: Sightings, settings: MergeSettings) -> MergedPane
     offsets = solve_offsets(sightings, settings)
     corrected = sightings.position - offsets.offset_m
     pairs = candidate_pairs(sightings, settings, corrected)
-    relative = relative_variance(sightings, offsets, pairs, settings)
+    relative = relative_variance(sightings, offsets, pairs)
     place = _places(sightings, corrected, pairs, relative, settings)
     panel = face_runs(sightings, place, settings)
     position, covariance = combine(sightings, corrected, panel)
@@ -82,7 +83,7 @@ def _places(
     shared = np.eye(3) * relative[:, None, [0, 0, 1]]
     spread = sightings.covariance[i] + sightings.covariance[j] + shared
     face = faces_log_ratio(sightings, i, j, settings) + miss_log_ratio(sightings, i, j, settings)
-    score = face + place_log_ratio(corrected[i] - corrected[j], spread, settings)
+    score = face + place_log_ratio(corrected[i] - corrected[j], spread)
     order = np.lexsort((j, i, -score))
     order = order[score[order] > 0]
     information = np.asarray(np.linalg.inv(sightings.covariance), np.float64)
@@ -93,19 +94,12 @@ def _places(
         sightings.drive,
         np.einsum("nij,nj->ni", information, corrected),
         information,
-        settings,
     )
     return np.asarray(np.unique(group, return_inverse=True)[1], np.int64)
 
 
 def join_groups(
-    pairs: Ints,
-    relative: Floats,
-    face: Floats,
-    drive: Ints,
-    weighted: Floats,
-    information: Floats,
-    settings: MergeSettings,
+    pairs: Ints, relative: Floats, face: Floats, drive: Ints, weighted: Floats, information: Floats
 ) -> Ints:
     """Group of each of n rows, named by its lowest row; no group holds two rows of one drive.
 
@@ -119,8 +113,6 @@ def join_groups(
         (n,) of the rows.
     weighted, information
         Position times information (n, 3), and information (n, 3, 3), of the rows.
-    settings
-        Of `place_log_ratio`: groups are joined where their means are likelier of one panel than of two.
     """
     rows = len(drive)
     require_array(pairs, "pairs", np.int64, (None, 2))
@@ -133,7 +125,7 @@ def join_groups(
     if len(pairs) and (pairs.min() < 0 or pairs.max() >= rows):
         raise ValueError(f"pairs name rows 0 to {rows - 1}, found {pairs.min()} to {pairs.max()}")
     groups = weighted.copy(), information.copy()
-    return _join(pairs, relative, face, drive, *groups, *place_terms(settings))
+    return _join(pairs, relative, face, drive, *groups, *place_terms())
 
 
 @compiled
@@ -196,7 +188,7 @@ def face_runs(sightings: Sightings, place: Ints, settings: MergeSettings) -> Int
     """
     order = np.lexsort((sightings.drive, sightings.time_ns, place))
     run = np.zeros(len(place), np.int64)
-    differ = _differ(sightings, place, settings)
+    differ = _differ(sightings, place)
     for rows in np.split(order, np.flatnonzero(np.diff(place[order])) + 1):
         if differ[place[rows[0]]]:
             run[rows] = _viterbi(sightings, rows, settings)
@@ -207,7 +199,7 @@ def face_runs(sightings: Sightings, place: Ints, settings: MergeSettings) -> Int
     return panel
 
 
-def _differ(sightings: Sightings, place: Ints, settings: MergeSettings) -> NDArray[np.bool_]:
+def _differ(sightings: Sightings, place: Ints) -> NDArray[np.bool_]:
     """Whether colours, shapes or sizes at each place are not all alike; places are numbered without gaps."""
     count = int(place.max()) + 1
     differ = np.zeros(count, bool)
@@ -221,7 +213,7 @@ def _differ(sightings: Sightings, place: Ints, settings: MergeSettings) -> NDArr
     first[place[known]] = (
         known  # the first one whose size is known; of several the last written stays
     )
-    ratio = size_log_ratio(sightings, np.arange(len(place)), first[place], settings)
+    ratio = size_log_ratio(sightings, np.arange(len(place)), first[place])
     differ[place[ratio < -1]] = True
     return differ
 
@@ -230,10 +222,10 @@ def _viterbi(sightings: Sightings, rows: Ints, settings: MergeSettings) -> Ints:
     """Number of the run of each row, in order of time; the possible faces are those of the rows themselves."""
     count = len(rows)
     seen, face = (side.ravel() for side in np.meshgrid(rows, rows, indexing="ij"))
-    fit = size_log_ratio(sightings, seen, face, settings)
+    fit = size_log_ratio(sightings, seen, face)
     for code in (sightings.color, sightings.shape):
         known = (code[seen] >= 0) & (code[face] >= 0)
-        right, wrong = log(1 - settings.misread), log(settings.misread)
+        right, wrong = log(1 - MISREAD), log(MISREAD)
         fit += np.where(known, np.where(code[seen] == code[face], right, wrong), 0.0)
     fit = fit.reshape(count, count)
     changes = changed_share(np.diff(sightings.time_ns[rows]) / YEAR_NS, settings)

@@ -13,6 +13,14 @@ from numpy.typing import NDArray
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings.merging import ChangeSettings
 from wayside.stages.geometry import distort_points, ideal_of_rays
+from wayside.stages.inventory.visibility import NEAREST_M
+
+LEAST_CORRELATION = 0.7
+"""Correlation of a window with the images before and after for its distance to count (two rendered roads)."""
+CORRELATION_MARGIN = 0.1
+"""So much more correlates the better of two answers: level edges correlate at any distance."""
+BESIDE = 0.1
+"""What is so much of its distance before or behind a place stands at it."""
 
 Floats = NDArray[np.float64]
 _SAMPLES = 24
@@ -79,7 +87,7 @@ def measure_occlusion(
                 nearer = max(nearer, beside)
             else:
                 beyond = max(beside, beyond)
-            if abs(nearer - beyond) > settings.correlation_margin:
+            if abs(nearer - beyond) > CORRELATION_MARGIN:
                 past, hidden = past + (beyond > nearer), hidden + (nearer > beyond)
                 break
     return OcclusionCounts(past, hidden)
@@ -104,18 +112,18 @@ def _tell(
         return None
     inverse = np.linspace(1 / settings.farthest_m, 1 / (_NEAREST * ahead), _DEPTHS)
     points = (rays @ image.rotation.T) / inverse[:, None, None] + image.centre
-    scores = [_correlations(window, other, points, camera, settings.nearest_m) for other in others]
+    scores = [_correlations(window, other, points, camera, NEAREST_M) for other in others]
     told = np.array([score for score in scores if np.isfinite(score).any()])
     if not len(told):
         return None
     known = np.isfinite(told)
     score = np.where(known.any(axis=0), np.where(known, told, 0.0).sum(axis=0), -1.0)
     score /= np.maximum(known.sum(axis=0), 1)
-    if score.max() < settings.correlation:
+    if score.max() < LEAST_CORRELATION:
         return None
     relative = 1 / (inverse * ahead)
-    nearer = relative < 1 - settings.beside
-    beyond = relative > 1 + settings.beside
+    nearer = relative < 1 - BESIDE
+    beyond = relative > 1 + BESIDE
     parts = (nearer, ~nearer & ~beyond, beyond)
     low, middle, high = (float(score[part].max(initial=-1.0)) for part in parts)
     return low, middle, high

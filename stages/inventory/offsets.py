@@ -22,11 +22,17 @@ from scipy.stats import chi2
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import Sightings
 from wayside.stages.inventory.association import (
+    SAME_PROBABILITY,
     candidate_pairs,
     face_log_ratio,
     mahalanobis2,
     responsibilities,
 )
+
+CORRELATION_S = 60.0
+"""Correlation time of a drive's common error, usual for single receivers."""
+KERNEL = (1.0, 0.5, 0.25, 0.1, 0.05, 0.0)
+"""Kernel width of each iteration, by the common errors' sigma: wide first, signs without a like beside them decide."""
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -48,20 +54,20 @@ def solve_offsets(sightings: Sightings, settings: MergeSettings) -> DriveOffsets
     """Common error of the drives at every sighting; zero where no panel is common to two drives."""
     offset = np.zeros((len(sightings), 3))
     pairs = candidate_pairs(sightings, settings)
-    ratio = face_log_ratio(sightings, pairs[:, 0], pairs[:, 1], settings)
+    ratio = face_log_ratio(sightings, pairs[:, 0], pairs[:, 1])
     pairs, ratio = pairs[ratio > 0], ratio[ratio > 0]
     if not len(pairs):
         return DriveOffsets(offset, pairs)
     i, j = pairs.T
-    gate = float(chi2.ppf(settings.probability, 3))
+    gate = float(chi2.ppf(SAME_PROBABILITY, 3))
     own = sightings.covariance[i] + sightings.covariance[j]
     common = np.square(sightings.common_sigma_m)[:, [0, 0, 1]]
     kept = np.zeros(len(pairs), bool)
     processes = [
-        _process(sightings, sightings.common_sigma_m[:, column], settings.correlation_s)
+        _process(sightings, sightings.common_sigma_m[:, column], CORRELATION_S)
         for column, _ in _AXES
     ]
-    for width in settings.kernel:
+    for width in KERNEL:
         spread = own + width**2 * np.eye(3) * (common[i] + common[j])[:, None]
         apart = sightings.position[i] - sightings.position[j] - offset[i] + offset[j]
         distance2 = mahalanobis2(apart, spread)
@@ -75,9 +81,7 @@ def solve_offsets(sightings: Sightings, settings: MergeSettings) -> DriveOffsets
     return DriveOffsets(offset, pairs[kept])
 
 
-def relative_variance(
-    sightings: Sightings, offsets: DriveOffsets, pairs: Ints, settings: MergeSettings
-) -> Floats:
+def relative_variance(sightings: Sightings, offsets: DriveOffsets, pairs: Ints) -> Floats:
     """Variance (m, 2), level and up, of the difference of two drives' common errors after their adjustment.
 
     Of the other pairs of the same two drives only the nearest before and behind count, with the change of both errors
@@ -116,7 +120,7 @@ def relative_variance(
             valid[valid] = of[neighbour[valid]] == asked[valid]
             rows, other = pairs[valid], known[neighbour[valid]]
             away_s = np.abs(sightings.time_ns[rows] - sightings.time_ns[other]) * 1e-9
-            keep = np.exp(-2 * away_s / settings.correlation_s)
+            keep = np.exp(-2 * away_s / CORRELATION_S)
             change = (variance[rows] * (1 - keep)).sum(axis=1)
             information[valid] += 1 / (own[other].sum(axis=1) + change)
         result[:, column] = 1 / information

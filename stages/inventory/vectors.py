@@ -14,9 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, poisson
 
-from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import Rows, Sightings
-from wayside.stages.inventory.association import face_log_ratio, facing_pairs, responsibilities
+from wayside.stages.inventory.association import (
+    NEAR_SIGMAS,
+    SAME_PROBABILITY,
+    face_log_ratio,
+    facing_pairs,
+    responsibilities,
+)
+
+VECTOR_REACH_M = (15.0, 30.0)
+"""Longest vectors between two drives that are looked for, one after the other: datums and base stations."""
+VECTOR_BY_CHANCE = 1e-3
+"""Chance makes as many supports agree with less than this probability: about five supports."""
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -29,7 +39,7 @@ _TRIED = 64
 class Differences(Rows):
     """Pairs of sightings that may be of one panel; m rows.
 
-    drive (m, 2): the lower first; support (m,): assembly of the first; alone_m (m,): longest of the `vector_reach_m`
+    drive (m, 2): the lower first; support (m,): assembly of the first; alone_m (m,): longest of the `VECTOR_REACH_M`
     within which no other pair of these drives holds one of the two, 0: none; apart_m (m, 3): second less first, east,
     north, up; own, stated (m, 3): variances of that, of the panels relative to the cameras nearby and of the errors
     common to neighbouring panels.
@@ -63,17 +73,15 @@ class Agreement:
         return f"{words}, as {self.supports} supports agree"
 
 
-def measure_differences(
-    sightings: Sightings, counted: Flags, settings: MergeSettings
-) -> Differences:
-    """Pairs of rows with one face that look the same way, within `vector_reach_m`; counted (n,) of the first."""
-    longest = max(settings.vector_reach_m)
-    i, j = facing_pairs(sightings, sightings.position, longest, settings).T
-    same = face_log_ratio(sightings, i, j, settings) > 0
+def measure_differences(sightings: Sightings, counted: Flags) -> Differences:
+    """Pairs of rows with one face that look the same way, within `VECTOR_REACH_M`; counted (n,) of the first."""
+    longest = max(VECTOR_REACH_M)
+    i, j = facing_pairs(sightings, sightings.position, longest).T
+    same = face_log_ratio(sightings, i, j) > 0
     i, j = i[same], j[same]
     apart = sightings.position[j] - sightings.position[i]
     alone = np.zeros(len(i))
-    for reach in settings.vector_reach_m:
+    for reach in VECTOR_REACH_M:
         near = np.flatnonzero(np.hypot(*apart.T[:2]) <= reach)
         share = responsibilities(sightings, i[near], j[near], np.zeros(len(near)))
         alone[near[share == 1]] = reach
@@ -89,40 +97,38 @@ def measure_differences(
     ).select(counted[i])
 
 
-def agreement_of(pairs: Differences, settings: MergeSettings) -> Agreement | None:
+def agreement_of(pairs: Differences) -> Agreement | None:
     """What two drives agree on, from all pairs of these two; None where chance may make it.
 
     First to within the errors of the panels alone, as common errors hardly change along a short drive; else to within
     all stated errors. First within a short reach, where most panels have no like; else within a longer one.
     """
     length = np.hypot(*pairs.apart_m.T[:2])
-    for reach in settings.vector_reach_m:
+    for reach in VECTOR_REACH_M:
         alone = pairs.select((length <= reach) & (pairs.alone_m >= reach))
-        found = _agreement(alone, reach, settings)
+        found = _agreement(alone, reach)
         if found is not None:
             return found
-    found = _agreement(pairs, max(settings.vector_reach_m), settings)
+    found = _agreement(pairs, max(VECTOR_REACH_M))
     if found is None or not found.vector_m.any():
         return None
     return replace(found, clear=False)
 
 
-def _agreement(pairs: Differences, reach_m: float, settings: MergeSettings) -> Agreement | None:
+def _agreement(pairs: Differences, reach_m: float) -> Agreement | None:
     """What most supports agree on, to within the errors of their panels or all stated errors."""
     spreads = (pairs.own, pairs.own + pairs.stated) if len(pairs.apart_m) else ()
-    tried = (_consensus(pairs, spread, reach_m, settings) for spread in spreads)
+    tried = (_consensus(pairs, spread, reach_m) for spread in spreads)
     return next((found for found in tried if found is not None), None)
 
 
-def _consensus(
-    pairs: Differences, spread: Floats, reach_m: float, settings: MergeSettings
-) -> Agreement | None:
+def _consensus(pairs: Differences, spread: Floats, reach_m: float) -> Agreement | None:
     """What most supports agree on to within variances (m, 3).
 
     Supports are counted, as panels on one support move together. Chance puts differences anywhere along the reach. As
     chance count the supports that agree without any vector, too, so that a few panels that were moved are no vector.
     """
-    gate, nearest2 = float(chi2.ppf(settings.probability, 3)), settings.near_sigmas**2
+    gate, nearest2 = float(chi2.ppf(SAME_PROBABILITY, 3)), NEAR_SIGMAS**2
     apart, total, count = pairs.apart_m, pairs.own + pairs.stated, len(spread)
     tried = np.arange(0, count, max(1, count // _TRIED))
     agree = _distance2(apart - apart[tried, None], spread + spread[tried, None]) < gate
@@ -138,7 +144,7 @@ def _consensus(
     supports = int(_count_supports(best[None], pairs.support)[0])
     width_m = float(np.sqrt(gate * spread[best][:, :2].mean()))
     by_chance = count * width_m / reach_m + unmoved
-    if count * poisson.sf(supports - 2, by_chance) > settings.vector_by_chance:
+    if count * poisson.sf(supports - 2, by_chance) > VECTOR_BY_CHANCE:
         return None
     sigma = np.sqrt(stated + 1 / (1 / pairs.own[best]).sum(axis=0))
     return Agreement(vector * (not is_zero), sigma, supports)

@@ -12,7 +12,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from wayside.schemas.frame import Camera
-from wayside.schemas.settings.merging import ChangeSettings
+
+NEAREST_M = 1.0
+"""A place nearer to the camera, along its axis, is not in view: no panel is measured from so near."""
+OBLIQUE_DEG = 60.0
+"""A face seen at a larger angle from its normal is not in view, as in the truth of rendered drives."""
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -44,12 +48,7 @@ class PanelViews:
 
 
 def views_of(
-    places: PanelPlaces,
-    centre: Floats,
-    rotation: Floats,
-    camera: Camera,
-    smallest_px: float,
-    settings: ChangeSettings,
+    places: PanelPlaces, centre: Floats, rotation: Floats, camera: Camera, smallest_px: float
 ) -> PanelViews:
     """Images in which a panel would show whole, at least so high, and from the front.
 
@@ -66,15 +65,13 @@ def views_of(
         Calibration.
     smallest_px
         Height of the face.
-    settings
-        Least distance along the axis, largest angle between a face's normal and the direction to the camera.
     """
     n, k = len(places.position), len(centre)
     if not n or not k:
         return PanelViews(np.zeros((n, k)), np.zeros((n, k, 4)))
     ray = places.position[:, None] - centre[None]
     right, down, ahead = np.moveaxis(np.einsum("nki,kij->nkj", ray, rotation), 2, 0)
-    far = np.maximum(ahead, settings.nearest_m)
+    far = np.maximum(ahead, NEAREST_M)
     u, v = camera.cx + camera.fx * right / far, camera.cy + camera.fy * down / far
     wide, high = camera.fx * places.size_m[:, :1] / far, camera.fy * places.size_m[:, 1:] / far
     box = np.stack([u - wide / 2, v - high / 2, u + wide / 2, v + high / 2], axis=2)
@@ -82,8 +79,8 @@ def views_of(
     whole &= (box[..., 2] <= camera.width) & (box[..., 3] <= camera.height)
     normal = np.stack([np.sin(places.bearing_rad), np.cos(places.bearing_rad)], axis=1)
     facing = -np.einsum("nki,ni->nk", ray[..., :2], normal) / np.linalg.norm(ray[..., :2], axis=2)
-    turned = facing < cos(radians(settings.oblique_deg))  # false where the bearing is unknown
-    shown = (ahead > settings.nearest_m) & whole & (high >= smallest_px) & ~turned
+    turned = facing < cos(radians(OBLIQUE_DEG))  # false where the bearing is unknown
+    shown = (ahead > NEAREST_M) & whole & (high >= smallest_px) & ~turned
     return PanelViews(np.where(shown, high, 0.0), box)
 
 

@@ -69,11 +69,6 @@ class WindowCandidates:
                 "WindowCandidates.first: wanted ascending from 0 to the number of rows"
             )
 
-    def by_frame(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Frame, and number among the candidates of that frame, of each row, (k, 2)."""
-        frames = np.searchsorted(self.first, rows, side="right") - 1
-        return np.column_stack([frames, rows - self.first[frames]]).astype(np.int64)
-
 
 class Association(NamedTuple):
     """For m hypotheses and n frames: row (m, n) of the candidate or -1; state (m, n) uint8; value (m,) of all views."""

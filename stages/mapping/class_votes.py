@@ -8,9 +8,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.settings import LandmarkSettings
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.window import WindowFrame
+
+CLEAR_PX = 60.0
+"""A view of this height shows a face in full (set on the development drives)."""
+CUT_WEIGHT = 0.2
+"""Weight of a view cut by the edge of the image (set on the development drives)."""
+LEAST_LOG_PROBABILITY = -5.0
+"""Least log probability that a view gives a class: each view may be of a wrong box."""
 
 
 class VotedClass(NamedTuple):
@@ -22,11 +28,7 @@ class VotedClass(NamedTuple):
 
 
 def voted_class(
-    fit: LandmarkFit,
-    window: Sequence[WindowFrame],
-    what: str,
-    names: tuple[str, ...],
-    settings: LandmarkSettings,
+    fit: LandmarkFit, window: Sequence[WindowFrame], what: str, names: tuple[str, ...]
 ) -> VotedClass:
     """The class of most weight.
 
@@ -42,11 +44,9 @@ def voted_class(
         `color` or `shape`.
     names
         Names of the classes, by number.
-    settings
-        Weights of views.
     """
     own = [(window[f], row) for f, row in zip(fit.frames, fit.rows, strict=True)]
-    means = mean_log_probabilities(own, what, settings)
+    means = mean_log_probabilities(own, what)
     if means is not None:
         return VotedClass(names[int(means.argmax())], float("nan"), tuple(means.tolist()))
     weights: dict[int, float] = {}
@@ -65,11 +65,11 @@ def voted_class(
 
 
 def mean_log_probabilities(
-    views: Iterable[tuple[WindowFrame, int]], what: str, settings: LandmarkSettings
+    views: Iterable[tuple[WindowFrame, int]], what: str
 ) -> NDArray[np.float64] | None:
     """Mean over the classified views of the log probability of each class; None where no view is classified.
 
-    A view weighs as it is tall, up to `clear_px`, less where it is cut; none may rule a class out.
+    A view weighs as it is tall, up to `CLEAR_PX`, less where it is cut; none may rule a class out.
     """
     total, weights = 0.0, 0.0
     for frame, row in views:
@@ -78,11 +78,7 @@ def mean_log_probabilities(
         if odds is None or np.isnan(odds[own]).any():
             continue
         tall_px = float(frame.size[row, 1] * frame.focal)
-        weight = min(tall_px, settings.clear_px) * (
-            1.0 if frame.whole[row] else settings.cut_weight
-        )
-        total = total + weight * np.maximum(
-            odds[own].astype(np.float64), settings.least_log_probability
-        )
+        weight = min(tall_px, CLEAR_PX) * (1.0 if frame.whole[row] else CUT_WEIGHT)
+        total = total + weight * np.maximum(odds[own].astype(np.float64), LEAST_LOG_PROBABILITY)
         weights += weight
     return np.asarray(total / weights) if weights else None

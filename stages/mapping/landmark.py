@@ -11,13 +11,22 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.landmarks import Landmark, Observation
 from wayside.schemas.measurement import WindowResidual
-from wayside.schemas.settings import LandmarkSettings, LocalAdjustmentSettings, MappingSettings
+from wayside.schemas.settings import MappingSettings
 from wayside.stages.geometry import FrenetOffset, cross_matrices
 from wayside.stages.mapping.class_votes import VotedClass, voted_class
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.local_adjustment import LandmarkRays, adjust_jointly
 from wayside.stages.mapping.panel import Panel, box_rays
 from wayside.stages.mapping.window import WindowFrame
+
+BORDER = 1.06
+"""Panel by box: boxes follow the inner field (measured on the development drives)."""
+SIZE_SIGMA = 0.05
+"""Scatter of that factor (measured on the development drives)."""
+CENTRE_BIAS = 0.02
+"""Error that the centres of all boxes share, by the size (measured on the development drives)."""
+FACING_SIGMA_DEG = 20.0
+"""Scatter of an unmeasured facing (set on the development drives)."""
 
 
 class LandmarkMeasurement(NamedTuple):
@@ -37,7 +46,7 @@ def measure_landmark(
     window: Sequence[WindowFrame],
     settings: MappingSettings,
     panel: Panel | None = None,
-    adjustment: LocalAdjustmentSettings | None = None,
+    jointly: bool = False,
 ) -> LandmarkMeasurement:
     """The landmark by its panel, or else its boxes, relative to the camera that shows it largest and whole.
 
@@ -46,19 +55,17 @@ def measure_landmark(
     fit, window
         The landmark and its frames.
     settings
-        Errors of boxes, of ties and of the adjustment.
+        Errors of steps without covariance.
     panel
         Its measured panel; None: the panel that the boxes show.
-    adjustment
-        How it is adjusted with the motion of the frames around it, where that has a prior; None: it is not.
+    jointly
+        Whether it is adjusted with the motion of the frames around it, where that has a prior.
     """
     best = int(fit.frames[best_view(fit, window)])
-    panel = panel or box_panel(fit, window, settings.landmark)
-    if adjustment is not None:
+    panel = panel or box_panel(fit, window)
+    if jointly:
         observed = LandmarkRays(panel.frames, panel.rays, panel.ray_sigma)
-        joint = adjust_jointly(
-            window, best, observed, panel.point, adjustment, settings.adjustment, settings.ties
-        )
+        joint = adjust_jointly(window, best, observed, panel.point)
         if joint is not None:
             return LandmarkMeasurement(joint.point, joint.covariance, panel, joint.residual)
     unknown = np.diag(np.square(settings.landmark.step_sigma))
@@ -131,7 +138,7 @@ def point_covariance(
     return (covariance + covariance.T) / 2
 
 
-def box_panel(fit: LandmarkFit, window: Sequence[WindowFrame], settings: LandmarkSettings) -> Panel:
+def box_panel(fit: LandmarkFit, window: Sequence[WindowFrame]) -> Panel:
     """The panel that the boxes of a landmark show: they follow its inner field, and nothing shows its facing."""
     used = fit.used
     return Panel(
@@ -140,11 +147,11 @@ def box_panel(fit: LandmarkFit, window: Sequence[WindowFrame], settings: Landmar
         box_rays(fit, window),
         fit.weight_sigma[used],
         fit.ray_sigma[used],
-        centre_sigma=settings.centre_bias * fit.metric,
-        size=settings.border * fit.metric,
-        sigma_size=np.hypot(fit.spread, settings.size_sigma * fit.metric),
+        centre_sigma=CENTRE_BIAS * fit.metric,
+        size=BORDER * fit.metric,
+        sigma_size=np.hypot(fit.spread, SIZE_SIGMA * fit.metric),
         facing_deg=0.0,
-        sigma_facing_deg=settings.facing_sigma_deg,
+        sigma_facing_deg=FACING_SIGMA_DEG,
         shape="",
         residual_px=fit.rms_px,
     )
@@ -155,7 +162,6 @@ def build_landmark(
     window: Sequence[WindowFrame],
     measured: LandmarkMeasurement,
     offset: FrenetOffset,
-    settings: LandmarkSettings,
     *,
     track_id: int,
     score: float,
@@ -175,8 +181,8 @@ def build_landmark(
     # an outline tells which way a triangle points
     shape = VotedClass(panel.shape.removesuffix("_up") or None, float("nan"))
     if not fit.back:
-        color = voted_class(fit, window, "color", COLORS, settings)
-        shape = voted_class(fit, window, "shape", SHAPES, settings)
+        color = voted_class(fit, window, "color", COLORS)
+        shape = voted_class(fit, window, "shape", SHAPES)
     return Landmark(
         back=fit.back,
         track_id=track_id,

@@ -89,7 +89,7 @@ class LandmarkClassifier:
 
         surroundings: correlation round it; nan: not measured.
         """
-        features = landmark_features(fit, window, offset, places, surroundings, self.settings)
+        features = landmark_features(fit, window, offset, places, surroundings)
         named = dict(zip(FEATURES, features.tolist(), strict=True))
         if self.model is None:
             return LandmarkEvidence(features, (), max(fit.value, 0.0))
@@ -109,14 +109,13 @@ def landmark_features(
     offset: FrenetOffset,
     places: SignPlaces,
     surroundings: float,
-    settings: LandmarkSettings,
 ) -> NDArray[np.float64]:
     """Numbers (9,) on a landmark, named by `FEATURES`."""
     scores = np.array([window[f].score[row] for f, row in zip(fit.frames, fit.rows, strict=True)])
     nearest = int(np.argmin(fit.depth))
     ray = window[fit.frames[nearest]].motion.pose.rotation[:, 2]
-    color = _likeliest(fit, window, "color", COLORS, settings)
-    shape = _likeliest(fit, window, "shape", SHAPES, settings)
+    color = _likeliest(fit, window, "color", COLORS)
+    shape = _likeliest(fit, window, "shape", SHAPES)
     guides = shape == "rectangle" and (color is None or color in GUIDE_COLORS)
     log_sides = np.log(fit.metric)
     return np.array(
@@ -135,13 +134,9 @@ def landmark_features(
 
 
 def _likeliest(
-    fit: LandmarkFit,
-    window: Sequence[WindowFrame],
-    what: str,
-    names: Sequence[str],
-    settings: LandmarkSettings,
+    fit: LandmarkFit, window: Sequence[WindowFrame], what: str, names: Sequence[str]
 ) -> str | None:
     """The likeliest colour or shape; None where no network classified a view."""
     own = ((window[f], row) for f, row in zip(fit.frames, fit.rows, strict=True))
-    means = mean_log_probabilities(own, what, settings)
+    means = mean_log_probabilities(own, what)
     return None if means is None else names[int(means.argmax())]

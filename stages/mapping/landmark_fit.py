@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.settings import AdjustmentSettings, LandmarkSettings
+from wayside.schemas.settings import LandmarkSettings
 from wayside.stages.mapping.association import (
     MISSED,
     AssociationGates,
     WindowCandidates,
     associate,
 )
-from wayside.stages.mapping.triangulation import triangulate_views
+from wayside.stages.mapping.triangulation import POINT_ITERATIONS, triangulate_views
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation of normal errors."""
@@ -28,8 +28,7 @@ class LandmarkFit:
     point was fitted to them; point (3,), covariance (3, 3) in the world, by the rays alone; residual_px, depth (v,):
     pixels, metres; metric, spread (2,): width and height and their scatter, metres; weight_sigma, ray_sigma (v,): what
     the views were weighted by, and the scatter of their rays alone; missed: frames that should show it and have no
-    candidate there; value: sum over the views; covered (c, 2): frame and row of other candidates on the same face;
-    back: it is followed as the back of a panel.
+    candidate there; value: sum over the views; back: it is followed as the back of a panel.
     """
 
     frames: NDArray[np.int64]
@@ -45,7 +44,6 @@ class LandmarkFit:
     ray_sigma: NDArray[np.float64]
     missed: int = 0
     value: float = 0.0
-    covered: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     back: bool = False
 
     @property
@@ -60,7 +58,6 @@ def fit_hypothesis(
     free: NDArray[np.bool_],
     gates: AssociationGates,
     settings: LandmarkSettings,
-    solver: AdjustmentSettings,
     *,
     fewest: int,
     rounds: int,
@@ -75,8 +72,6 @@ def fit_hypothesis(
         Candidate of each frame or -1, (n,).
     settings
         Errors of boxes.
-    solver
-        Robust cost and limits of the iteration.
     fewest
         Views that it needs; with fewer there is no landmark (None), nor where the rays do not meet ahead.
     rounds
@@ -86,7 +81,7 @@ def fit_hypothesis(
         frames = np.flatnonzero(row >= 0)
         if len(frames) < fewest:
             return None
-        fit = fit_views(candidates, row[frames].astype(np.int64), frames, settings, solver)
+        fit = fit_views(candidates, row[frames].astype(np.int64), frames, settings)
         if fit is None:
             return None
         if rounds == 0:
@@ -104,7 +99,7 @@ def fit_views(
     rows: NDArray[np.int64],
     frames: NDArray[np.int64],
     settings: LandmarkSettings,
-    solver: AdjustmentSettings,
+    iterations: int = POINT_ITERATIONS,
 ) -> LandmarkFit | None:
     """Point, covariance and metric size from views; None where the rays do not meet ahead.
 
@@ -116,8 +111,8 @@ def fit_views(
         Candidates (v,) of the window and their frames, ascending.
     settings
         Errors of boxes; the point is fitted to the latest `fitted_views`.
-    solver
-        Robust cost and limits of the iteration.
+    iterations
+        Of the fit of the point at most.
     """
     c = candidates
     tall_px = c.size[rows, 1] * c.focal[frames]
@@ -126,7 +121,7 @@ def fit_views(
     own = (settings.centre_sigma_px + settings.centre_sigma_share * tall_px) / c.focal[frames]
     sigma = np.hypot(own, settings.drift_rad * np.sqrt(frames.max() - frames))
     point, covariance = triangulate_views(
-        c.rotation[frames[used]], c.centre[frames[used]], c.ray[rows[used]], sigma[used], solver
+        c.rotation[frames[used]], c.centre[frames[used]], c.ray[rows[used]], sigma[used], iterations
     )
     if not np.isfinite(point).all() or not np.isfinite(covariance).all():
         return None

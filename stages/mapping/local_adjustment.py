@@ -21,9 +21,16 @@ from numpy.typing import NDArray
 
 from wayside.schemas.measurement import WindowResidual
 from wayside.schemas.motion import ROUGH_LENGTHS
-from wayside.schemas.settings import AdjustmentSettings, LocalAdjustmentSettings, TieSettings
 from wayside.stages.adjustment import (
+    ANCHOR_SIGMA_PX,
+    DISPLACEMENT_SIGMA,
+    FARTHEST_TIE_M,
+    NEAREST_TIE_M,
     QUADRATIC,
+    SLIDING_PX,
+    TIE_ERRORS,
+    TIE_SCALE,
+    WINDOW_ITERATIONS,
     ResidualBlocks,
     StepConstraints,
     StepTies,
@@ -35,7 +42,19 @@ from wayside.stages.adjustment import (
     ties_of_step,
 )
 from wayside.stages.kernels import Array
+from wayside.stages.mapping.triangulation import CAUCHY_SIGMAS
 from wayside.stages.mapping.window import WindowFrame
+
+MOST_FRAMES = 8
+"""Longest window."""
+VIEWS_INSIDE = 0.5
+"""A window with a smaller fraction of the views is left to the chain of all."""
+CELL_PX = 70.0
+"""One tie is kept in each cell of this size, longest tracks first."""
+VARIANCE_FACTOR = 0.85
+"""Variance of normal errors under the robust costs, by the weights: 0.83 for rays, 0.86 for ties (integrals)."""
+WINDOW_GAIN = 1e-9
+"""The adjustment of a window ends where an iteration lowers the cost by a smaller fraction."""
 
 
 class LandmarkRays(NamedTuple):
@@ -62,9 +81,9 @@ def adjust_jointly(
     best: int,
     observed: LandmarkRays,
     point: Array,
-    settings: LocalAdjustmentSettings,
-    solver: AdjustmentSettings,
-    registration: TieSettings,
+    *,
+    most_frames: int = MOST_FRAMES,
+    tie_scale: float = TIE_SCALE,
 ) -> JointAdjustment | None:
     """Adjust a landmark with the motion of the frames around it.
 
@@ -80,29 +99,25 @@ def adjust_jointly(
         Measurements of the landmark.
     point
         Its estimated position, (3,).
-    settings
-        Window, selection and weights of ties.
-    solver
-        Robust cost and limits of the iteration.
-    registration
-        Errors of registered ties.
+    most_frames, tie_scale
+        Length of the window, and scale of the robust cost of ties.
     """
-    first, last = window_around(best, observed.frames, settings.most_frames)
+    first, last = window_around(best, observed.frames, most_frames)
     window = held[first : last + 1]
     priors = [h.motion.prior for h in window[1:]]
     known = [p for p in priors if p is not None]
     inside = (observed.frames >= first) & (observed.frames <= last)
-    if len(known) < len(priors) or inside.sum() < max(2, settings.views_inside * len(inside)):
+    if len(known) < len(priors) or inside.sum() < max(2, VIEWS_INSIDE * len(inside)):
         return None
     home, focal = held[best].motion.pose, window[0].focal
     poses = [h.motion.pose.relative_to(home) for h in window]
-    ties, track = well_distributed(ties_of(window, settings.sliding_px), settings.cell_px)
-    start, anchors = track_starts(ties, track, settings)
+    ties, track = well_distributed(ties_of(window, SLIDING_PX), CELL_PX)
+    start, anchors = track_starts(ties, track)
     count, seen = len(anchors), int(inside.sum())
     sigma = ties.scatter * np.hypot(
         # noise of both images, that of the earlier one magnified
-        registration.sigma_px * np.sqrt(1 + (ties.warp[:, 0] ** 2 + ties.warp[:, 2] ** 2) / 2),
-        settings.displacement_sigma * ties.displacement_px,
+        TIE_ERRORS.sigma_px * np.sqrt(1 + (ties.warp[:, 0] ** 2 + ties.warp[:, 2] ** 2) / 2),
+        DISPLACEMENT_SIGMA * ties.displacement_px,
     )
     rows = ResidualBlocks.joined(
         [
@@ -111,13 +126,13 @@ def adjust_jointly(
                 np.zeros(seen, np.int64),
                 observed.rays[inside],
                 observed.sigma[inside],
-                solver.cauchy_sigmas,
+                CAUCHY_SIGMAS,
             ),
             ResidualBlocks.observations(
                 anchors,
                 np.arange(1, count + 1, dtype=np.int64),
                 start[:, :2],
-                np.full(count, settings.anchor_sigma_px / focal),
+                np.full(count, ANCHOR_SIGMA_PX / focal),
                 QUADRATIC,
             ),
             ResidualBlocks(
@@ -127,7 +142,7 @@ def adjust_jointly(
                 ties.target,
                 ties.warp,
                 sigma / focal,
-                np.full(len(track), settings.tie_scale),
+                np.full(len(track), tie_scale),
             ),
         ]
     )
@@ -140,15 +155,13 @@ def adjust_jointly(
         np.concatenate([[best - first], anchors]),
         rows,
         StepConstraints.of(known, common=any(h.motion.source in ROUGH_LENGTHS for h in window[1:])),
-        iterations=solver.window_iterations,
-        gain=solver.window_gain,
+        iterations=WINDOW_ITERATIONS,
+        gain=WINDOW_GAIN,
     )
     if not np.isfinite(found.covariance).all():
         return None
-    shared = shared_errors(
-        ties, found.gain[seen + count :] / focal, settings.displacement_sigma, registration
-    )
-    covariance = settings.variance_factor * found.covariance + shared
+    shared = shared_errors(ties, found.gain[seen + count :] / focal)
+    covariance = VARIANCE_FACTOR * found.covariance + shared
     rotation, position = home.rotation, home.to_world(found.position)
     history = np.sqrt(found.history / (2 * len(rows.point)))
     ends = (window[0].frame.index, window[-1].frame.index)
@@ -183,19 +196,15 @@ def well_distributed(ties: StepTies, cell_px: float) -> tuple[StepTies, NDArray[
     return ties.select(rows), numbers.astype(np.int64)
 
 
-def track_starts(
-    ties: StepTies, track: NDArray[np.int64], settings: LocalAdjustmentSettings
-) -> tuple[Array, NDArray[np.int64]]:
+def track_starts(ties: StepTies, track: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
     """Coordinates (p, 3) of each track in the frame (p,) where it starts: ray and inverse depth."""
     _, first = np.unique(track, return_index=True)
-    depth = np.nan_to_num(ties.place[first, 2], nan=settings.farthest_m)
-    inverse = 1 / np.clip(depth, settings.nearest_m, settings.farthest_m)
+    depth = np.nan_to_num(ties.place[first, 2], nan=FARTHEST_TIE_M)
+    inverse = 1 / np.clip(depth, NEAREST_TIE_M, FARTHEST_TIE_M)
     return np.column_stack([ties.source[first], inverse]), ties.step[first]
 
 
-def shared_errors(
-    ties: StepTies, gain: Array, displacement_sigma: float, registration: TieSettings
-) -> Array:
+def shared_errors(ties: StepTies, gain: Array) -> Array:
     """Covariance (3, 3) to add to that of a landmark for errors that neighbouring ties share.
 
     gain (n, 2, 3): derivative of the landmark by the error of each tie, m / px. The part of the scatter that is a
@@ -203,10 +212,7 @@ def shared_errors(
     independent part is subtracted.
     """
     displacement, gain = ties.displacement_px, ties.scatter[:, None, None] * gain
-    shared = correlated_sigma_px(displacement, registration)[:, None, None] * gain
-    alone = (displacement_sigma * displacement)[:, None, None] * gain
+    shared = correlated_sigma_px(displacement)[:, None, None] * gain
+    alone = (DISPLACEMENT_SIGMA * displacement)[:, None, None] * gain
     counted: Array = np.einsum("nik,nim->km", alone, alone)
-    return (
-        correlated_covariance(ties.pixel, ties.step, shared, registration.correlation_reach_px)
-        - counted
-    )
+    return correlated_covariance(ties.pixel, ties.step, shared, TIE_ERRORS.reach_px) - counted

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import Pose
 from wayside.schemas.measurement import PanelView
-from wayside.schemas.settings import AdjustmentSettings, PanelSettings
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.kernels import Array
 from wayside.stages.mapping.landmark_fit import LandmarkFit
-from wayside.stages.mapping.triangulation import triangulate_views
+from wayside.stages.mapping.triangulation import CAUCHY_SIGMAS, triangulate_views
 from wayside.stages.mapping.window import WindowFrame
 from wayside.stages.panel import (
     ASPECT,
@@ -36,6 +35,19 @@ from wayside.stages.panel import (
     solve_facing,
     usable_views,
 )
+
+CENTRE_SIGMA_PX = 0.15
+"""Scatter of a registered centre beyond its covariance."""
+STRETCH_SIGMA = 0.003
+"""Relative scatter of a registered stretch beyond its covariance: motion from view to view."""
+BLUR_SIGMA = 0.025
+"""Relative scatter of the stretch of a view twice as far as the template, by its blur."""
+COVARIANCE_SCALE = 2.0
+"""Factor on standard deviations of registration, whose residuals do not show moving backgrounds (measured)."""
+FARTHEST_OFF_M = 1.0
+"""A panel farther from its boxes is refused."""
+FARTHEST_OFF = 0.1
+"""Far off it may be farther: this fraction of the depth of the nearest view."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +113,7 @@ def measure_panel(
         for k, h in enumerate(held)
         if h.rgb is not None
     ]
-    usable = usable_views(plane, fit.metric, images, method.panel)
+    usable = usable_views(plane, fit.metric, images)
     if not usable:
         return PanelMeasurement()
     registered = register_views(plane, fit.metric, usable, fit.frames, method)
@@ -112,7 +124,7 @@ def measure_panel(
     outline = outline_of(registered, fit.metric, method)
     if outline is None:
         return PanelMeasurement(views)
-    panel = solve_panel(fit, registered, outline, held, method.panel, method.solver, drift_rad)
+    panel = solve_panel(fit, registered, outline, held, drift_rad)
     return PanelMeasurement(views, outline, panel)
 
 
@@ -146,8 +158,6 @@ def solve_panel(
     registered: RegisteredViews,
     outline: FaceOutline,
     held: Sequence[WindowFrame],
-    settings: PanelSettings,
-    solver: AdjustmentSettings,
     drift_rad: float,
 ) -> Panel | None:
     """Position, size and facing from the outline in all views; None where they are too far from those of the boxes."""
@@ -161,18 +171,18 @@ def solve_panel(
     shift = np.array([a.shift for a in alignments])
     stretch = np.array([a.stretch for a in alignments])
     covariances = np.array([a.covariance for a in alignments])
-    deviations = settings.covariance_scale * np.sqrt(np.einsum("vii->vi", covariances))
+    deviations = COVARIANCE_SCALE * np.sqrt(np.einsum("vii->vi", covariances))
     middle = (np.array(views[0].grey.shape[::-1]) - 1) / 2
     offset = ((outline.box[:2] + outline.box[2:]) / 2 - middle) * step
     size = (outline.box[2:] - outline.box[:2]) * step
     points = plane.points(offset * stretch + shift * step)
     rays = _rays(poses, points)
     shift_px = deviations[:, :2].mean(axis=1) * step / depth * focal
-    ray_sigma = np.hypot(settings.centre_sigma_px, shift_px) / focal
+    ray_sigma = np.hypot(CENTRE_SIGMA_PX, shift_px) / focal
     weight_sigma = np.hypot(ray_sigma, drift_rad * np.sqrt(frames.max() - frames))
     if len(frames) > 1:
         rotations = np.stack([pose.rotation for pose in poses])
-        point, _ = triangulate_views(rotations, centres, rays, weight_sigma, solver)
+        point, _ = triangulate_views(rotations, centres, rays, weight_sigma)
         centre_views = (frames, rays, weight_sigma, ray_sigma)
     else:  # the depth is that of the boxes
         point, used = points[0], fit.used
@@ -185,19 +195,16 @@ def solve_panel(
     farther = ((point - centres) @ plane.ahead) / ((plane.point - centres) @ plane.ahead)
     sizes = size * stretch * farther[:, None]
     # an outline may be fitted inside out, and a point may lie behind a camera
-    if not (off < max(settings.farthest_off_m, settings.farthest_off * depth.min())) or (
-        sizes.min() <= 0
-    ):
+    if not (off < max(FARTHEST_OFF_M, FARTHEST_OFF * depth.min())) or (sizes.min() <= 0):
         return None
-    stretch_sigma = np.hypot(settings.stretch_sigma, settings.blur_sigma * (depth / depth[0] - 1))
+    stretch_sigma = np.hypot(STRETCH_SIGMA, BLUR_SIGMA * (depth / depth[0] - 1))
     facing = solve_facing(
         plane._replace(point=point),
         centres,
         sizes,
         np.hypot(stretch_sigma[:, None], deviations[:, 2:]),
-        cauchy=solver.cauchy_sigmas,
+        cauchy=CAUCHY_SIGMAS,
         aspect=ASPECT.get(outline.shape),
-        settings=settings,
     )
     true_size = np.exp(facing.log_size)
     return Panel(

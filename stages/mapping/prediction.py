@@ -14,11 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import SOURCES, Regions
-from wayside.schemas.settings import AssociationSettings, PredictionSettings
+from wayside.schemas.settings import AssociationSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import distort_points, ideal_of_rays
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.window import WindowFrame
+
+SIGMA_SHARE = 0.15
+"""Largest scatter of a predicted box by its height (set on the development drives)."""
+SIGMA_PX = 1.0
+"""Scatter that is always allowed."""
 
 
 class _PredictedBox(NamedTuple):
@@ -41,7 +46,6 @@ def add_predicted_views(
     fits: Sequence[LandmarkFit],
     window: Sequence[WindowFrame],
     classifiers: Mapping[bool, BoxClassifier],
-    settings: PredictionSettings,
     association: AssociationSettings,
 ) -> list[LandmarkFit]:
     """Add to each landmark the predicted views that a classifier accepts.
@@ -55,7 +59,7 @@ def add_predicted_views(
         Landmarks and the frames that they refer to, which get the new candidates.
     classifiers
         Classifier of one view, of faces (False) and of backs (True); without one none is predicted.
-    settings, association
+    association
         Limits of predicted boxes; depth and height from which a view is expected.
     """
     wanted: dict[tuple[int, bool], list[_PredictedBox]] = {}
@@ -64,7 +68,7 @@ def add_predicted_views(
             continue
         for frame in sorted(set(range(len(window))) - set(fit.frames.tolist())):
             seen = window[frame]
-            found = predicted_box(fit, seen, settings, association.nearest_m)
+            found = predicted_box(fit, seen, association.nearest_m)
             if found is not None and classifiers[fit.back].takes(found[0], seen.camera):
                 wanted.setdefault((frame, fit.back), []).append(_PredictedBox(number, *found))
     views: list[list[_View]] = [[] for _ in fits]
@@ -82,7 +86,7 @@ def add_predicted_views(
 
 
 def predicted_box(
-    fit: LandmarkFit, frame: WindowFrame, settings: PredictionSettings, nearest_m: float
+    fit: LandmarkFit, frame: WindowFrame, nearest_m: float
 ) -> tuple[NDArray[np.float64], float] | None:
     """Box (4,) of a landmark in a frame, recorded pixels, and its height in ideal ones.
 
@@ -97,7 +101,7 @@ def predicted_box(
     project = np.array([[1, 0, -x / z], [0, 1, -y / z]]) @ pose.rotation.T / z
     covariance = project @ fit.covariance @ project.T
     sigma_px = frame.focal * float(np.sqrt(np.linalg.norm(covariance, 2)))
-    if sigma_px > max(settings.sigma_share * tall_px, settings.sigma_px):
+    if sigma_px > max(SIGMA_SHARE * tall_px, SIGMA_PX):
         return None
     corners = np.array(
         [[x - wide, y - tall], [x + wide, y - tall], [x + wide, y + tall], [x - wide, y + tall]]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import nan
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from wayside.schemas.detections import SOURCES, Features
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import LocalAdjustmentSettings, MappingSettings
+from wayside.schemas.settings import MappingSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.kernels import Array
@@ -37,7 +38,6 @@ from wayside.stages.mapping.verdicts import (
     SeenBox,
     in_swept_volume,
     same_face,
-    same_face_in_images,
 )
 from wayside.stages.mapping.window import (
     TravelledPath,
@@ -62,7 +62,7 @@ def track(
     front: SideClassifiers | None = None,
     back: SideClassifiers | None = None,
     panel: PanelMethod | None = None,
-    adjustment: LocalAdjustmentSettings | None = None,
+    jointly: bool = False,
 ) -> Iterator[TrackedFrame]:
     """Decide every candidate: measure it as a landmark with its other views, or say why not.
 
@@ -82,29 +82,34 @@ def track(
         The same of panels seen from behind; None: they are not tracked.
     panel
         How panels are measured as planes; None: they are not, boxes alone give position and size.
-    adjustment
-        How a landmark is adjusted together with the motion; None: it is not.
+    jointly
+        Whether a landmark is adjusted together with the motion.
     """
-    tracker = _Tracker(settings, front or SideClassifiers(), back, panel, adjustment)
-    yield from through_window(posed, tracker, settings.track)
+    tracker = _Tracker(settings, front or SideClassifiers(), back, panel, jointly)
+    yield from through_window(posed, tracker)
 
 
 _SCORE = FEATURES.index("score_best")
 
 
 class _Reported(NamedTuple):
-    """A sign as it was measured, and its boxes by image number."""
+    """A sign as it was measured, and the boxes of its views by image number."""
 
     fit: LandmarkFit
-    boxes: Mapping[int, SeenBox]
+    seen: Mapping[int, SeenBox]
 
 
 class _Classified(NamedTuple):
-    """A fitted landmark with what decides on it."""
+    """A fitted landmark with what decides on it.
+
+    surroundings: correlation round it, None: not measured; accepted: it may be a sign.
+    """
 
     fit: LandmarkFit
     offset: FrenetOffset
     evidence: LandmarkEvidence
+    surroundings: float | None
+    accepted: bool
 
 
 class _Tracker:
@@ -116,9 +121,9 @@ class _Tracker:
         front: SideClassifiers,
         back: SideClassifiers | None,
         panel: PanelMethod | None,
-        adjustment: LocalAdjustmentSettings | None,
+        jointly: bool,
     ) -> None:
-        self._settings, self._panel, self._adjustment = settings, panel, adjustment
+        self._settings, self._panel, self._jointly = settings, panel, jointly
         self._sides = {False: front} if back is None else {False: front, True: back}
         self._places = {back: SignPlaces() for back in self._sides}
         self._gates = AssociationGates.of(settings.track, settings.association)
@@ -166,24 +171,36 @@ class _Tracker:
         return Hypotheses.joined(found)
 
     def _solve(self, *, last: bool) -> None:
-        """Decide the landmarks of the window that the vehicle has passed, most likely signs first."""
-        fits = self._fits(last=last)
+        """Decide the landmarks of the window that the vehicle has passed, most likely signs first.
+
+        One waits where another that may be a sign, on the same pixels, is still in sight.
+        """
+        passed, ahead = self._fits(last=last)
         oldest = self._window[0].motion.pose
         self._reported = [
             one for one in self._reported if not oldest.to_camera(one.fit.point)[2] < 0
         ]
-        for one in sorted(
-            (self._classify(fit) for fit in fits), key=lambda one: -one.evidence.log_odds
-        ):
-            self._decide(self._classify(one.fit))  # once more: the surer ones say where signs stand
+        rivals = [
+            _Reported(fit, self._seen_boxes(fit))
+            for fit in ahead
+            if self._classify(fit, nan).accepted
+        ]
+        for one in sorted(map(self._classify, passed), key=lambda one: -one.evidence.log_odds):
+            if one.accepted and self._is_explained(one.fit, rivals):
+                ahead.append(one.fit)
+            else:  # once more: the surer ones say where signs stand
+                self._decide(self._classify(one.fit, one.surroundings))
+        for fit in ahead:
+            self._note_far_views(fit)
 
-    def _fits(self, *, last: bool) -> list[LandmarkFit]:
-        """Landmarks of the unassigned candidates that the vehicle has passed, with predicted views."""
+    def _fits(self, *, last: bool) -> tuple[list[LandmarkFit], list[LandmarkFit]]:
+        """Landmarks of the unassigned candidates: those passed, with predicted views, and those in sight."""
         settings, window = self._settings, self._window
         hypotheses = Hypotheses.joined(self._hypotheses)
         candidates = candidates_of(window)
         free = ~np.concatenate([f.assigned for f in window])
-        fits: list[LandmarkFit] = []
+        passed: list[LandmarkFit] = []
+        ahead: list[LandmarkFit] = []
         for back in self._sides:
             found = accept_greedily(
                 candidates,
@@ -192,16 +209,14 @@ class _Tracker:
                 self._gates,
                 settings.acceptance,
                 settings.landmark,
-                settings.adjustment,
                 fewest=settings.track.fewest_views,
             )
             for fit in found:
-                if last or self._passed(fit):
-                    fits.append(replace(fit, back=back))
-                else:
-                    self._note_far_views(fit)
+                over = last or self._passed(fit)
+                (passed if over else ahead).append(replace(fit, back=back))
         views = {back: side.view for back, side in self._sides.items() if side.view is not None}
-        return add_predicted_views(fits, window, views, settings.prediction, settings.association)
+        more = add_predicted_views(passed, window, views, self._settings.association)
+        return more, ahead
 
     def _note_far_views(self, fit: LandmarkFit) -> None:
         """Remember which candidates of the frames that leave the window show a landmark that is still in sight."""
@@ -218,25 +233,28 @@ class _Tracker:
         left, top, right, bottom = newest.bounds
         return not (left < x / z < right and top < y / z < bottom)
 
-    def _classify(self, fit: LandmarkFit) -> _Classified:
-        offset = self._path.offset(fit.point)
+    def _classify(self, fit: LandmarkFit, surroundings: float | None = None) -> _Classified:
+        """All evidence for a landmark; the surroundings of what cannot be a sign without them are not measured."""
+        offset, places = self._path.offset(fit.point), self._places[fit.back]
         classifier = self._sides[fit.back].landmark
-        places = self._places[fit.back]
-        return _Classified(fit, offset, classifier.classify(fit, self._window, offset, places))
+        known = nan if surroundings is None else surroundings
+        evidence = classifier.classify(fit, self._window, offset, places, known)
+        accepted = classifier.accepts(evidence)
+        if surroundings is None and accepted:
+            return self._classify(fit, surroundings_correlation(self._views_of(fit)))
+        return _Classified(fit, offset, evidence, surroundings, accepted)
 
     def _decide(self, one: _Classified) -> None:
         """Give a landmark its verdict, measure it and hand it to its frames."""
-        fit = one.fit
-        verdict, evidence, seen = self._verdict(one)
-        settings = self._settings.landmark
-        adjustment = self._adjustment if verdict == "sign" else None
-        measured = measure_landmark(fit, self._window, self._settings, seen.panel, adjustment)
+        fit, evidence = one.fit, one.evidence
+        verdict, seen = self._verdict(one)
+        jointly = self._jointly and verdict == "sign"
+        measured = measure_landmark(fit, self._window, self._settings, seen.panel, jointly)
         landmark = build_landmark(
             fit,
             self._window,
             measured,
             self._path.offset(measured.point),
-            settings,
             track_id=self._next_id,
             score=evidence.score,
             verdict=verdict,
@@ -247,7 +265,7 @@ class _Tracker:
             # Its panel as it was measured: boxes around a sign and its plaque would make the plaque a duplicate.
             size = np.array([landmark.width_m, landmark.height_m])
             face = replace(fit, point=measured.point, metric=size)
-            self._reported.append(_Reported(face, self._boxes_by_image(fit)))
+            self._reported.append(_Reported(face, self._seen_boxes(fit)))
             self._places[fit.back].add(one.offset, evidence.features[_SCORE])
         first = self._window[fit.frames[0]]
         first.landmarks.append(landmark)
@@ -261,46 +279,53 @@ class _Tracker:
         self._assign(fit, verdict)
         self._next_id += 1
 
-    def _verdict(self, one: _Classified) -> tuple[str, LandmarkEvidence, PanelMeasurement]:
-        """The verdict, the evidence for it, and the panel, which is measured of what may be a sign."""
-        settings, fit, evidence = self._settings.verdict, one.fit, one.evidence
-        classifier, seen = self._sides[fit.back].landmark, PanelMeasurement()
-        if in_swept_volume(fit, one.offset, settings):
-            return "moving", evidence, seen
-        if not classifier.accepts(evidence):
-            return VERDICT_OF_TERM[evidence.weakest], evidence, seen
-        if self._is_reported(fit):
-            return "duplicate", evidence, seen
+    def _verdict(self, one: _Classified) -> tuple[str, PanelMeasurement]:
+        """The verdict, and the panel, which is measured of what may be a sign."""
+        fit, seen = one.fit, PanelMeasurement()
+        if in_swept_volume(fit, one.offset, self._settings.verdict):
+            return "moving", seen
+        if not one.accepted:
+            return VERDICT_OF_TERM[one.evidence.weakest], seen
+        if self._is_explained(fit, self._reported):
+            return "duplicate", seen
         if self._panel is not None:
             drift_rad = self._settings.landmark.drift_rad
             seen = measure_panel(fit, self._window, one.offset, self._panel, drift_rad)
         # any two rays meet somewhere: where nothing is known of signs, images in register confirm it
-        confirmed = classifier.model is not None or fit.used.sum() > 2 or len(seen.views) > 1
-        surroundings = surroundings_correlation(self._views_of(fit))
-        places = self._places[fit.back]
-        evidence = classifier.classify(fit, self._window, one.offset, places, surroundings)
-        if not classifier.accepts(evidence):
-            return VERDICT_OF_TERM[evidence.weakest], evidence, seen
-        return "sign" if confirmed else "residual", evidence, seen
+        known = self._sides[fit.back].landmark.model is not None
+        confirmed = known or fit.used.sum() > 2 or len(seen.views) > 1
+        return "sign" if confirmed else "residual", seen
 
-    def _is_reported(self, fit: LandmarkFit) -> bool:
-        """Whether a reported sign is the same face: by where both stand, or by the images that show them."""
-        camera, boxes = self._window[fit.frames[-1]].motion.pose, self._boxes_by_image(fit)
-        settings, same_iou = self._settings.verdict, self._settings.acceptance.same_face_iou
+    def _is_explained(self, fit: LandmarkFit, others: Sequence[_Reported]) -> bool:
+        """Whether one of some others explains the same pixels."""
+        boxes = self._boxes_by_image(fit, self._seen_boxes(fit))
         return any(
-            same_face(fit, other.fit, camera, settings)
-            or (fit.back == other.fit.back and same_face_in_images(boxes, other.boxes, same_iou))
-            for other in self._reported
+            same_face(boxes, self._boxes_by_image(other.fit, other.seen)) for other in others
         )
 
-    def _boxes_by_image(self, fit: LandmarkFit) -> dict[int, SeenBox]:
-        """The boxes of a landmark by image number."""
+    def _seen_boxes(self, fit: LandmarkFit) -> dict[int, SeenBox]:
+        """The boxes of the views of a landmark, as rays, by image number."""
         boxes = {}
         for k, row in zip(fit.frames, fit.rows, strict=True):
             held = self._window[k]
-            regions, own = held.candidates.regions, held.followed[row]
-            predicted = regions.source[own] == SOURCES.index("predicted")
-            boxes[held.frame.index] = SeenBox(regions.box[own], bool(predicted))
+            source = held.candidates.regions.source[held.followed[row]]
+            half = held.size[row] / 2
+            box = np.concatenate([held.ray[row] - half, held.ray[row] + half])
+            predicted = source == SOURCES.index("predicted")
+            boxes[held.frame.index] = SeenBox(box, seen=True, measured=bool(not predicted))
+        return boxes
+
+    def _boxes_by_image(self, fit: LandmarkFit, seen: Mapping[int, SeenBox]) -> dict[int, SeenBox]:
+        """The boxes of a landmark in the images of the window: as seen, else where it must be."""
+        boxes = {}
+        for held in self._window:
+            x, y, z = held.motion.pose.to_camera(fit.point)
+            if held.frame.index in seen:
+                boxes[held.frame.index] = seen[held.frame.index]
+            elif z > self._settings.association.nearest_m:
+                centre, half = np.array([x, y]) / z, fit.metric / z / 2
+                box = np.concatenate([centre - half, centre + half])
+                boxes[held.frame.index] = SeenBox(box, seen=False, measured=False)
         return boxes
 
     def _views_of(self, fit: LandmarkFit) -> Iterator[tuple[NDArray[np.uint8], Array]]:
@@ -311,13 +336,10 @@ class _Tracker:
                 yield held.rgb, held.candidates.regions.box[held.followed[row]].astype(np.float64)
 
     def _assign(self, fit: LandmarkFit, verdict: str) -> None:
-        """Give the candidates to the landmark, and those it covers, unless it is a duplicate."""
+        """Give the candidates to the landmark."""
         track_id, window = self._next_id, self._window
         for frame, row, residual in zip(fit.frames, fit.rows, fit.residual_px, strict=True):
             window[frame].assign(row, track_id, verdict, residual)
-        if verdict != "duplicate":
-            for frame, row in fit.covered:
-                window[frame].assign(row, track_id, "overlap", np.nan)
 
 
 def _backs(window: Sequence[WindowFrame], back: bool) -> NDArray[np.bool_]:

@@ -7,9 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.settings import AdjustmentSettings
 from wayside.stages.geometry import Schedule, cholesky_solve, meet_rays, minimiser
 from wayside.stages.kernels import Array, compiled, shaped
+
+CAUCHY_SIGMAS = 2.385
+"""Residual where a Cauchy cost starts to flatten: 95 % efficiency on normal errors (Holland and Welsch 1977)."""
+POINT_ITERATIONS = 30
+"""Of the triangulation of a point at most."""
+POINT_GAIN = 1e-12
+"""Triangulation ends where an iteration lowers the cost by a smaller fraction."""
 
 
 class _Problem(NamedTuple):
@@ -42,7 +48,7 @@ def triangulate_views(
     centres: NDArray[np.floating[Any]],
     rays: NDArray[np.floating[Any]],
     sigma: NDArray[np.floating[Any]],
-    settings: AdjustmentSettings,
+    iterations: int = POINT_ITERATIONS,
 ) -> tuple[Array, Array]:
     """Point with the lowest robust reprojection cost over all views.
 
@@ -59,8 +65,8 @@ def triangulate_views(
         Ideal image coordinates (x/z, y/z), (n, 2).
     sigma
         Standard deviation of the rays per coordinate, (n,), same unit as the rays.
-    settings
-        Scale of the robust cost, limits of the iteration.
+    iterations
+        After the midpoint, at most.
 
     Returns
     -------
@@ -84,8 +90,8 @@ def triangulate_views(
     if not (spread > 0).all():
         raise ValueError(f"wanted positive sigmas, found {spread.min()}")
     point, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
-    schedule = Schedule(settings.point_iterations, settings.point_gain, damping=1e-4, offset=1.0)
-    _triangulate(turns, origins, seen, spread, settings.cauchy_sigmas, schedule, point, covariance)
+    schedule = Schedule(iterations, POINT_GAIN, damping=1e-4, offset=1.0)
+    _triangulate(turns, origins, seen, spread, CAUCHY_SIGMAS, schedule, point, covariance)
     return point, covariance
 
 

@@ -9,17 +9,16 @@ Verdicts of single candidates in one image are the detection's.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import verdict_code
-from wayside.schemas.frame import Pose
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.settings import AssemblySettings, LocateSettings, VerdictSettings
-from wayside.stages.geometry import FrenetOffset, box_areas, intersection_areas, iou_matrix
+from wayside.stages.geometry import FrenetOffset, box_areas
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 
 VERDICT_OF_TERM = {
@@ -32,6 +31,12 @@ VERDICT_OF_TERM = {
 }
 """Verdict on a landmark by the term of evidence that weighs most against it."""
 
+MOST = 0.5
+"""Share of the pixels of a landmark from which on another explains them: a pixel belongs to one face. On nine real and
+six rendered drives it is below 0.41 or above 0.55, but for one pair of landmarks."""
+
+_NOWHERE = np.zeros(4)
+
 
 def in_swept_volume(fit: LandmarkFit, offset: FrenetOffset, settings: VerdictSettings) -> bool:
     """Whether it stands where the vehicle drove: nothing stands there, so it moves (at a constant pace)."""
@@ -41,50 +46,42 @@ def in_swept_volume(fit: LandmarkFit, offset: FrenetOffset, settings: VerdictSet
     )
 
 
-def same_face(
-    one: LandmarkFit, other: LandmarkFit, camera: Pose, settings: VerdictSettings
-) -> bool:
-    """Whether two landmarks are one face: at like depth, one before the other, seen from a camera.
-
-    A depth of large scatter (a few far views) is like any depth within its error.
-    """
-    local, metric = camera.to_camera(np.array([one.point, other.point])), (one.metric, other.metric)
-    axis, depth = camera.rotation[:, 2], local[:, 2:]
-    near, far = float(depth.min()), float(depth.max())
-    tolerance = max(
-        settings.same_depth_share * near,
-        settings.same_depth_m,
-        settings.same_depth_sigmas * float(np.sqrt(axis @ one.covariance @ axis)),
-    )
-    if near < settings.nearest_m or far - near > tolerance:
-        return False
-    centre, half = local[:, :2] / depth, np.array(metric) / depth / 2
-    box = np.concatenate([centre - half, centre + half], axis=1)
-    shared = intersection_areas(box[:1], box[1:])[0, 0]
-    return bool(shared > settings.same_cover * box_areas(box).min())
-
-
 class SeenBox(NamedTuple):
-    """A box (4,) of a landmark in one image, pixels; predicted: by its point, not a candidate of that image."""
+    """Box (4,) of a landmark in one image, as rays, and what it rests on.
 
-    box: NDArray[np.floating[Any]]
-    predicted: bool
-
-
-def same_face_in_images(
-    one: Mapping[int, SeenBox], other: Mapping[int, SeenBox], same_iou: float
-) -> bool:
-    """Whether two landmarks, their boxes by image number, are one face that an error of the motion has placed twice.
-
-    So where no image has a candidate of each, and where the predicted box of one overlaps the candidate of the other
-    (IoU above `same_iou`) in two images at least, and in most of the images that have one and the other.
+    seen: the image shows the landmark there, else that is only where it must be; measured: by a candidate of that
+    image, not by a box that the landmark predicted.
     """
-    common = [(one[k], other[k]) for k in one.keys() & other.keys()]
-    if any(not a.predicted and not b.predicted for a, b in common):
+
+    box: NDArray[np.float64]
+    seen: bool
+    measured: bool
+
+
+def same_face(one: Mapping[int, SeenBox], other: Mapping[int, SeenBox]) -> bool:
+    """Whether two landmarks explain the same pixels, so that only one of them can be a face.
+
+    Panels are opaque: the images that show two show them side by side, the near ones best. So of the pixels of the
+    smaller box in each image that shows both, all these images together, not `MOST` lie in the other. Where no two
+    images show both, all that show either are counted, with nothing shared where the other cannot be seen.
+
+    Parameters
+    ----------
+    one, other
+        Boxes by image number, of the same images; none of those in which a landmark cannot be seen.
+    """
+    images = [(one.get(k), other.get(k)) for k in sorted(one.keys() | other.keys())]
+    either = [pair for pair in images if any(a is not None and a.measured for a in pair)]
+    both = [pair for pair in either if all(a is not None and a.seen for a in pair)]
+    pairs = both if len(both) > 1 else either
+    if len(pairs) < 2:
         return False
-    one_predicted = [(a.box[None], b.box[None]) for a, b in common if a.predicted != b.predicted]
-    on_other = sum(bool(iou_matrix(a, b)[0, 0] > same_iou) for a, b in one_predicted)
-    return on_other > 1 and 2 * on_other > len(one_predicted)
+    boxes = np.array([[_NOWHERE if a is None else a.box for a in pair] for pair in pairs])
+    areas = box_areas(boxes)
+    smaller = np.where(areas.min(axis=1) > 0, areas.min(axis=1), areas.max(axis=1))
+    low, high = boxes[..., :2].max(axis=1), boxes[..., 2:].min(axis=1)
+    shared = box_areas(np.concatenate([low, high], axis=1))
+    return bool(shared.sum() > MOST * smaller.sum())
 
 
 def location_verdict(

@@ -15,7 +15,6 @@ from wayside.schemas.frame import Camera, Frame
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import Motion, PosedDetections
-from wayside.schemas.settings import TrackSettings
 from wayside.stages.geometry import (
     FrenetOffset,
     frenet_offset,
@@ -27,6 +26,10 @@ from wayside.stages.imaging import pyramid
 from wayside.stages.mapping.association import WindowCandidates
 from wayside.stages.mapping.verdicts import unassigned_verdicts
 
+WEAKEST_SCORE = -7.0
+"""Log odds of the weakest refused candidate that may join a landmark that others propose."""
+EDGE_PX = 2.0
+"""A box nearer to the edge of the image than this is taken as cut."""
 NO_TRACK = -1
 
 
@@ -71,23 +74,19 @@ class WindowFrame:
     _pyramid: tuple[NDArray[np.uint8], ...] | None = field(default=None, repr=False)
 
     @classmethod
-    def of(
-        cls, posed: PosedDetections, motion: Motion, camera: Camera, settings: TrackSettings
-    ) -> WindowFrame:
+    def of(cls, posed: PosedDetections, motion: Motion, camera: Camera) -> WindowFrame:
         """What tracking needs of a frame."""
         detections = posed.detections
         table = detections.candidates
-        faces, backs = followed_rows(table, settings.weakest_score), table.back_rows()
+        faces, backs = followed_rows(table, WEAKEST_SCORE), table.back_rows()
         rows = np.concatenate([faces, backs])
         back = np.arange(len(rows)) >= len(faces)
         box = table.regions.box[rows].astype(np.float64)
         score = table.score[rows].astype(np.float64)
         if table.back_score is not None:
             score[back] = table.back_score[backs]
-        cut = (box[:, :2] < settings.edge_px).any(axis=1)
-        cut |= (box[:, 2] > camera.width - settings.edge_px) | (
-            box[:, 3] > camera.height - settings.edge_px
-        )
+        cut = (box[:, :2] < EDGE_PX).any(axis=1)
+        cut |= (box[:, 2] > camera.width - EDGE_PX) | (box[:, 3] > camera.height - EDGE_PX)
         return cls(
             plain=untracked(posed),
             frame=detections.frame,
@@ -183,7 +182,7 @@ class WindowTracker(Protocol):
 
 
 def through_window(
-    posed: Iterator[PosedDetections], tracker: WindowTracker, settings: TrackSettings
+    posed: Iterator[PosedDetections], tracker: WindowTracker
 ) -> Iterator[TrackedFrame]:
     """Send frames through a tracker; each comes out once, in order, when it cannot change any more."""
     waiting: deque[PosedDetections | WindowFrame] = deque()
@@ -192,7 +191,7 @@ def through_window(
         if item.motion is None or camera is None:
             waiting.append(item)
         else:
-            frame = WindowFrame.of(item, item.motion, camera, settings)
+            frame = WindowFrame.of(item, item.motion, camera)
             waiting.append(frame)
             tracker.append(frame, item.detections.features)
         yield from _released(waiting, tracker)

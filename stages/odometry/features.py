@@ -16,6 +16,15 @@ from wayside.schemas.settings import FeatureSettings
 from wayside.stages.geometry import ideal_points
 from wayside.stages.kernels import compiled
 
+PYRAMID_LEVELS = 3
+"""Levels of the corners' image pyramid, from half size."""
+PYRAMID_SCALE = 1.5
+"""From level to level: an object 20 m away grows 1.7 times over 8 m."""
+CORNER_CONTRAST = 9
+"""FAST threshold, grey levels: low enough for the texture of roads and verges."""
+CORNER_CELL_PX = 25
+"""Side of a cell, in pixels of its level."""
+
 
 def extract_features(
     images: Iterator[Detections], settings: FeatureSettings
@@ -46,13 +55,13 @@ def tie_corners(
     verge are kept beside strong ones against the sky; upright ORB descriptors (Rublee et al. 2011), as cameras on the
     road hardly roll. The pyramid starts at half size: the blur of lens and JPEG lies below that scale.
     """
-    fast = cv2.FastFeatureDetector.create(settings.corner_contrast)
+    fast = cv2.FastFeatureDetector.create(CORNER_CONTRAST)
     orb = cv2.ORB.create(100_000, nlevels=1)
     level = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     corners, descriptors = [_NONE.corners], [_NONE.descriptors]
-    for index in range(settings.pyramid_levels):
+    for index in range(PYRAMID_LEVELS):
         if index > 0:
-            shrink = 1 / settings.pyramid_scale
+            shrink = 1 / PYRAMID_SCALE
             level = cv2.resize(level, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
         found = fast.detect(level)
         if not found:
@@ -75,7 +84,7 @@ def _strongest(found: Sequence[cv2.KeyPoint], settings: FeatureSettings) -> NDAr
     response = np.fromiter(map(_response, found), np.float32, len(found)).astype(np.uint8)
     order = np.argsort(~response, kind="stable")
     places = np.asarray(cv2.KeyPoint.convert(found), np.float64)[order]
-    kept = first_of_cells(places, settings.corner_cell_px, settings.corners_per_cell)
+    kept = first_of_cells(places, CORNER_CELL_PX, settings.corners_per_cell)
     return np.sort(order[kept])
 
 

@@ -13,11 +13,11 @@ import cv2
 import numpy as np
 
 from wayside.schemas.frame import EARTH_RADIUS_M
-from wayside.schemas.settings import MotionSettings, TieSettings
+from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.drive_motion import shows_no_motion
-from wayside.stages.odometry.tie_points import KeypointImage, match_around
+from wayside.stages.odometry.tie_points import COARSE_RATIO, KeypointImage, match_around
 
 _REACH_SHARE = 0.12
 """Corners are matched up to this share of the image's width away: further ones are few and near the border."""
@@ -50,17 +50,13 @@ class ImageStep(NamedTuple):
 
 
 def image_step(
-    rows: tuple[int, int],
-    before: KeypointImage,
-    now: KeypointImage,
-    motion: MotionSettings,
-    ties: TieSettings,
+    rows: tuple[int, int], before: KeypointImage, now: KeypointImage, motion: MotionSettings
 ) -> ImageStep | None:
     """The motion between two images by their corners alone; None where they show none, or too little to tell."""
-    if shows_no_motion(before, now, motion, ties) or not (len(before.corners) and len(now.corners)):
+    if shows_no_motion(before, now, motion) or not (len(before.corners) and len(now.corners)):
         return None
     reach_px = _REACH_SHARE * before.grey.shape[1]
-    pairs = match_around(before, now, reach_px, ties.coarse_ratio, ties)
+    pairs = match_around(before, now, reach_px, COARSE_RATIO)
     if len(pairs) < _FEWEST_INLIERS:
         return None
     first = rays_of_ideal(before.camera, before.ideal[pairs[:, 0]])

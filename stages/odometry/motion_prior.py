@@ -122,8 +122,7 @@ def _by_poses(
     travel: TravelDirection,
     settings: MotionSettings,
 ) -> MotionPrior:
-    default = settings.pose_sigma_m, radians(settings.pose_sigma_deg)
-    pairs = zip(first.sigmas(*default), second.sigmas(*default), strict=True)
+    pairs = zip(first.sigmas(), second.sigmas(), strict=True)
     sigma_m, sigma_rad = (sqrt(2.0) * max(pair) for pair in pairs)
     length = float(np.linalg.norm(step.centre))
     baseline = max(length, settings.shortest_m)

@@ -8,11 +8,35 @@ from math import isfinite, nan
 
 import numpy as np
 
-from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import halfway_direction
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.motion_prior import TravelDirection
 from wayside.stages.odometry.tie_points import GroundPlane
+
+MOUNT_SIGMA_DEG = 1.5
+"""Scatter of the direction of travel while the mount is unknown."""
+TRAVEL_RIGHT_SIGMA_DEG = 0.35
+"""Scatter of the direction of travel sideways (measured)."""
+TRAVEL_UP_SIGMA_DEG = 0.25
+"""Scatter of the direction of travel up (measured)."""
+MOUNT_STEPS = 3
+"""Steps until the mount counts as known."""
+MOUNT_MEMORY = 61
+"""Steps that the mount is the median of."""
+HEIGHT_MEMORY = 300
+"""Steps that the height above the road is found from."""
+LANE_HALF_WIDTH_M = 3.0
+"""Points further to the side give no height."""
+LANE_REACH_M = 18.0
+"""Points further ahead give no height."""
+LOWEST_CAMERA_M = 0.8
+"""Lowest camera above the road."""
+HIGHEST_CAMERA_M = 3.2
+"""Highest camera above the road: a vehicle ahead can resemble a road further down."""
+HEIGHT_BAND = 0.06
+"""Relative width of the band of heights that counts as road."""
+FEWEST_HEIGHTS = 8
+"""Points in that band at least."""
 
 
 @dataclass(slots=True)
@@ -23,31 +47,25 @@ class Mount:
     far, straight ahead before the mount is known, and height_m of the camera above the road, nan while unknown.
     """
 
-    settings: MotionSettings
-    slopes: deque[Array] = field(init=False)
-    heights: deque[Array] = field(init=False)
-    travel: TravelDirection = field(init=False)
-    height_m: float = field(init=False, default=nan)
-
-    def __post_init__(self) -> None:
-        s = self.settings
-        self.slopes = deque(maxlen=s.mount_memory)
-        self.heights = deque(maxlen=s.height_memory)
-        self.travel = TravelDirection(
-            np.array([0.0, 0.0, 1.0]), np.radians([s.mount_sigma_deg] * 2)
+    slopes: deque[Array] = field(default_factory=lambda: deque(maxlen=MOUNT_MEMORY))
+    heights: deque[Array] = field(default_factory=lambda: deque(maxlen=HEIGHT_MEMORY))
+    travel: TravelDirection = field(
+        default_factory=lambda: TravelDirection(
+            np.array([0.0, 0.0, 1.0]), np.radians([MOUNT_SIGMA_DEG] * 2)
         )
+    )
+    height_m: float = nan
 
     def learn(self, rotation: Array, direction: Array, points: Array) -> None:
         """Take in an adjusted step and the points (n, 3) that were matched in it, in the camera's frame."""
         self.slopes.append(travel_slopes(rotation, direction))
-        s = self.settings
-        if len(self.slopes) >= s.mount_steps:
+        if len(self.slopes) >= MOUNT_STEPS:
             middle = np.median(np.array(self.slopes), axis=0)
             direction = np.array([middle[0], middle[1], 1.0])
-            sigma = np.radians([s.travel_right_sigma_deg, s.travel_up_sigma_deg])
+            sigma = np.radians([TRAVEL_RIGHT_SIGMA_DEG, TRAVEL_UP_SIGMA_DEG])
             self.travel = TravelDirection(direction / np.linalg.norm(direction), sigma)
-        self.heights.append(lane_heights(points, self.travel.direction, s))
-        self.height_m = common_height(np.concatenate(self.heights), self.settings)
+        self.heights.append(lane_heights(points, self.travel.direction))
+        self.height_m = common_height(np.concatenate(self.heights))
 
     def ground(self, baseline_m: float) -> GroundPlane | None:
         """The road under the camera for a step of that length, None while its height is unknown."""
@@ -71,7 +89,7 @@ def road_down(direction: Array) -> Array:
     return np.asarray(down / np.linalg.norm(down))
 
 
-def lane_heights(points: Array, direction: Array, settings: MotionSettings) -> Array:
+def lane_heights(points: Array, direction: Array) -> Array:
     """Depth (m,) below the camera, metres, of those points (n, 3) that can lie on the vehicle's lane.
 
     The lane runs along the direction of travel (3,), in the same axes. Points that are nan are left out.
@@ -80,23 +98,23 @@ def lane_heights(points: Array, direction: Array, settings: MotionSettings) -> A
     right = np.cross(down, direction)
     ahead, heights = points @ direction, points @ down
     with np.errstate(invalid="ignore"):
-        near = (np.abs(points @ right) < settings.lane_half_width_m) & (ahead > 0)
-        near &= ahead < settings.lane_reach_m
-        near &= (heights > settings.lowest_camera_m) & (heights < settings.highest_camera_m)
+        near = (np.abs(points @ right) < LANE_HALF_WIDTH_M) & (ahead > 0)
+        near &= ahead < LANE_REACH_M
+        near &= (heights > LOWEST_CAMERA_M) & (heights < HIGHEST_CAMERA_M)
     return np.asarray(heights[near])
 
 
-def common_height(heights: Array, settings: MotionSettings) -> float:
+def common_height(heights: Array) -> float:
     """Height of the camera above the road: the median of the densest band of the heights (n,) of points on the lane.
 
     Points of the road lie in one plane, objects on it are scattered above. nan where no band has enough points.
     """
     ordered = np.sort(heights)
-    if len(ordered) < settings.fewest_heights:
+    if len(ordered) < FEWEST_HEIGHTS:
         return float("nan")
-    end = np.searchsorted(ordered, ordered * (1 + settings.height_band), side="right")
+    end = np.searchsorted(ordered, ordered * (1 + HEIGHT_BAND), side="right")
     count = end - np.arange(len(ordered))
     first = int(count.argmax())
-    if count[first] < settings.fewest_heights:
+    if count[first] < FEWEST_HEIGHTS:
         return float("nan")
     return float(np.median(ordered[first : end[first]]))

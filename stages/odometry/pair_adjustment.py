@@ -12,11 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from wayside.schemas.motion import StepPrior
-from wayside.schemas.settings import AdjustmentSettings, TieSettings
 from wayside.stages.adjustment import (
     QUADRATIC,
+    TIE_ERRORS,
+    WINDOW_ITERATIONS,
     ResidualBlocks,
     StepConstraints,
+    TieErrors,
     adjust_window,
     correlated_covariance,
     correlated_sigma_px,
@@ -24,6 +26,10 @@ from wayside.stages.adjustment import (
 from wayside.stages.geometry import pair_midpoint
 from wayside.stages.kernels import Array, require_array
 
+PAIR_GAIN = 1e-4
+"""The adjustment ends where an iteration lowers the cost by less: .01 sigmas off the minimum."""
+FINE_LAST_SCALE_PX = 0.24
+"""Cauchy scale of the last fine fit, and of the adjustment."""
 LENGTH_SIGMA = 1e-3
 """Of the baseline, in its own units (numerical): nothing else measures it, and its own scatter is added at the end."""
 
@@ -63,8 +69,10 @@ def adjust_pair(
     prior: StepPrior,
     *,
     focal_px: float,
-    ties: TieSettings,
-    solver: AdjustmentSettings,
+    errors: TieErrors = TIE_ERRORS,
+    scale_px: float = FINE_LAST_SCALE_PX,
+    iterations: int = WINDOW_ITERATIONS,
+    gain: float = PAIR_GAIN,
     scatter: float = 1.0,
 ) -> PairAdjustment:
     """Adjust motion and points together to the rays of two images.
@@ -79,12 +87,12 @@ def adjust_pair(
         What is known of the motion beforehand.
     focal_px
         Pixels of one unit of the rays.
-    ties
-        Errors of ties, and the scale of their robust cost.
-    solver
-        Limits of the iteration.
+    errors, scale_px
+        Stated errors of ties, and the scale of their robust cost.
+    iterations, gain
+        Iterations at most; they end where one lowers the cost by a smaller fraction.
     scatter
-        Errors of these ties over those that the settings state, 1 or more (`tie_scatter`): the covariance states them.
+        Errors of these ties over the stated ones, 1 or more (`tie_scatter`): the covariance states them.
 
     Returns
     -------
@@ -99,9 +107,9 @@ def adjust_pair(
     n = len(previous)
     require_array(previous, "previous", np.float64, (n, 2))
     require_array(current, "current", np.float64, (n, 2))
-    numbers, sigma = np.arange(n, dtype=np.int64), np.full(n, ties.sigma_px / focal_px)
+    numbers, sigma = np.arange(n, dtype=np.int64), np.full(n, errors.sigma_px / focal_px)
     # An error is divided between both images: half of its square is in the second one.
-    scale = ties.fine_last_scale_px / ties.sigma_px / np.sqrt(2)
+    scale = scale_px / errors.sigma_px / np.sqrt(2)
     blocks = ResidualBlocks.joined(
         [
             ResidualBlocks.observations(np.zeros(n, np.int64), numbers, previous, sigma, QUADRATIC),
@@ -121,18 +129,18 @@ def adjust_pair(
         StepConstraints.of([prior._replace(length_m=1.0, sigma_m=LENGTH_SIGMA)]),
         wanted=1,
         of_pose=True,
-        iterations=solver.window_iterations,
-        gain=solver.pair_gain,
+        iterations=iterations,
+        gain=gain,
     )
     direction = found.centres[1] / np.linalg.norm(found.centres[1])
     offset = found.points[:, :2] - direction[:2] / direction[2]
     displacement = focal_px * np.maximum(found.points[:, 2], 0) * np.linalg.norm(offset, axis=1)
     # Weights stay those of the stated errors: larger ones change what is said of the motion, not the motion.
-    alone = np.sqrt(scatter**2 - 1) * ties.sigma_px / focal_px * found.gain
-    shared_px = scatter * correlated_sigma_px(displacement, ties)
+    alone = np.sqrt(scatter**2 - 1) * errors.sigma_px / focal_px * found.gain
+    shared_px = scatter * correlated_sigma_px(displacement, errors)
     effect = shared_px[:, None, None] * found.gain[n:] / focal_px
     shared = correlated_covariance(
-        current * focal_px, np.zeros(n, np.int64), effect, ties.correlation_reach_px
+        current * focal_px, np.zeros(n, np.int64), effect, errors.reach_px
     )
     return PairAdjustment(
         found.rotations[1],
@@ -141,5 +149,5 @@ def adjust_pair(
         displacement,
         found.covariance + np.einsum("nik,nim->km", alone, alone) + shared,
         found.iterations,
-        ties.sigma_px * np.sqrt(found.history / (4 * max(n, 1))),
+        errors.sigma_px * np.sqrt(found.history / (4 * max(n, 1))),
     )

@@ -12,28 +12,30 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.settings import TieSettings
 from wayside.stages.geometry import invert_symmetric
 from wayside.stages.kernels import Array, compiled, require_array
 
+FARTHEST_SHIFT_PX = 3.0
+"""Largest shift from where a patch is expected, besides the search."""
+SCALE_CHANGE = 1.3
+"""Largest change of scale by the fit."""
+ITERATIONS = 12
+"""Of the registration of a patch at most."""
+CONVERGED_PX = 0.01
+"""A smaller step ends the registration."""
+LEAST_TEXTURE = 2.0
+"""Smallest standard deviation of a patch, grey levels."""
+ABANDONED_CORRELATION = 0.3
+"""A registration below it is abandoned."""
+SMALLEST_CORRELATION = 0.85
+"""Smallest correlation of a registered patch."""
+SCALE_STEP = 0.2
+"""Relative change of scale in one step of the fit at most."""
 RADIUS = 7
 SIDE = 2 * RADIUS + 1
 """Array layout: a patch is (SIDE, SIDE) pixels."""
 FREEDOM = SIDE * SIDE - 5.0
 """Pixels of a patch less the unknowns: two of position, scale, gain, bias."""
-
-
-class _Limits(NamedTuple):
-    """Settings of the registration, as of `TieSettings`."""
-
-    iterations: int
-    converged_px: float
-    farthest_px: float
-    scale_change: float
-    least_texture: float
-    abandoned_correlation: float
-    smallest_correlation: float
-    scale_step: float
 
 
 class PatchRegistration(NamedTuple):
@@ -56,7 +58,6 @@ def register_patches(
     starts: Array,
     warps: Array,
     search_px: int,
-    settings: TieSettings,
 ) -> PatchRegistration:
     """Register the 15 x 15 px patches round `corners` of the far image in the near one.
 
@@ -73,8 +74,6 @@ def register_patches(
         (s, 0, s), the road about (s, k, s * s).
     search_px
         Whole pixels searched round the start before the fit.
-    settings
-        Limits of the fit.
 
     Returns
     -------
@@ -95,17 +94,7 @@ def register_patches(
     require_array(warps, "warps", np.float64, (n, 3))
     point, scale, zncc = np.full((n, 2), np.nan), np.ones(n), np.zeros(n)
     sigma = np.full(n, np.inf)
-    limits = _Limits(
-        settings.registration_iterations,
-        settings.converged_px,
-        settings.farthest_px,
-        settings.scale_change,
-        settings.least_texture,
-        settings.abandoned_correlation,
-        settings.smallest_correlation,
-        settings.scale_step,
-    )
-    _register(far, near, corners, starts, warps, search_px, limits, point, scale, zncc, sigma)
+    _register(far, near, corners, starts, warps, search_px, point, scale, zncc, sigma)
     return PatchRegistration(point, scale, zncc, sigma)
 
 
@@ -221,11 +210,10 @@ def _fit(
     warp: Array,
     position: Array,
     patch: Array,
-    limits: _Limits,
 ) -> float:
     # Gauss-Newton on position (u, v, scale), in position; returns the correlation, 0 where the patch leaves the image.
     zncc: float = 0.0
-    for _ in range(limits.iterations):
+    for _ in range(ITERATIONS):
         u, v, scale = position
         if not _inside(near, u, v, warp, scale, 0.0):
             return 0.0
@@ -255,19 +243,19 @@ def _fit(
         if norm <= 1e-6:
             return 0.0
         zncc = float(product / (norm * np.sqrt(square)))
-        if zncc < limits.abandoned_correlation:
+        if zncc < ABANDONED_CORRELATION:
             return zncc
         gain = product / square  # of the near patch against the template
         r0, r1, r2 = r0 / gain, r1 / gain, r2 / gain
         du = inverse[0, 0] * r0 + inverse[0, 1] * r1 + inverse[0, 2] * r2
         dv = inverse[1, 0] * r0 + inverse[1, 1] * r1 + inverse[1, 2] * r2
         ds = inverse[2, 0] * r0 + inverse[2, 1] * r1 + inverse[2, 2] * r2
-        ds = min(limits.scale_step, max(-limits.scale_step, ds))
+        ds = min(SCALE_STEP, max(-SCALE_STEP, ds))
         # The template warped by (du, dv, 1 + ds) fits the patch: compose its inverse with the current warp.
         position[2] /= 1.0 + ds
         position[0] -= position[2] * (warp[0] * du + warp[1] * dv)
         position[1] -= position[2] * warp[2] * dv
-        if abs(du) + abs(dv) + RADIUS * abs(ds) < limits.converged_px:
+        if abs(du) + abs(dv) + RADIUS * abs(ds) < CONVERGED_PX:
             break
     return zncc
 
@@ -280,7 +268,6 @@ def _register(
     starts: Array,
     warps: Array,
     search: int,
-    limits: _Limits,
     points: Array,
     scales: Array,
     znccs: Array,
@@ -299,18 +286,18 @@ def _register(
         if not _inside(near, starts[n, 0], starts[n, 1], warps[n], 1.0, 0.0):
             continue
         square = _template(far, u, v, template, jacobian, normal)
-        if square < (limits.least_texture * SIDE) ** 2:
+        if square < (LEAST_TEXTURE * SIDE) ** 2:
             continue
         if invert_symmetric(normal, 0.0, 0.0, inverse) <= 1e-9:
             continue  # singular
         position[0], position[1] = _coarse(far, near, u, v, starts[n], warps[n], search, columns)
         position[2] = 1.0
-        zncc = _fit(near, template, square, jacobian, inverse, warps[n], position, patch, limits)
+        zncc = _fit(near, template, square, jacobian, inverse, warps[n], position, patch)
         shift = max(abs(position[0] - starts[n, 0]), abs(position[1] - starts[n, 1]))
         if (
-            zncc < limits.smallest_correlation
-            or shift > limits.farthest_px + search
-            or not 1 / limits.scale_change < position[2] < limits.scale_change
+            zncc < SMALLEST_CORRELATION
+            or shift > FARTHEST_SHIFT_PX + search
+            or not 1 / SCALE_CHANGE < position[2] < SCALE_CHANGE
         ):
             continue
         points[n, 0], points[n, 1] = position[0], position[1]

@@ -9,8 +9,7 @@ from math import radians
 import numpy as np
 
 from wayside.schemas.motion import StepPrior
-from wayside.schemas.settings import TieSettings
-from wayside.stages.adjustment import tie_scatter
+from wayside.stages.adjustment import TIE_ERRORS, tie_scatter
 from wayside.stages.geometry import (
     Schedule,
     halfway_direction,
@@ -21,7 +20,10 @@ from wayside.stages.kernels import Array
 from wayside.stages.odometry.epipolar import EpipolarFit, fit_epipolar, sampson_px
 from wayside.stages.odometry.motion_prior import MotionPrior
 from wayside.stages.odometry.mount import Mount
+from wayside.stages.odometry.pair_adjustment import FINE_LAST_SCALE_PX
 from wayside.stages.odometry.tie_points import (
+    COARSE_BITS,
+    COARSE_RATIO,
     GroundPlane,
     KeypointImage,
     RegisteredTies,
@@ -29,6 +31,37 @@ from wayside.stages.odometry.tie_points import (
     register_road,
     register_ties,
 )
+
+WIDE_SLACK_PX = 160.0
+"""Half width of the band of the fit that gives another start."""
+FIT_ITERATIONS = 15
+"""Of a fit at most."""
+FIT_GAIN = 1e-7
+"""A fit ends where an iteration lowers the cost by a smaller fraction."""
+COARSE_SIGMA_PX = 1.0
+"""Standard deviation of a matched corner."""
+COARSE_SCALES_PX = 20.0, 5.0, 1.5
+"""Cauchy scales of the coarse fits, one after the other."""
+COARSE_INLIER_PX = 3.0
+"""Sampson distance of an inlier of a coarse fit."""
+FEWEST_COARSE = 8
+"""Fewest matches for a coarse fit."""
+HELD_DIRECTION_DEG = 0.1
+"""Standard deviation of a direction of travel that is held."""
+FINE_FIRST_SCALE_PX = 0.6
+"""Cauchy scale of the first fine fit."""
+INLIER_PX = 0.4
+"""Sampson distance of an inlier of a fine fit."""
+INLIER_RATIO = 0.75
+"""Below this share of inliers other starts are tried."""
+SETTLED_DEG = 0.1
+"""Ties are registered again while the direction changes more."""
+ROUNDS = 3
+"""Rounds of registration at most."""
+START_YAW_STEP_DEG = 0.3
+"""Step of the yaws from which ties are registered again."""
+START_YAWS = 3
+"""Of these yaws on either side of the prediction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,25 +80,20 @@ class RelativePose:
         """Number of inliers."""
         return int(self.inlier.sum())
 
-    def scatter(self, focal_px: float, settings: TieSettings) -> float:
-        """Errors of the inliers over those that the settings state; see `tie_scatter`."""
+    def scatter(self, focal_px: float) -> float:
+        """Errors of the inliers over the stated ones; see `tie_scatter`."""
         held = self.previous[self.inlier], self.current[self.inlier]
         distance = sampson_px(*held, self.rotation, self.direction, focal_px)
-        return tie_scatter(distance, settings)
+        return tie_scatter(distance)
 
 
 RelativePoseEstimator = Callable[
-    [KeypointImage, KeypointImage, MotionPrior, Mount, int, TieSettings], RelativePose | None
+    [KeypointImage, KeypointImage, MotionPrior, Mount, int], RelativePose | None
 ]
 
 
 def estimate_relative_pose(
-    before: KeypointImage,
-    now: KeypointImage,
-    expected: MotionPrior,
-    mount: Mount,
-    fewest: int,
-    settings: TieSettings,
+    before: KeypointImage, now: KeypointImage, expected: MotionPrior, mount: Mount, fewest: int
 ) -> RelativePose | None:
     """Relative pose of two images: coarse motion, then ties registered by it.
 
@@ -79,8 +107,6 @@ def estimate_relative_pose(
         Of the camera, as learnt so far.
     fewest
         Fewest inliers.
-    settings
-        Matching, registration and fits.
 
     Returns
     -------
@@ -88,36 +114,28 @@ def estimate_relative_pose(
         None with fewer than `fewest` inliers.
     """
     prior, ground = expected.prior, mount.ground(expected.prior.length_m)
-    coarse, inliers = find_coarse_motion(
-        before, now, prior, expected.search, expected.slack_px, settings
-    )
+    coarse, inliers = find_coarse_motion(before, now, prior, expected.search, expected.slack_px)
     if coarse is None or inliers < fewest:
         return None
-    pose = _refine(before, now, (coarse.rotation, coarse.direction), prior, ground, settings)
-    if pose.inliers < settings.inlier_ratio * len(pose.inlier):
+    pose = _refine(before, now, (coarse.rotation, coarse.direction), prior, ground)
+    if pose.inliers < INLIER_RATIO * len(pose.inlier):
         # With a wrong rotation the inlier ratio is low. Of all starts, that with the most inliers is kept.
-        starts = _other_starts(before, now, expected, pose, settings)
-        others = [_refine(before, now, start, prior, ground, settings) for start in starts]
+        starts = _other_starts(before, now, expected, pose)
+        others = [_refine(before, now, start, prior, ground) for start in starts]
         pose = max(pose, *others, key=lambda one: one.inliers)
     return pose if pose.inliers >= fewest else None
 
 
 def _other_starts(
-    before: KeypointImage,
-    now: KeypointImage,
-    expected: MotionPrior,
-    pose: RelativePose,
-    settings: TieSettings,
+    before: KeypointImage, now: KeypointImage, expected: MotionPrior, pose: RelativePose
 ) -> list[tuple[Array, Array]]:
     """Rotations and directions to start from: the current pose, a fit in a wide band, yaws off the prediction."""
     prior = expected.prior
-    wide, _ = find_coarse_motion(
-        before, now, prior, expected.straight[0], settings.wide_slack_px, settings
-    )
+    wide, _ = find_coarse_motion(before, now, prior, expected.straight[0], WIDE_SLACK_PX)
     starts = [(pose.rotation, pose.direction)]
     starts += [] if wide is None else [(wide.rotation, wide.direction)]
-    steps = np.arange(-settings.start_yaws, settings.start_yaws + 1)
-    for yaw in np.radians(np.round(settings.start_yaw_step_deg * steps, 6)):
+    steps = np.arange(-START_YAWS, START_YAWS + 1)
+    for yaw in np.radians(np.round(START_YAW_STEP_DEG * steps, 6)):
         rotation = rotation_from_vector(np.array([0.0, yaw, 0.0])) @ expected.search
         ahead = halfway_direction(rotation, prior.direction) if prior.halfway else prior.direction
         starts.append((rotation, ahead))
@@ -130,21 +148,20 @@ def _refine(
     start: tuple[Array, Array],
     prior: StepPrior,
     ground: GroundPlane | None,
-    settings: TieSettings,
 ) -> RelativePose:
     # Ties selected by a motion are biased towards it: they are selected again while it still changes.
     tied = None
-    for _ in range(settings.rounds):
-        tied = register_ties(before, now, *start, settings, ground, tied)
-        pose = fit_relative_pose(before, now, tied, start, prior, settings)
+    for _ in range(ROUNDS):
+        tied = register_ties(before, now, *start, ground, tied)
+        pose = fit_relative_pose(before, now, tied, start, prior)
         change = np.abs(pose.direction - start[1]).max()
         start = pose.rotation, pose.direction
-        if change < radians(settings.settled_deg):
+        if change < radians(SETTLED_DEG):
             break
     if ground is None:
         return pose
-    tied = register_road(before, now, *start, ground, pose.tied, settings)
-    return fit_relative_pose(before, now, tied, start, prior, settings)
+    tied = register_road(before, now, *start, ground, pose.tied)
+    return fit_relative_pose(before, now, tied, start, prior)
 
 
 def fit_relative_pose(
@@ -153,7 +170,6 @@ def fit_relative_pose(
     tied: RegisteredTies,
     start: tuple[Array, Array],
     prior: StepPrior,
-    settings: TieSettings,
 ) -> RelativePose:
     """Robust fit of rotation and direction to registered ties, from a start within a few pixels."""
     previous = rays_of_ideal(before.camera, tied.previous)
@@ -165,23 +181,16 @@ def fit_relative_pose(
         start,
         prior,
         focal_px=focal_px,
-        sigma_px=settings.sigma_px,
-        scales_px=(settings.fine_first_scale_px, settings.fine_last_scale_px),
-        schedule=Schedule(settings.fit_iterations, settings.fit_gain),
+        sigma_px=TIE_ERRORS.sigma_px,
+        scales_px=(FINE_FIRST_SCALE_PX, FINE_LAST_SCALE_PX),
+        schedule=Schedule(FIT_ITERATIONS, FIT_GAIN),
     )
-    inlier = (
-        np.abs(sampson_px(previous, current, rotation, direction, focal_px)) < settings.inlier_px
-    )
+    inlier = np.abs(sampson_px(previous, current, rotation, direction, focal_px)) < INLIER_PX
     return RelativePose(rotation, direction, tied, previous, current, inlier)
 
 
 def find_coarse_motion(
-    before: KeypointImage,
-    now: KeypointImage,
-    prior: StepPrior,
-    predicted: Array,
-    slack_px: float,
-    settings: TieSettings,
+    before: KeypointImage, now: KeypointImage, prior: StepPrior, predicted: Array, slack_px: float
 ) -> tuple[EpipolarFit | None, int]:
     """Rotation and direction from matched corners, and the number of inliers; None with too few matches.
 
@@ -195,48 +204,35 @@ def find_coarse_motion(
         Rotation (3, 3) by which corners are predicted.
     slack_px
         Half width of the search band round the prediction.
-    settings
-        Matching and fits.
     """
     pairs = match_corners(
-        before,
-        now,
-        (predicted, prior.direction),
-        slack_px,
-        (settings.coarse_bits, settings.coarse_ratio),
-        settings,
+        before, now, (predicted, prior.direction), slack_px, (COARSE_BITS, COARSE_RATIO)
     )
-    if len(pairs) < settings.fewest_coarse:
+    if len(pairs) < FEWEST_COARSE:
         return None, 0
     previous = rays_of_ideal(before.camera, before.ideal[pairs[:, 0]])
     current = rays_of_ideal(now.camera, now.ideal[pairs[:, 1]])
-    return fit_coarse_motion(previous, current, prior, predicted, now.focal_px, settings)
+    return fit_coarse_motion(previous, current, prior, predicted, now.focal_px)
 
 
 def fit_coarse_motion(
-    previous: Array,
-    current: Array,
-    prior: StepPrior,
-    predicted: Array,
-    focal_px: float,
-    settings: TieSettings,
+    previous: Array, current: Array, prior: StepPrior, predicted: Array, focal_px: float
 ) -> tuple[EpipolarFit, int]:
     """Rotation and direction from matched rays (n, 2), to about a pixel, and the number of inliers."""
     # In forward motion, direction and yaw have similar effects: the direction is held first.
-    s = settings
-    sigma = np.minimum(prior.sigma_direction, radians(s.held_direction_deg))
-    scales = (s.coarse_first_scale_px, s.coarse_second_scale_px, s.coarse_last_scale_px)
+    sigma = np.minimum(prior.sigma_direction, radians(HELD_DIRECTION_DEG))
     fit: tuple[Array, Array] = predicted, prior.direction
-    for known, scales_px in ((prior._replace(sigma_direction=sigma), scales), (prior, scales[-1:])):
+    held = prior._replace(sigma_direction=sigma)
+    for known, scales_px in ((held, COARSE_SCALES_PX), (prior, COARSE_SCALES_PX[-1:])):
         fit = fit_epipolar(
             previous,
             current,
             fit,
             known,
             focal_px=focal_px,
-            sigma_px=s.coarse_sigma_px,
+            sigma_px=COARSE_SIGMA_PX,
             scales_px=scales_px,
-            schedule=Schedule(s.fit_iterations, s.fit_gain),
+            schedule=Schedule(FIT_ITERATIONS, FIT_GAIN),
         )
     distances = sampson_px(previous, current, *fit, focal_px)
-    return EpipolarFit(*fit), int((np.abs(distances) < s.coarse_inlier_px).sum())
+    return EpipolarFit(*fit), int((np.abs(distances) < COARSE_INLIER_PX).sum())

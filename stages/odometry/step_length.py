@@ -12,6 +12,17 @@ from math import hypot, isfinite, log, nan, pi, prod, sqrt
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.odometry.motion_prior import MotionPrior
 
+COMMON_SIGMA = 0.004
+"""Smallest relative error of the length by common points."""
+SPACING_TOLERANCE = 0.15
+"""Relative deviation of a length from a multiple of the spacing."""
+MOST_TRIGGERS = 5
+"""Triggers in one step at most, its own included."""
+MOST_DROPPED = 2
+"""Steps in a row that may have lost triggers."""
+MOST_DOUBTS = 2
+"""Steps in a row for which common points overrule fixes."""
+
 
 @dataclass(frozen=True, slots=True)
 class SpacingCheck:
@@ -86,10 +97,10 @@ def step_length(
     carried, scatter = by_points
     if not isfinite(carried):
         return StepLength(given, sigma, last.dropped, last.doubts)
-    carried_sigma = hypot(last.sigma_m, max(scatter, s.common_sigma * carried))
+    carried_sigma = hypot(last.sigma_m, max(scatter, COMMON_SIGMA * carried))
     if abs(carried - given) > s.doubt_sigmas * hypot(sigma, carried_sigma):
         doubts = last.doubts + 1
-        jumps = expected.source == "fixes" and doubts <= s.most_doubts
+        jumps = expected.source == "fixes" and doubts <= MOST_DOUBTS
         jumps |= expected.source == "speed"
         length, sigma = (carried, carried_sigma) if jumps else (given, sigma)
         return StepLength(length, sigma, last.dropped, doubts)
@@ -109,10 +120,10 @@ def _of_spacing(
     if not isfinite(by_points[0]):
         return StepLength(spacing_m, s.spacing_sigma_m, last.dropped, check=check)
     steps = round(by_points[0] / spacing_m)
-    near = abs(by_points[0] / spacing_m - steps) < s.spacing_tolerance * steps
-    dropped = last.dropped + 1 if near and 1 < steps <= s.most_triggers else 0
+    near = abs(by_points[0] / spacing_m - steps) < SPACING_TOLERANCE * steps
+    dropped = last.dropped + 1 if near and 1 < steps <= MOST_TRIGGERS else 0
     # Triggers are not dropped in many steps in a row: then the points have a wrong scale.
-    length = steps * spacing_m if 0 < dropped <= s.most_dropped else spacing_m
+    length = steps * spacing_m if 0 < dropped <= MOST_DROPPED else spacing_m
     return StepLength(length, s.spacing_sigma_m, dropped, check=check)
 
 
@@ -123,7 +134,7 @@ def _checked(
 
     Errors of points, of triggers and of single steps come and go: the changes of neighbouring steps do not agree. Where
     a vehicle brakes they do, and differ by little. The sum of their products in squared sigmas, less 1 for each step
-    and never below 0, is a CUSUM test (Page 1954): it decides where `most_doubts` products of `doubt_sigmas` each
+    and never below 0, is a CUSUM test (Page 1954): it decides where `MOST_DOUBTS` products of `doubt_sigmas` each
     would.
     """
     s, before = settings, last.check
@@ -133,7 +144,7 @@ def _checked(
     if not carried > 0:
         length = before.length_m / before.spacing_m * spacing_m
         return replace(before, spacing_m=spacing_m, length_m=length, sigma_m=broad, change=0.0)
-    relative = max(by_points[1] / carried, s.common_sigma)
+    relative = max(by_points[1] / carried, COMMON_SIGMA)
     length = before.length_m * carried / last.length_m
     variance = (length * hypot(before.sigma_m / before.length_m, relative)) ** 2
     weight = broad**2 / (broad**2 + variance)
@@ -155,5 +166,5 @@ def _checked(
         scatter,
         counted,
         evidence,
-        before.varies or evidence > s.most_doubts * s.doubt_sigmas**2,
+        before.varies or evidence > MOST_DOUBTS * s.doubt_sigmas**2,
     )

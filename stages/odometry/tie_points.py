@@ -14,12 +14,52 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import Detections
 from wayside.schemas.frame import Camera
-from wayside.schemas.settings import TieSettings
 from wayside.stages.geometry import distort_points, ideal_of_rays, ideal_points, rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.descriptor_matching import match_in_bands
 from wayside.stages.odometry.features import first_of_cells
 from wayside.stages.odometry.patch_registration import register_patches
+
+COARSE_BITS = 64
+"""Largest distance of the descriptors of a coarse match, bits."""
+COARSE_RATIO = 0.85
+"""Largest ratio of best to second descriptor distance of a coarse match."""
+GUIDED_BITS = 80
+"""Largest descriptor distance along an epipolar line, bits."""
+GUIDED_RATIO = 0.92
+"""Largest ratio of best to second distance on the line."""
+GUIDED_WIDTH_PX = 4.0
+"""Half width of the band along an epipolar line."""
+SAME_CORNER_PX = 6.0
+"""Matches this near to the best are no second best."""
+LARGEST_GROWTH = 2.6
+"""Largest growth of an object from image to image."""
+SMALLEST_GROWTH = 0.8
+"""Smallest growth of a patch from image to image."""
+LONGEST_PX = 500.0
+"""Longest displacement by travel."""
+NEAR_EPIPOLE_PX = 20.0
+"""Nearer to the epipole the growth is not measurable."""
+NEAR_EPIPOLE_GROWTH = 1.1
+"""Growth assumed near the epipole."""
+CELL_PX = 100.0
+"""Side of a cell of the image."""
+PER_CELL = 6
+"""Matches registered in each cell at most."""
+SEARCH_PX = 2
+"""Whole-pixel search round the expected position."""
+ROAD_SEARCH_PX = 3
+"""The same on the road."""
+ROAD_GAP_PX = 3.0
+"""A match so near to the road's prediction lies on it."""
+ROAD_GAP_FRACTION = 0.1
+"""Added to that, as a fraction of the displacement."""
+NEAREST_ROAD_M = 4.0
+"""Nearest road point, after the step."""
+FARTHEST_ROAD_M = 35.0
+"""Farthest road point."""
+ROAD_HALF_WIDTH_M = 5.0
+"""Farthest road point to the side."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +122,7 @@ class RegisteredTies(NamedTuple):
 
 
 def match_around(
-    before: KeypointImage, now: KeypointImage, reach_px: float, ratio: float, settings: TieSettings
+    before: KeypointImage, now: KeypointImage, reach_px: float, ratio: float
 ) -> NDArray[np.int64]:
     """Pairs (k, 2) of corners that lie within a distance of each other in two images, whatever the motion."""
     place = before.corners.astype(np.float64)
@@ -92,9 +132,9 @@ def match_around(
         before.descriptors,
         now.corners.astype(np.float64),
         now.descriptors,
-        farthest=settings.coarse_bits,
+        farthest=COARSE_BITS,
         ratio=ratio,
-        same_corner_px=settings.same_corner_px,
+        same_corner_px=SAME_CORNER_PX,
     )
 
 
@@ -103,7 +143,6 @@ def register_ties(
     now: KeypointImage,
     rotation: Array,
     direction: Array,
-    settings: TieSettings,
     ground: GroundPlane | None = None,
     last: RegisteredTies | None = None,
 ) -> RegisteredTies:
@@ -112,14 +151,9 @@ def register_ties(
     Matches that `last` has tried already keep their result: it does not depend on the motion.
     """
     pairs = match_corners(
-        before,
-        now,
-        (rotation, direction),
-        settings.guided_width_px,
-        (settings.guided_bits, settings.guided_ratio),
-        settings,
+        before, now, (rotation, direction), GUIDED_WIDTH_PX, (GUIDED_BITS, GUIDED_RATIO)
     )
-    pairs = pairs[first_of_cells(before.corners[pairs[:, 0]], settings.cell_px, settings.per_cell)]
+    pairs = pairs[first_of_cells(before.corners[pairs[:, 0]], CELL_PX, PER_CELL)]
     found = np.full((len(pairs), 6), np.nan)
     fresh = np.ones(len(pairs), np.bool_)
     if last is not None:
@@ -127,7 +161,7 @@ def register_ties(
         _, here, there = np.intersect1d(keys, known, assume_unique=True, return_indices=True)
         found[here] = last.tried[1][there]
         fresh[here] = False
-    found[fresh] = _register(before, now, rotation, direction, ground, pairs[fresh], settings)
+    found[fresh] = _register(before, now, rotation, direction, ground, pairs[fresh])
     good = np.isfinite(found[:, 0])
     corners = np.rint(before.corners[pairs[good, 0]]).astype(np.float64)
     return RegisteredTies(
@@ -152,7 +186,6 @@ def _register(
     direction: Array,
     ground: GroundPlane | None,
     pairs: NDArray[np.int64],
-    settings: TieSettings,
 ) -> Array:
     """Positions of the first image's corners in the second one, recorded pixels, with warp and sigma: (n, 6).
 
@@ -164,9 +197,9 @@ def _register(
     reach = np.linalg.norm(far - epipole, axis=1)
     growth = np.linalg.norm(now.ideal[pairs[:, 1]] - epipole, axis=1) / np.maximum(reach, 1e-9)
     growth = np.where(
-        reach > settings.near_epipole_px,
-        np.clip(growth, settings.smallest_growth, settings.largest_growth),
-        settings.near_epipole_growth,
+        reach > NEAR_EPIPOLE_PX,
+        np.clip(growth, SMALLEST_GROWTH, LARGEST_GROWTH),
+        NEAR_EPIPOLE_GROWTH,
     )
     shift = corners - before.corners[pairs[:, 0]].astype(np.float64)
     starts = np.ascontiguousarray(now.corners[pairs[:, 1]] + shift * growth[:, None])
@@ -177,11 +210,9 @@ def _register(
         )
         gap = np.linalg.norm(place - now.ideal[pairs[:, 1]], axis=1)
         flow = np.linalg.norm(place - far, axis=1)
-        flat = gap < settings.road_gap_px + settings.road_gap_fraction * flow
+        flat = gap < ROAD_GAP_PX + ROAD_GAP_FRACTION * flow
         warps[flat] = on_road[flat]
-    registered = register_patches(
-        before.grey, now.grey, corners, starts, warps, settings.search_px, settings
-    )
+    registered = register_patches(before.grey, now.grey, corners, starts, warps, SEARCH_PX)
     return np.column_stack([registered.point, warps * registered.scale[:, None], registered.sigma])
 
 
@@ -192,7 +223,6 @@ def register_road(
     direction: Array,
     ground: GroundPlane,
     tied: RegisteredTies,
-    settings: TieSettings,
 ) -> RegisteredTies:
     """The ties with more on the road: unmatched corners, registered at the position that the ground plane predicts.
 
@@ -203,18 +233,14 @@ def register_road(
     rows = np.flatnonzero(free)
     rays = rays_of_ideal(before.camera, before.ideal[rows])
     depth = ground.height_m / np.maximum(rays @ ground.down[:2] + ground.down[2], 1e-6)
-    near = (depth > ground.baseline_m + settings.nearest_road_m) & (
-        depth < settings.farthest_road_m
-    )
-    rows = rows[near & (np.abs(rays[:, 0] * depth) < settings.road_half_width_m)]
-    rows = rows[first_of_cells(before.corners[rows], settings.cell_px, settings.per_cell)]
+    near = (depth > ground.baseline_m + NEAREST_ROAD_M) & (depth < FARTHEST_ROAD_M)
+    rows = rows[near & (np.abs(rays[:, 0] * depth) < ROAD_HALF_WIDTH_M)]
+    rows = rows[first_of_cells(before.corners[rows], CELL_PX, PER_CELL)]
     corners = np.rint(before.corners[rows]).astype(np.int64)
     ideal = ideal_points(before.camera, corners.astype(np.float64))
     place, warps = _on_road(before, now, rotation, direction, ground, ideal)
     starts = distort_points(now.camera, place)
-    found = register_patches(
-        before.grey, now.grey, corners, starts, warps, settings.road_search_px, settings
-    )
+    found = register_patches(before.grey, now.grey, corners, starts, warps, ROAD_SEARCH_PX)
     good = found.zncc > 0
     return RegisteredTies(
         np.vstack([tied.previous, ideal[good]]),
@@ -256,7 +282,6 @@ def match_corners(
     motion: tuple[Array, Array],
     slack_px: float,
     descriptors: tuple[int, float],
-    settings: TieSettings,
 ) -> NDArray[np.int64]:
     """Rows (n, 2) of matched corners of both images, searched in bands along the epipolar lines of a motion.
 
@@ -270,14 +295,12 @@ def match_corners(
         Half width of the bands.
     descriptors
         Largest descriptor distance, bits, and its largest ratio to the second best.
-    settings
-        Length of the bands.
     """
     far, epipole = _far_points(before, now, *motion, slice(None))
     outward = far - epipole
     reach = np.sqrt(outward[:, 0] ** 2 + outward[:, 1] ** 2)
     outward /= np.maximum(reach, 1e-9)[:, None]
-    length = np.minimum(reach * (settings.largest_growth - 1), settings.longest_px)
+    length = np.minimum(reach * (LARGEST_GROWTH - 1), LONGEST_PX)
     width = np.full(len(far), slack_px)
     bands = np.column_stack([far, outward, length, width])
     return match_in_bands(
@@ -287,7 +310,7 @@ def match_corners(
         now.descriptors,
         farthest=descriptors[0],
         ratio=descriptors[1],
-        same_corner_px=settings.same_corner_px,
+        same_corner_px=SAME_CORNER_PX,
     )
 
 

@@ -13,12 +13,13 @@ import numpy as np
 
 from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.motion import Motion, StepPrior, Ties
-from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings
+from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import halfway_direction, pair_residual, points_of_second
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.motion_prior import MotionPrior, predict_motion
 from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.pair_adjustment import PairAdjustment, adjust_pair
+from wayside.stages.odometry.pose_noise import PoseNoise
 from wayside.stages.odometry.relative_pose import (
     RelativePose,
     RelativePoseEstimator,
@@ -45,30 +46,30 @@ class OdometryStep:
 
 @dataclass(slots=True)
 class VisualOdometry:
-    """State between images: the last image and its frame, the step to it, and how the camera is mounted.
+    """State between images: the last image and its frame, the step to it, the camera's mount, the noise of poses.
 
     `estimate` gives the relative pose of two images; simulated drives, which have ties but no pixels, replace it.
     """
 
     settings: MotionSettings
-    ties: TieSettings
-    adjustment: AdjustmentSettings
     estimate: RelativePoseEstimator = field(default_factory=lambda: estimate_relative_pose)
     image: KeypointImage | None = None
     frame: Frame | None = None
     last: OdometryStep = field(default_factory=lambda: OdometryStep(None))
     mount: Mount = field(init=False)
+    noise: PoseNoise = field(default_factory=PoseNoise)
 
     def __post_init__(self) -> None:
-        self.mount = Mount(self.settings)
+        self.mount = Mount()
 
     def advance(self, image: KeypointImage | None, frame: Frame) -> Motion:
         """Motion from the last image to this one; without pixels the expected one. The step is `last` then."""
-        motion, step = _START, OdometryStep(_START)
+        given, step = self.noise.of(frame), OdometryStep(None)
+        motion = replace(_START, given=given.pose)
         if self.frame is not None and self.last.motion is not None:
             expected = predict_motion(
-                self.frame,
-                frame,
+                self.noise.of(self.frame),
+                given,
                 self.mount.travel,
                 self.last.rotation,
                 self.last.speed_mps,
@@ -76,10 +77,11 @@ class VisualOdometry:
                 self.last.length.length_in_spacings,
             )
             motion, step = self._step(self.last.motion, image, expected)
+            motion = replace(motion, given=given.pose)
             seconds = (frame.time_ns - self.frame.time_ns) * 1e-9
             speed_mps = motion.baseline_m / seconds if seconds > 0 else nan
-            step = replace(step, motion=motion, speed_mps=speed_mps)
-        self.image, self.frame, self.last = image, frame, step
+            step = replace(step, speed_mps=speed_mps)
+        self.image, self.frame, self.last = image, frame, replace(step, motion=motion)
         return motion
 
     def _step(
@@ -89,7 +91,7 @@ class VisualOdometry:
         step = None
         if self.image is not None and image is not None:
             fewest = self.settings.smallest_ties
-            step = self.estimate(self.image, image, expected, self.mount, fewest, self.ties)
+            step = self.estimate(self.image, image, expected, self.mount, fewest)
         if step is None or image is None or self.image is None:
             # The rotation of the last step is kept for one step without measurement, and is unknown after two.
             rotation = None if last.ties is None else self.last.rotation
@@ -97,15 +99,13 @@ class VisualOdometry:
             return _unmeasured(last, expected, self.mount.height_m, self.settings), kept
         focal = (image.camera.fx, image.camera.fy)
         held = step.previous[step.inlier], step.current[step.inlier]
-        scatter = step.scatter(image.focal_px, self.ties)
+        scatter = step.scatter(image.focal_px)
         straight_px = self._root_mean(pair_residual(*held, *expected.straight, focal))
         adjusted = adjust_pair(
             *held,
             (step.rotation, step.direction),
             expected.prior,
             focal_px=image.focal_px,
-            ties=self.ties,
-            solver=self.adjustment,
             scatter=scatter,
         )
         carried = self._carried_length(step, adjusted)
@@ -121,6 +121,7 @@ class VisualOdometry:
         depths[step.tied.rows[matched, 1]] = points[matched, 2]
         # Only matched ties measure the height of the road: those predicted by the ground plane are biased.
         self.mount.learn(adjusted.rotation, adjusted.direction, points[matched])
+        self.noise.learn(expected, adjusted)
         pose = Pose(rotation, baseline * direction)
         motion = Motion(
             last.pose.compose(pose),

@@ -11,10 +11,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wayside.schemas.settings import PanelSettings
 from wayside.stages.kernels import Array
 from wayside.stages.panel.rectification import PanelPlane
 
+FACING_SIGMA = float(np.radians(8.0))
+"""Scatter of the facing of panels along a road, rad (prior)."""
+ASPECT_SIGMA = 0.02
+"""Relative scatter of the proportion of shapes that have one, outline included."""
+FACING_ITERATIONS = 6
+"""Gauss-Newton steps of size and facing at most."""
+FACING_CONVERGED = 1e-6
+"""Shorter steps end them, rad (of the sizes: relative)."""
+FACING_STEP = 0.3
+"""Largest change in one of these steps, rad (of the sizes: relative)."""
 _TINY = 1e-4
 """Step of forward differences, radians."""
 
@@ -35,7 +44,8 @@ def solve_facing(
     *,
     cauchy: float,
     aspect: float | None,
-    settings: PanelSettings,
+    facing_sigma: float = FACING_SIGMA,
+    aspect_sigma: float = ASPECT_SIGMA,
 ) -> Facing:
     """Least squares (Cauchy weights) of angle, width and height on the sizes that the views show.
 
@@ -53,14 +63,13 @@ def solve_facing(
         Scale of the Cauchy weights, standard deviations.
     aspect
         Width over height where the shape has one proportion.
-    settings
-        Scatter of the angle about 0 and of the proportion beforehand, and when to stop.
+    facing_sigma, aspect_sigma
+        Prior scatters of the angle, rad, and of that proportion, relative.
     """
-    s, angle_sigma = settings, float(np.radians(settings.facing_sigma_deg))
     x = np.array([0.0, *np.log(np.median(sizes, axis=0))])
     observed = np.log(sizes)
     covariance: Array = np.zeros((3, 3))
-    for _ in range(s.facing_iterations):
+    for _ in range(FACING_ITERATIONS):
         predicted = _log_sizes(plane, centres, x)
         derivative = (_log_sizes(plane, centres, x + np.array([_TINY, 0, 0])) - predicted) / _TINY
         weight = 1 / (1 + ((observed - predicted) / sigmas / cauchy) ** 2) / sigmas**2
@@ -71,16 +80,16 @@ def solve_facing(
             jacobian[:, 1 + side] = 1.0
             normal += jacobian.T @ (jacobian * weight[:, side, None])
             right += jacobian.T @ (weight[:, side] * (observed - predicted)[:, side])
-        normal[0, 0] += 1 / angle_sigma**2
-        right[0] -= x[0] / angle_sigma**2
+        normal[0, 0] += 1 / facing_sigma**2
+        right[0] -= x[0] / facing_sigma**2
         if aspect is not None:
             by = np.array([0.0, 1.0, -1.0])
-            normal += np.outer(by, by) / s.aspect_sigma**2
-            right += by * (np.log(aspect) - by @ x) / s.aspect_sigma**2
+            normal += np.outer(by, by) / aspect_sigma**2
+            right += by * (np.log(aspect) - by @ x) / aspect_sigma**2
         covariance = np.asarray(np.linalg.inv(normal), np.float64)
         step = covariance @ right
-        x = x + np.clip(step, -s.facing_step, s.facing_step)
-        if np.abs(step).max() < s.facing_converged:
+        x = x + np.clip(step, -FACING_STEP, FACING_STEP)
+        if np.abs(step).max() < FACING_CONVERGED:
             break
     return Facing(float(x[0]), x[1:].copy(), covariance)
 

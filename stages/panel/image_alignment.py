@@ -12,13 +12,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.measurement import Alignment
-from wayside.schemas.settings import RegistrationSettings
 from wayside.stages.kernels import Array, compiled, require_array
 
+ITERATIONS = 12
+"""Gauss-Newton steps at most."""
+CONVERGED = 0.005
+"""Steps that move all samples by less than this, in samples, end the registration."""
+STRETCH_SIGMA = 0.03
+"""Scatter of the stretches about 1 (prior)."""
+LARGEST_STRETCH = 0.2
+"""A stretch that differs more from 1 is refused."""
+LARGEST_SHIFT = 4.0
+"""A shift, in samples, that moves farther from its start is refused."""
+INSIDE = 0.5
+"""Fraction of the weighted samples that lies in the other view at least."""
+SAMPLES_PER_INDEPENDENT = 3.0
+"""Neighbouring samples that share a pixel count as one."""
+SMALLEST_VARIANCE = 1.0
+"""Least variance of a sample, in grey levels squared."""
 
-def align(
-    template: Array, weight: Array, patch: Array, start: Array, settings: RegistrationSettings
-) -> Alignment | None:
+
+def align(template: Array, weight: Array, patch: Array, start: Array) -> Alignment | None:
     """Find the template in the patch; None where it diverges or leaves the patch.
 
     Parameters
@@ -27,8 +41,6 @@ def align(
         Grey levels and weights, all (rows, columns) float64; samples of no weight are not compared.
     start
         Shift to begin with, (2,) samples right and down.
-    settings
-        Limits, priors and iterations.
 
     Raises
     ------
@@ -49,23 +61,23 @@ def align(
     normal, right = np.zeros((6, 6)), np.zeros(6)
     prior = np.zeros(6)
     try:
-        for _ in range(settings.iterations):
+        for _ in range(ITERATIONS):
             inside, squares = _normal_equations(template, weight, patch, x, normal, right)
-            if inside < settings.inside * total:
+            if inside < INSIDE * total:
                 return None
-            prior[2:4] = _variance(squares, inside, settings) / settings.stretch_sigma**2
+            prior[2:4] = _variance(squares, inside) / STRETCH_SIGMA**2
             step = np.linalg.solve(normal + np.diag(prior), right - prior * (x - 1.0))
             x += step
-            far = np.abs(x[:2] - start).max() > settings.largest_shift
-            if far or np.abs(x[2:4] - 1).max() > settings.largest_stretch:
+            far = np.abs(x[:2] - start).max() > LARGEST_SHIFT
+            if far or np.abs(x[2:4] - 1).max() > LARGEST_STRETCH:
                 return None
-            if (np.abs(step[:2]) + half * np.abs(step[2:4])).max() < settings.converged:
+            if (np.abs(step[:2]) + half * np.abs(step[2:4])).max() < CONVERGED:
                 break
         inside, squares = _normal_equations(template, weight, patch, x, normal, right)
         covariance = np.asarray(np.linalg.inv(normal))
     except np.linalg.LinAlgError:
         return None
-    if x[4] <= 0 or inside < settings.inside * total or spread <= 0:
+    if x[4] <= 0 or inside < INSIDE * total or spread <= 0:
         return None
     return Alignment(
         x[:2].copy(),
@@ -73,14 +85,14 @@ def align(
         float(x[4]),
         float(x[5]),
         float(np.sqrt(max(0.0, 1 - squares / spread))),
-        covariance[:4, :4] * _variance(squares, inside, settings),
+        covariance[:4, :4] * _variance(squares, inside),
     )
 
 
-def _variance(squares: float, inside: float, settings: RegistrationSettings) -> float:
+def _variance(squares: float, inside: float) -> float:
     """Variance of a sample; neighbouring samples share a pixel of the image and are not independent."""
-    independent = max(inside / settings.samples_per_independent, 1.0)
-    return max(squares / independent, settings.smallest_variance)
+    independent = max(inside / SAMPLES_PER_INDEPENDENT, 1.0)
+    return max(squares / independent, SMALLEST_VARIANCE)
 
 
 @compiled

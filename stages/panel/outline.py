@@ -3,7 +3,7 @@
 A face has several outlines one within the other: legend, inner field, border line, rim. The strongest of each shape is
 found first. The edges parallel to it are the candidates; a conditional logit (McFadden 1974) over 11 features chooses
 the outer one: strength of the edge, evenness of the strip inside it (a rim has one colour all round, the background has
-not), and difference from the detected box.
+not), and difference from the detected box. Lengths are in samples of the template.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.models import LinearModel
-from wayside.schemas.settings import PanelOutlineSettings
 from wayside.stages.kernels import Array
 from wayside.stages.panel.outline_edges import (
+    OFFSET_STEP,
     Gradients,
     edge_profiles,
     gradients_of,
@@ -32,6 +32,20 @@ from wayside.stages.panel.outline_fit import (
 )
 from wayside.stages.panel.outline_shapes import box_size, growth, has_area, segments_of
 
+SMALLEST_INWARD = 1.5
+"""Candidates lie within the strongest outline by this at most."""
+CANDIDATES_OUTWARD = 0.3
+"""Candidates lie outside the strongest outline by this fraction of the smaller side at most."""
+WEAKER_PART = 0.75
+"""Fraction of the segments, the weaker ones, whose mean strength counts: an outline has edges all round."""
+SMALLEST_EDGE = 0.15
+"""Fraction of the strongest edge below which a candidate is left out."""
+STRIP = 1.5
+"""Width of the strip inside a candidate whose colour should be even."""
+REFINE_VIEWS = 2
+"""Nearest views of the last fit."""
+REFINE_SEARCH = 1.5
+"""Range of the edges of the last fit."""
 OUTLINE_FEATURES = (
     "edge",
     "log_edge",
@@ -86,7 +100,7 @@ class OutlineCandidate(NamedTuple):
 
 
 def fit_face_outline(
-    views: NDArray[np.float32], box: Array, model: LinearModel, settings: PanelOutlineSettings
+    views: NDArray[np.float32], box: Array, model: LinearModel
 ) -> FaceOutline | None:
     """Find the outer outline of the face that registered views show.
 
@@ -98,8 +112,6 @@ def fit_face_outline(
         Where the face was detected, [left, top, right, bottom] in samples (4,).
     model
         Weights of `OUTLINE_FEATURES`.
-    settings
-        Ranges and scatters.
 
     Returns
     -------
@@ -114,7 +126,7 @@ def fit_face_outline(
     if model.features != OUTLINE_FEATURES:
         raise ValueError(f"wanted a model of {OUTLINE_FEATURES}, found {model.features}")
     gradients = gradients_of(views)
-    candidates = outline_candidates(views, gradients, box, settings)
+    candidates = outline_candidates(views, gradients, box)
     if not candidates:
         return None
     value = model.values(np.array([candidate.features for candidate in candidates]))
@@ -122,29 +134,29 @@ def fit_face_outline(
     probability = np.exp(value - value[best])
     probability /= probability.sum()
     chosen = candidates[best].outline
-    sharp = gradients.nearest(settings.refine_views)
-    fine = refine_outline(sharp, chosen, settings.refine_search, settings, held=True)
-    fine = fine._replace(box=fine.box + rim_correction(sharp, fine, settings))
+    sharp = gradients.nearest(REFINE_VIEWS)
+    fine = refine_outline(sharp, chosen, REFINE_SEARCH, held=True)
+    fine = fine._replace(box=fine.box + rim_correction(sharp, fine))
     rivals = np.array([candidate.outline.box for candidate in candidates]) - chosen.box
     covariance = (rivals.T * probability) @ rivals
-    covariance += np.diag(side_variances(sharp, fine, settings))
+    covariance += np.diag(side_variances(sharp, fine))
     return FaceOutline(chosen.shape, fine.box, fine.rotation, chosen.strength, covariance)
 
 
 def outline_candidates(
-    views: NDArray[np.float32], gradients: Gradients, box: Array, settings: PanelOutlineSettings
+    views: NDArray[np.float32], gradients: Gradients, box: Array
 ) -> list[OutlineCandidate]:
     """Outlines parallel to the strongest of the best shapes, with their features."""
-    candidates, step = [], settings.offset_step
-    for inner in strongest_outlines(gradients, box, settings):
-        low = -(settings.smallest_inward + settings.strip)
+    candidates, step = [], OFFSET_STEP
+    for inner in strongest_outlines(gradients, box):
+        low = -(SMALLEST_INWARD + STRIP)
         side = float(box_size(inner.box).min())
-        high = step * np.ceil((settings.candidates_outward * side + 1) / step)
+        high = step * np.ceil((CANDIDATES_OUTWARD * side + 1) / step)
         segments = segments_of(inner.shape, inner.box, inner.rotation)
-        profiles = edge_profiles(gradients, segments, low, high, settings)
-        kept = math.ceil(settings.weaker_part * len(profiles))
+        profiles = edge_profiles(gradients, segments, low, high)
+        kept = math.ceil(WEAKER_PART * len(profiles))
         strength = np.sort(profiles, axis=0)[:kept].mean(axis=0)
-        colors = strip_colors(views, segments, low, high, settings)
+        colors = strip_colors(views, segments, low, high)
         middle = np.median(colors, axis=(0, 1))
         uneven = np.median(np.abs(colors - middle).max(axis=3), axis=(0, 1))
         grow = growth(segments)
@@ -152,13 +164,13 @@ def outline_candidates(
         top = float(max((strength[i] for i in peaks), default=0.0))
         for i in peaks:
             offset = i * step + low
-            faint = top <= 0 or strength[i] < settings.smallest_edge * top
-            if faint or offset <= -settings.smallest_inward:
+            faint = top <= 0 or strength[i] < SMALLEST_EDGE * top
+            if faint or offset <= -SMALLEST_INWARD:
                 continue
             outer = inner.box + offset * grow
             if not has_area(outer):
                 continue
-            strip = float(uneven[max(0, i - round(settings.strip / step)) : i + 1].min())
+            strip = float(uneven[max(0, i - round(STRIP / step)) : i + 1].min())
             features = _features(inner, outer, box, float(strength[i]) / top, strip)
             candidates.append(OutlineCandidate(inner._replace(box=outer), features))
     return candidates

@@ -1,7 +1,8 @@
 """Strength of edges along the segments of an outline, in registered views (rows, columns, 3).
 
 What belongs to a face is at the same samples in all views; its background moves from view to view. An edge of gradient
-e counts as e^2 / (e^2 + c^2), so that a faint rim all along an outline outweighs a strong letter.
+e counts as e^2 / (e^2 + c^2), so that a faint rim all along an outline outweighs a strong letter. Lengths are in
+samples of the template.
 """
 
 from __future__ import annotations
@@ -11,9 +12,27 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.settings import PanelOutlineSettings
 from wayside.stages.kernels import Array, compiled, require_array
 from wayside.stages.panel.outline_shapes import Segments
+
+OFFSET_STEP = 0.25
+"""Distance between the places where an edge is sought."""
+EDGE_LEVEL = 12.0
+"""Gradient of an edge of strength one half, grey levels a sample."""
+SEGMENT_SAMPLES = 16
+"""Points at which a segment is compared at most."""
+LEAST_SEGMENT_SAMPLES = 4
+"""Points at which a segment is compared at least."""
+INSIDE = 0.6
+"""Fraction of a segment that lies in the views at least."""
+TRIAL_STEP = 0.5
+"""Distance between the boxes that are tried for the strongest outline."""
+TRIAL_SWEEPS = 3
+"""Sweeps over the sides of a box, the first of them over the whole range."""
+TRIAL_RANGE = 2.0
+"""Range of a side, either way, in the further sweeps."""
+STRIP_SAMPLES = 3
+"""Samples along a segment whose mean is the colour of its strip."""
 
 
 class Gradients(NamedTuple):
@@ -39,39 +58,28 @@ def gradients_of(views: NDArray[np.float32]) -> Gradients:
     return Gradients(*(np.pad(part, border) for part in fields))
 
 
-def edge_profiles(
-    gradients: Gradients,
-    segments: Segments,
-    low: float,
-    high: float,
-    settings: PanelOutlineSettings,
-) -> Array:
-    """Strength of the edge along each segment at offsets low, low + `offset_step`, ... (k, m), 0 to 1, over the views.
+def edge_profiles(gradients: Gradients, segments: Segments, low: float, high: float) -> Array:
+    """Strength of the edge along each segment at offsets low, low + `OFFSET_STEP`, ... (k, m), 0 to 1, over the views.
 
     Segments that leave the views have strength 0.
     """
     right, down = gradients
     require_array(right, "right", np.float32, (None, None, None))
     require_array(down, "down", np.float32, right.shape)
-    s = settings
-    count = round((high - low) / s.offset_step) + 1
+    count = round((high - low) / OFFSET_STEP) + 1
     profiles = np.zeros((len(segments.begin), count))
-    samples = (s.least_segment_samples, s.segment_samples)
+    samples = (LEAST_SEGMENT_SAMPLES, SEGMENT_SAMPLES)
     ends = (segments.begin, segments.end, segments.normal)
-    _profiles(right, down, *ends, low, s.offset_step, samples, s.edge_level, s.inside, profiles)
+    _profiles(right, down, *ends, low, OFFSET_STEP, samples, EDGE_LEVEL, INSIDE, profiles)
     return profiles
 
 
 def strip_colors(
-    views: NDArray[np.float32],
-    segments: Segments,
-    low: float,
-    high: float,
-    settings: PanelOutlineSettings,
+    views: NDArray[np.float32], segments: Segments, low: float, high: float
 ) -> NDArray[np.float32]:
-    """Mean colour along each segment at offsets low, low + `offset_step`, ...: (k, views, m, 3)."""
+    """Mean colour along each segment at offsets low, low + `OFFSET_STEP`, ...: (k, views, m, 3)."""
     require_array(views, "views", np.float32, (None, None, None, 3))
-    step, samples = settings.offset_step, settings.strip_samples
+    step, samples = OFFSET_STEP, STRIP_SAMPLES
     ends = (segments.begin, segments.end, segments.normal)
     colors = np.zeros((len(segments.begin), len(views), round((high - low) / step) + 1, 3))
     _strips(views, *ends, low, step, samples, colors)
@@ -79,19 +87,14 @@ def strip_colors(
 
 
 def strongest_box(
-    profiles: Array,
-    jacobian: Array,
-    low: float,
-    directions: Array,
-    limit: float,
-    settings: PanelOutlineSettings,
+    profiles: Array, jacobian: Array, low: float, directions: Array, limit: float
 ) -> tuple[Array, float]:
     """Change (4,) of a box whose segments lie on the strongest edges, and their mean strength.
 
     Coordinate ascent: the whole box grows first, then each of the `directions` (d, 4) is changed alone.
     """
-    s, change = settings, np.zeros(4)
-    trials = s.offset_step, s.trial_step, s.trial_sweeps, s.trial_range
+    change = np.zeros(4)
+    trials = OFFSET_STEP, TRIAL_STEP, TRIAL_SWEEPS, TRIAL_RANGE
     sides = np.ascontiguousarray(jacobian[:, :4])
     best = _ascend(profiles, sides, low, directions, limit, *trials, change)
     return change, float(best)

@@ -10,10 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera, Pose
-from wayside.schemas.settings import PanelSettings
 from wayside.stages.geometry import distort_points, ideal_of_rays
 from wayside.stages.kernels import Array
 
+MOST_VIEWS = 6
+"""Nearest views that measure a panel."""
+SMALLEST_PX = 9.0
+"""Views with a smaller side are left out."""
+NEAREST_M = 4.0
+"""Nearer views are left out."""
+FARTHEST_M = 90.0
+"""Farther views are left out."""
+BORDER = 1.05
+"""The box times this lies within a usable image."""
+BORDER_PX = 1.0
+"""Least distance of that box from the edge of the image."""
 _CELLS = 8
 """Cells of the grid, each way, whose knots are projected exactly; samples between are interpolated."""
 
@@ -76,23 +87,23 @@ class RectifiedView(NamedTuple):
 
 
 def usable_views(
-    plane: PanelPlane, size: Array, images: Sequence[PosedImage], settings: PanelSettings
+    plane: PanelPlane, size: Array, images: Sequence[PosedImage]
 ) -> list[tuple[float, PosedImage]]:
     """Depth and image of the views that show all of a panel of this width and height (2,), metres; nearest first."""
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2 * settings.border
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2 * BORDER
     found = []
     for image in images:
         depth = float(image.pose.to_camera(plane.point)[2])
-        if not settings.nearest_m < depth < settings.farthest_m:
+        if not NEAREST_M < depth < FARTHEST_M:
             continue
         pixels = image.pixels(plane.points(corners))
         height, width = image.rgb.shape[:2]
-        edge = settings.border_px
+        edge = BORDER_PX
         inside = (pixels >= edge).all() and (pixels < (width - 1 - edge, height - 1 - edge)).all()
-        if inside and np.ptp(pixels, axis=0).min() >= settings.smallest_px:
+        if inside and np.ptp(pixels, axis=0).min() >= SMALLEST_PX:
             found.append((depth, image))
     found.sort(key=lambda view: (view[0], view[1].frame))
-    return found[: settings.most_views]
+    return found[:MOST_VIEWS]
 
 
 def rectify(

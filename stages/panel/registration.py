@@ -16,28 +16,47 @@ from numpy.typing import NDArray
 
 from wayside.schemas.measurement import Alignment
 from wayside.schemas.models import LinearModel
-from wayside.schemas.settings import (
-    AdjustmentSettings,
-    PanelOutlineSettings,
-    PanelSettings,
-    RegistrationSettings,
-)
 from wayside.stages.kernels import Array
 from wayside.stages.panel.image_alignment import align, warp_to_template
 from wayside.stages.panel.outline import FaceOutline, fit_face_outline
 from wayside.stages.panel.outline_shapes import segments_of
 from wayside.stages.panel.rectification import PanelPlane, PosedImage, RectifiedView, rectify
 
+SMALLEST_STRENGTH = 0.4
+"""Edge strength all round (0 to 1) below which an outline is refused."""
+MOST_SAMPLES = 150
+"""Samples across the longer side of a panel at most."""
+MARGIN = 0.35
+"""Margin round the box, as a fraction of the shorter side."""
+MARGIN_LONGER = 0.6
+"""The margin is so much of the longer side where that is more."""
+DEPTH_RATIO = 3.2
+"""Views up to so many times farther than the template are registered."""
+ENOUGH_VIEWS = 2
+"""With fewer registered, the next view becomes the template: the nearest may be half hidden."""
+MOST_TEMPLATES = 3
+"""Templates that are tried."""
+REGISTERED_ZNCC = 0.8
+"""Correlation (ZNCC) above which a view counts as registered."""
+FEWEST_SAMPLES = 64
+"""Samples that are compared at least: a far view mixes a small face with its background."""
+FULL_SIZE_SAMPLES = 90
+"""Longer patches, in samples, are registered at half size."""
+BLUR = 0.45
+"""Blur (sigma), in samples, of the template for a view sqrt(2) times as far."""
+SMALLEST_BLUR = 0.2
+"""Smaller blurs, in samples, are left out."""
+OUTLINE_DEPTH_RATIO = 2.3
+"""Views up to so many times farther than the template show the outline."""
+OUTLINE_VIEWS = 3
+"""Nearest views that show the outline."""
+
 
 @dataclass(frozen=True, slots=True)
 class PanelMethod:
-    """How panels are measured: the model that chooses outlines, and the settings."""
+    """How panels are measured: the model that chooses outlines."""
 
     outline_model: LinearModel
-    panel: PanelSettings
-    registration: RegistrationSettings
-    outline: PanelOutlineSettings
-    solver: AdjustmentSettings
 
 
 class RegisteredViews(NamedTuple):
@@ -47,11 +66,11 @@ class RegisteredViews(NamedTuple):
     step: float
     views: list[tuple[RectifiedView, Alignment]]
 
-    def stacked(self, settings: PanelOutlineSettings) -> NDArray[np.float32]:
+    def stacked(self) -> NDArray[np.float32]:
         """The views (n, rows, columns, 3) that show the outline, resampled into the template."""
-        farthest = settings.depth_ratio * self.views[0][0].depth
+        farthest = OUTLINE_DEPTH_RATIO * self.views[0][0].depth
         near = [view for view in self.views if view[0].depth <= farthest]
-        warped = [warp_to_template(v.rgb, found) for v, found in near[: settings.most_views]]
+        warped = [warp_to_template(v.rgb, found) for v, found in near[:OUTLINE_VIEWS]]
         return np.ascontiguousarray(np.stack(warped))
 
     def box(self, size: Array) -> Array:
@@ -79,14 +98,13 @@ def register_views(
     detected
         Numbers of the frames in which the panel was detected: in others something may stand in front of it.
     method
-        Settings, and the model of outlines.
+        The model of outlines.
     """
-    s = method.registration
     templates = [i for i, (_, image) in enumerate(usable) if image.frame in detected]
-    first, *others = templates[: s.most_templates] or [0]
+    first, *others = templates[:MOST_TEMPLATES] or [0]
     best = _registered_to(plane, size, usable[first:], method)
     for i in others:
-        if len(best.views) >= s.enough_views or i == len(usable) - 1:
+        if len(best.views) >= ENOUGH_VIEWS or i == len(usable) - 1:
             break
         registered = _registered_to(plane, size, usable[i:], method)
         if len(registered.views) > len(best.views):
@@ -96,9 +114,9 @@ def register_views(
 
 def outline_of(registered: RegisteredViews, size: Array, method: PanelMethod) -> FaceOutline | None:
     """The outline of the face in samples of the template; None where there is none strong enough."""
-    views, box = registered.stacked(method.outline), registered.box(size)
-    outline = fit_face_outline(views, box, method.outline_model, method.outline)
-    strong = outline is not None and outline.strength >= method.panel.smallest_strength
+    views, box = registered.stacked(), registered.box(size)
+    outline = fit_face_outline(views, box, method.outline_model)
+    strong = outline is not None and outline.strength >= SMALLEST_STRENGTH
     return outline if strong else None
 
 
@@ -106,43 +124,39 @@ def _registered_to(
     plane: PanelPlane, size: Array, usable: Sequence[tuple[float, PosedImage]], method: PanelMethod
 ) -> RegisteredViews:
     """The first of the usable views as template, and those that correlate with it: by the box, or else by the face."""
-    s = method.registration
     nearest, image = usable[0]
-    step = max(nearest / image.focal, float(size.max()) / s.most_samples)
-    margin = s.margin * max(float(size.min()), s.margin_longer * float(size.max()))
+    step = max(nearest / image.focal, float(size.max()) / MOST_SAMPLES)
+    margin = MARGIN * max(float(size.min()), MARGIN_LONGER * float(size.max()))
     count = np.ceil((size / 2 + margin) / step)
     columns, rows = (np.arange(-n, n + 1) * step for n in count)
     template = rectify(plane, columns, rows, nearest, image)
     others = [
         rectify(plane, columns, rows, depth, other)
         for depth, other in usable[1:]
-        if depth <= s.depth_ratio * nearest
+        if depth <= DEPTH_RATIO * nearest
     ]
     inside = [np.abs(at) <= m / 2 + step for at, m in zip((columns, rows), size, strict=True)]
     box = np.outer(inside[1], inside[0]).astype(np.float64)
     identity = Alignment(np.zeros(2), np.ones(2), 1.0, 0.0, 1.0, np.zeros((4, 4)))
     alone = RegisteredViews(plane, step, [(template, identity)])
-    found = _correlated(template, others, [box] * len(others), s)
-    if len(found) + 1 < s.enough_views and others:
+    found = _correlated(template, others, [box] * len(others))
+    if len(found) + 1 < ENOUGH_VIEWS and others:
         outline = outline_of(alone, size, method)
         if outline is not None:
             weights = [inside_outline(outline, box.shape, o.depth / nearest) for o in others]
-            found = _correlated(template, others, weights, s)
+            found = _correlated(template, others, weights)
     return alone._replace(views=[*alone.views, *found])
 
 
 def _correlated(
-    template: RectifiedView,
-    others: Sequence[RectifiedView],
-    weights: Sequence[Array],
-    settings: RegistrationSettings,
+    template: RectifiedView, others: Sequence[RectifiedView], weights: Sequence[Array]
 ) -> list[tuple[RectifiedView, Alignment]]:
     """The views that correlate with the template where their weight is, with their alignment."""
     found = [
-        (view, align_view(template, view, weight, settings))
+        (view, align_view(template, view, weight))
         for view, weight in zip(others, weights, strict=True)
     ]
-    return [(view, a) for view, a in found if a is not None and a.zncc > settings.zncc]
+    return [(view, a) for view, a in found if a is not None and a.zncc > REGISTERED_ZNCC]
 
 
 def inside_outline(outline: FaceOutline, shape: tuple[int, ...], margin: float) -> Array:
@@ -158,20 +172,18 @@ def inside_outline(outline: FaceOutline, shape: tuple[int, ...], margin: float) 
     return np.asarray(narrow, np.float64)
 
 
-def align_view(
-    template: RectifiedView, view: RectifiedView, weight: Array, settings: RegistrationSettings
-) -> Alignment | None:
+def align_view(template: RectifiedView, view: RectifiedView, weight: Array) -> Alignment | None:
     """Alignment of a view with the template where the weight is; None where it fails or too little is compared."""
-    if np.count_nonzero(weight) < settings.fewest_samples:
+    if np.count_nonzero(weight) < FEWEST_SAMPLES:
         return None
-    blur = settings.blur * np.sqrt(max((view.depth / template.depth) ** 2 - 1, 0.0))
+    blur = BLUR * np.sqrt(max((view.depth / template.depth) ** 2 - 1, 0.0))
     first, other, mask = template.grey, view.grey, weight
-    if blur > settings.smallest_blur:
+    if blur > SMALLEST_BLUR:
         first = np.asarray(cv2.GaussianBlur(first, (0, 0), blur))
-    if max(weight.shape) <= settings.full_size_samples:
-        return align(first, mask, other, _coarse_shift(first, other, mask), settings)
+    if max(weight.shape) <= FULL_SIZE_SAMPLES:
+        return align(first, mask, other, _coarse_shift(first, other, mask))
     first, other, mask = (_halved(samples) for samples in (first, other, mask))
-    found = align(first, mask, other, _coarse_shift(first, other, mask), settings)
+    found = align(first, mask, other, _coarse_shift(first, other, mask))
     if found is None:
         return None
     ratio = np.array(weight.shape[::-1]) / mask.shape[::-1]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import Features
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import MappingSettings, SiftSettings
+from wayside.schemas.settings import MappingSettings
 from wayside.stages.mapping import (
     AssociationGates,
     LandmarkFit,
@@ -25,9 +25,14 @@ from wayside.stages.mapping import (
 )
 from wayside.stages.report.trajectory import trajectory_of
 
+SIFT_VIEWS = 2
+"""Nearest views that place a chain of descriptors, as in report chapter 7."""
+RATIO = 0.8
+"""Largest distance to the nearest descriptor over that to the second nearest (Lowe 2004)."""
+
 
 def match_by_descriptors(
-    posed: Iterator[PosedDetections], settings: MappingSettings, sift: SiftSettings
+    posed: Iterator[PosedDetections], settings: MappingSettings
 ) -> Iterator[TrackedFrame]:
     """Chain candidates from frame to frame by their key points; the midpoint of the two nearest rays is its landmark.
 
@@ -40,10 +45,10 @@ def match_by_descriptors(
     ----------
     posed
         Frames with their candidates, key points and motion.
-    settings, sift
-        Groups of settings of tracking and of landmarks, and of the SIFT matches.
+    settings
+        Groups of settings of tracking and of landmarks.
     """
-    yield from through_window(posed, _Matcher(settings, sift), settings.track)
+    yield from through_window(posed, _Matcher(settings))
 
 
 _Chain = tuple[tuple[WindowFrame, int], ...]
@@ -53,12 +58,10 @@ _Chain = tuple[tuple[WindowFrame, int], ...]
 class _Matcher:
     """Open chains, and the frames that they hold."""
 
-    def __init__(self, settings: MappingSettings, sift: SiftSettings) -> None:
-        self._settings, self._sift = settings.track, sift
-        landmark = replace(settings.landmark, fitted_views=settings.track.sift_views)
-        # the solver starts at the midpoint (eq. 7.4), and goes no further
-        solver = replace(settings.adjustment, point_iterations=0)
-        self._mapping = replace(settings, landmark=landmark, adjustment=solver)
+    def __init__(self, settings: MappingSettings) -> None:
+        self._settings = settings.track
+        landmark = replace(settings.landmark, fitted_views=SIFT_VIEWS)
+        self._mapping = replace(settings, landmark=landmark)
         self._gates = AssociationGates.of(settings.track, settings.association)
         self._path = TravelledPath(2 * settings.track.longest)
         self._window: list[WindowFrame] = []
@@ -75,9 +78,7 @@ class _Matcher:
         going: dict[int, _Chain] = {}
         if self._features is not None:
             before, previous = self._window[-1], self._features
-            pairs = match_points(
-                previous.sign_descriptors, features.sign_descriptors, self._sift.ratio
-            )
+            pairs = match_points(previous.sign_descriptors, features.sign_descriptors, RATIO)
             ends = previous.sign_points[pairs[:, 0]], features.sign_points[pairs[:, 1]]
             frame.matches = np.concatenate(ends, axis=1)
             local_before, local_now = _faces(before), _faces(frame)
@@ -117,9 +118,8 @@ class _Matcher:
                 continue
             frames = np.array([at[id(f)] for f, _ in chain])
             rows = candidates.first[frames] + np.array([row for _, row in chain])
-            fit = fit_views(
-                candidates, rows, frames, self._mapping.landmark, self._mapping.adjustment
-            )
+            # the solver starts at the midpoint (eq. 7.4), and goes no further
+            fit = fit_views(candidates, rows, frames, self._mapping.landmark, iterations=0)
             if fit is not None:
                 self._add_landmark(fit)
 
@@ -138,7 +138,6 @@ class _Matcher:
             window,
             measure_landmark(fit, window, settings),
             self._path.offset(fit.point),
-            settings.landmark,
             track_id=self._next_id,
             score=np.nan,
             verdict=verdict,

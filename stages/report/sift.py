@@ -13,19 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import Candidates, Detections, Features
-from wayside.schemas.settings import SiftSettings
+
+MARGIN_PX = 3
+"""Points so far outside the box of a candidate belong to it: a face's own corners lie on its border."""
 
 
-def extract_sift(images: Iterator[Detections], *, settings: SiftSettings) -> Iterator[Detections]:
+def extract_sift(images: Iterator[Detections]) -> Iterator[Detections]:
     """Find SIFT points on the open candidates of each image; other key points stay as they are."""
     sift = cv2.SIFT.create()
     for item in images:
         if item.image.grey is None:
             yield item
             continue
-        points, descriptors, rows = sign_features(
-            item.image.grey, item.candidates, settings.margin_px, sift
-        )
+        points, descriptors, rows = sign_features(item.image.grey, item.candidates, MARGIN_PX, sift)
         features = replace(
             item.features, sign_points=points, sign_descriptors=descriptors, sign_rows=rows
         )

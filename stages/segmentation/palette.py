@@ -18,6 +18,16 @@ from wayside.schemas.settings import SegmentSettings
 from wayside.stages.kernels import compiled, require_image
 from wayside.stages.segmentation.label_images import MOST_CENTERS, mean_of_labels
 
+SEED = 1
+"""Seed of the first start of k-means++; further starts count on."""
+STARTS = 2
+"""Starts of K-means; the one of the smallest sum of squared distances is taken."""
+TRIALS = 4
+"""Draws for each centre of a start (greedy k-means++, Arthur and Vassilvitskii 2007)."""
+LLOYD_STEPS = 20
+"""Lloyd steps of a start at most."""
+SETTLED = 0.5
+"""Colour levels: Lloyd steps end when no centre moves further; centres are rounded to whole levels."""
 _BINS = 1 << 18
 
 
@@ -77,12 +87,10 @@ def palette(sample: ColorBins, settings: SegmentSettings) -> NDArray[np.uint8]:
     if not 2 <= clusters <= MOST_CENTERS:
         raise ValueError(f"clusters: wanted 2 to {MOST_CENTERS}, found {clusters}; set another k")
     best, least = np.zeros((clusters, 3), np.float32), np.inf
-    for seed in range(settings.seed, settings.seed + settings.starts):
+    for seed in range(SEED, SEED + STARTS):
         centers = np.empty((clusters, 3), np.float32)
-        _spread_start(sample.mean, sample.weight, seed, settings.trials, centers)
-        inertia = _lloyd(
-            sample.mean, sample.weight, centers, settings.lloyd_steps, settings.settled
-        )
+        _spread_start(sample.mean, sample.weight, seed, TRIALS, centers)
+        inertia = _lloyd(sample.mean, sample.weight, centers, LLOYD_STEPS, SETTLED)
         if inertia < least:
             best, least = centers, inertia
     polished = mean_of_labels(sample.pixels, np.rint(best))

@@ -22,6 +22,21 @@ from wayside.stages.segmentation.label_images import (
 from wayside.stages.segmentation.natural_breaks import classes_of_values, optimal_breaks
 from wayside.stages.segmentation.palette import palette, sample_colors
 
+SAMPLE_PX = 80_000
+"""The palette is made from at least so many pixels of an image."""
+ROADSIDE_TOP_M = 2.2
+"""Top of roadside faces above the camera."""
+ROADSIDE_RANGE_M = 12.0
+"""Roadside faces are segmented down to this range."""
+OVERHEAD_TOP_M = 6.5
+"""Top of overhead faces above the camera."""
+OVERHEAD_RANGE_M = 35.0
+"""Overhead faces are segmented down to this range."""
+LOWEST_EDGE_M = 1.1
+"""Lower edge of faces below the camera."""
+PITCH_MARGIN_DEG = 2.0
+"""The camera's own pitch, brakes and hills turn the horizon by about this much."""
+
 
 def segment(
     images: Iterator[Image], settings: SegmentSettings, gate: GateSettings
@@ -54,13 +69,11 @@ def segment(
             yield unsegmented(image)
             continue
         height = len(image.rgb)
-        rows = (
-            (0, height) if settings.whole_picture else band_of(image.frame.camera, height, settings)
-        )
+        rows = (0, height) if settings.whole_picture else band_of(image.frame.camera, height)
         yield _segment_rows(image, image.rgb, rows, settings, gate)
 
 
-def band_of(camera: Camera | None, height: int, settings: SegmentSettings) -> tuple[int, int]:
+def band_of(camera: Camera | None, height: int) -> tuple[int, int]:
     """First and one past the last image row in which the face of a sign can stand.
 
     Signs stand beside or over the road up to a known height, and the nearest view that is needed is some 12 m away:
@@ -73,15 +86,13 @@ def band_of(camera: Camera | None, height: int, settings: SegmentSettings) -> tu
         The calibration; without one the band is the whole image.
     height
         Rows of the image.
-    settings
-        Heights of faces and the ranges down to which they are wanted.
     """
     if camera is None:
         return 0, height
-    s, margin = settings, radians(settings.pitch_margin_deg)
-    roadside = atan2(s.roadside_top_m, s.roadside_range_m)
-    above = max(roadside, atan2(s.overhead_top_m, s.overhead_range_m)) + margin
-    below = atan2(s.lowest_edge_m, s.roadside_range_m) + margin
+    margin = radians(PITCH_MARGIN_DEG)
+    roadside = atan2(ROADSIDE_TOP_M, ROADSIDE_RANGE_M)
+    above = max(roadside, atan2(OVERHEAD_TOP_M, OVERHEAD_RANGE_M)) + margin
+    below = atan2(LOWEST_EDGE_M, ROADSIDE_RANGE_M) + margin
     first = max(0, floor(camera.cy - camera.fy * tan(above)))
     last = min(height, ceil(camera.cy + camera.fy * tan(below)) + 1)
     return (first, last) if first < last else (0, height)
@@ -95,7 +106,7 @@ def _segment_rows(
     gate: GateSettings,
 ) -> Segmentation:
     band = rgb[rows[0] : rows[1]]
-    sample = sample_colors(band, settings.sample_px)
+    sample = sample_colors(band, SAMPLE_PX)
     centers = palette(sample, settings)
     breaks = optimal_breaks(
         difference_histogram(sample.pixels, centers), settings.difference_clusters

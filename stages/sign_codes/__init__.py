@@ -1,6 +1,6 @@
 """What sign it is: the class of its face by the pixels, and its code by all that was measured."""
 
-from wayside.stages.sign_codes.codes import assign_codes
+from wayside.stages.sign_codes.codes import OTHER_SHARE, assign_codes
 from wayside.stages.sign_codes.face_classes import (
     CLASSES,
     FACE_OUTPUT,
@@ -20,6 +20,7 @@ __all__ = [
     "FACES",
     "FACE_OUTPUT",
     "OTHER_FACE",
+    "OTHER_SHARE",
     "PATCH_SIDE",
     "FaceClassifier",
     "assign_codes",

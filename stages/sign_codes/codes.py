@@ -31,6 +31,26 @@ from wayside.schemas.sign_catalogue import (
 from wayside.schemas.signs import Sign, SignCode
 from wayside.stages.sign_codes.face_patches import OTHER_FACE
 
+FOREIGN = 0.01
+"""Share of signs of the other system on a drive (estimate): at borders, on private ground, copied ones."""
+SIZE_TOLERANCE = 0.03
+"""Relative scatter of a face's extent about its nominal size: a diamond of 30 in is 40.9 in wide, not 42.4."""
+NAMED_RIGHT = 0.9
+"""Probability that a colour or shape is right where no network states it (estimate)."""
+UNLIKE = 0.01
+"""Probability that a sign is like nothing in the catalogue: bounds what it says of the system (estimate)."""
+ODD_SIZE = 0.1
+"""Probability that a sign has none of the sizes of its code, or was measured wrong (estimate)."""
+MISREAD = 0.11
+"""Probability that the face classifier is wrong, as on held-out tracks: it bounds what the pixels say."""
+OTHER_SHARE = 0.1
+"""Share of faces of no code among those that the face classifier was taught by `make learn-faces`."""
+SMALLEST_SIDE_M = 0.1
+"""Smallest side that a panel of no standard size may have; sides are log-uniform."""
+LARGEST_SIDE_M = 8.0
+"""Largest side of such a panel."""
+
+
 Floats = NDArray[np.float64]
 
 
@@ -114,7 +134,7 @@ def assign_codes(
     The signs, in order, after the last one came.
     """
     listed = list(signs)
-    likelihoods = [_likelihoods(sign, settings, classes) for sign in listed]
+    likelihoods = [_likelihoods(sign, classes) for sign in listed]
     prior = system_probabilities(likelihoods, settings)
     for sign, likelihood in zip(listed, likelihoods, strict=True):
         code = _settled(sign, likelihood, prior, settings)
@@ -128,31 +148,25 @@ def system_probabilities(likelihoods: Sequence[Floats], settings: CodeSettings) 
     odds = np.zeros(len(SYSTEMS))
     for likelihood in likelihoods:
         fits = np.array([share @ likelihood for share in _LEAF_SHARES.values()])
-        odds += np.log((1 - settings.unlike) * fits + settings.unlike)
+        odds += np.log((1 - UNLIKE) * fits + UNLIKE)
     odds = np.exp(odds - odds.max())
     return dict(zip(SYSTEMS, (odds / odds.sum()).tolist(), strict=True))
 
 
-def _likelihoods(sign: Sign, settings: CodeSettings, classes: tuple[str, ...]) -> Floats:
+def _likelihoods(sign: Sign, classes: tuple[str, ...]) -> Floats:
     """Likelihood (leaves,) of what was measured of a sign, over that of a sign like nothing in the catalogue."""
     landmark = sign.landmark
-    color = _ratios(landmark.color, landmark.color_log_probability, COLORS, settings)
-    shape = _ratios(landmark.shape, landmark.shape_log_probability, SHAPES, settings)
-    faces, odd = _face_ratios(landmark, classes, settings), settings.odd_size
-    fits = (
-        (_COLOR_SHARES @ color)
-        * (_SHAPE_SHARES @ shape)
-        * ((1 - odd) * _size_ratios(sign, settings) + odd)
-    )
+    color = _ratios(landmark.color, landmark.color_log_probability, COLORS)
+    shape = _ratios(landmark.shape, landmark.shape_log_probability, SHAPES)
+    faces = _face_ratios(landmark, classes)
+    size = (1 - ODD_SIZE) * _size_ratios(sign) + ODD_SIZE
+    fits = (_COLOR_SHARES @ color) * (_SHAPE_SHARES @ shape) * size
     other = faces.get(OTHER_FACE, 1.0)
     return np.asarray(fits[_SIGN_OF_LEAF] * [faces.get(leaf.face, other) for leaf in _LEAVES])
 
 
 def _ratios(
-    named: str | None,
-    log_probability: tuple[float, ...],
-    names: tuple[str, ...],
-    settings: CodeSettings,
+    named: str | None, log_probability: tuple[float, ...], names: tuple[str, ...]
 ) -> Floats:
     """Likelihood (classes,) of what was seen, over that of all classes alike; 1 where nothing was."""
     if log_probability:
@@ -160,33 +174,29 @@ def _ratios(
         return np.asarray(len(names) * np.exp(scaled), np.float64)
     if named is None:
         return np.ones(len(names))
-    right = settings.named_right
-    wrong = (1 - right) / (len(names) - 1)
-    return len(names) * np.where(np.array(names) == named, right, wrong)
+    wrong = (1 - NAMED_RIGHT) / (len(names) - 1)
+    return len(names) * np.where(np.array(names) == named, NAMED_RIGHT, wrong)
 
 
-def _face_ratios(
-    landmark: Landmark, classes: tuple[str, ...], settings: CodeSettings
-) -> dict[str, float]:
+def _face_ratios(landmark: Landmark, classes: tuple[str, ...]) -> dict[str, float]:
     """Likelihood of the pixels by class of face, over that of all alike; empty where the face was not classified."""
     if not landmark.face_log_probability:
         return {}
-    other = settings.other_share
-    each = (1 - other) / (len(classes) - 1)
+    each = (1 - OTHER_SHARE) / (len(classes) - 1)
     return {
-        name: (1 - settings.misread) * float(np.exp(value)) / (other if name == OTHER_FACE else each)
-        + settings.misread
+        name: (1 - MISREAD) * float(np.exp(value)) / (OTHER_SHARE if name == OTHER_FACE else each)
+        + MISREAD
         for name, value in zip(classes, landmark.face_log_probability, strict=True)
     }  # fmt: skip
 
 
-def _size_ratios(sign: Sign, settings: CodeSettings) -> Floats:
+def _size_ratios(sign: Sign) -> Floats:
     """Density (signs of the catalogue,) of the measured size, over that of a panel of any size."""
     size = np.array([sign.width_m, sign.height_m])
     if not (np.isfinite(size).all() and (size > 0).all()):
         return np.ones(len(_SIGNS))
-    broad = 1 / np.log(settings.largest_side_m / settings.smallest_side_m) ** 2
-    _, density = _off_standard(sign, settings)
+    broad = 1 / np.log(LARGEST_SIDE_M / SMALLEST_SIDE_M) ** 2
+    _, density = _off_standard(sign)
     counts = np.maximum(np.bincount(_SIGN_OF_SIZE, minlength=len(_SIGNS)), 1)
     mean = np.bincount(_SIGN_OF_SIZE, density, minlength=len(_SIGNS)) / counts
     ratio = mean / (2 * np.pi) * size.prod() / broad
@@ -196,10 +206,10 @@ def _size_ratios(sign: Sign, settings: CodeSettings) -> Floats:
     return np.asarray(ratio)
 
 
-def _off_standard(sign: Sign, settings: CodeSettings) -> tuple[Floats, Floats]:
+def _off_standard(sign: Sign) -> tuple[Floats, Floats]:
     """How far the measured size is from the standard ones, in standard deviations (k, 2), and its density (k,)."""
     measured = np.nan_to_num([sign.sigma_width_m, sign.sigma_height_m], nan=0.0)
-    sigma = np.hypot(measured, settings.size_tolerance * _EXTENTS)
+    sigma = np.hypot(measured, SIZE_TOLERANCE * _EXTENTS)
     off = (np.array([sign.width_m, sign.height_m]) - _EXTENTS) / sigma
     return off, np.exp(-(off**2).sum(axis=1) / 2) / sigma.prod(axis=1)
 
@@ -208,11 +218,11 @@ def _settled(
     sign: Sign, likelihood: Floats, prior: dict[str, float], settings: CodeSettings
 ) -> SignCode | None:
     """The narrowest statement whose probability is large enough; None where there is none."""
-    foreign = settings.foreign if settings.system == "auto" else 0.0
+    foreign = FOREIGN if settings.system == "auto" else 0.0
     # what each leaf of both systems explains, and what nothing in the catalogue does
     shares = sum((foreign + (1 - 2 * foreign) * prior[s]) * _LEAF_SHARES[s] for s in SYSTEMS)
-    explained = shares * (1 - settings.unlike) * likelihood
-    explained /= settings.unlike + explained.sum()
+    explained = shares * (1 - UNLIKE) * likelihood
+    explained /= UNLIKE + explained.sum()
     nodes: dict[tuple[int, str, str], float] = {}
     for leaf, probability in zip(_LEAVES, explained.tolist(), strict=True):
         for depth, node in enumerate(leaf.nodes):
@@ -236,7 +246,7 @@ def nominal_size_in(
 
     probability (leaves,): that the sign is each of them, 0 of another system.
     """
-    off, density = _off_standard(sign, settings)
+    off, density = _off_standard(sign)
     density = np.where((np.abs(off) <= settings.size_sigmas).all(axis=1), density, 0.0)
     total = np.bincount(_SIGN_OF_SIZE, density, minlength=len(_SIGNS))
     by_sign = np.bincount(_SIGN_OF_LEAF, probability, minlength=len(_SIGNS))

@@ -11,10 +11,13 @@ from scipy.special import log_softmax
 
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.measurement import Measurement
-from wayside.schemas.settings import CodeSettings
 from wayside.stages.classifiers import OnnxNetwork
 from wayside.stages.sign_codes.face_patches import PATCH_SIDE, face_patch, face_samples
 
+FACE_VIEWS = 5
+"""Nearest registered views whose face is classified: farther ones are coarser."""
+LEAST_LOG_PROBABILITY = -7.0
+"""Least log probability of a class of face in one view: one bad view must not rule a class out."""
 FACES, FACE_OUTPUT, CLASSES = "faces", "scores", "classes"
 """Names of the input and of the output of a network, and of its metadata that lists the classes, in lines."""
 
@@ -38,7 +41,7 @@ class FaceClassifier:
 
 
 def classify_faces(
-    frames: Iterator[TrackedFrame], *, model: FaceClassifier, settings: CodeSettings
+    frames: Iterator[TrackedFrame], *, model: FaceClassifier
 ) -> Iterator[TrackedFrame]:
     """Give every landmark whose face was measured the log probability of each class of the classifier.
 
@@ -48,8 +51,6 @@ def classify_faces(
         Frames with their landmarks and what those were measured by; panels seen from behind have no face.
     model
         The face classifier.
-    settings
-        How many views are classified, and what each may say.
 
     Yields
     ------
@@ -58,23 +59,20 @@ def classify_faces(
     for frame in frames:
         measured = {one.track_id: one for one in frame.measurements}
         landmarks = tuple(
-            _classified(landmark, measured.get(landmark.track_id), model, settings)
+            _classified(landmark, measured.get(landmark.track_id), model)
             for landmark in frame.landmarks
         )
         yield replace(frame, landmarks=landmarks)
 
 
 def _classified(
-    landmark: Landmark,
-    measured: Measurement | None,
-    model: FaceClassifier,
-    settings: CodeSettings,
+    landmark: Landmark, measured: Measurement | None, model: FaceClassifier
 ) -> Landmark:
     """The mean over the views of the log probability of each class; views of one face err together."""
     if landmark.back or measured is None or measured.face is None:
         return landmark
-    patches = np.stack(_face_patches(measured, measured.face)[: settings.face_views])
-    each = np.maximum(model.log_probabilities(patches), settings.least_log_probability)
+    patches = np.stack(_face_patches(measured, measured.face)[:FACE_VIEWS])
+    each = np.maximum(model.log_probabilities(patches), LEAST_LOG_PROBABILITY)
     mean = each.mean(axis=0)
     return replace(
         landmark, face_log_probability=tuple((mean - np.logaddexp.reduce(mean)).tolist())

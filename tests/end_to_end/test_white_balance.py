@@ -12,7 +12,6 @@ from wayside.pipeline.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
-from wayside.schemas.settings import BalanceSettings
 from wayside.stages.imaging.white_balance import road_chromaticity
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
@@ -48,7 +47,7 @@ def cast_seen(log: Path, preset: str) -> float:
     item = next(iter(Flow(settings, load_models(settings), StageClock()).detect(frames)))
     assert item.image.rgb is not None
     assert item.frame.camera is not None
-    colour = road_chromaticity(item.image.rgb, item.frame.camera, BalanceSettings())
+    colour = road_chromaticity(item.image.rgb, item.frame.camera)
     return float(np.linalg.norm(colour))
 
 

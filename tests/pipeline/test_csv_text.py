@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wayside.pipeline.csv_text import guarded, read_csv, unguarded
-from wayside.pipeline.exporting.flat_table import Chunk, FlatTable
+from wayside.pipeline.exporting.flat_table import FlatTable
 from wayside.pipeline.exporting.text_files import write_csv
 from wayside.schemas.tables import Column
 
@@ -28,7 +28,7 @@ def test_an_exported_number_stays_as_it_is_beside_a_text_that_would_be_a_formula
     columns = tuple(Column(name, pa.string(), "", "") for name in ("log", "y"))
     rows = FlatTable(columns, ({"log": '=cmd|"x"', "y": -1.5},))
     written = io.BytesIO()
-    write_csv(columns, [Chunk(rows, (None,))], written)
+    write_csv(columns, [rows], written)
     assert list(csv.reader(io.StringIO(written.getvalue().decode())))[1] == ['\'=cmd|"x"', "-1.5"]
 
 

@@ -17,7 +17,6 @@ from wayside.pipeline.input_files import (
     read_input_text,
     read_parquet,
 )
-from wayside.pipeline.parquet_footer import stated_columns
 
 
 def test_a_pipe_and_a_device_are_refused_at_once(tmp_path):
@@ -112,32 +111,6 @@ def test_a_changed_footer_of_parquet_is_refused_and_does_not_end_the_process(tmp
     pq.write_table(pa.table({"text": ["a", None], "list": [[1], None]}), path)
     done = subprocess.run([sys.executable, "-c", READ_ALL, path], capture_output=True, check=False)
     assert (done.returncode, done.stderr) == (0, b"")
-
-
-def test_columns_are_stated_as_arrow_states_them(tmp_path):
-    rows = 40_000
-    table = pa.table(
-        {
-            "text": pa.array(["a", None] * (rows // 2)),
-            "list": pa.array([[1, 2, 3], None] * (rows // 2)),
-            "fixed": pa.array([b"x" * 20] * rows, pa.binary(20)),
-            "on": pa.array([True, False] * (rows // 2)),
-        }
-    )
-    pq.write_table(table, tmp_path / "t.parquet", row_group_size=15_000)
-    metadata = pq.read_metadata(tmp_path / "t.parquet")
-    groups = [metadata.row_group(k) for k in range(metadata.num_row_groups)]
-    stated = [
-        (column.path_in_schema.partition(".")[0], column.num_values, column.total_uncompressed_size)
-        for group in groups
-        for column in (group.column(k) for k in range(metadata.num_columns))
-    ]
-    with (tmp_path / "t.parquet").open("rb") as stream:
-        assert [(c.name, c.bytes) for c in stated_columns(stream)] == [
-            (name, max(size, count * (20 if name == "fixed" else 8)))
-            for name, count, size in stated
-        ]
-    assert len(groups) == 3
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])

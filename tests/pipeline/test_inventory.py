@@ -12,7 +12,7 @@ from wayside.schemas.errors import OutputError
 from wayside.schemas.frame import Camera, Fix, Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.motion import Motion
-from wayside.schemas.settings import GeoreferenceSettings, LandmarkSettings, MotionSettings
+from wayside.schemas.settings import LandmarkSettings, MotionSettings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 from wayside.stages.georeference import DriveRecord, collect, georeference, place_signs
 
@@ -97,9 +97,8 @@ def write(folder, frames, **options):
     writer, record = InventoryWriter(folder, "drive", **options), DriveRecord()
     for frame in collect(iter(frames), record):
         writer.append(frame)
-    settings = GeoreferenceSettings()
-    (path,) = georeference(iter(record.points), settings, MotionSettings(), LandmarkSettings())
-    return writer.finish(path, tuple(place_signs(iter(record.landmarks), path, settings, 0.5)))
+    (path,) = georeference(iter(record.points), MotionSettings(), LandmarkSettings())
+    return writer.finish(path, tuple(place_signs(iter(record.landmarks), path, 0.5)))
 
 
 def drive():

@@ -94,7 +94,6 @@ def test_lengths_are_understood_in_feet_and_metres(text: str, metres: float) -> 
         ("gate.largest_px=20_000px", "gate", "largest_px", 20_000),
         ("read.camera=/front=left", "read", "camera", "/front=left"),
         ("models.detector_format=yolov5", "models", "detector_format", "yolov5"),
-        ("merge.kernel=[1, .5,0]", "merge", "kernel", (1.0, 0.5, 0.0)),
     ],
 )
 def test_assignments_take_the_type_of_the_setting(
@@ -110,9 +109,6 @@ def test_a_whole_number_in_a_file_serves_where_a_decimal_is_wanted(tmp_path: Pat
     settings, _ = load_settings(file=toml(tmp_path, "[read]\nthin_m = 5\n"))
     assert settings.read.thin_m == 5.0
     assert type(settings.read.thin_m) is float
-    settings, _ = load_settings(file=toml(tmp_path, "[merge]\nkernel = [1, 0]\n"))
-    assert settings.merge.kernel == (1.0, 0.0)
-    assert {type(one) for one in settings.merge.kernel} == {float}
 
 
 @pytest.mark.parametrize(
@@ -134,8 +130,6 @@ def test_a_whole_number_in_a_file_serves_where_a_decimal_is_wanted(tmp_path: Pat
         ("read.thin_m=3 furlongs", "(m)"),
         ("segment.whole_picture=maybe", "true or false"),
         ("report.trajectory=magic", "off or image or compensated"),
-        ("merge.kernel=1,11", "numbers in brackets, 0 to 10"),
-        ("merge.kernel=[]", "numbers in brackets"),
         ("gate.largest_px=10", "no region could pass"),
         ("track.fewest_views=15", "no sign could be reported"),
     ],
@@ -161,9 +155,6 @@ def test_an_end_before_the_start_is_refused() -> None:
         ("[segment]\nclusters = true\n", "a whole number"),
         ("[segment]\nclusters = [8]\n", "a whole number"),
         ("[segment]\nwhole_picture = 1\n", "true or false"),
-        ("[merge]\nkernel = 1\n", "numbers in brackets"),
-        ("[merge]\nkernel = [true]\n", "numbers in brackets"),
-        ("[merge]\nkernel = []\n", "numbers in brackets"),
         ("[segment\n", "not valid TOML"),
         ("a" + ".a" * 100_000 + " = 1\n", "more than 32 parts"),
         ("[" + "' '." * 10_000 + "b]\n", "more than 32 parts"),
@@ -253,7 +244,7 @@ def test_the_digest_follows_every_value_that_can_change_a_result() -> None:
         changed = replace(base, **{group.name: replace(held, **{name: other})})
         if settings_digest(changed) == settings_digest(base):
             same.add(group.name)
-    assert same == {"run", "merge", "changes", "boards"}
+    assert same == {"run", "merge", "changes"}
 
 
 def test_every_setting_says_what_it_is_and_its_default_lies_within_its_limits() -> None:

@@ -28,12 +28,6 @@ from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image, Pose
 from wayside.schemas.model_json import model_from_json
 from wayside.schemas.models import LinearModel
 from wayside.schemas.motion import Motion, PosedDetections
-from wayside.schemas.settings import (
-    AdjustmentSettings,
-    PanelOutlineSettings,
-    PanelSettings,
-    RegistrationSettings,
-)
 from wayside.stages.panel import PanelMethod
 from wayside.stages.segmentation import unsegmented
 
@@ -140,13 +134,7 @@ def outline_model() -> LinearModel:
 @pytest.fixture(scope="session")
 def panel_method(outline_model: LinearModel) -> PanelMethod:
     """How a run measures panels."""
-    return PanelMethod(
-        outline_model,
-        PanelSettings(),
-        RegistrationSettings(),
-        PanelOutlineSettings(),
-        AdjustmentSettings(),
-    )
+    return PanelMethod(outline_model)
 
 
 @pytest.fixture

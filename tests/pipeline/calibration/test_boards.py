@@ -18,7 +18,6 @@ from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.settings import ReadSettings
-from wayside.schemas.settings.calibration import BoardSettings
 from wayside.stages.calibration import Board
 
 REAL = Path(__file__).parents[4] / "shared" / "data" / "real" / "checkerboard_9x6"
@@ -43,7 +42,7 @@ def boards(renderer, poses, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(boards):
-    return calibrate_images([boards], BOARD, "plumb_bob", BoardSettings())
+    return calibrate_images([boards], BOARD, "plumb_bob")
 
 
 def test_the_known_camera_of_rendered_boards_is_recovered(found, renderer):
@@ -71,7 +70,7 @@ def test_images_that_are_not_used_are_named_with_the_reason(found):
     assert "cut off" in why["cut.png"]
     assert "no board of 9 x 6" in why["empty.png"]
     assert "320 x 240 pixels, while most have 480 x 360" in why["small.png"]
-    report = format_boards(found, coverage_of(found, 16))
+    report = format_boards(found, coverage_of(found))
     assert all(f"{name}" in report and words in report for name, words in why.items())
 
 
@@ -80,13 +79,13 @@ def test_boards_that_are_to_be_shown_turned_are_refused(boards, with_exif, tmp_p
     (tmp_path / "board.jpg").write_bytes(with_exif(data, orientation=8))
     files = [*boards.glob("board*.png"), tmp_path / "board.jpg"]
     with pytest.raises(InputError, match=r"board\.jpg: .* turned by 90 degrees counterclockwise"):
-        calibrate_images(files, BOARD, "plumb_bob", BoardSettings())
+        calibrate_images(files, BOARD, "plumb_bob")
 
 
 def test_a_file_that_cannot_be_read_is_named_and_the_others_used(boards, tmp_path):
     (tmp_path / "gone.png").symlink_to(tmp_path / "none.png")
     files = [*boards.glob("board*.png"), tmp_path / "gone.png"]
-    found = calibrate_images(files, BOARD, "plumb_bob", BoardSettings())
+    found = calibrate_images(files, BOARD, "plumb_bob")
     assert [image.why for image in found.failed] == ["cannot be read: No such file or directory"]
 
 
@@ -99,23 +98,23 @@ def test_a_view_with_wrong_corners_is_left_out(renderer, boards, tmp_path):
     v, u = np.mgrid[:360, :480].astype(np.float32)
     bent = cv2.remap(bent, u, v + 6 * np.sin(u / 40), cv2.INTER_LINEAR)  # the board is not flat
     cv2.imwrite(str(tmp_path / "board3.png"), bent)
-    found = calibrate_images([tmp_path], BOARD, "plumb_bob", BoardSettings())
+    found = calibrate_images([tmp_path], BOARD, "plumb_bob")
     assert [image.path.name for image, view in found.seen if not view.used] == ["board3.png"]
     assert found.calibration.camera.fx == pytest.approx(renderer.camera.fx, rel=0.005)
-    assert "left out" in format_boards(found, coverage_of(found, 16))
+    assert "left out" in format_boards(found, coverage_of(found))
 
 
 def test_boards_parallel_to_the_image_are_refused(renderer, poses, tmp_path):
     for i, (rotation, shift) in enumerate(poses(4, 0.0)):
         cv2.imwrite(str(tmp_path / f"{i}.png"), renderer(rotation, shift, i))
     with pytest.raises(InputError, match=r"focal length.*standard error.*tilted by"):
-        calibrate_images([tmp_path], BOARD, "plumb_bob", BoardSettings())
+        calibrate_images([tmp_path], BOARD, "plumb_bob")
 
 
 def test_too_few_boards_are_refused_with_every_reason(boards):
     files = [boards / name for name in ("board0.png", "board1.png", "empty.png")]
     with pytest.raises(InputError, match=r"4 views.*found 2(.|\n)*empty.png: no board"):
-        calibrate_images(files, BOARD, "plumb_bob", BoardSettings())
+        calibrate_images(files, BOARD, "plumb_bob")
 
 
 def test_a_fisheye_is_refused_with_what_to_do(tmp_path):
@@ -125,18 +124,11 @@ def test_a_fisheye_is_refused_with_what_to_do(tmp_path):
     assert re.search(r"found fisheye; .* --model rational .* remap", str(result.exception))
 
 
-def test_a_setting_of_the_command_line_decides_which_boards_count(boards):
-    command = ["calibrate", str(boards), "--board", "9x6", "--set", "boards.fewest_views=99"]
-    result = CliRunner().invoke(app, command)
-    assert isinstance(result.exception, InputError)
-    assert "99" in str(result.exception)
-
-
 def test_images_of_two_cameras_are_refused_with_their_names(tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((480, 640), np.uint8))
     cv2.imwrite(str(tmp_path / "b.png"), np.zeros((240, 320), np.uint8))
     with pytest.raises(InputError, match=r"640 x 480: a.png; 320 x 240: b.png"):
-        calibrate_images([tmp_path], BOARD, "plumb_bob", BoardSettings())
+        calibrate_images([tmp_path], BOARD, "plumb_bob")
 
 
 def test_the_camera_file_serves_import_and_run(renderer, boards, tmp_path):
@@ -163,14 +155,7 @@ def test_existing_files_and_missing_folders_are_refused_before_any_work(tmp_path
 
     def call(path):
         calibrate_by_boards(
-            [],
-            BOARD,
-            settings=BoardSettings(),
-            model="plumb_bob",
-            name="a",
-            out=path,
-            coverage=None,
-            overwrite=False,
+            [], BOARD, model="plumb_bob", name="a", out=path, coverage=None, overwrite=False
         )
 
     with pytest.raises(OutputError, match=r"camera.yaml.*--overwrite"):
@@ -189,7 +174,7 @@ def test_a_board_that_is_none_is_refused(text):
 @pytest.mark.skipif(not REAL.is_dir(), reason="the real boards are not there")
 @pytest.mark.slow
 def test_real_boards_are_calibrated():
-    found = calibrate_images([REAL], BOARD, "plumb_bob", BoardSettings())
+    found = calibrate_images([REAL], BOARD, "plumb_bob")
     camera = found.calibration.camera
     sigma = {one.name: max(one.sigma, one.spread) for one in found.calibration.parameters}
     # A published fit to the same boards: fx 1154.2, fy 1148.2, cx 671.6, cy 386.0.

@@ -10,14 +10,13 @@ from typer.testing import CliRunner
 
 from wayside.pipeline.calibration import drives
 from wayside.pipeline.calibration.drive_report import format_drive, not_determined
-from wayside.pipeline.calibration.drives import CalibratedDrive, calibrate_log
+from wayside.pipeline.calibration.drives import FOCAL_GUESSES, CalibratedDrive, calibrate_log
 from wayside.pipeline.cli import app
 from wayside.pipeline.importing import import_images
 from wayside.pipeline.reading.camera_file import format_camera, read_camera_file
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import Settings
-from wayside.schemas.settings.calibration import SelfCalibrationSettings
 from wayside.stages.calibration import DriveCalibration
 
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
@@ -42,9 +41,8 @@ def test_the_report_compares_with_the_calibration_given():
 
 
 def test_a_drive_that_does_not_determine_the_focal_length_is_told_with_its_error():
-    settings = SelfCalibrationSettings()
-    assert not not_determined(result(0.029), settings)
-    words = not_determined(result(0.182), settings)
+    assert not not_determined(result(0.029))
+    words = not_determined(result(0.182))
     assert "standard error is 18.20 %" in words
     assert "curves" in words
 
@@ -64,7 +62,7 @@ def test_images_without_common_points_are_refused(tmp_path):
 @pytest.mark.parametrize("fitting", [(), (2,), (0, 2)])
 def test_a_focal_length_that_cannot_be_matched_from_leaves_the_others(monkeypatch, fitting):
     settings = Settings()
-    guesses = [round(1600 * one) for one in settings.calibration.focal_guesses]
+    guesses = [round(1600 * one) for one in FOCAL_GUESSES]
     costs = {guesses[k]: 1.0 + k for k in fitting}
 
     def matched(log, camera, principal_sigma_px, settings):

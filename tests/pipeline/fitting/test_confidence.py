@@ -3,21 +3,25 @@
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+from sklearn import metrics
 
-from wayside.pipeline.fitting.confidence import (
+from wayside.pipeline.fitting.models import Task, fit_confidence
+from wayside.pipeline.learning.gaussians import Samples
+from wayside.pipeline.learning.score_calibration import (
+    SHIFT_SIGMA,
+    SLOPE_SIGMA,
     brier_score,
     calibrated,
-    fit_confidence,
     log_loss,
 )
-from wayside.pipeline.fitting.gaussians import Samples
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError
-from wayside.schemas.settings.fitting import FitSettings
 from wayside.stages.mapping import FEATURES
 
-SETTINGS = FitSettings()
+
+def task(alpha=None):
+    return Task(alpha, False, "labels")
 
 
 def landmarks(count=200, slope=1.0, shift=0.0, seed=0):
@@ -40,35 +44,33 @@ def test_the_calibration_is_the_maximum_of_the_posterior():
     score, on = samples.values[:, 0], samples.kind != ""
 
     def negative(found):
-        prior = ((found[0] - 1) / SETTINGS.slope_sigma) ** 2 + (
-            found[1] / SETTINGS.shift_sigma
-        ) ** 2
+        prior = ((found[0] - 1) / SLOPE_SIGMA) ** 2 + (found[1] / SHIFT_SIGMA) ** 2
         return len(on) * log_loss(found[0] * score + found[1], on) + prior / 2
 
     wanted = minimize(negative, [1.0, 0.0], method="Nelder-Mead", options={"xatol": 1e-8}).x
-    assert calibrated(score, on, SETTINGS) == pytest.approx(wanted, abs=1e-4)
+    assert calibrated(score, on) == pytest.approx(wanted, abs=1e-4)
 
 
 def test_without_landmarks_the_shipped_calibration_stays():
-    assert calibrated(np.zeros(0), np.zeros(0, bool), SETTINGS) == pytest.approx((1, 0))
+    assert calibrated(np.zeros(0), np.zeros(0, bool)) == pytest.approx((1, 0))
 
 
 def test_scores_that_separate_everything_stay_finite():
     score = np.concatenate([np.full(20, -40.0), np.full(20, 40.0)])
-    slope, shift = calibrated(score, score > 0, SETTINGS)
+    slope, shift = calibrated(score, score > 0)
     assert 0.5 < slope < 2
     assert abs(shift) < 1
 
 
 def test_a_shift_of_the_user_s_road_is_found_and_helps_what_is_held_out(shipped):
-    found = fit_confidence(landmarks(400, 1.0, -3.0), shipped, SETTINGS, "labels")
+    found = fit_confidence(landmarks(400, 1.0, -3.0), shipped, task())
     assert found.shift == pytest.approx(-3, abs=0.8)
     assert found.better
     assert found.brier_after < found.brier_before
 
 
 def test_the_model_gives_the_calibrated_log_odds(shipped):
-    found = fit_confidence(landmarks(200, 0.7, -1.0), shipped, SETTINGS, "labels")
+    found = fit_confidence(landmarks(200, 0.7, -1.0), shipped, task())
     random = np.random.default_rng(0)
     for values in random.uniform(-2, 5, (9, len(FEATURES))):
         named = dict(zip(FEATURES, values.tolist(), strict=True))
@@ -80,7 +82,7 @@ def test_the_model_gives_the_calibrated_log_odds(shipped):
 
 def test_the_fitted_model_holds_operating_points_of_the_user_s_own_road(shipped):
     samples = landmarks(1000, 0.7, -1.0)
-    found = fit_confidence(samples, shipped, SETTINGS, "labels", alpha=0.05)
+    found = fit_confidence(samples, shipped, task(0.05))
     score = found.slope * samples.values[:, 0] + found.shift
     others = score[samples.kind == ""]
     assert (others >= found.model.decision).mean() == pytest.approx(0.05, abs=0.03)
@@ -88,7 +90,7 @@ def test_the_fitted_model_holds_operating_points_of_the_user_s_own_road(shipped)
     assert low < found.model.decision < high
     assert found.model.threshold == pytest.approx(shipped.threshold + found.model.decision)
     with pytest.raises(InputError, match=r"landmarks that are no sign tell no smaller one"):
-        fit_confidence(landmarks(60), shipped, SETTINGS, "labels", alpha=0.01)
+        fit_confidence(landmarks(60), shipped, task(0.01))
 
 
 def test_few_landmarks_are_refused_with_the_number_needed(shipped):
@@ -97,7 +99,15 @@ def test_few_landmarks_are_refused_with_the_number_needed(shipped):
     with pytest.raises(
         InputError, match=r"wanted 10 landmarks of labelled signs .* found [0-9] and"
     ):
-        fit_confidence(few, shipped, SETTINGS, "")
+        fit_confidence(few, shipped, task())
+
+
+def test_log_loss_and_brier_score_are_those_of_scikit_learn():
+    random = np.random.default_rng(4)
+    score, on = random.normal(0, 2, 50), random.random(50) < 0.5
+    chance = 1 / (1 + np.exp(-score))
+    assert log_loss(score, on) == pytest.approx(metrics.log_loss(on, chance))
+    assert brier_score(score, on) == pytest.approx(metrics.brier_score_loss(on, chance))
 
 
 def test_a_perfect_probability_has_no_brier_score():

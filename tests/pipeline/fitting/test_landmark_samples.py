@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wayside.pipeline.fitting.landmarks import by_side, landmark_samples, run_drives
-from wayside.pipeline.fitting.sources import LabelledDrive, sign_numbers
+from wayside.pipeline.fitting.gathering import by_side, landmark_samples, run_drives
+from wayside.pipeline.fitting.sources import LabelledDrive
 from wayside.pipeline.labels import FrameLabels
+from wayside.pipeline.learning.asked import ClassifierSamples
+from wayside.pipeline.learning.labelled import labelled_faces
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
-from wayside.pipeline.roc.classifier_samples import ClassifierSamples
-from wayside.pipeline.roc.faces import labelled_faces
 from wayside.schemas.errors import InputError
 from wayside.schemas.labels import SIGN, Label, LabelledImage
 
@@ -27,8 +27,7 @@ def drive(*, is_log=True, fold=None):
     }
     found = FrameLabels(labels, frozenset(range(20)), {})
     stretch = {frame: frame // 10 for frame in range(20)}
-    faces, sign = labelled_faces(found), sign_numbers(found)
-    return LabelledDrive(Path("road.mcap"), is_log, found, faces, sign, stretch, fold)
+    return LabelledDrive(Path("road.mcap"), is_log, found, labelled_faces(found), stretch, fold)
 
 
 def asked(*rows):

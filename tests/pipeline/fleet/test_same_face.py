@@ -3,7 +3,6 @@
 import pytest
 
 from wayside.pipeline.fleet.changes_rows import same_face
-from wayside.schemas.settings import ChangeSettings, MergeSettings
 
 PANEL = {
     "color": "red",
@@ -19,4 +18,4 @@ PANEL = {
     [({}, True), ({"color": "blue"}, False), ({"color": None}, True), ({"shape": "circle"}, False)],
 )
 def test_a_colour_that_one_survey_could_not_see_tells_nothing(other, alike):
-    assert same_face(PANEL, PANEL | other, ChangeSettings(), MergeSettings()) == alike
+    assert same_face(PANEL, PANEL | other) == alike

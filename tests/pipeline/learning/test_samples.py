@@ -1,6 +1,7 @@
 """What a rendered drive says that its images show, and the labels of boxes by it."""
 
 import numpy as np
+import pytest
 
 from wayside.pipeline.learning.samples import (
     FACE_PX,
@@ -9,9 +10,11 @@ from wayside.pipeline.learning.samples import (
     ON,
     box_labels,
     for_each,
+    read_truth,
     sign_positions,
     views_by_frame,
 )
+from wayside.schemas.errors import InputError
 
 SIGN = [100, 100, 140, 140]
 
@@ -67,3 +70,21 @@ def test_signs_that_no_image_may_show_have_no_place():
 
 def test_results_come_in_the_order_of_the_drives():
     assert for_each(lambda drive: drive * 2, range(9)) == list(range(0, 18, 2))
+
+
+def test_a_truth_that_is_none_is_refused(tmp_path):
+    path = tmp_path / "x.truth.json"
+    path.write_text('{"name": "x"}')
+    with pytest.raises(InputError, match="truth of a rendered drive"):
+        read_truth(path)
+
+
+def test_places_are_right_of_the_path_and_above_the_camera():
+    truth = {
+        "camera": {"mount": {"height_m": 1.5}},
+        "signs": [
+            {"faces_travel": True, "eligible_frames": 2, "lateral_m": 4.0, "up_m": 2.0},
+            {"faces_travel": False, "eligible_frames": 2, "lateral_m": 9.0, "up_m": 2.0},
+        ],
+    }
+    assert sign_positions(truth).tolist() == [[4.0, 0.5]]

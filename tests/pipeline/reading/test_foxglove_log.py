@@ -1,7 +1,6 @@
 """The log for Foxglove: read by the stock reader beside the drive that it belongs to."""
 
 import json
-import sys
 
 import numpy as np
 import pyarrow as pa
@@ -15,7 +14,7 @@ from wayside.pipeline.earlier_result import log_fingerprint
 from wayside.pipeline.exporting.export import export
 from wayside.pipeline.reviewing.review import MISSING, NO_REVIEW, Review, Reviewed
 from wayside.pipeline.settings_file import load_settings, settings_values
-from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.errors import InputError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 AHEAD = [0.5, -0.5, 0.5, -0.5]
@@ -186,12 +185,3 @@ def test_observations_of_a_frame_that_is_not_there_are_refused(new_log, tmp_path
     pq.write_table(frames.slice(0, 1), out / FRAMES.file)
     with pytest.raises(InputError, match="found none of frame 1"):
         export(out, NO_REVIEW, tmp_path / "signs.mcap", "mcap")
-
-
-def test_without_the_package_the_way_to_install_it_is_told(new_log, tmp_path, monkeypatch):
-    out = write_result(tmp_path / "out", drive(new_log, "poses"), "log")
-    monkeypatch.setitem(sys.modules, "foxglove_schemas_protobuf.Color_pb2", None)
-    monkeypatch.delitem(sys.modules, "wayside.pipeline.exporting.foxglove_log", raising=False)
-    with pytest.raises(UsageError, match=r"wayside\[foxglove\]"):
-        export(out, NO_REVIEW, tmp_path / "signs.mcap", "mcap")
-    assert not (tmp_path / "signs.mcap").exists()

@@ -10,18 +10,22 @@ import pyarrow.parquet as pq
 import pytest
 
 from wayside.pipeline.labels import read_labels
+from wayside.pipeline.learning.asked import (
+    TRAJECTORIES,
+    ClassifierSamples,
+    gather_samples,
+    join_drives,
+)
+from wayside.pipeline.learning.curves import questions
 from wayside.pipeline.learning.gates import learn_gates, trajectory_densities
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
 from wayside.pipeline.model_files import load_models
-from wayside.pipeline.roc.classifier_samples import ClassifierSamples, join_drives
 from wayside.pipeline.roc.command import (
     _write,
     characteristics,
     format_characteristics,
     measure_roc,
 )
-from wayside.pipeline.roc.questions import confusion, questions
-from wayside.pipeline.roc.samples import TRAJECTORIES, gather_samples
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.labels import LabelledImage, Labels
@@ -144,7 +148,7 @@ def test_the_same_samples_give_the_same_tables(tmp_path, asked, models):
 
 
 def test_the_confusion_counts_what_the_run_decided_and_leaves_out_what_is_neither(asked):
-    assert confusion(asked["color"]) == {
+    assert asked["color"].confusion() == {
         ("blue", "green"): 39,
         ("blue", "refused"): 1,
         ("green", "green"): 40,

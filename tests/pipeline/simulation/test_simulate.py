@@ -18,7 +18,7 @@ from wayside.pipeline.simulation.simulate import (
     sweep_row,
 )
 from wayside.schemas.errors import UsageError, WaysideError
-from wayside.schemas.settings import AdjustmentSettings, MotionSettings, TieSettings
+from wayside.schemas.settings import MotionSettings
 
 SMALL = Survey(signs=5, seed=3)
 
@@ -85,21 +85,14 @@ def test_without_errors_signs_stand_where_they_are():
 
 def test_a_dropped_trigger_is_seen_by_the_ties():
     drive = SimulatedDrive(replace(SMALL, drop_rate=0.1, trigger_m=0.0))
-    baselines = np.array(
-        [
-            m.motion.baseline_m
-            for m in drive.posed(MotionSettings(), TieSettings(), AdjustmentSettings())
-        ]
-    )[1:]
+    baselines = np.array([m.motion.baseline_m for m in drive.posed(MotionSettings())])[1:]
     assert baselines == pytest.approx(np.diff(drive.station), abs=1e-6)
     assert (baselines > 15).any()
 
 
 def test_the_mount_is_learnt_from_the_drive():
     drive = SimulatedDrive(replace(SMALL, mount_yaw_deg=2.0, mount_pitch_deg=-1.0))
-    steps = [
-        m.motion.step for m in drive.posed(MotionSettings(), TieSettings(), AdjustmentSettings())
-    ][1:]
+    steps = [m.motion.step for m in drive.posed(MotionSettings())][1:]
     slopes = np.median([s.centre[:2] / s.centre[2] for s in steps], axis=0)
     assert np.degrees(slopes) == pytest.approx([-2.0, -1.0], abs=0.05)
 

@@ -1,8 +1,7 @@
 import numpy as np
 
 from wayside.schemas.motion import StepPrior
-from wayside.schemas.settings import AdjustmentSettings, TieSettings
-from wayside.stages.adjustment.correlated_errors import correlated_covariance
+from wayside.stages.adjustment.correlated_errors import TieErrors, correlated_covariance
 from wayside.stages.geometry.rotation import tangent_basis, vector_from_rotation
 from wayside.stages.odometry.pair_adjustment import adjust_pair
 
@@ -18,28 +17,16 @@ def ties(rng, count=120):
     return point[:, :2] / point[:, 2:], after[:, :2] / after[:, 2:]
 
 
-def adjust(previous, current, ties):
+def adjust(previous, current, errors):
     prior = StepPrior(np.eye(3), 1.0, AHEAD, np.array([1.0, 1.0]), False, 8.0, 0.02)
     return adjust_pair(
-        previous,
-        current,
-        (np.eye(3), AHEAD),
-        prior,
-        focal_px=FOCAL,
-        ties=ties,
-        solver=AdjustmentSettings(),
+        previous, current, (np.eye(3), AHEAD), prior, focal_px=FOCAL, errors=errors, scale_px=100.0
     )
 
 
 def of_field(sigma_px, reach_px=REACH):
     """A field of the same scatter everywhere, beside a tiny noise of each tie."""
-    return TieSettings(
-        sigma_px=1e-3,
-        fine_last_scale_px=100.0,
-        correlated_sigma_px=sigma_px,
-        correlated_fraction=0.0,
-        correlation_reach_px=reach_px,
-    )
+    return TieErrors(1e-3, sigma_px, 0.0, reach_px)
 
 
 def test_the_covariance_is_that_of_simulated_fields():

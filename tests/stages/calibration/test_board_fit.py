@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from wayside.schemas.settings.calibration import BoardSettings
 from wayside.stages.calibration import Board, CalibrationError, calibrate_boards
 
 BOARD, SIZE, FOCAL, NOISE_PX = Board(9, 6, float("nan")), (1280, 960), 520.0, 0.1
@@ -38,14 +37,14 @@ def views():
 
 def test_a_lens_of_another_kind_is_refused_with_the_residual_of_each_model(views):
     with pytest.raises(CalibrationError, match="residuals by lens model") as refused:
-        calibrate_boards(views, BOARD, SIZE, "plumb_bob", BoardSettings(largest_sigma=0.001))
+        calibrate_boards(views, BOARD, SIZE, "plumb_bob", largest_sigma=0.001)
     told = dict(re.findall(r"(plumb_bob|rational) (\d+\.\d+)", str(refused.value)))
     assert float(told["rational"]) < 1.1 * NOISE_PX * np.sqrt(2)
     assert float(told["plumb_bob"]) > 5 * float(told["rational"])
 
 
 def test_the_rational_model_calibrates_a_fisheye(views):
-    found = calibrate_boards(views, BOARD, SIZE, "rational", BoardSettings())
+    found = calibrate_boards(views, BOARD, SIZE, "rational")
     assert found.camera.fx == pytest.approx(FOCAL, rel=0.003)
     assert found.rms_px == pytest.approx(found.by_model["rational"])
     assert found.by_model["plumb_bob"] > 5 * found.rms_px

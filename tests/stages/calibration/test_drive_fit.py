@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import Settings
-from wayside.schemas.settings.calibration import SelfCalibrationSettings
 from wayside.stages.calibration import (
     LENS,
     CalibrationWatch,
@@ -23,14 +22,14 @@ from wayside.stages.calibration import (
 from wayside.stages.calibration.lens import displacement, project
 from wayside.stages.geometry import distort_points, ideal_points, to_rays
 
-SETTINGS, CALIBRATION = Settings(), SelfCalibrationSettings(images=9)
-ERRORS = SETTINGS.ties, SETTINGS.local_adjustment
+SETTINGS = Settings()
+IMAGES = 9
 
 
 def drive(images=17, **survey):
     """Images of a simulated drive with their motion, and the true camera."""
     simulated = SimulatedDrive(Survey(ties=80, signs=1, **survey))
-    posed = simulated.posed(SETTINGS.motion, SETTINGS.ties, SETTINGS.adjustment)
+    posed = simulated.posed(SETTINGS.motion)
     return [item for item, _ in zip(posed, range(images), strict=False)], simulated.camera
 
 
@@ -49,8 +48,8 @@ def scaled(camera, factor):
 
 
 def calibrated(items, camera):
-    segments = cut_segments([item.motion for item in items], camera, *ERRORS, CALIBRATION)
-    return calibrate_drive(segments, camera, 5.0, *ERRORS, CALIBRATION)
+    segments = cut_segments([item.motion for item in items], camera, IMAGES)
+    return calibrate_drive(segments, camera, 5.0)
 
 
 @pytest.mark.parametrize("factor", [pytest.param(0.9, marks=pytest.mark.slow), 1.1])
@@ -84,8 +83,8 @@ def test_the_first_order_correction_points_to_the_truth(curve):
     items, true = curve
     for factor in (0.9, 1.1):
         camera = scaled(true, factor)
-        segments = cut_segments([item.motion for item in items], camera, *ERRORS, CALIBRATION)
-        step, _ = lens_step(segments, camera, 5.0, *ERRORS, CALIBRATION)
+        segments = cut_segments([item.motion for item in items], camera, IMAGES)
+        step, _ = lens_step(segments, camera, 5.0)
         assert 0.03 < -np.sign(np.log(factor)) * step[0] < 0.2
 
 
@@ -111,10 +110,10 @@ def processed(item, camera):
 
 def watched(items, change=lambda camera: camera):
     """The camera that a run asks for where the changed one that it is given cannot be right."""
-    watch = CalibrationWatch(CALIBRATION)
+    watch = CalibrationWatch(images=IMAGES)
     given = [processed(item, change(item.frame.camera)) for item in items]
     assert list(watch_calibration(iter(given), watch)) == given
-    return watch.check(*ERRORS).found
+    return watch.check().found
 
 
 def too_long(camera):
@@ -141,7 +140,7 @@ def test_a_run_notices_a_distortion_that_cannot_be_right(curve):
 def test_a_run_is_silent_where_the_calibration_is_right_or_nothing_tells(curve, straight):
     assert watched(curve[0]) is None
     assert watched(straight[0]) is None
-    assert CalibrationWatch().check(*ERRORS) == (None, None, None)
+    assert CalibrationWatch().check() == (None, None, None)
     assert watched(curve[0][:1], too_long) is None
 
 
@@ -161,12 +160,11 @@ def test_a_displacement_is_that_of_the_farthest_moved_point_of_the_image(distort
 
 
 def test_a_watch_keeps_a_bounded_number_of_segments(curve):
-    settings = replace(CALIBRATION, check_segments=1)
-    watch = CalibrationWatch(settings)
+    watch = CalibrationWatch(images=IMAGES, most=1)
     for item in curve[0]:
         watch.add(item.motion, item.frame.camera)
     ((angle, motions),) = watch.kept
-    assert len(motions) == settings.images
+    assert len(motions) == IMAGES
     assert angle == pytest.approx(8 * 4.0 / 80.0, abs=0.03)
 
 

@@ -14,7 +14,13 @@ from hypothesis import strategies as st
 from wayside.schemas.routes import RouteSegments
 from wayside.schemas.settings import RouteSettings
 from wayside.stages.georeference import measure_along_route
-from wayside.stages.georeference.linear_reference import follow_routes, nearest_on_routes
+from wayside.stages.georeference.linear_reference import (
+    CHANGE,
+    ROUTE_REACH_M,
+    SIGMA_M,
+    follow_routes,
+    nearest_on_routes,
+)
 
 GEOD = pyproj.Geod(ellps="sphere", R=6_371_008.8)
 LON, LAT = -98.86, 38.88
@@ -140,9 +146,7 @@ def test_distances_are_those_on_the_sphere(offset, along, heading):
     )
     turn = math.radians(heading)
     direction = np.array([[math.sin(turn), math.cos(turn)]])
-    distance, measure = nearest_on_routes(
-        np.array([turned(along, offset)]), direction, segments, SETTINGS
-    )
+    distance, measure = nearest_on_routes(np.array([turned(along, offset)]), direction, segments)
     assert distance[0, 0] == pytest.approx(abs(offset), abs=0.05)
     assert measure[0, 0] == pytest.approx(along + 100, abs=0.2)
 
@@ -150,16 +154,13 @@ def test_distances_are_those_on_the_sphere(offset, along, heading):
 @given(st.lists(st.tuples(*[st.floats(0, 60)] * 2), min_size=1, max_size=5))
 def test_the_routes_that_are_followed_cost_least_of_all_sequences(rows):
     distance = np.array(rows)
-    chosen = follow_routes(distance, SETTINGS)
-    none = (SETTINGS.reach_m / SETTINGS.sigma_m) ** 2
+    chosen = follow_routes(distance)
+    none = (ROUTE_REACH_M / SIGMA_M) ** 2
 
     def cost(states):
-        own = [
-            none if s < 0 else (distance[i, s] / SETTINGS.sigma_m) ** 2
-            for i, s in enumerate(states)
-        ]
+        own = [none if s < 0 else (distance[i, s] / SIGMA_M) ** 2 for i, s in enumerate(states)]
         changes = sum(a != b for a, b in pairwise(states))
-        return sum(own) + SETTINGS.change * changes
+        return sum(own) + CHANGE * changes
 
     every = np.stack(np.meshgrid(*[[-1, 0, 1]] * len(rows)), -1).reshape(-1, len(rows))
     assert cost(chosen.tolist()) == pytest.approx(min(cost(states) for states in every.tolist()))

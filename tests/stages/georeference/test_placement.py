@@ -9,7 +9,7 @@ from wayside.schemas.detections import Candidates, Regions
 from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.motion import Motion
-from wayside.schemas.settings import GeoreferenceSettings, LandmarkSettings, MotionSettings
+from wayside.schemas.settings import LandmarkSettings, MotionSettings
 from wayside.stages.georeference import (
     DrivePath,
     DriveRecord,
@@ -19,8 +19,6 @@ from wayside.stages.georeference import (
     place_signs,
 )
 from wayside.stages.georeference.placement import mean_scale
-
-SETTINGS = GeoreferenceSettings()
 
 
 def landmark(track=1, station=12.0, **changes):
@@ -72,7 +70,7 @@ def tracked(index, *landmarks, used=True):
 def path_of(frames=4):
     record = DriveRecord()
     list(collect(map(tracked, range(frames)), record))
-    (path,) = georeference(iter(record.points), SETTINGS, MotionSettings(), LandmarkSettings())
+    (path,) = georeference(iter(record.points), MotionSettings(), LandmarkSettings())
     return path
 
 
@@ -84,7 +82,7 @@ def scaled(path, factor, sigma=0.01, before=0.05):
 
 
 def signs(*landmarks, path=None):
-    return list(place_signs(iter(landmarks), path or path_of(), SETTINGS, 0.5))
+    return list(place_signs(iter(landmarks), path or path_of(), 0.5))
 
 
 def test_every_frame_is_passed_on_and_its_accepted_landmarks_are_kept():
@@ -159,6 +157,6 @@ def test_errors_of_neighbouring_steps_are_independent_at_first_and_common_in_the
 
 
 def test_a_path_without_points_is_empty():
-    (path,) = georeference(iter(()), SETTINGS, MotionSettings(), LandmarkSettings())
+    (path,) = georeference(iter(()), MotionSettings(), LandmarkSettings())
     assert isinstance(path, DrivePath)
     assert (path.world, path.poses, path.camera_height_m) == ("drive_start", {}, None)

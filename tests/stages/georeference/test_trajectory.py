@@ -7,14 +7,12 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from wayside.schemas.settings import GeoreferenceSettings
 from wayside.stages.georeference import AbsoluteMeasurements, RelativeMotionChain, smooth
 
 LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 STEP_M, TURN_RAD, SIDE_RAD, LENGTH_M = 8.0, 5e-5, 3e-4, 0.02
 NEW_SHARE, UP = 0.1, 1.6
 FIRST_SIGMA_RAD = np.radians([5.0, 5.0, 180.0])
-SETTINGS = GeoreferenceSettings()
 
 
 @dataclass
@@ -28,7 +26,7 @@ class Drive:
     start: tuple[np.ndarray, np.ndarray]
 
     def smooth(self, **changes):
-        return smooth(self.chain, replace(self.measured, **changes), *self.start, SETTINGS)
+        return smooth(self.chain, replace(self.measured, **changes), *self.start)
 
     def kept(self, rows):
         """What was measured in these frames alone."""
@@ -312,7 +310,7 @@ def by_dense_least_squares(drive):
     length = np.linalg.norm(chain.translation, axis=1)
     root = [
         None,
-        *(np.linalg.inv(np.linalg.cholesky(c)) for c in chain.step_covariance(SETTINGS)[1:]),
+        *(np.linalg.inv(np.linalg.cholesky(c)) for c in chain.step_covariance()[1:]),
     ]
     keeps = np.exp(-np.diff(chain.time_s) / measured.correlation_s)
 

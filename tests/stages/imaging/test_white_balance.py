@@ -11,7 +11,12 @@ from hypothesis import strategies as st
 from wayside.schemas.frame import USED, Camera, Frame
 from wayside.schemas.settings import BalanceSettings
 from wayside.stages.imaging import decode
-from wayside.stages.imaging.white_balance import balanced, road_chromaticity
+from wayside.stages.imaging.white_balance import (
+    LARGEST_CAST,
+    TOLERANCE,
+    balanced,
+    road_chromaticity,
+)
 
 CAMERA = Camera(320, 240, 300.0, 300.0, 159.5, 100.0)
 SETTINGS = BalanceSettings()
@@ -34,32 +39,32 @@ def sign_of(rgb):
 @given(st.floats(0.8, 1.25), st.floats(0.8, 1.25))
 def test_of_a_cast_nothing_is_left_and_less_is_no_cast(red, blue):
     cast = scene((red, 1.0, blue))
-    strength = np.linalg.norm(road_chromaticity(cast, CAMERA, SETTINGS))
-    rgb = balanced(cast, CAMERA, SETTINGS)
-    if strength <= SETTINGS.tolerance:
+    strength = np.linalg.norm(road_chromaticity(cast, CAMERA))
+    rgb = balanced(cast, CAMERA)
+    if strength <= TOLERANCE:
         assert rgb is cast
     else:
-        beyond = max(0.0, strength - SETTINGS.largest)
+        beyond = max(0.0, strength - LARGEST_CAST)
         r, g, b = sign_of(rgb)
         assert np.linalg.norm(np.log([r / g, b / g])) < beyond + 0.04
 
 
 def test_an_image_without_a_cast_is_not_touched():
     rgb = scene((1.08, 1.0, 0.92))
-    assert balanced(rgb, CAMERA, SETTINGS) is rgb
+    assert balanced(rgb, CAMERA) is rgb
 
 
 def test_a_road_of_earth_colours_the_image_no_more_than_is_said():
     rgb = scene(road=(160, 100, 40))
-    found = balanced(rgb, CAMERA, SETTINGS)
+    found = balanced(rgb, CAMERA)
     gains = np.log(sign_of(found) / sign_of(rgb))
-    assert np.linalg.norm(gains) == pytest.approx(SETTINGS.largest, abs=0.01)
+    assert np.linalg.norm(gains) == pytest.approx(LARGEST_CAST, abs=0.01)
     assert gains[0] < 0 < gains[2]
 
 
 def test_an_image_that_shows_no_road_stays_as_it_is():
     rgb = scene((1.3, 1.0, 0.7))
-    assert balanced(rgb, replace(CAMERA, cy=400.0), SETTINGS) is rgb
+    assert balanced(rgb, replace(CAMERA, cy=400.0)) is rgb
 
 
 def test_colours_are_balanced_on_the_way_and_grey_levels_are_not():
@@ -71,6 +76,6 @@ def test_colours_are_balanced_on_the_way_and_grey_levels_are_not():
     (off,) = decode(iter([frame]), replace(SETTINGS, on=False))
     assert (recorded.rgb == warm).all()
     assert (off.rgb == warm).all()
-    assert (found.rgb == balanced(warm, CAMERA, SETTINGS)).all()
+    assert (found.rgb == balanced(warm, CAMERA)).all()
     assert not (found.rgb == warm).all()
     assert (found.grey == recorded.grey).all()

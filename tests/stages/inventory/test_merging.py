@@ -14,9 +14,15 @@ from scipy import stats
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import Sightings
 from wayside.stages.inventory import match_moved, merge_sightings
-from wayside.stages.inventory.association import miss_log_ratio, place_log_ratio
+from wayside.stages.inventory.association import (
+    DENSITY,
+    MOST_CHANGED,
+    TAIL_FREEDOM,
+    miss_log_ratio,
+    place_log_ratio,
+)
 from wayside.stages.inventory.grouping import combine, face_runs, join_groups
-from wayside.stages.inventory.offsets import relative_variance, solve_offsets
+from wayside.stages.inventory.offsets import CORRELATION_S, relative_variance, solve_offsets
 
 SETTINGS = MergeSettings()
 DAY_NS = 86_400 * 10**9
@@ -75,7 +81,7 @@ def test_offsets_are_those_of_the_dense_least_squares() -> None:
     n = 12
     lag_s = np.abs(np.subtract.outer(sightings.time_ns, sightings.time_ns)) * 1e-9
     same = np.equal.outer(sightings.drive, sightings.drive)
-    prior = np.where(same, np.exp(-lag_s / SETTINGS.correlation_s), 0.0)
+    prior = np.where(same, np.exp(-lag_s / CORRELATION_S), 0.0)
     design = np.zeros((6, n))
     design[np.arange(6), np.arange(6)], design[np.arange(6), np.arange(6) + 6] = 1, -1
     measured = sightings.position[:6] - sightings.position[6:]
@@ -152,11 +158,11 @@ def test_a_pair_does_not_vouch_for_itself() -> None:
     sightings = make_sightings(road(1), [[0, 0, 0], [0.1, 0, 0]])
     offsets = solve_offsets(sightings, SETTINGS)
     assert offsets.pairs.tolist() == [[0, 1]]
-    alone = relative_variance(sightings, offsets, offsets.pairs, SETTINGS)
+    alone = relative_variance(sightings, offsets, offsets.pairs)
     assert alone[0].tolist() == pytest.approx([2.0, 2.0])  # both drives' own square metre
     more = make_sightings(road(3), [[0, 0, 0], [0.1, 0, 0]])
     offsets = solve_offsets(more, SETTINGS)
-    assert (relative_variance(more, offsets, offsets.pairs, SETTINGS) < 0.1).all()
+    assert (relative_variance(more, offsets, offsets.pairs) < 0.1).all()
 
 
 def test_one_drive_that_reads_a_face_wrong_makes_no_second_panel() -> None:
@@ -203,10 +209,10 @@ def test_the_ratio_of_places_is_the_student_density_against_that_of_neighbours()
     root = rng.normal(0, 0.2, (20, 3, 3))
     spread = root @ root.transpose(0, 2, 1) + 0.01 * np.eye(3)
     apart = rng.normal(0, 0.5, (20, 3))
-    found = place_log_ratio(apart, spread, SETTINGS)
+    found = place_log_ratio(apart, spread)
     for k in range(20):
-        one = stats.multivariate_t(shape=spread[k], df=SETTINGS.tail_freedom).logpdf(apart[k])
-        assert found[k] == pytest.approx(one - np.log(SETTINGS.density))
+        one = stats.multivariate_t(shape=spread[k], df=TAIL_FREEDOM).logpdf(apart[k])
+        assert found[k] == pytest.approx(one - np.log(DENSITY))
 
 
 def test_two_panels_are_less_likely_where_each_drive_would_have_seen_both_from_the_front() -> None:
@@ -224,7 +230,7 @@ def test_two_panels_are_less_likely_where_each_drive_would_have_seen_both_from_t
     ever = replace(
         years, time_ns=later * 1000
     )  # as in the other ratios, faces change so often at most
-    largest = SETTINGS.missed + SETTINGS.most_changed
+    largest = SETTINGS.missed + MOST_CHANGED
     assert miss_log_ratio(ever, i, j, SETTINGS)[0] == pytest.approx(-2 * np.log(largest))
 
 
@@ -255,7 +261,7 @@ def test_groups_refuse_rows_out_of_range() -> None:
     with pytest.raises(ValueError, match="pairs name rows"):
         join_groups(
             np.array([[0, 5]]), np.zeros((1, 2)), np.zeros(1), np.zeros(2, np.int64), np.zeros((2, 3)),
-            np.tile(np.eye(3), (2, 1, 1)), SETTINGS,
+            np.tile(np.eye(3), (2, 1, 1))
         )  # fmt: skip
 
 

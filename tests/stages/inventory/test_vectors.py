@@ -52,8 +52,8 @@ def road(n: int, step_m: float = 60.0) -> np.ndarray:
 
 def agreement(sightings: Sightings) -> Agreement | None:
     everywhere = np.ones(len(sightings), bool)
-    pairs = measure_differences(sightings, everywhere, SETTINGS)
-    return agreement_of(pairs, SETTINGS) if len(pairs.drive) else None
+    pairs = measure_differences(sightings, everywhere)
+    return agreement_of(pairs) if len(pairs.drive) else None
 
 
 @pytest.mark.parametrize(

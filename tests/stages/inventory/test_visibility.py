@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wayside.schemas.frame import Camera
-from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
+from wayside.schemas.settings.merging import MergeSettings
 from wayside.stages.inventory import PanelPlaces, gone_probability, views_of
 
 CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
@@ -31,7 +31,7 @@ def test_a_place_is_in_view_where_its_panel_would_show_whole_large_and_from_the_
     places = PanelPlaces(
         np.array([place], float), np.radians([bearing_deg]), np.array([[0.75, 0.75]])
     )
-    found = views_of(places, np.array([[0.0, 0, 2]]), NORTH[None], CAMERA, 25.0, ChangeSettings())
+    found = views_of(places, np.array([[0.0, 0, 2]]), NORTH[None], CAMERA, 25.0)
     assert found.height[0].tolist() == pytest.approx([35.0 * count])
     if count:
         assert found.box[0, 0].tolist() == pytest.approx([968.67, 582.0, 1003.67, 617.0], abs=0.01)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from wayside.schemas.settings import AcceptanceSettings, AdjustmentSettings, LandmarkSettings
+from wayside.schemas.settings import AcceptanceSettings, LandmarkSettings
 from wayside.stages.mapping.acceptance import accept_greedily
 from wayside.stages.mapping.hypotheses import Hypotheses, pair_hypotheses
 
@@ -25,14 +25,7 @@ def accepted(gates, window, standing):
         )
         free = np.ones(len(candidates.ray), bool)
         return accept_greedily(
-            candidates,
-            hypotheses,
-            free,
-            gates,
-            SETTINGS,
-            LandmarkSettings(),
-            AdjustmentSettings(),
-            fewest=fewest,
+            candidates, hypotheses, free, gates, SETTINGS, LandmarkSettings(), fewest=fewest
         )
 
     return make
@@ -45,11 +38,10 @@ def test_the_best_landmark_comes_first_and_each_candidate_serves_once(accepted):
     assert len(set(views)) == len(views) == 2 * FRAMES
 
 
-def test_other_boxes_on_the_face_are_covered_and_make_no_landmark(accepted):
+def test_other_boxes_on_the_face_make_a_landmark_of_their_own(accepted):
     inner = (3.5, -1.0, 60, 0.55, 0.55, 0.5)
-    (fit,) = accepted([(3.5, -1.0, 60, 0.7, 0.7, 2.0), inner])
-    assert fit.rows.tolist() == [0] * FRAMES
-    assert fit.covered.tolist() == [[frame, 1] for frame in range(FRAMES)]
+    fits = accepted([(3.5, -1.0, 60, 0.7, 0.7, 2.0), inner])
+    assert [fit.rows.tolist() for fit in fits] == [[0] * FRAMES, [1] * FRAMES]
 
 
 def test_noise_of_a_pixel_moves_a_landmark_as_its_covariance_says(accepted):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from wayside.schemas.settings import AdjustmentSettings, LandmarkSettings
+from wayside.schemas.settings import LandmarkSettings
 from wayside.stages.mapping.landmark_fit import fit_views, metric_size
 
 FRAMES = 6
@@ -19,7 +19,4 @@ def test_the_size_is_the_median_of_the_nearest_whole_views():
 def test_nearly_parallel_rays_make_no_landmark(window, standing):
     candidates = window(standing([(3.5, -1.0, 5e6, 1e5, 1e5, 1.0)], FRAMES))
     settings = LandmarkSettings(fitted_views=2)
-    assert (
-        fit_views(candidates, np.arange(FRAMES), np.arange(FRAMES), settings, AdjustmentSettings())
-        is None
-    )
+    assert fit_views(candidates, np.arange(FRAMES), np.arange(FRAMES), settings) is None

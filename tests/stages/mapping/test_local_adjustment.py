@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.motion import Motion, StepPrior, Ties
-from wayside.schemas.settings import AdjustmentSettings, LocalAdjustmentSettings, TieSettings
 from wayside.stages.mapping.local_adjustment import (
+    MOST_FRAMES,
     LandmarkRays,
     adjust_jointly,
     window_around,
@@ -24,8 +24,6 @@ AHEAD = np.array([0.0, 0.0, 1.0])
 FRAMES = 6
 SIGN = np.array([3.5, -1.0, 16.0])  # in the last camera
 RAY_SIGMA = 0.15 / CAMERA.fx
-SETTINGS = LocalAdjustmentSettings()
-MOST = SETTINGS.most_frames
 
 
 def pixels(pose, points):
@@ -108,16 +106,13 @@ def chained_place(held, observed):
         np.stack([p.centre for p in poses]),
         observed.rays,
         observed.sigma,
-        AdjustmentSettings(),
     )
     return point
 
 
-def adjusted(held, observed, point, settings=SETTINGS):
+def adjusted(held, observed, point, **changes):
     """Adjusted with the last frame as the one it is reported in."""
-    return adjust_jointly(
-        held, FRAMES - 1, observed, point, settings, AdjustmentSettings(), TieSettings()
-    )
+    return adjust_jointly(held, FRAMES - 1, observed, point, **changes)
 
 
 def error_of(held, point):
@@ -194,8 +189,7 @@ def test_ties_on_a_vehicle_lose_their_weight():
     start = chained_place(held, observed)
     robust = error_of(held, adjusted(held, observed, start).point)
     assert np.linalg.norm(robust) < 0.08
-    plain = LocalAdjustmentSettings(tie_scale=1e3)
-    squares = error_of(held, adjusted(held, observed, start, plain).point)
+    squares = error_of(held, adjusted(held, observed, start, tie_scale=1e3).point)
     assert np.linalg.norm(squares) > 3 * np.linalg.norm(robust)
 
 
@@ -246,16 +240,17 @@ def test_one_view_in_the_window_places_nothing():
 
 
 def test_a_window_that_misses_most_of_the_views_leaves_the_place_to_the_chain():
-    settings = LocalAdjustmentSettings(most_frames=2)
     held, true = drive()
     observed = observed_by(true)
-    assert adjusted(held, observed, chained_place(held, observed), settings) is None
+    assert adjusted(held, observed, chained_place(held, observed), most_frames=2) is None
 
 
 def test_the_window_holds_the_best_frame_and_the_nearest_views():
-    assert window_around(9, np.array([2, 5, 9]), MOST) == (2, 9)
-    assert window_around(9, np.array([0, 1, 5, 9]), MOST) == (5, 9)
+    assert window_around(9, np.array([2, 5, 9]), MOST_FRAMES) == (2, 9)
+    assert window_around(9, np.array([0, 1, 5, 9]), MOST_FRAMES) == (5, 9)
     assert (
-        window_around(5, np.arange(20), MOST)[1] - window_around(5, np.arange(20), MOST)[0] < MOST
+        window_around(5, np.arange(20), MOST_FRAMES)[1]
+        - window_around(5, np.arange(20), MOST_FRAMES)[0]
+        < MOST_FRAMES
     )
-    assert window_around(3, np.array([2, 4]), MOST) == (2, 4)
+    assert window_around(3, np.array([2, 4]), MOST_FRAMES) == (2, 4)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from wayside.schemas.frame import Image
-from wayside.schemas.settings import LandmarkSettings, MappingSettings, TrackSettings
+from wayside.schemas.settings import MappingSettings
 from wayside.stages.geometry.path import FrenetOffset
+from wayside.stages.mapping.landmark import BORDER, FACING_SIGMA_DEG
 from wayside.stages.mapping.panel import across_path
 from wayside.stages.mapping.tracker import track
 from wayside.stages.mapping.window import WindowFrame
@@ -124,9 +125,9 @@ def test_a_rotated_panel_is_as_near_as_its_scatter_says(landmark_of, frames, ang
 
 def test_without_images_the_boxes_are_used(landmark_of, frames):
     landmark = landmark_of(frames, images=False)
-    assert landmark.width_m == pytest.approx(0.94 * WIDE * LandmarkSettings().border, rel=0.01)
+    assert landmark.width_m == pytest.approx(0.94 * WIDE * BORDER, rel=0.01)
     assert landmark.facing_deg == 0.0
-    assert landmark.sigma_facing_deg == LandmarkSettings().facing_sigma_deg
+    assert landmark.sigma_facing_deg == FACING_SIGMA_DEG
 
 
 def test_images_without_a_panel_change_little(landmark_of, frames):
@@ -148,7 +149,7 @@ def test_images_without_a_panel_change_little(landmark_of, frames):
 
 
 def test_the_plane_stands_across_the_path(frames):
-    held = [WindowFrame.of(m, m.motion, m.frame.camera, TrackSettings()) for m in frames[:5]]
+    held = [WindowFrame.of(m, m.motion, m.frame.camera) for m in frames[:5]]
     plane = across_path(np.array([3.0, -1.0, 20.0]), held, FrenetOffset(20.0, 3.0, 1.0))
     np.testing.assert_allclose(plane.right, [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(plane.down, [0, 1, 0], atol=1e-12)

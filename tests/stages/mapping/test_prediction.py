@@ -6,11 +6,9 @@ import pytest
 from wayside.schemas.detections import SOURCES, Candidates, Detections, Regions, verdict_code
 from wayside.schemas.models import ScoreModel
 from wayside.schemas.settings import (
-    AdjustmentSettings,
     CandidateSettings,
     LandmarkSettings,
     MappingSettings,
-    TrackSettings,
 )
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.detection.box_network import BoxScores
@@ -65,27 +63,23 @@ def shown(drive):
 
 
 def holding(frames):
-    return [WindowFrame.of(m, m.motion, m.frame.camera, TrackSettings()) for m in frames]
+    return [WindowFrame.of(m, m.motion, m.frame.camera) for m in frames]
 
 
 def fit_of(held, frames):
     candidates = candidates_of(held)
     rows = np.array([candidates.first[f] for f in frames], np.int64)
-    fit = fit_views(
-        candidates, rows, np.array(frames, np.int64), LandmarkSettings(), AdjustmentSettings()
-    )
+    fit = fit_views(candidates, rows, np.array(frames, np.int64), LandmarkSettings())
     assert fit is not None
     return fit
 
 
 def predicted(fit, frame):
-    return predicted_box(fit, frame, SETTINGS.prediction, SETTINGS.association.nearest_m)
+    return predicted_box(fit, frame, SETTINGS.association.nearest_m)
 
 
 def with_predicted_views(fit, held, classifier):
-    (found,) = add_predicted_views(
-        [fit], held, {fit.back: classifier}, SETTINGS.prediction, SETTINGS.association
-    )
+    (found,) = add_predicted_views([fit], held, {fit.back: classifier}, SETTINGS.association)
     return found
 
 
@@ -163,11 +157,7 @@ def test_views_of_a_back_are_predicted_by_the_classifier_of_backs(shown, panel):
     (new,) = {held[f].candidates.back_score[0] for f in set(found.frames) - set(fit.frames)}
     assert new == -3
     (same,) = add_predicted_views(
-        [replace(fit, back=True)],
-        held,
-        {False: reddish()},
-        SETTINGS.prediction,
-        SETTINGS.association,
+        [replace(fit, back=True)], held, {False: reddish()}, SETTINGS.association
     )
     assert same.rows.tolist() == fit.rows.tolist()
 

@@ -1,5 +1,3 @@
-from functools import partial
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,11 +5,9 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from wayside.schemas.settings import AdjustmentSettings
 from wayside.stages.geometry.ray_midpoint import midpoint, pair_residual
-from wayside.stages.mapping import triangulation
+from wayside.stages.mapping.triangulation import triangulate_views
 
-triangulate_views = partial(triangulation.triangulate_views, settings=AdjustmentSettings())
 SIGMA = 0.25 / 1400
 small = st.floats(-0.1, 0.1)
 

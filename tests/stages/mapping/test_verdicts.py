@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from wayside.schemas.detections import VERDICTS
-from wayside.schemas.frame import Pose
 from wayside.schemas.settings import AdjustmentSettings, LandmarkSettings, VerdictSettings
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.landmark_fit import fit_views
@@ -12,13 +11,10 @@ from wayside.stages.mapping.verdicts import (
     SeenBox,
     in_swept_volume,
     same_face,
-    same_face_in_images,
     unassigned_verdicts,
 )
 
 SETTINGS = VerdictSettings()
-NEWEST = Pose(np.eye(3), np.array([0.0, 0.0, 8.0]))
-"""The later of the two cameras."""
 
 
 @pytest.fixture
@@ -35,21 +31,6 @@ def fit_at(window, standing):
     return make
 
 
-@pytest.mark.parametrize(("sigma_ahead", "same"), [(0.5, False), (6.0, True)])
-def test_a_landmark_of_unsure_depth_is_the_face_that_hides_it(fit_at, sigma_ahead, same):
-    known = fit_at(130.0)
-    # on the rays of the known face, nearer
-    unsure = replace(fit_at(110.0, sigma_ahead), point=known.point * (110.0 / 130.0))
-    assert same_face(unsure, known, NEWEST, SETTINGS) == same
-
-
-def test_a_landmark_covers_itself_and_nothing_from_behind(fit_at):
-    fit = fit_at(60.0)
-    assert same_face(fit, fit, NEWEST, SETTINGS)
-    beyond = Pose(np.eye(3), np.array([0.0, 0.0, 70.0]))
-    assert not same_face(fit, fit, beyond, SETTINGS)
-
-
 @pytest.mark.parametrize(
     ("right", "above", "swept"), [(0.5, 1.0, True), (6.0, 1.0, False), (0.5, 5.0, False)]
 )
@@ -57,36 +38,60 @@ def test_nothing_stands_where_the_vehicle_drove(fit_at, right, above, swept):
     assert in_swept_volume(fit_at(60.0), FrenetOffset(60.0, right, above), SETTINGS) == swept
 
 
-def views(boxes, predicted):
-    return {k: SeenBox(np.array(box, float), k in predicted) for k, box in boxes.items()}
+FACE, HALF, BESIDE = [0.0, 0.0, 0.2, 0.2], [0.0, 0.0, 0.2, 0.1], [0.17, 0.0, 0.37, 0.2]
+"""A face, its upper half, and a panel that touches it, boxed with an error of 15 %."""
+
+
+def views(boxes, predicted=(), unseen=()):
+    return {
+        k: SeenBox(np.array(box), k not in unseen, k not in predicted and k not in unseen)
+        for k, box in boxes.items()
+    }
+
+
+@pytest.mark.parametrize(("box", "one_face"), [(FACE, True), (HALF, True), (BESIDE, False)])
+def test_two_landmarks_are_one_face_where_most_of_the_smaller_lies_in_the_other(box, one_face):
+    one, other = views(dict.fromkeys(range(5), FACE)), views(dict.fromkeys(range(2, 9), box))
+    assert same_face(one, other) == same_face(other, one) == one_face
 
 
 @pytest.mark.parametrize(
     ("predicted", "aside", "one_face"),
     [
         ((1, 2, 3), (), True),
-        ((1, 2, 3), (4,), True),
-        ((1, 2, 3), (2, 3), False),  # aside in half of the images
-        ((1, 2), (), False),  # image 3 shows them apart
+        ((1, 2, 3), (2, 3), False),  # aside in two images of three that tell
+        ((1, 2, 3), (4,), True),  # image 4 has a candidate of neither
+        ((1,), (2, 3), False),  # one behind another: where both are seen they are apart
     ],
 )
-def test_two_landmarks_are_one_face_where_one_is_predicted_on_the_other(predicted, aside, one_face):
-    own = views({k: [10, 10, 30, 30] for k in range(5)}, predicted=(4,))
-    far = {k: [11, 10, 31, 30] if k not in aside else [40, 10, 60, 30] for k in range(1, 5)}
-    other = views(far, predicted)
-    assert same_face_in_images(own, other, 0.4) == same_face_in_images(other, own, 0.4) == one_face
+def test_a_face_that_the_motion_has_placed_twice_is_predicted_on_itself(predicted, aside, one_face):
+    own = views(dict.fromkeys(range(5), FACE), predicted=(4,))
+    far = {k: BESIDE if k in aside else FACE for k in range(1, 5)}
+    other = views(far, (*predicted, 4))
+    assert same_face(own, other) == same_face(other, own) == one_face
+
+
+def test_near_images_tell_more_than_far_ones():
+    far = views({k: [0.0, 0.0, 0.02, 0.02] for k in range(4)})
+    assert not same_face(far | views({4: FACE}), far | views({4: BESIDE}))
 
 
 def test_one_view_that_is_predicted_on_another_face_is_not_enough():
-    one = views({k: [10, 10, 30, 30] for k in range(1, 6)}, predicted=(1,))
-    other = views({0: [10, 10, 30, 30], 1: [10, 10, 30, 30]}, predicted=())
-    assert not same_face_in_images(one, other, 0.4)
+    one = views({0: BESIDE, 1: FACE, 2: FACE}, predicted=(1,))
+    other = views({0: FACE, 1: FACE, 2: BESIDE}, unseen=(0, 2))
+    assert not same_face(one, other)
 
 
-def test_landmarks_without_a_common_image_are_not_one_face_by_their_views():
-    assert not same_face_in_images(
-        views({1: [0, 0, 9, 9]}, ()), views({2: [0, 0, 9, 9]}, (2,)), 0.4
-    )
+def test_landmarks_that_no_image_shows_together_are_compared_where_they_must_be():
+    far = views(dict.fromkeys(range(8), FACE), unseen=range(4, 8))
+    for box, one_face in ((HALF, True), (BESIDE, False)):
+        near = views(dict.fromkeys(range(8), box), unseen=range(4))
+        assert same_face(far, near) == one_face
+
+
+def test_a_panel_that_is_passed_is_none_that_is_seen_afterwards():
+    passed = views(dict.fromkeys(range(4), FACE))
+    assert not same_face(passed, views(dict.fromkeys(range(9), FACE), unseen=range(4)))
 
 
 def test_candidates_without_a_landmark_are_named_by_their_pairs():

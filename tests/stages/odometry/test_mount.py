@@ -3,7 +3,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from wayside.schemas.settings import MotionSettings
 from wayside.stages.odometry.mount import (
     Mount,
     common_height,
@@ -14,7 +13,6 @@ from wayside.stages.odometry.mount import (
 
 NOTHING = np.zeros((0, 3))
 AHEAD = np.array([0.0, 0.0, 1.0])
-SETTINGS = MotionSettings()
 
 
 def step(yaw_deg=0.0, mount_deg=(-1.5, 0.3)):
@@ -26,7 +24,7 @@ def step(yaw_deg=0.0, mount_deg=(-1.5, 0.3)):
 
 
 def taught(steps, points=NOTHING):
-    mount = Mount(SETTINGS)
+    mount = Mount()
     for rotation, direction in steps:
         mount.learn(rotation, direction, points)
     return mount
@@ -39,7 +37,7 @@ def test_the_mount_is_the_same_on_every_arc(yaw_deg):
 
 
 def test_before_any_step_the_vehicle_travels_about_straight_ahead():
-    travel = Mount(SETTINGS).travel
+    travel = Mount().travel
     np.testing.assert_array_equal(travel.direction, [0, 0, 1])
     assert np.degrees(travel.sigma).min() >= 1
 
@@ -83,7 +81,7 @@ def road(height=2.1, pitch=0.0, count=30, seed=0):
 
 
 def height_of(points, direction):
-    return common_height(lane_heights(points, direction, SETTINGS), SETTINGS)
+    return common_height(lane_heights(points, direction))
 
 
 def test_the_height_is_that_above_the_points_of_the_road():
@@ -109,16 +107,16 @@ def test_points_ahead_behind_and_beside_the_lane_are_told_apart():
     points = np.array(
         [[0.0, 2.0, 10], [0.0, 2.0, -10], [5.0, 2.0, 10], [0.0, 2.0, 60], [0, 9.0, 10]]
     )
-    assert lane_heights(points, AHEAD, SETTINGS).tolist() == [2.0]
+    assert lane_heights(points, AHEAD).tolist() == [2.0]
 
 
 def test_too_few_points_give_no_height():
     assert np.isnan(height_of(*road(count=7)))
-    assert np.isnan(common_height(np.zeros(0), SETTINGS))
+    assert np.isnan(common_height(np.zeros(0)))
 
 
 def test_points_that_share_no_height_give_none():
-    assert np.isnan(common_height(1.1 ** np.arange(12), SETTINGS))
+    assert np.isnan(common_height(1.1 ** np.arange(12)))
 
 
 def test_down_is_at_right_angles_to_the_road():

@@ -4,7 +4,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.motion import StepPrior
-from wayside.schemas.settings import AdjustmentSettings, TieSettings
+from wayside.stages.adjustment import TieErrors
 from wayside.stages.geometry.rotation import tangent_basis
 from wayside.stages.odometry.pair_adjustment import adjust_pair
 
@@ -13,6 +13,8 @@ SIGMA = 0.1
 AHEAD = np.array([0.0, 0.0, 1.0])
 LOOSE = StepPrior(np.eye(3), np.inf, AHEAD, np.radians([60.0, 60.0]), True, 8.0, 0.02)
 START = (np.eye(3), AHEAD)
+
+ERRORS = TieErrors(SIGMA, 0.0, 0.0)
 
 
 def pair(noise_px=SIGMA, count=60, seed=0, turn=(0.003, 0.03, -0.002), slope=(0.02, -0.01)):
@@ -28,15 +30,17 @@ def pair(noise_px=SIGMA, count=60, seed=0, turn=(0.003, 0.03, -0.002), slope=(0.
 
 
 def adjust(previous, current, prior=LOOSE, start=START, scale_px=1e6, scatter=1.0):
-    ties = TieSettings(
-        sigma_px=SIGMA,
-        fine_last_scale_px=scale_px,
-        correlated_sigma_px=0.0,
-        correlated_fraction=0.0,
-    )
-    solver = AdjustmentSettings(window_iterations=30, pair_gain=1e-9)
     return adjust_pair(
-        previous, current, start, prior, focal_px=FOCAL, ties=ties, solver=solver, scatter=scatter
+        previous,
+        current,
+        start,
+        prior,
+        focal_px=FOCAL,
+        iterations=30,
+        gain=1e-9,
+        errors=ERRORS,
+        scale_px=scale_px,
+        scatter=scatter,
     )
 
 

@@ -2,14 +2,13 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.schemas.settings import TieSettings
 from wayside.stages.odometry.patch_registration import register_patches
 
 SHIFT = np.array([3.3, -2.4])
 
 
 def register(far, near, corners, starts, warps):
-    return register_patches(far, near, corners, starts, warps, 2, TieSettings())
+    return register_patches(far, near, corners, starts, warps, 2)
 
 
 @pytest.fixture(scope="module")

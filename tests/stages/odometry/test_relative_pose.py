@@ -6,16 +6,14 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import StepPrior
-from wayside.schemas.settings import MotionSettings, TieSettings
 from wayside.stages.geometry import halfway_direction
 from wayside.stages.odometry import relative_pose
 from wayside.stages.odometry.motion_prior import MotionPrior
 from wayside.stages.odometry.mount import Mount
-from wayside.stages.odometry.relative_pose import fit_relative_pose
+from wayside.stages.odometry.relative_pose import INLIER_RATIO, fit_relative_pose
 
 CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
 VIEW = SimpleNamespace(camera=CAMERA, focal_px=1400.0)
-TIES = TieSettings()
 AHEAD = np.array([0.0, 0.0, 1.0])
 MOUNTED = StepPrior(np.eye(3), np.inf, AHEAD, np.radians([0.35, 0.25]), True, 8.0, 0.02)
 
@@ -45,15 +43,15 @@ def ties_on_a_curve(yaw_deg, standing, riding):
 def test_a_vehicle_at_our_pace_does_not_make_a_curve_straight(yaw_deg, monkeypatch):
     tied, rotation, direction = ties_on_a_curve(yaw_deg, standing=70, riding=30)
     start = np.eye(3), AHEAD
-    straight = fit_relative_pose(VIEW, VIEW, tied, start, MOUNTED, TIES)
-    assert straight.inliers < TIES.inlier_ratio * len(straight.inlier)
+    straight = fit_relative_pose(VIEW, VIEW, tied, start, MOUNTED)
+    assert straight.inliers < INLIER_RATIO * len(straight.inlier)
     # Without pixels, the coarse pose is the straight one and every registration gives the same ties.
     coarse = SimpleNamespace(rotation=start[0], direction=start[1]), straight.inliers
     monkeypatch.setattr(relative_pose, "find_coarse_motion", lambda *_: coarse)
     monkeypatch.setattr(relative_pose, "register_ties", lambda *_: tied)
     expected = MotionPrior(MOUNTED, start, np.eye(3), 45.0, "straight")
-    mount = Mount(MotionSettings())
-    step = relative_pose.estimate_relative_pose(VIEW, VIEW, expected, mount, 20, TIES)
+    mount = Mount()
+    step = relative_pose.estimate_relative_pose(VIEW, VIEW, expected, mount, 20)
     off = Rotation.from_matrix(rotation.T @ step.rotation).magnitude()
     assert np.degrees(off) < 0.05
     np.testing.assert_allclose(step.direction, direction, atol=np.radians(0.3))
@@ -63,7 +61,7 @@ def test_a_vehicle_at_our_pace_does_not_make_a_curve_straight(yaw_deg, monkeypat
 
 def test_the_same_ties_give_the_same_step():
     tied, _, _ = ties_on_a_curve(0.7, standing=60, riding=25)
-    first = fit_relative_pose(VIEW, VIEW, tied, (np.eye(3), AHEAD), MOUNTED, TIES)
-    again = fit_relative_pose(VIEW, VIEW, tied, (np.eye(3), AHEAD), MOUNTED, TIES)
+    first = fit_relative_pose(VIEW, VIEW, tied, (np.eye(3), AHEAD), MOUNTED)
+    again = fit_relative_pose(VIEW, VIEW, tied, (np.eye(3), AHEAD), MOUNTED)
     assert first.rotation.tobytes() == again.rotation.tobytes()
     assert first.direction.tobytes() == again.direction.tobytes()

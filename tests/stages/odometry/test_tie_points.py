@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from wayside.schemas.detections import Candidates, Detections, Features, Regions
 from wayside.schemas.frame import USED, Camera, Frame, Image
 from wayside.schemas.motion import StepPrior
-from wayside.schemas.settings import FeatureSettings, TieSettings
+from wayside.schemas.settings import FeatureSettings
 from wayside.stages.odometry.features import tie_corners
 from wayside.stages.odometry.relative_pose import find_coarse_motion
 from wayside.stages.odometry.tie_points import (
@@ -20,7 +20,6 @@ from wayside.stages.segmentation import unsegmented
 CAMERA = Camera(900, 700, 800.0, 800.0, 449.5, 349.5)
 AHEAD = np.array([0.0, 0.0, 1.0])
 PRIOR = StepPrior(np.eye(3), np.inf, AHEAD, np.radians([1.5, 1.5]), True, 8.0, 0.02)
-TIES = TieSettings()
 HEIGHT, BASELINE = 1.6, 6.0
 
 
@@ -82,7 +81,7 @@ def off_px(tied, rotation, direction):
 
 def test_the_coarse_motion_finds_the_turn(pair):
     before, now, rotation, _ = pair
-    fit, agreeing = find_coarse_motion(before, now, PRIOR, np.eye(3), 60.0, TIES)
+    fit, agreeing = find_coarse_motion(before, now, PRIOR, np.eye(3), 60.0)
     assert agreeing > 30
     turn = Rotation.from_matrix(fit.rotation @ rotation.T).magnitude()
     assert np.degrees(turn) < 0.5
@@ -91,15 +90,15 @@ def test_the_coarse_motion_finds_the_turn(pair):
 def test_too_few_corners_give_no_motion(pair):
     before, _, _, _ = pair
     blank = view(np.full((700, 900), 80, np.uint8))
-    assert find_coarse_motion(before, blank, PRIOR, np.eye(3), 60.0, TIES) == (None, 0)
+    assert find_coarse_motion(before, blank, PRIOR, np.eye(3), 60.0) == (None, 0)
 
 
 def test_knowing_the_road_ties_more_of_it_and_places_it_better(pair):
     before, now, rotation, direction = pair
     ground = GroundPlane(np.array([0.0, 1.0, 0.0]), HEIGHT, BASELINE)
-    plain = register_ties(before, now, rotation, direction, TIES)
-    warped = register_ties(before, now, rotation, direction, TIES, ground)
-    more = register_road(before, now, rotation, direction, ground, warped, TIES)
+    plain = register_ties(before, now, rotation, direction)
+    warped = register_ties(before, now, rotation, direction, ground)
+    more = register_road(before, now, rotation, direction, ground, warped)
     assert len(more.rows) > len(warped.rows) + 20
     assert (more.rows[len(warped.rows) :] == -1).all()
     off_plain, off_warped = (off_px(t, rotation, direction) for t in (plain, warped))
@@ -110,8 +109,8 @@ def test_knowing_the_road_ties_more_of_it_and_places_it_better(pair):
 
 def test_a_match_is_registered_once(pair):
     before, now, rotation, direction = pair
-    first = register_ties(before, now, rotation, direction, TIES)
-    second = register_ties(before, now, rotation, direction, TIES, last=first)
+    first = register_ties(before, now, rotation, direction)
+    second = register_ties(before, now, rotation, direction, last=first)
     np.testing.assert_array_equal(first.rows, second.rows)
     np.testing.assert_array_equal(first.current, second.current)
 

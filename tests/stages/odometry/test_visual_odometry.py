@@ -23,12 +23,7 @@ from wayside.schemas.frame import (
     Pose,
     PosePrior,
 )
-from wayside.schemas.settings import (
-    AdjustmentSettings,
-    FeatureSettings,
-    MotionSettings,
-    TieSettings,
-)
+from wayside.schemas.settings import FeatureSettings, MotionSettings
 from wayside.stages.odometry.drive_motion import estimate_motion
 from wayside.stages.odometry.features import extract_features, tie_corners
 from wayside.stages.odometry.motion_agreement import image_step
@@ -132,7 +127,7 @@ def detections_of(images, **known):
 
 def motions(images, settings=None, **known):
     settings = settings or MotionSettings()
-    given = detections_of(images, **known), settings, TieSettings(), AdjustmentSettings()
+    given = detections_of(images, **known), settings
     return [m.motion for m in estimate_motion(*given)]
 
 
@@ -381,8 +376,7 @@ def assert_nothing_gained(images, at, extra, **known):
     order = [*range(at), *[at - 1] * len(extra), *range(at, len(images))]
     given = [*images[:at], *extra, *images[at:]]
     known = {name: [values[i] for i in order] for name, values in known.items()}
-    settings = MotionSettings(), TieSettings(), AdjustmentSettings()
-    found = list(estimate_motion(detections_of(given, **known), *settings))
+    found = list(estimate_motion(detections_of(given, **known), MotionSettings()))
     statuses = [item.frame.status for item in found]
     assert statuses == [USED] * at + [DUPLICATE] * len(extra) + [USED] * (len(images) - at)
     assert all(len(item.frame.data) == 0 for item in found if item.frame.status == DUPLICATE)
@@ -426,8 +420,7 @@ def test_slow_motion_adds_up():
     scene = Scene(drive_poses(4))
     images = [scene.image(pose) for pose in creep]
     places = [PosePrior(pose, 0.02, 0.002, "poses") for pose in creep]
-    settings = MotionSettings(), TieSettings(), AdjustmentSettings()
-    found = list(estimate_motion(detections_of(images, pose=places), *settings))
+    found = list(estimate_motion(detections_of(images, pose=places), MotionSettings()))
     used = [i for i, item in enumerate(found) if item.motion is not None]
     assert 1 < len(used) < 6
     gone = sum(found[i].motion.baseline_m for i in used[1:])
@@ -451,8 +444,7 @@ def known_by(source, poses):
 
 
 def stage(images, **known):
-    settings = MotionSettings(), TieSettings(), AdjustmentSettings()
-    return list(estimate_motion(detections_of(images, **known), *settings))
+    return list(estimate_motion(detections_of(images, **known), MotionSettings()))
 
 
 def test_a_vehicle_that_reverses_as_its_poses_say_keeps_all_images():
@@ -475,8 +467,7 @@ def test_images_tell_rotation_and_direction_of_travel_by_themselves():
     poses = drive_poses(6, yaw_deg=2.0)
     scene = Scene(poses)
     images = [keypoints(scene, pose) for pose in poses]
-    settings = MotionSettings(), TieSettings()
-    steps = [image_step((i, i + 1), images[i], images[i + 1], *settings) for i in range(5)]
+    steps = [image_step((i, i + 1), images[i], images[i + 1], MotionSettings()) for i in range(5)]
     found = [step for step in steps if step is not None]
     assert len(found) >= 3
     for step in found:
@@ -486,4 +477,4 @@ def test_images_tell_rotation_and_direction_of_travel_by_themselves():
         assert np.degrees(off) < 0.5
         along = step.direction @ true.centre / np.linalg.norm(true.centre)
         assert np.degrees(np.arccos(min(along, 1.0))) < 4
-    assert image_step((0, 0), images[0], images[0], *settings) is None
+    assert image_step((0, 0), images[0], images[0], MotionSettings()) is None

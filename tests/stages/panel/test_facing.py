@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from wayside.schemas.settings import PanelSettings
 from wayside.stages.panel import facing
 from wayside.stages.panel.rectification import PanelPlane
 
@@ -13,11 +12,15 @@ CENTRES = np.array([[0.1 * k, 0.0, 8.0 * k] for k in range(1, 7)])[::-1].copy()
 
 
 def solve_facing(centres, sizes, sigmas, angle_sigma, aspect=None, aspect_sigma=0.02):
-    settings = PanelSettings(
-        facing_sigma_deg=float(np.degrees(angle_sigma)), aspect_sigma=aspect_sigma
-    )
     return facing.solve_facing(
-        PLANE, centres, sizes, sigmas, cauchy=2.385, aspect=aspect, settings=settings
+        PLANE,
+        centres,
+        sizes,
+        sigmas,
+        cauchy=2.385,
+        aspect=aspect,
+        facing_sigma=angle_sigma,
+        aspect_sigma=aspect_sigma,
     )
 
 

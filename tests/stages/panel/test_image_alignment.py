@@ -1,5 +1,3 @@
-from functools import partial
-
 import cv2
 import numpy as np
 import pytest
@@ -7,11 +5,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from wayside.schemas.settings import RegistrationSettings
-from wayside.stages.panel import image_alignment
-from wayside.stages.panel.image_alignment import warp_to_template
-
-align = partial(image_alignment.align, settings=RegistrationSettings())
+from wayside.stages.panel.image_alignment import align, warp_to_template
 
 ROWS, COLUMNS = 61, 71
 

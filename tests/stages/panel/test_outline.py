@@ -4,9 +4,18 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.schemas.settings import PanelOutlineSettings
-from wayside.stages.panel.outline import FaceOutline, fit_face_outline, outline_candidates
-from wayside.stages.panel.outline_edges import edge_profiles, gradients_of, strip_colors
+from wayside.stages.panel.outline import (
+    REFINE_SEARCH,
+    FaceOutline,
+    fit_face_outline,
+    outline_candidates,
+)
+from wayside.stages.panel.outline_edges import (
+    OFFSET_STEP,
+    edge_profiles,
+    gradients_of,
+    strip_colors,
+)
 from wayside.stages.panel.outline_fit import Outline, refine_outline, side_variances
 from wayside.stages.panel.outline_shapes import OUTLINE_SHAPES, box_round, segments_of
 
@@ -105,22 +114,19 @@ def test_the_profile_peaks_where_the_edge_stands():
     middle, half = np.array([60.0, 54.0]), np.array([30.3, 22.6])
     edges = gradients_of(views_of("rectangle", middle, half, rim=0))
     segments = segments_of("rectangle", around(middle, half - 2.0))
-    profiles = edge_profiles(edges, segments, -1.0, 5.0, PanelOutlineSettings())
-    assert (
-        np.abs(np.median(profiles.argmax(axis=1)) * PanelOutlineSettings().offset_step - 1.0 - 2.0)
-        <= 0.25
-    )
+    profiles = edge_profiles(edges, segments, -1.0, 5.0)
+    assert np.abs(np.median(profiles.argmax(axis=1)) * OFFSET_STEP - 1.0 - 2.0) <= 0.25
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_no_outline_of_a_narrow_face_is_less_than_a_sample_wide(seed):
-    rng, settings = np.random.default_rng(seed), PanelOutlineSettings()
+    rng = np.random.default_rng(seed)
     middle, half = np.array([60.0, 54.0]) + rng.uniform(-1, 1, 2), rng.uniform(0.6, 3, 2)
     views = views_of(str(rng.choice(list(CORNERS))), middle, half, rim=0)
     edges, box = gradients_of(views), around(middle, half * rng.uniform(0.5, 1.2, 2))
-    for candidate in outline_candidates(views, edges, box, settings):
+    for candidate in outline_candidates(views, edges, box):
         outline = candidate.outline
-        refined = refine_outline(edges, outline, settings.refine_search, settings, held=True)
+        refined = refine_outline(edges, outline, REFINE_SEARCH, held=True)
         assert min(size_of(outline.box).min(), size_of(refined.box).min()) >= 1
 
 
@@ -128,7 +134,7 @@ def test_strips_take_the_colour_that_is_there():
     views = np.full((2, 40, 50, 3), 0, np.float32)
     views[:, :, 25:] = (10, 20, 30)
     segments = segments_of("rectangle", np.array([10.0, 10.0, 30.0, 30.0]))
-    colors = strip_colors(views, segments, -1.0, 1.0, PanelOutlineSettings())
+    colors = strip_colors(views, segments, -1.0, 1.0)
     right = np.flatnonzero(segments.normal[:, 0] > 0.9)
     np.testing.assert_allclose(colors[right], np.broadcast_to([10, 20, 30], colors[right].shape))
 
@@ -144,9 +150,7 @@ def test_strips_take_the_colour_that_is_there():
 def test_the_outer_edge_of_the_rim_is_found_from_the_inner_field(shape, half, outline_model):
     middle, half = np.array([60.3, 54.7]), np.array(half)
     start = around(middle + 1.0, half * 0.92)
-    face = fit_face_outline(
-        views_of(shape, middle, half), start, outline_model, PanelOutlineSettings()
-    )
+    face = fit_face_outline(views_of(shape, middle, half), start, outline_model)
     assert face is not None
     assert face.shape == shape or {face.shape, shape} == {"octagon", "circle"}
     np.testing.assert_allclose(size_of(face.box), 2 * half, rtol=0.025)
@@ -156,10 +160,7 @@ def test_the_outer_edge_of_the_rim_is_found_from_the_inner_field(shape, half, ou
 def test_a_rotated_panel_keeps_its_size(outline_model):
     middle, half, rotation = np.array([60.0, 54.0]), np.array([30.0, 22.0]), np.radians(4.0)
     face = fit_face_outline(
-        views_of("rectangle", middle, half, rotation),
-        around(middle, half * 0.95),
-        outline_model,
-        PanelOutlineSettings(),
+        views_of("rectangle", middle, half, rotation), around(middle, half * 0.95), outline_model
     )
     assert face is not None
     assert np.degrees(face.rotation) == pytest.approx(4.0, abs=1.2)  # drawn to upright
@@ -173,7 +174,6 @@ def test_a_side_with_another_edge_beside_it_is_known_worse_than_the_others():
         side_variances(
             gradients_of(views_of("rectangle", middle, half, rim=0, behind=behind)),
             Outline("rectangle", around(middle, half), 0.0, 1.0),
-            PanelOutlineSettings(),
         )
         for behind in ((), (shelf,))
     )
@@ -194,20 +194,18 @@ def test_the_errors_of_size_and_centre_are_those_of_the_sides():
 
 def test_the_other_outlines_that_a_face_may_have_count_in_its_errors(outline_model):
     middle, half = np.array([60.0, 54.0]), np.array([30.0, 22.0])
-    views, settings = views_of("rectangle", middle, half), PanelOutlineSettings()
+    views = views_of("rectangle", middle, half)
     undecided = dataclasses.replace(outline_model, weights=0.0 * outline_model.weights)
     start = around(middle, half * 0.95)
     decided, either = (
-        fit_face_outline(views, start, model, settings) for model in (outline_model, undecided)
+        fit_face_outline(views, start, model) for model in (outline_model, undecided)
     )
     assert (either.size_sigma > 2 * decided.size_sigma).all()
 
 
 def test_no_face_has_an_outline_on_an_even_wall(outline_model):
     views = np.full((2, ROWS, COLUMNS, 3), 120, np.float32)
-    face = fit_face_outline(
-        views, np.array([40.0, 40.0, 80.0, 70.0]), outline_model, PanelOutlineSettings()
-    )
+    face = fit_face_outline(views, np.array([40.0, 40.0, 80.0, 70.0]), outline_model)
     assert face is None or face.strength < 0.1
 
 

@@ -5,10 +5,14 @@ import numpy as np
 import pytest
 
 from wayside.schemas.frame import Camera, Pose
-from wayside.schemas.settings import RegistrationSettings
 from wayside.stages.panel.outline import FaceOutline
 from wayside.stages.panel.rectification import PanelPlane, PosedImage, RectifiedView, usable_views
-from wayside.stages.panel.registration import align_view, inside_outline, register_views
+from wayside.stages.panel.registration import (
+    FEWEST_SAMPLES,
+    align_view,
+    inside_outline,
+    register_views,
+)
 
 MIDDLE = np.array([4.2, -1.1, 44.0])
 SIDE = 0.9
@@ -66,7 +70,7 @@ def registered(panel_method):
 
     def register(images, detected):
         plane = PanelPlane.across(MIDDLE, np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0]))
-        usable = usable_views(plane, METRIC, images, panel_method.panel)
+        usable = usable_views(plane, METRIC, images)
         found = register_views(plane, METRIC, usable, np.array(detected), panel_method)
         return [view.image.frame for view, _ in found.views]
 
@@ -96,15 +100,14 @@ def test_the_weight_keeps_from_the_edge_of_the_face_by_the_margin():
     assert inside_outline(face, (60, 60), 30.0).sum() == 0
 
 
-@pytest.mark.parametrize("left", [0, RegistrationSettings().fewest_samples - 1])
+@pytest.mark.parametrize("left", [0, FEWEST_SAMPLES - 1])
 def test_views_of_which_hardly_anything_is_left_to_compare_are_not_registered(left):
     grey = np.random.default_rng(4).normal(120, 30, (60, 60))
     rgb = np.repeat(grey[..., None], 3, axis=2)
     pose = Pose(np.eye(3), np.zeros(3))
     image = PosedImage(0, pose, Camera(60, 60, 50.0, 50.0, 29.5, 29.5), rgb.astype(np.uint8))
     view = RectifiedView(image, 20.0, rgb.astype(np.float32), grey)
-    settings = RegistrationSettings()
     weight = np.zeros((60, 60))
     weight.flat[:left] = 1.0
-    assert align_view(view, view, weight, settings) is None
-    assert align_view(view, view, np.ones((60, 60)), settings) is not None
+    assert align_view(view, view, weight) is None
+    assert align_view(view, view, np.ones((60, 60))) is not None

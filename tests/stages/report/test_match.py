@@ -1,11 +1,10 @@
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
 
 from wayside.schemas.detections import VERDICTS
-from wayside.schemas.settings import MappingSettings, SiftSettings, TrackSettings
+from wayside.schemas.settings import MappingSettings, TrackSettings
 from wayside.stages.mapping.tracker import track
 from wayside.stages.report.match import match_by_descriptors
 
@@ -13,7 +12,7 @@ REPORT = MappingSettings(TrackSettings(fewest_views=2))
 
 
 def run(frames):
-    return list(match_by_descriptors(iter(frames), REPORT, SiftSettings()))
+    return list(match_by_descriptors(iter(frames), REPORT))
 
 
 def landmarks_of(tracked):
@@ -99,7 +98,7 @@ def test_frames_come_out_once_in_order(panel, drive):
     assert [item.frame.index for item in run(frames)] == list(range(30))
 
 
-@pytest.mark.parametrize("follow", [track, partial(match_by_descriptors, sift=SiftSettings())])
+@pytest.mark.parametrize("follow", [track, match_by_descriptors])
 def test_both_ways_of_matching_agree_on_a_clear_panel(panel, drive, follow):
     frames = drive([panel(3.5, 1.2, 90.0)], 14)
     (place,) = landmarks_of(list(follow(iter(frames), REPORT)))

@@ -2,12 +2,11 @@ import cv2
 import numpy as np
 
 from wayside.schemas.frame import THINNED
-from wayside.schemas.settings import SiftSettings
 from wayside.stages.report.sift import extract_sift
 
 
 def with_sift(item):
-    (found,) = extract_sift(iter([item]), settings=SiftSettings())
+    (found,) = extract_sift(iter([item]))
     return found
 
 

@@ -6,8 +6,7 @@ import pytest
 
 from wayside.schemas.settings import SegmentSettings
 from wayside.stages.segmentation.palette import palette, sample_colors
-
-SAMPLE = SegmentSettings().sample_px
+from wayside.stages.segmentation.two_pass import SAMPLE_PX
 
 
 def k(clusters):
@@ -42,7 +41,7 @@ def test_the_palette_explains_an_image_nearly_as_well_as_full_kmeans(seed):
     reference = cv2.kmeans(
         rgb.reshape(-1, 3).astype(np.float32), 16, None, criteria, 3, cv2.KMEANS_PP_CENTERS
     )[2]
-    ours = palette(sample_colors(rgb, SAMPLE), k(16))
+    ours = palette(sample_colors(rgb, SAMPLE_PX), k(16))
     assert inertia(rgb, ours) <= 1.2 * inertia(rgb, np.clip(np.rint(reference), 0, 255))
 
 
@@ -50,26 +49,26 @@ def test_an_image_of_few_colours_gets_exactly_these():
     wanted = np.array([[10, 10, 10], [200, 30, 40], [30, 160, 60], [250, 250, 250]], np.uint8)
     rgb = wanted[np.random.default_rng(2).integers(0, 4, (90, 130))]
     np.testing.assert_array_equal(
-        np.unique(palette(sample_colors(rgb, SAMPLE), k(8)), axis=0), np.unique(wanted, axis=0)
+        np.unique(palette(sample_colors(rgb, SAMPLE_PX), k(8)), axis=0), np.unique(wanted, axis=0)
     )
 
 
 @pytest.mark.parametrize("clusters", range(2, 17))
 def test_every_k_gives_that_many_centres_darkest_first(clusters):
-    centers = palette(sample_colors(scene(), SAMPLE), k(clusters))
+    centers = palette(sample_colors(scene(), SAMPLE_PX), k(clusters))
     assert centers.shape == (clusters, 3)
     assert (np.diff(centers.sum(axis=1, dtype=int)) >= 0).all()
 
 
 def test_more_clusters_leave_less_unexplained():
     rgb = scene()
-    sample = sample_colors(rgb, SAMPLE)
+    sample = sample_colors(rgb, SAMPLE_PX)
     assert inertia(rgb, palette(sample, k(16))) < inertia(rgb, palette(sample, k(4)))
 
 
 def test_bins_stand_at_the_mean_of_the_sample():
     rgb = scene()
-    sample = sample_colors(rgb, SAMPLE)
+    sample = sample_colors(rgb, SAMPLE_PX)
     np.testing.assert_allclose(
         (sample.mean * sample.weight).sum(axis=1) / sample.weight.sum(),
         sample.pixels.mean(axis=0),
@@ -80,13 +79,13 @@ def test_bins_stand_at_the_mean_of_the_sample():
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 2), (7, 1), (3, 5)])
 def test_tiny_images_have_a_palette(size):
     rgb = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
-    assert palette(sample_colors(rgb, SAMPLE), k(16)).shape == (16, 3)
+    assert palette(sample_colors(rgb, SAMPLE_PX), k(16)).shape == (16, 3)
 
 
 def test_an_empty_image_or_a_k_out_of_range_is_refused():
     with pytest.raises(ValueError, match="at least one pixel"):
-        sample_colors(np.zeros((0, 5, 3), np.uint8), SAMPLE)
-    sample = sample_colors(scene(), SAMPLE)
+        sample_colors(np.zeros((0, 5, 3), np.uint8), SAMPLE_PX)
+    sample = sample_colors(scene(), SAMPLE_PX)
     for clusters in (1, 257):
         with pytest.raises(ValueError, match="clusters: wanted 2 to 256"):
             palette(sample, k(clusters))

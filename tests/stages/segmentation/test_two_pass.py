@@ -120,15 +120,15 @@ def test_the_band_is_segmented_as_rows_of_the_full_image():
 
 
 def test_the_band_covers_road_signs_seen_from_a_level_camera():
-    first, last = band_of(Camera(1600, 1200, 1400.0, 1400.0, 800.0, 600.0), 1200, WHOLE)
+    first, last = band_of(Camera(1600, 1200, 1400.0, 1400.0, 800.0, 600.0), 1200)
     for up, ahead in ((2.0, 12.0), (6.0, 35.0), (-1.0, 12.0)):
         assert first <= 600 - 1400 * up / ahead < last
     assert last - first < 500
 
 
 def test_a_camera_that_looks_away_or_is_unknown_gets_the_whole_image():
-    assert band_of(Camera(1600, 1200, 1400.0, 1400.0, 800.0, -5000.0), 1200, WHOLE) == (0, 1200)
-    assert band_of(None, 1200, WHOLE) == (0, 1200)
+    assert band_of(Camera(1600, 1200, 1400.0, 1400.0, 800.0, -5000.0), 1200) == (0, 1200)
+    assert band_of(None, 1200) == (0, 1200)
 
 
 def test_frames_without_pixels_travel_with_empty_tables():

@@ -9,7 +9,6 @@ from wayside.pipeline.model_files import shipped_models
 from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.measurement import Alignment, Measurement, PanelView
-from wayside.schemas.settings import CodeSettings
 from wayside.stages.sign_codes import (
     OTHER_FACE,
     PATCH_SIDE,
@@ -18,6 +17,7 @@ from wayside.stages.sign_codes import (
     face_patch,
     face_samples,
 )
+from wayside.stages.sign_codes.face_classes import FACE_VIEWS, LEAST_LOG_PROBABILITY
 
 CLASSES = ("other", "stop", "R2-1 45")
 SQUARE = np.array([20.0, 20, 60, 60])
@@ -44,13 +44,13 @@ def view(rgb, shift=(0.0, 0.0), stretch=(1.0, 1.0)):
     )
 
 
-def classified(landmark, *views, face=SQUARE, settings=None):
+def classified(landmark, *views, face=SQUARE):
     measured = Measurement(landmark.track_id, views, None, "rectangle", face, None)
     frame = TrackedFrame(
         Frame(0, 0, None, "used", "jpeg", b"", None), None, None, None, None, 0, (landmark,),
         measurements=(measured,),
     )  # fmt: skip
-    (seen,) = classify_faces(iter([frame]), model=Linear(), settings=settings or CodeSettings())
+    (seen,) = classify_faces(iter([frame]), model=Linear())
     return seen.landmarks[0]
 
 
@@ -79,21 +79,20 @@ def test_the_samples_do_not_depend_on_the_exposure():
 
 
 def test_a_landmark_has_the_mean_of_its_views_and_one_bad_view_rules_nothing_out(landmark):
-    views, settings = (view(pixels(1)), view(pixels(2))), CodeSettings()
+    views = view(pixels(1)), view(pixels(2))
     found = np.array(classified(landmark, *views).face_log_probability)
     box = np.array([20.5, 20.5, 60.5, 60.5])
     each = Linear().log_probabilities(np.stack([face_patch(v.rgb, box) for v in views]))
-    assert each.min() < settings.least_log_probability
-    wanted = np.maximum(each, settings.least_log_probability).mean(axis=0)
+    assert each.min() < LEAST_LOG_PROBABILITY
+    wanted = np.maximum(each, LEAST_LOG_PROBABILITY).mean(axis=0)
     np.testing.assert_allclose(found, wanted - np.logaddexp.reduce(wanted))
 
 
 def test_only_the_nearest_views_are_classified_where_they_lie(landmark):
     near = pixels(1)
     alone = classified(landmark, view(near)).face_log_probability
-    one = replace(CodeSettings(), face_views=1)
-    both = classified(landmark, view(near), view(pixels(2)), settings=one)
-    assert both.face_log_probability == alone
+    more = classified(landmark, *[view(near)] * FACE_VIEWS, view(pixels(2)))
+    np.testing.assert_allclose(more.face_log_probability, alone)
     moved = classified(landmark, view(np.roll(near, 5, axis=1), shift=(5.0, 0.0)))
     np.testing.assert_allclose(moved.face_log_probability, alone)
 

@@ -1,0 +1,369 @@
+"""What classifiers are asked about on labelled drives, with the answer that labels give: one table for all.
+
+The flow runs as in `wayside run`; an observer takes the input of each classifier where it stands: the connected regions
+for the size gate, those that pass it for the colour gate, those that pass that for the shape gate, the triangulated
+landmarks for the location, and in preset `default` the boxes and landmarks that are scored.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.flow import Flow, Observer
+from wayside.pipeline.labels import FrameLabels, LogImages, labels_by_frame
+from wayside.pipeline.learning.labelled import Faces, labelled_faces
+from wayside.pipeline.learning.samples import NEITHER, ON
+from wayside.pipeline.model_files import TRAJECTORY_FILES, Models
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.workers import Item, StageClock
+from wayside.schemas.detections import COLORS, SHAPES, Detections, Segmentation, verdict_code
+from wayside.schemas.errors import InputError
+from wayside.schemas.labels import Labels
+from wayside.schemas.landmarks import Landmark, TrackedFrame
+from wayside.schemas.models import MixtureModel
+from wayside.schemas.settings import GateSettings, ReadSettings, Settings
+from wayside.schemas.signs import Sign
+from wayside.stages.mapping import VERDICT_OF_TERM
+from wayside.stages.report import color_features, mean_log_density, region_descriptors
+from wayside.stages.segmentation import regions_before_gate
+
+NO_CLASS = ""
+"""Class of what is no sign, and of what a classifier refuses."""
+
+TRAJECTORIES = {form: file.removesuffix(".json") for form, file in TRAJECTORY_FILES.items()}
+
+_BEFORE, _AFTER = ("size", "color", "shape"), ("detector", "landmark", "location", "confidence")
+CLASSIFIERS = (*_BEFORE, *TRAJECTORIES.values(), *_AFTER)
+"""Every classifier of the presets, in the order of the chain."""
+
+_LABELS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """A table whose columns are its fields that are arrays, all of n rows; other fields hold for all rows."""
+
+    def __len__(self) -> int:
+        """Count rows."""
+        return len(next(one for one in self.columns().values() if isinstance(one, np.ndarray)))
+
+    def select(self, rows: NDArray[Any]) -> Self:
+        """Those rows, in that order."""
+        return type(self)(
+            **{k: v[rows] if isinstance(v, np.ndarray) else v for k, v in self.columns().items()}
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """The rows of several, at least one, in that order."""
+        return cls(
+            **{
+                name: np.concatenate([getattr(part, name) for part in parts])
+                if isinstance(value, np.ndarray)
+                else value
+                for name, value in parts[0].columns().items()
+            }
+        )
+
+    def columns(self) -> dict[str, Any]:
+        """All fields by name."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+
+@dataclass(frozen=True, slots=True)
+class ClassifierSamples(Rows):
+    """What one classifier was asked about, n rows, in order of drive and frame.
+
+    classifier: its name; space: of its values; values (n, d) float64; label (n,) int8 `OFF`, `ON` or `NEITHER` a sign;
+    kind (n,): class of the labelled sign in this classifier's terms, `NO_CLASS` where there is none; accepted (n,)
+    bool: what it decided; named (n,): the class that it gave, `NO_CLASS` where it refused; drive (n,), frame (n,)
+    int32, box (n, 4) float32: where it came from (of a landmark its best view), pixels; count (n,) int64: how many
+    equal ones of the same frame the row stands for (of the size gate; else 1), their boxes nan.
+    """
+
+    classifier: str
+    space: str
+    values: NDArray[np.float64]
+    label: NDArray[np.int8]
+    kind: NDArray[np.str_]
+    accepted: NDArray[np.bool_]
+    named: NDArray[np.str_]
+    drive: NDArray[np.str_]
+    frame: NDArray[np.int32]
+    box: NDArray[np.float32]
+    count: NDArray[np.int64]
+
+    def known(self) -> ClassifierSamples:
+        """Those that are on a sign or off all signs."""
+        return self.select(self.label != NEITHER)
+
+    def confusion(self) -> dict[tuple[str, str], int]:
+        """How many samples of each labelled class got which class, as the run decided."""
+        own = self.known()
+        labelled = np.where(own.label == ON, np.where(own.kind == "", "sign", own.kind), "none")
+        given = np.where(own.accepted, np.where(own.named == "", "accepted", own.named), "refused")
+        counts: Counter[tuple[str, str]] = Counter()
+        for *pair, count in zip(labelled.tolist(), given.tolist(), own.count.tolist(), strict=True):
+            counts[pair[0], pair[1]] += count
+        return dict(sorted(counts.items()))
+
+
+def join_drives(drives: Iterable[Mapping[str, ClassifierSamples]]) -> dict[str, ClassifierSamples]:
+    """The samples of several drives together, by classifier."""
+    parts: dict[str, list[ClassifierSamples]] = {}
+    for drive in drives:
+        for name, samples in drive.items():
+            parts.setdefault(name, []).append(samples)
+    return {name: ClassifierSamples.joined(own) for name, own in parts.items()}
+
+
+def labels_of_log(log: Path, labels: Labels, settings: ReadSettings) -> FrameLabels:
+    """The labels of the images of a log, by frame; raises InputError where none of the labels is of it."""
+    known = LogImages.of(log, settings)
+    found = labels_by_frame(labels, log.stem, known.times_ns, known.names)
+    if not found.labels and not found.complete:
+        reasons = ", ".join(f"{count} {reason}" for reason, count in found.left_out.items())
+        raise InputError(
+            f"{log}: wanted labels of its images, found none ({reasons}); see docs/labels.md for how an image is named"
+        )
+    return found
+
+
+def gather_samples(
+    log: Path,
+    labels: Labels,
+    settings: Settings,
+    models: Models,
+    also: Observer | None = None,
+    undecided: Sequence[MixtureModel] = (),
+    only: Collection[str] | None = None,
+) -> dict[str, ClassifierSamples]:
+    """What every classifier is asked about when a log is run, by the classifier's name, in the order of the chain.
+
+    Parameters
+    ----------
+    log
+        The MCAP file.
+    labels
+        Of its images, and perhaps of those of other logs.
+    settings, models
+        What the run works with.
+    also
+        Sees every item of the run, too.
+    undecided
+        Densities of trajectories, one a form, that are asked about every track but decide nothing in this run; their
+        samples bear the names of their files.
+    only
+        Classifiers that are asked; None: all. The size gate takes half of the time.
+
+    Raises
+    ------
+    InputError
+        The log cannot be used, or none of the labels is of it.
+    StageError
+        A stage failed.
+    """
+    faces = labelled_faces(labels_of_log(log, labels, settings.read))
+    densities = {TRAJECTORIES[density.space]: density for density in undecided}
+    if models.trajectory_density is not None:
+        densities["trajectory"] = models.trajectory_density
+    wanted = CLASSIFIERS if only is None else only
+    collector = _Collector(log.stem, faces, models, settings.gate, also, densities, wanted)
+    flow = Flow(settings, models, StageClock(), collector)
+    for _ in flow.track(read_frames(log, settings.read, ReadReport())):
+        pass
+    for sign in flow.finish().signs:
+        collector.see_sign(sign)
+    return collector.samples()
+
+
+@dataclass
+class _Collector:
+    """Sees the items of a flow and keeps what its classifiers were asked; frames may come in any order."""
+
+    drive: str
+    faces: Faces
+    models: Models
+    gate: GateSettings
+    also: Observer | None
+    densities: Mapping[str, MixtureModel]
+    only: Collection[str]
+
+    def __post_init__(self) -> None:
+        self._asked: dict[str, list[ClassifierSamples]] = {}
+        self._by_stage: dict[str, Callable[[Any], Iterable[ClassifierSamples]]] = {
+            "segment": self._size,
+            "color": self._color,
+            "shape": self._shape,
+            "detect": self._boxes,
+            "track": self._tracked,
+            "location": self._located,
+        }
+
+    def see(self, stage: str, item: Item) -> None:
+        """Keep what the classifier of this stage was asked; other stages have none."""
+        if self.also is not None:
+            self.also.see(stage, item)
+        if stage in self._by_stage and (stage != "segment" or "size" in self.only):
+            for asked in self._by_stage[stage](item):
+                self._asked.setdefault(asked.classifier, []).append(asked)
+
+    def see_sign(self, sign: Sign) -> None:
+        """Keep what the threshold of the confidence was asked; preset `report` gives none."""
+        if sign.status in ("sign", "uncertain") and self.models.color_classes is None:
+            value, is_sign = [(sign.confidence,)], [sign.status == "sign"]
+            asked = self._landmarks("confidence", [sign.landmark], "probability", value, is_sign)
+            self._asked.setdefault("confidence", []).append(asked)
+
+    def samples(self) -> dict[str, ClassifierSamples]:
+        """All that was asked, by classifier, in the order of the chain and of the frames."""
+        found = {}
+        for name in (one for one in CLASSIFIERS if one in self.only and one in self._asked):
+            own = ClassifierSamples.joined(self._asked[name])
+            found[name] = own.select(np.argsort(own.frame, kind="stable"))
+        return found
+
+    def _ask(
+        self,
+        classifier: str,
+        space: str,
+        frame: Any,
+        values: Any,
+        label: Any,
+        accepted: Any,
+        box: Any = np.nan,
+        kind: Any = NO_CLASS,
+        named: Any = NO_CLASS,
+        count: Any = 1,
+    ) -> ClassifierSamples:
+        """Columns of the right kinds, as long as `label`; one value stands for all rows."""
+
+        def column(given: Any, dtype: Any, *width: int) -> NDArray[Any]:
+            return np.broadcast_to(np.asarray(given, dtype), (len(label), *width))
+
+        return ClassifierSamples(
+            classifier,
+            space,
+            np.asarray(values, np.float64),
+            column(label, np.int8),
+            column(kind, np.str_),
+            column(accepted, np.bool_),
+            column(named, np.str_),
+            column(self.drive, np.str_),
+            column(frame, np.int32),
+            column(box, np.float32, 4),
+            column(count, np.int64),
+        )
+
+    def _size(self, item: Segmentation) -> Iterator[ClassifierSamples]:
+        """Areas of all connected regions, equal ones of a frame counted in one row."""
+        if item.image.rgb is None:
+            return
+        regions, frame = regions_before_gate(item), item.frame.index
+        label, _ = self.faces.label_regions(frame, regions.box)
+        # area and label in one number: far faster to sort than pairs
+        pairs, count = np.unique(
+            regions.area_px.astype(np.int64) * _LABELS + (label - NEITHER), return_counts=True
+        )
+        area, label = pairs // _LABELS, pairs % _LABELS + NEITHER
+        accepted = (area >= self.gate.smallest_px) & (area <= self.gate.largest_px)
+        yield self._ask("size", "area_px", frame, area[:, None], label, accepted, count=count)
+
+    def _color(self, item: Detections) -> Iterator[ClassifierSamples]:
+        every, colors = item.candidates, self.models.color_classes
+        space = "rgb" if colors is None else colors.space
+        values = color_features(every.regions.rgb, space)
+        accepted = every.verdict != verdict_code("color")
+        names = (self.faces.color, COLORS, every.color)
+        yield self._regions("color", item, np.arange(len(every)), space, values, accepted, names)
+
+    def _shape(self, item: Detections) -> Iterator[ClassifierSamples]:
+        every = item.candidates
+        refused = every.verdict == verdict_code("shape")
+        rows = np.flatnonzero(refused | (every.verdict == verdict_code("open")))
+        values = region_descriptors(item.segmentation, every.regions.select(rows))
+        names = (self.faces.shape, SHAPES, every.shape[rows])
+        yield self._regions("shape", item, rows, "fourier6", values, ~refused[rows], names)
+
+    def _boxes(self, item: Detections) -> Iterator[ClassifierSamples]:
+        """Every box that the detector scored; one that a better box suppresses is none that it refused."""
+        score, learned = item.candidates.score, self.models.front_scores
+        rows = np.flatnonzero(np.isfinite(score))
+        above = score[rows] >= (-np.inf if learned is None else learned.threshold)
+        yield self._regions("detector", item, rows, "log_odds", score[rows, None], above)
+
+    def _regions(
+        self,
+        classifier: str,
+        item: Detections,
+        rows: NDArray[np.int64],
+        space: str,
+        values: NDArray[np.floating[Any]],
+        accepted: NDArray[np.bool_],
+        names: tuple[NDArray[np.str_], tuple[str, ...], NDArray[np.integer[Any]]] | None = None,
+    ) -> ClassifierSamples:
+        """Candidates of one image; names: of the faces, of the classes, and the class (rows,) that each was given."""
+        frame, box = item.frame.index, item.candidates.regions.box[rows]
+        label, face = self.faces.label_regions(frame, box)
+        kind: Any = NO_CLASS
+        named: Any = NO_CLASS
+        if names is not None:
+            of_face, classes, code = names
+            kind = [NO_CLASS if i < 0 else of_face[i] for i in face]
+            given = zip(code, accepted, strict=True)
+            named = [classes[c] if c >= 0 and ok else NO_CLASS for c, ok in given]
+        return self._ask(classifier, space, frame, values, label, accepted, box, kind, named)
+
+    def _tracked(self, frame: TrackedFrame) -> Iterator[ClassifierSamples]:
+        """Landmarks before the gates of landmarks: of faces what the landmark classifier scores, and trajectories."""
+        if self.models.color_classes is not None:
+            yield from self._moved(frame)
+            return
+        verdicts = ("sign", *VERDICT_OF_TERM.values())
+        asked = [
+            one
+            for one in frame.landmarks
+            if not one.back and one.features and one.verdict in verdicts
+        ]
+        if asked:
+            accepted = [one.verdict == "sign" for one in asked]
+            # the sum of the evidence, and each term
+            values = [(one.score, *(ratio for _, ratio in one.evidence)) for one in asked]
+            yield self._landmarks("landmark", asked, "log_odds", values, accepted)
+
+    def _moved(self, frame: TrackedFrame) -> Iterator[ClassifierSamples]:
+        """Landmarks that no stage before the trajectory gate refused, whether a run has that gate or not."""
+        asked = [one for one in frame.landmarks if one.verdict == "sign"]
+        for name, density in self.densities.items() if asked else ():
+            values = [(mean_log_density(one.trajectory, density),) for one in asked]
+            accepted = [value >= density.threshold for (value,) in values]
+            yield self._landmarks(name, asked, "log_density", values, accepted)
+
+    def _located(self, frame: TrackedFrame) -> Iterator[ClassifierSamples]:
+        """Landmarks that were signs but for their location; in preset `default` that is a term of the evidence."""
+        asked = [one for one in frame.landmarks if one.verdict in ("sign", "location")]
+        if asked and self.models.color_classes is not None:
+            places = [(one.right_m, one.above_m) for one in asked]
+            accepted = [one.verdict != "location" for one in asked]
+            yield self._landmarks("location", asked, "right_up_m", places, accepted)
+
+    def _landmarks(
+        self,
+        classifier: str,
+        landmarks: Sequence[Landmark],
+        space: str,
+        values: Sequence[tuple[float, ...]],
+        accepted: Sequence[bool],
+    ) -> ClassifierSamples:
+        views = [[(view.frame, view.box) for view in one.views] for one in landmarks]
+        label = [self.faces.label_views(own) for own in views]
+        frames = [one.best_frame for one in landmarks]
+        boxes = [one.best_box for one in landmarks]
+        return self._ask(classifier, space, frames, values, label, accepted, boxes)

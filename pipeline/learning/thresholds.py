@@ -1,0 +1,391 @@
+"""Thresholds by a rule, and operating points: what a gate does at other thresholds (report chapters 9 and 10).
+
+Classes that the labels tell apart (colours, shapes) are each a test of their own: its signs against what is no sign, as
+in chapter 10; an operating point gives all of them one false positive rate. Knees that are chosen class by class accept
+together far more than any of them: where there are many, one knee is chosen for the gate.
+
+Components of one class (signs right of the road, left of it, above it) are one test. A sample belongs to the component
+that it is nearest to; the slope of the upper convex hull of a component's curve is the likelihood ratio of the samples
+there, and the lemma of Neyman and Pearson asks for one ratio everywhere. Taking the steps of all curves in the order of
+the slope of their hull gives, for every false positive rate, the radii with the largest true positive rate.
+
+A score that rises with the likelihood ratio has by the same lemma the most power of all tests of a false-alarm rate
+where it accepts what is above the threshold that leaves this share of what is no sign above it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
+from scipy.stats import norm
+
+from wayside.pipeline.learning.asked import NO_CLASS, ClassifierSamples
+from wayside.pipeline.learning.curves import KNEE_RULE, Scores, resampled_groups, roc_curve
+from wayside.pipeline.learning.samples import ON
+from wayside.pipeline.statistics import TAILS, resamplings
+from wayside.schemas.errors import InputError
+from wayside.schemas.models import GaussianModel, MixtureModel, OperatingPoint, most_powerful
+
+MOST_POINTS = 40
+"""Operating points that a model file holds."""
+
+DRAWS = 100
+"""Resamplings of the thresholds of all classes together."""
+
+JOINT_RULE = "knee of the ROC of all components together: " + KNEE_RULE.partition(": ")[2]
+
+GATE_RULE = (
+    "knee of the ROC of the gate, its classes of one false positive rate: "
+    + KNEE_RULE.partition(": ")[2]
+)
+
+RATES = (
+    *(0.001, 0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03, 0.04),
+    *(0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5),
+)
+"""False-alarm rates of the operating points of a score, as far as there are samples for them."""
+
+Points = tuple[OperatingPoint, ...]
+Values = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Counts = NDArray[np.int64]
+Tail = Callable[[Values, Values, Values], Values]
+"""Thresholds (r,) that leave at most the shares (r,) above them, of values (n,) that weigh (n,)."""
+
+
+def best_point(points: Sequence[OperatingPoint], alpha: float | None = None) -> OperatingPoint:
+    """The knee, of the largest true minus false positive rate, or the most power of at most a false-alarm rate."""
+    if alpha is not None:
+        return most_powerful(points, alpha)
+    return max(points, key=lambda one: one.power - one.false_alarm)
+
+
+def with_learned_thresholds(
+    model: GaussianModel, samples: ClassifierSamples, seed: int = 1, *, one_knee: bool = False
+) -> GaussianModel:
+    """The model with the thresholds of its knees, their 95 % intervals, and its operating points.
+
+    Parameters
+    ----------
+    model
+        Its classes; their thresholds are replaced. A class without a sign keeps its own, and its rule; with one knee it
+        gets the false positive rate of the others.
+    samples
+        What the classifier was asked about on labelled drives; the intervals resample the drives, or the stretches of a
+        single one.
+    seed
+        Of the resampling.
+    one_knee
+        Of classes that the labels tell apart: the thresholds of the operating point with the largest true minus false
+        positive rate of the gate as a whole, not the knee of each class.
+
+    Raises
+    ------
+    InputError
+        There is no sign among the samples, or nothing else.
+    """
+    own = samples.known()
+    on, group = own.label == ON, resampled_groups(own.drive, own.frame)[0]
+    distance = model.distances(own.values)
+    if not on.any() or on.all():
+        raise _one_sided(samples, on)
+    of_class = on[:, None] & (own.kind[:, None] == np.array([one.name for one in model.classes]))
+    labelled = bool((own.kind != NO_CLASS).any())
+
+    def points_of(rows: Flags, count: Counts) -> Points:
+        if labelled:
+            return class_points(distance[rows], of_class[rows], on[rows], count[rows])
+        return component_points(distance[rows], on[rows], count[rows])
+
+    if not labelled or one_knee:
+        several = GATE_RULE if labelled else JOINT_RULE
+        rule = several if len(model.classes) > 1 else KNEE_RULE
+        return with_joint_thresholds(model, points_of, on, own.count, group, rule, seed=seed)
+    classes = []
+    for j, one in enumerate(model.classes):
+        rows = ~on | of_class[:, j]
+        scores = Scores(distance[rows, j], on[rows], own.count[rows], group[rows], True)
+        curve = roc_curve(scores, seed)
+        if curve is not None:
+            one = replace(
+                one,
+                threshold=max(0.0, float(curve.threshold[curve.knee])),
+                threshold_rule=KNEE_RULE,
+                threshold_interval=curve.knee_interval,
+            )
+        classes.append(one)
+    points = points_of(np.ones(len(on), np.bool_), own.count)
+    return replace(model, classes=tuple(classes), curve=points)
+
+
+def with_joint_thresholds(
+    model: GaussianModel,
+    points_of: Callable[[Flags, Counts], Points],
+    on: Flags,
+    count: Counts,
+    group: NDArray[np.int64],
+    rule: str,
+    *,
+    alpha: float | None = None,
+    draws: int = DRAWS,
+    seed: int = 1,
+) -> GaussianModel:
+    """The model with thresholds of all classes together, their 95 % intervals, their rule and all operating points.
+
+    Parameters
+    ----------
+    model
+        Its classes; their thresholds are replaced.
+    points_of
+        The operating points of some of the samples (n,) that count (n,) times.
+    on, count, group
+        Whether a sample is a sign, (n,); how many samples it stands for, (n,); number of its drive or stretch, (n,).
+        The intervals are percentiles over resamplings of these groups, and absent where there is only one.
+    rule
+        What the model says of how they were chosen.
+    alpha
+        Most false alarms; None: the knee.
+    draws, seed
+        Of the resampling.
+    """
+    points = points_of(np.ones(len(on), np.bool_), count)
+    chosen = np.array(best_point(points, alpha).thresholds)
+    groups, member = np.unique(group, return_inverse=True)
+    drawn = []
+    for drawn_groups in resamplings(len(groups), draws, seed) if len(groups) > 1 else ():
+        weight = drawn_groups[member]
+        kept = weight > 0
+        if (on & kept).any() and (~on & kept).any():
+            drawn.append(best_point(points_of(kept, count * weight), alpha).thresholds)
+    intervals: list[tuple[float, float] | None] = [None] * len(model.classes)
+    if drawn:
+        low, high = np.quantile(drawn, TAILS, axis=0)
+        ends = np.minimum(low, chosen).tolist(), np.maximum(high, chosen).tolist()
+        intervals = list(zip(*ends, strict=True))
+    classes = tuple(
+        replace(one, threshold=threshold, threshold_rule=rule, threshold_interval=interval)
+        for one, threshold, interval in zip(model.classes, chosen.tolist(), intervals, strict=True)
+    )
+    return replace(model, classes=classes, curve=points)
+
+
+def with_score_threshold(model: MixtureModel, samples: ClassifierSamples) -> MixtureModel:
+    """The density with the threshold at the knee of its ROC, the interval of that, and its operating points.
+
+    Parameters
+    ----------
+    model
+        Density of what is typical.
+    samples
+        What the gate was asked about on labelled drives that it was not learned from, with the mean log density under
+        this model as value; what has none (-inf) is never accepted.
+
+    Raises
+    ------
+    InputError
+        There is no sign among the samples, or nothing else.
+    """
+    own = samples.known()
+    value, on = own.values[:, 0], own.label == ON
+    group = resampled_groups(own.drive, own.frame)[0]
+    curve = roc_curve(Scores(value, on, own.count, group, accept_below=False))
+    if curve is None:
+        raise _one_sided(samples, on)
+    known, rates = np.isfinite(value), rates_of(curve.negatives)
+    return replace(
+        model,
+        threshold=float(curve.threshold[curve.knee]),
+        threshold_rule=(
+            f"{KNEE_RULE}; {curve.tpr[curve.knee]:.3f} of {curve.positives} tracks of signs and "
+            f"{curve.fpr[curve.knee]:.3f} of {curve.negatives} others"
+        ),
+        threshold_interval=curve.knee_interval,
+        curve=score_points(value[known], on[known], group[known], counted_tail, rates),
+    )
+
+
+def _one_sided(samples: ClassifierSamples, on: Flags) -> InputError:
+    return InputError(
+        f"thresholds of {samples.classifier}: wanted signs and other things, found {int(on.sum())} signs among "
+        f"{len(on)} samples; label more images"
+    )
+
+
+def component_points(distance: Values, on: Flags, count: Counts) -> Points:
+    """Operating points of the components of one class, from one that accepts nothing to one that accepts every sign.
+
+    Parameters
+    ----------
+    distance
+        From each component, (n, components); rows with nan are never accepted.
+    on, count
+        Whether a sample is a sign, (n,); how many samples it stands for, (n,). There are signs and others.
+    """
+    known = np.asarray(np.isfinite(distance).all(axis=1))
+    share = count / np.where(on, count[on].sum(), count[~on].sum())
+    nearest = np.asarray(np.where(known[:, None], distance, np.inf).argmin(axis=1))
+    steps: list[tuple[float, int, float]] = []
+    for j in range(distance.shape[1]):
+        own = np.asarray(known & (nearest == j))
+        steps += [(slope, j, at) for slope, at in _hull(distance[own, j], on[own], share[own])]
+    steps.sort(key=lambda one: -one[0])
+    thresholds = np.zeros((len(steps) + 1, distance.shape[1]))
+    for row, (_, j, reach) in enumerate(steps, 1):
+        thresholds[row] = thresholds[row - 1]
+        # of steps of one slope, rounding may sort the farther before the nearer
+        thresholds[row, j] = max(thresholds[row - 1, j], reach)
+    return _points(distance, on, count, thresholds)
+
+
+def class_points(distance: Values, own: Flags, on: Flags, count: Counts) -> Points:
+    """Operating points of classes that labels tell apart: at each, all have one false positive rate.
+
+    A class without a sign gets the distance within which that share of the others is.
+
+    Parameters
+    ----------
+    distance
+        From each class, (n, classes); rows with nan are never accepted.
+    own
+        Whether a sample is a sign of the class, (n, classes).
+    on, count
+        As in `component_points`.
+    """
+    levels = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 4 * MOST_POINTS)])
+    thresholds = np.zeros((len(levels), distance.shape[1]))
+    weight = count[~on]
+    for j in range(distance.shape[1]):
+        order = np.argsort(distance[~on, j])
+        reach, accepted = distance[~on, j][order], np.cumsum(weight[order]) / weight.sum()
+        signs = np.sort(distance[own[:, j], j])
+        signs = signs[np.isfinite(signs)]
+        rows = np.searchsorted(accepted, levels, side="right")
+        if len(signs) == 0:
+            thresholds[:, j] = np.append(0.0, reach)[rows]
+            continue
+        # the farthest sign before more others than the level come in
+        nearer = np.searchsorted(signs, np.append(reach, np.inf)[rows], side="left")
+        thresholds[:, j] = np.where(nearer > 0, signs[nearer - 1], 0.0)
+    return _points(distance, on, count, np.unique(thresholds, axis=0))
+
+
+def gate_rates(
+    distance: Values, on: Flags, count: Counts, thresholds: Values
+) -> tuple[float, float]:
+    """False and true positive rate (eq. 10.2, 10.1) of a gate that accepts what is within any threshold (classes,)."""
+    accepted = (distance <= thresholds).any(axis=1)
+    return (
+        float(count[accepted & ~on].sum() / count[~on].sum()),
+        float(count[accepted & on].sum() / count[on].sum()),
+    )
+
+
+def _points(distance: Values, on: Flags, count: Counts, thresholds: Values) -> Points:
+    """Some of these thresholds (m, classes) with the rates of the gate there, by rising rates."""
+    some = np.linspace(0, len(thresholds) - 1, min(len(thresholds), 4 * MOST_POINTS)).astype(int)
+    thresholds = thresholds[some]
+    rates = np.array([gate_rates(distance, on, count, row) for row in thresholds])
+    order = np.lexsort((rates[:, 1], rates[:, 0]))
+    order = order[_spread(rates[order])]
+    return tuple(
+        OperatingPoint(float(rates[i, 0]), float(rates[i, 1]), tuple(thresholds[i].tolist()))
+        for i in order
+    )
+
+
+def _hull(distance: Values, on: Flags, share: Values) -> list[tuple[float, float]]:
+    """Steps of a component's curve from sign to sign: the slope of the upper convex hull there, and the distance.
+
+    The hull of a ROC curve is the isotonic regression of signs on distance (Fawcett and Niculescu-Mizil 2007).
+    """
+    if not on.any():
+        return []
+    order = np.argsort(distance, kind="stable")
+    reach, kind, part = distance[order], on[order], share[order]
+    last = np.append(reach[1:] > reach[:-1], True)  # equal distances are accepted together
+    others = np.append(0.0, np.cumsum(np.where(kind, 0.0, part))[last])
+    signs = np.append(0.0, np.cumsum(np.where(kind, part, 0.0))[last])
+    at = np.flatnonzero(np.diff(signs) > 0) + 1
+    rise, run = (np.diff(one[np.append(0, at)]) for one in (signs, others))
+    both = rise + run
+    blocks = isotonic_regression(rise / both, weights=both, increasing=False).blocks
+    rise, run = (np.add.reduceat(one, blocks[:-1]) for one in (rise, run))
+    slope = np.repeat(rise / np.maximum(run, 1e-12), np.diff(blocks))
+    return list(zip(slope.tolist(), reach[last][at - 1].tolist(), strict=True))
+
+
+def _spread(rates: Values) -> NDArray[np.int64]:
+    """Rows of at most `MOST_POINTS` points: both ends, the knee, and others evenly along the curve."""
+    steps = np.hypot(*np.diff(np.sqrt(rates), axis=0).T)  # small rates are spread out
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    wanted = np.linspace(0, along[-1], MOST_POINTS - 1)
+    rows = np.searchsorted(along, wanted).clip(0, len(rates) - 1)
+    return np.unique(np.append(rows, np.argmax(rates[:, 1] - rates[:, 0])))
+
+
+def normal_tail(values: Values, weight: Values, rates: Values) -> Values:
+    """By a normal density fitted to the values, as in the report: the largest are too few to count."""
+    mean = np.average(values, weights=weight)
+    variance = np.average((values - mean) ** 2, weights=weight)
+    with np.errstate(invalid="ignore"):  # nan where all values are one
+        return np.asarray(norm.ppf(1 - rates, mean, np.sqrt(variance)))
+
+
+def counted_tail(values: Values, weight: Values, rates: Values) -> Values:
+    """By counting, half-way between the last value above and the first that is one too many."""
+    order = np.argsort(-values, kind="stable")
+    falling, share = values[order], np.cumsum(weight[order]) / weight.sum()
+    excess = falling[np.searchsorted(share, rates, side="right").clip(max=len(falling) - 1)]
+    above = np.searchsorted(-falling, -excess, side="left")  # how many are larger
+    halfway = (excess + falling[above - 1]) / 2
+    return np.asarray(np.where(above > 0, halfway, np.nextafter(excess, np.inf)), np.float64)
+
+
+def rates_of(others: int) -> list[float]:
+    """The `RATES` that so many samples of what is no sign can tell: one of them at least is above the threshold."""
+    return [rate for rate in RATES if rate * others >= 1]
+
+
+def score_points(
+    score: Values,
+    on: Flags,
+    group: NDArray[np.int64],
+    tail: Tail,
+    rates: Iterable[float],
+    seed: int = 1,
+) -> Points:
+    """Operating points of a gate that accepts scores from a threshold on, by rising false-alarm rate.
+
+    Parameters
+    ----------
+    score
+        Of signs and of others, (n,); held out, if the gate was learned.
+    on, group
+        Whether it is a sign, (n,), there are both; number of the drive or stretch of road that it is from, (n,):
+        intervals are percentiles over resamplings of these, and absent where there is only one.
+    tail
+        How a threshold follows from the scores of what is no sign.
+    rates
+        Shares of what is no sign that the points accept.
+    seed
+        Of the resampling: same scores, same intervals.
+    """
+    others = score[~on]
+    wanted = np.array(sorted(rates))
+    threshold = tail(others, np.ones(len(others)), wanted)
+    power = (score[on][:, None] >= threshold).mean(axis=0)
+    groups, member = np.unique(group[~on], return_inverse=True)
+    intervals: list[tuple[tuple[float, float], ...]] = [()] * len(wanted)
+    if len(groups) > 1:
+        weights = resamplings(len(groups), seed=seed).astype(np.float64)
+        drawn = np.array([tail(others, weight[member], wanted) for weight in weights])
+        drawn = drawn[np.isfinite(drawn).all(axis=1)]  # no density is fitted to one value
+        if len(drawn):
+            low, high = np.quantile(drawn, TAILS, axis=0)
+            intervals = [(ends,) for ends in zip(low.tolist(), high.tolist(), strict=True)]
+    rows = zip(wanted.tolist(), power.tolist(), threshold.tolist(), intervals, strict=True)
+    return tuple(OperatingPoint(rate, found, (at,), ends) for rate, found, at, ends in rows)

@@ -1,0 +1,42 @@
+"""Pages made from the templates beside this module; Jinja escapes all text that is put into them."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from wayside.pipeline.evidence.marks import class_words, css, outline_of
+from wayside.pipeline.file_marks import marked_head
+
+
+def render(template: str, **values: Any) -> str:
+    """The text of a template with these values."""
+    return _environment().get_template(template).render(values)
+
+
+def render_page(template: str, mark: str, **values: Any) -> str:
+    """An HTML page that needs no other file, and by which `is_marked` knows it again."""
+    return render(template, marked_head=marked_head(mark), **values)
+
+
+def shortened(words: str, most: int) -> str:
+    """The words, cut in the middle where they have more than `most` characters, so that a number at the end stays."""
+    kept = (most - 3) // 2
+    return words if len(words) <= most else f"{words[:kept]}...{words[-kept:]}"
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).with_name("templates")),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+    )
+    filters = {"class_words": class_words, "css": css, "outline": outline_of}
+    environment.filters |= {**filters, "shortened": shortened}
+    return environment

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import mannwhitneyu, norm
+from sklearn import metrics
+
+from wayside.pipeline.learning.curves import Scores, resampled_groups, roc_curve
+
+
+def scores(on, off, *, below=False, groups=4):
+    value = np.concatenate([on, off]).astype(np.float64)
+    n = len(value)
+    return Scores(
+        value,
+        np.arange(n) < len(on),
+        np.ones(n, np.int64),
+        np.arange(n, dtype=np.int64) % groups,
+        accept_below=below,
+    )
+
+
+values = st.lists(st.integers(-5, 5), min_size=1, max_size=30)
+
+
+@settings(max_examples=25)
+@given(values, values)
+def test_the_area_is_the_chance_that_a_sign_is_more_like_one_than_something_else(on, off):
+    curve = roc_curve(scores(on, off))
+    assert curve.area == pytest.approx(mannwhitneyu(on, off).statistic / (len(on) * len(off)))
+
+
+@settings(max_examples=25)
+@given(values, values, st.booleans())
+def test_the_rates_are_those_of_the_counted_samples_at_each_threshold(on, off, below):
+    curve = roc_curve(scores(on, off, below=below))
+    for threshold, tpr, fpr in zip(curve.threshold, curve.tpr, curve.fpr, strict=True):
+        turn = -1 if below else 1
+        assert tpr == pytest.approx(np.mean([turn * v >= turn * threshold for v in on]))
+        assert fpr == pytest.approx(np.mean([turn * v >= turn * threshold for v in off]))
+    assert (np.diff(curve.tp) >= 0).all()
+    assert curve.tpr[-1] == curve.fpr[-1] == 1
+
+
+def test_a_row_that_stands_for_many_counts_as_many():
+    one = scores([3.0], [1.0, 4.0])
+    many = Scores(one.value, one.on, np.array([1, 1, 9]), one.group, accept_below=False)
+    curve = roc_curve(many)
+    assert curve.negatives == 10
+    assert curve.area == pytest.approx(0.1)
+
+
+@settings(max_examples=25)
+@given(values, values, st.booleans(), st.integers(0, 2**32 - 1))
+def test_rates_and_area_of_counted_samples_are_those_of_scikit_learn(on, off, below, seed):
+    one = scores(on, off, below=below)
+    count = np.random.default_rng(seed).integers(1, 9, len(one.value))
+    curve = roc_curve(Scores(one.value, one.on, count, one.group, below))
+    fpr, tpr, _ = metrics.roc_curve(
+        one.on, one.likeness, sample_weight=count, drop_intermediate=False
+    )
+    assert curve.fpr == pytest.approx(fpr)
+    assert curve.tpr == pytest.approx(tpr)
+    assert curve.area == pytest.approx(
+        metrics.roc_auc_score(one.on, one.likeness, sample_weight=count)
+    )
+
+
+def test_values_that_are_unknown_are_never_accepted():
+    curve = roc_curve(scores([1.0, np.nan], [0.0, np.nan]))
+    assert curve.tpr[-1] == 0.5
+    assert curve.positives == 2
+
+
+def test_the_knee_of_two_normal_classes_lies_half_way_and_its_interval_holds_it():
+    draw = np.random.default_rng(1)
+    curve = roc_curve(scores(draw.normal(3, 1, 2000), draw.normal(0, 1, 2000), groups=20))
+    assert curve.threshold[curve.knee] == pytest.approx(1.5, abs=0.2)
+    assert curve.knee_interval.low <= curve.threshold[curve.knee] <= curve.knee_interval.high
+    assert curve.area == pytest.approx(norm.cdf(3 / 2**0.5), abs=0.01)
+    assert curve.area_interval.low < curve.area < curve.area_interval.high
+
+
+def test_bands_are_wide_where_drives_differ_and_narrow_where_only_samples_do():
+    draw = np.random.default_rng(2)
+    shift = np.repeat([0.0, 0.0, 3.0, 3.0], 200)
+    on, off = draw.normal(2, 1, 800) + shift, draw.normal(0, 1, 800)
+    group = np.tile(np.repeat(np.arange(4), 200), 2)
+    value, is_on, count = np.concatenate([on, off]), np.arange(1600) < 800, np.ones(1600, np.int64)
+    by_drive = roc_curve(Scores(value, is_on, count, group, accept_below=False))
+    shuffled = roc_curve(
+        Scores(value, is_on, count, draw.permutation(1600) % 40, accept_below=False)
+    )
+    widths = [np.ptp(c.tpr_band, axis=1).max() for c in (by_drive, shuffled)]
+    assert widths[0] > 3 * widths[1]
+
+
+@pytest.mark.slow
+def test_bands_hold_the_rate_as_often_as_they_say():
+    held = 0
+    for seed in range(60):
+        draw = np.random.default_rng(seed)
+        drive = np.repeat(np.arange(12), 30)
+        on = draw.normal(1, 1, 360) + np.repeat(draw.normal(0, 0.5, 12), 30)
+        off = draw.normal(0, 1, 360)
+        data = Scores(
+            np.concatenate([on, off]),
+            np.arange(720) < 360,
+            np.ones(720, np.int64),
+            np.concatenate([drive, drive]),
+            accept_below=False,
+        )
+        curve = roc_curve(data)
+        low, high = curve.tpr_band[curve.at(0.5, accept_below=False)]
+        held += low <= norm.sf((0.5 - 1) / 1.25**0.5) <= high
+    assert held >= 48  # of 60; a few drives make the bootstrap a little narrow
+
+
+def test_nothing_can_be_said_without_signs_or_without_anything_else():
+    assert roc_curve(scores([], [1.0])) is None
+    assert roc_curve(scores([1.0], [])) is None
+
+
+def test_one_drive_is_resampled_by_stretches_and_several_by_drive():
+    frame = np.array([0, 9, 10, 25], np.int32)
+    group, what = resampled_groups(np.array(["a"] * 4), frame)
+    assert (group.tolist(), what) == ([0, 0, 1, 2], "stretch")
+    group, what = resampled_groups(np.array(["b", "a", "b", "a"]), frame)
+    assert (group.tolist(), what) == ([1, 0, 1, 0], "drive")

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from wayside.pipeline.labels import FrameLabels
+from wayside.pipeline.learning.labelled import labelled_faces
+from wayside.pipeline.learning.samples import NEITHER, OFF, ON
+from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, UNSURE, Label, LabelledImage
+
+FACE = (100.0, 100.0, 140.0, 140.0)
+AWAY = (400.0, 100.0, 440.0, 140.0)
+
+
+def label(kind, box, frame=0, **more):
+    return Label(LabelledImage(frame=frame), kind, box, **more)
+
+
+def faces(*labels, complete=(0, 1, 2)):
+    by_frame = {}
+    for one in labels:
+        by_frame.setdefault(one.image.frame, []).append(one)
+    return labelled_faces(FrameLabels(by_frame, frozenset(complete), {}))
+
+
+def label_of(known, box, frame=0):
+    return int(known.label_regions(frame, np.array([box], np.float32))[0][0])
+
+
+def test_a_region_on_a_face_has_its_class_and_one_elsewhere_is_no_sign():
+    known = faces(label(SIGN, FACE, color="green", shape="circle"))
+    boxes = np.array([(101, 99, 141, 139), AWAY], np.float32)
+    labels, face = known.label_regions(0, boxes)
+    assert labels.tolist() == [ON, OFF]
+    assert face.tolist() == [0, -1]
+    assert known.color[face[0]] == "green"
+
+
+@pytest.mark.parametrize(
+    "box", [(105, 105, 112, 112), (90, 90, 160, 160)], ids=["a letter", "a looser box"]
+)
+def test_what_shows_a_face_in_part_or_loosely_is_nobodys_example(box):
+    assert label_of(faces(label(SIGN, FACE)), box) == NEITHER
+
+
+def test_a_region_far_larger_than_the_face_in_it_is_no_sign():
+    assert label_of(faces(label(SIGN, FACE)), (0, 0, 800, 300)) == OFF
+
+
+@pytest.mark.parametrize(
+    "one",
+    [
+        label(SIGN, FACE, wanted=False),
+        label(SIGN, FACE, visible=0.1),
+        label(SIGN, (100.0, 100.0, 104.0, 104.0)),
+        label(UNSURE, FACE),
+    ],
+    ids=["not wanted", "hidden", "small", "unsure"],
+)
+def test_what_lies_on_a_face_that_does_not_count_is_nobodys_example(one):
+    assert label_of(faces(one), one.box) == NEITHER
+
+
+def test_where_not_all_is_labelled_only_what_is_said_to_be_no_sign_is_none():
+    known = faces(label(NOT_A_SIGN, AWAY), label(BACK, (0.0, 0.0, 40.0, 40.0)), complete=())
+    assert label_of(known, AWAY) == OFF
+    assert label_of(known, (0, 0, 40, 40)) == OFF
+    assert label_of(known, FACE) == NEITHER
+    assert label_of(known, AWAY, frame=1) == NEITHER
+
+
+def test_a_landmark_is_a_sign_where_most_of_its_latest_views_show_one():
+    known = faces(*(label(SIGN, FACE, frame) for frame in range(3)))
+    part = (105, 105, 130, 130)  # triangulates to the panel
+    assert known.label_views([(0, FACE), (1, part), (2, AWAY)]) == ON
+    assert known.label_views([(0, FACE), (1, AWAY), (2, AWAY)]) == NEITHER
+    assert known.label_views([(0, AWAY), (1, AWAY), (2, AWAY)]) == OFF
+
+
+def test_a_landmark_without_a_view_in_a_labelled_image_is_nobodys_example():
+    known = faces(label(SIGN, FACE, 0), complete=())
+    assert known.label_views([(4, FACE), (5, FACE)]) == NEITHER
+    assert known.label_views([(0, FACE), (5, AWAY)]) == ON

@@ -1,0 +1,225 @@
+"""Thresholds of the box network's scores, and how those of faces are joined with those of the detection network.
+
+    python -m training.box_thresholds --drives FOLDER -o MODELS
+
+A logistic regression on the boxes that are classified, on rendered drives that no model of one image has learned
+from, joins the scores of faces. The rule of each threshold is a number of boxes an image on no panel of its side, on
+these drives. The sum is shifted so that its threshold is that of the box network alone. `front.json` and `back.json` of
+the folder are written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from training.learn import learning_logs, run, write_model
+from wayside.pipeline.flow import Flow
+from wayside.pipeline.learning.samples import (
+    LEARN_READ,
+    NEAR_FACE,
+    NEITHER,
+    ON,
+    SignViews,
+    box_labels,
+    for_each,
+    read_truth,
+    views_by_frame,
+)
+from wayside.pipeline.learning.score_calibration import platt
+from wayside.pipeline.model_files import load_models
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.statistics import Interval, resampled_interval
+from wayside.pipeline.workers import StageClock
+from wayside.schemas.detections import Candidates
+from wayside.schemas.errors import InputError
+from wayside.schemas.models import NetworkSum, ScoreModel
+from wayside.stages.geometry import non_maximum_suppression
+
+EVERY = 4
+"""Every n-th image of a drive: three numbers are learned."""
+
+LOWEST = -100.0
+"""Log odds below all that a box has."""
+
+FALSE_FACES, FALSE_BACKS = 5.0, 1.0
+"""Boxes off any panel, after suppression, that pass in an image: the landmark classifier decides on them."""
+
+BELOW_THRESHOLD = 4.0
+"""Boxes whose log odds by the box network are farther below its threshold are out of reach of the detection network."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredBoxes:
+    """Boxes of one image, n rows, as what they may be: faces, or backs of panels.
+
+    box: (n, 4); score (n, 2) by box and detection network, of backs (n, 1); label (n,), overlap (n,) with a true panel.
+    """
+
+    box: NDArray[np.float32]
+    score: NDArray[np.float32]
+    label: NDArray[np.int8]
+    overlap: NDArray[np.floating]
+
+
+def learn_network_sum(
+    drives: Sequence[Sequence[ScoredBoxes]], threshold: float, max_iou: float
+) -> tuple[NetworkSum, Interval | None]:
+    """The sum that is a log odds, but for a shift by which it has the `threshold` of the box network alone.
+
+    drives: images of each; max_iou: overlap above which the lower of two boxes of an image is suppressed. With it the
+    95 % interval of the threshold.
+
+    Raises
+    ------
+    InputError
+        Without boxes on faces, or off them.
+    """
+    images = [one for drive in drives for one in drive]
+    score = np.concatenate([one.score for one in images])
+    label = np.concatenate([one.label for one in images])
+    some = (label != NEITHER) & (score[:, 0] >= threshold - BELOW_THRESHOLD)
+    on = label[some] == ON
+    if on.all() or not on.any():
+        raise InputError(
+            "scores: wanted boxes on faces and off them, found one kind only; add drives"
+        )
+    (own, network), _ = platt(score[some], on)
+    at, interval = rule_threshold(drives, np.array([own, network]), FALSE_FACES, max_iou)
+    shift = threshold - at
+    if interval is not None:
+        interval = Interval(interval.low + shift, interval.high + shift)
+    return NetworkSum(float(own), float(network), float(shift)), interval
+
+
+def rule_threshold(
+    drives: Sequence[Sequence[ScoredBoxes]],
+    weights: NDArray[np.float64],
+    accepted: float,
+    max_iou: float,
+) -> tuple[float, Interval | None]:
+    """The weighted score from which `accepted` boxes an image are on no panel, after suppression.
+
+    With its 95 % interval by resampling the drives; None of a single one.
+    """
+    false = [
+        np.concatenate([false_scores(one, one.score @ weights, max_iou) for one in drive])
+        for drive in drives
+    ]
+    images = np.array([len(drive) for drive in drives])
+    drive_of = np.repeat(np.arange(len(drives)), [len(one) for one in false])
+    falling = np.argsort(-np.concatenate(false), kind="stable")
+    scores, drive_of = np.concatenate(false)[falling], drive_of[falling]
+
+    def at(times: NDArray[np.int64]) -> float:
+        """The threshold, each drive counted so many times: between the last that passes and the next."""
+        allowed = round(accepted * int(images @ times))
+        row = int(np.searchsorted(np.cumsum(times[drive_of]), allowed, side="right"))
+        last, following = scores[max(row - 1, 0)], scores[min(row, len(scores) - 1)]
+        return float((last + following) / 2)
+
+    return at(np.ones(len(drives), np.int64)), resampled_interval(len(drives), at)
+
+
+def false_scores(
+    one: ScoredBoxes, score: NDArray[np.floating], max_iou: float
+) -> NDArray[np.floating]:
+    """Scores of the boxes of an image that are on no panel, after suppression by `score` (n,)."""
+    order = np.argsort(-score, kind="stable")
+    kept = order[non_maximum_suppression(one.box[order], max_iou)]
+    return score[kept][one.overlap[kept] < NEAR_FACE]
+
+
+def false_boxes_rule(accepted: float) -> str:
+    """The rule of a threshold that lets so many boxes an image pass, in words."""
+    return (
+        f"alpha: {accepted:g} boxes off any face in an image of drives held out, after suppression"
+    )
+
+
+def scored_boxes(log: Path, folder: Path) -> tuple[list[ScoredBoxes], list[ScoredBoxes]]:
+    """The boxes of a rendered drive that are classified, scored by the networks of a folder: as faces, as backs.
+
+    As backs those that look more like one than like a face.
+    """
+    settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
+    models = load_models(settings)
+    if models.detection_network is None:
+        raise InputError(f"{folder}: wanted a detection network, found none")
+    asked = replace(
+        models,
+        front_scores=ScoreModel(LOWEST, ""),
+        back_scores=ScoreModel(LOWEST, ""),
+    )
+    seen, behind = views_by_frame(read_truth(log.with_suffix(".truth.json")))
+    frames = (f for f in read_frames(log, LEARN_READ, ReadReport()) if f.index % EVERY == 0)
+    faces: list[ScoredBoxes] = []
+    backs: list[ScoredBoxes] = []
+    for item in Flow(settings, asked, StageClock()).detect(frames):
+        network, candidates = item.segmentation.network_score, item.candidates
+        if network is None or candidates.back_score is None:
+            continue
+        rows = np.flatnonzero(np.isfinite(candidates.score))
+        score = np.stack([candidates.score[rows], network[rows]], axis=1)
+        faces.append(_scored(candidates, rows, score, seen.get(item.frame.index, [])))
+        rows = candidates.back_rows()
+        score = candidates.back_score[rows, None]
+        backs.append(_scored(candidates, rows, score, behind.get(item.frame.index, [])))
+    return faces, backs
+
+
+def _scored(
+    candidates: Candidates, rows: NDArray[np.int64], score: NDArray[np.float32], views: SignViews
+) -> ScoredBoxes:
+    """Some candidates of an image with their scores (rows, k), labelled by the panels that it shows."""
+    box = candidates.regions.box[rows]
+    label, overlap = box_labels(box, views)
+    return ScoredBoxes(box, score, label, overlap)
+
+
+def learn(logs: Sequence[Path], folder: Path) -> dict[str, ScoreModel]:
+    """The thresholds for the networks of a folder by the rule on these drives, by the name of their file.
+
+    Raises
+    ------
+    InputError
+        If a drive or the networks of the folder cannot be used.
+    """
+    settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
+    found = for_each(lambda log: scored_boxes(log, folder), logs)
+    faces, backs = [drive[0] for drive in found], [drive[1] for drive in found]
+    provenance = "thresholds by " + ", ".join(
+        f"{log.stem} ({len(own)} images)" for log, own in zip(logs, faces, strict=True)
+    )
+    max_iou = settings.candidates.same_face_iou
+    threshold, _ = rule_threshold(faces, np.array([1.0, 0.0]), FALSE_FACES, max_iou)
+    joined, interval = learn_network_sum(faces, threshold, max_iou)
+    front = ScoreModel(threshold, provenance, joined, false_boxes_rule(FALSE_FACES), interval)
+    threshold, interval = rule_threshold(backs, np.ones(1), FALSE_BACKS, max_iou)
+    back = ScoreModel(threshold, provenance, None, false_boxes_rule(FALSE_BACKS), interval)
+    return {"front.json": front, "back.json": back}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line; the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m training.box_thresholds")
+    parser.add_argument("--drives", type=Path, required=True, help="folder of rendered drives")
+    parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the model files")
+    given = parser.parse_args(arguments)
+
+    def work() -> None:
+        for name, model in learn(learning_logs(given.drives), given.out).items():
+            write_model(given.out / name, model)
+
+    return run(work)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,178 @@
+"""Faces that can be drawn into images: vector faces of many countries, cut-out real ones, invented boards, backs."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from recordings.drives.signs.face import COLORS as SHEETING
+from recordings.drives.signs.regulatory import crossbuck
+from recordings.drives.signs.shapes import outline
+from training.board_drawings import BOARD_WEIGHTS, draw_board
+from training.detector_images import BACK, FRONT
+from wayside.schemas.detections import COLORS, NONE, SHAPES
+
+GIVE_WAY = 13
+"""Class of GTSRB whose triangle points down."""
+
+KINDS = (("vector", 0.53), ("cut", 0.15), ("board", 0.18), ("crossbuck", 0.03), ("back", 0.11))
+"""What is drawn, and how often."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaceDrawing:
+    """A face as pixels (h, w, 4) uint8 RGBA with its classes, `NONE` where they are none of ours."""
+
+    rgba: NDArray[np.uint8]
+    color: int
+    shape: int
+
+
+@dataclass(frozen=True, slots=True)
+class FaceLibrary:
+    """All faces that can be drawn: vector faces and cut-out real ones.
+
+    A kind of face (a colour of a shape) of n drawings comes by their square root: some have hundreds, some one.
+    """
+
+    vector: tuple[FaceDrawing, ...]
+    cut: tuple[FaceDrawing, ...]
+    vector_share: NDArray[np.float64] = field(init=False)
+    cut_share: NDArray[np.float64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vector_share", _shares(self.vector))
+        object.__setattr__(self, "cut_share", _shares(self.cut))
+
+
+def _shares(faces: Sequence[FaceDrawing]) -> NDArray[np.float64]:
+    count = Counter((face.color, face.shape) for face in faces)
+    share = np.array([count[face.color, face.shape] ** -0.5 for face in faces])
+    return np.asarray(share / share.sum() if len(share) else share, np.float64)
+
+
+def vector_faces(real: Path) -> Iterator[tuple[dict[str, Any], NDArray[np.uint8]]]:
+    """The vector faces of a folder of real data: what is said of each, and its pixels (h, w, 4), RGBA."""
+    for entry in json.loads((real / "faces" / "index.json").read_text(encoding="utf-8")):
+        bgra = cv2.imread(str(real / "faces" / entry["png"]), cv2.IMREAD_UNCHANGED)
+        if bgra is not None and bgra.ndim == 3 and bgra.shape[2] == 4:
+            yield entry, np.asarray(cv2.cvtColor(bgra, cv2.COLOR_BGRA2RGBA), np.uint8)
+
+
+def face_crops(
+    real: Path,
+) -> Iterator[tuple[dict[str, Any], NDArray[np.uint8], NDArray[np.float64]]]:
+    """The crops of GTSRB in a folder of real data: what is said of each, pixels (h, w, 3), and box of the face."""
+    for entry in json.loads((real / "crops_gtsrb" / "crops.json").read_text(encoding="utf-8")):
+        rgb = cv2.imread(str(real / "crops_gtsrb" / entry["file"]), cv2.IMREAD_COLOR_RGB)
+        if rgb is not None:
+            size = np.array(rgb.shape[1::-1])
+            # the source leaves a tenth of the sign around it, at least 5 px
+            margins = np.maximum(5.0, size / 12)
+            yield entry, np.asarray(rgb, np.uint8), np.concatenate([margins, size - margins])
+
+
+def read_face_library(real: Path) -> FaceLibrary:
+    """The vector faces and the cut-out real ones of a folder of real data."""
+    return FaceLibrary(
+        tuple(_classed(rgba, entry) for entry, rgba in vector_faces(real)),
+        tuple(_cut_out(*crop) for crop in face_crops(real)),
+    )
+
+
+def _classed(rgba: NDArray[np.uint8], entry: dict[str, Any]) -> FaceDrawing:
+    color, shape = (
+        names.index(entry[key]) if entry[key] in names else NONE
+        for key, names in (("color", COLORS), ("shape", SHAPES))
+    )
+    return FaceDrawing(rgba, color, shape)
+
+
+def _cut_out(
+    entry: dict[str, Any], rgb: NDArray[np.uint8], box: NDArray[np.float64]
+) -> FaceDrawing:
+    """A crop of GTSRB without its margin, masked by the outline of its shape."""
+    upward = entry["shape"] == "triangle" and entry["class"] != GIVE_WAY
+    shape = "triangle_up" if upward else entry["shape"]
+    points = box[:2] + np.array(outline(shape, *(box[2:] - box[:2])))
+    mask = np.zeros(rgb.shape[:2], np.uint8)
+    cv2.fillPoly(mask, [np.round(points * 8).astype(np.int32)], 255, cv2.LINE_AA, 3)
+    x0, y0, x1, y1 = np.round(box + np.array([-1, -1, 1, 1])).astype(int)
+    rgba = np.dstack([rgb, mask])[max(y0, 0) : y1, max(x0, 0) : x1]
+    return _classed(np.ascontiguousarray(rgba), entry)
+
+
+def chosen_face(
+    kind: str, library: FaceLibrary, rng: np.random.Generator, color: int = NONE
+) -> tuple[FaceDrawing, int]:
+    """A face of a kind, boards in a colour if one is given, and the side of it that is seen."""
+    if kind == "vector" and library.vector:
+        face = library.vector[rng.choice(len(library.vector), p=library.vector_share)]
+        return _recolored(face, rng), FRONT
+    if kind == "cut" and library.cut:
+        face = library.cut[rng.choice(len(library.cut), p=library.cut_share)]
+        return (
+            FaceDrawing(_relit(face.rgba, rng), face.color, face.shape),
+            FRONT,
+        )
+    if kind == "back" and library.vector:
+        face = library.vector[rng.choice(len(library.vector), p=library.vector_share)]
+        rgba = face.rgba.copy()
+        grey = rng.uniform(70, 190)
+        rgba[..., :3] = np.clip(grey + rng.normal(0, 6, 3), 0, 255).astype(np.uint8)
+        if rng.random() < 0.7:  # the post stands in front of the back
+            middle, half = rgba.shape[1] // 2, max(2, int(rgba.shape[1] * rng.uniform(0.02, 0.06)))
+            rgba[:, middle - half : middle + half, :3] = int(grey * rng.uniform(0.5, 0.9))
+        return FaceDrawing(rgba, face.color, face.shape), BACK
+    return _crossbuck(rng) if kind == "crossbuck" else _board(rng, color), FRONT
+
+
+def _recolored(face: FaceDrawing, rng: np.random.Generator) -> FaceDrawing:
+    """Now and then a yellow face as an orange or a fluorescent one."""
+    if face.color != COLORS.index("yellow") or rng.random() > 0.3:
+        return face
+    name = str(rng.choice(["orange", "fluorescent_yellow_green"]))
+    rgb = face.rgba[..., :3].astype(np.int16)
+    is_yellow = (rgb[..., 0] > 150) & (rgb[..., 1] > 110) & (rgb[..., 2] < 120)
+    rgba = face.rgba.copy()
+    rgba[is_yellow, :3] = SHEETING[name]
+    return FaceDrawing(rgba, COLORS.index(name), face.shape)
+
+
+def _relit(rgba: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+    """A cut-out face brought to a brightness in the middle: many are dark."""
+    bright = float(np.percentile(rgba[..., :3].max(axis=2), 90))
+    gain = np.clip(200 / max(bright, 20), 0.8, 4) * rng.uniform(0.7, 1.1)
+    lit = rgba.copy()
+    lit[..., :3] = np.clip(rgba[..., :3] * gain, 0, 255).astype(np.uint8)
+    return lit
+
+
+def _board(rng: np.random.Generator, code: int = NONE) -> FaceDrawing:
+    """An invented board, in a colour if one is given."""
+    weights = BOARD_WEIGHTS
+    color = COLORS[code] if code != NONE else str(rng.choice([*weights], p=[*weights.values()]))
+    known = COLORS.index(color) if color in COLORS else NONE
+    return FaceDrawing(draw_board(color, rng), known, SHAPES.index("rectangle"))
+
+
+def _crossbuck(rng: np.random.Generator) -> FaceDrawing:
+    """The cross of a railway crossing, steep or flat, with words or with red ends."""
+    face = crossbuck(rng)
+    rgba = np.dstack([face.image, face.alpha()])
+    if rng.random() < 0.5:
+        reach = round(rng.uniform(0.15, 0.3) * len(rgba))
+        rgba[reach:-reach, :, :3] = SHEETING["white"]
+        rgba[:reach, :, :3] = rgba[-reach:, :, :3] = SHEETING["red"]
+    steep = np.tan(np.radians(rng.uniform(28, 62)))
+    size = np.round(256 * np.array([1.0, steep]) / max(1.0, steep)).astype(int)
+    scaled = np.asarray(cv2.resize(rgba, size.tolist(), interpolation=cv2.INTER_AREA), np.uint8)
+    return FaceDrawing(scaled, COLORS.index("white"), SHAPES.index("crossbuck"))
