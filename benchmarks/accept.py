@@ -32,12 +32,13 @@ from common import (
 from real_counts import Counts, counts_by_confidence
 from real_tables import RealDrive, real_page
 
-from wayside.pipeline.evaluate import evaluate, write_evaluation
 from wayside.pipeline.evaluation import (
     Evaluation,
     RealEvaluation,
     RenderedEvaluation,
+    evaluate,
     together,
+    write_evaluation,
 )
 from wayside.pipeline.statistics import Spread
 from wayside.schemas.errors import WaysideError

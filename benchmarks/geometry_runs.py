@@ -16,8 +16,7 @@ from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.evaluate_rendered import evaluate_against_truth
-from wayside.pipeline.evaluation import RenderedEvaluation
+from wayside.pipeline.evaluation import RenderedEvaluation, evaluate_against_truth
 from wayside.schemas.frame import Camera, Pose
 
 FOLDER = ROOT / ".cache" / "geometry"

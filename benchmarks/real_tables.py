@@ -8,13 +8,13 @@ from typing import NamedTuple
 from common import table
 from real_counts import CONFIDENCES, PLATES, Counts, total
 
-from wayside.pipeline.evaluate_misses import STEPS, cause_words, count_steps
 from wayside.pipeline.evaluation import (
-    RealEvaluation,
-    together_real,
-)
-from wayside.pipeline.evaluation_findings import (
+    STEPS,
     KindCount,
+    RealEvaluation,
+    cause_words,
+    count_steps,
+    together,
 )
 from wayside.pipeline.statistics import Interval, rate_interval, share_interval
 
@@ -204,7 +204,7 @@ def cause_table(drives: Drives) -> list[str]:
 
 
 def _together(drives: Drives) -> RealEvaluation:
-    return together_real(drive.evaluation for drive in drives)
+    return together(drive.evaluation for drive in drives)
 
 
 def with_interval(value: float, interval: Interval | None, places: int) -> str:

@@ -38,7 +38,7 @@ from wayside.pipeline.box_file import load_boxes
 from wayside.pipeline.class_map import read_class_map
 from wayside.pipeline.cli import app
 from wayside.pipeline.earlier_result import check_earlier
-from wayside.pipeline.evaluate import evaluate
+from wayside.pipeline.evaluation import evaluate
 from wayside.pipeline.exporting.export import export
 from wayside.pipeline.information import describe_log, format_information
 from wayside.pipeline.journal import JOURNAL, Journal

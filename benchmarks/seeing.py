@@ -25,16 +25,18 @@ from accept import RENDERED
 from common import BENCHMARKS, DRIVES, render, table, versions
 from numpy.typing import NDArray
 
-from wayside.pipeline.evaluate_rendered import (
+from wayside.pipeline.evaluation import (
     SMALLEST_HEIGHT_PX,
     SMALLEST_VISIBLE,
+    ConfidenceBin,
+    RenderedEvaluation,
+    confidence_bin,
     evaluate_against_truth,
     is_eligible,
+    together,
 )
-from wayside.pipeline.evaluation import RenderedEvaluation, together
 from wayside.pipeline.lengths import parse_length
 from wayside.pipeline.model_files import load_models
-from wayside.pipeline.reliability import ConfidenceBin, confidence_bin
 from wayside.pipeline.run import run_log
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS

@@ -20,8 +20,7 @@ import numpy as np
 from common import table
 
 from training.face_classes import TESTED, crops, still_patches
-from wayside.pipeline.evaluate import evaluate
-from wayside.pipeline.evaluation import RenderedEvaluation
+from wayside.pipeline.evaluation import RenderedEvaluation, evaluate
 from wayside.pipeline.model_files import load_models
 from wayside.pipeline.result import read_rows
 from wayside.pipeline.settings_file import load_settings

@@ -15,7 +15,7 @@ import typer.main
 import typer.testing
 from hypothesis import settings
 
-from wayside.pipeline import cli
+from wayside.pipeline.cli import application
 
 settings.register_profile("untimed", deadline=None, max_examples=50)  # a busy machine is no fault
 settings.load_profile("untimed")
@@ -49,9 +49,11 @@ def command(
         line = ["wayside", *map(str, arguments)]
         with monkeypatch.context() as patch:
             patch.setattr(sys, "argv", line)
-            patch.setattr(cli, "interrupt_on_signals", lambda: None)  # signals stay as they are
+            patch.setattr(
+                application, "interrupt_on_signals", lambda: None
+            )  # signals stay as they are
             with pytest.raises(SystemExit) as end:
-                cli.main()
+                application.main()
         assert isinstance(end.value.code, int)
         said = capsys.readouterr()
         return CompletedProcess(line, end.value.code, said.out, said.err)

@@ -83,25 +83,26 @@ def write_cell(
     ids = np.array(
         [f"{d}/{s}" for d, s in zip(columns["drive"], columns["sign_id"], strict=True)], object
     )
-    panel_id = ids[_first(panel[order], order, len(kept))]
+    panel_id = ids[order[_firsts(panel[order])]]
     support = np.unique(merged.support[kept], return_inverse=True)[1].ravel()
     by_id = np.argsort(panel_id, kind="stable")
-    support_id = panel_id[_first(support[by_id], by_id, int(support.max()) + 1)]
+    support_id = panel_id[by_id[_firsts(support[by_id])]]
 
     sightings = _sightings(block, merged, rows, columns, panel_id[panel])
-    history = _Histories(seen, columns["drive"])
-    panels = _panels(block, merged, kept, panel, seen, columns, history)
-    before, after = _replaced(
-        merged.place[kept], [history.first(r) for r in _members(panel)], panel_id
-    )
+    panels = _panels(block, merged, kept, panel, seen, columns)
+    first_ns = np.array([seen.time_ns[r].min() for r in _members(panel)])
+    before, after = _replaced(merged.place[kept], first_ns, panel_id)
     panels |= {
         "panel_id": panel_id,
         "support_id": support_id[support],
         "replaces": before,
         "replaced_by": after,
     }
-    supports = _supports(block, merged.position[kept], support, panel, panel_id, history, columns)
-    supports["support_id"] = support_id
+    supports = _supports(block, merged.position[kept], support, panel_id) | {
+        "support_id": support_id,
+        **_history(seen, columns["drive"], _members(support[panel])),
+        **_along_route(columns, _members(support[panel])),
+    }
     for table, values, sort in (
         (PANELS, panels, panel_id),
         (SUPPORTS, supports, support_id),
@@ -197,7 +198,6 @@ def _panels(
     panel: Ints,
     seen: Sightings,
     columns: dict[str, NDArray[Any]],
-    history: _Histories,
 ) -> dict[str, Any]:
     count, covariance = len(kept), merged.covariance[kept]
     sigma = np.sqrt(covariance[:, [0, 1, 2], [0, 1, 2]]).astype(np.float32)
@@ -221,7 +221,7 @@ def _panels(
         "panel_width_m": known(_mean(seen.size_m[:, 0], panel, count, weight[:, 0])),
         "panel_height_m": known(_mean(seen.size_m[:, 1], panel, count, weight[:, 1])),
         "up_m": known(_mean(columns["up_m"], panel, count)),
-        **history.columns(members),
+        **_history(seen, columns["drive"], members),
         "mutcd": columns["mutcd"][largest],
         "vienna": columns["vienna"][largest],
         "best_drive": columns["drive"][largest],
@@ -231,23 +231,14 @@ def _panels(
 
 
 def _supports(
-    block: Block,
-    position: Floats,
-    support: Ints,
-    panel: Ints,
-    panel_id: NDArray[Any],
-    history: _Histories,
-    columns: dict[str, NDArray[Any]],
+    block: Block, position: Floats, support: Ints, panel_id: NDArray[Any]
 ) -> dict[str, Any]:
     of_support = _members(support)
     middle = np.array([position[r].mean(axis=0) for r in of_support])
-    sightings = _members(support[panel])
     return {
         **_on_globe(block.origin, middle),
         "panels": [len(r) for r in of_support],
         "panel_ids": [sorted(panel_id[r].tolist()) for r in of_support],
-        **history.columns(sightings),
-        **_along_route(columns, sightings),
     }
 
 
@@ -262,35 +253,23 @@ def _along_route(columns: dict[str, NDArray[Any]], groups: list[Ints]) -> dict[s
     }
 
 
-class _Histories:
+def _history(seen: Sightings, drive: NDArray[Any], groups: list[Ints]) -> dict[str, Any]:
     """When and by which drives groups of sightings were seen."""
-
-    def __init__(self, seen: Sightings, drive: NDArray[Any]) -> None:
-        self._time, self._drive = seen.time_ns, drive
-
-    def first(self, rows: Ints) -> int:
-        """Time of the first of some sightings."""
-        return int(self._time[rows].min())
-
-    def columns(self, groups: list[Ints]) -> dict[str, Any]:
-        """The columns of history for groups of sightings."""
-        ordered = [
-            rows[np.lexsort((self._drive[rows].astype(str), self._time[rows]))] for rows in groups
-        ]
-        drives = [list(dict.fromkeys(self._drive[rows].tolist())) for rows in ordered]
-        return {
-            "first_seen": _times(np.array([self._time[rows[0]] for rows in ordered])),
-            "last_seen": _times(np.array([self._time[rows[-1]] for rows in ordered])),
-            "times_seen": [len(names) for names in drives],
-            "drives": drives,
-        }
+    ordered = [rows[np.lexsort((drive[rows].astype(str), seen.time_ns[rows]))] for rows in groups]
+    drives = [list(dict.fromkeys(drive[rows].tolist())) for rows in ordered]
+    return {
+        "first_seen": _times(np.array([seen.time_ns[rows[0]] for rows in ordered])),
+        "last_seen": _times(np.array([seen.time_ns[rows[-1]] for rows in ordered])),
+        "times_seen": [len(names) for names in drives],
+        "drives": drives,
+    }
 
 
 def _replaced(
-    place: Ints, first_ns: list[int], panel_id: NDArray[Any]
+    place: Ints, first_ns: Ints, panel_id: NDArray[Any]
 ) -> tuple[list[str | None], list[str | None]]:
     """For each panel the one before and the one behind it in time at its place."""
-    order = np.lexsort((np.array(first_ns), place))
+    order = np.lexsort((first_ns, place))
     before: list[str | None] = [None] * len(place)
     after = before.copy()
     for one, other in pairwise(order.tolist()):
@@ -305,11 +284,9 @@ def _members(group: Ints) -> list[Ints]:
     return np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
 
 
-def _first(group: Ints, rows: Ints, count: int) -> Ints:
-    """The first of `rows` (n,) in each group, where `group` (n,) is theirs."""
-    result = np.zeros(count, np.int64)
-    result[group[::-1]] = rows[::-1]
-    return result
+def _firsts(group: Ints) -> Ints:
+    """Where each group (n,) comes first, in order of the groups."""
+    return np.asarray(np.unique(group, return_index=True)[1], np.int64)
 
 
 def _most(codes: Ints) -> int:

@@ -7,12 +7,13 @@ import json
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.fleet.dask_engine import DaskEngine
-from wayside.pipeline.fleet.engine import Engine, ProcessEngine
+from wayside.pipeline.fleet.engine import DaskEngine, Engine, ProcessEngine
 from wayside.pipeline.fleet.manifest import (
     DONE,
     DRIVES,
@@ -45,7 +46,9 @@ from wayside.schemas.settings import MergeSettings, Settings
 
 _POLL_S, _SAVE_S = 0.5, 2.0
 
-OpenEngine = Callable[[], Engine[Task, Outcome]]
+OpenEngine = Callable[[], AbstractContextManager[Engine]]
+UnderWay = dict[Future[Outcome], tuple[Task, int]]
+"""Tasks, each with its attempts before this one."""
 Watch = Callable[[Manifest], None]
 WatchMerging = Callable[[int, int], None]
 
@@ -152,18 +155,9 @@ def run_fleet(
             uris, earlier, key_of, inventory, retry=options.retry, overwrite=options.overwrite
         )
         book = _Book(inventory, replace(earlier, started=time.time(), where=here()), planned, watch)
+        how = settings, options.attempts, options.arguments, options.overwrite
         tasks = [
-            Task(
-                entry.name,
-                entry.source,
-                entry.fingerprint,
-                entry.key,
-                str(inventory),
-                settings,
-                options.attempts,
-                options.arguments,
-                options.overwrite,
-            )
+            Task(entry.name, entry.source, entry.fingerprint, entry.key, str(inventory), *how)
             for entry in planned.values()
             if entry.state == WAITING and entry.key is not None
         ]
@@ -218,7 +212,7 @@ class _Book:
 
 def _carry_out(tasks: Sequence[Task], open_engine: OpenEngine, book: _Book) -> None:
     """Open an engine for tasks; what was under way where it ends early is none of their attempts."""
-    under_way: dict[str, tuple[Task, int]] = {}
+    under_way: UnderWay = {}
     try:
         with open_engine() as engine:
             _work(engine, tasks, under_way, book)
@@ -237,35 +231,30 @@ def _carry_out(tasks: Sequence[Task], open_engine: OpenEngine, book: _Book) -> N
         book.save()
 
 
-def _work(
-    engine: Engine[Task, Outcome],
-    tasks: Sequence[Task],
-    under_way: dict[str, tuple[Task, int]],
-    book: _Book,
-) -> None:
-    """Carry tasks out until each is done or in quarantine.
-
-    under_way: kept up to date: tasks by name, each with its attempts before this one.
-    """
+def _work(engine: Engine, tasks: Sequence[Task], under_way: UnderWay, book: _Book) -> None:
+    """Carry tasks out until each is done or in quarantine; `under_way` is kept up to date."""
     waiting, unbegun = deque(tasks), Counter[str]()
     while waiting or under_way:
         while waiting and len(under_way) < engine.places():
             task = waiting.popleft()
-            under_way[task.name] = (task, begun_attempts(task))
-            engine.submit(task)
+            before = begun_attempts(task)
+            under_way[engine.submit(task)] = task, before
             book.note(task.name, None)
-        for task, result in engine.wait(_POLL_S):
-            _, before = under_way.pop(task.name)
-            if isinstance(result, str):
+        wait(under_way, _POLL_S, FIRST_COMPLETED)
+        for future in [one for one in under_way if one.done()]:
+            death = engine.death(future)
+            outcome = future.result() if death is None else None
+            task, before = under_way.pop(future)
+            if death is not None:
                 unbegun[task.name] += begun_attempts(task) <= before
                 if unbegun[task.name] >= task.attempts:
                     raise _WorkersError(
-                        f"{task.source}: wanted a worker to begin this log, found that each died before: {result}"
+                        f"{task.source}: wanted a worker to begin this log, found that each died before: {death}"
                     )
-                note_end(task, result)
-                result = Outcome(WAITING, StageError.exit_status, before + 1, words=result)
-            book.note(task.name, result)
-            if result.state == WAITING:
+                note_end(task, death)
+                outcome = Outcome(WAITING, StageError.exit_status, before + 1, words=death)
+            book.note(task.name, outcome)
+            if outcome is not None and outcome.state == WAITING:
                 waiting.append(task)
         book.show()
 

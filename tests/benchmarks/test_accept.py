@@ -10,18 +10,8 @@ from types import ModuleType
 
 import pytest
 
-from wayside.pipeline.evaluation import (
-    RealEvaluation,
-    RenderedEvaluation,
-    together,
-)
-from wayside.pipeline.evaluation_findings import (
-    Backs,
-    Duplicate,
-    FalseSign,
-    Match,
-    MissedPanel,
-)
+from wayside.pipeline.evaluation import RealEvaluation, RenderedEvaluation, together
+from wayside.pipeline.evaluation.figures import Backs, Duplicate, FalseSign, Match, MissedPanel
 from wayside.pipeline.provenance import onnx_metadata
 
 ROOT = Path(__file__).parents[2]

@@ -10,7 +10,7 @@ from types import ModuleType
 import pyarrow.parquet as pq
 import pytest
 
-from wayside.pipeline.evaluate_real import evaluate_against_labels
+from wayside.pipeline.evaluation import evaluate_against_labels
 
 
 @pytest.fixture(scope="module")

@@ -10,15 +10,8 @@ from types import ModuleType
 import pytest
 
 import wayside
-from wayside.pipeline.evaluation import (
-    RealEvaluation,
-)
-from wayside.pipeline.evaluation_findings import (
-    Duplicate,
-    FalseSign,
-    KindCount,
-    MissCause,
-)
+from wayside.pipeline.evaluation import KindCount, RealEvaluation
+from wayside.pipeline.evaluation.figures import Duplicate, FalseSign, MissCause
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 

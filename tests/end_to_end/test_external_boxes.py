@@ -12,7 +12,7 @@ import pytest
 import wayside
 from wayside.pipeline.box_file import load_boxes
 from wayside.pipeline.cli import app
-from wayside.pipeline.evaluate_rendered import evaluate_against_truth
+from wayside.pipeline.evaluation import evaluate_against_truth
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import UsageError
 

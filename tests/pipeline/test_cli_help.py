@@ -9,7 +9,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from wayside.pipeline import cli
-from wayside.pipeline.cli_help import PANELS
+from wayside.pipeline.cli.help import PANELS
 
 COMMANDS = sorted(get_command(cli.app).commands)
 
@@ -89,7 +89,7 @@ def test_without_rerun_everything_but_the_viewer_is_there(tmp_path):
     code = (
         "import sys; sys.modules['rerun'] = None\n"
         "import wayside.pipeline.run, wayside.pipeline.summary, wayside.pipeline.evidence.write\n"
-        "import wayside.pipeline.evaluate, wayside.pipeline.labelling.page, wayside.pipeline.fitting.command\n"
+        "import wayside.pipeline.evaluation, wayside.pipeline.labelling.page, wayside.pipeline.fitting.command\n"
         "import wayside.pipeline.importing, wayside.pipeline.joining, wayside.pipeline.simulation.simulate\n"
         "from wayside.pipeline.cli import main; main()"
     )

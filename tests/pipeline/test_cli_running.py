@@ -3,8 +3,9 @@
 import pytest
 import typer
 
-from wayside.pipeline import cli_running, model_files
-from wayside.pipeline.cli_running import process_all
+from wayside.pipeline import model_files
+from wayside.pipeline.cli import running
+from wayside.pipeline.cli.running import RunOptions, process_all
 from wayside.pipeline.earlier_result import file_digest
 from wayside.pipeline.journal import result_key
 from wayside.pipeline.settings_file import load_settings
@@ -26,7 +27,7 @@ def drives(tmp_path, monkeypatch):
     errors = {"input": InputError, "output": OutputError, "ctrl-c": InterruptionError}
     ran = []
 
-    def process(log, folder, settings, viewing, **options):
+    def process(log, folder, settings, viewing, how):
         ran.append(log.name)
         content = log.read_text() if log.exists() else "input"
         if content in errors:
@@ -34,13 +35,13 @@ def drives(tmp_path, monkeypatch):
         folder.mkdir(parents=True, exist_ok=True)
         table = folder / "signs.parquet"
         table.write_text(content)
-        key = result_key(log, settings, NoModels().digests(), every_region=options["every_region"])
+        key = result_key(log, settings, NoModels().digests(), every_region=how.every_region)
         files = f'{{"signs.parquet": {{"sha256": "{file_digest(table)}"}}}}'
         about = f'{{"wayside": "1", "log": "{log.name}", "result_key": "{key}", "files": {files}}}'
         (folder / "run.json").write_text(about)
         return int(content)
 
-    monkeypatch.setattr(cli_running, "process", process)
+    monkeypatch.setattr(running, "process", process)
     monkeypatch.setattr(model_files, "load_models", lambda settings: NoModels())
 
     def run(contents, settings=SETTINGS, **options):
@@ -50,7 +51,7 @@ def drives(tmp_path, monkeypatch):
             log.write_text(content)
         folders = [tmp_path / "out" / log.stem for log in logs]
         try:
-            process_all(logs, folders, settings, None, **options)
+            process_all(logs, folders, settings, None, RunOptions(**options))
         except typer.Exit as end:
             return end.exit_code, list(ran)
         return 0, list(ran)
@@ -112,4 +113,4 @@ def test_ctrl_c_ends_all_logs(drives):
 
 def test_two_logs_of_one_name_are_refused_before_any_is_run(tmp_path):
     with pytest.raises(UsageError, match="different names"):
-        process_all([tmp_path / "a.mcap"] * 2, [tmp_path] * 2, SETTINGS, None)
+        process_all([tmp_path / "a.mcap"] * 2, [tmp_path] * 2, SETTINGS, None, RunOptions())

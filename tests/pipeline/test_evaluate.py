@@ -20,18 +20,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.box_matching import same_thing
-from wayside.pipeline.evaluate import evaluate, format_evaluation, write_evaluation
 from wayside.pipeline.evaluation import (
+    KindCount,
     RealEvaluation,
     RenderedEvaluation,
+    evaluate,
+    format_evaluation,
     together,
-    together_real,
+    write_evaluation,
 )
-from wayside.pipeline.evaluation_findings import (
-    Backs,
-    Duplicate,
-    KindCount,
-)
+from wayside.pipeline.evaluation.figures import Backs, Duplicate
 from wayside.pipeline.statistics import fraction, spread
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError, OutputError
@@ -401,7 +399,7 @@ def test_recall_is_told_by_kind_where_labels_name_kinds(tmp_path: Path) -> None:
     ]
     evaluation = evaluated_on_labels(tmp_path, [sign(1, ON_IT, best_frame=5)], [], labels(*marks))
     assert evaluation.kinds == (KindCount("parking plate", 2, 1), KindCount("other", 1, 0))
-    both = together_real([evaluation, evaluation])
+    both = together([evaluation, evaluation])
     assert both.kinds == (KindCount("parking plate", 4, 2), KindCount("other", 2, 0))
     assert (both.wanted, both.found_count, both.images) == (6, 2, 2 * IMAGES)
     assert "parking plate                                     2      1   0.500" in (

@@ -7,17 +7,9 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from wayside.pipeline.evaluate_misses import (
-    STEPS,
-    Candidates,
-    Face,
-    cause_words,
-    count_steps,
-    miss_causes,
-)
-from wayside.pipeline.evaluation_findings import (
-    MissCause,
-)
+from wayside.pipeline.evaluation import STEPS, cause_words, count_steps
+from wayside.pipeline.evaluation.figures import MissCause
+from wayside.pipeline.evaluation.misses import Candidates, Face, miss_causes
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.tables import OBSERVATIONS
 

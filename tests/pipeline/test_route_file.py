@@ -12,7 +12,8 @@ import pyogrio
 import pyproj
 import pytest
 
-from wayside.pipeline.cli_routing import options, parse_milepost
+from wayside.pipeline.cli import app
+from wayside.pipeline.cli.options import parse_milepost, settings_of
 from wayside.pipeline.route_file import open_routes, route_notes
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError, UsageError
@@ -145,11 +146,13 @@ def test_what_is_no_milepost_is_refused(text):
         (("US-36", None, True, "a.gpkg"), "need no direction"),
     ],
 )
-def test_options_that_do_not_go_together_are_refused(given, words, tmp_path):
+def test_options_that_do_not_go_together_are_refused(given, words):
+    names = ("route", "milepost", "decreasing", "routes")
     with pytest.raises(UsageError, match=words):
-        load_settings(options=options(*given, [tmp_path]))
+        load_settings(options=settings_of(dict(zip(names, given, strict=True))))
 
 
 def test_one_milepost_is_not_taken_for_several_logs(tmp_path):
-    with pytest.raises(UsageError, match="as each begins elsewhere"):
-        options("US-36", "12.35", False, None, [tmp_path, tmp_path])
+    arguments = ["run", "a.mcap", "b.mcap", "-o", str(tmp_path), "--milepost", "12.35"]
+    with pytest.raises(UsageError, match="--milepost: wanted one log, found 2"):
+        app(arguments, standalone_mode=False)

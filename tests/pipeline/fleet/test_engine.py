@@ -2,40 +2,37 @@
 
 import signal
 import sys
+from concurrent.futures import wait
 from types import SimpleNamespace
 
 import pytest
 
-from wayside.pipeline.fleet.dask_engine import DaskEngine
-from wayside.pipeline.fleet.engine import ProcessEngine
+from wayside.pipeline.fleet.engine import DaskEngine, ProcessEngine
 from wayside.schemas.errors import OutputError, UsageError
 
 
-def ended(engine, count):
-    found = []
-    while len(found) < count:
-        found += engine.wait(10.0)
-    return found
+def ended(engine, *tasks):
+    """What became of tasks that are begun together: results or deaths."""
+    futures = [engine.submit(task) for task in tasks]
+    assert not wait(futures, 60.0).not_done
+    return [engine.death(future) or future.result() for future in futures]
 
 
 def test_a_dead_worker_takes_only_its_own_task_along_and_is_replaced():
     with ProcessEngine(signal.raise_signal, jobs=2) as engine:
         assert engine.places() == 2
-        engine.submit(signal.SIGKILL)
-        engine.submit(0)
-        found = dict(ended(engine, 2))
-        assert found == {signal.SIGKILL: "its worker was ended by SIGKILL", 0: None}
-        engine.submit(0)
-        engine.submit(-1)
+        assert ended(engine, signal.SIGKILL, 0) == ["its worker was ended by SIGKILL", None]
+        assert ended(engine, 0, signal.SIGTERM) == [None, "its worker was asked to end"]
         with pytest.raises((OSError, ValueError)):  # no such signal: what a task raises comes here
-            ended(engine, 2)
+            ended(engine, 0, -1)
 
 
 def test_leaving_ends_what_is_under_way():
     with ProcessEngine(signal.sigwait, jobs=1) as engine:
         engine.submit({signal.SIGUSR1})  # it would wait for ever
-        workers = [worker for worker, _ in engine._busy.values()]
-    assert not any(worker.process.is_alive() for worker in workers)
+        workers = [one for processes, _ in engine._pools.values() for one in processes]
+    assert len(workers) == 1
+    assert not any(worker.is_alive() for worker in workers)
 
 
 @pytest.mark.slow
@@ -47,11 +44,9 @@ def test_on_dask_a_task_that_kills_its_workers_is_told_and_the_others_are_done(t
     shared.touch()
     with DaskEngine(signal.raise_signal, "local", 2, shared) as engine:
         assert engine.places() == 2
-        engine.submit(0)
-        engine.submit(int(signal.SIGKILL))
-        found = dict(ended(engine, 2))
-    assert found[0] is None
-    assert "died" in found[signal.SIGKILL]
+        done, killed = ended(engine, 0, int(signal.SIGKILL))
+    assert done is None
+    assert "died" in killed
 
 
 def test_a_cluster_that_fails_to_stop_its_workers_does_not_fail_the_fleet(tmp_path, monkeypatch):
@@ -60,7 +55,10 @@ def test_a_cluster_that_fails_to_stop_its_workers_does_not_fail_the_fleet(tmp_pa
 
     cluster = SimpleNamespace(close=fail)
     client = SimpleNamespace(
-        close=lambda: None, cancel=list, run=lambda *_: {}, wait_for_workers=lambda *_, **__: None
+        close=lambda: None,
+        get_executor=lambda **_: SimpleNamespace(shutdown=lambda wait: None),
+        run=lambda *_: {},
+        wait_for_workers=lambda *_, **__: None,
     )
     made = {"LocalCluster": lambda **_: cluster, "Client": lambda *_, **__: client}
     monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(**made))
@@ -71,6 +69,6 @@ def test_a_cluster_that_fails_to_stop_its_workers_does_not_fail_the_fleet(tmp_pa
 @pytest.mark.slow
 def test_a_scheduler_that_is_not_there_is_told(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("wayside.pipeline.fleet.dask_engine._CONNECT_S", 0.2)
+    monkeypatch.setattr("wayside.pipeline.fleet.engine._CONNECT_S", 0.2)
     with pytest.raises(UsageError, match="wanted a Dask scheduler"):
         DaskEngine(signal.raise_signal, "tcp://127.0.0.1:9", None, tmp_path)

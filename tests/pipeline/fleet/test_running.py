@@ -82,10 +82,10 @@ def test_deaths_are_counted_that_only_the_log_itself_tells_of(fleet, in_process)
     class Rescheduling(in_process):
         """Gives the task of a dead worker to the next one and says nothing, as Dask does."""
 
-        def wait(self, timeout_s):
-            while isinstance((ended := super().wait(timeout_s)[0])[1], str):
-                self.submit(ended[0])
-            return [ended]
+        def submit(self, given):
+            while self.death(future := super().submit(given)) is not None:
+                pass
+            return future
 
     seen = fleet({"a": "die"}, engine=Rescheduling)
     assert seen.states == {"a": ("quarantined", 1)}

@@ -18,7 +18,7 @@ import pytest
 import rerun as rr
 
 from wayside.pipeline.cli import app
-from wayside.pipeline.cli_viewing import parse_rate
+from wayside.pipeline.cli.running import parse_rate
 from wayside.pipeline.view import viewer
 from wayside.pipeline.view.blueprint import drive_layout, sign_layout
 from wayside.pipeline.view.results import find_target, recordings_of

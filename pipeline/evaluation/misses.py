@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from wayside.pipeline.box_matching import Box, overlap
-from wayside.pipeline.evaluation_findings import (
+from wayside.pipeline.evaluation.figures import (
     MissCause,
 )
 from wayside.schemas.frame import USED
@@ -51,6 +51,8 @@ _STEP_OF_VERDICT = {
 }
 """All other verdicts are those of landmarks; `moving` is given to candidates of none as well."""
 _ORDER = list(STEPS)
+Distances = Mapping[tuple[str, int | str], float]
+"""Of rows from missed signs, metres, by their names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +95,7 @@ def miss_causes(
     candidates: Candidates,
     frames: Mapping[int, str],
     rows: Mapping[str, str],
-    distances: Mapping[tuple[str, int | str], float] | None = None,
+    distances: Distances | None = None,
 ) -> tuple[MissCause, ...]:
     """The cause of each miss: the last step that a candidate on it passed in any view, and the usual reason there.
 
@@ -121,7 +123,7 @@ def _cause(
     candidates: Candidates,
     frames: Mapping[int, str],
     rows: Mapping[str, str],
-    distances: Mapping[tuple[str, int | str], float],
+    distances: Distances,
 ) -> MissCause:
     outcomes: list[tuple[str, str]] = []
     on_it: Counter[str] = Counter()

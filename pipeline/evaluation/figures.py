@@ -1,24 +1,16 @@
-"""How a result compares with the truth: the figures and their JSON form."""
+"""How a result compares with the truth: what was found one by one, the figures, and their JSON form."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from itertools import chain
+from typing import Any, TypeVar
 
 import numpy as np
 
-from wayside.pipeline.evaluation_findings import (
-    Backs,
-    Duplicate,
-    FalseSign,
-    KindCount,
-    Match,
-    MissCause,
-    MissedPanel,
-)
-from wayside.pipeline.reliability import ConfidenceBin, bins_together
+from wayside.pipeline.evaluation.reliability import ConfidenceBin, bins_together
 from wayside.pipeline.statistics import (
     Interval,
     SigmaShare,
@@ -31,7 +23,119 @@ from wayside.pipeline.statistics import (
     spread,
 )
 
+Row = Mapping[str, Any]
 AXES = ("lateral", "up", "along")
+_COMMON = (
+    *("wanted", "found_count", "recall", "recall_interval", "precision", "precision_interval"),
+    *("images", "false_per_100_images", "false_per_100_images_interval"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FalseSign:
+    """A reported panel that is none, with the known object it lies on; `position` is right, down, ahead in metres."""
+
+    sign_id: str
+    best_frame: int
+    best_box: tuple[float, ...]
+    color: str | None
+    shape: str | None
+    position: tuple[float, float, float] | None
+    cause: str
+
+    @staticmethod
+    def of(sign: Row, cause: str, position: tuple[float, float, float] | None = None) -> FalseSign:
+        """A row of `signs.parquet` as one."""
+        box, color, shape = tuple(sign["best_box"]), sign["color"], sign["shape"]
+        return FalseSign(sign["sign_id"], sign["best_frame"], box, color, shape, position, cause)
+
+    def to_json(self) -> dict[str, Any]:
+        """As columns of `signs.parquet`, with the cause."""
+        values = asdict(self)
+        position, cause = values.pop("position"), values.pop("cause")
+        if position is not None:
+            values |= dict(zip(("right_m", "down_m", "ahead_m"), position, strict=True))
+        return values | {"best_box": list(self.best_box), "cause": cause}
+
+
+@dataclass(frozen=True, slots=True)
+class Duplicate:
+    """A reported row on a panel of the truth that a better row is on: `better` is that row, `panel` the true one."""
+
+    sign_id: str
+    panel: int | str
+    better: str
+
+
+@dataclass(frozen=True, slots=True)
+class MissCause:
+    """Why a wanted sign was not found.
+
+    step: where it was lost (see `misses.STEPS`); reason: verdict or status there; views: how many of its views
+    came to each verdict; row: the reported row on it, if there is one, and distance_m: how far from it that row stands.
+    """
+
+    id: int | str
+    step: str
+    reason: str
+    views: dict[str, int]
+    row: str | None = None
+    distance_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class KindCount:
+    """Wanted signs of one kind, and how many of them were found."""
+
+    kind: str
+    wanted: int
+    found: int
+
+
+@dataclass(frozen=True, slots=True)
+class MissedPanel:
+    """A true panel that should have been found; fields of the truth file."""
+
+    id: int
+    kind: str | None
+    color: str | None
+    shape: str | None
+    width_m: float | None
+    height_m: float | None
+    lateral_m: float | None
+    station_m: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """A reported panel and the wanted true one it was matched with.
+
+    `error_m`: reported minus true position: lateral, up, along, in the camera frame of `best_frame`; `sigma_m`: its
+    stated standard deviations; the rest are pairs, reported then true. None where not reported.
+    """
+
+    sign_id: str
+    panel_id: int
+    error_m: tuple[float, float, float]
+    sigma_m: tuple[float | None, float | None, float | None]
+    width_m: tuple[float | None, float]
+    height_m: tuple[float | None, float]
+    bottom_m: tuple[float | None, float]
+    color: tuple[str | None, str]
+    shape: tuple[str | None, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Backs:
+    """Rows of status `back`: how many there are, and how many of them are on a panel seen from behind.
+
+    `in_view`: panels seen from behind, as tall and in as many images as a front that should be found, but however
+    much stands before them: of backs nobody knows.
+    """
+
+    reported: int = 0
+    right: int = 0
+    in_view: int = 0
 
 
 class _Shares(ABC):
@@ -41,18 +145,20 @@ class _Shares(ABC):
     wanted: int
     false: tuple[FalseSign, ...]
     duplicates: tuple[Duplicate, ...]
+    causes: tuple[MissCause, ...]
     images: int | None
+    learned_by: tuple[str, ...] | None
     reliability: tuple[ConfidenceBin, ...]
-
-    @property
-    @abstractmethod
-    def found_count(self) -> int:
-        """Wanted signs that were found."""
 
     @property
     @abstractmethod
     def right(self) -> int:
         """Reported rows that count as right in the precision."""
+
+    @property
+    def found_count(self) -> int:
+        """Wanted signs that were found."""
+        return self.right
 
     @property
     def recall(self) -> float:
@@ -95,6 +201,15 @@ class _Shares(ABC):
         """95 % interval of that rate."""
         return rate_interval(len(self.false), (self.images or 0) / 100)
 
+    def to_json(self) -> dict[str, Any]:
+        """All figures under plain keys; intervals are [low, high] at 95 %, null where nothing was counted."""
+        figures = {name: getattr(self, name) for name in _COMMON}
+        figures["learned_by"] = None if self.learned_by is None else list(self.learned_by)
+        figures["false"] = [sign.to_json() for sign in self.false]
+        for name in ("duplicates", "causes", "reliability"):
+            figures[name] = [asdict(one) for one in getattr(self, name)]
+        return figures
+
 
 @dataclass(frozen=True, slots=True)
 class RenderedEvaluation(_Shares):
@@ -116,11 +231,6 @@ class RenderedEvaluation(_Shares):
     images: int | None = None
     learned_by: tuple[str, ...] | None = None
     reliability: tuple[ConfidenceBin, ...] = ()
-
-    @property
-    def found_count(self) -> int:
-        """Wanted panels that were found."""
-        return len(self.matches)
 
     @property
     def right(self) -> int:
@@ -152,19 +262,17 @@ class RenderedEvaluation(_Shares):
     @property
     def width_error(self) -> Spread:
         """Error of the width as a fraction of the true one."""
-        return spread(abs(a - b) / b for a, b in (m.width_m for m in self.matches) if a is not None)
+        return spread(abs(a - b) / b for a, b in self._pairs("width_m"))
 
     @property
     def height_error(self) -> Spread:
         """Error of the height as a fraction of the true one."""
-        return spread(
-            abs(a - b) / b for a, b in (m.height_m for m in self.matches) if a is not None
-        )
+        return spread(abs(a - b) / b for a, b in self._pairs("height_m"))
 
     @property
     def bottom_error_m(self) -> Spread:
         """Error of the lower edge above the road."""
-        return spread(abs(a - b) for a, b in (m.bottom_m for m in self.matches) if a is not None)
+        return spread(abs(a - b) for a, b in self._pairs("bottom_m"))
 
     @property
     def color_right(self) -> float | None:
@@ -179,16 +287,21 @@ class RenderedEvaluation(_Shares):
     @property
     def color_confusion(self) -> dict[str, int]:
         """Counts by `true -> reported`."""
-        return confusion((true, reported) for reported, true in (m.color for m in self.matches))
+        return confusion(m.color[::-1] for m in self.matches)
 
     @property
     def shape_confusion(self) -> dict[str, int]:
         """Counts by `true -> reported`."""
-        return confusion((true, reported) for reported, true in (m.shape for m in self.matches))
+        return confusion(m.shape[::-1] for m in self.matches)
+
+    def _pairs(self, name: str) -> list[tuple[float, float]]:
+        """Reported and true lengths of the matches whose reported one is known."""
+        pairs = (getattr(match, name) for match in self.matches)
+        return [(a, b) for a, b in pairs if a is not None]
 
     def to_json(self) -> dict[str, Any]:
         """All figures under plain keys."""
-        return _common_json(self) | {
+        return _Shares.to_json(self) | {
             "missed": [asdict(panel) for panel in self.missed],
             "error_m": {name: asdict(value) for name, value in self.error_m.items()},
             "width_error": asdict(self.width_error),
@@ -202,22 +315,6 @@ class RenderedEvaluation(_Shares):
             "found": [list(pair) for pair in self.found],
             "backs": asdict(self.backs),
         }
-
-
-def together(evaluations: Iterable[RenderedEvaluation]) -> RenderedEvaluation:
-    """Several drives evaluated as one."""
-    all_of = list(evaluations)
-    return RenderedEvaluation(
-        wanted=sum(e.wanted for e in all_of),
-        matches=tuple(m for e in all_of for m in e.matches),
-        false=tuple(sign for e in all_of for sign in e.false),
-        missed=tuple(panel for e in all_of for panel in e.missed),
-        backs=Backs(*(sum(getattr(e.backs, one.name) for e in all_of) for one in fields(Backs))),
-        duplicates=tuple(row for e in all_of for row in e.duplicates),
-        causes=tuple(cause for e in all_of for cause in e.causes),
-        images=_sum_images(all_of),
-        reliability=bins_together(e.reliability for e in all_of),
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +350,7 @@ class RealEvaluation(_Shares):
 
     def to_json(self) -> dict[str, Any]:
         """All figures under plain keys."""
-        return _common_json(self) | {
+        return _Shares.to_json(self) | {
             "missed": list(self.missed),
             "found": list(self.found),
             "touching": self.touching,
@@ -264,50 +361,35 @@ class RealEvaluation(_Shares):
         }
 
 
-def together_real(evaluations: Iterable[RealEvaluation]) -> RealEvaluation:
-    """Several real drives evaluated as one, by their counts; labels are not renamed."""
-    all_of = list(evaluations)
-    kinds: dict[str, tuple[int, int]] = {}
-    for kind in (kind for e in all_of for kind in e.kinds):
-        wanted, found = kinds.get(kind.kind, (0, 0))
-        kinds[kind.kind] = wanted + kind.wanted, found + kind.found
-    return RealEvaluation(
-        wanted=sum(e.wanted for e in all_of),
-        found=tuple(name for e in all_of for name in e.found),
-        touching=sum(e.touching for e in all_of),
-        false=tuple(sign for e in all_of for sign in e.false),
-        missed=tuple(name for e in all_of for name in e.missed),
-        duplicates=tuple(row for e in all_of for row in e.duplicates),
-        kinds=tuple(KindCount(name, *counts) for name, counts in kinds.items()),
-        causes=tuple(cause for e in all_of for cause in e.causes),
-        images=_sum_images(all_of),
-        reliability=bins_together(e.reliability for e in all_of),
-    )
-
-
 Evaluation = RenderedEvaluation | RealEvaluation
+_Kind = TypeVar("_Kind", RenderedEvaluation, RealEvaluation)
 
 
-def _sum_images(evaluations: Sequence[Evaluation]) -> int | None:
-    images = [e.images for e in evaluations if e.images is not None]
-    return sum(images) if len(images) == len(evaluations) else None
+def together(evaluations: Iterable[_Kind]) -> _Kind:
+    """Several drives evaluated as one, by their counts; labels are not renamed. Of none: nothing wanted or found."""
+    all_of: list[Any] = list(evaluations) or [RenderedEvaluation(0, (), (), ())]
+    joined = {name: _sum(name, [getattr(e, name) for e in all_of]) for name in _names(all_of[0])}
+    result: _Kind = replace(all_of[0], **joined)
+    return result
 
 
-def _common_json(evaluation: Evaluation) -> dict[str, Any]:
-    """What every evaluation has; intervals are [low, high] at 95 %, null where nothing was counted."""
-    return {
-        "wanted": evaluation.wanted,
-        "found_count": evaluation.found_count,
-        "recall": evaluation.recall,
-        "recall_interval": evaluation.recall_interval,
-        "precision": evaluation.precision,
-        "precision_interval": evaluation.precision_interval,
-        "images": evaluation.images,
-        "false_per_100_images": evaluation.false_per_100_images,
-        "false_per_100_images_interval": evaluation.false_per_100_images_interval,
-        "learned_by": None if evaluation.learned_by is None else list(evaluation.learned_by),
-        "false": [sign.to_json() for sign in evaluation.false],
-        "duplicates": [asdict(row) for row in evaluation.duplicates],
-        "causes": [asdict(cause) for cause in evaluation.causes],
-        "reliability": [asdict(one) for one in evaluation.reliability],
-    }
+def _names(instance: Any) -> list[str]:
+    return [one.name for one in fields(instance)]
+
+
+def _sum(name: str, values: list[Any]) -> Any:
+    """One field of several drives as that of all."""
+    if name == "reliability":
+        return bins_together(values)
+    if name == "learned_by" or (name == "images" and None in values):
+        return None
+    if name == "backs":
+        return Backs(*(sum(getattr(v, one) for v in values) for one in _names(values[0])))
+    if name == "kinds":
+        every = [kind for kinds in values for kind in kinds]
+        counts = {k.kind: [o for o in every if o.kind == k.kind] for k in every}
+        return tuple(
+            KindCount(kind, sum(o.wanted for o in some), sum(o.found for o in some))
+            for kind, some in counts.items()
+        )
+    return sum(values) if isinstance(values[0], int) else tuple(chain(*values))

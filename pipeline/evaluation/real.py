@@ -4,27 +4,23 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from wayside.pipeline.box_matching import Box, overlap
-from wayside.pipeline.evaluate_misses import Face
-from wayside.pipeline.evaluation import (
-    RealEvaluation,
-)
-from wayside.pipeline.evaluation_findings import (
+from wayside.pipeline.evaluation.figures import (
     Duplicate,
     FalseSign,
     KindCount,
+    RealEvaluation,
+    Row,
 )
+from wayside.pipeline.evaluation.misses import Face
 
 NO_KIND = "other"
 """Kind of a wanted sign whose label names none, where others do."""
-
-Row = Mapping[str, Any]
 
 
 def evaluate_against_labels(
@@ -122,17 +118,9 @@ def _overlap(views: Mapping[int, Box], boxes: Mapping[int, Box]) -> float:
 
 def _false(sign: Row, views: Mapping[int, Box], labels: Row) -> FalseSign:
     """A sign on no label, with the known distractor it lies on; distractors are boxed in one source image."""
-    cause = "unlabelled"
-    for distractor in labels["distractors"]:
-        if _overlap(views, _boxes(distractor, labels["stride"])):
-            cause = distractor["what"]
-            break
-    return FalseSign(
-        sign["sign_id"],
-        sign["best_frame"],
-        tuple(sign["best_box"]),
-        sign["color"],
-        sign["shape"],
-        None,
-        cause,
+    on = (
+        thing["what"]
+        for thing in labels["distractors"]
+        if _overlap(views, _boxes(thing, labels["stride"]))
     )
+    return FalseSign.of(sign, next(on, "unlabelled"))

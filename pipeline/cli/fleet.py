@@ -1,4 +1,4 @@
-"""The commands `wayside fleet` and `wayside query`. Heavy imports stand inside."""
+"""The commands of many drives: `wayside fleet`, `query` and `changes`. Heavy imports stand inside."""
 
 from __future__ import annotations
 
@@ -9,27 +9,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wayside.pipeline import cli_boxes as boxes
-from wayside.pipeline import cli_fitting as fitting
-from wayside.pipeline import cli_options as run_options
-from wayside.pipeline import cli_routing as routing
-from wayside.pipeline.cli_help import Application, CommandGroup, examples
-from wayside.pipeline.cli_running import exit_with
+from wayside.pipeline.cli.help import Application, CommandGroup, examples
+from wayside.pipeline.cli.options import Overwrite, chosen_settings, takes
+from wayside.pipeline.cli.running import exit_with
 from wayside.pipeline.visible_text import visible, visible_lines
-from wayside.schemas.errors import UsageError
+from wayside.schemas.errors import PARTS_LOST, UsageError
 
 if TYPE_CHECKING:
     from wayside.pipeline.fleet.manifest import Entry
     from wayside.pipeline.fleet.running import FleetReport
 
+app = Application()
 _MOST_LISTED = 40
 _LOGS_FIRST = "run"
-
-QUERY_EPILOG = examples(
-    'wayside query inventory "SELECT color, count(*) FROM panels GROUP BY color"',
-    'wayside query inventory "FROM signs WHERE confidence < 0.6" -o weak.csv',
-    'wayside query inventory "DESCRIBE panels"',
-)
 FLEET_EPILOG = examples(
     "wayside fleet archive/2026/ -o inventory --jobs 4",
     'wayside fleet "s3://survey/2026/**/*.mcap" -o inventory --scheduler tcp://10.0.0.5:8786',
@@ -55,13 +47,27 @@ fleet_app = Application(
     help="Many logs to one inventory: `wayside fleet LOGS... -o INVENTORY`; `wayside fleet run --help` lists options.",
     epilog=FLEET_EPILOG,
 )
+app.add_typer(fleet_app, name="fleet")
 
 Inventory = Annotated[
     Path, typer.Argument(metavar="INVENTORY", help="Folder written by `wayside fleet`.")
 ]
 
 
+class AnswerFormat(StrEnum):
+    """What an answer is written as."""
+
+    table = "table"
+    csv = "csv"
+    json = "json"
+    parquet = "parquet"
+
+
 @fleet_app.command(_LOGS_FIRST, epilog=FLEET_EPILOG)
+@takes(
+    *("spacing", "camera", "calibration", "every", "workers", "preset", "settings", "assignments"),
+    *("detector", "classes", "models", "route", "routes"),
+)
 def fleet(
     logs: Annotated[
         list[str],
@@ -98,23 +104,11 @@ def fleet(
     retry: Annotated[
         bool, typer.Option("--retry", help="Try the logs in quarantine again.")
     ] = False,
-    preset: run_options.PresetOption = run_options.Preset.default,
-    settings: run_options.SettingsFile = None,
-    assignments: run_options.Assignments = None,
-    spacing: run_options.Spacing = None,
-    camera: run_options.CameraTopic = None,
-    calibration: run_options.Calibration = None,
-    every: run_options.Every = None,
-    workers: run_options.Workers = None,
-    detector: boxes.Detector = None,
-    classes: boxes.Classes = None,
-    models: fitting.Models = None,
-    route: routing.Route = None,
-    routes: routing.Routes = None,
     overwrite: Annotated[
         bool,
         typer.Option("--overwrite", help="Replace results of logs whose content has changed."),
     ] = False,
+    **given: Any,
 ) -> None:
     """Run many logs into one inventory, each once, and merge their signs.
 
@@ -125,14 +119,10 @@ def fleet(
     from wayside.pipeline.fleet.sources import expand_sources
     from wayside.pipeline.progress import FleetProgress
 
-    calibration, detector, classes, models, routes = (  # workers may have other working folders
-        None if path is None else path.absolute()
-        for path in (calibration, detector, classes, models, routes)
-    )
-    options = run_options.read_options(spacing, camera, calibration, None, None, every, workers)
-    options |= boxes.options(detector, None, classes) | fitting.model_options(models)
-    options |= routing.options(route, None, decreasing=False, routes=routes, logs=())
-    chosen = run_options.chosen_settings(preset, settings, assignments, options)
+    for name, value in given.items():
+        if isinstance(value, Path):  # workers may have other working folders
+            given[name] = value.absolute()
+    chosen = chosen_settings(given)
     uris = expand_sources(logs)
     how = FleetOptions(jobs, scheduler, attempts, retry, overwrite, tuple(sys.argv[1:]))
     with FleetProgress() as progress:
@@ -149,15 +139,13 @@ def status(inventory: Inventory) -> None:
     typer.echo(visible_lines(format_status(inventory)))
 
 
-class AnswerFormat(StrEnum):
-    """What an answer is written as."""
-
-    table = "table"
-    csv = "csv"
-    json = "json"
-    parquet = "parquet"
-
-
+@app.command(
+    epilog=examples(
+        'wayside query inventory "SELECT color, count(*) FROM panels GROUP BY color"',
+        'wayside query inventory "FROM signs WHERE confidence < 0.6" -o weak.csv',
+        'wayside query inventory "DESCRIBE panels"',
+    )
+)
 def query(
     inventory: Inventory,
     sql: Annotated[str, typer.Argument(metavar="SQL", help="One question in DuckDB's SQL.")],
@@ -168,9 +156,7 @@ def query(
             "-f", "--format", help="Default: by the end of the name; a table on the terminal."
         ),
     ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace a file that stands there.")
-    ] = False,
+    overwrite: Overwrite = False,
 ) -> None:
     """Ask an inventory in SQL: views panels, supports, sightings, signs, frames, observations, logs."""
     from wayside.pipeline.fleet.query import FORMATS, first_rows, write_answer
@@ -237,3 +223,52 @@ def _summary(report: FleetReport, out: Path) -> str:
     lines.append(f"{done} of {len(report.entries)} logs done, {len(report.kept)} of them before")
     lines.append("panels unchanged" if report.merged is None else f"merged: {report.merged}")
     return "\n".join(lines)
+
+
+@app.command(
+    epilog=examples(
+        "wayside changes inventory --before 2024 --after 2025 -o changes.html",
+        "wayside changes inventory --before 2024-03..2024-06 --after 2025-05-17 -o changes.html --all",
+    )
+)
+@takes("settings", "assignments")
+def changes(
+    inventory: Annotated[
+        Path, typer.Argument(metavar="INVENTORY", help="Folder of merged drives.")
+    ],
+    before: Annotated[
+        str, typer.Option(help="Earlier survey: 2024, 2024-05, 2024-05-17, 2024-03..2024-06.")
+    ],
+    after: Annotated[str, typer.Option(help="Later survey, in the same words.")],
+    page: Annotated[Path, typer.Option("-o", "--out", help="The page to write.")],
+    every: Annotated[
+        bool, typer.Option("--all", help="Show unchanged panels, and those not looked at, as well.")
+    ] = False,
+    overwrite: Overwrite = False,
+    **given: Any,
+) -> None:
+    """Compare two surveys: which signs are unchanged, moved, of another face, new, gone, or were not looked at."""
+    from wayside.pipeline.fleet.changes import find_changes
+    from wayside.pipeline.fleet.changes_page import write_page
+    from wayside.pipeline.fleet.surveys import parse_survey
+    from wayside.pipeline.settings_file import load_settings
+
+    chosen, origins = load_settings(file=given["settings"], assignments=given["assignments"] or [])
+    if alien := [n for n, o in origins.items() if o == "--set" and not n.startswith("changes.")]:
+        raise UsageError(
+            f"--set {alien[0]}: wanted a setting of the group changes, found one of runs or merging, which are done: "
+            "give it to `wayside fleet`"
+        )
+    surveys = parse_survey(before), parse_survey(after)
+    report = find_changes(inventory, *surveys, chosen.changes, overwrite=overwrite)
+    typer.echo(visible_lines(str(report)))
+    written = write_page(inventory, page, (before, after), every=every, overwrite=overwrite)
+    typer.echo(visible(f"{page}: {written.shown} changes"))
+    if written.lost_images:
+        for fault in written.faults:
+            typer.echo(visible(f"wayside: {fault}"), err=True)
+        typer.echo(
+            f"wayside: {written.lost_images} images are not on the page: no log gives them",
+            err=True,
+        )
+        raise typer.Exit(PARTS_LOST)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,17 +11,16 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.box_matching import overlap
-from wayside.pipeline.evaluate_misses import Face
-from wayside.pipeline.evaluation import (
-    RenderedEvaluation,
-)
-from wayside.pipeline.evaluation_findings import (
+from wayside.pipeline.evaluation.figures import (
     Backs,
     Duplicate,
     FalseSign,
     Match,
     MissedPanel,
+    RenderedEvaluation,
+    Row,
 )
+from wayside.pipeline.evaluation.misses import Face
 from wayside.stages.geometry import covered_fractions
 
 SMALLEST_HEIGHT_PX, SMALLEST_VISIBLE, FEWEST_FRAMES = 10.0, 0.5, 3
@@ -32,8 +30,6 @@ ALONG_M, ALONG_SHARE = 3.0, 0.10
 """A panel is matched within the larger of a distance and a fraction of its range."""
 SMALLEST_COVER = 0.3
 _UNMATCHED = 1e6
-
-Row = Mapping[str, Any]
 
 
 def evaluate_against_truth(
@@ -206,15 +202,7 @@ def _false(sign: Row, truth: Row) -> FalseSign:
                 covered = float(covered_fractions(*boxes)[0, 0])
                 if covered > best:
                     best, cause = covered, f"{kind} {entry['kind']} {entry['id']}"
-    return FalseSign(
-        sign["sign_id"],
-        sign["best_frame"],
-        tuple(sign["best_box"]),
-        sign["color"],
-        sign["shape"],
-        (sign["right_m"], sign["down_m"], sign["ahead_m"]),
-        cause,
-    )
+    return FalseSign.of(sign, cause, (sign["right_m"], sign["down_m"], sign["ahead_m"]))
 
 
 def _match(sign: Row, panel: Row, error: NDArray[np.float64]) -> Match:

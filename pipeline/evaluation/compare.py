@@ -7,18 +7,26 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline import evaluate_real, evaluate_rendered
-from wayside.pipeline.evaluate_misses import (
+from wayside.pipeline.evaluation import real, rendered
+from wayside.pipeline.evaluation.figures import (
+    Evaluation,
+    FalseSign,
+    RealEvaluation,
+    RenderedEvaluation,
+    Row,
+)
+from wayside.pipeline.evaluation.misses import (
     STEPS,
     Candidates,
+    Distances,
+    Face,
     cause_words,
     count_steps,
     miss_causes,
 )
-from wayside.pipeline.evaluation import Evaluation, RealEvaluation, RenderedEvaluation
+from wayside.pipeline.evaluation.reliability import reliability
 from wayside.pipeline.input_files import read_input_text
 from wayside.pipeline.json_text import CONTENT_FAULTS, parse_json
-from wayside.pipeline.reliability import reliability
 from wayside.pipeline.result import RUN_FILE, read_rows, read_run, read_table
 from wayside.pipeline.statistics import Interval, Spread, share_interval
 from wayside.pipeline.writing import write_json
@@ -51,17 +59,19 @@ def evaluate(out: Path, truth: Path) -> Evaluation:
     facts = _read_truth(truth)
     rows = read_rows(out, SIGNS, _SIGN_COLUMNS)
     frames = {row["frame"]: row["status"] for row in read_rows(out, FRAMES, ["frame", "status"])}
-    run = read_run(out) if (out / RUN_FILE).is_file() else {}
-    learned_by = run.get("learned_from_log")
+    learned_by = _run_of(out).get("learned_from_log")
     try:
         compare = _on_labels if _LABEL_KEYS <= facts.keys() else _on_truth
-        evaluation = compare(out, rows, frames, facts)
+        evaluation, wrong, faces, candidates, distances = compare(out, rows, facts)
     except CONTENT_FAULTS as error:
         raise InputError(
             f"truth file {truth}: an entry is not as expected ({type(error).__name__}: {error})"
         ) from error
+    statuses = {row["sign_id"]: row["status"] for row in rows}
     return replace(
         evaluation,
+        causes=miss_causes(faces, candidates, frames, statuses, distances),
+        reliability=reliability(_with_confidence(rows), {row.sign_id for row in wrong}),
         images=len(frames),
         learned_by=None if learned_by is None else tuple(map(str, learned_by)),
     )
@@ -70,50 +80,41 @@ def evaluate(out: Path, truth: Path) -> Evaluation:
 def other_log(out: Path, truth: Path) -> str | None:
     """That the truth states to be of another log than the result is of, in words; None where it does not."""
     facts = _read_truth(truth)
-    run = read_run(out) if (out / RUN_FILE).is_file() else {}
-    of_truth, of_run = (Path(str(one)).stem for one in (facts.get("log", ""), run.get("log", "")))
+    logs = facts.get("log", ""), _run_of(out).get("log", "")
+    of_truth, of_run = (Path(str(one)).stem for one in logs)
     if not of_truth or not of_run or of_truth == of_run:
         return None
     return f"{truth} says that it is of {of_truth}, the result in {out} is of {of_run}"
 
 
-def _on_truth(
-    out: Path, rows: Sequence[dict[str, Any]], frames: dict[int, str], truth: dict[str, Any]
-) -> Evaluation:
+_Compared = tuple[Evaluation, tuple[FalseSign, ...], list[Face], Candidates, Distances]
+"""Figures; those rows with a confidence that are false; missed signs, candidates on them, and distances of rows."""
+
+
+def _on_truth(out: Path, rows: Sequence[Row], truth: Row) -> _Compared:
     signs, backs = ([row for row in rows if row["status"] == kind] for kind in ("sign", "back"))
-    evaluation = evaluate_rendered.evaluate_against_truth(signs, truth, backs)
-    missed = evaluate_rendered.missed_faces(evaluation, truth)
-    causes = miss_causes(
-        missed,
-        _candidates(out, {frame for face in missed for frame in face.views}),
-        frames,
-        {row["sign_id"]: row["status"] for row in rows},
-        evaluate_rendered.false_distances(evaluation, signs, truth),
-    )
-    stated = _with_confidence(rows)
-    wrong = {row.sign_id for row in evaluate_rendered.evaluate_against_truth(stated, truth).false}
-    return replace(evaluation, causes=causes, reliability=reliability(stated, wrong))
+    evaluation = rendered.evaluate_against_truth(signs, truth, backs)
+    missed = rendered.missed_faces(evaluation, truth)
+    candidates = _candidates(out, {frame for face in missed for frame in face.views})
+    wrong = rendered.evaluate_against_truth(_with_confidence(rows), truth).false
+    return evaluation, wrong, missed, candidates, rendered.false_distances(evaluation, signs, truth)
 
 
-def _on_labels(
-    out: Path, rows: Sequence[dict[str, Any]], frames: dict[int, str], labels: dict[str, Any]
-) -> Evaluation:
-    candidates = _candidates(out, evaluate_real.labelled_frames(labels))
+def _on_labels(out: Path, rows: Sequence[Row], labels: Row) -> _Compared:
+    candidates = _candidates(out, real.labelled_frames(labels))
     signs = [row for row in rows if row["status"] == "sign"]
-    evaluation = evaluate_real.evaluate_against_labels(signs, candidates.of_signs(), labels)
-    causes = miss_causes(
-        evaluate_real.missed_faces(evaluation, labels),
-        candidates,
-        frames,
-        {row["sign_id"]: row["status"] for row in rows},
+    evaluation, stated = (
+        real.evaluate_against_labels(some, candidates.of_signs(), labels)
+        for some in (signs, _with_confidence(rows))
     )
-    stated = _with_confidence(rows)
-    on_none = evaluate_real.evaluate_against_labels(stated, candidates.of_signs(), labels).false
-    wrong = {row.sign_id for row in on_none}
-    return replace(evaluation, causes=causes, reliability=reliability(stated, wrong))
+    return evaluation, stated.false, real.missed_faces(evaluation, labels), candidates, {}
 
 
-def _with_confidence(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def _run_of(out: Path) -> dict[str, Any]:
+    return read_run(out) if (out / RUN_FILE).is_file() else {}
+
+
+def _with_confidence(rows: Sequence[Row]) -> list[Row]:
     """Rows of signs, uncertain ones among them, that state a confidence."""
     kinds = ("sign", "uncertain")
     return [row for row in rows if row["status"] in kinds and row["confidence"] is not None]
@@ -236,26 +237,21 @@ def _class_lines(evaluation: RenderedEvaluation) -> Iterator[str]:
         ("colour", evaluation.color_right, evaluation.color_confusion),
         ("shape", evaluation.shape_right, evaluation.shape_confusion),
     ):
-        wrong = [
-            f"{pair} ({count})" for pair, count in pairs.items() if len(set(pair.split(" -> "))) > 1
-        ]
-        yield f"{name + ' right':<14}{_percent(right):>6}" + (
-            f"   wrong: {', '.join(wrong)}" if wrong else ""
-        )
+        wrong = [f"{p} ({n})" for p, n in pairs.items() if len(set(p.split(" -> "))) > 1]
+        more = f"   wrong: {', '.join(wrong)}" if wrong else ""
+        yield f"{name + ' right':<14}{_percent(right):>6}{more}"
 
 
 def _false_lines(evaluation: Evaluation) -> Iterator[str]:
-    if evaluation.duplicates:
-        yield ""
-        yield "duplicates"
-    for row in evaluation.duplicates:
-        yield f"  {row.sign_id}  of {row.better}, on sign {row.panel}"
-    if evaluation.others:
-        yield ""
-        yield "false"
-    for sign in evaluation.others:
-        face = f"{sign.color or '?'} {sign.shape or '?'}"
-        yield f"  {sign.sign_id}  frame {sign.best_frame}  {face}  on: {sign.cause}"
+    rows = [f"{row.sign_id}  of {row.better}, on sign {row.panel}" for row in evaluation.duplicates]
+    if rows:
+        yield from ("", "duplicates", *(f"  {row}" for row in rows))
+    others = [
+        f"{one.sign_id}  frame {one.best_frame}  {one.color or '?'} {one.shape or '?'}  on: {one.cause}"
+        for one in evaluation.others
+    ]
+    if others:
+        yield from ("", "false", *(f"  {row}" for row in others))
 
 
 def _number(value: float | None) -> str:

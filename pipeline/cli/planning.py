@@ -1,23 +1,48 @@
-"""The command that plans a survey; registered by `wayside.pipeline.cli`. Heavy imports stand inside functions."""
+"""The commands for settings, the planning of surveys and the figures of the report. Heavy imports stand inside."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from wayside.pipeline.cli_help import examples
-from wayside.pipeline.cli_viewing import Overwrite
+from wayside.pipeline.cli.help import Application, examples
+from wayside.pipeline.cli.options import Overwrite, parse_size, settings_of, takes
+from wayside.pipeline.lengths import parse_length
+from wayside.pipeline.visible_text import visible
+from wayside.schemas.errors import UsageError
 
-SIMULATE_EPILOG = examples(
-    "wayside simulate --spacing 26.4ft --hfov 60",
-    "wayside simulate --target 10cm",
-    "wayside simulate --curve-radius 250m --hill 6m --outliers 0.05",
-    "wayside simulate --pose-sigma 2cm --json plan.json",
+app = Application()
+
+
+@app.command(epilog=examples("wayside settings --preset report > mine.toml"))
+@takes("preset", "settings", "assignments")
+def settings(
+    every: Annotated[
+        bool,
+        typer.Option("--all", help="Also what is rarely changed, and where each default is from."),
+    ] = False,
+    **given: Any,
+) -> None:
+    """Print the settings: value, unit, default, where it comes from. The output is a settings file."""
+    from wayside.pipeline.settings_file import format_settings, load_settings
+
+    chosen, origins = load_settings(
+        given["preset"].value, given["settings"], given["assignments"] or [], {}
+    )
+    typer.echo(format_settings(chosen, origins, expert=every), nl=False)
+
+
+@app.command(
+    epilog=examples(
+        "wayside simulate --spacing 26.4ft --hfov 60",
+        "wayside simulate --target 10cm",
+        "wayside simulate --curve-radius 250m --hill 6m --outliers 0.05",
+        "wayside simulate --pose-sigma 2cm --json plan.json",
+    )
 )
-
-
 def simulate(
     spacing: Annotated[str, typer.Option(help="Distance between images: 26.4ft, 8m.")] = "26.4ft",
     focal_px: Annotated[
@@ -66,9 +91,6 @@ def simulate(
     Drives are simulated without images: panels and ties are projected with the given errors, the stages of `wayside
     run` locate the panels, and the errors are compared with the stated sigmas and the Cramér-Rao bound.
     """
-    from contextlib import suppress
-
-    from wayside.pipeline.lengths import parse_length
     from wayside.pipeline.progress import SheetProgress
     from wayside.pipeline.simulation.drive import Survey
     from wayside.pipeline.simulation.simulate import (
@@ -86,11 +108,10 @@ def simulate(
     )
     from wayside.pipeline.tuning import watched_compilation
     from wayside.pipeline.writing import holding, require_free
-    from wayside.schemas.errors import UsageError
 
     if json is not None:
         require_free(json, is_own=holding(OWN_KEYS), overwrite=overwrite)
-    width, height = _size(picture)
+    width, height = parse_size(picture, "--picture", 64, 20_000)
     if focal_px is not None and hfov is not None:
         raise UsageError("wanted --focal-px or --hfov, found both; leave one out")
     focal = (
@@ -141,14 +162,53 @@ def simulate(
         write_simulation(tried, json, overwrite=overwrite)
 
 
-def _size(text: str) -> tuple[int, int]:
-    from wayside.schemas.errors import UsageError
+@app.command(
+    "report-figures",
+    epilog=examples(
+        "wayside report-figures drive.mcap -o figures",
+        "wayside report-figures drive.mcap --spacing 26.4ft -o figures",
+        "wayside report-figures drive.mcap --labels labels.parquet --boards boards/ --board 9x6 -o figures",
+    ),
+)
+@takes("spacing", "camera", "calibration", "assignments")
+def report_figures(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="The log of a drive.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder of report_figures.html.")],
+    labels: Annotated[
+        Path | None,
+        typer.Option(
+            help="Labels of its images; see docs/labels.md.  "
+            "[default: LOG.truth.json, LOG.labels.json or LOG.labels.parquet beside it]"
+        ),
+    ] = None,
+    boards: Annotated[
+        Path | None, typer.Option(help="Folder with images of a chessboard, for figure 6.1.")
+    ] = None,
+    board: Annotated[
+        str | None, typer.Option(help="Inner corners along both sides of the chessboard: 9x6.")
+    ] = None,
+    overwrite: Overwrite = False,
+    **given: Any,
+) -> None:
+    """Make the figures of the report KS-09-9 on a drive, each number beside the report's, as one page."""
+    from wayside.pipeline.report_figures.command import write_figures
+    from wayside.pipeline.tuning import tune_process
 
-    width, _, height = text.lower().partition("x")
-    if not (
-        width.isdecimal() and height.isdecimal() and 64 <= min(int(width), int(height)) <= 20_000
-    ):
+    if (boards is None) != (board is None):
         raise UsageError(
-            f"--picture: wanted width x height in pixels, found {text!r}; 1600x1200 is one"
+            "wanted --boards and --board together, found one of them; a board of 10 x 7 squares is --board 9x6"
         )
-    return int(width), int(height)
+    tune_process()
+    page, figures = write_figures(
+        log,
+        out,
+        labels=labels,
+        boards=None if boards is None else [boards],
+        board=board,
+        assignments=given["assignments"],
+        options=settings_of(given),
+        overwrite=overwrite,
+    )
+    left_out = [figure.number for figure in figures if figure.needs]
+    words = f"; left out: {', '.join(left_out)}" if left_out else ""
+    typer.echo(visible(f"{page}: {len(figures) - len(left_out)} figures{words}"))

@@ -1,0 +1,200 @@
+"""The commands that make a log, say what one holds, and calibrate its camera. Heavy imports stand inside."""
+
+from __future__ import annotations
+
+import math
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from wayside.pipeline.cli.help import Application, examples
+from wayside.pipeline.cli.options import Log, Overwrite, chosen_settings, settings_of, takes
+from wayside.pipeline.cli.running import exit_with, read_as_log
+from wayside.pipeline.lengths import parse_length, parse_spacing
+from wayside.pipeline.visible_text import fitted, visible, visible_lines
+from wayside.schemas.errors import PARTS_LOST, UsageError
+
+app = Application()
+
+
+class Order(StrEnum):
+    """What decides the order of images, whatever contradicts it."""
+
+    by_name = "name"
+    by_date = "date"
+
+
+@app.command(epilog=examples("wayside info drive.mcap"))
+def info(log: Log) -> None:
+    """Say what a log holds, and whether and how it can be used."""
+    from wayside.pipeline.information import describe_log, format_information
+
+    words = visible_lines(format_information(describe_log(read_as_log(log), shown=log)))
+    typer.echo(fitted(words) if sys.stdout.isatty() else words)
+
+
+@app.command(
+    "import",
+    epilog=examples(
+        "wayside import images/*.jpg --calibration camera.yaml --spacing 26.4ft -o drive.mcap"
+    ),
+)
+def import_(
+    images: Annotated[
+        list[Path], typer.Argument(metavar="IMAGES...", help="Numbered images, or a folder.")
+    ],
+    calibration: Annotated[
+        Path, typer.Option(help="Camera calibration: YAML of ROS, OpenCV or Kalibr.")
+    ],
+    spacing: Annotated[str, typer.Option(help="Distance between images: 26.4ft, 8m.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The log to write.")],
+    order: Annotated[
+        Order | None,
+        typer.Option(help="What decides the order where names and dates of capture disagree."),
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Make a log of numbered images."""
+    from wayside.pipeline.importing import import_images
+    from wayside.pipeline.progress import SheetProgress
+
+    with SheetProgress("import", "images") as progress:
+        count, left_out = import_images(
+            images,
+            calibration,
+            parse_spacing(spacing),
+            out,
+            order=order or "",
+            overwrite=overwrite,
+            warn=lambda words: typer.echo(visible(f"note: {words}"), err=True),
+            watch=progress.watch,
+        )
+    typer.echo(visible(f"{out}: {count} images; next: wayside run {out} -o out"))
+    exit_with([PARTS_LOST] if left_out else [])
+
+
+@app.command(
+    epilog=examples(
+        "wayside join bag/ -o drive.mcap",
+        "wayside join day_0.mcap day_1.mcap -o day.mcap",
+        "wayside join old.bag -o drive.mcap",
+    )
+)
+def join(
+    parts: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="PART...", help="MCAP files in order, ROS 2 bag directories, ROS 1 bags."
+        ),
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The log to write.")],
+    overwrite: Overwrite = False,
+) -> None:
+    """Make one log of the parts of a drive, or of a ROS bag."""
+    from wayside.pipeline.joining import join_logs
+
+    joined = join_logs(parts, out, overwrite=overwrite)
+    for words in joined.lost:
+        typer.echo(visible(f"lost: {words}"), err=True)
+    count = len(joined.parts)
+    typer.echo(
+        visible(
+            f"{out}: {joined.messages} messages on {joined.topics} topics of {count} part{'s' * (count != 1)}; "
+            f"next: wayside info {out}"
+        )
+    )
+    exit_with([PARTS_LOST] if joined.lost else [])
+
+
+@app.command(
+    epilog=examples(
+        "wayside calibrate boards/ --board 9x6 --square 25.4mm -o camera.yaml",
+        "wayside calibrate drive.mcap -o camera.yaml",
+        "wayside calibrate drive.mcap --calibration guess.yaml --from 1:30 --until 2:00",
+    )
+)
+@takes(
+    *("spacing", "camera", "calibration", "start", "until", "every", "settings", "assignments"),
+    heading="Of a log",
+)
+def calibrate(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LOG|IMAGES...",
+            help="The log of a drive; with --board images of a chessboard, or a folder of them.",
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="The ROS camera_info YAML to write.")
+    ] = None,
+    board: Annotated[
+        str | None, typer.Option(help="Inner corners along both sides of the chessboard: 9x6.")
+    ] = None,
+    square: Annotated[
+        str | None,
+        typer.Option(help="Side of a square: 25.4mm. Only the distances printed depend on it."),
+    ] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            help="Boards: plumb_bob (k1 k2 p1 p2), plumb_bob_k3 (and k3) or rational (and k4 k5 k6).  "
+            "[default: plumb_bob]"
+        ),
+    ] = None,
+    coverage: Annotated[
+        Path | None,
+        typer.Option(
+            help="Boards: picture of the corners.  [default: beside the YAML, .coverage.png]"
+        ),
+    ] = None,
+    name: Annotated[str, typer.Option(help="Name of the camera in the YAML.")] = "camera",
+    overwrite: Overwrite = False,
+    **given: Any,
+) -> None:
+    """Calibrate a camera by a chessboard or by a drive: focal length and distortion with standard errors.
+
+    `--calibration camera.yaml` of `run`, `import` and `replay` takes the result.
+    """
+    from wayside.pipeline.calibration.boards import parse_board
+    from wayside.pipeline.calibration.command import calibrate_by_boards, calibrate_by_drive
+    from wayside.pipeline.reading.parts import is_bag
+    from wayside.pipeline.tuning import tune_process
+
+    tune_process()
+    chosen = chosen_settings(given)
+    if board is None and (folder := next((p for p in paths if p.is_dir() and not is_bag(p)), None)):
+        raise UsageError(
+            f"{folder}: wanted a log, found a folder; of images of a board say the inner corners, as in --board 9x6"
+        )
+    if board is not None:
+        if settings_of(given):
+            raise UsageError(
+                "wanted images of a board, found options of a log (--spacing, --camera, --calibration, --from, "
+                "--until, --every); leave them out, or leave out --board"
+            )
+        square_m = math.nan if square is None else parse_length(square, "--square")
+        report = calibrate_by_boards(
+            paths,
+            parse_board(board, square_m),
+            model=model or "plumb_bob",
+            name=name,
+            out=out,
+            coverage=coverage,
+            overwrite=overwrite,
+        )
+    else:
+        if square is not None or model is not None or coverage is not None:
+            raise UsageError(
+                "wanted --board for --square, --model and --coverage, found none; a board of 10 x 7 squares is "
+                "--board 9x6"
+            )
+        if len(paths) != 1:
+            raise UsageError(
+                f"wanted one log, found {len(paths)}; calibrate each by itself, or give --board for images of a board"
+            )
+        report = calibrate_by_drive(paths[0], chosen, name=name, out=out, overwrite=overwrite)
+    typer.echo(visible_lines(report))

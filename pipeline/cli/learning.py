@@ -1,0 +1,285 @@
+"""The commands that label drives, and fit and measure models on labels. Heavy imports stand inside."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from wayside.pipeline.cli.help import Application, examples
+from wayside.pipeline.cli.options import (
+    MovedLog,
+    Overwrite,
+    chosen_settings,
+    settings_of,
+    takes,
+)
+from wayside.pipeline.cli.running import RunOptions, process
+from wayside.pipeline.lengths import parse_spacing
+from wayside.pipeline.visible_text import visible, visible_lines
+from wayside.schemas.errors import PARTS_LOST, UsageError
+
+app = Application()
+_RESULT = "result"
+
+
+Fitted = StrEnum("Fitted", ["color", "shape", "location", "confidence"])
+"""What can be fitted."""
+Space = Literal["auto", "rgb", "chromaticity", "log_chromaticity", "log_rgb", "lab"]
+"""Spaces of the colour classes."""
+
+
+@app.command(
+    epilog=examples(
+        "wayside label out -o page",
+        "wayside label drive.mcap --spacing 26.4ft -o page",
+        "wayside label drive.marks.json -o labels.parquet",
+        "wayside label out --review review.json -o labels.parquet",
+        "wayside label coco.json --classes classes.toml -o labels.parquet",
+    )
+)
+def label(
+    sources: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="OUT|LOG|LABELS...",
+            help="To mark: a folder written by `wayside run`, or a log. To convert: marks.json, COCO, VOC, YOLO or "
+            "truth, or a folder of `wayside run` with its review.",
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--out", help="Folder of the page to mark; or the labels to write, .parquet."
+        ),
+    ],
+    most: Annotated[
+        int, typer.Option("--boxes", min=0, help="Single boxes to ask about, beside all landmarks.")
+    ] = 300,
+    log: MovedLog = None,
+    classes: Annotated[
+        Path | None,
+        typer.Option(help="TOML: which classes of COCO, VOC and YOLO are signs, and their looks."),
+    ] = None,
+    review: Annotated[
+        Path | None,
+        typer.Option(help="OUT to labels: its corrections; default: review.json or .csv in OUT."),
+    ] = None,
+    spacing: Annotated[
+        str | None, typer.Option(help="Log: distance between images, as of `run`.")
+    ] = None,
+    preset: Annotated[str, typer.Option(help="Log: preset of its run.")] = "default",
+    overwrite: Overwrite = False,
+) -> None:
+    """Write a page of candidates to mark by keyboard, those first that teach the most; turn marks into labels."""
+    if out.suffix.lower() == ".parquet":
+        _convert(sources, out, classes, review, overwrite=overwrite)
+        return
+    if len(sources) != 1:
+        raise UsageError(
+            f"wanted one result or log to mark, found {len(sources)}; make a page of each, "
+            "or write labels with -o labels.parquet"
+        )
+    result, lost = sources[0], 0
+    if result.suffix.lower() == ".json":
+        raise UsageError(
+            f"{result}: labels become a file of labels, found -o {out}; write -o labels.parquet"
+        )
+    if result.is_file():
+        lost = _run(result, out / _RESULT, spacing, preset, overwrite=overwrite)
+        result = out / _RESULT
+    if _write(result, out, most, log, overwrite=overwrite) or lost:
+        raise typer.Exit(PARTS_LOST)
+
+
+def _convert(
+    sources: list[Path], out: Path, classes: Path | None, review: Path | None, *, overwrite: bool
+) -> None:
+    from wayside.pipeline.label_file import write_labels
+    from wayside.pipeline.labels import joined, read_labels
+    from wayside.pipeline.result import RUN_FILE
+    from wayside.pipeline.reviewing.labels import review_labels
+    from wayside.pipeline.reviewing.review import required_review
+
+    labels = joined(
+        [
+            review_labels(source, required_review(source, review))
+            if (source / RUN_FILE).is_file()
+            else read_labels(source, classes)
+            for source in sources
+        ]
+    )
+    write_labels(labels, out, overwrite=overwrite)
+    kinds = [one.kind for one in labels.labels]
+    counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+    typer.echo(
+        visible(f"{out}: {len(kinds)} labels ({counts}), {len(labels.complete)} complete images")
+    )
+    if labels.left_out:
+        typer.echo(visible(f"wayside: left out: {labels.reasons}; see docs/labels.md"), err=True)
+        if set(labels.left_out) - {"other_class"}:  # which the class map asks for
+            raise typer.Exit(PARTS_LOST)
+
+
+def _run(log: Path, folder: Path, spacing: str | None, preset: str, *, overwrite: bool) -> int:
+    """Run a log first; the exit status that this asks for."""
+    from wayside.pipeline.settings_file import load_settings
+
+    options = {} if spacing is None else {"read.spacing_m": parse_spacing(spacing)}
+    settings = load_settings(preset, None, [], options)[0]
+    return process(log, folder, settings, how=RunOptions(overwrite=overwrite))
+
+
+def _write(result: Path, folder: Path, most: int, log: Path | None, *, overwrite: bool) -> int:
+    """Write the page; how many things have no image."""
+    from wayside.pipeline.labelling.page import write_page
+    from wayside.pipeline.progress import SheetProgress
+    from wayside.pipeline.tuning import tune_process
+
+    tune_process()
+    with SheetProgress("label", "crops") as progress:
+        written = write_page(
+            result, folder, most=most, log=log, watch=progress.watch, overwrite=overwrite
+        )
+    asked = written.questions
+    more = (
+        f", {asked.left_out} single boxes farther from the threshold left out"
+        if asked.left_out
+        else ""
+    )
+    typer.echo(visible(f"{len(asked.items)} to mark{more}; open {written.path}"))
+    if written.lost:
+        typer.echo(
+            f"wayside: {written.lost} have no image: the log no longer holds it, or it does not decode",
+            err=True,
+        )
+    return written.lost
+
+
+@app.command(
+    epilog=examples(
+        "wayside fit labels.parquet --images drive.mcap -o my_models",
+        "wayside fit coco.json --classes classes.toml --images pictures/ --complete -o my_models",
+        "wayside fit labels.parquet --images a.mcap --images b.mcap --alpha 0.01 -o my_models",
+        "wayside run drive.mcap --models my_models -o out",
+    )
+)
+@takes("spacing", "camera", "calibration", "start", "until", heading="Of a log")
+def fit(
+    labels: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LABELS...",
+            help="Labels: wayside's Parquet, COCO, YOLO, VOC, the truth of a drive, or a reviewed result. One, or one "
+            "for each --images.",
+        ),
+    ],
+    images: Annotated[
+        list[Path],
+        typer.Option("--images", metavar="LOG|DIR", help="What is labelled; may be repeated."),
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the models.")],
+    model: Annotated[
+        list[Fitted] | None, typer.Option("--model", help="Fit this model only; may be repeated.")
+    ] = None,
+    alpha: Annotated[
+        float | None,
+        typer.Option(help="False-alarm rate of each gate, 0.01 for instance.  [default: the knee]"),
+    ] = None,
+    space: Annotated[
+        Space, typer.Option(help="Space of the colours; auto: by cross-validation.")
+    ] = "auto",
+    complete: Annotated[
+        bool,
+        typer.Option("--complete", help="Every sign of the labelled images is labelled."),
+    ] = False,
+    only_labelled: Annotated[
+        bool,
+        typer.Option(
+            "--only-labelled",
+            help="Leave out classes with too few labelled signs instead of keeping the shipped ones.",
+        ),
+    ] = False,
+    classes: Annotated[
+        Path | None,
+        typer.Option(help="TOML: which classes of COCO, YOLO, VOC are which signs."),
+    ] = None,
+    source: Annotated[str, typer.Option(help="Who made images and labels, for the models.")] = "",
+    licence: Annotated[str, typer.Option(help="Licence of the images, for the models.")] = "",
+    overwrite: Overwrite = False,
+    **given: Any,
+) -> None:
+    """Fit colours, shapes, location and confidence to your own labels.
+
+    Writes model files that `wayside run --models` takes, with counts, thresholds and what was held out; labels of 50
+    images are enough for colours that stand on five signs each.
+    """
+    from wayside.pipeline.fitting.command import FitOptions, fit_labels
+    from wayside.pipeline.tuning import tune_process
+
+    if alpha is not None and not 0 < alpha < 1:
+        raise UsageError(f"--alpha: wanted a false-alarm rate between 0 and 1, found {alpha:g}")
+    tune_process()
+    options = FitOptions(
+        tuple(labels),
+        tuple(images),
+        classes,
+        settings_of(given),
+        tuple(one.value for one in Fitted if model is None or one in model),
+        alpha,
+        None if space == "auto" else space,
+        complete,
+        only_labelled,
+        source,
+        licence,
+    )
+    report = fit_labels(
+        options, out, overwrite=overwrite, notify=lambda words: typer.echo(visible(words), err=True)
+    )
+    typer.echo(visible_lines(report))
+
+
+@app.command(
+    epilog=examples(
+        "wayside roc drive.mcap --truth drive.truth.json -o roc",
+        "wayside roc a.mcap b.mcap --labels labels.parquet --preset report -o roc",
+    )
+)
+@takes("preset", "settings", "assignments", "spacing")
+def roc(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="MCAP files.")],
+    labels: Annotated[
+        list[Path],
+        typer.Option(
+            "--labels",
+            "--truth",
+            help="Labels of their images, of any format; may be repeated (docs/labels.md).",
+        ),
+    ],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Output folder.")],
+    overwrite: Overwrite = False,
+    **given: Any,
+) -> None:
+    """Measure every classifier on labelled drives: true and false positives over thresholds, knee, area, confusion.
+
+    What counts is what a classifier is really asked about. Bands are 95 % and resample whole drives; of one drive alone
+    its stretches.
+    """
+    from wayside.pipeline.model_files import load_models
+    from wayside.pipeline.roc.command import format_characteristics, measure_roc
+    from wayside.pipeline.tuning import tune_process
+
+    tune_process()
+    chosen = chosen_settings(given)
+    measured = measure_roc(
+        logs,
+        labels,
+        out,
+        chosen,
+        load_models(chosen),
+        lambda line: typer.echo(visible_lines(line), err=True),
+        overwrite=overwrite,
+    )
+    typer.echo(visible_lines(format_characteristics(measured)))

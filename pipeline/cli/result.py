@@ -1,0 +1,295 @@
+"""The commands that show, judge and pass on the result of a run. Heavy imports stand inside."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from wayside.pipeline.cli.help import Application, examples
+from wayside.pipeline.cli.options import MovedLog, Out, Overwrite, parse_size
+from wayside.pipeline.visible_text import visible, visible_lines
+from wayside.schemas.errors import PARTS_LOST, UsageError
+
+app = Application()
+SignOption = Annotated[str | None, typer.Option("--sign", metavar="ID", help="A sign_id.")]
+OverOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--over",
+        metavar="LOG",
+        help="Lay a recording without images over those of its log, which is imported once into OUT.",
+    ),
+]
+FrameOption = Annotated[int | None, typer.Option("--frame", help="A frame of the log.")]
+
+
+class Format(StrEnum):
+    """What the file is."""
+
+    csv = "csv"
+    geojson = "geojson"
+    gpkg = "gpkg"
+    shp = "shp"
+    kml = "kml"
+    mcap = "mcap"
+
+
+class Units(StrEnum):
+    """Of lengths."""
+
+    metric = "metric"
+    us = "us"
+
+
+class InventoryTable(StrEnum):
+    """Of an inventory."""
+
+    panels = "panels"
+    supports = "supports"
+
+
+@app.command(
+    epilog=examples(
+        "wayside evidence out",
+        "wayside evidence out --sign drive-0007 -o sheets",
+        "wayside evidence out --log /archive/drive.mcap",
+    )
+)
+def evidence(
+    out: Out,
+    sign: Annotated[
+        str | None, typer.Option(metavar="ID", help="Only this sign, without an index.")
+    ] = None,
+    log: MovedLog = None,
+    folder: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Where the sheets go; default: OUT/evidence.")
+    ] = None,
+    png: Annotated[
+        bool, typer.Option("--png", help="Also write each sheet as an image, to print or send.")
+    ] = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write a page of images, maps and figures for every sign, and an index to filter and correct them."""
+    from wayside.pipeline.evidence.write import write_evidence
+    from wayside.pipeline.progress import SheetProgress
+    from wayside.pipeline.tuning import tune_process
+
+    tune_process()
+    sheets = out / "evidence" if folder is None else folder
+    if folder is None and sheets.is_symlink():
+        raise UsageError(
+            f"{sheets}: wanted a folder of its own, found a link; say with -o where the sheets go"
+        )
+    with SheetProgress("evidence") as progress:
+        written = write_evidence(
+            out,
+            sheets,
+            sign_id=sign,
+            log=log,
+            watch=progress.watch,
+            png=png,
+            overwrite=overwrite,
+        )
+    count = len(written.sheets)
+    if written.index is not None:
+        typer.echo(visible(f"{count} {'sheet' if count == 1 else 'sheets'}; open {written.index}"))
+    else:
+        typer.echo(visible(str(written.sheets[0])))
+    if written.lost_views:
+        typer.echo(
+            f"wayside: {written.lost_views} views have no image: the log no longer holds it, or it does not decode; "
+            "they are left empty on the sheets",
+            err=True,
+        )
+        raise typer.Exit(PARTS_LOST)
+
+
+@app.command(
+    epilog=examples(
+        "wayside view out", "wayside view out --sign drive-0007", "wayside view out --serve"
+    )
+)
+def view(
+    out: Out,
+    sign: SignOption = None,
+    frame: FrameOption = None,
+    over: OverOption = None,
+    serve: Annotated[bool, typer.Option(help="In the browser instead of a window.")] = False,
+) -> None:
+    """Open the recording of a run, at a sign or a frame."""
+    from wayside.pipeline.view.results import find_target, open_result
+
+    target = find_target(out, sign, frame)
+    open_result(out, target, over, serve=serve)
+    # a page opens at the start, whatever is asked for
+    where = "go to it in the time panel: frame" if serve else "frame"
+    typer.echo(visible(f"{out}: {where} {target.frame}"))
+
+
+@app.command(
+    epilog=examples(
+        "wayside picture out --sign drive-0007 -o sign.png",
+        "wayside picture out --frame 12 -o frame.png",
+    )
+)
+def picture(
+    out: Out,
+    png: Annotated[Path, typer.Option("-o", "--out", help="The PNG to write.")],
+    sign: SignOption = None,
+    frame: FrameOption = None,
+    over: OverOption = None,
+    size: Annotated[str, typer.Option(help="Width x height, pixels.")] = "1600x1000",
+    overwrite: Overwrite = False,
+) -> None:
+    """Draw the viewer to a PNG without a display, at a sign or a frame."""
+    from wayside.pipeline.view.results import find_target, save_screenshot
+
+    target, pixels = find_target(out, sign, frame), parse_size(size, "--size", 200, 8000)
+    save_screenshot(out, target, over, png, pixels, overwrite=overwrite)
+    typer.echo(visible(f"{png}"))
+
+
+@app.command(
+    epilog=examples(
+        "wayside export out -o signs.csv",
+        "wayside export out -f gpkg --units us --crs EPSG:26914",
+        "wayside export out -o signs.geojson --review review.csv",
+        "wayside export out -f mcap -o drive.signs.mcap",
+        "wayside export inventory -f gpkg --table supports",
+    )
+)
+def export(
+    out: Annotated[
+        Path,
+        typer.Argument(
+            metavar="OUT",
+            help="Folder written by `wayside run`, or an inventory of `wayside fleet`.",
+        ),
+    ],
+    file: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--out",
+            help="The file to write.  [default: signs.FORMAT in OUT; of an inventory TABLE.FORMAT]",
+        ),
+    ] = None,
+    kind: Annotated[
+        Format | None, typer.Option("-f", "--format", help="Default: by the end of the name.")
+    ] = None,
+    table: Annotated[
+        InventoryTable | None,
+        typer.Option(help="Of an inventory: what has a row each.  [default: panels]"),
+    ] = None,
+    units: Annotated[
+        Units, typer.Option(help="`us`: distances in feet, sizes of signs in inches.")
+    ] = Units.metric,
+    crs: Annotated[
+        str | None,
+        typer.Option(
+            metavar="EPSG:...",
+            help="csv, gpkg, shp: coordinate reference system.  [default: WGS 84]",
+        ),
+    ] = None,
+    review: Annotated[
+        Path | None,
+        typer.Option(
+            help="Corrections saved by the evidence index; default: review.json or .csv in OUT."
+        ),
+    ] = None,
+    log: Annotated[
+        Path | None,
+        typer.Option(help="mcap: where the log lies now, if it has moved since the run."),
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write the signs for other programs, with corrections beside what was measured."""
+    from wayside.pipeline.exporting.export import export as write
+    from wayside.pipeline.exporting.sources import is_inventory
+    from wayside.pipeline.reviewing.review import NO_REVIEW, find_review
+
+    chosen = _format_of(file, kind)
+    inventory = is_inventory(out)
+    name = (table or InventoryTable.panels).value if inventory else "signs"
+    target = out / f"{name}.{chosen}" if file is None else file
+    if inventory and review is not None:
+        raise UsageError(
+            f"--review {review}: wanted the result of one drive, found the inventory {out}; leave --review out"
+        )
+    said = NO_REVIEW if inventory else find_review(out, review)
+    done = write(
+        out,
+        said,
+        target,
+        chosen,
+        table=None if table is None else table.value,
+        units=units.value,
+        crs=crs,
+        log=log,
+        overwrite=overwrite,
+    )
+    reviewed = len(said.rows) + len(said.missing)
+    more = f", {reviewed} of them reviewed" if reviewed else ""
+    parts = "".join(f", {part.name}" for part in done.files if part != target)
+    for note in done.notes:
+        typer.echo(visible(f"note: {note}"), err=True)
+    typer.echo(visible(f"{target}{parts}: {done.rows} rows{more}"))
+
+
+def _format_of(file: Path | None, kind: Format | None) -> str:
+    """The format that is asked for, else that of the file's name."""
+    known = ", ".join(f".{one.value}" for one in Format)
+    ending = "" if file is None else file.suffix.lower().removeprefix(".")
+    if kind is not None:
+        if kind is Format.shp and file is not None and ending != kind:
+            raise UsageError(f"{file}: wanted a name that ends with .shp, as its parts share it")
+        return kind.value
+    if ending not in [one.value for one in Format]:
+        raise UsageError(
+            f"{file or 'wayside export'}: wanted -f, or -o with a name that ends with one of {known}"
+        )
+    return ending
+
+
+@app.command(epilog=examples("wayside evaluate out --truth drive.truth.json --json figures.json"))
+def evaluate(
+    out: Out,
+    truth: Annotated[
+        Path,
+        typer.Option(
+            help="truth.json of a rendered drive, labels.json of a real one, or a review of the evidence index."
+        ),
+    ],
+    json: Annotated[Path | None, typer.Option(help="Also write the figures here.")] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Compare a result with the truth."""
+    from wayside.pipeline.reviewing.review import is_review
+
+    if is_review(truth):
+        _evaluate_review(out, truth, json, overwrite=overwrite)
+        return
+    from wayside.pipeline.evaluation import evaluate as compare
+    from wayside.pipeline.evaluation import format_evaluation, other_log, write_evaluation
+
+    evaluation = compare(out, truth)
+    if (words := other_log(out, truth)) is not None:
+        typer.echo(visible(f"note: {words}"), err=True)
+    if json is not None:
+        write_evaluation(evaluation, json, overwrite=overwrite)
+    typer.echo(visible_lines(format_evaluation(evaluation)))
+
+
+def _evaluate_review(out: Path, review: Path, json: Path | None, *, overwrite: bool) -> None:
+    """Print what a review says of a result, and write its figures where that is asked for."""
+    from wayside.pipeline.reviewing.figures import format_figures, review_figures
+    from wayside.pipeline.reviewing.review import read_review
+    from wayside.pipeline.writing import write_json
+
+    figures = review_figures(out, read_review(review, out))
+    if json is not None:
+        write_json(json, figures.to_json(), ("reviewed", "accepted"), overwrite=overwrite)
+    typer.echo(format_figures(figures))

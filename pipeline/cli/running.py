@@ -1,0 +1,373 @@
+"""The commands that run one log or several: progress, summary, exit status. Heavy imports stand inside."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from wayside.pipeline.cli.help import DETECT, Application, examples
+from wayside.pipeline.cli.options import Log, Overwrite, ViewMode, chosen_settings, takes
+from wayside.pipeline.process import in_words, report_error
+from wayside.pipeline.visible_text import visible
+from wayside.schemas.errors import (
+    PARTS_LOST,
+    InputError,
+    InterruptionError,
+    OutputError,
+    StageError,
+    UsageError,
+    WaysideError,
+)
+
+if TYPE_CHECKING:
+    from wayside.pipeline.view.sinks import Viewing
+    from wayside.schemas.settings import Settings
+
+app = Application()
+EXIT_STATUSES = """Exit status:
+
+- 0 done
+- 1 a fault of wayside
+- 2 wrong arguments or settings
+- 3 the input cannot be used
+- 4 done, but parts of the input were lost
+- 5 the output could not be written, or something stands in its place
+- 130 interrupted"""
+"""For the help."""
+_GRAVEST = (
+    StageError.exit_status,
+    OutputError.exit_status,
+    InputError.exit_status,
+    UsageError.exit_status,
+    PARTS_LOST,
+)
+_SHOWN = ("connect", "view_images", "view_detail")
+_DETECTORS = ("detector", "detections", "classes", "models")
+
+
+class Listed(StrEnum):
+    """Which regions become rows of observations.parquet."""
+
+    passed = "passed"
+    all = "all"
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """How a log is run, beside its settings; as of `run_log`, and whether its result is kept and what is said of it."""
+
+    every_region: bool = False
+    rate: float | None = None
+    kept: bool = True
+    overwrite: bool = False
+    resume: bool = False
+    verbose: bool = False
+
+
+@app.command(
+    epilog=examples(
+        "wayside run drive.mcap -o out",
+        "wayside run images.mcap --spacing 26.4ft -o out",
+        "wayside run drive.mcap --camera /front/image --from 1:30 --until 2:00 -o out",
+        "wayside run drive.mcap --view file -o out",
+        "wayside run drive.mcap --route 'US-36 EB' --milepost 12.35 -o out",
+        "wayside run drive.mcap --detector yolo.onnx --classes classes.toml -o out",
+        "wayside run drive.mcap --preset report --set segment.clusters=12 -o out",
+    )
+    + "\n\n"
+    + EXIT_STATUSES
+)
+@takes(
+    *("spacing", "camera", "calibration", "start", "until", "every", "workers", "memory"),
+    *("preset", "settings", "assignments", *_DETECTORS, "alpha"),
+    *("route", "milepost", "decreasing", "routes", "view", *_SHOWN),
+)
+def run(
+    logs: Annotated[
+        list[Path],
+        typer.Argument(metavar="LOG...", help="MCAP files, ROS 2 bag directories, ROS 1 bags."),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--out", help="Output folder; with several logs, one folder each in it."
+        ),
+    ],
+    observations: Annotated[
+        Listed,
+        typer.Option(
+            rich_help_panel=DETECT,
+            help="Regions to list: those that are classified, or all that pass the size gate.",
+        ),
+    ] = Listed.passed,
+    overwrite: Overwrite = False,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            help="Keep what is found in each image; go on where the same command was ended.",
+        ),
+    ] = False,
+    verbose: Annotated[
+        bool,
+        typer.Option(
+            "-v",
+            "--verbose",
+            help="Also say what became of the regions, and the time of each stage.",
+        ),
+    ] = False,
+    **given: Any,
+) -> None:
+    """Find the signs of a drive: LOG to a folder of Parquet tables."""
+    if resume and (given["view"] is not ViewMode.none or given["connect"] is not None):
+        raise UsageError(
+            "wanted --resume or a viewer, which would miss images, found both; leave one out"
+        )
+    for option in ("milepost", "detections"):
+        if given[option] is not None and len(logs) > 1:
+            raise UsageError(
+                f"--{option}: wanted one log, found {len(logs)}; run each with its own"
+            )
+    settings, viewing = chosen_settings(given), viewing_of(given["view"], given)
+    folders = [out if len(logs) == 1 else out / log.stem for log in logs]
+    how = RunOptions(
+        observations is Listed.all, overwrite=overwrite, resume=resume, verbose=verbose
+    )
+    process_all(logs, folders, settings, viewing, how)
+
+
+@app.command(
+    epilog=examples(
+        "wayside replay drive.mcap", "wayside replay drive.mcap --rate max --connect 127.0.0.1:9876"
+    )
+)
+@takes(
+    *("spacing", "camera", "calibration", "start", "until", "workers"),
+    *("preset", "settings", "assignments", *_DETECTORS, *_SHOWN),
+)
+def replay(
+    log: Log,
+    rate: Annotated[str, typer.Option(help="Times the recorded speed: 1x, 0.5x, or max.")] = "1x",
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Also keep the result in this folder.")
+    ] = None,
+    serve: Annotated[bool, typer.Option(help="In the browser instead of a window.")] = False,
+    overwrite: Overwrite = False,
+    **given: Any,
+) -> None:
+    """Play a log through the whole flow into a live viewer, at the speed it was recorded at."""
+    settings, times = chosen_settings(given), parse_rate(rate)
+    shown = ViewMode.serve if serve else ViewMode.live
+    viewing = viewing_of(ViewMode.none if given["connect"] is not None else shown, given)
+    how = RunOptions(rate=times, kept=out is not None, overwrite=overwrite)
+    with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
+        folder = Path(scratch) if out is None else out
+        end = process(read_as_log(log), folder, settings, viewing, how)
+    exit_with([end])
+
+
+def viewing_of(view: ViewMode, given: Mapping[str, Any]) -> Viewing | None:
+    """Start or probe the viewer that is asked for; None where nothing is to be recorded."""
+    connect = given["connect"]
+    if view is ViewMode.none and connect is None:
+        return None
+    from wayside.pipeline.view.sinks import Viewing
+    from wayside.pipeline.view.viewer import probe, start_viewer
+
+    if connect is not None and view in (ViewMode.live, ViewMode.serve):
+        raise UsageError(f"wanted one viewer, found --connect and --view {view}; leave one out")
+    address = None if connect is None else probe(connect)
+    if view in (ViewMode.live, ViewMode.serve):
+        address = start_viewer(serve=view is ViewMode.serve)
+    images, detail = given["view_images"].value, given["view_detail"]
+    return Viewing(view is ViewMode.file, address, images, detail)
+
+
+def parse_rate(text: str) -> float | None:
+    """`1x`, `0.5x` or a plain number as times the recorded speed; `max` as None; raises UsageError."""
+    if text == "max":
+        return None
+    try:
+        rate = float(text.removesuffix("x"))
+    except ValueError:
+        rate = 0.0
+    if not 0 < rate <= 1000:
+        raise UsageError(f"--rate {text}: wanted 1x, 0.5x, 4x or max")
+    return rate
+
+
+def process_all(
+    logs: Sequence[Path],
+    folders: Sequence[Path],
+    settings: Settings,
+    viewing: Viewing | None,
+    how: RunOptions,
+) -> None:
+    """Run logs one after the other and end with the gravest status.
+
+    Of several, all places of results are looked at before the first is run. One that cannot be run is told and the
+    others are done; one whose result stands already, made of the same log with the same settings and models, is passed
+    over (not with `overwrite`, nor where a viewer is to see it).
+
+    Raises
+    ------
+    UsageError
+        Two logs would be written to one folder.
+    OutputError
+        Something stands in the place of a result.
+    InterruptionError
+        Somebody ended the work: of all logs.
+    """
+    from wayside.pipeline.earlier_result import is_finished
+    from wayside.pipeline.journal import result_key
+    from wayside.pipeline.model_files import load_models
+
+    if len(logs) == 1:
+        exit_with([process(read_as_log(logs[0]), folders[0], settings, viewing, how)])
+        return
+    _check_places(logs, folders, overwrite=how.overwrite)
+    digests = load_models(settings).digests()
+    ends: list[tuple[int, str]] = []
+    for number, (log, folder) in enumerate(zip(logs, folders, strict=True), 1):
+        typer.echo(visible(f"log {number} of {len(logs)}: {log}"))
+        try:
+            source = read_as_log(log)
+            key = result_key(source, settings, digests, every_region=how.every_region)
+            if viewing is None and not how.overwrite and is_finished(folder, key):
+                ends.append((0, f"unchanged, result in {folder} kept"))
+                continue
+            status = process(source, folder, settings, viewing, how)
+        except InterruptionError:
+            raise
+        except (WaysideError, OSError) as error:
+            told = in_words(error) if isinstance(error, OSError) else error
+            status = report_error(told, debug="--debug" in sys.argv[1:])
+            ends.append((status, f"not done, exit status {status}"))
+        else:
+            words = f"done, result in {folder}"
+            ends.append((status, f"{words}, exit status {status}" if status else words))
+    typer.echo("")
+    for log, (_, words) in zip(logs, ends, strict=True):
+        typer.echo(visible(f"{log}: {words}"))
+    exit_with([status for status, _ in ends])
+
+
+def _check_places(logs: Sequence[Path], folders: Sequence[Path], *, overwrite: bool) -> None:
+    """Look at all places of results; raises as `process_all`."""
+    from wayside.pipeline.earlier_result import check_earlier
+    from wayside.pipeline.output_folder import finish_replacement
+
+    twice = next((folder for folder in folders if list(folders).count(folder) > 1), None)
+    if twice is not None:
+        raise UsageError(
+            f"wanted logs of different names, as each gets a folder of its name, found two for {twice}; "
+            "run them one by one"
+        )
+    for log, folder in zip(logs, folders, strict=True):
+        finish_replacement(folder)
+        standing = _standing_log(log)
+        if standing is not None:
+            check_earlier(folder, standing, overwrite=overwrite)
+
+
+def read_as_log(path: Path) -> Path:
+    """What is to be read of a recording; says on stderr where the log of a ROS bag lies. Raises as `readable_log`."""
+    from wayside.pipeline.bags import readable_log
+
+    return readable_log(path, lambda words: typer.echo(visible(words), err=True))
+
+
+def _standing_log(path: Path) -> Path | None:
+    """What `read_as_log` gives where it is there already; None for a bag that is still to be joined, or is none."""
+    from wayside.pipeline.bags import joined_log
+
+    try:
+        log = joined_log(path)
+        return path if log is None else log if log.exists() else None
+    except (InputError, OSError):
+        return None  # told when it is its turn
+
+
+def process(
+    log: Path,
+    folder: Path,
+    settings: Settings,
+    viewing: Viewing | None = None,
+    how: RunOptions | None = None,
+) -> int:
+    """Run one log with progress and a closing summary; the exit status that it asks for."""
+    from rich.console import Console
+
+    from wayside.pipeline.model_files import load_models
+    from wayside.pipeline.progress import FrameProgress
+    from wayside.pipeline.reading.frames import ReadReport
+    from wayside.pipeline.run import Run, RunObserver, run_log
+    from wayside.pipeline.summary import print_summary
+    from wayside.pipeline.tuning import tune_process, watched_compilation
+
+    how = how or RunOptions()
+    tune_process()
+    models = load_models(settings)
+
+    def open_observer(report: ReadReport, part: Path) -> RunObserver | None:
+        if viewing is None:
+            return None
+        from wayside.pipeline.view.sinks import open_observer
+
+        return open_observer(viewing, part, visible(log.stem), models.location_classes, report)
+
+    under_way = Run()
+    try:
+        with (
+            FrameProgress(log.name, under_way) as progress,
+            watched_compilation(progress.compiling),
+        ):
+            result = run_log(
+                log,
+                folder,
+                settings,
+                models,
+                under_way,
+                arguments=sys.argv[1:],
+                every_region=how.every_region,
+                open_observer=open_observer,
+                rate=how.rate,
+                overwrite=how.overwrite,
+                resume=how.resume,
+            )
+    except KeyboardInterrupt as error:
+        done = "were" if under_way.committed else "were not"
+        more = (
+            "; the same command goes on from here" if how.resume and not under_way.committed else ""
+        )
+        raise InterruptionError(f"interrupted; this log's tables {done} written{more}") from error
+    seen = sys.stdout.isatty()  # a pipe gets each statement as one line
+    console = Console(highlight=False, soft_wrap=not seen, width=None if seen else 160)
+    print_summary(result, console, kept=how.kept, verbose=how.verbose)
+    if result.recorded is False:
+        return OutputError.exit_status
+    return PARTS_LOST if result.lost else 0
+
+
+def exit_with(statuses: list[int]) -> None:
+    """End with the gravest of the statuses: what is not done at all, then parts that are lost."""
+    for status in _GRAVEST:
+        if status in statuses:
+            raise typer.Exit(status)
+
+
+def leave_stuck_viewer(status: int) -> None:
+    """End the program at once where a viewer that does not answer would hold the interpreter's own end for ever."""
+    recorder = sys.modules.get("wayside.pipeline.view.recorder")
+    if recorder is not None and recorder.any_alive():
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
