@@ -105,14 +105,14 @@ class Networks:
     def front(self) -> SideClassifiers:
         """Of views and of landmarks."""
         m = self.models
-        landmark = LandmarkClassifier(m.landmark_classifier, self.settings.landmark)
+        landmark = LandmarkClassifier(m.landmark_classifier)
         return SideClassifiers(self._view(m.front_scores, back=False), landmark)
 
     def back(self) -> SideClassifiers | None:
         """The same of backs, where there are thresholds for them."""
         m = self.models
         view = self._view(m.back_scores, back=True)
-        landmark = LandmarkClassifier(m.back_landmark_classifier, self.settings.landmark)
+        landmark = LandmarkClassifier(m.back_landmark_classifier)
         return None if view is None else SideClassifiers(view, landmark)
 
     def _view(self, scores: ScoreModel | None, *, back: bool) -> BoxClassifier | None:

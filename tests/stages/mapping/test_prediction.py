@@ -7,8 +7,7 @@ from wayside.schemas.detections import SOURCES, Candidates, Detections, Regions,
 from wayside.schemas.models import ScoreModel
 from wayside.schemas.settings import (
     CandidateSettings,
-    LandmarkSettings,
-    MappingSettings,
+    TrackSettings,
 )
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.detection.box_network import BoxScores
@@ -18,7 +17,7 @@ from wayside.stages.mapping.prediction import add_predicted_views, predicted_box
 from wayside.stages.mapping.tracker import track
 from wayside.stages.mapping.window import WindowFrame, candidates_of
 
-SETTINGS = MappingSettings()
+SETTINGS = TrackSettings()
 RED = (200, 40, 40)
 
 
@@ -69,17 +68,17 @@ def holding(frames):
 def fit_of(held, frames):
     candidates = candidates_of(held)
     rows = np.array([candidates.first[f] for f in frames], np.int64)
-    fit = fit_views(candidates, rows, np.array(frames, np.int64), LandmarkSettings())
+    fit = fit_views(candidates, rows, np.array(frames, np.int64))
     assert fit is not None
     return fit
 
 
 def predicted(fit, frame):
-    return predicted_box(fit, frame, SETTINGS.association.nearest_m)
+    return predicted_box(fit, frame)
 
 
 def with_predicted_views(fit, held, classifier):
-    (found,) = add_predicted_views([fit], held, {fit.back: classifier}, SETTINGS.association)
+    (found,) = add_predicted_views([fit], held, {fit.back: classifier})
     return found
 
 
@@ -156,9 +155,7 @@ def test_views_of_a_back_are_predicted_by_the_classifier_of_backs(shown, panel):
     found = with_predicted_views(replace(fit, back=True), held, behind)
     (new,) = {held[f].candidates.back_score[0] for f in set(found.frames) - set(fit.frames)}
     assert new == -3
-    (same,) = add_predicted_views(
-        [replace(fit, back=True)], held, {False: reddish()}, SETTINGS.association
-    )
+    (same,) = add_predicted_views([replace(fit, back=True)], held, {False: reddish()})
     assert same.rows.tolist() == fit.rows.tolist()
 
 
