@@ -98,9 +98,9 @@ class Networks:
         if self.proposer is None:
             return [
                 stage("segment", segment, s.segment, s.gate),
-                stage("propose", propose_segments, settings=s.candidates),
+                stage("propose", propose_segments),
             ]
-        return [stage("propose", propose, settings=s.candidates, network=self.proposer)]
+        return [stage("propose", propose, network=self.proposer)]
 
     def front(self) -> SideClassifiers:
         """Of views and of landmarks."""
@@ -119,7 +119,7 @@ class Networks:
         """Classifier of views of one side, where there is a threshold for it."""
         if scores is None:
             return None
-        return BoxClassifier(self.boxes, scores, self.settings.candidates, back=back)
+        return BoxClassifier(self.boxes, scores, back=back)
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ CENTRE_BIAS = 0.02
 FACING_SIGMA_DEG = 20.0
 """Scatter of an unmeasured facing (set on the development drives)."""
 STEP_COVARIANCE = np.diag(np.square([2e-4, 2e-4, 2e-4, 0.01, 0.005, 0.025]))
-"""Covariance (6, 6) of a step of unknown scatter: turn, rad, then right, down, ahead, m (set on the development drives)."""
+"""Covariance (6, 6) of a step of unknown scatter: turn, rad; right, down, ahead, m (set on the development drives)."""
 
 
 class LandmarkMeasurement(NamedTuple):

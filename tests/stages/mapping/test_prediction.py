@@ -5,10 +5,7 @@ import pytest
 
 from wayside.schemas.detections import SOURCES, Candidates, Detections, Regions, verdict_code
 from wayside.schemas.models import ScoreModel
-from wayside.schemas.settings import (
-    CandidateSettings,
-    TrackSettings,
-)
+from wayside.schemas.settings import TrackSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.detection.box_network import BoxScores
 from wayside.stages.mapping import SideClassifiers
@@ -34,7 +31,7 @@ class Reddish:
 
 def reddish(threshold=0.0):
     """A classifier of views by that network."""
-    return BoxClassifier(Reddish(), ScoreModel(threshold, "made up"), CandidateSettings())
+    return BoxClassifier(Reddish(), ScoreModel(threshold, "made up"))
 
 
 @pytest.fixture
@@ -100,11 +97,10 @@ def test_a_landmark_of_large_scatter_is_not_predicted(shown, panel):
 
 
 def test_a_view_too_small_to_be_searched_for_is_not_predicted(shown, panel):
-    frames = shown([panel(3.5, 1.2, 100.0, hidden_in=tuple(range(9)))], 13)
-    held = holding(frames)
+    small = panel(3.5, 1.2, 100.0, wide=0.2, tall=0.2, hidden_in=tuple(range(9)))
+    held = holding(shown([small], 13))
     fit = fit_of(held, [k for k, h in enumerate(held) if len(h.followed)])
-    none = BoxClassifier(Reddish(), ScoreModel(0.0, "made up"), CandidateSettings(shortest_px=800))
-    assert len(with_predicted_views(fit, held, none).rows) == len(fit.rows)
+    assert len(with_predicted_views(fit, held, reddish()).rows) == len(fit.rows)
 
 
 def test_views_without_a_candidate_are_predicted(shown, panel):
