@@ -308,16 +308,13 @@ def settings(
     preset: PresetOption = Preset.default,
     file: SettingsFile = None,
     assignments: Assignments = None,
-    every: Annotated[
-        bool,
-        typer.Option("--all", help="Also what is rarely changed, and where each default is from."),
-    ] = False,
+    every: Annotated[bool, typer.Option("--all", help="Also where each default is from.")] = False,
 ) -> None:
     """Print the settings: value, unit, default, where it comes from. The output is a settings file."""
     from wayside.pipeline.settings_file import format_settings, load_settings
 
     chosen, origins = load_settings(preset.value, file, assignments or [], {})
-    typer.echo(format_settings(chosen, origins, expert=every), nl=False)
+    typer.echo(format_settings(chosen, origins, full=every), nl=False)
 
 
 app.command(
