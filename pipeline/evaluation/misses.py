@@ -12,10 +12,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from wayside.pipeline.box_matching import Box, overlap
 from wayside.pipeline.evaluation.figures import (
     MissCause,
 )
+from wayside.pipeline.labels.box_matching import Box, overlap
 from wayside.schemas.frame import USED
 from wayside.schemas.tables import VERDICT_WORDS
 

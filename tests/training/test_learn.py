@@ -6,7 +6,7 @@ import pytest
 
 from training.learn import main
 from training.outlines import FEWEST
-from wayside.pipeline.model_files import shipped_models
+from wayside.pipeline.models.model_files import shipped_models
 from wayside.schemas.errors import OutputError
 from wayside.schemas.model_json import model_from_json
 
