@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import wayside
+from wayside.stages.detection import face_boxes
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 SMALLER = 4
@@ -39,12 +40,14 @@ def small(altered_demo: Callable[..., Path], tmp_path_factory: pytest.TempPathFa
     return altered_demo(path, halved_twice, scaled_down)
 
 
-def signs_of(log: Path, **settings: float) -> int:
+def signs_of(log: Path) -> int:
     """How many signs a run finds."""
-    found = wayside.run(log, settings={k.replace("__", "."): v for k, v in settings.items()})
-    return found.signs["status"].to_pylist().count("sign")
+    return wayside.run(log).signs["status"].to_pylist().count("sign")
 
 
-def test_an_image_of_few_pixels_shows_more_where_it_is_seen_enlarged(small: Path) -> None:
-    enlarged, as_it_is = signs_of(small), signs_of(small, candidates__shortest_focal_px=1)
-    assert enlarged > as_it_is
+def test_an_image_of_few_pixels_shows_more_where_it_is_seen_enlarged(
+    small: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    enlarged = signs_of(small)
+    monkeypatch.setattr(face_boxes, "SHORTEST_FOCAL_PX", 1.0)
+    assert enlarged > signs_of(small)
