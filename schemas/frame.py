@@ -7,7 +7,6 @@ fields that end in `_ns`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,20 +37,6 @@ USUAL_SIGMA_M, USUAL_SIGMA_RAD = 0.03, 1.7e-3
 """Of poses whose log states no standard deviation, until their drive has shown its own."""
 EARTH_RADIUS_M = 6_371_000.0
 """Of the sphere on which short distances between fixes are measured."""
-
-
-Degrees = TypeVar("Degrees", float, NDArray[np.float64])
-
-
-def turn_deg(start: float, end: Degrees) -> Degrees:
-    """From one longitude, or compass direction, to another the short way round, degrees, -180 to 180."""
-    return (end - start + 180.0) % 360.0 - 180.0
-
-
-def median_longitude_deg(longitudes: NDArray[np.float64]) -> float:
-    """Median of longitudes (n,), degrees, on whichever side of 180 they lie; of a drive, not of the earth."""
-    first = float(longitudes[0])
-    return turn_deg(0.0, first + float(np.median(turn_deg(first, longitudes))))
 
 
 @dataclass(frozen=True, slots=True)

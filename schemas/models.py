@@ -1,11 +1,9 @@
-"""Learned models: Gaussian classes, mixtures, thresholds, evidence. Their files are written by `model_json`."""
+"""Learned models: Gaussian classes, mixtures, thresholds, evidence. `pipeline/model_json.py` reads and writes them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from math import isnan
-from typing import Any, ClassVar
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,28 +29,6 @@ class OperatingPoint:
     power: float
     thresholds: tuple[float, ...]
     intervals: tuple[tuple[float, float], ...] = ()
-
-
-def most_powerful(curve: Sequence[OperatingPoint], alpha: float) -> OperatingPoint:
-    """The operating point of the most power among those of at most this false-alarm rate (report chapter 9).
-
-    Raises
-    ------
-    ValueError
-        There is none.
-    """
-    allowed = [one for one in curve if one.false_alarm <= alpha]
-    if not allowed:
-        rates = ", ".join(f"{one.false_alarm:g}" for one in curve) or "none"
-        raise ValueError(
-            f"wanted operating points of a false-alarm rate of at most {alpha:g}, found {rates}"
-        )
-    return max(allowed, key=lambda one: one.power)
-
-
-def alpha_rule(alpha: float) -> str:
-    """The rule of such a threshold, as model files name it."""
-    return f"alpha {alpha:g}: most true positives of at most this false positive rate (report chapter 9)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,38 +71,6 @@ class GaussianModel(ModelText):
     provenance: str
     curve: tuple[OperatingPoint, ...] = ()
 
-    def distances(self, values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-        """Mahalanobis distance of each value (n, d) to each class: (n, classes), eq. 3.1."""
-        result = np.empty((len(values), len(self.classes)))
-        for j, one in enumerate(self.classes):
-            difference = np.asarray(values, np.float64) - one.mean
-            result[:, j] = np.sqrt(
-                np.einsum("ni,ij,nj->n", difference, np.linalg.inv(one.covariance), difference)
-            )
-        return result
-
-    def at_alpha(self, alpha: float) -> GaussianModel:
-        """The model with the thresholds of the most power among its operating points of at most this false-alarm rate.
-
-        Raises
-        ------
-        ValueError
-            The model has no such operating point.
-        """
-        point = most_powerful(self.curve, alpha)
-        intervals = point.intervals or (None,) * len(self.classes)
-        chosen = zip(self.classes, point.thresholds, intervals, strict=True)
-        classes = tuple(
-            replace(
-                one,
-                threshold=threshold,
-                threshold_rule=alpha_rule(alpha),
-                threshold_interval=interval,
-            )
-            for one, threshold, interval in chosen
-        )
-        return replace(self, classes=classes)
-
 
 @dataclass(frozen=True, slots=True)
 class MixtureModel(ModelText):
@@ -149,29 +93,6 @@ class MixtureModel(ModelText):
     threshold_interval: tuple[float, float] | None = None
     curve: tuple[OperatingPoint, ...] = ()
 
-    def at_alpha(self, alpha: float) -> MixtureModel:
-        """The model with another threshold: as in `GaussianModel`."""
-        point = most_powerful(self.curve, alpha)
-        return replace(
-            self,
-            threshold=point.thresholds[0],
-            threshold_rule=alpha_rule(alpha),
-            threshold_interval=point.intervals[0] if point.intervals else None,
-        )
-
-    def log_density(self, values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-        """Natural logarithm of the density at each value (n, d): (n,)."""
-        return np.asarray(np.logaddexp.reduce(self.log_parts(values), axis=1))
-
-    def log_parts(self, values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-        """Logarithm of each component's part in the density at each value: (n, k)."""
-        d = self.mean.shape[1]
-        gap = np.asarray(values, np.float64)[:, None] - self.mean
-        square = np.einsum("nki,kij,nkj->nk", gap, np.linalg.inv(self.covariance), gap)
-        _, log_volume = np.linalg.slogdet(self.covariance)
-        parts = np.log(self.weight) - (log_volume + d * np.log(2 * np.pi) + square) / 2
-        return np.asarray(parts)
-
 
 @dataclass(frozen=True, slots=True)
 class NetworkSum:
@@ -184,11 +105,6 @@ class NetworkSum:
     own: float
     network: float
     shift: float
-
-    def of(self, own: NDArray[np.float32], network: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The sum (n,) of scores by the box network (n,) and by the detection network (n,)."""
-        joined = np.float32(self.own) * own + np.float32(self.network) * network
-        return np.asarray(joined + np.float32(self.shift), np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,10 +132,6 @@ class LinearModel(ModelText):
     weights: NDArray[np.float64]
     provenance: str
 
-    def values(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Values (n,) of candidates with features (n, f)."""
-        return np.asarray(features @ self.weights, np.float64)
-
 
 @dataclass(frozen=True, slots=True)
 class EvidenceModel(ModelText):
@@ -245,35 +157,6 @@ class EvidenceModel(ModelText):
     threshold_rule: str = ""
     threshold_interval: tuple[float, float] | None = None
     curve: tuple[OperatingPoint, ...] = ()
-
-    def at_alpha(self, alpha: float) -> EvidenceModel:
-        """The model that decides at another operating point; the log odds stay what they are.
-
-        What is uncertain stays as wide, in log odds. Raises as `GaussianModel.at_alpha` does.
-        """
-        point = most_powerful(self.curve, alpha)
-        decision = point.thresholds[0]
-        return replace(
-            self,
-            threshold=self.threshold + decision - self.decision,
-            decision=decision,
-            threshold_rule=alpha_rule(alpha),
-            threshold_interval=point.intervals[0] if point.intervals else None,
-        )
-
-    @property
-    def term_names(self) -> tuple[str, ...]:
-        """The terms, each once, in the order of `ratios`."""
-        return tuple(dict.fromkeys(self.terms))
-
-    def ratios(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Log-likelihood ratio of each term by values of the features."""
-        result = dict.fromkeys(self.term_names, 0.0)
-        columns = zip(self.features, self.terms, self.knots, self.curves, strict=True)
-        for name, term, knots, curve in columns:
-            if not isnan(values[name]):
-                result[term] += float(np.interp(values[name], knots, curve))
-        return result
 
 
 Model = GaussianModel | MixtureModel | ScoreModel | LinearModel | EvidenceModel

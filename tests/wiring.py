@@ -33,11 +33,11 @@ import pytest
 from numpy.typing import NDArray
 
 from wayside.pipeline import chains, cli, detectors, flow, model_files, run, workers  # noqa: F401
+from wayside.pipeline.model_json import digest, model_to_json
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.detections import Candidates, Detections, Segmentation
 from wayside.schemas.frame import Frame, Image
 from wayside.schemas.landmarks import Landmark, TrackedFrame
-from wayside.schemas.model_json import digest, model_to_json
 from wayside.schemas.models import NetworkSum, OnnxFile
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.signs import Sign

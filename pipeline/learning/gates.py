@@ -29,10 +29,10 @@ from wayside.pipeline.learning.gaussians import SIDES, sides
 from wayside.pipeline.learning.samples import ANY_SPACING_M, ON
 from wayside.pipeline.learning.thresholds import with_learned_thresholds, with_score_threshold
 from wayside.pipeline.model_files import REPORT_LOCATION, TRAJECTORY_FILES, Models, load_models
+from wayside.pipeline.model_json import model_to_json
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.writing import write_file
 from wayside.schemas.errors import InputError
-from wayside.schemas.model_json import model_to_json
 from wayside.schemas.models import GaussianClass, GaussianModel, MixtureModel
 
 KANSAS, OWN = "report-kansas.json", {"color": "color_rgb.json", "shape": "shape.json"}

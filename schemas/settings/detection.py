@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from wayside.schemas.frame import Camera
 from wayside.schemas.settings.field import setting
 
 _CHOSEN = "chosen by hand"
@@ -155,16 +150,3 @@ class CandidateSettings:
         expert=True,
         low=0,
     )
-
-    def enlargement(self, camera: Camera) -> int:
-        """How many times as large the images of a camera are seen: 1 for most, 2, or 4 at most."""
-        return next((k for k in (1, 2) if k * camera.fy >= self.shortest_focal_px), 4)
-
-    def fits_face(self, box: NDArray[np.floating[Any]], camera: Camera) -> NDArray[np.bool_]:
-        """Which boxes (n, 4) in images of a camera have the height and the aspect of a face."""
-        wide, tall = box[:, 2] - box[:, 0], box[:, 3] - box[:, 1]
-        return np.asarray(
-            (self.enlargement(camera) * tall >= self.shortest_px)
-            & (wide >= self.narrowest_aspect * tall)
-            & (wide <= self.widest_aspect * tall)
-        )

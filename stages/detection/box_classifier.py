@@ -11,6 +11,7 @@ from wayside.schemas.frame import Camera
 from wayside.schemas.models import ScoreModel
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.box_network import BoxNetwork
+from wayside.stages.detection.face_size import fits_face
 from wayside.stages.imaging import Pyramid
 
 
@@ -30,7 +31,7 @@ class BoxClassifier:
 
     def takes(self, box: NDArray[np.float64], camera: Camera) -> bool:
         """Whether a box (4,) in an image of a camera has a size that is searched for."""
-        return bool(self.settings.fits_face(box[None], camera)[0])
+        return bool(fits_face(box[None], camera, self.settings)[0])
 
     def scores(self, levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.float32]:
         """Log odds (n,) that boxes (n, 4) show such a panel; levels: the image at full, half and quarter size."""

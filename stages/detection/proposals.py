@@ -19,6 +19,7 @@ from wayside.schemas.detections import (
 )
 from wayside.schemas.frame import Camera, Image
 from wayside.schemas.settings import CandidateSettings
+from wayside.stages.detection.face_size import enlargement, fits_face
 from wayside.stages.detection.network_proposals import (
     DetectionNetwork,
     Maps,
@@ -70,7 +71,7 @@ def propose_segments(
 def fitting(item: Segmentation, camera: Camera, settings: CandidateSettings) -> Segmentation:
     """The image with the regions that a face can be, by size and aspect, and one of those that are nearly the same."""
     box, score = item.regions.box, item.network_score
-    rows = np.flatnonzero(settings.fits_face(box, camera))
+    rows = np.flatnonzero(fits_face(box, camera, settings))
     kept = rows[non_maximum_suppression(box[rows], settings.same_region_iou)]
     return replace(
         item,
@@ -115,7 +116,7 @@ def network_bands(
     Of an image of short focal length full size is twice its own, and half size its own: a face is as large then as in
     the images that the network has learned from.
     """
-    times = settings.enlargement(camera)
+    times = enlargement(camera, settings)
     far = settings.full_size_px / times
     above, below = settings.half_size_above * camera.fy, settings.half_size_below * camera.fy
     found = []

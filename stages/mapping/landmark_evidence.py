@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.models import EvidenceModel
 from wayside.schemas.settings import LandmarkSettings
+from wayside.stages.classifiers import evidence_ratios
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.class_votes import mean_log_probabilities
 from wayside.stages.mapping.landmark_fit import LandmarkFit
@@ -93,7 +94,7 @@ class LandmarkClassifier:
         named = dict(zip(FEATURES, features.tolist(), strict=True))
         if self.model is None:
             return LandmarkEvidence(features, (), max(fit.value, 0.0))
-        ratios = tuple(self.model.ratios(named).items())
+        ratios = tuple(evidence_ratios(self.model, named).items())
         return LandmarkEvidence(
             features, ratios, self.model.shift + sum(ratio for _, ratio in ratios)
         )

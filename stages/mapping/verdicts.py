@@ -18,6 +18,7 @@ from wayside.schemas.detections import verdict_code
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.settings import AssemblySettings, LocateSettings, VerdictSettings
+from wayside.stages.classifiers import class_distances
 from wayside.stages.geometry import FrenetOffset, box_areas
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 
@@ -91,7 +92,7 @@ def location_verdict(
     if model is not None:
         thresholds = np.array([c.threshold for c in model.classes])
         where = np.array([[landmark.right_m, landmark.above_m]])
-        if (model.distances(where)[0] > thresholds).all():
+        if (class_distances(where, model)[0] > thresholds).all():
             return "location"
     sides = (landmark.width_m, landmark.height_m)
     if min(sides) < settings.smallest_side_m or max(sides) > settings.largest_side_m:

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from wayside.pipeline.model_files import load_models, shipped_digests, shipped_models
+from wayside.pipeline.model_json import digest, model_from_json, model_to_json
 from wayside.pipeline.provenance import learned_from
 from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError
-from wayside.schemas.model_json import digest, model_from_json, model_to_json
 from wayside.stages.mapping import FEATURES
 from wayside.stages.panel import OUTLINE_FEATURES
 

@@ -9,6 +9,7 @@ from wayside.schemas.detections import SOURCES, Regions, Segmentation
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection import DetectionNetwork, propose, propose_segments
+from wayside.stages.detection.face_size import enlargement
 from wayside.stages.geometry import iou_matrix
 from wayside.stages.imaging import pyramid
 
@@ -81,7 +82,7 @@ def test_a_large_face_off_the_horizon_is_seen_at_half_size():
 )
 def test_an_image_of_short_focal_length_is_seen_as_large_as_those_learned_from(focal, times):
     camera = Camera(640, 480, focal, focal, 319.5, 239.5)
-    assert SETTINGS.enlargement(camera) == times
+    assert enlargement(camera, SETTINGS) == times
     seen = CandidateSettings(half_size_above=0, half_size_below=0)
     side = 4 // times  # one red cell of what the network sees
     item = segmented(camera=camera)
