@@ -22,43 +22,48 @@ IMAGE_KEYS = ("frame", "log_time_ns", "header_time_ns", "image_name")
 
 @dataclass(frozen=True, slots=True)
 class SignClass:
-    """A class of sign faces; color, shape: of all its faces, None where the networks of wayside name them."""
+    """A class of sign faces."""
 
     color: str | None = None
+    """Of all its faces. None: the networks of wayside name it."""
     shape: str | None = None
+    """Of all its faces. None: the networks of wayside name it."""
 
 
 @dataclass(frozen=True, slots=True)
 class DetectorFile:
-    """A detector in an ONNX file, and how it is run and read.
-
-    format: one of the setting `models.detector_format` except `auto`; input_size: height and width of the image that it
-    takes, None: any multiple of 32; image_input, size_input: names of the inputs for the image and for its size (empty:
-    none); outputs: names; signs: classes that are signs by number, None: all.
-    """
+    """A detector in an ONNX file, and how it is run and read."""
 
     onnx: OnnxFile
+    """The file."""
     format: str
+    """A value of the setting `models.detector_format` except `auto`."""
     input_size: tuple[int, int] | None
+    """Height and width of the image that it takes. None: any multiple of 32."""
     image_input: str
+    """Name of the input for the image."""
     size_input: str
+    """Name of the input for the size of the image. Empty: none."""
     outputs: tuple[str, ...]
+    """Names of its outputs."""
     signs: Mapping[int, SignClass] | None = None
+    """Classes that are signs, by number. None: all."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExternalBoxes:
-    """Boxes of sign faces in one image, n rows.
-
-    box (n, 4) float32 pixels as recorded, half open; score (n,) float32 log odds; color, shape (n,) int8 into `COLORS`,
-    `SHAPES` or -1 where the detector does not say; found: boxes above the least score, those of other classes included.
-    """
+    """Boxes of sign faces in one image, n rows."""
 
     box: NDArray[np.float32]
+    """(n, 4), pixels as recorded, half open."""
     score: NDArray[np.float32]
+    """Log odds, (n,)."""
     color: NDArray[np.int8]
+    """Index into `COLORS`, (n,). -1: the detector does not say."""
     shape: NDArray[np.int8]
+    """Index into `SHAPES`, (n,). -1: the detector does not say."""
     found: int
+    """Number of boxes above the least score, of all classes."""
 
     def __len__(self) -> int:
         """Count rows."""
@@ -88,25 +93,28 @@ class ExternalBoxes:
 
 @dataclass(frozen=True, slots=True)
 class BoxFile:
-    """Boxes made elsewhere, by image.
-
-    path, sha256: the file; key: what the numbers of `boxes` are: one of `IMAGE_KEYS` (with `image_name`: the place
-    among `names`), or `image_id`; rows: boxes in the file; names: of the images, in natural order, empty where they are
-    not named; ids: number in `boxes` by the `image_id` of a result, which is taken for the frame; left_out: rows that
-    are not among `boxes`, by reason; signs: classes that are signs by number, None: all; fault: of the first row that
-    cannot be read.
-    """
+    """Boxes made elsewhere, by image."""
 
     path: str
+    """Of the file."""
     sha256: str
+    """Of the file."""
     key: str
+    """What the numbers of `boxes` are: one of `IMAGE_KEYS` (of `image_name` the place in `names`), or `image_id`."""
     boxes: Mapping[int, ExternalBoxes] = field(repr=False)
+    """The boxes by that number."""
     rows: int
+    """Number of boxes in the file."""
     names: tuple[str, ...] = ()
+    """Of the images, in natural order. Empty: they have none."""
     ids: Mapping[int, int] = field(default_factory=dict, repr=False)
+    """Number in `boxes` by the `image_id` of a result, which is taken for the index of the frame."""
     left_out: Mapping[str, int] = field(default_factory=dict)
+    """Number of rows that are not among `boxes`, by reason."""
     signs: Mapping[int, SignClass] | None = None
+    """Classes that are signs, by number. None: all."""
     fault: str = ""
+    """Of the first row that cannot be read. Empty: none."""
     _places: dict[str, int | None] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -3,8 +3,10 @@
 Sources: Manual on Uniform Traffic Control Devices, 11th edition (FHWA, 2023), tables of sizes 2B-1, 2C-1, 2D-1, 2I-1,
 6H-1, 7B-1 and 8B-1, with sizes of the 2009 edition and of Standard Highway Signs, which still stand on roads;
 docs/sign_codes.md says what was compared with which text. Convention on Road Signs and Signals (Vienna 1968), annex 1,
-which states least sizes only: those here are the common ones of its countries. `weight` is a judgement of how common a
-sign is.
+which states least sizes only: those here are the common ones of its countries.
+
+Sizes of a diamond are the side of its square, of a triangle its side twice, of a pennant its long side and its base, of
+a crossbuck length and width of a blade.
 """
 
 from __future__ import annotations
@@ -45,22 +47,24 @@ Size = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class CatalogueSign:
-    """The signs of one code, or the rest of a series (code = series).
-
-    colors, shapes: any of these classes; sizes: nominal width and height, inches or (Vienna) millimetres, of a diamond
-    the side of its square, of a triangle its side twice, of a pennant its long side and its base, of a crossbuck length
-    and width of a blade; limits: least and largest width and height where the size is free; faces: classes of the face
-    classifier that show it, the legend after a space; weight: how common.
-    """
+    """The signs of one code, or the rest of a series (code = series)."""
 
     code: str
+    """Of the sign, or the series."""
     series: str
+    """That it belongs to."""
     colors: tuple[str, ...]
+    """Any of these classes."""
     shapes: tuple[str, ...]
+    """Any of these classes."""
     sizes: tuple[Size, ...] = ()
+    """Nominal width and height, inches or (Vienna) millimetres; see above."""
     limits: tuple[Size, Size] | None = None
+    """Least and largest width and height, where the size is free."""
     faces: tuple[str, ...] = ()
+    """Classes of the face classifier that show it, the legend after a space."""
     weight: float = 1.0
+    """How common it is: a judgement."""
 
 
 def _squares(*sides: float) -> tuple[Size, ...]:

@@ -58,14 +58,20 @@ VERDICT_WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column; `values` lists what a dictionary column may hold."""
+    """One column of a table."""
 
     name: str
+    """Of the column."""
     type: pa.DataType
+    """In Arrow."""
     unit: str
+    """Empty: none."""
     words: str
+    """What it means."""
     nullable: bool = True
+    """Whether it may be unknown."""
     values: tuple[str, ...] = ()
+    """What a dictionary column may hold."""
 
     @property
     def arrow(self) -> pa.Field[Any]:
@@ -80,8 +86,11 @@ class Table:
     """One Parquet file of a result."""
 
     name: str
+    """Of the file, without suffix."""
     words: str
+    """What a row is."""
     columns: tuple[Column, ...]
+    """In order."""
 
     @property
     def file(self) -> str:

@@ -46,14 +46,14 @@ GUIDE_COLORS = {"green", "blue", "brown", "white", "black"}
 
 @dataclass(frozen=True, slots=True)
 class LandmarkEvidence:
-    """Numbers (f,) on a landmark, named by `FEATURES`, the log-likelihood ratio of each term, and their sum.
-
-    Without a model there are no ratios, and `log_odds` is the value of the fit, which only ranks landmarks.
-    """
+    """What speaks for and against a landmark."""
 
     features: NDArray[np.float64]
+    """Numbers named by `FEATURES`, (f,)."""
     ratios: tuple[tuple[str, float], ...]
+    """Log-likelihood ratio of each term. Empty: there is no model."""
     log_odds: float
+    """Sum of the ratios with the prior. Without a model the value of the fit, which only ranks landmarks."""
 
     @property
     def score(self) -> float:
@@ -69,14 +69,12 @@ class LandmarkEvidence:
 
 @dataclass(frozen=True, slots=True)
 class LandmarkClassifier:
-    """Classifies landmarks of one side by a model of their evidence.
-
-    model None: nothing is known of signs, and what stands is one; settings: weights of views in the votes for colour
-    and shape.
-    """
+    """Classifies landmarks of one side by a model of their evidence."""
 
     model: EvidenceModel | None = None
+    """None: nothing is known of signs, and what stands is one."""
     settings: LandmarkSettings = field(default_factory=LandmarkSettings)
+    """Weights of views in the votes for colour and shape."""
 
     def classify(
         self,

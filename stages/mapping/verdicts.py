@@ -48,15 +48,14 @@ def in_swept_volume(fit: LandmarkFit, offset: FrenetOffset, settings: VerdictSet
 
 
 class SeenBox(NamedTuple):
-    """Box (4,) of a landmark in one image, as rays, and what it rests on.
-
-    seen: the image shows the landmark there, else that is only where it must be; measured: by a candidate of that
-    image, not by a box that the landmark predicted.
-    """
+    """Where a landmark is in one image."""
 
     box: NDArray[np.float64]
+    """As rays, (4,)."""
     seen: bool
+    """Whether the image shows it there. Otherwise it only must be there."""
     measured: bool
+    """Whether a candidate of the image gave the box, not a prediction."""
 
 
 def same_face(one: Mapping[int, SeenBox], other: Mapping[int, SeenBox]) -> bool:
