@@ -8,7 +8,7 @@ other terms count by what they were worth on real drives.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import nan
 
 import numpy as np
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.models import EvidenceModel
-from wayside.schemas.settings import LandmarkSettings
 from wayside.stages.classifiers import evidence_ratios
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.class_votes import mean_log_probabilities
@@ -73,8 +72,6 @@ class LandmarkClassifier:
 
     model: EvidenceModel | None = None
     """None: nothing is known of signs, and what stands is one."""
-    settings: LandmarkSettings = field(default_factory=LandmarkSettings)
-    """Weights of views in the votes for colour and shape."""
 
     def classify(
         self,
