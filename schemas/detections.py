@@ -13,16 +13,6 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import Frame, Image
 
-COLORS = (
-    "white",
-    "yellow",
-    "green",
-    "red",
-    "orange",
-    "blue",
-    "brown",
-    "fluorescent_yellow_green",
-)
 COLOR_RGB = {
     "white": (245, 245, 245),
     "yellow": (245, 200, 40),
@@ -33,7 +23,8 @@ COLOR_RGB = {
     "brown": (140, 90, 50),
     "fluorescent_yellow_green": (190, 240, 50),
 }
-"""Colours in which the classes are drawn: those of the signs, bright enough on a dark ground."""
+"""Colour classes, and in what they are drawn: the colours of the signs, bright enough on a dark ground."""
+COLORS = tuple(COLOR_RGB)
 SHAPES = (
     "rectangle",
     "diamond",
@@ -51,28 +42,28 @@ SOURCES = ("pass1", "pass2", "level", "stack", "predicted", "moved", "network", 
 of these one above the other, a landmark of other frames projected into this one, any of these with its box moved by box
 regression, a box of the detection network, or a box of a detector that is not wayside's (or of a file of boxes)."""
 
-VERDICTS = (
-    "open",
-    "sign",
-    "size",
-    "color",
-    "shape",
-    "score",
-    "overlap",
-    "unmatched",
-    "far_view",
-    "few_views",
-    "moving",
-    "residual",
-    "location",
-    "attached",
-    "panel_size",
-    "place_score",
-    "duplicate",
-    "trajectory",
-)
-"""How far a region went: `open` while undecided, `sign`, or the reason it went no further. `place_score`: that
-of the landmark classifier."""
+VERDICT_WORDS = {
+    "open": "undecided when the drive ended",
+    "sign": "part of a reported panel",
+    "size": "too few or too many pixels, or no height or aspect of a face: counted, without a row",
+    "color": "mean colour too far from every sign colour",
+    "shape": "outline too far from every sign shape",
+    "score": "rejected by the classifier of boxes in one image",
+    "overlap": "covered by a candidate of higher score on the same face",
+    "unmatched": "no candidate of another frame matches",
+    "far_view": "an early view of what was followed on, in more images than the setting `track.longest`",
+    "few_views": "seen in fewer frames than the setting `track.fewest_views`, or in too few that should show it",
+    "moving": "moves along the road",
+    "residual": "rays do not meet in one point, or the few views do not look alike",
+    "location": "stands too far from where signs stand",
+    "attached": "what surrounds it stays with it: part of a wall, a vehicle or a larger board",
+    "panel_size": "measured width or height outside the limits of a sign panel",
+    "place_score": "its views look too little like a sign: the weakest of all evidence on the landmark",
+    "duplicate": "on the pixels of a more likely panel, or a second measurement of one",
+    "trajectory": "does not move in the image as signs do (preset `report-2d`)",
+}
+"""How far a region went: `open` while undecided, `sign`, or the reason it went no further."""
+VERDICTS = tuple(VERDICT_WORDS)
 NONE = -1
 
 

@@ -131,48 +131,24 @@ LABELS = Table(
     "One row per thing in one image, or per image whose signs are all labelled (`kind` is `complete`). At least one of "
     "`frame`, `log_time_ns` and `image_name` is not null.",
     (
-        Column(
-            "log", _TEXT, "", "stem of the log's file name; null: any log, or images without one"
-        ),
+        Column("log", _TEXT, "", "stem of the log's file name; null: any log, or images without one"),
         Column("frame", _WHOLE, "", "index of the frame in the log, from 0"),
         Column("log_time_ns", _LONG, "ns", "time at which it was logged"),
-        Column(
-            "image_name",
-            _TEXT,
-            "",
-            "file name of the image, or its path below the folder of images",
-        ),
+        Column("image_name", _TEXT, "", "file name of the image, or its path below the folder of images"),
         Column("image_width", _WHOLE, "px", "size of the image that the box is of"),
         Column("image_height", _WHOLE, "px", "size of the image that the box is of"),
         Column("kind", _CHOICE, "", "what it is", False, tuple(LABEL_KINDS)),
-        Column(
-            "x_min",
-            _REAL,
-            "px",
-            "box around the whole face with its border, half open; null: `complete`",
-        ),
+        Column("x_min", _REAL, "px", "box around the whole face with its border, half open; null: `complete`"),
         Column("y_min", _REAL, "px", "the same"),
         Column("x_max", _REAL, "px", "the same"),
         Column("y_max", _REAL, "px", "the same"),
         Column("polygon", _POINTS, "px", "outline of the face; null: only the box is known"),
-        Column(
-            "color",
-            _CHOICE,
-            "",
-            "colour class of the face; null: not known, or none of them",
-            values=COLORS,
-        ),
-        Column(
-            "shape",
-            _CHOICE,
-            "",
-            "shape class of the face; null: not known, or none of them",
-            values=SHAPES,
-        ),
+        Column("color", _CHOICE, "", "colour class of the face; null: not known, or none of them", values=COLORS),
+        Column("shape", _CHOICE, "", "shape class of the face; null: not known, or none of them", values=SHAPES),
         Column("panel", _TEXT, "", "name of the physical thing, the same in all images of it"),
         Column("visible", _REAL, "", "fraction of the face that nothing hides, 0 to 1"),
         Column("wanted", _FLAG, "", "whether it counts for recall", False),
         Column("source", _TEXT, "", "who or what says so", False),
         Column("note", _TEXT, "", "words of the reviewer, or what it is", False),
     ),
-)
+)  # fmt: skip
