@@ -24,6 +24,7 @@ from wayside.stages.georeference.placement import SCALE_STEPS
 from wayside.stages.georeference.trajectory import Trajectory, smooth
 from wayside.stages.kernels import Array
 from wayside.stages.mapping import STEP_COVARIANCE
+from wayside.stages.odometry import FIX_SIGMA_M
 
 POSE_FLOOR_M = 1e-3
 """Smallest scatter of a pose of the log at the time of a frame (estimate)."""
@@ -205,7 +206,7 @@ def _on_globe(
     fixes = [fix for _, fix in fixed]
     origin = origin_of(fixes, ORIGIN_REACH_DEG)
     position = origin.local(fixes)
-    unknown = (motion.fix_sigma_m, motion.fix_sigma_m, UP_FACTOR * motion.fix_sigma_m)
+    unknown = (FIX_SIGMA_M, FIX_SIGMA_M, UP_FACTOR * FIX_SIGMA_M)
     sigma = np.array([unknown if f.sigma_m is None else f.sigma_m for f in fixes])
     latest = np.maximum(np.searchsorted(rows, np.arange(len(path)), side="right") - 1, 0)
     lever_arm = np.array(motion.antenna_m)
