@@ -101,7 +101,7 @@ clean:
 	@.venv/bin/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	@.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@ln -sfn ../pipeline ../schemas ../stages wayside/
-	@$(RUN) wayside.pipeline.warm_up recordings/demo.mcap
+	@$(RUN) wayside.pipeline.cli.warm_up recordings/demo.mcap
 	@touch $@
 
 # PyTorch is large and only the learning needs it.

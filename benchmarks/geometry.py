@@ -36,8 +36,8 @@ from geometry_runs import (
     true_poses,
 )
 
-from wayside.pipeline.box_matching import same_thing
 from wayside.pipeline.evaluation import RenderedEvaluation
+from wayside.pipeline.labels.box_matching import same_thing
 from wayside.pipeline.simulation.bound import point_bound
 from wayside.pipeline.simulation.drive import Survey
 from wayside.pipeline.simulation.simulate import UNKNOWN_LENGTH_M, bound_of_step

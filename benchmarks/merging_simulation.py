@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.parquet import choice, fixed_list, record_batch
+from wayside.pipeline.files.parquet import choice, fixed_list, record_batch
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.tables import FRAMES, SIGN_STATUSES, SIGNS, Table
 from wayside.stages.georeference import LocalOrigin

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from wayside.pipeline.evaluation import evaluate_against_labels
-from wayside.pipeline.result import read_rows
+from wayside.pipeline.results.result import read_rows
 from wayside.schemas.tables import OBSERVATIONS, SIGNS
 
 PLATES = ("parking plate", "bus stop plate")

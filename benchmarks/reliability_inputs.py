@@ -33,26 +33,26 @@ from attempts import (
 from common import DEMO
 from mcap.opcode import Opcode
 
-from wayside.pipeline import run
-from wayside.pipeline.box_file import load_boxes
-from wayside.pipeline.class_map import read_class_map
 from wayside.pipeline.cli import app
-from wayside.pipeline.earlier_result import check_earlier
 from wayside.pipeline.evaluation import evaluate
 from wayside.pipeline.exporting.export import export
-from wayside.pipeline.information import describe_log, format_information
-from wayside.pipeline.journal import JOURNAL, Journal
-from wayside.pipeline.labels import read_labels
-from wayside.pipeline.model_files import shipped_models
-from wayside.pipeline.model_json import model_from_json
+from wayside.pipeline.files.settings_file import format_settings, load_settings
+from wayside.pipeline.labels.box_file import load_boxes
+from wayside.pipeline.labels.class_map import read_class_map
+from wayside.pipeline.labels.read import read_labels
+from wayside.pipeline.logs.information import describe_log, format_information
+from wayside.pipeline.models.model_files import shipped_models
+from wayside.pipeline.models.model_json import model_from_json
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.pipeline.reading.layout import RECORD_HEAD
 from wayside.pipeline.reading.scan_report import ScanReport
-from wayside.pipeline.result import read_run, read_settings
+from wayside.pipeline.results.earlier_result import check_earlier
+from wayside.pipeline.results.result import read_run, read_settings
 from wayside.pipeline.reviewing.review import NO_REVIEW, read_review, result_name
-from wayside.pipeline.settings_file import format_settings, load_settings
+from wayside.pipeline.running import run
+from wayside.pipeline.running.journal import JOURNAL, Journal
 from wayside.schemas.frame import USED, Frame
 from wayside.schemas.models import EvidenceModel, GaussianModel, LinearModel, MixtureModel
 from wayside.schemas.settings import ReadSettings

@@ -35,10 +35,10 @@ from wayside.pipeline.evaluation import (
     is_eligible,
     together,
 )
-from wayside.pipeline.lengths import parse_length
-from wayside.pipeline.model_files import load_models
-from wayside.pipeline.run import run_log
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.files.lengths import parse_length
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.models.model_files import load_models
+from wayside.pipeline.running.run import run_log
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 from wayside.stages.geometry import iou_matrix
 

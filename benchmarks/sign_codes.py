@@ -21,9 +21,9 @@ from common import table
 
 from training.face_classes import TESTED, crops, still_patches
 from wayside.pipeline.evaluation import RenderedEvaluation, evaluate
-from wayside.pipeline.model_files import load_models
-from wayside.pipeline.result import read_rows
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.models.model_files import load_models
+from wayside.pipeline.results.result import read_rows
 from wayside.pipeline.statistics import share_interval
 from wayside.schemas.sign_catalogue import SERIES, US, VIENNA
 from wayside.schemas.tables import SIGNS

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from wayside.pipeline.detectors import detector_of
-from wayside.pipeline.model_files import Models
-from wayside.pipeline.route_file import RouteFile
+from wayside.pipeline.files.route_file import RouteFile
+from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.workers import Stage, stage
 from wayside.schemas.settings import Settings
 from wayside.stages.calibration import CalibrationWatch, check_calibration, watch_calibration

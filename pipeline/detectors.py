@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
-from wayside.pipeline.model_files import Models
+from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.workers import Stage, stage
 from wayside.schemas.detectors import BoxFile, DetectorFile
 from wayside.schemas.models import ScoreModel

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from wayside.pipeline.reading.frames import ReadReport
-    from wayside.pipeline.run import Run, RunObserver
+    from wayside.pipeline.running.run import Run, RunObserver
     from wayside.schemas.landmarks import TrackedFrame
     from wayside.schemas.settings import Settings
     from wayside.schemas.tables import Table
@@ -173,7 +173,7 @@ def run(
         A model file, detector, file of boxes or calibration cannot be used. What is wrong with the log shows when it
         is read.
     """
-    from wayside.pipeline.model_files import load_models
+    from wayside.pipeline.models.model_files import load_models
 
     if view == "file" and out is None:
         raise UsageError('wanted a folder for the recording of view="file", found none; give out')
@@ -192,7 +192,7 @@ def run(
     address = _start_viewer(view)
 
     def process(folder: Path, under_way: Run) -> Iterator[TrackedFrame]:
-        from wayside.pipeline.run import process_log
+        from wayside.pipeline.running.run import process_log
 
         def open_observer(report: ReadReport, part: Path) -> RunObserver | None:
             if view is None:
@@ -215,7 +215,7 @@ def run(
         yield from _reported(frames, under_way, progress)
 
     if out is not None:
-        from wayside.pipeline.run import Run
+        from wayside.pipeline.running.run import Run
 
         return Inventory(process(Path(out), Run()), _ResultFolder(Path(out)))
     kept = _KeptResult()
@@ -230,7 +230,7 @@ def open_inventory(folder: PathLike) -> Inventory:
     InputError
         The folder holds no result of a run.
     """
-    from wayside.pipeline.result import read_run
+    from wayside.pipeline.results.result import read_run
 
     read_run(Path(folder))
     return Inventory(iter(()), _ResultFolder(Path(folder)))
@@ -249,12 +249,12 @@ class _ResultFolder:
         self._folder = folder
 
     def table(self, table: Table) -> pa.Table:
-        from wayside.pipeline.result import read_table
+        from wayside.pipeline.results.result import read_table
 
         return read_table(self._folder, table)
 
     def about(self) -> dict[str, Any]:
-        from wayside.pipeline.result import read_run
+        from wayside.pipeline.results.result import read_run
 
         return read_run(self._folder)
 
@@ -282,7 +282,7 @@ def _kept(
     process: Callable[[Path, Run], Iterator[TrackedFrame]], kept: _KeptResult
 ) -> Iterator[TrackedFrame]:
     """Process in a scratch folder that goes with the last frame, when its tables are in memory."""
-    from wayside.pipeline.run import Run
+    from wayside.pipeline.running.run import Run
 
     with TemporaryDirectory(prefix="wayside-") as scratch:
         yield from process(Path(scratch), Run())
@@ -315,7 +315,7 @@ def _settings(
     preset: str, settings: Settings | Mapping[str, Any] | None, options: Mapping[str, Any]
 ) -> Settings:
     """The settings of a run; options: by full name, None where not given, paths as such."""
-    from wayside.pipeline.settings_file import load_settings, settings_values
+    from wayside.pipeline.files.settings_file import load_settings, settings_values
     from wayside.schemas.settings import Settings
 
     if isinstance(settings, Settings):

@@ -32,9 +32,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wayside.pipeline import chains, cli, detectors, flow, model_files, run, workers  # noqa: F401
-from wayside.pipeline.model_json import digest, model_to_json
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline import (
+    chains,
+    cli,  # noqa: F401
+    detectors,
+    workers,
+)
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.models import model_files
+from wayside.pipeline.models.model_json import digest, model_to_json
+from wayside.pipeline.running import (
+    flow,
+    run,  # noqa: F401
+)
 from wayside.schemas.detections import Candidates, Detections, Segmentation
 from wayside.schemas.frame import Frame, Image
 from wayside.schemas.landmarks import Landmark, TrackedFrame

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from training.learn import learning_logs, run, write_model
-from wayside.pipeline.flow import Flow
+from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.learning.samples import (
     LEARN_READ,
     NEAR_FACE,
@@ -33,9 +33,9 @@ from wayside.pipeline.learning.samples import (
     views_by_frame,
 )
 from wayside.pipeline.learning.score_calibration import platt
-from wayside.pipeline.model_files import load_models
+from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.running.flow import Flow
 from wayside.pipeline.statistics import Interval, resampled_interval
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.detections import Candidates

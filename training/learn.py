@@ -18,13 +18,13 @@ import numpy as np
 
 from training.outlines import gather_choices, learn_outlines
 from wayside.pipeline.chains import panel_method
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.files.writing import not_written, write_file
 from wayside.pipeline.learning.gaussians import location_model
 from wayside.pipeline.learning.samples import LEARN_READ, read_truth, sign_positions
-from wayside.pipeline.model_files import load_models, shipped_models
-from wayside.pipeline.model_json import model_to_json
+from wayside.pipeline.models.model_files import load_models, shipped_models
+from wayside.pipeline.models.model_json import model_to_json
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.settings_file import load_settings
-from wayside.pipeline.writing import not_written, write_file
 from wayside.schemas.errors import InputError, OutputError, WaysideError
 from wayside.schemas.frame import Image
 from wayside.schemas.models import Model

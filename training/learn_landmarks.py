@@ -28,11 +28,11 @@ from training.landmarks import (
 from training.learn import PROCESSES, learning_logs, run, write_model
 from wayside.pipeline.chains import panel_method
 from wayside.pipeline.detectors import detector_of
-from wayside.pipeline.flow import Flow
+from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.learning.samples import LEARN_READ, read_truth
-from wayside.pipeline.model_files import load_models
+from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.running.flow import Flow
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings, TrackSettings

@@ -31,7 +31,7 @@ from training.face_drawings import read_face_library
 from training.learn import run
 from training.quantization import quantize, quantize_boxes
 from training.training_images import provenance, training_images
-from wayside.pipeline.model_files import shipped_models
+from wayside.pipeline.models.model_files import shipped_models
 
 CROPS, BOXES_EACH = 128, 10
 """Crops of a step, and boxes of each of these."""

@@ -22,14 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from training.landmarks import NEITHER, SIGN, KnownPanels, label_in_images
-from wayside.pipeline.flow import Flow
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.files.writing import write_file
 from wayside.pipeline.learning.curves import KNEE_RULE, Scores, roc_curve
 from wayside.pipeline.learning.samples import read_truth
-from wayside.pipeline.model_files import TRAJECTORY_FILES, load_models
+from wayside.pipeline.models.model_files import TRAJECTORY_FILES, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.running.flow import Flow
 from wayside.pipeline.workers import StageClock
-from wayside.pipeline.writing import write_file
 from wayside.schemas.errors import InputError, WaysideError
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.model_json import model_to_json

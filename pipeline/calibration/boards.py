@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.image_order import image_files, natural_key
-from wayside.pipeline.input_files import read_input
+from wayside.pipeline.files.input_files import read_input
 from wayside.pipeline.reading.calibrations import OTHER_LENSES
 from wayside.pipeline.reading.image_headers import read_exif, refuse_turned
+from wayside.pipeline.reading.image_order import image_files, natural_key
 from wayside.schemas.errors import InputError, UsageError
 from wayside.stages.calibration import (
     LENS_MODELS,

@@ -13,8 +13,8 @@ from wayside.pipeline.calibration.drive_report import format_drive, not_determin
 from wayside.pipeline.calibration.drive_report import headline as drive_headline
 from wayside.pipeline.calibration.drive_report import parameter_lines as drive_lines
 from wayside.pipeline.calibration.drives import calibrate_log
+from wayside.pipeline.files.writing import refuse, write_file
 from wayside.pipeline.reading.camera_file import format_camera
-from wayside.pipeline.writing import refuse, write_file
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.settings import Settings
 from wayside.stages.calibration import Board

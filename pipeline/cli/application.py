@@ -11,7 +11,7 @@ import wayside
 from wayside.pipeline.cli import drive, fleet, learning, planning, result, running
 from wayside.pipeline.cli.help import Application, Commands
 from wayside.pipeline.cli.running import EXIT_STATUSES, leave_stuck_viewer
-from wayside.pipeline.process import (
+from wayside.pipeline.running.process import (
     flush_standard_streams,
     in_words,
     interrupt_on_signals,

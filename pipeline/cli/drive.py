@@ -13,8 +13,8 @@ import typer
 from wayside.pipeline.cli.help import Application, examples
 from wayside.pipeline.cli.options import Log, Overwrite, chosen_settings, settings_of, takes
 from wayside.pipeline.cli.running import exit_with, read_as_log
-from wayside.pipeline.lengths import parse_length, parse_spacing
-from wayside.pipeline.visible_text import fitted, visible, visible_lines
+from wayside.pipeline.files.lengths import parse_length, parse_spacing
+from wayside.pipeline.files.visible_text import fitted, visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
 app = Application()
@@ -30,7 +30,7 @@ class Order(StrEnum):
 @app.command(epilog=examples("wayside info drive.mcap"))
 def info(log: Log) -> None:
     """Say what a log holds, and whether and how it can be used."""
-    from wayside.pipeline.information import describe_log, format_information
+    from wayside.pipeline.logs.information import describe_log, format_information
 
     words = visible_lines(format_information(describe_log(read_as_log(log), shown=log)))
     typer.echo(fitted(words) if sys.stdout.isatty() else words)
@@ -58,8 +58,8 @@ def import_(
     overwrite: Overwrite = False,
 ) -> None:
     """Make a log of numbered images."""
-    from wayside.pipeline.importing import import_images
-    from wayside.pipeline.progress import SheetProgress
+    from wayside.pipeline.cli.progress import SheetProgress
+    from wayside.pipeline.logs.importing import import_images
 
     with SheetProgress("import", "images") as progress:
         count, left_out = import_images(
@@ -94,7 +94,7 @@ def join(
     overwrite: Overwrite = False,
 ) -> None:
     """Make one log of the parts of a drive, or of a ROS bag."""
-    from wayside.pipeline.joining import join_logs
+    from wayside.pipeline.logs.joining import join_logs
 
     joined = join_logs(parts, out, overwrite=overwrite)
     for words in joined.lost:
@@ -162,7 +162,7 @@ def calibrate(
     from wayside.pipeline.calibration.boards import parse_board
     from wayside.pipeline.calibration.command import calibrate_by_boards, calibrate_by_drive
     from wayside.pipeline.reading.parts import is_bag
-    from wayside.pipeline.tuning import tune_process
+    from wayside.pipeline.running.tuning import tune_process
 
     tune_process()
     chosen = chosen_settings(given)

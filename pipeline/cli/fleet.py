@@ -12,7 +12,7 @@ import typer
 from wayside.pipeline.cli.help import Application, CommandGroup, examples
 from wayside.pipeline.cli.options import Overwrite, chosen_settings, takes
 from wayside.pipeline.cli.running import exit_with
-from wayside.pipeline.visible_text import visible, visible_lines
+from wayside.pipeline.files.visible_text import visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
 if TYPE_CHECKING:
@@ -115,9 +115,9 @@ def fleet(
     A log whose result stands, made of the same log, settings and models, is not run again: the same command goes on
     where it was ended. A log that ends its worker is tried again, and put aside with its own log after three attempts.
     """
+    from wayside.pipeline.cli.progress import FleetProgress
     from wayside.pipeline.fleet.running import FleetOptions, run_fleet
     from wayside.pipeline.fleet.sources import expand_sources
-    from wayside.pipeline.progress import FleetProgress
 
     for name, value in given.items():
         if isinstance(value, Path):  # workers may have other working folders
@@ -159,8 +159,8 @@ def query(
     overwrite: Overwrite = False,
 ) -> None:
     """Ask an inventory in SQL: views panels, supports, sightings, signs, frames, observations, logs."""
+    from wayside.pipeline.files.writing import whole_file
     from wayside.pipeline.fleet.query import FORMATS, first_rows, write_answer
-    from wayside.pipeline.writing import whole_file
 
     suffix = "table" if file is None else file.suffix.lower().removeprefix(".")
     chosen = suffix if kind is None else kind.value
@@ -184,7 +184,7 @@ def _print_table(names: list[str], rows: list[list[str | None]]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from wayside.pipeline.summary import plain
+    from wayside.pipeline.cli.summary import plain
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in names:
@@ -248,10 +248,10 @@ def changes(
     **given: Any,
 ) -> None:
     """Compare two surveys: which signs are unchanged, moved, of another face, new, gone, or were not looked at."""
+    from wayside.pipeline.files.settings_file import load_settings
     from wayside.pipeline.fleet.changes import find_changes
     from wayside.pipeline.fleet.changes_page import write_page
     from wayside.pipeline.fleet.surveys import parse_survey
-    from wayside.pipeline.settings_file import load_settings
 
     chosen, origins = load_settings(file=given["settings"], assignments=given["assignments"] or [])
     if alien := [n for n, o in origins.items() if o == "--set" and not n.startswith("changes.")]:

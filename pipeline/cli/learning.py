@@ -17,8 +17,8 @@ from wayside.pipeline.cli.options import (
     takes,
 )
 from wayside.pipeline.cli.running import RunOptions, process
-from wayside.pipeline.lengths import parse_spacing
-from wayside.pipeline.visible_text import visible, visible_lines
+from wayside.pipeline.files.lengths import parse_spacing
+from wayside.pipeline.files.visible_text import visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
 app = Application()
@@ -97,9 +97,9 @@ def label(
 def _convert(
     sources: list[Path], out: Path, classes: Path | None, review: Path | None, *, overwrite: bool
 ) -> None:
-    from wayside.pipeline.label_file import write_labels
-    from wayside.pipeline.labels import joined, read_labels
-    from wayside.pipeline.result import RUN_FILE
+    from wayside.pipeline.labels.label_file import write_labels
+    from wayside.pipeline.labels.read import joined, read_labels
+    from wayside.pipeline.results.result import RUN_FILE
     from wayside.pipeline.reviewing.labels import review_labels
     from wayside.pipeline.reviewing.review import required_review
 
@@ -125,7 +125,7 @@ def _convert(
 
 def _run(log: Path, folder: Path, spacing: str | None, preset: str, *, overwrite: bool) -> int:
     """Run a log first; the exit status that this asks for."""
-    from wayside.pipeline.settings_file import load_settings
+    from wayside.pipeline.files.settings_file import load_settings
 
     options = {} if spacing is None else {"read.spacing_m": parse_spacing(spacing)}
     settings = load_settings(preset, None, [], options)[0]
@@ -134,9 +134,9 @@ def _run(log: Path, folder: Path, spacing: str | None, preset: str, *, overwrite
 
 def _write(result: Path, folder: Path, most: int, log: Path | None, *, overwrite: bool) -> int:
     """Write the page; how many things have no image."""
+    from wayside.pipeline.cli.progress import SheetProgress
     from wayside.pipeline.labelling.page import write_page
-    from wayside.pipeline.progress import SheetProgress
-    from wayside.pipeline.tuning import tune_process
+    from wayside.pipeline.running.tuning import tune_process
 
     tune_process()
     with SheetProgress("label", "crops") as progress:
@@ -217,7 +217,7 @@ def fit(
     images are enough for colours that stand on five signs each.
     """
     from wayside.pipeline.fitting.command import FitOptions, fit_labels
-    from wayside.pipeline.tuning import tune_process
+    from wayside.pipeline.running.tuning import tune_process
 
     if alpha is not None and not 0 < alpha < 1:
         raise UsageError(f"--alpha: wanted a false-alarm rate between 0 and 1, found {alpha:g}")
@@ -267,9 +267,9 @@ def roc(
     What counts is what a classifier is really asked about. Bands are 95 % and resample whole drives; of one drive alone
     its stretches.
     """
-    from wayside.pipeline.model_files import load_models
+    from wayside.pipeline.models.model_files import load_models
     from wayside.pipeline.roc.command import format_characteristics, measure_roc
-    from wayside.pipeline.tuning import tune_process
+    from wayside.pipeline.running.tuning import tune_process
 
     tune_process()
     chosen = chosen_settings(given)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import typer
 
 from wayside.pipeline.cli.help import DETECT, READ, ROUTE, VIEW
-from wayside.pipeline.lengths import parse_memory, parse_spacing, parse_time
+from wayside.pipeline.files.lengths import parse_memory, parse_spacing, parse_time
 from wayside.schemas.errors import UsageError
 
 if TYPE_CHECKING:
@@ -286,7 +286,7 @@ def settings_of(given: Mapping[str, Any]) -> dict[str, Any]:
 
 def chosen_settings(given: Mapping[str, Any]) -> Settings:
     """Settings of a preset, a file, `--set` and options, later ones win; raises UsageError."""
-    from wayside.pipeline.settings_file import load_settings
+    from wayside.pipeline.files.settings_file import load_settings
 
     preset, file = given.get("preset", Preset.default), given.get("settings")
     options = settings_of(given)

@@ -10,8 +10,8 @@ import typer
 
 from wayside.pipeline.cli.help import Application, examples
 from wayside.pipeline.cli.options import Overwrite, parse_size, settings_of, takes
-from wayside.pipeline.lengths import parse_length
-from wayside.pipeline.visible_text import visible
+from wayside.pipeline.files.lengths import parse_length
+from wayside.pipeline.files.visible_text import visible
 from wayside.schemas.errors import UsageError
 
 app = Application()
@@ -27,7 +27,7 @@ def settings(
     **given: Any,
 ) -> None:
     """Print the settings: value, unit, default, where it comes from. The output is a settings file."""
-    from wayside.pipeline.settings_file import format_settings, load_settings
+    from wayside.pipeline.files.settings_file import format_settings, load_settings
 
     chosen, origins = load_settings(
         given["preset"].value, given["settings"], given["assignments"] or [], {}
@@ -91,7 +91,9 @@ def simulate(
     Drives are simulated without images: panels and ties are projected with the given errors, the stages of `wayside
     run` locate the panels, and the errors are compared with the stated sigmas and the Cramér-Rao bound.
     """
-    from wayside.pipeline.progress import SheetProgress
+    from wayside.pipeline.cli.progress import SheetProgress
+    from wayside.pipeline.files.writing import holding, require_free
+    from wayside.pipeline.running.tuning import watched_compilation
     from wayside.pipeline.simulation.drive import Survey
     from wayside.pipeline.simulation.simulate import (
         OWN_KEYS,
@@ -106,8 +108,6 @@ def simulate(
         sweep_row,
         write_simulation,
     )
-    from wayside.pipeline.tuning import watched_compilation
-    from wayside.pipeline.writing import holding, require_free
 
     if json is not None:
         require_free(json, is_own=holding(OWN_KEYS), overwrite=overwrite)
@@ -192,7 +192,7 @@ def report_figures(
 ) -> None:
     """Make the figures of the report KS-09-9 on a drive, each number beside the report's, as one page."""
     from wayside.pipeline.report_figures.command import write_figures
-    from wayside.pipeline.tuning import tune_process
+    from wayside.pipeline.running.tuning import tune_process
 
     if (boards is None) != (board is None):
         raise UsageError(

@@ -10,7 +10,7 @@ import typer
 
 from wayside.pipeline.cli.help import Application, examples
 from wayside.pipeline.cli.options import MovedLog, Out, Overwrite, parse_size
-from wayside.pipeline.visible_text import visible, visible_lines
+from wayside.pipeline.files.visible_text import visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
 app = Application()
@@ -73,9 +73,9 @@ def evidence(
     overwrite: Overwrite = False,
 ) -> None:
     """Write a page of images, maps and figures for every sign, and an index to filter and correct them."""
+    from wayside.pipeline.cli.progress import SheetProgress
     from wayside.pipeline.evidence.write import write_evidence
-    from wayside.pipeline.progress import SheetProgress
-    from wayside.pipeline.tuning import tune_process
+    from wayside.pipeline.running.tuning import tune_process
 
     tune_process()
     sheets = out / "evidence" if folder is None else folder
@@ -285,9 +285,9 @@ def evaluate(
 
 def _evaluate_review(out: Path, review: Path, json: Path | None, *, overwrite: bool) -> None:
     """Print what a review says of a result, and write its figures where that is asked for."""
+    from wayside.pipeline.files.writing import write_json
     from wayside.pipeline.reviewing.figures import format_figures, review_figures
     from wayside.pipeline.reviewing.review import read_review
-    from wayside.pipeline.writing import write_json
 
     figures = review_figures(out, read_review(review, out))
     if json is not None:

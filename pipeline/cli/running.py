@@ -15,8 +15,8 @@ import typer
 
 from wayside.pipeline.cli.help import DETECT, Application, examples
 from wayside.pipeline.cli.options import Log, Overwrite, ViewMode, chosen_settings, takes
-from wayside.pipeline.process import in_words, report_error
-from wayside.pipeline.visible_text import visible
+from wayside.pipeline.files.visible_text import visible
+from wayside.pipeline.running.process import in_words, report_error
 from wayside.schemas.errors import (
     PARTS_LOST,
     InputError,
@@ -226,9 +226,9 @@ def process_all(
     InterruptionError
         Somebody ended the work: of all logs.
     """
-    from wayside.pipeline.earlier_result import is_finished
-    from wayside.pipeline.journal import result_key
-    from wayside.pipeline.model_files import load_models
+    from wayside.pipeline.models.model_files import load_models
+    from wayside.pipeline.results.earlier_result import is_finished
+    from wayside.pipeline.running.journal import result_key
 
     if len(logs) == 1:
         exit_with([process(read_as_log(logs[0]), folders[0], settings, viewing, how)])
@@ -262,8 +262,8 @@ def process_all(
 
 def _check_places(logs: Sequence[Path], folders: Sequence[Path], *, overwrite: bool) -> None:
     """Look at all places of results; raises as `process_all`."""
-    from wayside.pipeline.earlier_result import check_earlier
-    from wayside.pipeline.output_folder import finish_replacement
+    from wayside.pipeline.files.output_folder import finish_replacement
+    from wayside.pipeline.results.earlier_result import check_earlier
 
     twice = next((folder for folder in folders if list(folders).count(folder) > 1), None)
     if twice is not None:
@@ -280,14 +280,14 @@ def _check_places(logs: Sequence[Path], folders: Sequence[Path], *, overwrite: b
 
 def read_as_log(path: Path) -> Path:
     """What is to be read of a recording; says on stderr where the log of a ROS bag lies. Raises as `readable_log`."""
-    from wayside.pipeline.bags import readable_log
+    from wayside.pipeline.logs.bags import readable_log
 
     return readable_log(path, lambda words: typer.echo(visible(words), err=True))
 
 
 def _standing_log(path: Path) -> Path | None:
     """What `read_as_log` gives where it is there already; None for a bag that is still to be joined, or is none."""
-    from wayside.pipeline.bags import joined_log
+    from wayside.pipeline.logs.bags import joined_log
 
     try:
         log = joined_log(path)
@@ -306,12 +306,12 @@ def process(
     """Run one log with progress and a closing summary; the exit status that it asks for."""
     from rich.console import Console
 
-    from wayside.pipeline.model_files import load_models
-    from wayside.pipeline.progress import FrameProgress
+    from wayside.pipeline.cli.progress import FrameProgress
+    from wayside.pipeline.cli.summary import print_summary
+    from wayside.pipeline.models.model_files import load_models
     from wayside.pipeline.reading.frames import ReadReport
-    from wayside.pipeline.run import Run, RunObserver, run_log
-    from wayside.pipeline.summary import print_summary
-    from wayside.pipeline.tuning import tune_process, watched_compilation
+    from wayside.pipeline.running.run import Run, RunObserver, run_log
+    from wayside.pipeline.running.tuning import tune_process, watched_compilation
 
     how = how or RunOptions()
     tune_process()

@@ -12,10 +12,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from wayside.pipeline.box_matching import Box, overlap
 from wayside.pipeline.evaluation.figures import (
     MissCause,
 )
+from wayside.pipeline.labels.box_matching import Box, overlap
 from wayside.schemas.detections import VERDICT_WORDS
 from wayside.schemas.frame import USED
 

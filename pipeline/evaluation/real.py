@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from wayside.pipeline.box_matching import Box, overlap
 from wayside.pipeline.evaluation.figures import (
     Duplicate,
     FalseSign,
@@ -18,6 +17,7 @@ from wayside.pipeline.evaluation.figures import (
     Row,
 )
 from wayside.pipeline.evaluation.misses import Face
+from wayside.pipeline.labels.box_matching import Box, overlap
 
 NO_KIND = "other"
 """Kind of a wanted sign whose label names none, where others do."""

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.box_matching import overlap
 from wayside.pipeline.evaluation.figures import (
     Backs,
     Duplicate,
@@ -21,6 +20,7 @@ from wayside.pipeline.evaluation.figures import (
     Row,
 )
 from wayside.pipeline.evaluation.misses import Face
+from wayside.pipeline.labels.box_matching import overlap
 from wayside.stages.geometry import covered_fractions
 
 SMALLEST_HEIGHT_PX, SMALLEST_VISIBLE, FEWEST_FRAMES = 10.0, 0.5, 3

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.result import find_log, read_rows, read_run, read_settings
+from wayside.pipeline.results.result import find_log, read_rows, read_run, read_settings
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Frame, Image
 from wayside.schemas.labels import Box

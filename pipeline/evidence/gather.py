@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.result import read_rows
-from wayside.pipeline.visible_text import visible
+from wayside.pipeline.files.visible_text import visible
+from wayside.pipeline.results.result import read_rows
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 from wayside.stages.geometry import turn_deg

@@ -15,9 +15,9 @@ from wayside.pipeline.evidence.figures import UNKNOWN
 from wayside.pipeline.evidence.gather import DriveMap
 from wayside.pipeline.evidence.maps import FOOT_PX, MARGIN_PX, Projection, fit
 from wayside.pipeline.evidence.marks import appearance_of
+from wayside.pipeline.files.webp import data_address
 from wayside.pipeline.pages import render_page
 from wayside.pipeline.reviewing.review import COLUMNS as REVIEW_COLUMNS
-from wayside.pipeline.webp import data_address
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.tables import SIGN_STATUSES
 

@@ -12,8 +12,8 @@ from wayside.pipeline.evidence.figures import UNKNOWN, evidence_terms, figures_o
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView
 from wayside.pipeline.evidence.maps import sign_maps
 from wayside.pipeline.evidence.marks import appearance_of
+from wayside.pipeline.files.webp import data_address, encode_png, encode_webp
 from wayside.pipeline.pages import render, render_page
-from wayside.pipeline.webp import data_address, encode_png, encode_webp
 from wayside.schemas.landmarks import EVIDENCE_TERMS
 
 

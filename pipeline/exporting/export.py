@@ -19,8 +19,8 @@ from wayside.pipeline.exporting.sources import (
     is_inventory,
 )
 from wayside.pipeline.exporting.text_files import count_rows, write_csv, write_geojson
+from wayside.pipeline.files.writing import is_stream, not_whole, refuse, whole_file
 from wayside.pipeline.reviewing.review import Review
-from wayside.pipeline.writing import is_stream, not_whole, refuse, whole_file
 from wayside.schemas.errors import UsageError
 
 FORMATS = {

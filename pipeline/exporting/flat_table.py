@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from wayside.pipeline.result import read_rows, read_run
+from wayside.pipeline.results.result import read_rows, read_run
 from wayside.pipeline.reviewing.review import REVIEWS, Review, Reviewed
 from wayside.schemas.errors import InputError
 from wayside.schemas.tables import FRAMES, SIGNS, Column, Table

@@ -23,15 +23,15 @@ from mcap.reader import make_reader
 from mcap_protobuf.writer import Writer
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.earlier_result import log_fingerprint
 from wayside.pipeline.evidence.marks import Ink, ink_of
 from wayside.pipeline.exporting.flat_table import FlatTable, Row
+from wayside.pipeline.files.writing import not_whole
 from wayside.pipeline.reading.contents import PoseContent
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.plan import Plan, plan_reading
 from wayside.pipeline.reading.poses import bare
-from wayside.pipeline.result import find_log, read_rows, read_run, read_settings, read_table
-from wayside.pipeline.writing import not_whole
+from wayside.pipeline.results.earlier_result import log_fingerprint
+from wayside.pipeline.results.result import find_log, read_rows, read_run, read_settings, read_table
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Pose
 from wayside.schemas.tables import FRAMES, OBSERVATIONS

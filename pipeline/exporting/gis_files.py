@@ -20,7 +20,7 @@ from wayside.pipeline.exporting.flat_table import GEOMETRY, FlatTable, Point, Ro
 from wayside.pipeline.exporting.place import PlacedRows
 from wayside.pipeline.exporting.text_files import plain_value
 from wayside.pipeline.exporting.units import short_names
-from wayside.pipeline.writing import PART, is_stream, not_whole, not_written, resolved
+from wayside.pipeline.files.writing import PART, is_stream, not_whole, not_written, resolved
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.tables import Column
 

@@ -18,7 +18,7 @@ from wayside.pipeline.exporting.flat_table import (
     kept_columns,
 )
 from wayside.pipeline.fleet.folders import merged_parts, open_inventory, read_part
-from wayside.pipeline.result import RUN_FILE, read_run
+from wayside.pipeline.results.result import RUN_FILE, read_run
 from wayside.pipeline.reviewing.review import Review
 from wayside.schemas.errors import InputError
 from wayside.schemas.inventory_tables import PANELS, SUPPORTS

@@ -11,8 +11,8 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from wayside.pipeline.csv_text import guarded
 from wayside.pipeline.exporting.flat_table import GEOMETRY, FlatTable
+from wayside.pipeline.files.csv_text import guarded
 from wayside.schemas.tables import Column
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from wayside.pipeline.exporting.flat_table import FlatTable, Row
-from wayside.pipeline.lengths import METRES_IN_FOOT
+from wayside.pipeline.files.lengths import METRES_IN_FOOT
 from wayside.schemas.tables import Column
 
 SHORT_NAME = 10

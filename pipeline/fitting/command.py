@@ -8,15 +8,15 @@ from hashlib import sha256
 from pathlib import Path
 
 from wayside import __version__
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.files.visible_text import visible
+from wayside.pipeline.files.writing import not_written, refuse, write_file, write_json
 from wayside.pipeline.fitting.fit import FILES, Outcome, fit_models
 from wayside.pipeline.fitting.models import Task
 from wayside.pipeline.fitting.report import FIT_KEYS, fit_json, fit_page, format_fit, outcome_lines
 from wayside.pipeline.fitting.sources import LabelledDrive, labelled_drives
-from wayside.pipeline.labels import read_labels
-from wayside.pipeline.model_json import model_to_json
-from wayside.pipeline.settings_file import load_settings
-from wayside.pipeline.visible_text import visible
-from wayside.pipeline.writing import not_written, refuse, write_file, write_json
+from wayside.pipeline.labels.read import read_labels
+from wayside.pipeline.models.model_json import model_to_json
 from wayside.schemas.errors import InputError, UsageError
 
 _SAYING = (".xml", ".txt", ".yaml", ".json", ".csv")

@@ -25,7 +25,7 @@ from wayside.pipeline.fitting.models import (
 )
 from wayside.pipeline.fitting.sources import LabelledDrive
 from wayside.pipeline.learning.gaussians import PLACE_FLOOR, SHAPE_FLOOR, SIDES, Samples
-from wayside.pipeline.model_files import OWN_COLORS, REPORT_LOCATION, Models, load_models
+from wayside.pipeline.models.model_files import OWN_COLORS, REPORT_LOCATION, Models, load_models
 from wayside.schemas.detections import SHAPES
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianModel

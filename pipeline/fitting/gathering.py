@@ -13,7 +13,7 @@ from wayside.pipeline.learning.asked import ClassifierSamples, gather_samples
 from wayside.pipeline.learning.gates import OVERHEAD_M
 from wayside.pipeline.learning.gaussians import Samples, sides
 from wayside.pipeline.learning.samples import OFF, ON
-from wayside.pipeline.model_files import Models
+from wayside.pipeline.models.model_files import Models
 from wayside.schemas.detections import COLORS
 from wayside.schemas.errors import InputError
 from wayside.schemas.labels import SIGN

@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.image_order import image_files, natural_key
-from wayside.pipeline.labels import FrameLabels, LogImages, labels_by_frame
+from wayside.pipeline.labels.read import FrameLabels, LogImages, labels_by_frame
 from wayside.pipeline.learning.labelled import Faces, labelled_faces
 from wayside.pipeline.learning.samples import ANY_SPACING_M
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.image_headers import read_exif, refuse_turned
+from wayside.pipeline.reading.image_order import image_files, natural_key
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Frame, Image
 from wayside.schemas.labels import LabelledImage, Labels

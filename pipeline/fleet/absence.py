@@ -16,7 +16,7 @@ from wayside.pipeline.fleet.changes_rows import Row
 from wayside.pipeline.fleet.manifest import DRIVES
 from wayside.pipeline.fleet.visibility import DriveView
 from wayside.pipeline.reading.frames import ReadReport
-from wayside.pipeline.result import find_log, read_rows, read_run, read_settings
+from wayside.pipeline.results.result import find_log, read_rows, read_run, read_settings
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.tables import FRAMES

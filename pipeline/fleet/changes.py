@@ -14,6 +14,8 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from wayside.pipeline.files.parquet import ParquetFile, geoparquet_metadata, record_batch
+from wayside.pipeline.files.writing import refuse, whole_file
 from wayside.pipeline.fleet.absence import Absence, Coverage, Side, coverage_of, mark_hidden
 from wayside.pipeline.fleet.changes_rows import (
     PANEL_COLUMNS,
@@ -31,9 +33,7 @@ from wayside.pipeline.fleet.manifest import DRIVES, Manifest
 from wayside.pipeline.fleet.recorded_settings import merge_settings_of, schema_with_settings
 from wayside.pipeline.fleet.surveys import Survey
 from wayside.pipeline.fleet.visibility import read_view
-from wayside.pipeline.parquet import ParquetFile, geoparquet_metadata, record_batch
-from wayside.pipeline.result import RUN_FILE, read_rows
-from wayside.pipeline.writing import refuse, whole_file
+from wayside.pipeline.results.result import RUN_FILE, read_rows
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.inventory_tables import CHANGES, CHANGES_OF_PANELS, PANELS, SIGHTINGS
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings

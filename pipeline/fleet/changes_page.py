@@ -10,12 +10,12 @@ from typing import Any
 
 from wayside.pipeline.evidence.crops import draw_crop, read_crops
 from wayside.pipeline.evidence.marks import appearance_of
-from wayside.pipeline.file_marks import is_marked
+from wayside.pipeline.files.file_marks import is_marked
+from wayside.pipeline.files.input_files import read_parquet
+from wayside.pipeline.files.webp import data_address, encode_webp
+from wayside.pipeline.files.writing import write_file
 from wayside.pipeline.fleet.manifest import DRIVES
-from wayside.pipeline.input_files import read_parquet
 from wayside.pipeline.pages import render_page
-from wayside.pipeline.webp import data_address, encode_webp
-from wayside.pipeline.writing import write_file
 from wayside.schemas.errors import InputError
 from wayside.schemas.inventory_tables import CHANGES, CHANGES_OF_PANELS
 from wayside.schemas.labels import Box

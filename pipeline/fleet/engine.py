@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from wayside.pipeline.fleet.task import Outcome, Task
-from wayside.pipeline.process import interrupt_on_signals
+from wayside.pipeline.running.process import interrupt_on_signals
 from wayside.schemas.errors import OutputError, UsageError
 
 Run = Callable[[Task], Outcome]

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from wayside.pipeline.files.input_files import read_parquet
+from wayside.pipeline.files.output_folder import finish_under_lock
+from wayside.pipeline.files.writing import not_written, refuse, sync
 from wayside.pipeline.fleet.manifest import MANIFEST, Manifest, read_manifest
-from wayside.pipeline.input_files import read_parquet
-from wayside.pipeline.output_folder import finish_under_lock
-from wayside.pipeline.writing import not_written, refuse, sync
 from wayside.schemas.errors import InputError
 
 LOCK = ".wayside-fleet-lock"

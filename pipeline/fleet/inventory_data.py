@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.result import read_table
+from wayside.pipeline.results.result import read_table
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import Sightings

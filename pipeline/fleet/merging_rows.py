@@ -12,9 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from wayside.pipeline.fleet.inventory_data import DriveSigns
-from wayside.pipeline.fleet.recorded_settings import schema_with_settings
-from wayside.pipeline.parquet import (
+from wayside.pipeline.files.parquet import (
     ParquetFile,
     choice,
     fixed_list,
@@ -22,6 +20,8 @@ from wayside.pipeline.parquet import (
     known,
     record_batch,
 )
+from wayside.pipeline.fleet.inventory_data import DriveSigns
+from wayside.pipeline.fleet.recorded_settings import schema_with_settings
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
 from wayside.schemas.settings import MergeSettings
 from wayside.schemas.sightings import MergedPanels, Sightings

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from wayside.pipeline.earlier_result import is_finished
+from wayside.pipeline.files.output_folder import finish_replacement
 from wayside.pipeline.fleet.manifest import (
     DONE,
     DRIVES,
@@ -20,7 +20,7 @@ from wayside.pipeline.fleet.manifest import (
 )
 from wayside.pipeline.fleet.sources import UnreachableError, fingerprint_source
 from wayside.pipeline.fleet.task import finished_outcome
-from wayside.pipeline.output_folder import finish_replacement
+from wayside.pipeline.results.earlier_result import is_finished
 from wayside.schemas.errors import InputError, OutputError
 
 _READERS = 8

@@ -35,8 +35,8 @@ from wayside.pipeline.fleet.task import (
     note_end,
     run_task,
 )
-from wayside.pipeline.journal import result_keys
-from wayside.pipeline.model_files import load_models
+from wayside.pipeline.models.model_files import load_models
+from wayside.pipeline.running.journal import result_keys
 from wayside.schemas.errors import (
     InterruptionError,
     StageError,

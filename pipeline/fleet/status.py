@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 
+from wayside.pipeline.files.writing import give_back, not_written, take_lock
 from wayside.pipeline.fleet.folders import LOCK, open_inventory
 from wayside.pipeline.fleet.manifest import (
     DONE,
@@ -22,7 +23,6 @@ from wayside.pipeline.fleet.manifest import (
     Manifest,
 )
 from wayside.pipeline.fleet.merging import MERGED
-from wayside.pipeline.writing import give_back, not_written, take_lock
 from wayside.schemas.errors import OutputError
 
 _MOST_LISTED = 20

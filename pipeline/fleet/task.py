@@ -18,18 +18,18 @@ from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 
-from wayside.pipeline.earlier_result import is_finished, log_fingerprint
+from wayside.pipeline.files.json_text import CONTENT_FAULTS
+from wayside.pipeline.files.output_folder import finish_replacement
+from wayside.pipeline.files.visible_text import visible_lines
+from wayside.pipeline.files.writing import not_written, write_file
 from wayside.pipeline.fleet.manifest import DONE, DRIVES, LOGS, QUARANTINE, QUARANTINED, WAITING
 from wayside.pipeline.fleet.sources import UnreachableError, fetched
-from wayside.pipeline.journal import result_keys
-from wayside.pipeline.json_text import CONTENT_FAULTS
-from wayside.pipeline.model_files import Models, load_models
-from wayside.pipeline.output_folder import finish_replacement
-from wayside.pipeline.result import read_run
-from wayside.pipeline.run import run_log
-from wayside.pipeline.tuning import tune_process
-from wayside.pipeline.visible_text import visible_lines
-from wayside.pipeline.writing import not_written, write_file
+from wayside.pipeline.models.model_files import Models, load_models
+from wayside.pipeline.results.earlier_result import is_finished, log_fingerprint
+from wayside.pipeline.results.result import read_run
+from wayside.pipeline.running.journal import result_keys
+from wayside.pipeline.running.run import run_log
+from wayside.pipeline.running.tuning import tune_process
 from wayside.schemas.errors import (
     PARTS_LOST,
     InputError,

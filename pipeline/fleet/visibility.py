@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.files.json_text import CONTENT_FAULTS
 from wayside.pipeline.fleet.inventory_data import DriveFrames, read_frames, read_signs
-from wayside.pipeline.json_text import CONTENT_FAULTS
-from wayside.pipeline.result import read_run
+from wayside.pipeline.results.result import read_run
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings

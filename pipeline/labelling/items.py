@@ -18,8 +18,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from wayside.pipeline.box_matching import overlap
-from wayside.pipeline.result import read_rows, read_table
+from wayside.pipeline.labels.box_matching import overlap
+from wayside.pipeline.results.result import read_rows, read_table
 from wayside.schemas.labels import Box
 from wayside.schemas.tables import OBSERVATIONS, SIGNS
 from wayside.stages.geometry import box_areas

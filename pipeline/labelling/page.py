@@ -9,12 +9,12 @@ from typing import Any
 
 from wayside.pipeline.evidence.crops import Crop, read_crops
 from wayside.pipeline.evidence.marks import class_words
-from wayside.pipeline.file_marks import is_marked
+from wayside.pipeline.files.file_marks import is_marked
+from wayside.pipeline.files.webp import data_address, encode_webp
+from wayside.pipeline.files.writing import not_written, write_file
 from wayside.pipeline.labelling.items import Item, Questions, questions
 from wayside.pipeline.pages import render_page
-from wayside.pipeline.result import read_rows, read_run
-from wayside.pipeline.webp import data_address, encode_webp
-from wayside.pipeline.writing import not_written, write_file
+from wayside.pipeline.results.result import read_rows, read_run
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, UNSURE
 from wayside.schemas.tables import FRAMES

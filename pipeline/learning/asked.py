@@ -16,12 +16,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.flow import Flow, Observer
-from wayside.pipeline.labels import FrameLabels, LogImages, labels_by_frame
+from wayside.pipeline.labels.read import FrameLabels, LogImages, labels_by_frame
 from wayside.pipeline.learning.labelled import Faces, labelled_faces
 from wayside.pipeline.learning.samples import NEITHER, ON
-from wayside.pipeline.model_files import TRAJECTORY_FILES, Models
+from wayside.pipeline.models.model_files import TRAJECTORY_FILES, Models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.running.flow import Flow, Observer
 from wayside.pipeline.workers import Item, StageClock
 from wayside.schemas.detections import COLORS, SHAPES, Detections, Segmentation, verdict_code
 from wayside.schemas.errors import InputError

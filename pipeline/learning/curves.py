@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.learning.asked import NO_CLASS, ClassifierSamples
 from wayside.pipeline.learning.samples import ON
-from wayside.pipeline.model_files import Models
+from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.statistics import TAILS, Interval, resamplings
 from wayside.schemas.models import EvidenceModel
 from wayside.schemas.settings import Settings

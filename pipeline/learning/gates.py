@@ -18,7 +18,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.labels import read_labels
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.files.writing import write_file
+from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.learning.asked import (
     TRAJECTORIES,
     ClassifierSamples,
@@ -28,10 +30,13 @@ from wayside.pipeline.learning.asked import (
 from wayside.pipeline.learning.gaussians import SIDES, sides
 from wayside.pipeline.learning.samples import ANY_SPACING_M, ON
 from wayside.pipeline.learning.thresholds import with_learned_thresholds, with_score_threshold
-from wayside.pipeline.model_files import REPORT_LOCATION, TRAJECTORY_FILES, Models, load_models
-from wayside.pipeline.model_json import model_to_json
-from wayside.pipeline.settings_file import load_settings
-from wayside.pipeline.writing import write_file
+from wayside.pipeline.models.model_files import (
+    REPORT_LOCATION,
+    TRAJECTORY_FILES,
+    Models,
+    load_models,
+)
+from wayside.pipeline.models.model_json import model_to_json
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianClass, GaussianModel, MixtureModel
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.box_matching import overlap
-from wayside.pipeline.labels import FrameLabels
+from wayside.pipeline.labels.box_matching import overlap
+from wayside.pipeline.labels.read import FrameLabels
 from wayside.pipeline.learning.samples import (
     FACE_FRACTION,
     FACE_PX,

@@ -19,7 +19,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 
-from wayside.pipeline.visible_text import visible
+from wayside.pipeline.files.visible_text import visible
 
 MAGIC = b"\x89MCAP0\r\n"
 

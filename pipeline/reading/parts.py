@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
 
-from wayside.pipeline.input_files import read_input_text
-from wayside.pipeline.json_text import CONTENT_FAULTS
-from wayside.pipeline.yaml_text import parse_yaml
+from wayside.pipeline.files.input_files import read_input_text
+from wayside.pipeline.files.json_text import CONTENT_FAULTS
+from wayside.pipeline.files.yaml_text import parse_yaml
 from wayside.schemas.errors import InputError
 
 BAG_METADATA = "metadata.yaml"

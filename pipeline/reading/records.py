@@ -18,7 +18,7 @@ from typing import BinaryIO, NamedTuple
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata
 
-from wayside.pipeline.input_files import open_input
+from wayside.pipeline.files.input_files import open_input
 from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.definitions import Definitions, read_summary
 from wayside.pipeline.reading.layout import (

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.file_marks import is_marked, marked_head
+from wayside.pipeline.files.file_marks import is_marked, marked_head
+from wayside.pipeline.files.visible_text import visible
+from wayside.pipeline.files.writing import not_written, write_file
 from wayside.pipeline.learning.page import Figure, format_page
 from wayside.pipeline.report_figures.decisions import neyman_pearson_figures, roc_figures
 from wayside.pipeline.report_figures.gather import PRESET, Drive, gather_drive, labels_beside
@@ -19,8 +21,6 @@ from wayside.pipeline.report_figures.tracks import (
     scene_figures,
     track_figures,
 )
-from wayside.pipeline.visible_text import visible
-from wayside.pipeline.writing import not_written, write_file
 
 PAGE, MARK = "report_figures.html", "wayside report-figures"
 

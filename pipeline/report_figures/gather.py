@@ -10,13 +10,13 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.labels import FrameLabels, read_labels
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.labels.read import FrameLabels, read_labels
 from wayside.pipeline.learning.asked import ClassifierSamples, gather_samples, labels_of_log
 from wayside.pipeline.learning.labelled import Faces, labelled_faces
 from wayside.pipeline.learning.samples import ON
-from wayside.pipeline.model_files import Models, load_models
+from wayside.pipeline.models.model_files import Models, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import Item
 from wayside.schemas.detections import SHAPES, Detections, Regions, Segmentation
 from wayside.schemas.errors import InputError

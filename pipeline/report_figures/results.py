@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from wayside.pipeline.box_matching import overlap
 from wayside.pipeline.evaluation import FEWEST_FRAMES
+from wayside.pipeline.labels.box_matching import overlap
 from wayside.pipeline.learning.page import Figure
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
 from wayside.pipeline.report_figures.drawing import ACCENT, SIGN_INK, boxed, photo

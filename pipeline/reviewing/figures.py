@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.result import read_rows
+from wayside.pipeline.results.result import read_rows
 from wayside.pipeline.reviewing.review import ACCEPTED, EDITED, REJECTED, Review, Reviewed
 from wayside.pipeline.statistics import Interval, share_interval
 from wayside.schemas.tables import SIGNS

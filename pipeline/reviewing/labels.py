@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from wayside.pipeline.result import read_rows
+from wayside.pipeline.results.result import read_rows
 from wayside.pipeline.reviewing.review import EDITED, REJECTED, Review
 from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, Label, LabelledImage, Labels
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS

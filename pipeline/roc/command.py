@@ -12,8 +12,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from wayside.pipeline.input_files import read_parquet
-from wayside.pipeline.labels import joined, read_labels
+from wayside.pipeline.files.input_files import read_parquet
+from wayside.pipeline.files.output_folder import OutputFolder
+from wayside.pipeline.files.parquet import ParquetFile, record_batch
+from wayside.pipeline.files.writing import create, not_written, refuse
+from wayside.pipeline.labels.read import joined, read_labels
 from wayside.pipeline.learning.asked import ClassifierSamples, gather_samples, join_drives
 from wayside.pipeline.learning.curves import ALL, Question, RocCurve, questions, roc_curve
 from wayside.pipeline.learning.plots import (
@@ -27,13 +30,10 @@ from wayside.pipeline.learning.plots import (
     new_axes,
     png,
 )
-from wayside.pipeline.model_files import Models
-from wayside.pipeline.output_folder import OutputFolder
-from wayside.pipeline.parquet import ParquetFile, record_batch
+from wayside.pipeline.models.model_files import Models
 
 # before rerun itself: it says what to install where that is absent
 from wayside.pipeline.view.entities import APPLICATION
-from wayside.pipeline.writing import create, not_written, refuse
 from wayside.schemas.detections import COLOR_RGB
 from wayside.schemas.errors import InputError
 from wayside.schemas.roc import CLASSIFIERS, CONFUSION, CURVES

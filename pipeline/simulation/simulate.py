@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.files.writing import write_json
 from wayside.pipeline.simulation.bound import motion_jacobian, point_bound, step_bound
 from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
-from wayside.pipeline.writing import write_json
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.landmarks import Landmark

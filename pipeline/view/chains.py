@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.code_words import code_of
-from wayside.pipeline.inventory import WrittenTables
+from wayside.pipeline.results.inventory import WrittenTables
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.entities import Batch, Columns, Entity, Times
 from wayside.pipeline.view.landmarks import (

@@ -9,8 +9,8 @@ from typing import Any
 
 import rerun as rr
 
-from wayside.pipeline.inventory import WrittenTables
-from wayside.pipeline.output_folder import RECORDING
+from wayside.pipeline.files.output_folder import RECORDING
+from wayside.pipeline.results.inventory import WrittenTables
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.chains import closing, opening
 from wayside.pipeline.view.entities import Batch, Bundle, Entity, Times

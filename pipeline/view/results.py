@@ -12,9 +12,10 @@ from typing import Any
 
 from rerun.experimental import ViewerClient
 
-from wayside.pipeline.file_marks import is_marked, marked_png
-from wayside.pipeline.output_folder import RECORDING, finish_replacement
-from wayside.pipeline.result import read_rows, read_run
+from wayside.pipeline.files.file_marks import is_marked, marked_png
+from wayside.pipeline.files.output_folder import RECORDING, finish_replacement
+from wayside.pipeline.files.writing import sync, write_file
+from wayside.pipeline.results.result import read_rows, read_run
 from wayside.pipeline.view.blueprint import drive_layout, sign_layout
 from wayside.pipeline.view.entities import APPLICATION, FRAME, LOG
 from wayside.pipeline.view.viewer import (
@@ -26,7 +27,6 @@ from wayside.pipeline.view.viewer import (
     view_errors,
     wait_until_loaded,
 )
-from wayside.pipeline.writing import sync, write_file
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.tables import FRAMES, SIGNS
 

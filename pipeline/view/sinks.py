@@ -8,7 +8,7 @@ from pathlib import Path
 
 import rerun as rr
 
-from wayside.pipeline.output_folder import RECORDING
+from wayside.pipeline.files.output_folder import RECORDING
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.view.blueprint import drive_layout
 from wayside.pipeline.view.entities import APPLICATION, image_plane

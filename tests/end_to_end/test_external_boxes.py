@@ -10,10 +10,10 @@ import pyarrow.parquet as pq
 import pytest
 
 import wayside
-from wayside.pipeline.box_file import load_boxes
 from wayside.pipeline.cli import app
 from wayside.pipeline.evaluation import evaluate_against_truth
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.labels.box_file import load_boxes
 from wayside.schemas.errors import UsageError
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"

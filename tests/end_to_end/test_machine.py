@@ -19,9 +19,9 @@ from pathlib import Path
 
 import pytest
 
-from wayside.pipeline import run as run_module
 from wayside.pipeline.cli import app
-from wayside.pipeline.journal import JOURNAL
+from wayside.pipeline.running import run as run_module
+from wayside.pipeline.running.journal import JOURNAL
 
 WAYSIDE = Path(sys.executable).with_name("wayside")
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"

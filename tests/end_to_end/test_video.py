@@ -14,7 +14,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from mcap_protobuf.writer import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from wayside.pipeline.information import describe_log, format_information
+from wayside.pipeline.logs.information import describe_log, format_information
 from wayside.pipeline.reading import video
 from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.frames import ReadReport, read_frames

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import wayside
-from wayside.pipeline.flow import Flow
-from wayside.pipeline.model_files import load_models
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.running.flow import Flow
 from wayside.pipeline.workers import StageClock
 from wayside.stages.imaging.white_balance import road_chromaticity
 

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from wayside.pipeline.box_accounting import BoxAccounting, paired
-from wayside.pipeline.box_file import CORNERS, BoxRows, boxes_by_image, load_boxes
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.labels.box_accounting import BoxAccounting, paired
+from wayside.pipeline.labels.box_file import CORNERS, BoxRows, boxes_by_image, load_boxes
 from wayside.schemas.detections import COLORS, SHAPES, Candidates, Regions
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Frame

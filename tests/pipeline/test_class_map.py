@@ -1,6 +1,6 @@
 import pytest
 
-from wayside.pipeline.class_map import EXAMPLE, numbered, read_class_map
+from wayside.pipeline.labels.class_map import EXAMPLE, numbered, read_class_map
 from wayside.schemas.detectors import SignClass
 from wayside.schemas.errors import InputError
 

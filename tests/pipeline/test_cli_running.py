@@ -3,12 +3,12 @@
 import pytest
 import typer
 
-from wayside.pipeline import model_files
 from wayside.pipeline.cli import running
 from wayside.pipeline.cli.running import RunOptions, process_all
-from wayside.pipeline.earlier_result import file_digest
-from wayside.pipeline.journal import result_key
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.models import model_files
+from wayside.pipeline.results.earlier_result import file_digest
+from wayside.pipeline.running.journal import result_key
 from wayside.schemas.errors import InputError, InterruptionError, OutputError, UsageError
 
 SETTINGS, _ = load_settings()

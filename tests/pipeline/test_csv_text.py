@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.csv_text import guarded, read_csv, unguarded
 from wayside.pipeline.exporting.flat_table import FlatTable
 from wayside.pipeline.exporting.text_files import write_csv
+from wayside.pipeline.files.csv_text import guarded, read_csv, unguarded
 from wayside.schemas.tables import Column
 
 

@@ -19,7 +19,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.box_matching import same_thing
 from wayside.pipeline.evaluation import (
     KindCount,
     RealEvaluation,
@@ -30,6 +29,7 @@ from wayside.pipeline.evaluation import (
     write_evaluation,
 )
 from wayside.pipeline.evaluation.figures import Backs, Duplicate
+from wayside.pipeline.labels.box_matching import same_thing
 from wayside.pipeline.statistics import fraction, spread
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError, OutputError

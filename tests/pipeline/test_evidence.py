@@ -24,12 +24,12 @@ from wayside.pipeline.evidence.maps import error_ellipse, fit, panel_line
 from wayside.pipeline.evidence.marks import COLOR_INK, OUTLINES
 from wayside.pipeline.evidence.sheet import BIG, PROPORTION, TILE, WIDTH
 from wayside.pipeline.evidence.write import write_evidence
-from wayside.pipeline.importing import import_images
-from wayside.pipeline.model_files import load_models
+from wayside.pipeline.logs.importing import import_images
+from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.pages import shortened
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reviewing.review import read_review
-from wayside.pipeline.run import run_log
+from wayside.pipeline.running.run import run_log
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.settings import ReadSettings, Settings

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wayside.pipeline.image_memory import ImageMemory
+from wayside.pipeline.running.image_memory import ImageMemory
 from wayside.pipeline.workers import ordered_parallel
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import DUPLICATE, USED, Frame

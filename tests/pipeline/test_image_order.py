@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from wayside.pipeline.importing import import_images
+from wayside.pipeline.logs.importing import import_images
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings

@@ -10,9 +10,9 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.reader import make_reader
 from PIL import Image
 
-from wayside.pipeline.image_order import count_images
-from wayside.pipeline.importing import import_images
+from wayside.pipeline.logs.importing import import_images
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.reading.image_order import count_images
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.settings import ReadSettings
 

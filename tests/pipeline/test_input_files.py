@@ -9,8 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from wayside.pipeline import input_files
-from wayside.pipeline.input_files import (
+from wayside.pipeline.files import input_files
+from wayside.pipeline.files.input_files import (
     files_below,
     open_input,
     read_input,
@@ -72,7 +72,7 @@ def test_a_table_is_read_without_threads_of_arrow(tmp_path):
     )
     code = (
         "import os, sys; from pathlib import Path\n"
-        "from wayside.pipeline.input_files import read_parquet\n"
+        "from wayside.pipeline.files.input_files import read_parquet\n"
         "before = len(os.listdir('/proc/self/task'))\n"
         "rows = read_parquet(Path(sys.argv[1]), ['x', 'status'], {'status': 'sign'}).num_rows\n"
         "print(rows, read_parquet(Path(sys.argv[1])).num_rows, len(os.listdir('/proc/self/task')) - before)"
@@ -92,7 +92,7 @@ READ_ALL = """
 import sys
 from pathlib import Path
 import pyarrow as pa
-from wayside.pipeline.input_files import read_parquet
+from wayside.pipeline.files.input_files import read_parquet
 
 path = Path(sys.argv[1])
 content = path.read_bytes()

@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from wayside.pipeline.inventory import InventoryWriter
+from wayside.pipeline.results.inventory import InventoryWriter
 from wayside.schemas.detections import Candidates, Dropped, Regions, verdict_code
 from wayside.schemas.errors import OutputError
 from wayside.schemas.frame import Camera, Fix, Frame, Pose

@@ -12,13 +12,13 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 from typer.testing import CliRunner
 
-from wayside.pipeline.bags import readable_log
 from wayside.pipeline.cli import app
-from wayside.pipeline.earlier_result import log_fingerprint
-from wayside.pipeline.joining import join_logs
+from wayside.pipeline.logs.bags import readable_log
+from wayside.pipeline.logs.joining import join_logs
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.records import Message, scan
 from wayside.pipeline.reading.scan_report import ScanReport
+from wayside.pipeline.results.earlier_result import log_fingerprint
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings
 

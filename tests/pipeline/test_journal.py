@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.journal import JOURNAL, Journal, journal_key, remove_journal
-from wayside.pipeline.model_files import load_models
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.models.model_files import load_models
+from wayside.pipeline.running.journal import JOURNAL, Journal, journal_key, remove_journal
 from wayside.schemas.detections import (
     COLORS,
     Candidates,

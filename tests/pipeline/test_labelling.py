@@ -12,11 +12,11 @@ import pytest
 from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
-from wayside.pipeline.importing import import_images
-from wayside.pipeline.label_file import read_label_file
 from wayside.pipeline.labelling.items import margins, questions
 from wayside.pipeline.labelling.page import COLOR_KEYS, KINDS, SHAPE_KEYS
-from wayside.pipeline.labels import read_labels
+from wayside.pipeline.labels.label_file import read_label_file
+from wayside.pipeline.labels.read import read_labels
+from wayside.pipeline.logs.importing import import_images
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import OutputError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wayside.pipeline.importing import import_images
-from wayside.pipeline.label_file import read_label_file, write_labels
-from wayside.pipeline.labels import LogImages, labels_by_frame, read_labels
+from wayside.pipeline.labels.label_file import read_label_file, write_labels
+from wayside.pipeline.labels.read import LogImages, labels_by_frame, read_labels
+from wayside.pipeline.logs.importing import import_images
 from wayside.pipeline.reading.camera_file import format_camera
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError, OutputError

@@ -2,7 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.lengths import parse_length, parse_memory, parse_time
+from wayside.pipeline.files.lengths import parse_length, parse_memory, parse_time
 from wayside.schemas.errors import UsageError
 
 

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import wayside
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.files.settings_file import load_settings
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 

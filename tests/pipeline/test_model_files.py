@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from wayside.pipeline.model_files import load_models, shipped_digests, shipped_models
-from wayside.pipeline.model_json import digest, model_from_json, model_to_json
-from wayside.pipeline.provenance import learned_from
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.models.model_files import load_models, shipped_digests, shipped_models
+from wayside.pipeline.models.model_json import digest, model_from_json, model_to_json
+from wayside.pipeline.models.provenance import learned_from
 from wayside.schemas.errors import InputError
 from wayside.stages.mapping import FEATURES
 from wayside.stages.panel import OUTLINE_FEATURES
@@ -277,7 +277,7 @@ def test_a_network_of_ones_own_that_is_none_of_its_kind_is_refused(tmp_path, nam
 
 
 def test_a_file_that_ships_has_its_digest_and_another_content_is_refused(tmp_path, monkeypatch):
-    from wayside.pipeline import model_files
+    from wayside.pipeline.models import model_files
 
     shipped = Path(str(shipped_models()))
     expected = {f.name for f in shipped.iterdir() if f.suffix in (".json", ".onnx")}

@@ -7,16 +7,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from wayside.pipeline import detector_file
-from wayside.pipeline.box_file import load_boxes
-from wayside.pipeline.detector_file import load_detector
 from wayside.pipeline.exporting.export import export
-from wayside.pipeline.labels import read_labels
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.labels.box_file import load_boxes
+from wayside.pipeline.labels.read import read_labels
+from wayside.pipeline.models import detector_file
+from wayside.pipeline.models.detector_file import load_detector
 from wayside.pipeline.reading.camera_file import parse_camera
 from wayside.pipeline.reading.parts import bag_parts
-from wayside.pipeline.result import read_run, read_table
+from wayside.pipeline.results.result import read_run, read_table
 from wayside.pipeline.reviewing.review import NO_REVIEW, read_review
-from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ModelSettings
 from wayside.schemas.tables import SIGNS

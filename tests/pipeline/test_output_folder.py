@@ -10,9 +10,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from wayside.pipeline import output_folder
-from wayside.pipeline.output_folder import DONE, LOCK, RECORDING, OutputFolder, finish_replacement
-from wayside.pipeline.writing import PART
+from wayside.pipeline.files import output_folder
+from wayside.pipeline.files.output_folder import (
+    DONE,
+    LOCK,
+    RECORDING,
+    OutputFolder,
+    finish_replacement,
+)
+from wayside.pipeline.files.writing import PART
 from wayside.schemas.errors import InputError, OutputError
 
 NAMES = ("a.parquet", "b.parquet", "c.json")
@@ -142,7 +148,7 @@ def test_a_second_writer_is_refused_while_the_first_one_lives(tmp_path):
 def test_the_lock_of_a_killed_process_does_not_count(tmp_path):
     code = (
         "import sys, time\nfrom pathlib import Path\n"
-        "from wayside.pipeline.output_folder import OutputFolder\n"
+        "from wayside.pipeline.files.output_folder import OutputFolder\n"
         "with OutputFolder(Path(sys.argv[1])) as output:\n"
         "    (output.part / 'a.parquet').write_text('half')\n"
         "    print('there', flush=True)\n    time.sleep(60)\n"

@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-from wayside.pipeline.progress import COMPILING, FrameProgress, SheetProgress
-from wayside.pipeline.run import Run
+from wayside.pipeline.cli.progress import COMPILING, FrameProgress, SheetProgress
+from wayside.pipeline.running.run import Run
 
 NAME = "rosbag2_2026_03_14-15_09_26_front_camera.mcap"
 

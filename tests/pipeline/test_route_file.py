@@ -14,8 +14,8 @@ import pytest
 
 from wayside.pipeline.cli import app
 from wayside.pipeline.cli.options import parse_milepost, settings_of
-from wayside.pipeline.route_file import open_routes, route_notes
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.files.route_file import open_routes, route_notes
+from wayside.pipeline.files.settings_file import load_settings
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.settings import RouteSettings
 

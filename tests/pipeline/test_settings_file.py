@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.settings_file import (
+from wayside.pipeline.files.settings_file import (
     format_settings,
     load_settings,
     settings_digest,

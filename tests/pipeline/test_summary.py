@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from wayside.pipeline.inventory import WrittenTables
+from wayside.pipeline.cli.summary import print_summary, sign_table
 from wayside.pipeline.reading.frames import ReadReport
-from wayside.pipeline.run import RunResult
-from wayside.pipeline.summary import print_summary, sign_table
+from wayside.pipeline.results.inventory import WrittenTables
+from wayside.pipeline.running.run import RunResult
 from wayside.stages.georeference import DrivePath
 
 LATE = "the fixes are 0.200 s behind the images (± 0.015 s), or their antenna 4.0 m behind the camera: corrected"

@@ -10,9 +10,9 @@ import sys
 
 from numba import njit
 
-from wayside.pipeline.progress import COMPILING, FrameProgress
-from wayside.pipeline.run import Run
-from wayside.pipeline.tuning import keep_heap, watched_compilation
+from wayside.pipeline.cli.progress import COMPILING, FrameProgress
+from wayside.pipeline.running.run import Run
+from wayside.pipeline.running.tuning import keep_heap, watched_compilation
 
 
 def test_keeping_the_heap_is_advice_that_may_be_declined() -> None:
@@ -22,7 +22,7 @@ def test_keeping_the_heap_is_advice_that_may_be_declined() -> None:
 def test_linear_algebra_runs_in_one_thread_whatever_the_machine() -> None:
     program = """
 from threadpoolctl import threadpool_info
-from wayside.pipeline.tuning import tune_process
+from wayside.pipeline.running.tuning import tune_process
 tune_process()
 print([pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"])
 """

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from wayside.pipeline import writing
-from wayside.pipeline.writing import PART, whole_file, write_file, write_json
+from wayside.pipeline.files import writing
+from wayside.pipeline.files.writing import PART, whole_file, write_file, write_json
 from wayside.schemas.errors import OutputError
 
 

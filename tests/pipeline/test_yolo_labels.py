@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.pipeline.labels import read_labels
+from wayside.pipeline.labels.read import read_labels
 from wayside.schemas.errors import InputError
 
 WIDTH, HEIGHT = 400, 300

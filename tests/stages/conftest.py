@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wayside.pipeline.model_json import model_from_json
+from wayside.pipeline.models.model_json import model_from_json
 from wayside.schemas.detections import (
     COLORS,
     SHAPES,

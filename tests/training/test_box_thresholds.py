@@ -19,8 +19,8 @@ from training.box_thresholds import (
     scored_boxes,
 )
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
-from wayside.pipeline.model_files import shipped_models
-from wayside.pipeline.model_json import model_from_json, model_to_json
+from wayside.pipeline.models.model_files import shipped_models
+from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.pipeline.statistics import resampled_interval
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import ScoreModel

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wayside.pipeline.provenance import onnx_metadata
+from wayside.pipeline.models.provenance import onnx_metadata
 from wayside.stages.sign_codes import OTHER_FACE, FaceClassifier
 
 NAMES = np.array(["R1-1", "D9", OTHER_FACE])

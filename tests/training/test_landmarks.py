@@ -16,7 +16,7 @@ from training.landmarks import (
     learn_landmark_classifier,
     samples_of,
 )
-from wayside.pipeline.model_json import model_from_json, model_to_json
+from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import Observation
 from wayside.stages.classifiers import at_alpha, evidence_ratios

@@ -11,8 +11,8 @@ from training.outlines import (
     learn_outlines,
     true_box,
 )
-from wayside.pipeline.model_files import load_models
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.models.model_files import load_models
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Camera, Frame, Image, Pose
 from wayside.stages.panel import (

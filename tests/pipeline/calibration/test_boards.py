@@ -13,7 +13,7 @@ from wayside.pipeline.calibration.boards import calibrate_images, parse_board
 from wayside.pipeline.calibration.command import calibrate_by_boards
 from wayside.pipeline.calibration.coverage import coverage_of
 from wayside.pipeline.cli import app
-from wayside.pipeline.importing import import_images
+from wayside.pipeline.logs.importing import import_images
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError, OutputError, UsageError

@@ -12,7 +12,7 @@ from wayside.pipeline.calibration import drives
 from wayside.pipeline.calibration.drive_report import format_drive, not_determined
 from wayside.pipeline.calibration.drives import FOCAL_GUESSES, CalibratedDrive, calibrate_log
 from wayside.pipeline.cli import app
-from wayside.pipeline.importing import import_images
+from wayside.pipeline.logs.importing import import_images
 from wayside.pipeline.reading.camera_file import format_camera, read_camera_file
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Camera

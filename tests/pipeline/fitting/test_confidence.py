@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import minimize
 from sklearn import metrics
 
+from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.fitting.models import Task, fit_confidence
 from wayside.pipeline.learning.gaussians import Samples
 from wayside.pipeline.learning.score_calibration import (
@@ -14,8 +15,7 @@ from wayside.pipeline.learning.score_calibration import (
     calibrated,
     log_loss,
 )
-from wayside.pipeline.model_files import load_models
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.models.model_files import load_models
 from wayside.schemas.errors import InputError
 from wayside.stages.classifiers import evidence_ratios
 from wayside.stages.mapping import FEATURES

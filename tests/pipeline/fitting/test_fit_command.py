@@ -8,13 +8,13 @@ import pytest
 from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
+from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.fitting.report import format_fit
 from wayside.pipeline.fitting.sources import labelled_drives
-from wayside.pipeline.label_file import write_labels
-from wayside.pipeline.labels import FrameLabels, read_labels
+from wayside.pipeline.labels.label_file import write_labels
+from wayside.pipeline.labels.read import FrameLabels, read_labels
 from wayside.pipeline.learning.labelled import labelled_faces
-from wayside.pipeline.model_files import load_models
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.models.model_files import load_models
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.labels import BACK, SIGN, Label, LabelledImage, Labels
 from wayside.schemas.settings import ReadSettings

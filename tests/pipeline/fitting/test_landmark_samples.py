@@ -7,7 +7,7 @@ import pytest
 
 from wayside.pipeline.fitting.gathering import by_side, landmark_samples, run_drives
 from wayside.pipeline.fitting.sources import LabelledDrive
-from wayside.pipeline.labels import FrameLabels
+from wayside.pipeline.labels.read import FrameLabels
 from wayside.pipeline.learning.asked import ClassifierSamples
 from wayside.pipeline.learning.labelled import labelled_faces
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON

@@ -11,13 +11,13 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
-from wayside.pipeline.earlier_result import file_digest
+from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.fleet import running, task
 from wayside.pipeline.fleet.merging import MergeReport
 from wayside.pipeline.fleet.running import FleetOptions, run_fleet
 from wayside.pipeline.fleet.sources import expand_sources
-from wayside.pipeline.journal import result_key
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.results.earlier_result import file_digest
+from wayside.pipeline.running.journal import result_key
 from wayside.schemas.errors import InputError, OutputError, StageError
 
 SETTINGS, _ = load_settings()

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.fleet.manifest import Entry, Manifest, read_manifest, write_manifest
 from wayside.pipeline.fleet.status import (
     describe_duration,
@@ -13,7 +14,6 @@ from wayside.pipeline.fleet.status import (
     format_status,
     locked_inventory,
 )
-from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError, InterruptionError, OutputError
 
 DONE = ("done", 0)

@@ -2,7 +2,6 @@
 
 import pytest
 
-from wayside.pipeline.earlier_result import log_fingerprint
 from wayside.pipeline.fleet.manifest import free_name
 from wayside.pipeline.fleet.sources import (
     UnreachableError,
@@ -11,6 +10,7 @@ from wayside.pipeline.fleet.sources import (
     fingerprint_source,
     source_name,
 )
+from wayside.pipeline.results.earlier_result import log_fingerprint
 from wayside.schemas.errors import UsageError
 
 

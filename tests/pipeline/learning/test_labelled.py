@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from wayside.pipeline.labels import FrameLabels
+from wayside.pipeline.labels.read import FrameLabels
 from wayside.pipeline.learning.labelled import labelled_faces
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
 from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, UNSURE, Label, LabelledImage

@@ -16,7 +16,7 @@ from wayside.pipeline.learning.thresholds import (
     with_learned_thresholds,
     with_score_threshold,
 )
-from wayside.pipeline.model_json import model_from_json, model_to_json
+from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianClass, GaussianModel, MixtureModel
 from wayside.stages.classifiers import at_alpha, class_distances

@@ -9,12 +9,12 @@ import lz4.frame
 import pytest
 import zstandard
 
+from wayside.pipeline.files.yaml_text import parse_yaml
 from wayside.pipeline.reading import survey
 from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.records import Message, scan
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.survey import survey_log
-from wayside.pipeline.yaml_text import parse_yaml
 from wayside.schemas.errors import InputError
 
 

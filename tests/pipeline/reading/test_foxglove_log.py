@@ -10,10 +10,10 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.earlier_result import log_fingerprint
 from wayside.pipeline.exporting.export import export
+from wayside.pipeline.files.settings_file import load_settings, settings_values
+from wayside.pipeline.results.earlier_result import log_fingerprint
 from wayside.pipeline.reviewing.review import MISSING, NO_REVIEW, Review, Reviewed
-from wayside.pipeline.settings_file import load_settings, settings_values
 from wayside.schemas.errors import InputError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 

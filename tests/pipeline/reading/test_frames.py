@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from wayside.pipeline.information import describe_log, format_information
+from wayside.pipeline.logs.information import describe_log, format_information
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import FRAME_STATUSES

@@ -1,6 +1,6 @@
 import pytest
 
-from wayside.pipeline.information import describe_log, format_information
+from wayside.pipeline.logs.information import describe_log, format_information
 from wayside.schemas.errors import InputError
 
 STEP = 10**9 // 4

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.information import describe_log, format_information
+from wayside.pipeline.logs.information import describe_log, format_information
 from wayside.pipeline.reading import replay
 from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.clocks import pair_times, stream_times

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wayside.pipeline.information import describe_log, format_information
+from wayside.pipeline.logs.information import describe_log, format_information
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.file_marks import is_marked, marked_head
+from wayside.pipeline.files.file_marks import is_marked, marked_head
 from wayside.pipeline.learning.page import Figure, Picture, format_page
 from wayside.pipeline.learning.plots import new_axes, png, svg
 from wayside.pipeline.report_figures.command import MARK

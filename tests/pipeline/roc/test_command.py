@@ -9,7 +9,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from wayside.pipeline.labels import read_labels
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.learning.asked import (
     TRAJECTORIES,
     ClassifierSamples,
@@ -19,14 +20,13 @@ from wayside.pipeline.learning.asked import (
 from wayside.pipeline.learning.curves import questions
 from wayside.pipeline.learning.gates import learn_gates, trajectory_densities
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
-from wayside.pipeline.model_files import load_models
+from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.roc.command import (
     _write,
     characteristics,
     format_characteristics,
     measure_roc,
 )
-from wayside.pipeline.settings_file import load_settings
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.labels import LabelledImage, Labels
 from wayside.schemas.landmarks import EVIDENCE_TERMS

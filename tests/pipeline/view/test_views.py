@@ -21,10 +21,11 @@ import pytest
 import rerun as rr
 
 import wayside.stages
-from wayside.pipeline.model_files import load_models
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.files.writing import PART
+from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.run import RECORDING, run_log
-from wayside.pipeline.settings_file import load_settings
+from wayside.pipeline.running.run import RECORDING, run_log
 from wayside.pipeline.view.blueprint import GROUND
 from wayside.pipeline.view.candidates import candidate_words, verdict_entities
 from wayside.pipeline.view.chains import sign_name
@@ -41,7 +42,6 @@ from wayside.pipeline.view.views import (
     ViewState,
     entities_of,
 )
-from wayside.pipeline.writing import PART
 from wayside.schemas.detections import COLOR_RGB, VERDICTS, Candidates, Regions
 from wayside.schemas.frame import Camera, Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame

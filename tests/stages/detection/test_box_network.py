@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.pipeline.model_files import shipped_models
+from wayside.pipeline.models.model_files import shipped_models
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.models import ScoreModel
 from wayside.stages.detection import BoxClassifier, BoxNetwork

@@ -4,8 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wayside.pipeline.detector_file import load_detector
-from wayside.pipeline.model_files import shipped_models
+from wayside.pipeline.models.detector_file import load_detector
+from wayside.pipeline.models.model_files import shipped_models
 from wayside.schemas.detections import COLORS, SHAPES, SOURCES, verdict_code
 from wayside.schemas.detectors import BoxFile, DetectorFile, ExternalBoxes
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image

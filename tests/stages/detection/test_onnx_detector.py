@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.detector_file import load_detector
+from wayside.pipeline.models.detector_file import load_detector
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import SignClass
 from wayside.schemas.errors import InputError

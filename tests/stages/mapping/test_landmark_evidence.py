@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.model_json import model_from_json, model_to_json
+from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.classifiers import evidence_ratios
 from wayside.stages.geometry import FrenetOffset

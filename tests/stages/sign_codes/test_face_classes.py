@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wayside.pipeline.model_files import shipped_models
+from wayside.pipeline.models.model_files import shipped_models
 from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.measurement import Alignment, Measurement, PanelView

@@ -1,0 +1,174 @@
+"""Progress of long work on stderr: a bar for a person, silence in a pipe."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterable
+from datetime import timedelta
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from rich.console import Console, RenderableType
+from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+)
+from rich.text import Text
+
+from wayside.pipeline.files.visible_text import visible
+from wayside.pipeline.fleet.manifest import ENDED, Manifest
+from wayside.pipeline.fleet.status import figures_of
+
+if TYPE_CHECKING:
+    from wayside.pipeline.running.run import Run
+
+COMPILING = "compiling, once after installation"
+_LONGEST_LABEL = 16
+_TOLD_S = 60.0
+
+
+class _Shown:
+    """A bar on stderr while its block runs; `what` says how far the work is."""
+
+    def __init__(self, *what: ProgressColumn, refresh: Callable[[], None] = lambda: None) -> None:
+        self._console = Console(stderr=True)
+        self._bar = _Bar(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=None),
+            *what,
+            console=self._console,
+            disable=not self._console.is_terminal,
+            redirect_stdout=sys.stdout.isatty(),
+            transient=True,
+        )
+        self._bar.refreshed = refresh
+        self._told = False
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bar.stop()
+
+    @property
+    def description(self) -> str:
+        """What stands at the start of the line: the label, or that kernels are compiled."""
+        return self._bar.tasks[0].description
+
+    def compiling(self, active: bool) -> None:
+        """Say that kernels are compiled, so that a first run explains its minute; where no bar is shown, in a line."""
+        task = self._bar.tasks[0]
+        description = COMPILING if active else task.fields["label"]
+        self._bar.update(task.id, description=description)
+        if self._bar.disable and active and not self._told:
+            self._told = True
+            self._console.print(f"wayside: {COMPILING}, takes about a minute", soft_wrap=True)
+
+
+class _Bar(Progress):
+    """Asks how far the work is each time it is drawn."""
+
+    refreshed: Callable[[], None] = staticmethod(lambda: None)
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        """The bar with the counts of this moment."""
+        self.refreshed()
+        yield from super().get_renderables()
+
+
+class _TimeLeft(ProgressColumn):
+    """Time left by the speed of the last half minute; nothing before it is known and behind the last piece."""
+
+    max_refresh = 0.5
+
+    def render(self, task: Task) -> Text:
+        """Hours, minutes and seconds."""
+        left = None if task.finished else task.time_remaining
+        words = "" if left is None else f"{timedelta(seconds=int(left))} left"
+        return Text(f"{words:>12}")
+
+
+class _TimeTaken(ProgressColumn):
+    """Time since the beginning; that of Rich stands still once all is done, though counting may begin again."""
+
+    def render(self, task: Task) -> Text:
+        """Hours, minutes and seconds."""
+        return Text(str(timedelta(seconds=int(task.elapsed or 0))))
+
+
+class FrameProgress(_Shown):
+    """Shows how many images were looked at, how many are settled, which comes later, and the time left."""
+
+    def __init__(self, label: str, run: Run) -> None:
+        counts = "{task.fields[looked_at]} looked at, {task.fields[settled]} of {task.fields[held]} settled"
+        super().__init__(TextColumn(counts), _TimeLeft(), refresh=self._refresh)
+        self._run = run
+        name = visible(label)  # shortened, it leaves room for the counts on a line of 80 columns
+        shown = name if len(name) <= _LONGEST_LABEL else f"{name[: _LONGEST_LABEL - 3]}..."
+        label = escape(shown)
+        self._task = self._bar.add_task(
+            label, total=None, label=label, looked_at=0, settled=0, held="?"
+        )
+
+    def _refresh(self) -> None:
+        """An image is half done when it was looked at: only both counts together rise evenly."""
+        counts, held = self._run.counts, self._run.report.images_held
+        if held:
+            self._bar.update(
+                self._task,
+                total=2 * held,
+                completed=counts.looked_at + counts.settled,
+                looked_at=counts.looked_at,
+                settled=counts.settled,
+                held=held,
+            )
+
+
+class SheetProgress(_Shown):
+    """Shows how many of a known number of sheets, or of something else, are done."""
+
+    def __init__(self, label: str, things: str = "sheets") -> None:
+        super().__init__(MofNCompleteColumn(), TextColumn(things), _TimeTaken())
+        self._task = self._bar.add_task(label, total=None, label=label)
+
+    def watch(self, done: int, total: int | None) -> None:
+        """So many are done."""
+        self._bar.update(self._task, completed=done, total=total)
+
+
+class FleetProgress(_Shown):
+    """Shows how far a fleet is; where nobody looks, as a line every minute."""
+
+    def __init__(self) -> None:
+        super().__init__(TextColumn("{task.fields[words]}"), _TimeTaken())
+        self._task = self._bar.add_task("fleet", total=None, words="")
+        self._told_at = time.monotonic()
+
+    def watch(self, manifest: Manifest) -> None:
+        """The logs are so far."""
+        figures = figures_of(manifest, time.time())
+        done = sum(entry.bytes for entry in manifest.logs.values() if entry.state in ENDED)
+        total = sum(entry.bytes for entry in manifest.logs.values())
+        self._tell(done, total, str(figures))
+
+    def watch_merging(self, done: int, total: int) -> None:
+        """So many cells of the inventory are merged."""
+        self._tell(done, total, f"merging: {done} of {total} cells")
+
+    def _tell(self, done: int, total: int, words: str) -> None:
+        self._bar.update(self._task, completed=done, total=max(total, 1), words=words)
+        if self._bar.disable and time.monotonic() > self._told_at + _TOLD_S:
+            self._told_at = time.monotonic()
+            print(words, file=sys.stderr, flush=True)

@@ -1,0 +1,1 @@
+"""Files and texts of any kind: how they are opened, parsed, written and shown."""

@@ -1,0 +1,226 @@
+"""Several files that belong together and replace those of before all at once, whenever the process ends.
+
+The files are written into `.wayside-part` in the folder where they belong. When all are whole and on the disk, that
+folder is renamed to `.wayside-done`: from then on the new result counts, and what remains is to move its files into
+place. A process that is killed before leaves the old result; one that is killed after leaves the moves to whoever
+opens the folder next, `finish_replacement`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import stat
+import time
+from collections.abc import Callable, Collection
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from filelock import FileLock
+
+from wayside.pipeline.files.json_text import parse_json
+from wayside.pipeline.files.writing import PART, create, give_back, not_written, sync, take_lock
+from wayside.schemas.errors import InputError, OutputError
+
+DONE, LOCK = ".wayside-done", ".wayside-lock"
+RECORDING = "drive.rrd"
+"""The recording of every step, beside the tables where it is asked for."""
+_MANIFEST = ".files.json"
+_PATIENCE_S, _POLL_S = 10.0, 0.02
+
+
+class OutputFolder:
+    """A folder that one process at a time writes a set of files to; leaving the block without `commit` changes nothing.
+
+    Attributes
+    ----------
+    folder
+        Where the files belong; made where it is missing.
+    part
+        Where they are written until `commit`.
+
+    Parameters
+    ----------
+    folder
+        As above.
+    kept
+        Files that stay in `part` where the block ends with an error that is not about the output.
+
+    Raises
+    ------
+    OutputError
+        The folder cannot be written, or another process writes to it.
+    """
+
+    def __init__(self, folder: Path, kept: Collection[str] = ()) -> None:
+        self.folder, self.part = folder, folder / PART
+        self._kept = tuple(kept)
+        self._lock: FileLock | None = None
+        self._made = False
+
+    def __enter__(self) -> Self:
+        """Take the lock and make an empty `part`; what a killed process left is finished or removed."""
+        try:
+            self._made = not self.folder.exists()
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._lock = take_lock(self.folder / LOCK)
+            if self._lock is None:
+                raise OutputError(
+                    f"{self.folder}: wanted to write the result here, found another wayside that does so now; "
+                    "wait until it is done or choose another folder with -o"
+                )
+            _move_into_place(self.folder)
+            for scratch in (self.folder / DONE, self.part):
+                _remove_folder(scratch)
+            self.part.mkdir(mode=0o700)
+        except BaseException as error:
+            self._release()
+            if isinstance(error, OSError):
+                wanted = "a folder to write the result to"
+                raise not_written(self.folder, error, wanted) from error
+            raise
+        return self
+
+    def commit(self, drop: Collection[str] = ()) -> None:
+        """Replace: the files in `part` go to `folder`, those of an earlier result that are named in `drop` go away.
+
+        On an error nothing has changed.
+
+        Raises
+        ------
+        OutputError
+            A file cannot be brought to the disk.
+        """
+        names = sorted(path.name for path in self.part.iterdir())
+        try:
+            for name in names:
+                if (self.folder / name).is_dir():
+                    raise OutputError(
+                        f"{self.folder / name}: wanted to write a file of this name, found a folder; move it away"
+                    )
+                sync(self.part / name)
+            with create(self.part / _MANIFEST) as stream:
+                stream.write(json.dumps([names, sorted(set(drop) - set(names))]).encode())
+                stream.flush()
+                os.fsync(stream.fileno())
+            sync(self.part)
+            self.part.rename(self.folder / DONE)
+        except OSError as error:
+            raise not_written(self.folder, error) from error
+        try:
+            sync(self.folder)
+            _move_into_place(self.folder)
+        except KeyboardInterrupt:  # too late to keep the old result
+            _move_into_place(self.folder)
+            raise
+        except OSError as error:
+            raise not_written(self.folder, error) from error
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Remove what was not committed, and give the lock back."""
+        keep = self._kept if kind is not None and not issubclass(kind, OutputError) else ()
+        with suppress(OSError):
+            if self.part.is_dir():
+                for path in self.part.iterdir():
+                    if path.name not in keep:
+                        path.unlink()
+                with suppress(OSError):  # it holds what is kept
+                    self.part.rmdir()
+        self._release()
+        if self._made and kind is not None:
+            with suppress(OSError):  # it holds what is kept, or what others put there
+                self.folder.rmdir()
+
+    def _release(self) -> None:
+        if self._lock is not None:
+            give_back(self._lock)
+            self._lock = None
+
+
+def finish_replacement(folder: Path) -> None:
+    """Bring a result into place whose writer was killed in the middle of it; nearly always there is nothing to do.
+
+    Raises
+    ------
+    InputError
+        It cannot be done: another process is at it for too long, or the folder cannot be written.
+    """
+    finish_under_lock(folder, DONE, LOCK, _move_into_place)
+
+
+def finish_under_lock(folder: Path, done: str, lock: str, move: Callable[[Path], None]) -> None:
+    """Move what a writer left in `done` of a folder into place, under its lock; raises as `finish_replacement`."""
+    late = time.monotonic() + _PATIENCE_S
+    while _is_folder(folder / done):
+        try:
+            held = take_lock(folder / lock)
+            if held is not None:
+                try:
+                    move(folder)
+                finally:
+                    give_back(held)
+        except OSError as error:
+            raise InputError(
+                f"{folder}: wanted one result, found a new one that has not replaced the old one yet: "
+                f"{error.strerror or error}; open it where the folder can be written"
+            ) from error
+        if held is None:
+            if time.monotonic() > late:
+                raise InputError(
+                    f"{folder}: wanted one result, found that another wayside replaces it now; try again"
+                )
+            time.sleep(_POLL_S)
+
+
+def _move_into_place(folder: Path) -> None:
+    """Do the rest of a replacement; doing it again from any point on comes to the same."""
+    done = folder / DONE
+    if not _is_folder(done):
+        return
+    manifest = done / _MANIFEST
+    if manifest.is_file():
+        names, drop = _read_manifest(manifest)
+        for name in names:
+            with suppress(FileNotFoundError):  # moved before
+                os.replace(done / name, folder / name)
+        for name in drop:
+            (folder / name).unlink(missing_ok=True)
+        sync(folder)
+    _remove_folder(done)
+
+
+def _read_manifest(manifest: Path) -> tuple[list[str], list[str]]:
+    """The files to put into place, and those that go away; no name leads elsewhere."""
+    try:
+        names, drop = ([str(name) for name in part] for part in parse_json(manifest.read_bytes()))
+    except (ValueError, TypeError) as error:
+        raise OSError(f"{manifest} is damaged ({error})") from error
+    for name in (*names, *drop):
+        if name != Path(name).name or name.startswith("."):
+            raise OSError(f"{manifest} names {name!r}, which is no file of a result")
+    return names, drop
+
+
+def _is_folder(path: Path) -> bool:
+    """Whether a path is a folder and not a link to one."""
+    try:
+        return stat.S_ISDIR(path.lstat().st_mode)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+
+
+def _remove_folder(path: Path) -> None:
+    """Remove a folder of scratch files; the manifest goes first, so that no half of it is taken for a result."""
+    if _is_folder(path):
+        (path / _MANIFEST).unlink(missing_ok=True)
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)

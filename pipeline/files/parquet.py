@@ -1,0 +1,103 @@
+"""Arrow columns, and Parquet files made of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from wayside.pipeline.files.writing import create
+from wayside.schemas.tables import Table
+
+
+class ParquetFile:
+    """A new Parquet file at a path, removed where the block ends with an error, or in a stream that its owner closes.
+
+    Raises
+    ------
+    OSError
+        It cannot be written, or something stands there.
+    """
+
+    def __init__(self, file: Path | BinaryIO, schema: pa.Schema, geo: str | None = None) -> None:
+        self._file, self._schema, self._geo = file, schema, geo
+        self._stream = create(file) if isinstance(file, Path) else file
+        self._writer = pq.ParquetWriter(self._stream, schema, compression="zstd")
+
+    def __enter__(self) -> ParquetFile:
+        return self
+
+    def write(self, batches: Sequence[pa.RecordBatch]) -> None:
+        """Write batches as one row group."""
+        self._writer.write_table(pa.Table.from_batches(batches, self._schema))
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        try:
+            if self._geo is not None:
+                self._writer.add_key_value_metadata({"geo": self._geo})
+            self._writer.close()
+            if isinstance(self._file, Path):
+                self._stream.close()
+        except OSError:
+            kind = OSError
+            raise
+        finally:
+            if kind is not None and isinstance(self._file, Path):
+                with suppress(OSError):
+                    self._file.unlink()
+                with suppress(OSError):  # what waits in its buffer does not fit, either
+                    self._stream.close()
+
+
+def geoparquet_metadata(signs: Sequence[dict[str, Any]]) -> str:
+    """GeoParquet 1.1 metadata; without a `crs` key the coordinates are OGC:CRS84, heights ellipsoidal."""
+    column: dict[str, Any] = {"encoding": "WKB", "geometry_types": ["Point Z"]}
+    if signs:
+        points = np.array([[row["lon_deg"], row["lat_deg"], row["alt_m"]] for row in signs])
+        column["bbox"] = [*points.min(axis=0).tolist(), *points.max(axis=0).tolist()]
+    return json.dumps(
+        {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
+    )
+
+
+def record_batch(table: Table, values: dict[str, Any]) -> pa.RecordBatch:
+    """One batch of a table from arrays or plain lists by column name; names of classes become dictionary codes."""
+    arrays = []
+    for column in table.columns:
+        value = values[column.name]
+        if not isinstance(value, pa.Array):
+            if pa.types.is_dictionary(column.type):
+                codes = [None if v is None else column.values.index(v) for v in value]
+                value = pa.DictionaryArray.from_arrays(
+                    pa.array(codes, pa.int8()), list(column.values)
+                )
+            else:
+                value = pa.array(value, column.type)
+        arrays.append(value)
+    return pa.record_batch(arrays, schema=table.schema)
+
+
+def choice(table: Table, name: str, codes: NDArray[Any]) -> pa.DictionaryArray[Any, Any]:
+    """Codes as a dictionary column; negative ones are null."""
+    column = next(c for c in table.columns if c.name == name)
+    signed = codes.astype(np.int8)
+    indices: pa.Int8Array = pa.array(signed, pa.int8(), mask=signed < 0)
+    return pa.DictionaryArray.from_arrays(indices, list(column.values))
+
+
+def fixed_list(rows: NDArray[Any], width: int) -> pa.FixedSizeListArray[Any, Any]:
+    """Rows (n, width) as a column of lists of that width."""
+    return pa.FixedSizeListArray.from_arrays(pa.array(rows.astype(np.float32).ravel()), width)
+
+
+def known(values: NDArray[Any]) -> pa.Array[Any]:
+    """Numbers as a column, nan as null."""
+    column: pa.Array[Any] = pa.array(values, mask=~np.isfinite(values))
+    return column

@@ -1,0 +1,274 @@
+"""Route lines with measures, read from a GeoPackage, a GeoParquet or another file that GDAL reads."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+import pyproj
+from numpy.typing import NDArray
+
+from wayside.pipeline.files.input_files import read_parquet
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.routes import RouteSegments
+from wayside.schemas.settings import RouteSettings
+from wayside.schemas.signs import Sign
+from wayside.stages.georeference import ROUTE_REACH_M
+
+_WGS_84 = "OGC:CRS84"
+_NAMES = (
+    *("route", "route_id", "routeid", "route_name", "routename", "rte_id", "rte_nm", "rid"),
+    *("rte", "name"),
+)
+"""Usual names of the column that names a route, the surest first."""
+_PARQUET = (".parquet", ".geoparquet")
+_MOST_LISTED = 8
+_SAMPLE = 100
+"""Lines that are looked at for measures before a run."""
+
+Bounds = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class RouteFile:
+    """A file of route lines that can be read: where, which layer ("" in Parquet), columns and reference system."""
+
+    path: Path
+    layer: str
+    column: str
+    geometry: str
+    crs: pyproj.CRS
+    settings: RouteSettings
+
+    def near(self, places: NDArray[np.float64]) -> RouteSegments:
+        """Pieces of the routes in the box about places (n, 2), degrees, and `ROUTE_REACH_M` around.
+
+        Pieces without a measure at both ends are left out.
+
+        Raises
+        ------
+        InputError
+            The file has changed and can no longer be read.
+        """
+        margin = (
+            ROUTE_REACH_M / 1e4
+        )  # degrees: a metre is at most 1e-4 of one, up to 84 degrees of latitude
+        low, high = places.min(axis=0) - margin, places.max(axis=0) + margin
+        box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+        try:
+            names, lines = self._read(box)
+        except Exception as error:
+            raise _unreadable(self.path, error) from error
+        return _segments(names, lines, self, box)
+
+    def _read(self, box: Bounds | None, *, first: bool = False) -> tuple[list[str], NDArray[Any]]:
+        """Names and geometries of the lines in a box of WGS 84, or of the first lines only."""
+        import shapely
+
+        if self.layer:
+            import pyogrio
+
+            to_file = pyproj.Transformer.from_crs(_WGS_84, self.crs, always_xy=True)
+            with _with_measures():
+                meta, table = pyogrio.read_arrow(
+                    self.path,
+                    layer=self.layer,
+                    columns=[self.column],
+                    bbox=None if box is None else to_file.transform_bounds(*box),
+                    max_features=_SAMPLE if first else None,
+                )
+            geometry = meta["geometry_name"] or "wkb_geometry"
+        else:
+            geometry = self.geometry
+            table = read_parquet(self.path, [self.column, geometry])
+        if self.settings.name:
+            table = table.filter(pc.field(self.column).cast(pa.string()) == self.settings.name)
+        table = table.filter(pc.is_valid(pc.field(geometry)))
+        lines = shapely.from_wkb(np.array(table.column(geometry).to_pylist(), object))
+        return [str(name) for name in table.column(self.column).to_pylist()], lines
+
+
+def open_routes(settings: RouteSettings) -> RouteFile | None:
+    """The file of route lines that the settings name, checked; None where they name none.
+
+    Raises
+    ------
+    UsageError
+        A package that reads it is missing, or it has no such column or route.
+    InputError
+        It cannot be read, has no reference system, or no measures.
+    """
+    if not settings.file:
+        return None
+    try:
+        import pyogrio  # noqa: F401  (the packages come together)
+        import shapely
+    except ImportError as error:
+        raise UsageError(
+            "wanted the packages pyogrio and shapely for --routes, found none; "
+            "install them with pip install 'wayside[gis]'"
+        ) from error
+    path = Path(settings.file)
+    if not path.is_file() and not path.is_dir():
+        raise InputError(f"--routes {path}: wanted a file of route lines, found no such file")
+    try:
+        parquet = path.suffix.lower() in _PARQUET
+        layer, columns, geometry, crs = (_parquet if parquet else _layer)(path)
+        file = RouteFile(path, layer, _column(path, columns, settings), geometry, crs, settings)
+        names, lines = file._read(None, first=not settings.name)
+    except (UsageError, InputError):
+        raise
+    except Exception as error:  # GDAL, PROJ and Arrow have errors of their own for each damage
+        raise _unreadable(path, error) from error
+    if settings.name and not names:
+        raise UsageError(f"--routes {path}: {_no_such_route(file)}")
+    if not any(shapely.has_m(lines)):
+        kinds = sorted({str(line.geom_type) for line in lines})
+        raise InputError(
+            f"--routes {path}: wanted lines with measures (M), found {' and '.join(kinds) or 'no lines'} without; "
+            "export the calibrated routes, as LineString M or LineString ZM"
+        )
+    return file
+
+
+def route_notes(settings: RouteSettings, signs: Sequence[Sign], *, on_globe: bool) -> list[str]:
+    """What a person has to know of the routes of a drive: signs without one, and why."""
+    if not settings.file or not signs:
+        return []
+    if not on_globe:
+        return [
+            "--routes: the log has no satellite fixes, so route and measure are empty; "
+            "give --route and --milepost instead"
+        ]
+    count = sum(sign.route is None for sign in signs)
+    if not count:
+        return []
+    return [
+        f"{count} of {len(signs)} signs have no route: the path follows no line of {Path(settings.file).name} within "
+        f"{ROUTE_REACH_M:g} m there"
+    ]
+
+
+def _layer(path: Path) -> tuple[str, list[str], str, pyproj.CRS]:
+    """The first layer of lines: its name, columns, and reference system."""
+    import pyogrio
+
+    with _with_measures():
+        layers = [(str(name), str(kind)) for name, kind in pyogrio.list_layers(path)]
+    lines = [name for name, kind in layers if "LineString" in kind or kind == "Unknown"]
+    if not lines:
+        found = ", ".join(f"{name} ({kind})" for name, kind in layers) or "no layer"
+        raise InputError(f"--routes {path}: wanted a layer of lines, found {found}")
+    with _with_measures():
+        info = pyogrio.read_info(path, layer=lines[0])
+    if info["crs"] is None:
+        raise _no_crs(path)
+    return lines[0], [str(name) for name in info["fields"]], "", pyproj.CRS(info["crs"])
+
+
+def _parquet(path: Path) -> tuple[str, list[str], str, pyproj.CRS]:
+    """Columns, geometry column and reference system of a GeoParquet file."""
+    metadata = pq.read_metadata(path)
+    about = (metadata.metadata or {}).get(b"geo")
+    if about is None:
+        raise InputError(
+            f"--routes {path}: wanted GeoParquet, found Parquet without its metadata; write it with geopandas or GDAL"
+        )
+    geo = json.loads(about)
+    name = str(geo["primary_column"])
+    stated = geo["columns"][name].get("crs", _WGS_84)
+    if stated is None:
+        raise _no_crs(path)
+    columns = [one for one in metadata.schema.to_arrow_schema().names if one != name]
+    return "", columns, name, pyproj.CRS.from_user_input(stated)
+
+
+def _column(path: Path, columns: Sequence[str], settings: RouteSettings) -> str:
+    by_name = {name.lower(): name for name in reversed(columns)}
+    wanted = [settings.column] if settings.column else _NAMES
+    found = next((by_name[name.lower()] for name in wanted if name.lower() in by_name), None)
+    if found is None:
+        listed = ", ".join(columns) or "none"
+        raise UsageError(
+            f"--routes {path}: wanted a column with names of routes ({', '.join(wanted)}), found {listed}; "
+            "name it, as in --set route.column=RTE_NAME"
+        )
+    return found
+
+
+def _no_such_route(file: RouteFile) -> str:
+    names = sorted(set(_every_name(file)))
+    near = difflib.get_close_matches(file.settings.name, names, n=_MOST_LISTED, cutoff=0.4)
+    shown = ", ".join(near or names[:_MOST_LISTED])
+    return (
+        f"wanted the route {file.settings.name!r} in its column {file.column}, found {len(names)} others; "
+        f"the nearest: {shown}"
+    )
+
+
+def _every_name(file: RouteFile) -> list[str]:
+    if file.layer:
+        import pyogrio
+
+        with _with_measures():
+            _, table = pyogrio.read_arrow(
+                file.path, layer=file.layer, columns=[file.column], read_geometry=False
+            )
+    else:
+        table = read_parquet(file.path, [file.column])
+    return [str(name) for name in table.column(file.column).to_pylist()]
+
+
+def _segments(names: list[str], lines: NDArray[Any], file: RouteFile, box: Bounds) -> RouteSegments:
+    """Pieces of lines that reach into a box of WGS 84, with a measure at both ends."""
+    import shapely
+
+    parts, of_line = shapely.get_parts(lines, return_index=True)
+    points, of_part = shapely.get_coordinates(parts, include_m=True, return_index=True)
+    to_globe = pyproj.Transformer.from_crs(file.crs, _WGS_84, always_xy=True)
+    places = np.column_stack(to_globe.transform(points[:, 0], points[:, 1]))
+    joined = (of_part[1:] == of_part[:-1]) & np.isfinite(points[1:, 2] + points[:-1, 2])
+    low, high = np.minimum(places[1:], places[:-1]), np.maximum(places[1:], places[:-1])
+    kept = np.flatnonzero(joined & (high >= box[:2]).all(axis=1) & (low <= box[2:]).all(axis=1))
+    of_segment = np.array(names, object)[of_line[of_part[kept]]] if len(kept) else np.array([])
+    known, route = np.unique(of_segment.astype(str), return_inverse=True)
+    return RouteSegments(
+        tuple(known.tolist()),
+        route.astype(np.int64),
+        places[kept],
+        places[kept + 1],
+        points[kept, 2],
+        points[kept + 1, 2],
+        file.settings.unit,
+    )
+
+
+@contextmanager
+def _with_measures() -> Iterator[None]:
+    """Without the warnings that geometry types have no M in pyogrio: the geometries that it hands on have."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Measured")
+        yield
+
+
+def _no_crs(path: Path) -> InputError:
+    return InputError(
+        f"--routes {path}: wanted the coordinate reference system of its lines, found none; "
+        "assign one in a GIS and export again"
+    )
+
+
+def _unreadable(path: Path, error: Exception) -> InputError:
+    return InputError(
+        f"--routes {path}: wanted route lines, found a file that cannot be read ({error}); check the file"
+    )

@@ -1,0 +1,261 @@
+"""How every command writes a file: beside its name under another, synced, then renamed; and the words where it fails.
+
+A file appears under its name when it is whole. A file that stands there already is replaced only where wayside can
+tell that it is its own of before, or where `overwrite` is said.
+"""
+
+from __future__ import annotations
+
+import errno
+import filecmp
+import json
+import os
+import secrets
+import stat
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from io import BufferedWriter
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from filelock import FileLock, Timeout
+
+from wayside.pipeline.files.json_text import parse_json
+from wayside.schemas.errors import OutputError
+
+PART = ".wayside-part"
+"""Scratch folder of a set of files, and the end of the name of a scratch file."""
+_NEW_FILE = os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+_ADVICE = {
+    errno.ENOSPC: "free some space, or",
+    errno.EDQUOT: "the quota is used up: free some space, or",
+    errno.EFBIG: "the file would be larger than is permitted here:",
+    errno.EIO: "the disk reports a fault: check it, or",
+}
+_NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP)
+UNWRITABLE = (*_ADVICE, errno.EROFS)
+"""What a system call says of an output that cannot be written, wherever it comes up."""
+
+
+def not_written(
+    path: Path,
+    error: OSError,
+    wanted: str = "to write the result here",
+    instead: str = "choose another folder with -o",
+) -> OutputError:
+    """The error for a person where `path`, or the scratch folder in it, cannot be written."""
+    path = path.parent if path.name == PART else path
+    advice = f"{_ADVICE.get(error.errno or 0, '')} {instead}".strip()
+    return OutputError(f"{path}: wanted {wanted}, found: {error.strerror or error}; {advice}")
+
+
+def not_whole(path: Path) -> OutputError:
+    """The error for a person where what was written cannot be read back as it was."""
+    return OutputError(
+        f"{path}: not all that was written can be read back, so it is not kept; free some space, or name another file"
+    )
+
+
+def create(path: Path) -> BufferedWriter:
+    """A new file, open for writing; never through a link.
+
+    Raises
+    ------
+    OSError
+        Something stands there already, a symbolic link included, or the file cannot be made.
+    """
+    return os.fdopen(os.open(path, os.O_RDWR | _NEW_FILE, 0o666), "wb")
+
+
+def sync(path: Path) -> None:
+    """Return when a file, or the names in a folder, are on the disk.
+
+    Raises
+    ------
+    OSError
+        The disk did not take them.
+    """
+    is_folder = path.is_dir()
+    if is_folder and os.name == "nt":
+        return  # Windows opens no folder
+    opened = os.open(path, os.O_RDONLY if is_folder else os.O_RDWR)
+    try:
+        os.fsync(opened)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # a file system that has no such call
+            raise
+    finally:
+        os.close(opened)
+
+
+def take_lock(path: Path) -> FileLock | None:
+    """Lock a file, made where it is missing; None where another process holds it.
+
+    A file system without locks keeps nobody apart. The holder removes the file before the lock is given back.
+    """
+    held = FileLock(path, mode=0o666, thread_local=False)
+    try:
+        held.acquire(blocking=False)
+    except Timeout:
+        return None
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
+    return held
+
+
+def give_back(held: FileLock) -> None:
+    """Remove a file that `take_lock` has locked, and let others have it."""
+    with suppress(OSError):
+        Path(held.lock_file).unlink()
+    held.release()
+
+
+def refuse(path: Path, found: str) -> OutputError:
+    """The error for a person where something of theirs stands in the way."""
+    return OutputError(
+        f"{path}: wanted a free name, found {found}; choose another name, or replace it with --overwrite"
+    )
+
+
+def require_free(
+    path: Path, *, is_own: Callable[[Path], bool] = lambda path: False, overwrite: bool = False
+) -> None:
+    """Refuse before long work what `whole_file` would refuse after it (OutputError): a file of the user's."""
+    if path.is_file() and not is_stream(path) and not overwrite and not is_own(path):
+        raise refuse(path, "another file of that name")
+
+
+@contextmanager
+def whole_file(
+    path: Path,
+    *,
+    is_own: Callable[[Path], bool] = lambda path: False,
+    overwrite: bool = False,
+    read_back: Callable[[Path], None] = lambda path: None,
+) -> Iterator[BinaryIO]:
+    """A file to write, which appears under its name, synced, when the block ends without an error.
+
+    Devices and pipes are written as they are. The same bytes once more are never refused.
+
+    Parameters
+    ----------
+    path
+        Where it goes; a symbolic link stays and what it points to is replaced.
+    is_own
+        Whether a file that stands there is one of wayside's own that the new one may replace.
+    overwrite
+        Replace whatever file stands there.
+    read_back
+        Called with the file when all is written, before it takes its place; raises OutputError where it is not whole.
+
+    Raises
+    ------
+    OutputError
+        It cannot be written, or something of the user's stands there.
+    """
+    try:
+        if is_stream(path):
+            with path.open("wb") as stream:
+                yield stream
+            return
+        target = resolved(path)
+        if target.is_dir():
+            raise OutputError(f"{path}: wanted a file to write, found a folder; name a file in it")
+        replaced = overwrite or not target.exists() or is_own(target)
+        _sweep(target)
+        scratch = target.with_name(f".{target.name}.{secrets.token_hex(4)}{PART}")
+        with create(scratch) as stream:
+            held = take_lock(scratch)
+            try:
+                yield stream
+                stream.flush()
+                os.fsync(stream.fileno())
+                read_back(scratch)
+                if not replaced and not filecmp.cmp(scratch, target, shallow=False):
+                    raise refuse(path, "another file of that name")
+                os.replace(scratch, target)
+            except BaseException:
+                with suppress(OSError):
+                    scratch.unlink()
+                with suppress(OSError):
+                    stream.close()  # what waits in its buffer may not fit, either
+                raise
+            finally:
+                if held is not None:
+                    held.release()
+        sync(target.parent)
+    except OSError as error:
+        raise not_written(path, error, "to write a file here", "name another file") from error
+
+
+def write_file(
+    path: Path,
+    content: bytes,
+    *,
+    is_own: Callable[[Path], bool] = lambda path: False,
+    overwrite: bool = False,
+) -> None:
+    """Write a file at once; parameters and errors are those of `whole_file`."""
+    with whole_file(path, is_own=is_own, overwrite=overwrite) as stream:
+        stream.write(content)
+
+
+def write_json(
+    path: Path, content: Mapping[str, Any], own_keys: Collection[str], *, overwrite: bool = False
+) -> None:
+    """Write figures as JSON; a file is an own one of before where it holds all of `own_keys`.
+
+    Raises
+    ------
+    OutputError
+        As in `whole_file`.
+    """
+    text = json.dumps(content, indent=1) + "\n"
+    write_file(path, text.encode(), is_own=holding(own_keys), overwrite=overwrite)
+
+
+def holding(keys: Collection[str]) -> Callable[[Path], bool]:
+    """Whether a file is JSON with all these keys."""
+
+    def is_own(earlier: Path) -> bool:
+        try:
+            found = parse_json(earlier.read_text("utf-8"))
+        except (OSError, ValueError):
+            return False
+        return isinstance(found, dict) and all(key in found for key in keys)
+
+    return is_own
+
+
+def resolved(path: Path) -> Path:
+    """Where a path leads, absolute; raises OSError for a link that leads to itself."""
+    try:
+        return path.resolve()
+    except RuntimeError as error:  # what Python says before 3.13
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path)) from error
+
+
+def is_stream(path: Path) -> bool:
+    """Whether a path is a device, a pipe or an open file of this process, which cannot be replaced."""
+    if path.parts[:2] in (("/", "dev"), ("/", "proc")):
+        return True
+    try:
+        mode = path.stat().st_mode
+    except OSError:
+        return False
+    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+
+
+def _sweep(target: Path) -> None:
+    """Remove scratch files of the same name whose writers were killed: nobody holds their locks."""
+    with suppress(OSError):
+        for left in target.parent.glob(f".{_literal(target.name)}.*{PART}"):
+            with suppress(OSError):
+                if left.is_file() and (held := take_lock(left)) is not None:
+                    give_back(held)
+
+
+def _literal(name: str) -> str:
+    """A name as a pattern that only it matches."""
+    return "".join(f"[{c}]" if c in "*?[" else c for c in name)

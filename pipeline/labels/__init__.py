@@ -1,0 +1,1 @@
+"""Labels and boxes that others made, in their formats, and which box shows what."""

@@ -1,0 +1,104 @@
+"""Class maps: a TOML file that says which classes of another detector are signs, and what these look like."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from wayside.pipeline.files.input_files import read_input_text
+from wayside.pipeline.files.toml_text import parse_toml
+from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.detectors import SignClass
+from wayside.schemas.errors import InputError
+
+EXAMPLE = '[classes]\n"stop sign" = { color = "red", shape = "octagon" }'
+
+
+def read_class_map(path: Path) -> dict[str, SignClass]:
+    """The classes of signs in a class map, by name or number as it is written there.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, has another structure, or names a colour or shape that there is not.
+    """
+    try:
+        content = parse_toml(read_input_text(path))
+    except OSError as error:
+        raise InputError(
+            f"models.classes: wanted a TOML file, found: {error.strerror} at {path}; correct the path"
+        ) from error
+    except ValueError as error:
+        raise InputError(
+            f"models.classes: {path} is not valid TOML: {error}; write it as in\n{EXAMPLE}"
+        ) from error
+    classes = content.pop("classes", None)
+    if not isinstance(classes, dict) or not classes or content:
+        found = ", ".join(content) or ("no class in it" if classes == {} else "none")
+        raise InputError(
+            f"models.classes: wanted one table [classes] in {path}, found {found}; write it as in\n{EXAMPLE}"
+        )
+    return {name: _sign_class(path, name, values) for name, values in classes.items()}
+
+
+def numbered(
+    classes: Mapping[str, SignClass], names: Mapping[int, str], path: str, *, complete: bool
+) -> dict[int, SignClass]:
+    """The classes of a class map by their numbers.
+
+    Parameters
+    ----------
+    classes
+        As `read_class_map` gives them.
+    names
+        Names of the detector's classes by number, empty where it has none.
+    path
+        The detector, for the error.
+    complete
+        Whether the detector has no other classes; else one that is not among them is passed over.
+
+    Raises
+    ------
+    InputError
+        A class that the detector does not have.
+    """
+    by_name = {name: number for number, name in names.items()}
+    found: dict[int, SignClass] = {}
+    for name, sign in classes.items():
+        number = by_name.get(name)
+        if number is None and name.isdecimal() and (int(name) in names or not names):
+            number = int(name)
+        if number is not None:
+            found[number] = sign
+        elif complete or not names:
+            raise InputError(_unknown(name, names, path))
+    return found
+
+
+def _unknown(name: str, names: Mapping[int, str], path: str) -> str:
+    if not names:
+        return (
+            f"models.classes: {path} does not name its classes; wanted their numbers, found {name!r}; "
+            'write [classes] with keys such as "0"'
+        )
+    near = difflib.get_close_matches(name, list(names.values()), n=1)
+    known = ", ".join(list(names.values())[:20]) + (" ..." if len(names) > 20 else "")
+    meant = f"; did you mean {near[0]!r}?" if near else ""
+    return f"models.classes: wanted classes of {path} ({known}), found {name!r}{meant}"
+
+
+def _sign_class(path: Path, name: str, values: Any) -> SignClass:
+    if not isinstance(values, dict) or set(values) - {"color", "shape"}:
+        raise InputError(
+            f"models.classes: wanted color and shape of class {name!r} in {path}, or {{}} where wayside names them; "
+            f"found {values!r}; write it as in\n{EXAMPLE}"
+        )
+    for what, known in (("color", COLORS), ("shape", SHAPES)):
+        if what in values and values[what] not in known:
+            raise InputError(
+                f"models.classes: wanted {what} of class {name!r} in {path} to be one of {', '.join(known)}; "
+                f"found {values[what]!r}"
+            )
+    return SignClass(values.get("color"), values.get("shape"))

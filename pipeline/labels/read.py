@@ -1,0 +1,180 @@
+"""Labels of any format, and the frames of a log that they are of."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import ParseError
+
+from wayside.pipeline.files.input_files import files_below
+from wayside.pipeline.files.json_text import CONTENT_FAULTS
+from wayside.pipeline.labels.class_map import read_class_map
+from wayside.pipeline.labels.label_file import read_label_file
+from wayside.pipeline.labels.label_formats import read_json, read_voc
+from wayside.pipeline.labels.yolo_labels import read_yolo
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.results.result import RUN_FILE
+from wayside.pipeline.reviewing.labels import review_labels
+from wayside.pipeline.reviewing.review import is_review, required_review
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.labels import Label, LabelledImage, Labels
+from wayside.schemas.settings import ReadSettings
+
+
+@dataclass(frozen=True, slots=True)
+class FrameLabels:
+    """Labels of one log by frame.
+
+    labels: of each frame that has any; complete: frames in which every sign is labelled; left_out: labels and complete
+    images that are of no frame of the log, by reason (`other_log`, `other_time`, `no_such_image`).
+    """
+
+    labels: dict[int, list[Label]]
+    complete: frozenset[int]
+    left_out: dict[str, int]
+
+
+def read_labels(path: Path | str, class_map: Path | None = None) -> Labels:
+    """Labels from a file or folder, its format told by what is there.
+
+    Parameters
+    ----------
+    path
+        Our Parquet file; JSON: marks of `wayside label`, COCO, `truth.json`, `labels.json` or
+        `scenes.json`; a folder: a result with its review where it holds `run.json`, of VOC where it holds XML files,
+        else of YOLO.
+    class_map
+        TOML file that says which classes of COCO, YOLO and VOC are signs, and what these look like.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, is none of these, or holds not one label that can be used.
+    UsageError
+        It is a result without a review, or a review without its result, which has the boxes.
+    """
+    path = Path(path)
+    if (path / RUN_FILE).is_file():
+        return review_labels(path, required_review(path, None))
+    if path.is_file() and is_review(path):
+        raise UsageError(
+            f"{path}: wanted labels, found a review, which names signs and has no boxes; save it in the folder of the "
+            "result that it is of, and give that folder"
+        )
+    classes = None if class_map is None else read_class_map(class_map)
+    try:
+        if path.is_dir():
+            read = (
+                read_voc
+                if any(file.suffix.lower() == ".xml" for file in files_below(path))
+                else read_yolo
+            )
+            labels = read(path, classes)
+        elif path.suffix.lower() == ".json":
+            labels = read_json(path, classes)
+        else:
+            labels = read_label_file(path)
+    except (OSError, ParseError, *CONTENT_FAULTS) as error:
+        kind = "" if isinstance(error, OSError) else f"{type(error).__name__}: "
+        found = f"{kind}{error}"
+        raise InputError(
+            f"{path}: wanted labels (Parquet, COCO, YOLO, VOC or the truth of a drive), found {found[:200]}; "
+            "see docs/labels.md"
+        ) from error
+    if not labels.labels and not labels.complete:
+        reasons = f" that can be used: {labels.reasons}" if labels.left_out else ""
+        raise InputError(f"{path}: wanted labels, found none{reasons}; see docs/labels.md")
+    return labels
+
+
+def joined(parts: Sequence[Labels]) -> Labels:
+    """Labels of several files as one, in their order."""
+    left_out: Counter[str] = Counter()
+    for part in parts:
+        left_out.update(part.left_out)
+    return Labels(
+        tuple(label for part in parts for label in part.labels),
+        tuple(image for part in parts for image in part.complete),
+        dict(left_out),
+        {reason: words for part in reversed(parts) for reason, words in part.first.items()},
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class LogImages:
+    """What names the images of a log: log time by frame, and file name by frame where it is known; frames in use."""
+
+    times_ns: dict[int, int]
+    names: dict[int, str]
+    used: frozenset[int]
+
+    @classmethod
+    def of(cls, log: Path, settings: ReadSettings) -> LogImages:
+        """Of the frames of a log; raises InputError where it cannot be read."""
+        times, names, used = {}, {}, set()
+        for frame in read_frames(log, settings, ReadReport()):
+            times[frame.index] = frame.log_time_ns
+            if frame.name:
+                names[frame.index] = frame.name
+            if frame.used:
+                used.add(frame.index)
+        return cls(times, names, frozenset(used))
+
+
+def labels_by_frame(
+    labels: Labels,
+    log: str,
+    log_times_ns: Mapping[int, int],
+    image_names: Mapping[int, str] | None = None,
+) -> FrameLabels:
+    """The labels of a log by its frames.
+
+    An image is found by its frame, its log time or its name; where several of these are known, they must be of one
+    frame. A name that several images have finds none.
+
+    Parameters
+    ----------
+    labels
+        Of this log and perhaps of others.
+    log
+        Stem of its file name.
+    log_times_ns
+        Log time of each frame.
+    image_names
+        File name of the image of each frame; None: not known.
+    """
+    by_time = {time: frame for frame, time in log_times_ns.items()}
+    by_name = {name: frame for frame, name in (image_names or {}).items()}
+    twice = {name for name, n in Counter((image_names or {}).values()).items() if n > 1}
+    left_out: Counter[str] = Counter()
+
+    def frame_of(image: LabelledImage) -> int | None:
+        if image.log not in (None, log):
+            left_out["other_log"] += 1
+            return None
+        found: set[int | None] = set()
+        if image.frame is not None:
+            found.add(image.frame if image.frame in log_times_ns else None)
+        if image.log_time_ns is not None:
+            found.add(by_time.get(image.log_time_ns))
+        if image.image_name in twice:
+            left_out["name_of_several"] += 1
+            return None
+        if image.image_name and by_name:
+            found.add(by_name.get(image.image_name))
+        if len(found) == 1 and (frame := found.pop()) is not None:
+            return frame
+        left_out["other_time" if image.log_time_ns is not None else "no_such_image"] += 1
+        return None
+
+    kept: defaultdict[int, list[Label]] = defaultdict(list)
+    for label in labels.labels:
+        frame = frame_of(label.image)
+        if frame is not None:
+            kept[frame].append(label)
+    complete = (frame_of(image) for image in labels.complete)
+    return FrameLabels(
+        dict(kept), frozenset(frame for frame in complete if frame is not None), dict(left_out)
+    )

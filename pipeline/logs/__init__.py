@@ -1,0 +1,1 @@
+"""Logs as wholes: made of images, joined of parts, taken from ROS bags, described."""

@@ -1,0 +1,241 @@
+"""Numbered images to a log (`wayside import`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from mcap.writer import CompressionType
+from mcap_protobuf.writer import Writer
+
+from wayside.pipeline.files.input_files import read_input
+from wayside.pipeline.files.writing import whole_file
+from wayside.pipeline.reading.camera_file import read_camera_file
+from wayside.pipeline.reading.image_headers import refuse_turned
+from wayside.pipeline.reading.image_order import (
+    ImageFile,
+    copies_among,
+    count_images,
+    counted,
+    image_files,
+    in_order,
+    natural_key,
+    read_image_file,
+)
+from wayside.pipeline.reading.survey import (
+    BY_NUMBER_KEY,
+    DATES_METADATA,
+    METADATA_NAME,
+    NAMES_METADATA,
+    SPACING_KEY,
+)
+from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.frame import Camera
+
+SECOND_NS = 10**9
+"""Imported images have no times: they are logged one second apart, from 0 on, and carry no capture time."""
+
+_MOST_LISTED = 6
+_CAMERA_FRAME = "camera"
+
+
+def import_images(
+    images: list[Path],
+    calibration: Path,
+    spacing_m: float,
+    out: Path,
+    *,
+    order: str = "",
+    overwrite: bool = False,
+    warn: Callable[[str], None] = lambda words: None,
+    watch: Callable[[int, int], None] = lambda done, total: None,
+) -> tuple[int, int]:
+    """Write a log of numbered images, a known distance apart; how many, and how many files were left out.
+
+    Images are put in the order in which they were taken (`in_order`) and passed through byte for byte, with the names
+    of their files and the dates that their cameras wrote into them. Numbers that are missing from an even count are
+    taken for images not taken: the distance across the gap is the larger. Copies of an image are imported, too; a run
+    leaves them out. Files that are no images or cannot be read are left out.
+
+    Parameters
+    ----------
+    images
+        JPEG and PNG files, and folders of them.
+    calibration
+        YAML of ROS camera_info, OpenCV or Kalibr.
+    spacing_m
+        Distance between images of neighbouring numbers, metres.
+    out
+        The MCAP file to write; it appears when it is complete.
+    order
+        "name" or "date" decides the order where they contradict each other; empty: that is refused.
+    overwrite
+        Replace a file of that name that is not this very log.
+    warn
+        Called with what is amiss with the images, in words: files left out, copies, missing numbers.
+    watch
+        Called with how many images are written, and of how many.
+
+    Raises
+    ------
+    UsageError
+        The spacing is not positive, or there is no image among the paths.
+    InputError
+        The calibration or none of the files can be used, an image is of another size or to be shown otherwise than it
+        is stored, or nothing tells the order.
+    OutputError
+        The log cannot be written, or another file of that name stands there.
+    """
+    if not spacing_m > 0:
+        raise UsageError(
+            f"--spacing: wanted the distance between images, found {spacing_m:g} m; "
+            "give it as in 26.4ft or 8.05m"
+        )
+    camera = read_camera_file(calibration)
+    files = list(dict.fromkeys(image_files(images)))
+    if not files:
+        raise UsageError(
+            "wanted images to import, found none; give JPEG or PNG files or folders of them"
+        )
+    usable, left_out = _usable(files, camera)
+    if left_out:
+        warn(f"left out: {len(left_out)} of {len(files)} files ({_listed(left_out)})")
+    copies = copies_among(usable)
+    ordered, counts = _numbered(in_order(usable, copies, order), copies)
+    for words in _warnings([image.path for image in ordered], counts, copies):
+        warn(words)
+    with whole_file(out, overwrite=overwrite) as stream:
+        writer = Writer(stream, compression=CompressionType.NONE)
+        _write(writer, ordered, counts, camera, spacing_m, watch)
+    return len(ordered), len(left_out)
+
+
+def _usable(files: list[Path], camera: Camera) -> tuple[list[ImageFile], list[str]]:
+    """The files that can be imported, and the others with the reasons; raises InputError where there is none."""
+    usable, left_out = [], []
+    for file in files:
+        image = read_image_file(file)
+        if isinstance(image, str):
+            left_out.append(f"{file.name}: {image}")
+            continue
+        refuse_turned(str(file), image.exif)
+        if (image.header.width, image.header.height) != (camera.width, camera.height):
+            raise InputError(
+                f"{file}: wanted {camera.width} x {camera.height} pixels as the calibration has them, "
+                f"found {image.header.width} x {image.header.height}; give the calibration of these images"
+            )
+        usable.append(image)
+    if not usable:
+        raise InputError(f"none of {len(files)} files can be imported: {_listed(left_out)}")
+    return usable, left_out
+
+
+def _numbered(
+    images: list[ImageFile], copies: dict[Path, Path]
+) -> tuple[list[ImageFile], list[int]]:
+    """The images in order with their counts; copies whose names break an even count come behind their originals."""
+    files = [image.path for image in images]
+    originals = [file for file in files if file not in copies]
+    counts = counted(originals)
+    if counted(files) is not None or counts is None:
+        return images, count_images(files)
+    known = dict(zip(originals, counts, strict=True))
+    number = {file: known[copies.get(file) or file] for file in files}
+    ordered = sorted(images, key=lambda image: (number[image.path], image.path in copies))
+    return ordered, [number[image.path] for image in ordered]
+
+
+def _warnings(files: list[Path], counts: list[int], copies: dict[Path, Path]) -> Iterator[str]:
+    folders = list(dict.fromkeys(file.parent for file in files))
+    if len(folders) > 1:
+        yield f"folders are taken in this order: {_listed([str(folder) for folder in folders])}"
+    if copies:
+        pairs = [f"{copy.name} of {original.name}" for copy, original in copies.items()]
+        yield (
+            f"copies, byte for byte: {len(copies)} ({_listed(pairs)}); a run gives them the status "
+            "`duplicate` and adds no distance for them"
+        )
+    originals = [file for file in files if file not in copies]
+    if len(files) > 1 and counted(originals) is None and counted(files) is None:
+        yield (
+            "the numbers in the names do not rise evenly: images are taken to be one spacing apart, and missing ones "
+            "are not noticed"
+        )
+    back = [
+        f"{after.name} behind {before.name}"
+        for before, after in pairwise(originals)
+        if before.parent == after.parent and natural_key(after) < natural_key(before)
+    ]
+    if back:
+        yield f"numbers start again or go back: {_listed(back)}"
+    gaps = [(b - a - 1, before) for (a, b), before in zip(pairwise(counts), files, strict=False)]
+    gaps = [(missing, before) for missing, before in gaps if missing > 0]
+    if gaps:
+        places = [f"{missing} after {before.name}" for missing, before in gaps]
+        yield (
+            f"missing numbers: {sum(missing for missing, _ in gaps)} ({_listed(places)}); the distance across a gap "
+            "is taken to be longer by one spacing for each"
+        )
+
+
+def _listed(words: list[str]) -> str:
+    more = len(words) - _MOST_LISTED
+    return ", ".join(words[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
+
+
+def _write(
+    writer: Writer,
+    images: list[ImageFile],
+    counts: list[int],
+    camera: Camera,
+    spacing_m: float,
+    watch: Callable[[int, int], None],
+) -> None:
+    writer.add_metadata(METADATA_NAME, {SPACING_KEY: repr(spacing_m), BY_NUMBER_KEY: "yes"})
+    times = _times_of(counts)
+    timed = list(zip(map(str, times), images, strict=True))
+    writer.add_metadata(NAMES_METADATA, {time: image.path.name for time, image in timed})
+    if dates := {time: image.exif.date for time, image in timed if image.exif.date}:
+        writer.add_metadata(DATES_METADATA, dates)
+    writer.write_message("/camera/calibration", _calibration(camera), 0, 0, 1)
+    for done, (image, count, time_ns) in enumerate(zip(images, counts, times, strict=True), 1):
+        content = CompressedImage(
+            data=_bytes_of(image), format=image.header.encoding, frame_id=_CAMERA_FRAME
+        )
+        writer.write_message("/camera/image", content, time_ns, time_ns, count)
+        watch(done, len(images))
+    writer.finish()  # type: ignore[no-untyped-call]
+
+
+def _times_of(counts: list[int]) -> list[int]:
+    """Log times by which images are told apart: a second a trigger, copies of one number a nanosecond behind it."""
+    times: list[int] = []
+    for count in counts:
+        times.append(max((count - 1) * SECOND_NS, times[-1] + 1 if times else 0))
+    return times
+
+
+def _bytes_of(image: ImageFile) -> bytes:
+    try:
+        return read_input(image.path)
+    except OSError as error:
+        raise InputError(
+            f"{image.path}: it could be read before, and now: {error.strerror or error}; check the file"
+        ) from error
+
+
+def _calibration(camera: Camera) -> CameraCalibration:
+    c = camera
+    return CameraCalibration(
+        width=c.width,
+        height=c.height,
+        distortion_model="rational_polynomial" if len(c.distortion) > 5 else "plumb_bob",
+        D=c.distortion,
+        K=c.matrix.ravel().tolist(),
+        R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        P=[c.fx, 0.0, c.cx, 0.0, 0.0, c.fy, c.cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        frame_id=_CAMERA_FRAME,
+    )

@@ -1,0 +1,1 @@
+"""The shipped model files, and how model files are read and checked."""

@@ -1,0 +1,160 @@
+"""A detector of the user's: its ONNX file is read, run once, and its format recognised, before a log is opened."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.pipeline.files.input_files import read_input
+from wayside.pipeline.files.json_text import CONTENT_FAULTS
+from wayside.pipeline.labels.class_map import numbered, read_class_map
+from wayside.schemas.detectors import DetectorFile
+from wayside.schemas.errors import InputError
+from wayside.schemas.models import OnnxFile
+from wayside.schemas.settings import ModelSettings
+from wayside.stages.classifiers import NetworkInput, OnnxNetwork
+from wayside.stages.detection import multiple_of, recognised
+
+FLOAT32 = "tensor(float)"
+"""Type of an input of single precision."""
+SIZE_INPUT = "orig_target_sizes"
+"""Second input of the networks that give pixels of the image: its width and height."""
+FREE_SIZE = (640, 640)
+"""On which a network of free input size is tried."""
+MOST_PIXELS = 1 << 26
+"""Of an input: eight times those of a camera of 8 megapixels."""
+ADVICE = "see docs/detectors.md for the formats that are understood"
+
+
+def load_detector(settings: ModelSettings) -> DetectorFile:
+    """The detector that `models.detector` names, checked by one run on a grey image.
+
+    Raises
+    ------
+    InputError
+        The file is none that can be run, or its inputs or outputs are not understood; or the class map is wrong.
+    """
+    path = Path(settings.detector)
+    try:
+        data = read_input(path)
+        network = OnnxNetwork(str(path))
+    except (OSError, ValueError) as error:
+        raise _refusal(
+            path, "an ONNX file", _words(error), "export the detector as ONNX, or correct the path"
+        ) from error
+    task = network.metadata.get("task", "detect")
+    if task != "detect":
+        raise _refusal(path, "a detector", f"a network for the task {task!r}", ADVICE)
+    image, size_input = _inputs(path, network)
+    input_size = _input_size(path, image)
+    names = _names(network)
+    outputs = _first_run(path, network, image, size_input, input_size or FREE_SIZE)
+    form = settings.detector_format
+    if form == "auto":
+        head = network.metadata.get("head", "") or network.metadata.get("description", "")
+        try:
+            form = recognised(outputs, input_size or FREE_SIZE, head, len(names))
+        except ValueError as error:
+            raise _refusal(
+                path,
+                "outputs of the YOLO or RT-DETR family",
+                str(error),
+                f"{ADVICE}, or name one with --set models.detector_format",
+            ) from error
+    signs = None
+    if settings.classes:
+        classes = read_class_map(Path(settings.classes))
+        signs = numbered(classes, names, str(path), complete=True)
+    return DetectorFile(
+        OnnxFile(str(path), sha256(data).hexdigest()),
+        form,
+        input_size,
+        image.name,
+        size_input,
+        network.outputs,
+        signs,
+    )
+
+
+def _inputs(path: Path, network: OnnxNetwork) -> tuple[NetworkInput, str]:
+    """The input for the image, and the name of that for its size (empty: there is none)."""
+    images = [one for one in network.inputs if len(one.shape) == 4]
+    others = [one.name for one in network.inputs if len(one.shape) != 4]
+    if len(images) != 1 or others not in ([], [SIZE_INPUT]):
+        listed = ", ".join(f"{one.name} {list(one.shape)}" for one in network.inputs)
+        raise _refusal(
+            path, f"one image as input (and {SIZE_INPUT} at most)", f"the inputs {listed}", ADVICE
+        )
+    image = images[0]
+    batch, channels = image.shape[:2]
+    if batch > 1 or channels not in (0, 3) or image.type != FLOAT32:
+        kind = "float32" if image.type == FLOAT32 else image.type
+        raise _refusal(
+            path,
+            "an input of one RGB image, float32 [1, 3, height, width]",
+            f"{kind} {list(image.shape)}",
+            "export it with a batch of 1, in single precision",
+        )
+    return image, others[0] if others else ""
+
+
+def _input_size(path: Path, image: NetworkInput) -> tuple[int, int] | None:
+    height, width = image.shape[2:]
+    if height * width > MOST_PIXELS:
+        raise _refusal(
+            path,
+            f"an input of at most {MOST_PIXELS} pixels",
+            f"{width} x {height}",
+            "export it for the size of your images",
+        )
+    if bool(height) != bool(width):
+        raise _refusal(
+            path,
+            "an input whose height and width are both fixed or both free",
+            str(list(image.shape)),
+            "export it with a fixed size",
+        )
+    return (height, width) if height else None
+
+
+def _names(network: OnnxNetwork) -> dict[int, str]:
+    """Names of the classes by number, as Ultralytics writes them; empty where there are none."""
+    try:
+        names: Any = ast.literal_eval(network.metadata.get("names", "{}"))
+        listed = names.items() if isinstance(names, Mapping) else enumerate(names)
+        return {int(number): str(name) for number, name in listed}
+    except (*CONTENT_FAULTS, SyntaxError, MemoryError, RecursionError):  # both of deep nesting
+        return {}
+
+
+def _first_run(
+    path: Path,
+    network: OnnxNetwork,
+    image: NetworkInput,
+    size_input: str,
+    size: tuple[int, int],
+) -> dict[str, NDArray[np.float32]]:
+    """The outputs on a grey image."""
+    height, width = multiple_of(size) if not image.shape[2] else size
+    inputs: dict[str, NDArray[Any]] = {image.name: np.full((1, 3, height, width), 0.5, np.float32)}
+    if size_input:
+        inputs[size_input] = np.array([[width, height]], np.int64)
+    try:
+        return network.run(inputs)
+    except ValueError as error:
+        raise _refusal(path, "a network that can be run", _words(error), ADVICE) from error
+
+
+def _refusal(path: Path, wanted: str, found: str, advice: str) -> InputError:
+    return InputError(f"models.detector: wanted {wanted} at {path}, found {found}; {advice}")
+
+
+def _words(error: Exception) -> str:
+    """What an error says, in one line."""
+    return " ".join(str(error).split())[:200]

@@ -1,0 +1,229 @@
+"""Writes the three tables of a result, in memory that grows with the signs and not with the images."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from wayside.pipeline.files.parquet import (
+    ParquetFile,
+    choice,
+    fixed_list,
+    geoparquet_metadata,
+    known,
+    record_batch,
+)
+from wayside.pipeline.files.writing import create, not_written
+from wayside.pipeline.results.rows import (
+    FRAME_COLUMNS,
+    GLOBE_COLUMNS,
+    POSE_COLUMNS,
+    frame_row,
+    globe_rows,
+    pose_row,
+    sign_id,
+    sign_row,
+)
+from wayside.schemas.detections import VERDICTS
+from wayside.schemas.frame import DUPLICATE, USED, Camera
+from wayside.schemas.landmarks import TrackedFrame
+from wayside.schemas.signs import Sign
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+from wayside.stages.georeference import DrivePath
+
+_BATCH_ROWS = 4096
+_UNLISTED = tuple(VERDICTS.index(name) for name in ("size", "color"))
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenTables:
+    """What was written: signs in the order of the file, the path they stand on, counts of rows and of verdicts.
+
+    camera: calibration of the first used image.
+    """
+
+    log: str
+    signs: tuple[Sign, ...]
+    path: DrivePath
+    rows: dict[str, int]
+    verdicts: dict[str, int]
+    camera: Camera | None = None
+
+    @property
+    def us_probability(self) -> float | None:
+        """Probability that the signs are of the US system; None where there is no sign."""
+        return self.signs[0].us_probability if self.signs else None
+
+    @property
+    def sign_rows(self) -> list[dict[str, Any]]:
+        """The rows of `signs.parquet`."""
+        return [sign_row(sign, self.log) for sign in self.signs]
+
+
+class InventoryWriter:
+    """Takes tracked frames one by one; `finish` takes the signs and leaves the Parquet files.
+
+    Observations wait in a scratch file of the folder, because the number of a sign is known only when all signs are.
+
+    Parameters
+    ----------
+    folder
+        Existing folder that holds none of the tables yet.
+    log
+        Stem of the log's file name, the first part of every sign's name.
+    every_region
+        Also list regions that no classifier looked at, or the colour gate refused.
+
+    Raises
+    ------
+    OutputError
+        Where the folder cannot be written.
+    """
+
+    def __init__(self, folder: Path, log: str, *, every_region: bool = False) -> None:
+        self._folder, self._log, self._every_region = folder, log, every_region
+        self._verdicts: Counter[str] = Counter()
+        self._frames: list[tuple[Any, ...]] = []
+        self._camera: Camera | None = None
+        self._scratch_path = folder / ".observations.scratch"
+        self._observation_count = 0
+        try:
+            self._scratch = create(self._scratch_path)
+        except OSError as error:
+            raise not_written(folder, error) from error
+        self._stream = pa.ipc.new_stream(self._scratch, OBSERVATIONS.schema)
+
+    def append(self, settled: TrackedFrame) -> None:
+        """Take one frame with its candidates."""
+        self._frames.append(frame_row(settled))
+        if self._camera is None and settled.frame.status == USED:
+            self._camera = settled.frame.camera
+        for reason, count in settled.dropped._asdict().items():
+            if count:
+                self._verdicts[reason] += count
+        batch = self._observations(settled)
+        if batch.num_rows:
+            try:
+                self._stream.write_batch(batch)
+            except OSError as error:
+                raise not_written(self._folder, error) from error
+
+    def discard(self) -> None:
+        """Remove the scratch file; the run did not come to an end."""
+        self._remove_scratch()
+
+    def finish(self, path: DrivePath, signs: Sequence[Sign]) -> WrittenTables:
+        """Write the tables."""
+        try:
+            self._stream.close()
+            self._scratch.close()
+            self._write_signs(signs, path)
+            self._write_frames(path)
+            self._write_observations(signs)
+        except OSError as error:
+            raise not_written(self._folder, error) from error
+        finally:
+            self._remove_scratch()
+        rows = {
+            SIGNS.file: len(signs),
+            OBSERVATIONS.file: self._observation_count,
+            FRAMES.file: len(self._frames),
+        }
+        return WrittenTables(
+            self._log, tuple(signs), path, rows, dict(sorted(self._verdicts.items())), self._camera
+        )
+
+    def _remove_scratch(self) -> None:
+        """Remove it first, then close it: what waits in its buffers may not fit on the disk."""
+        with suppress(OSError):
+            self._scratch_path.unlink(missing_ok=True)
+        for part in (self._stream, self._scratch):
+            with suppress(OSError, ValueError):  # ValueError: closed before
+                part.close()
+
+    def _observations(self, settled: TrackedFrame) -> pa.RecordBatch:
+        table = settled.candidates
+        for code, count in zip(*np.unique(table.verdict, return_counts=True), strict=True):
+            self._verdicts[VERDICTS[code]] += int(count)
+        listed = (
+            np.ones(len(table), bool) if self._every_region else ~np.isin(table.verdict, _UNLISTED)
+        )
+        rows = np.flatnonzero(listed)
+        regions = table.regions.select(rows)
+        first = self._observation_count
+        self._observation_count += len(rows)
+        track = settled.track_id[rows]
+        values: dict[str, Any] = {
+            "frame": np.full(len(rows), settled.frame.index, np.int32),
+            "observation_id": np.arange(first, first + len(rows)),
+            "source": choice(OBSERVATIONS, "source", regions.source),
+            "box": fixed_list(regions.box, 4),
+            "area_px": regions.area_px,
+            "u_px": table.center[rows, 0],
+            "v_px": table.center[rows, 1],
+            "u_ideal_px": table.ideal[rows, 0],
+            "v_ideal_px": table.ideal[rows, 1],
+            "red": regions.rgb[:, 0],
+            "green": regions.rgb[:, 1],
+            "blue": regions.rgb[:, 2],
+            "color": choice(OBSERVATIONS, "color", table.color[rows]),
+            "color_distance": known(table.color_distance[rows]),
+            "shape": choice(OBSERVATIONS, "shape", table.shape[rows]),
+            "shape_distance": known(table.shape_distance[rows]),
+            "track_id": pa.array(track.astype(np.int32), mask=track < 0),
+            "sign_id": pa.nulls(len(rows), pa.string()),
+            "verdict": choice(OBSERVATIONS, "verdict", table.verdict[rows]),
+            "residual_px": known(settled.residual_px[rows].astype(np.float32)),
+            "score": known(table.score[rows]),
+        }
+        return record_batch(OBSERVATIONS, values)
+
+    def _write_observations(self, signs: Sequence[Sign]) -> None:
+        names = {sign.landmark.track_id: sign_id(sign, self._log) for sign in signs}
+        at = OBSERVATIONS.schema.get_field_index("sign_id")
+        tracks = OBSERVATIONS.schema.get_field_index("track_id")
+        with (
+            ParquetFile(self._folder / OBSERVATIONS.file, OBSERVATIONS.schema) as sink,
+            self._scratch_path.open("rb") as scratch,
+        ):
+            waiting: list[pa.RecordBatch] = []
+            for batch in pa.ipc.open_stream(scratch):
+                followed = (-1 if t is None else int(t) for t in batch.column(tracks).to_pylist())
+                named = pa.array([names.get(track) for track in followed], pa.string())
+                waiting.append(batch.set_column(at, OBSERVATIONS.schema.field(at), named))
+                if sum(b.num_rows for b in waiting) >= _BATCH_ROWS:
+                    sink.write(waiting)
+                    waiting = []
+            sink.write(waiting)
+
+    def _write_frames(self, path: DrivePath) -> None:
+        values = _columns(FRAME_COLUMNS, self._frames)
+        frames = values["frame"]
+        values |= _columns(POSE_COLUMNS, [pose_row(path.poses.get(frame)) for frame in frames])
+        values |= _columns(GLOBE_COLUMNS, globe_rows(path.globe, frames))
+        values["station_m"] = [path.stations.get(frame) for frame in frames]
+        values["baseline_m"] = [
+            0.0 if status == DUPLICATE else path.baselines.get(frame)
+            for frame, status in zip(frames, values["status"], strict=True)
+        ]
+        with ParquetFile(self._folder / FRAMES.file, FRAMES.schema) as sink:
+            sink.write([record_batch(FRAMES, values)])
+
+    def _write_signs(self, signs: Sequence[Sign], path: DrivePath) -> None:
+        rows = [sign_row(sign, self._log) for sign in signs]
+        values = {name: [row[name] for row in rows] for name in SIGNS.schema.names}
+        geo = None if path.globe is None else geoparquet_metadata(rows)
+        with ParquetFile(self._folder / SIGNS.file, SIGNS.schema, geo) as sink:
+            sink.write([record_batch(SIGNS, values)])
+
+
+def _columns(names: Sequence[str], rows: Sequence[tuple[Any, ...]]) -> dict[str, Sequence[Any]]:
+    """Columns by name of rows, which may be none."""
+    return dict(zip(names, zip(*rows, strict=True) if rows else [()] * len(names), strict=True))

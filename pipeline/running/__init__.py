@@ -1,0 +1,1 @@
+"""One run: the flow of a chain, and what is kept of it."""

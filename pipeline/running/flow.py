@@ -1,0 +1,142 @@
+"""Runs a chain of stages over a log: workers, order, journal, clock, observer. It knows no stage by what it does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import Any, Protocol
+
+from wayside.pipeline.chains import Chain, chain_of
+from wayside.pipeline.files.route_file import RouteFile
+from wayside.pipeline.models.model_files import Models
+from wayside.pipeline.running.image_memory import ImageMemory
+from wayside.pipeline.running.journal import Journal
+from wayside.pipeline.workers import Item, Stage, StageClock, ordered_parallel
+from wayside.schemas.detections import Detections
+from wayside.schemas.frame import Frame
+from wayside.schemas.landmarks import TrackedFrame
+from wayside.schemas.settings import Settings
+from wayside.schemas.signs import Sign
+from wayside.stages.calibration import LensCheck
+from wayside.stages.georeference import DrivePath
+
+
+class Observer(Protocol):
+    """Sees every item that leaves a stage, in the thread that made it."""
+
+    def see(self, stage: str, item: Item) -> None:
+        """Take note; must not raise and must not keep the run waiting."""
+
+
+@dataclass(slots=True)
+class FrameCounts:
+    """Frames that were looked at, each for itself, and those that the stages which need the order are done with."""
+
+    looked_at: int = 0
+    settled: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What is known after the last frame."""
+
+    path: DrivePath
+    signs: tuple[Sign, ...]
+    """In the order of their numbers."""
+    lens: LensCheck
+    """What the drive says of its lens."""
+
+
+@dataclass(slots=True)
+class Flow:
+    """A chain under way; one instance serves one log."""
+
+    settings: Settings
+    models: Models
+    clock: StageClock
+    observer: Observer | None = None
+    journal: Journal | None = None
+    routes: RouteFile | None = None
+    memory: ImageMemory = field(default_factory=ImageMemory)
+    counts: FrameCounts = field(default_factory=FrameCounts)
+    chain: Chain = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Build the chain of the preset; its networks are shared by all workers."""
+        self.chain = chain_of(self.settings, self.models, self.routes)
+
+    def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
+        """Send frames all the way: every frame comes out once, in order, with the landmarks first seen in it."""
+        run = self.settings.run
+        read, memory = self._shown(Stage("read", self.memory.taken), frames), self.memory
+        found = ordered_parallel(
+            self._resume,
+            read,
+            workers=run.workers,
+            queue=run.queue,
+            has_room=lambda: memory.has_room,
+        )
+        if self.journal is not None:
+            found = self.clock.timed("journal", self.journal.record(found))
+        for settled in self._follow(self._counted(self.clock.timed("queue", found))):
+            self.counts.settled += 1
+            yield settled
+
+    def detect(self, frames: Iterator[Frame]) -> Iterator[Detections]:
+        """Do what one image needs for itself; runs side by side in the workers."""
+        return self._through(self.chain.per_image, frames)
+
+    def finish(self) -> Drive:
+        """After the last frame: the path of the whole drive, the signs on it, and what it says of its lens."""
+        own = self.chain
+        (path,) = self._of_drive([own.path], iter(own.record.points))
+        signs = tuple(self._of_drive(own.signs(path), iter(own.record.landmarks)))
+        (lens,) = self._of_drive([own.lens], iter([own.calibration]))
+        return Drive(path, signs, lens)
+
+    def _counted(self, found: Iterator[Detections]) -> Iterator[Detections]:
+        for item in found:
+            self.counts.looked_at += 1
+            yield item
+
+    def _resume(self, frames: Iterator[Frame]) -> Iterator[Detections]:
+        """Take from the journal what a run before has found in the first frames, and detect in the others."""
+        decoding = self.chain.per_image[:1]
+        for frame in frames:
+            if self.journal is None or frame.index not in self.journal:
+                yield from self.detect(chain([frame], frames))
+                return
+            for image in self._through(decoding, iter([frame])):
+                known = self.journal.replay(image)
+                yield from self.detect(iter([frame])) if known is None else (known,)
+
+    def _follow(self, detections: Iterator[Detections]) -> Iterator[TrackedFrame]:
+        """Do what needs the frames in order. Pixels are held until the frame is tracked, or has no motion."""
+        items: Iterator[Any] = detections
+        for stage in self.chain.per_frame:
+            items = self._shown(stage, items)
+            if stage.name == "motion":
+                items = self.memory.released(items, lambda one: one.motion is None)
+            elif stage.name == "track":
+                items = self.memory.released(items, lambda one: True)
+        return items
+
+    def _through(self, stages: Sequence[Stage[Any, Any]], items: Iterator[Any]) -> Iterator[Any]:
+        for stage in stages:
+            items = self._shown(stage, items)
+        return items
+
+    def _shown(self, stage: Stage[Any, Any], items: Iterator[Any]) -> Iterator[Any]:
+        """The items of a stage: timed, its faults named, and every item shown to the observer."""
+        for item in self.clock.timed(stage.name, stage.run(items)):
+            if self.observer is not None and stage.seen:
+                with self.clock.aside("view"):
+                    self.observer.see(stage.name, item)
+            yield item
+
+    def _of_drive(self, stages: Sequence[Stage[Any, Any]], items: Iterator[Any]) -> Iterator[Any]:
+        """The items of stages after the last frame: timed, their faults named."""
+        for stage in stages:
+            items = self.clock.timed_drive(stage.name, stage.run(items))
+        return items
