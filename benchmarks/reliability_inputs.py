@@ -42,6 +42,7 @@ from wayside.pipeline.labels.class_map import read_class_map
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.logs.information import describe_log, format_information
 from wayside.pipeline.models.model_files import shipped_models
+from wayside.pipeline.models.model_json import model_from_json
 from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.image_headers import read_image_header
@@ -53,9 +54,9 @@ from wayside.pipeline.reviewing.review import NO_REVIEW, read_review, result_nam
 from wayside.pipeline.running import run
 from wayside.pipeline.running.journal import JOURNAL, Journal
 from wayside.schemas.frame import USED, Frame
-from wayside.schemas.model_json import model_from_json
 from wayside.schemas.models import EvidenceModel, GaussianModel, LinearModel, MixtureModel
 from wayside.schemas.settings import ReadSettings
+from wayside.stages.classifiers import class_distances, evidence_ratios, log_density
 from wayside.stages.imaging import decode
 
 Content = Callable[[random.Random], bytes]
@@ -136,13 +137,13 @@ def use_model(path: Path) -> None:
     values = np.random.default_rng(0).normal(size=(20, 1000)).astype(np.float32)
     with np.errstate(all="ignore"):
         if isinstance(model, GaussianModel) and model.classes:
-            model.distances(values[:, : model.classes[0].mean.size])
+            class_distances(values[:, : model.classes[0].mean.size], model)
         elif isinstance(model, MixtureModel):
-            model.log_density(values[:, : model.mean.shape[1]])
+            log_density(values[:, : model.mean.shape[1]], model)
         elif isinstance(model, LinearModel):
-            model.values(values[:, : len(model.features)].astype(np.float64))
+            values[:, : len(model.features)].astype(np.float64) @ model.weights
         elif isinstance(model, EvidenceModel):
-            model.ratios(dict.fromkeys(model.features, 0.5))
+            evidence_ratios(model, dict.fromkeys(model.features, 0.5))
 
 
 def model_texts() -> list[Any]:

@@ -13,16 +13,6 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import Frame, Image
 
-COLORS = (
-    "white",
-    "yellow",
-    "green",
-    "red",
-    "orange",
-    "blue",
-    "brown",
-    "fluorescent_yellow_green",
-)
 COLOR_RGB = {
     "white": (245, 245, 245),
     "yellow": (245, 200, 40),
@@ -33,7 +23,8 @@ COLOR_RGB = {
     "brown": (140, 90, 50),
     "fluorescent_yellow_green": (190, 240, 50),
 }
-"""Colours in which the classes are drawn: those of the signs, bright enough on a dark ground."""
+"""Colour classes, and in what they are drawn: the colours of the signs, bright enough on a dark ground."""
+COLORS = tuple(COLOR_RGB)
 SHAPES = (
     "rectangle",
     "diamond",
@@ -51,28 +42,28 @@ SOURCES = ("pass1", "pass2", "level", "stack", "predicted", "moved", "network", 
 of these one above the other, a landmark of other frames projected into this one, any of these with its box moved by box
 regression, a box of the detection network, or a box of a detector that is not wayside's (or of a file of boxes)."""
 
-VERDICTS = (
-    "open",
-    "sign",
-    "size",
-    "color",
-    "shape",
-    "score",
-    "overlap",
-    "unmatched",
-    "far_view",
-    "few_views",
-    "moving",
-    "residual",
-    "location",
-    "attached",
-    "panel_size",
-    "place_score",
-    "duplicate",
-    "trajectory",
-)
-"""How far a region went: `open` while undecided, `sign`, or the reason it went no further. `place_score`: that
-of the landmark classifier."""
+VERDICT_WORDS = {
+    "open": "undecided when the drive ended",
+    "sign": "part of a reported panel",
+    "size": "too few or too many pixels, or no height or aspect of a face: counted, without a row",
+    "color": "mean colour too far from every sign colour",
+    "shape": "outline too far from every sign shape",
+    "score": "rejected by the classifier of boxes in one image",
+    "overlap": "covered by a candidate of higher score on the same face",
+    "unmatched": "no candidate of another frame matches",
+    "far_view": "an early view of what was followed on, in more images than the setting `track.longest`",
+    "few_views": "seen in fewer frames than the setting `track.fewest_views`, or in too few that should show it",
+    "moving": "moves along the road",
+    "residual": "rays do not meet in one point, or the few views do not look alike",
+    "location": "stands too far from where signs stand",
+    "attached": "what surrounds it stays with it: part of a wall, a vehicle or a larger board",
+    "panel_size": "measured width or height outside the limits of a sign panel",
+    "place_score": "its views look too little like a sign: the weakest of all evidence on the landmark",
+    "duplicate": "on the pixels of a more likely panel, or a second measurement of one",
+    "trajectory": "does not move in the image as signs do (preset `report-2d`)",
+}
+"""How far a region went: `open` while undecided, `sign`, or the reason it went no further."""
+VERDICTS = tuple(VERDICT_WORDS)
 NONE = -1
 
 
@@ -83,15 +74,16 @@ def verdict_code(name: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Regions:
-    """Connected regions of one image that passed the size gate, n parallel rows.
-
-    box (n, 4) float32, area_px (n,) int32, rgb (n, 3) float32 mean colour, source (n,) uint8 into `SOURCES`.
-    """
+    """Regions of one image that can be faces, n parallel rows."""
 
     box: NDArray[np.float32]
+    """(n, 4)."""
     area_px: NDArray[np.int32]
+    """Pixels of the region, (n,)."""
     rgb: NDArray[np.float32]
+    """Mean colour, (n, 3), 0 to 255."""
     source: NDArray[np.uint8]
+    """Index into `SOURCES`, (n,)."""
 
     def __post_init__(self) -> None:
         """Refuse columns of different length."""
@@ -132,29 +124,32 @@ def box_centers(box: NDArray[np.float32]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """Regions with their classification; a row is never dropped, its `verdict` says where it stopped.
-
-    center (n, 2) float64: measured centre of the face, distorted pixels; ideal (n, 2) float64: the same without
-    lens distortion; color, shape (n,) int8 into `COLORS`, `SHAPES` or -1; color_distance, shape_distance (n,)
-    float32 Mahalanobis distances, of shapes in preset `report-shape` alone, nan where not computed; score (n,)
-    float32 log odds of being a sign face, nan where not scored; verdict (n,) uint8 into `VERDICTS`.
-    color_log_probability (n, colours), shape_log_probability (n, shapes) float32: log probability of each name, nan
-    where not computed; None: for no row. back_score (n,) float32: log odds of being a panel seen from behind, nan
-    where not accepted; None: for no row.
-    """
+    """Regions with their classification, n rows. No row is dropped: its `verdict` says where it stopped."""
 
     regions: Regions
+    """The n regions."""
     center: NDArray[np.float64]
+    """Measured centre of the face, (n, 2), distorted pixels."""
     ideal: NDArray[np.float64]
+    """The same without lens distortion, (n, 2)."""
     color: NDArray[np.int8]
+    """Index into `COLORS`, (n,). -1: none."""
     color_distance: NDArray[np.float32]
+    """Mahalanobis distance to that colour, (n,). nan: not computed. Presets of the report only."""
     shape: NDArray[np.int8]
+    """Index into `SHAPES`, (n,). -1: none."""
     shape_distance: NDArray[np.float32]
+    """Mahalanobis distance to that shape, (n,). nan: not computed. Preset `report-shape` only."""
     score: NDArray[np.float32]
+    """Log odds of being a sign face, (n,). nan: not scored."""
     verdict: NDArray[np.uint8]
+    """Index into `VERDICTS`, (n,)."""
     color_log_probability: NDArray[np.float32] | None = None
+    """Of each of `COLORS`, (n, colours). nan: not computed. None: for no row."""
     shape_log_probability: NDArray[np.float32] | None = None
+    """Of each of `SHAPES`, (n, shapes). nan: not computed. None: for no row."""
     back_score: NDArray[np.float32] | None = None
+    """Log odds of being a panel seen from behind, (n,). nan: not accepted. None: for no row."""
 
     def __post_init__(self) -> None:
         """Refuse columns of different length."""
@@ -229,19 +224,20 @@ class Candidates:
 
 @dataclass(frozen=True, slots=True)
 class NetworkBoxes:
-    """Boxes found in one image, n rows, best first.
-
-    box (n, 4) float32 pixels; score (n,) float32: log odds of the likelier side; front (n,) float32: of a face; color
-    (n, colours) and shape (n, shapes) float32: log probabilities but for a constant a row; left_out: how many further
-    ones of the maxima that were looked at were found.
-    """
+    """Boxes that the detection network found in one image, n rows, best first."""
 
     box: NDArray[np.float32]
+    """(n, 4), pixels."""
     score: NDArray[np.float32]
+    """Log odds of the likelier side, (n,)."""
     front: NDArray[np.float32]
+    """Log odds of a face, (n,)."""
     color: NDArray[np.float32]
+    """Log probability of each of `COLORS` up to a constant a row, (n, colours)."""
     shape: NDArray[np.float32]
+    """Log probability of each of `SHAPES` up to a constant a row, (n, shapes)."""
     left_out: int = 0
+    """Number of further boxes that were found and are not kept."""
 
     @staticmethod
     def none() -> NetworkBoxes:
@@ -252,15 +248,14 @@ class NetworkBoxes:
 
 
 class Dropped(NamedTuple):
-    """How many regions of an image have no row in its table, by reason.
-
-    size: too few or too many pixels, or no height or aspect of a face; merged: nearly the same as one that stays;
-    left_out: boxes of the detection network beyond the best.
-    """
+    """Number of regions of an image that have no row in its table, by reason."""
 
     size: int = 0
+    """Too few or too many pixels, or no height or aspect of a face."""
     merged: int = 0
+    """Nearly the same as one that stays."""
     left_out: int = 0
+    """Boxes of the detection network beyond the best."""
 
     def plus(self, others: Dropped) -> Dropped:
         """Both together."""
@@ -272,24 +267,26 @@ NOTHING_DROPPED = Dropped()
 
 @dataclass(frozen=True, slots=True)
 class Segmentation:
-    """An image with its regions.
-
-    palette (k, 3) float32: centres of pass one; difference_levels (j,): first difference value of each class of
-    pass two; rows (2,): first and one past the last image row that was segmented; labels: class of each pixel of
-    those rows in pass one and in pass two, (rows, width) uint8 each (None where not kept); dropped: regions that are
-    not in the table; region_count: regions of both passes before any was dropped; network_score (regions,) float32: log
-    odds of a face by the detection network (None without one).
-    """
+    """An image with its regions."""
 
     image: Image
+    """The image."""
     regions: Regions
+    """Its regions."""
     region_count: int
+    """Number of regions of both passes before any was dropped."""
     palette: NDArray[np.float32]
+    """Mean colours of the classes of pass one, (k, 3), RGB."""
     difference_levels: NDArray[np.float32]
+    """First difference value of each class of pass two, (j,)."""
     rows: tuple[int, int]
+    """First image row that was segmented, and the one past the last."""
     labels: tuple[NDArray[np.uint8], NDArray[np.uint8]] | None = field(default=None, repr=False)
+    """Class of each pixel of those rows in pass one and in pass two, (rows, width). None: not kept."""
     dropped: Dropped = NOTHING_DROPPED
+    """Number of regions that are not in the table."""
     network_score: NDArray[np.float32] | None = None
+    """Log odds of a face by the detection network, (regions,). None: without that network."""
 
     @property
     def frame(self) -> Frame:
@@ -299,18 +296,18 @@ class Segmentation:
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """Key points of one image.
-
-    corners (n, 2) float32: tie-point corners, distorted pixels, sorted by row; descriptors (n, 32) uint8
-    (binary); sign_points (m, 2) float32, sign_descriptors (m, 128) float32 (SIFT), sign_rows (m,) int32: the
-    candidate row each belongs to.
-    """
+    """Key points of one image: n corners for the motion, m SIFT points of the signs."""
 
     corners: NDArray[np.float32]
+    """Corners that may become tie points, (n, 2), distorted pixels, sorted by row."""
     descriptors: NDArray[np.uint8]
+    """Binary descriptors of the corners, (n, 32)."""
     sign_points: NDArray[np.float32]
+    """SIFT points, (m, 2), distorted pixels."""
     sign_descriptors: NDArray[np.float32]
+    """Their descriptors, (m, 128)."""
     sign_rows: NDArray[np.int32]
+    """Row of the candidate that each SIFT point belongs to, (m,)."""
 
     @staticmethod
     def empty() -> Features:
@@ -326,11 +323,14 @@ class Features:
 
 @dataclass(frozen=True, slots=True)
 class Detections:
-    """All that one image shows by itself: its segmentation, its candidates as far as they are decided, key points."""
+    """All that one image shows by itself."""
 
     segmentation: Segmentation = field(repr=False)
+    """The image and its regions."""
     candidates: Candidates
+    """Its candidates, as far as one image decides them."""
     features: Features = field(default_factory=Features.empty)
+    """Its key points."""
 
     @property
     def image(self) -> Image:

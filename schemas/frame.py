@@ -7,7 +7,6 @@ fields that end in `_ns`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,31 +39,24 @@ EARTH_RADIUS_M = 6_371_000.0
 """Of the sphere on which short distances between fixes are measured."""
 
 
-Degrees = TypeVar("Degrees", float, NDArray[np.float64])
-
-
-def turn_deg(start: float, end: Degrees) -> Degrees:
-    """From one longitude, or compass direction, to another the short way round, degrees, -180 to 180."""
-    return (end - start + 180.0) % 360.0 - 180.0
-
-
-def median_longitude_deg(longitudes: NDArray[np.float64]) -> float:
-    """Median of longitudes (n,), degrees, on whichever side of 180 they lie; of a drive, not of the earth."""
-    first = float(longitudes[0])
-    return turn_deg(0.0, first + float(np.median(turn_deg(first, longitudes))))
-
-
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """Pinhole camera with Brown (plumb_bob, k1 k2 p1 p2 k3) or rational (8, 12 or 14 numbers) distortion."""
+    """Pinhole camera with Brown (plumb_bob) or rational distortion."""
 
     width: int
+    """Columns of its images."""
     height: int
+    """Rows of its images."""
     fx: float
+    """Focal length along a row, px."""
     fy: float
+    """Focal length along a column, px."""
     cx: float
+    """Column of the optical axis, px."""
     cy: float
+    """Row of the optical axis, px."""
     distortion: tuple[float, ...] = ()
+    """k1, k2, p1, p2, k3 (4 or 5 numbers), or the rational model of OpenCV (8, 12 or 14). Empty: none."""
 
     def __post_init__(self) -> None:
         """Refuse what no lens can have."""
@@ -83,10 +75,12 @@ class Camera:
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Camera in a world frame: `rotation` (3, 3) turns camera into world axes, `centre` (3,) in metres."""
+    """Position and direction of a camera in a world frame."""
 
     rotation: NDArray[np.float64]
+    """Turns camera axes into world axes, (3, 3)."""
     centre: NDArray[np.float64]
+    """Centre of the camera in the world, (3,), metres."""
 
     def to_world(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Points (..., 3) of the camera frame, in the world frame."""
@@ -107,12 +101,16 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class PosePrior:
-    """A pose given by the log for the time of a frame, a prior and never the truth."""
+    """A pose that the log states for the time of a frame. It is a prior and never the truth."""
 
     pose: Pose
+    """The camera in the world of the log."""
     sigma_m: float | None
+    """Standard deviation of the position. None: not stated."""
     sigma_rad: float | None
-    source: str  # "poses" or "odometry"
+    """Standard deviation of the rotation. None: not stated."""
+    source: str
+    """`poses` or `odometry`."""
 
     def sigmas(
         self, default_m: float = USUAL_SIGMA_M, default_rad: float = USUAL_SIGMA_RAD
@@ -125,47 +123,58 @@ class PosePrior:
 
 @dataclass(frozen=True, slots=True)
 class Fix:
-    """A satellite fix interpolated to the time of a frame; sigma east, north, up in metres.
-
-    span_s: time between the two fixes it lies between, 0 where it is of that very moment.
-    """
+    """A satellite fix, interpolated to the time of a frame."""
 
     latitude_deg: float
+    """On WGS 84."""
     longitude_deg: float
+    """On WGS 84."""
     altitude_m: float
+    """Above the ellipsoid."""
     sigma_m: tuple[float, float, float] | None
+    """Standard deviations east, north and up. None: not stated."""
     span_s: float = 0.0
+    """Time between the two fixes around it. 0: a fix of that very moment."""
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """An image message of the chosen camera; `index` counts all of them in the order they were taken in, from 0.
-
-    `data` holds the bytes as recorded: a compressed image (`encoding` "jpeg", "png", ...) or rows of
-    `step` bytes in a raw `encoding` ("bgr8", "rgb8", "mono8", ...). Where `status` is not `used`, `data` may be empty.
-    `spacing_m` is the nominal distance from the previous used frame (None: unknown). `settled_time_ns` is the capture
-    time where clocks were set or wrong, so that neither header nor log time tell it (None: they do). `name`: of the
-    file that was imported; `date`: when it was taken, as its camera wrote it (empty: unknown); `grey`:
-    its camera sees no colour.
-    """
+    """An image message of the chosen camera."""
 
     index: int
+    """Number among all images of the camera, in the order they were taken in, from 0."""
     log_time_ns: int
+    """When it was logged."""
     header_time_ns: int | None
+    """Capture time in its header. None: not set."""
     status: str
+    """A key of `FRAME_STATUS_WORDS`."""
     encoding: str
+    """Of `data`: `jpeg`, `png`, ... of a compressed image; `bgr8`, `rgb8`, `mono8`, ... of a raw one."""
     data: bytes | memoryview = field(repr=False)
+    """The bytes as recorded. May be empty where the frame is not used."""
     camera: Camera | None
+    """Its calibration. None: unknown."""
     width: int = 0
+    """Columns of a raw image."""
     height: int = 0
+    """Rows of a raw image."""
     step: int = 0
+    """Bytes of a row of a raw image."""
     pose: PosePrior | None = None
+    """The pose that the log states. None: none."""
     fix: Fix | None = None
+    """The satellite fix. None: none."""
     spacing_m: float | None = None
+    """Nominal distance from the previous used frame. None: unknown."""
     settled_time_ns: int | None = None
+    """Capture time where clocks were set or wrong. None: the header or the log tells it."""
     name: str = ""
+    """Name of the file that was imported."""
     date: str = ""
+    """When it was taken, as its camera wrote it. Empty: unknown."""
     grey: bool = False
+    """Whether its camera sees no colour."""
 
     @property
     def label(self) -> str:
@@ -192,13 +201,13 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Image:
-    """Decoded pixels of a frame: `rgb` (height, width, 3) uint8, `grey` (height, width) uint8.
-
-    Both are None where the frame is not used (any more). levels: `rgb` at full, half and quarter size, (rows, columns,
-    3) uint8 each; None before a stage has made them.
-    """
+    """Decoded pixels of a frame."""
 
     frame: Frame
+    """The frame they are of."""
     rgb: NDArray[np.uint8] | None = field(repr=False)
+    """(height, width, 3). None: the frame is not used, or not any more."""
     grey: NDArray[np.uint8] | None = field(repr=False)
+    """(height, width). None where `rgb` is."""
     levels: tuple[NDArray[np.uint8], ...] | None = field(default=None, repr=False)
+    """`rgb` at full, half and quarter size. None: no stage has made them yet."""

@@ -41,28 +41,13 @@ _HISTORY = (
     Column("last_seen", _TIME, "", "capture time of its last sighting", _SURE),
     Column("times_seen", _WHOLE, "drives", "drives that saw it", _SURE),
     Column("drives", _NAMES, "", "their names, in order of time", _SURE),
-)
+)  # fmt: skip
 _ROUTE = (
-    Column(
-        "route",
-        _TEXT,
-        "",
-        "route, by the largest view of a drive that knew its route; null: none did",
-    ),
-    Column(
-        "measure",
-        _DOUBLE,
-        "mi, km, ft or m",
-        "measure along the route, in the unit that `measure_unit` names; null without",
-    ),
-    Column(
-        "measure_unit",
-        _CHOICE,
-        "",
-        "its unit: mile, kilometre, foot or metre",
-        values=tuple(MEASURE_UNITS),
-    ),
-)
+    Column("route", _TEXT, "", "route, by the largest view of a drive that knew its route; null: none did"),
+    Column("measure", _DOUBLE, "mi, km, ft or m", "measure along the route, in the unit that `measure_unit` names; "
+           "null without"),
+    Column("measure_unit", _CHOICE, "", "its unit: mile, kilometre, foot or metre", values=tuple(MEASURE_UNITS)),
+)  # fmt: skip
 
 PANELS = Table(
     "panels",
@@ -109,7 +94,7 @@ SUPPORTS = Table(
         *_ROUTE,
         _GEOMETRY,
     ),
-)
+)  # fmt: skip
 
 SIGHTINGS = Table(
     "sightings",
@@ -132,7 +117,7 @@ SIGHTINGS = Table(
         Column("from_panel_m", _SINGLE, "m", "distance to the merged position", _SURE),
         _GEOMETRY,
     ),
-)
+)  # fmt: skip
 
 CHANGES = Table(
     "changes",
@@ -156,8 +141,8 @@ CHANGES = Table(
                "saw also those that had the place in view", _SURE),
         Column("seen_before", _WHOLE, "drives", "drives of the earlier survey that saw it", _SURE),
         Column("seen_after", _WHOLE, "drives", "drives of the later survey that saw it", _SURE),
-        Column("hidden_before", _WHOLE, "drives", "drives of the earlier survey in whose images something nearer hides "
-               "the place, which do not count as having it in view", _SURE),
+        Column("hidden_before", _WHOLE, "drives", "drives of the earlier survey in whose images something nearer "
+               "hides the place, which do not count as having it in view", _SURE),
         Column("hidden_after", _WHOLE, "drives", "drives of the later survey in whose images something nearer hides "
                "the place, which do not count as having it in view", _SURE),
         Column("drive_before", _TEXT, "", "drive of the image that shows the place before; null: none does"),

@@ -29,17 +29,18 @@ Polygon = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True, slots=True)
 class LabelledImage:
-    """Which image a label is of; as many of these as are known, at least one of frame, time and name.
-
-    log: stem of the log's file name; frame: index in the log, from 0; log_time_ns: when it was logged; image_name: its
-    file, or its path below the folder of images; size: width, height, pixels.
-    """
+    """Which image a label is of: at least one of frame, log time and file name."""
 
     log: str | None = None
+    """Stem of the log's file name."""
     frame: int | None = None
+    """Index in the log, from 0."""
     log_time_ns: int | None = None
+    """When it was logged."""
     image_name: str | None = None
+    """Its file, or its path below the folder of images."""
     size: tuple[int, int] | None = None
+    """Width and height, pixels."""
 
     def __post_init__(self) -> None:
         """Refuse an image that nothing names, and numbers beyond those of the file."""
@@ -56,43 +57,30 @@ class LabelledImage:
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """One thing in one image.
-
-    Attributes
-    ----------
-    image
-        Where it is.
-    kind
-        `SIGN`, `BACK`, `NOT_A_SIGN` or `UNSURE`.
-    box
-        x0, y0, x1, y1 around the whole face with its border, pixels.
-    color, shape
-        Of `COLORS` and `SHAPES`; None where not known or none of them.
-    polygon
-        Outline of the face, pixels; empty where only the box is known.
-    panel
-        Name of the physical thing, the same in all images that show it; None where not known.
-    visible
-        Fraction of the face that nothing hides, 0 to 1; None where not known.
-    wanted
-        Whether it counts for recall; what does not is neither right nor wrong.
-    source
-        Who or what says so: a reviewer, a file.
-    note
-        Words of the reviewer, or what it is.
-    """
+    """One thing in one image."""
 
     image: LabelledImage
+    """Where it is."""
     kind: str
+    """`SIGN`, `BACK`, `NOT_A_SIGN` or `UNSURE`."""
     box: Box
+    """x0, y0, x1, y1 around the whole face with its border, pixels."""
     color: str | None = None
+    """One of `COLORS`. None: unknown, or none of them."""
     shape: str | None = None
+    """One of `SHAPES`. None: unknown, or none of them."""
     polygon: Polygon = ()
+    """Outline of the face, pixels. Empty: only the box is known."""
     panel: str | None = None
+    """Name of the physical thing, the same in all images that show it. None: unknown."""
     visible: float | None = None
+    """Fraction of the face that nothing hides, 0 to 1. None: unknown."""
     wanted: bool = True
+    """Whether it counts for recall. What does not is neither right nor wrong."""
     source: str = ""
+    """Who or what says so: a reviewer, a file."""
     note: str = ""
+    """Words of the reviewer, or what it is."""
 
     def __post_init__(self) -> None:
         """Refuse what is no label: an unknown kind or class, a box without area."""
@@ -114,16 +102,16 @@ class Label:
 
 @dataclass(frozen=True, slots=True)
 class Labels:
-    """Labels, and the images in which every sign is labelled: only there is what has no label no sign.
-
-    left_out: how many entries of what was read are not among the labels, by reason; first: where the first of a reason
-    stands and what is wrong with it, where that is known.
-    """
+    """Labels, and the images in which every sign is labelled: only there, what has no label is no sign."""
 
     labels: tuple[Label, ...] = ()
+    """All of them."""
     complete: tuple[LabelledImage, ...] = ()
+    """Images in which every sign is labelled."""
     left_out: dict[str, int] = field(default_factory=dict)
+    """Number of entries that were read and are not among the labels, by reason."""
     first: dict[str, str] = field(default_factory=dict)
+    """Where the first entry of a reason stands and what is wrong with it, where known."""
 
     @property
     def reasons(self) -> str:
@@ -143,48 +131,24 @@ LABELS = Table(
     "One row per thing in one image, or per image whose signs are all labelled (`kind` is `complete`). At least one of "
     "`frame`, `log_time_ns` and `image_name` is not null.",
     (
-        Column(
-            "log", _TEXT, "", "stem of the log's file name; null: any log, or images without one"
-        ),
+        Column("log", _TEXT, "", "stem of the log's file name; null: any log, or images without one"),
         Column("frame", _WHOLE, "", "index of the frame in the log, from 0"),
         Column("log_time_ns", _LONG, "ns", "time at which it was logged"),
-        Column(
-            "image_name",
-            _TEXT,
-            "",
-            "file name of the image, or its path below the folder of images",
-        ),
+        Column("image_name", _TEXT, "", "file name of the image, or its path below the folder of images"),
         Column("image_width", _WHOLE, "px", "size of the image that the box is of"),
         Column("image_height", _WHOLE, "px", "size of the image that the box is of"),
         Column("kind", _CHOICE, "", "what it is", False, tuple(LABEL_KINDS)),
-        Column(
-            "x_min",
-            _REAL,
-            "px",
-            "box around the whole face with its border, half open; null: `complete`",
-        ),
+        Column("x_min", _REAL, "px", "box around the whole face with its border, half open; null: `complete`"),
         Column("y_min", _REAL, "px", "the same"),
         Column("x_max", _REAL, "px", "the same"),
         Column("y_max", _REAL, "px", "the same"),
         Column("polygon", _POINTS, "px", "outline of the face; null: only the box is known"),
-        Column(
-            "color",
-            _CHOICE,
-            "",
-            "colour class of the face; null: not known, or none of them",
-            values=COLORS,
-        ),
-        Column(
-            "shape",
-            _CHOICE,
-            "",
-            "shape class of the face; null: not known, or none of them",
-            values=SHAPES,
-        ),
+        Column("color", _CHOICE, "", "colour class of the face; null: not known, or none of them", values=COLORS),
+        Column("shape", _CHOICE, "", "shape class of the face; null: not known, or none of them", values=SHAPES),
         Column("panel", _TEXT, "", "name of the physical thing, the same in all images of it"),
         Column("visible", _REAL, "", "fraction of the face that nothing hides, 0 to 1"),
         Column("wanted", _FLAG, "", "whether it counts for recall", False),
         Column("source", _TEXT, "", "who or what says so", False),
         Column("note", _TEXT, "", "words of the reviewer, or what it is", False),
     ),
-)
+)  # fmt: skip

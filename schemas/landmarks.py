@@ -25,84 +25,113 @@ EVIDENCE_TERMS = {
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """One frame's view of a landmark: candidate `row` of frame `frame`; centre in ideal pixels, box in recorded."""
+    """The view of a landmark in one frame."""
 
     frame: int
+    """Index of the frame in the log."""
     row: int
+    """Row of the candidate in the table of the frame."""
     u_px: float
+    """Column of the centre, ideal pixels."""
     v_px: float
+    """Row of the centre, ideal pixels."""
     box: tuple[float, float, float, float]
+    """x0, y0, x1, y1, pixels as recorded."""
     residual_px: float
+    """Distance to the reprojected landmark."""
 
 
 @dataclass(frozen=True, slots=True)
 class Landmark:
-    """A panel seen in several frames, in three dimensions, with the verdict on it.
-
-    position (3,), covariance (3, 3): metres in the camera frame of `best_frame` (right, down, ahead); right_m, above_m:
-    distance right of the path and above the camera's path, at station_m along it; best_*: the image that shows it
-    largest and whole; best_pose: of its camera in the drive's frame; score: log odds that it is a sign; residual_px:
-    RMS of the views that the point was fitted to; back: seen from behind; assembly: number of its support, -1: none;
-    features: what the landmark classifier saw, in the order of its `FEATURES`; evidence: log-likelihood ratio of each
-    term, sign against anything else, whose sum with the prior log odds is the score. trajectory (s, 2, 4): for each
-    step between two views that were matched by descriptors u, v, du, dv in the image, and the same without the rotation
-    of the camera (`stages.report.trajectory_of`). color_log_probability, shape_log_probability: mean over the views of
-    the log probability of each of `COLORS` and `SHAPES`; empty where no network classified them. face_log_probability:
-    the same of each class of the face classifier; empty where no view was classified.
-    """
+    """A panel seen in several frames, in three dimensions, with the verdict on it."""
 
     track_id: int
+    """Number of the landmark in the drive."""
     views: tuple[Observation, ...]
+    """Where it was measured, oldest first."""
     position: NDArray[np.float64]
+    """Centre of the panel in the camera frame of `best_frame`, (3,), metres."""
     covariance: NDArray[np.float64]
+    """Of the position, relative to that camera, (3, 3)."""
     right_m: float
+    """Distance to the right of the path."""
     above_m: float
+    """Height above the camera's path."""
     station_m: float
+    """Distance along the path."""
     best_frame: int
+    """Frame whose image shows it largest and whole."""
     best_time_ns: int
+    """Capture time of that frame."""
     best_box: tuple[float, float, float, float]
+    """Its box there: x0, y0, x1, y1, pixels as recorded."""
     best_pose: Pose
+    """Camera of that frame in the frame of the drive."""
     width_m: float
+    """Width of the panel."""
     height_m: float
+    """Height of the panel."""
     sigma_width_m: float
+    """Standard deviation of the width."""
     sigma_height_m: float
+    """Standard deviation of the height."""
     facing_deg: float
+    """Normal of the panel relative to the reverse of travel. 0 faces the camera, right turn positive."""
     sigma_facing_deg: float
+    """Standard deviation of the facing."""
     color: str | None
+    """One of `COLORS`. None: unknown."""
     color_distance: float
+    """Mahalanobis distance to that colour. nan: not computed. Presets of the report only."""
     shape: str | None
+    """One of `SHAPES`. None: unknown."""
     shape_distance: float
+    """Mahalanobis distance to that shape. nan: not computed. Preset `report-shape` only."""
     score: float
+    """Log odds that it is a sign."""
     residual_px: float
+    """RMS of the views that the point was fitted to."""
     verdict: str
+    """One of `VERDICTS`."""
     back: bool = False
+    """Whether it is seen from behind."""
     assembly: int = -1
+    """Number of its support. -1: none."""
     features: tuple[float, ...] = field(default=(), repr=False)
+    """What the landmark classifier saw, in the order of its `FEATURES`."""
     evidence: tuple[tuple[str, float], ...] = field(default=(), repr=False)
+    """Log-likelihood ratio of each term, sign against anything else. With the prior log odds they sum to `score`."""
     trajectory: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2, 4)), repr=False)
+    """u, v, du, dv of each step between matched views, in both forms, (s, 2, 4). See `trajectory_of`."""
     color_log_probability: tuple[float, ...] = field(default=(), repr=False)
+    """Mean over the views, of each of `COLORS`. Empty: no network classified them."""
     shape_log_probability: tuple[float, ...] = field(default=(), repr=False)
+    """The same of each of `SHAPES`."""
     face_log_probability: tuple[float, ...] = field(default=(), repr=False)
+    """The same of each class of the face classifier. Empty: no view was classified."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrackedFrame:
-    """A frame whose candidates are all decided.
-
-    track_id (n,) int32 (-1: none), residual_px (n,) float32 per candidate row; region_count: regions of its image;
-    landmarks: those seen first in it; dropped: regions that are not among the candidates;
-    measurements: what those of its landmarks rest on; matches (k, 4): SIFT points of the previous used frame and where
-    they were found in this one, u, v and u, v in recorded pixels (None: not matched by SIFT).
-    The pixels are gone by now; `frame.data` keeps the bytes as recorded.
-    """
+    """A frame whose candidates are all decided. Its pixels are gone; `frame.data` keeps the recorded bytes."""
 
     frame: Frame
+    """The frame."""
     motion: Motion | None
+    """None: the frame is not used."""
     candidates: Candidates
+    """All candidates of its image, n rows."""
     track_id: NDArray[np.int32]
+    """Landmark that each belongs to, (n,). -1: none."""
     residual_px: NDArray[np.float32]
+    """Distance of each to its reprojected landmark, (n,). nan: none."""
     region_count: int
+    """Number of regions of its image."""
     landmarks: tuple[Landmark, ...] = field(default=())
+    """Those seen first in this frame."""
     dropped: Dropped = NOTHING_DROPPED
+    """Number of regions that are not among the candidates."""
     measurements: tuple[Measurement, ...] = field(default=(), repr=False)
+    """What the measurements of those landmarks rest on."""
     matches: NDArray[np.float32] | None = field(default=None, repr=False)
+    """SIFT points of the previous used frame and of this one, (k, 4): u, v, u, v, recorded pixels. None: no SIFT."""

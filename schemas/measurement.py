@@ -10,57 +10,63 @@ from numpy.typing import NDArray
 
 
 class Alignment(NamedTuple):
-    """Where a template was found: sample x of the template shows at middle + shift + stretch * (x - middle).
-
-    shift, stretch (2,): right and down, samples; gain, bias: template = gain * patch + bias; zncc: zero-mean normalised
-    cross-correlation, 1 at best; covariance (4, 4): of shift and stretch, from the residuals.
-    """
+    """Where a template was found: its sample x shows at middle + shift + stretch * (x - middle)."""
 
     shift: NDArray[np.float64]
+    """Right and down, (2,), samples."""
     stretch: NDArray[np.float64]
+    """Along both axes, (2,)."""
     gain: float
+    """template = gain * patch + bias."""
     bias: float
+    """See `gain`."""
     zncc: float
+    """Zero-mean normalised cross-correlation, 1 at best."""
     covariance: NDArray[np.float64]
+    """Of shift and stretch, from the residuals, (4, 4)."""
 
 
 @dataclass(frozen=True, slots=True)
 class PanelView:
-    """A rectified view of a panel: its frame, rgb (rows, columns, 3) float32, and how it lies on the template."""
+    """A rectified view of a panel."""
 
     frame: int
+    """Index of the frame in the log."""
     rgb: NDArray[np.float32] = field(repr=False)
+    """(rows, columns, 3)."""
     alignment: Alignment = field(repr=False)
+    """How it lies on the template."""
 
 
 @dataclass(frozen=True, slots=True)
 class WindowResidual:
-    """The adjustment of a landmark together with the frames around it.
-
-    first_frame, last_frame: of the window; history_sigmas: RMS residual per coordinate over all ties and views, in
-    their standard deviations, at the start and after each iteration; start, position (3,): the landmark before
-    and after, in the drive's frame, metres.
-    """
+    """The adjustment of a landmark together with the frames around it."""
 
     first_frame: int
+    """Of the window."""
     last_frame: int
+    """Of the window."""
     history_sigmas: tuple[float, ...]
+    """RMS residual in standard deviations, at the start and after each iteration."""
     start: NDArray[np.float64]
+    """The landmark before, in the frame of the drive, (3,), metres."""
     position: NDArray[np.float64]
+    """The landmark after, in the frame of the drive, (3,), metres."""
 
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """What the measurement of a landmark rests on.
-
-    views: those registered, the template first; outline (k, 2, 2): ends of the segments of the face's outline, samples
-    of the template (None: none was found), without its rounded corners; shape: that of the outline; face (4,): the box
-    [left, top, right, bottom] round all of it; adjustment: None where there was none.
-    """
+    """What the measurement of a landmark rests on."""
 
     track_id: int
+    """Number of the landmark."""
     views: tuple[PanelView, ...]
+    """Those registered, the template first."""
     outline: NDArray[np.float64] | None
+    """Ends of the straight sides of the face, (k, 2, 2), samples of the template. None: no outline was found."""
     shape: str | None
+    """Shape of the outline. None: none was found."""
     face: NDArray[np.float64] | None
+    """Box round the outline: left, top, right, bottom, (4,), samples. None: none was found."""
     adjustment: WindowResidual | None
+    """None: there was none."""

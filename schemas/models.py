@@ -1,11 +1,9 @@
-"""Learned models: Gaussian classes, mixtures, thresholds, evidence. Their files are written by `model_json`."""
+"""Learned models: Gaussian classes, mixtures, thresholds, evidence. `pipeline/models/model_json.py` reads and writes them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from math import isnan
-from typing import Any, ClassVar
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,267 +11,170 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class OnnxFile:
-    """A network in an ONNX file: `path`, and the SHA-256 of what it held when it was named."""
+    """A network in an ONNX file."""
 
     path: str
+    """Of the file."""
     sha256: str
+    """Of its content when it was named."""
 
 
 @dataclass(frozen=True, slots=True)
 class OperatingPoint:
-    """What a gate does at given thresholds: the shares of others and of signs that it accepts (eq. 10.2 and 10.1).
-
-    false_alarm, power: where the model was learned; thresholds: of each class, in the order of the model's; intervals:
-    95 % interval of each threshold, empty: unknown.
-    """
+    """What a gate does at given thresholds."""
 
     false_alarm: float
+    """Share of others that it accepts where the model was learned (eq. 10.2)."""
     power: float
+    """Share of signs that it accepts there (eq. 10.1)."""
     thresholds: tuple[float, ...]
+    """Of each class, in the order of the model."""
     intervals: tuple[tuple[float, float], ...] = ()
-
-
-def most_powerful(curve: Sequence[OperatingPoint], alpha: float) -> OperatingPoint:
-    """The operating point of the most power among those of at most this false-alarm rate (report chapter 9).
-
-    Raises
-    ------
-    ValueError
-        There is none.
-    """
-    allowed = [one for one in curve if one.false_alarm <= alpha]
-    if not allowed:
-        rates = ", ".join(f"{one.false_alarm:g}" for one in curve) or "none"
-        raise ValueError(
-            f"wanted operating points of a false-alarm rate of at most {alpha:g}, found {rates}"
-        )
-    return max(allowed, key=lambda one: one.power)
-
-
-def alpha_rule(alpha: float) -> str:
-    """The rule of such a threshold, as model files name it."""
-    return f"alpha {alpha:g}: most true positives of at most this false positive rate (report chapter 9)"
+    """95 % interval of each threshold. Empty: unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class GaussianClass:
-    """One class: mean (d,), covariance (d, d), largest accepted distance, the rule that set it, samples.
-
-    threshold_interval: 95 % interval of the threshold, by resampling the drives it was learned from; None: unknown.
-    """
+    """One class of a Gaussian model, in d dimensions."""
 
     name: str
+    """Of the class."""
     mean: NDArray[np.float64]
+    """(d,)."""
     covariance: NDArray[np.float64]
+    """(d, d)."""
     threshold: float
+    """Largest accepted Mahalanobis distance."""
     threshold_rule: str
+    """How the threshold was chosen."""
     count: int
+    """Samples it was learned from."""
     threshold_interval: tuple[float, float] | None = None
+    """95 % interval, by resampling the drives it was learned from. None: unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class ModelText:
-    """What the kinds of models share.
-
-    text_digest: SHA-256 of the text that a model was read from; "" where it was made or changed. It is no argument, so
-    that `dataclasses.replace` leaves it out: a changed model has no text yet.
-    """
+    """What all kinds of models share."""
 
     text_digest: str = field(default="", init=False, repr=False, compare=False)
+    """SHA-256 of the text it was read from. Empty: made or changed, since `replace` leaves it out."""
 
 
 @dataclass(frozen=True, slots=True)
 class GaussianModel(ModelText):
-    """Classes by Mahalanobis distance (report eq. 3.1), in the named space.
-
-    curve: operating points of all classes together, by rising false-alarm rate; empty: unknown.
-    """
+    """Classes by Mahalanobis distance (report eq. 3.1)."""
 
     kind: ClassVar[str] = "gaussian"
     space: str
+    """Name of the space of its values."""
     classes: tuple[GaussianClass, ...]
+    """The classes."""
     provenance: str
+    """What it was learned from."""
     curve: tuple[OperatingPoint, ...] = ()
-
-    def distances(self, values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-        """Mahalanobis distance of each value (n, d) to each class: (n, classes), eq. 3.1."""
-        result = np.empty((len(values), len(self.classes)))
-        for j, one in enumerate(self.classes):
-            difference = np.asarray(values, np.float64) - one.mean
-            result[:, j] = np.sqrt(
-                np.einsum("ni,ij,nj->n", difference, np.linalg.inv(one.covariance), difference)
-            )
-        return result
-
-    def at_alpha(self, alpha: float) -> GaussianModel:
-        """The model with the thresholds of the most power among its operating points of at most this false-alarm rate.
-
-        Raises
-        ------
-        ValueError
-            The model has no such operating point.
-        """
-        point = most_powerful(self.curve, alpha)
-        intervals = point.intervals or (None,) * len(self.classes)
-        chosen = zip(self.classes, point.thresholds, intervals, strict=True)
-        classes = tuple(
-            replace(
-                one,
-                threshold=threshold,
-                threshold_rule=alpha_rule(alpha),
-                threshold_interval=interval,
-            )
-            for one, threshold, interval in chosen
-        )
-        return replace(self, classes=classes)
+    """Operating points of all classes together, by rising false-alarm rate. Empty: unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class MixtureModel(ModelText):
-    """Density of what is typical, in the named space: a sum of k Gaussian components.
-
-    weight (k,), of sum 1; mean (k, d); covariance (k, d, d); threshold: smallest accepted mean of the log density over
-    the values of one item; threshold_rule: how it was chosen, and its rates; count: items that were learned from.
-    threshold_interval, curve: as in `GaussianModel`, of the one threshold.
-    """
+    """Density of what is typical: a sum of k Gaussian components in d dimensions."""
 
     kind: ClassVar[str] = "mixture"
     space: str
+    """Name of the space of its values."""
     weight: NDArray[np.float64]
+    """(k,), of sum 1."""
     mean: NDArray[np.float64]
+    """(k, d)."""
     covariance: NDArray[np.float64]
+    """(k, d, d)."""
     threshold: float
+    """Least accepted mean of the log density over the values of one item."""
     threshold_rule: str
+    """How the threshold was chosen, and its rates."""
     count: int
+    """Items it was learned from."""
     provenance: str
+    """What it was learned from."""
     threshold_interval: tuple[float, float] | None = None
+    """95 % interval of the threshold. None: unknown."""
     curve: tuple[OperatingPoint, ...] = ()
-
-    def at_alpha(self, alpha: float) -> MixtureModel:
-        """The model with another threshold: as in `GaussianModel`."""
-        point = most_powerful(self.curve, alpha)
-        return replace(
-            self,
-            threshold=point.thresholds[0],
-            threshold_rule=alpha_rule(alpha),
-            threshold_interval=point.intervals[0] if point.intervals else None,
-        )
-
-    def log_density(self, values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-        """Natural logarithm of the density at each value (n, d): (n,)."""
-        return np.asarray(np.logaddexp.reduce(self.log_parts(values), axis=1))
-
-    def log_parts(self, values: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-        """Logarithm of each component's part in the density at each value: (n, k)."""
-        d = self.mean.shape[1]
-        gap = np.asarray(values, np.float64)[:, None] - self.mean
-        square = np.einsum("nki,kij,nkj->nk", gap, np.linalg.inv(self.covariance), gap)
-        _, log_volume = np.linalg.slogdet(self.covariance)
-        parts = np.log(self.weight) - (log_volume + d * np.log(2 * np.pi) + square) / 2
-        return np.asarray(parts)
+    """Operating points, by rising false-alarm rate. Empty: unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class NetworkSum:
-    """What a box scores by the box network and by the detection network together.
-
-    own * (log odds by the box network) + network * (log odds by the other at the middle of the box) + shift. The shift
-    is such that both are accepted at one threshold.
-    """
+    """Weights of the two networks in the score of a box: own * score + network * other score + shift."""
 
     own: float
+    """Weight of the log odds by the box network."""
     network: float
+    """Weight of the log odds by the detection network at the middle of the box."""
     shift: float
-
-    def of(self, own: NDArray[np.float32], network: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The sum (n,) of scores by the box network (n,) and by the detection network (n,)."""
-        joined = np.float32(self.own) * own + np.float32(self.network) * network
-        return np.asarray(joined + np.float32(self.shift), np.float32)
+    """Such that boxes with and without the sum have one threshold."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScoreModel(ModelText):
-    """From which log odds of the box network a box is accepted as a panel seen from one side.
-
-    with_network: how they are joined with the score of a detection network, where a run has one. threshold_rule,
-    threshold_interval: how the threshold was chosen, and its 95 % interval, "" and None: unknown.
-    """
+    """Threshold of the box network for panels seen from one side."""
 
     kind: ClassVar[str] = "score"
     threshold: float
+    """Least accepted log odds."""
     provenance: str
+    """What it was learned from."""
     with_network: NetworkSum | None = None
+    """How the score is joined with that of a detection network. None: it is not."""
     threshold_rule: str = ""
+    """How the threshold was chosen. Empty: unknown."""
     threshold_interval: tuple[float, float] | None = None
+    """95 % interval of the threshold. None: unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class LinearModel(ModelText):
-    """Weights (f,) float64 of named features: the value of a candidate is their weighted sum."""
+    """The value of a candidate is the weighted sum of its features."""
 
     kind: ClassVar[str] = "linear"
     features: tuple[str, ...]
+    """Names of the features."""
     weights: NDArray[np.float64]
+    """(features,)."""
     provenance: str
-
-    def values(self, features: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Values (n,) of candidates with features (n, f)."""
-        return np.asarray(features @ self.weights, np.float64)
+    """What it was learned from."""
 
 
 @dataclass(frozen=True, slots=True)
 class EvidenceModel(ModelText):
     """Log-likelihood ratios of terms of evidence, each the sum of one monotone curve per feature.
 
-    A curve is linear between its knots, which span what was learned from, and level beyond them; a feature that is nan
-    says nothing. features, terms (f,): names; knots, curves (f,) arrays (k,): feature values, ascending, and the
-    log-likelihood ratio there; shift: log odds where all terms are 0; threshold: log odds from which a landmark is
-    accepted; decision: log odds from which what is accepted is no longer uncertain, where nothing else is asked for.
-    threshold_rule, threshold_interval: how the decision was chosen, and its 95 % interval, "" and None: unknown.
-    curve: operating points of the decision.
+    A curve is linear between its knots and level beyond them. A feature that is nan says nothing.
     """
 
     kind: ClassVar[str] = "evidence"
     features: tuple[str, ...]
+    """Names of the f features."""
     terms: tuple[str, ...]
+    """Name of the term that each feature is of, (f,)."""
     knots: tuple[NDArray[np.float64], ...]
+    """Values of each feature, ascending: f arrays (k,)."""
     curves: tuple[NDArray[np.float64], ...]
+    """Log-likelihood ratios at the knots: f arrays (k,)."""
     shift: float
+    """Log odds where all terms are 0."""
     threshold: float
+    """Log odds from which a landmark is accepted."""
     provenance: str
+    """What it was learned from."""
     decision: float = 0.0
+    """Log odds from which an accepted landmark is no longer uncertain."""
     threshold_rule: str = ""
+    """How the decision was chosen. Empty: unknown."""
     threshold_interval: tuple[float, float] | None = None
+    """95 % interval of the decision. None: unknown."""
     curve: tuple[OperatingPoint, ...] = ()
-
-    def at_alpha(self, alpha: float) -> EvidenceModel:
-        """The model that decides at another operating point; the log odds stay what they are.
-
-        What is uncertain stays as wide, in log odds. Raises as `GaussianModel.at_alpha` does.
-        """
-        point = most_powerful(self.curve, alpha)
-        decision = point.thresholds[0]
-        return replace(
-            self,
-            threshold=self.threshold + decision - self.decision,
-            decision=decision,
-            threshold_rule=alpha_rule(alpha),
-            threshold_interval=point.intervals[0] if point.intervals else None,
-        )
-
-    @property
-    def term_names(self) -> tuple[str, ...]:
-        """The terms, each once, in the order of `ratios`."""
-        return tuple(dict.fromkeys(self.terms))
-
-    def ratios(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Log-likelihood ratio of each term by values of the features."""
-        result = dict.fromkeys(self.term_names, 0.0)
-        columns = zip(self.features, self.terms, self.knots, self.curves, strict=True)
-        for name, term, knots, curve in columns:
-            if not isnan(values[name]):
-                result[term] += float(np.interp(values[name], knots, curve))
-        return result
+    """Operating points of the decision. Empty: unknown."""
 
 
 Model = GaussianModel | MixtureModel | ScoreModel | LinearModel | EvidenceModel

@@ -18,85 +18,93 @@ ROUGH_LENGTHS = ("fixes", "points", "speed")
 
 @dataclass(frozen=True, slots=True)
 class Ties:
-    """Tie points between the previous and the current frame: ideal (undistorted) pixels, shape (n, 2) each.
-
-    inlier (n,) bool: within the inlier distance of the measured motion. point (n, 3) float64: in the current camera
-    frame, metres, nan where it cannot be triangulated. rows (n, 2) int64: corners of both frames that were matched (-1:
-    none), by which ties of several steps form a track; warp (n, 3): affine map of the surroundings of `previous` to the
-    current frame (stretch along u, shear of u by v, stretch along v); sigma_px (n,): standard deviation of the
-    registration along the patch's worst direction. scatter: errors of the ties over those that the settings state, by
-    the residuals of the step (1: as stated).
-    """
+    """Tie points between the previous and the current frame, n rows."""
 
     previous: NDArray[np.float64]
+    """Where they are in the previous frame, (n, 2), ideal (undistorted) pixels."""
     current: NDArray[np.float64]
+    """Where they are in the current frame, (n, 2), ideal pixels."""
     inlier: NDArray[np.bool_]
+    """Whether they are near enough to the measured motion, (n,)."""
     point: NDArray[np.float64]
+    """In the current camera frame, (n, 3), metres. nan: not triangulated."""
     rows: NDArray[np.int64]
+    """Corners of both frames that were matched, (n, 2). -1: none. They link ties of several steps to a track."""
     warp: NDArray[np.float64]
+    """Map of the patch to the current frame, (n, 3): stretch along u, shear of u by v, stretch along v."""
     sigma_px: NDArray[np.float64]
+    """Standard deviation of the registration along the worst direction of the patch, (n,)."""
     scatter: float = 1.0
+    """Errors of the ties by their residuals, over the stated ones. 1: as stated."""
 
 
 class StepPrior(NamedTuple):
-    """What is known of a step before its images are compared.
-
-    rotation (3, 3) with sigma_rotation in radians (inf: unknown). Direction of travel (3,) with sigma_direction (2,)
-    as slopes sideways and up: in the axes half way through the rotation where `halfway` (a camera fixed to a vehicle
-    that drives an arc travels there in a constant direction, that of the chord), else in the previous camera's axes.
-    length_m of the step and its sigma_m.
-    """
+    """What is known of a step before its images are compared."""
 
     rotation: NDArray[np.float64]
+    """(3, 3)."""
     sigma_rotation: float
+    """Radians. inf: unknown."""
     direction: NDArray[np.float64]
+    """Direction of travel, (3,)."""
     sigma_direction: NDArray[np.float64]
+    """Slopes sideways and up, (2,)."""
     halfway: bool
+    """Whether `direction` is in axes half way through the rotation (constant on an arc), else the previous ones."""
     length_m: float
+    """Length of the step."""
     sigma_m: float
+    """Standard deviation of the length."""
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """The step from the previous used frame to this one.
-
-    step: pose of the current camera in the previous camera's frame (None at the first used frame); pose: of the
-    camera in the drive's own frame (origin and axes of the first used camera), by chained steps; covariance (6, 6)
-    of the step (rotation vector, rad, then translation, m) or None; source: "start", "straight", "points",
-    "odometry", "poses", "fixes" or "speed" (the prior); residuals (eq. 7.5 as RMS per coordinate, px) of straight-line
-    and adjusted motion.
-    expected: the step by the prior alone (None where there was no measurement);
-    history_px: RMS of eq. 7.5 per coordinate over the inliers at the start of the adjustment and after each iteration.
-    length_ratio: length of the step over that of the step before, by points common to both, and its scatter;
-    prior: what is known of the step before its images are compared (None: nothing);
-    given: the log's pose of the frame, with its standard deviations as the drive has shown them.
-    """
+    """The step from the previous used frame to this one."""
 
     pose: Pose
+    """Camera in the frame of the drive (the first used camera), from chained steps."""
     step: Pose | None
+    """Camera in the frame of the previous camera. None: the first used frame."""
     covariance: NDArray[np.float64] | None
+    """Of the step, (6, 6): rotation vector, rad, then translation, m. None: unknown."""
     source: str
+    """Prior of the step, a key of `MOTION_SOURCES`."""
     baseline_m: float
+    """Length of the step."""
     station_m: float
+    """Distance travelled from the first used frame."""
     ties: Ties | None
+    """Tie points to the previous frame. None: none."""
     residual_straight_px: float
+    """RMS of eq. 7.5 a coordinate with the straight motion of the prior."""
     residual_px: float
+    """RMS of eq. 7.5 a coordinate with the motion that is used."""
     adjusted: bool
+    """Whether the motion was adjusted."""
     iterations: int
-    camera_height_m: float  # above the road below, nan where unknown
+    """Iterations of the adjustment."""
+    camera_height_m: float
+    """Above the road below. nan: unknown."""
     expected: Pose | None = None
+    """The step by the prior alone. None: nothing was measured."""
     history_px: tuple[float, ...] = ()
+    """RMS of eq. 7.5 of the inliers, at the start and after each iteration."""
     length_ratio: tuple[float, float] = (nan, nan)
+    """Length over that of the step before, by points common to both, and its standard deviation."""
     prior: StepPrior | None = None
+    """What is known of the step before its images are compared. None: nothing."""
     given: PosePrior | None = None
+    """Pose that the log states, its standard deviations as the drive has shown them. None: none."""
 
 
 @dataclass(frozen=True, slots=True)
 class PosedDetections:
-    """Detections of an image with the camera's motion; `motion` is None where the frame is not used."""
+    """Detections of an image with the motion of the camera."""
 
     detections: Detections
+    """What the image shows."""
     motion: Motion | None
+    """None: the frame is not used."""
 
     @property
     def frame(self) -> Frame:

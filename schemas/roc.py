@@ -9,34 +9,18 @@ from wayside.schemas.tables import Column, Table
 _TEXT, _LONG, _REAL = pa.string(), pa.int64(), pa.float64()
 _SURE = False
 _WHICH = (
-    Column(
-        "classifier",
-        _TEXT,
-        "",
-        "size, color, shape, trajectory, detector, landmark, location or confidence",
-        _SURE,
-    ),
-    Column(
-        "class",
-        _TEXT,
-        "",
-        "class of the model, term of the evidence, or `all` for the classifier as a whole",
-        _SURE,
-    ),
-)
+    Column("classifier", _TEXT, "", "size, color, shape, trajectory, detector, landmark, location or confidence",
+           _SURE),
+    Column("class", _TEXT, "", "class of the model, term of the evidence, or `all` for the classifier as a whole",
+           _SURE),
+)  # fmt: skip
 
 CURVES = Table(
     "roc",
     "One row per threshold of a classifier and class, from one that accepts nothing to one that accepts everything.",
     (
         *_WHICH,
-        Column(
-            "threshold",
-            _REAL,
-            "",
-            "in the unit of the classifier; infinite: accepts nothing",
-            _SURE,
-        ),
+        Column("threshold", _REAL, "", "in the unit of the classifier; infinite: accepts nothing", _SURE),
         Column("tp", _LONG, "", "signs of the class that are accepted", _SURE),
         Column("fp", _LONG, "", "others that are accepted", _SURE),
         Column("tpr", _REAL, "", "tp over all signs of the class (report eq. 10.1)", _SURE),
@@ -46,7 +30,7 @@ CURVES = Table(
         Column("fpr_low", _REAL, "", "95 % band of fpr"),
         Column("fpr_high", _REAL, "", "the same"),
     ),
-)
+)  # fmt: skip
 
 CLASSIFIERS = Table(
     "classifiers",
@@ -71,42 +55,19 @@ CLASSIFIERS = Table(
         Column("fpr", _REAL, "", "at the threshold that the run used"),
         Column("fpr_low", _REAL, "", "its 95 % band"),
         Column("fpr_high", _REAL, "", "the same"),
-        Column(
-            "full_tpr_fpr",
-            _REAL,
-            "",
-            "fpr at the strictest threshold that accepts every sign of the class",
-        ),
-        Column(
-            "resampled",
-            _TEXT,
-            "",
-            "what the bands resample: drive, or stretch of the one drive",
-            _SURE,
-        ),
+        Column("full_tpr_fpr", _REAL, "", "fpr at the strictest threshold that accepts every sign of the class"),
+        Column("resampled", _TEXT, "", "what the bands resample: drive, or stretch of the one drive", _SURE),
         Column("groups", _LONG, "", "how many of these there are", _SURE),
     ),
-)
+)  # fmt: skip
 
 CONFUSION = Table(
     "confusion",
     "One row per labelled class and class that a classifier gave, as the run decided.",
     (
         _WHICH[0],
-        Column(
-            "labelled",
-            _TEXT,
-            "",
-            "class by the labels; `none`: no sign, `sign`: of no class here",
-            _SURE,
-        ),
-        Column(
-            "given",
-            _TEXT,
-            "",
-            "class that it gave; `refused`, or `accepted` where it names none",
-            _SURE,
-        ),
+        Column("labelled", _TEXT, "", "class by the labels; `none`: no sign, `sign`: of no class here", _SURE),
+        Column("given", _TEXT, "", "class that it gave; `refused`, or `accepted` where it names none", _SURE),
         Column("count", _LONG, "", "samples", _SURE),
     ),
-)
+)  # fmt: skip

@@ -13,19 +13,22 @@ MEASURE_UNITS = {"mi": 1609.344, "km": 1000.0, "ft": 0.3048, "m": 1.0}
 
 @dataclass(frozen=True, slots=True)
 class RouteSegments:
-    """Straight pieces of route lines on WGS 84, with the measure at both ends.
-
-    names: of the routes; route (n,): index of each piece's route in `names`; start, end (n, 2): longitude and latitude,
-    degrees; start_measure, end_measure (n,): in `unit`, a key of `MEASURE_UNITS`.
-    """
+    """Straight pieces of route lines on WGS 84, n rows."""
 
     names: tuple[str, ...]
+    """Of the routes."""
     route: NDArray[np.int64]
+    """Index of the route in `names`, (n,)."""
     start: NDArray[np.float64]
+    """Longitude and latitude, (n, 2), degrees."""
     end: NDArray[np.float64]
+    """Longitude and latitude, (n, 2), degrees."""
     start_measure: NDArray[np.float64]
+    """Measure at the start, (n,)."""
     end_measure: NDArray[np.float64]
+    """Measure at the end, (n,)."""
     unit: str
+    """Of the measures, a key of `MEASURE_UNITS`."""
 
     def __len__(self) -> int:
         return len(self.route)

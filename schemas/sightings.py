@@ -32,29 +32,34 @@ class Rows:
 
 @dataclass(frozen=True, slots=True)
 class Sightings(Rows):
-    """Rows of the `signs.parquet` of several drives, near each other; n rows in order of drive, then station.
-
-    Metres and radians; nan and -1: unknown. drive (n,): number of the drive; row (n,): in its table; time_ns (n,);
-    position (n, 3): east, north, up in one frame for all; covariance (n, 3, 3): relative to the cameras nearby;
-    common_sigma_m (n, 2): level and up, standard deviation of the error that neighbouring panels of the drive share;
-    assembly (n,): number of the support within the drive; color, shape (n,): codes of the classes;
-    front (n,): whether the face was seen, not the back;
-    bearing_rad (n,): compass direction that the face looks in; size_m, size_sigma_m (n, 2): width and height.
-    """
+    """Rows of the `signs.parquet` of several drives, near each other; n rows in order of drive, then station."""
 
     drive: Ints
+    """Number of the drive, (n,)."""
     row: Ints
+    """Row in its table, (n,)."""
     time_ns: Ints
+    """Capture time, (n,)."""
     position: Floats
+    """East, north, up in one frame for all, (n, 3), metres."""
     covariance: Floats
+    """Relative to the cameras nearby, (n, 3, 3)."""
     common_sigma_m: Floats
+    """Level and up: error that neighbouring panels of the drive share, (n, 2)."""
     assembly: Ints
+    """Number of the support within the drive, (n,). -1: unknown."""
     color: Ints
+    """Code of the class, (n,). -1: unknown."""
     shape: Ints
+    """Code of the class, (n,). -1: unknown."""
     front: Flags
+    """Whether the face was seen, not the back, (n,)."""
     bearing_rad: Floats
+    """Compass direction that the face looks in, (n,). nan: unknown."""
     size_m: Floats
+    """Width and height, (n, 2). nan: unknown."""
     size_sigma_m: Floats
+    """Standard deviations of both, (n, 2)."""
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -63,16 +68,17 @@ class Sightings(Rows):
 
 @dataclass(frozen=True, slots=True)
 class MergedPanels:
-    """What sightings are sightings of: n sightings, p panels, s supports.
-
-    offset_m (n, 3): estimated error that the drive had there, to be subtracted from the position; panel (n,): number of
-    the panel; position (p, 3), covariance (p, 3, 3): east, north, up; support (p,): number of the support;
-    place (p,): the same for panels that stood one after the other where one stands.
-    """
+    """Panels and supports that sightings show: n sightings, p panels, s supports."""
 
     offset_m: Floats
+    """Estimated error of the drive there, to be subtracted from the position, (n, 3)."""
     panel: Ints
+    """Number of the panel, (n,)."""
     position: Floats
+    """East, north, up, (p, 3), metres."""
     covariance: Floats
+    """Of the position, (p, 3, 3)."""
     support: Ints
+    """Number of the support, (p,)."""
     place: Ints
+    """Number of the place, (p,): the same for panels that stood one after the other where one stands."""

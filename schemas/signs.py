@@ -13,61 +13,81 @@ from wayside.schemas.landmarks import Landmark
 
 @dataclass(frozen=True, slots=True)
 class GlobePosition:
-    """A point on WGS 84; sigma_m: standard deviations east, north, up of the camera and the sign together."""
+    """A point on WGS 84."""
 
     longitude_deg: float
+    """-180 to 180."""
     latitude_deg: float
+    """-90 to 90."""
     altitude_m: float
+    """Above the ellipsoid."""
     sigma_m: tuple[float, float, float]
+    """Standard deviations east, north and up, of camera and sign together."""
 
 
 @dataclass(frozen=True, slots=True)
 class SignCode:
-    """What sign it is, as far as it is settled.
-
-    system: of `SYSTEMS`; code: of a sign (`R2-1`) or of a series (`R`); legend: number or direction that its face
-    shows, None where it shows none or is not settled; probability: of the code; nominal_in: standard width and height,
-    inches, of a diamond the side of its square; None where the measured size is none.
-    """
+    """The code of a sign, as far as it is settled."""
 
     system: str
+    """One of `SYSTEMS`."""
     code: str
+    """Of a sign (`R2-1`) or of a series (`R`)."""
     legend: str | None
+    """Number or direction on its face. None: it shows none, or not settled."""
     probability: float
+    """Of the code."""
     nominal_in: tuple[float, float] | None
+    """Standard width and height, inches; of a diamond the side of its square. None: the measured size is none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sign:
-    """A landmark with its final position; metres, nan where a number is unknown.
-
-    number, assembly: of the sign and of its support, from 1; status: a key of `SIGN_STATUSES`; position (3,),
-    covariance (3, 3): in the camera frame of `landmark.best_frame` (right, down, ahead), with the final scale;
-    centre (3,), world_covariance (3, 3): in the world frame; station_m along the path, lateral_m right of it, up_m and
-    bottom_m above the road; route, measure, measure_unit: where along which route, a key of `MEASURE_UNITS`; code: None
-    where not even its series is settled; us_probability: that the signs of the drive are of the US system.
-    """
+    """A landmark with its final position. Metres, nan where a number is unknown."""
 
     number: int
+    """From 1."""
     assembly: int
+    """Number of its support, from 1."""
     landmark: Landmark
+    """As it was measured."""
     status: str
+    """A key of `SIGN_STATUSES`."""
     confidence: float
+    """Probability that it is a sign."""
     position: NDArray[np.float64]
+    """Like that of the landmark, with the final scale, (3,)."""
     covariance: NDArray[np.float64]
+    """Of that position, (3, 3)."""
     centre: NDArray[np.float64]
+    """In the world frame, (3,)."""
     world_covariance: NDArray[np.float64]
+    """Of the centre, (3, 3)."""
     station_m: float
+    """Along the path."""
     lateral_m: float
+    """To the right of the path."""
     up_m: float
+    """Centre above the road."""
     bottom_m: float
+    """Lower edge above the road."""
     width_m: float
+    """With the final scale."""
     height_m: float
+    """With the final scale."""
     sigma_width_m: float
+    """Standard deviation of the width."""
     sigma_height_m: float
+    """Standard deviation of the height."""
     globe: GlobePosition | None
+    """None: the log has no fixes."""
     route: str | None = None
+    """Name of the route. None: no route is near."""
     measure: float = math.nan
+    """Along the route."""
     measure_unit: str | None = None
+    """A key of `MEASURE_UNITS`."""
     code: SignCode | None = None
+    """None: not even its series is settled."""
     us_probability: float = math.nan
+    """That the signs of the drive are of the US system."""

@@ -34,38 +34,24 @@ MOTION_SOURCES = {
     "points": "the spacing varies: the length follows points seen in the step before, too",
     "speed": "no pose, spacing or fix: the speed over the step before",
 }
-VERDICT_WORDS = {
-    "open": "undecided when the drive ended",
-    "sign": "part of a reported panel",
-    "size": "too few or too many pixels, or no height or aspect of a face: counted, without a row",
-    "color": "mean colour too far from every sign colour",
-    "shape": "outline too far from every sign shape",
-    "score": "rejected by the classifier of boxes in one image",
-    "overlap": "covered by a candidate of higher score on the same face",
-    "unmatched": "no candidate of another frame matches",
-    "far_view": "an early view of what was followed on, in more images than the setting `track.longest`",
-    "few_views": "seen in fewer frames than the setting `track.fewest_views`, or in too few that should show it",
-    "moving": "moves along the road",
-    "residual": "rays do not meet in one point, or the few views do not look alike",
-    "location": "stands too far from where signs stand",
-    "attached": "what surrounds it stays with it: part of a wall, a vehicle or a larger board",
-    "panel_size": "measured width or height outside the limits of a sign panel",
-    "place_score": "its views look too little like a sign: the weakest of all evidence on the landmark",
-    "duplicate": "on the pixels of a more likely panel, or a second measurement of one",
-    "trajectory": "does not move in the image as signs do (preset `report-2d`)",
-}
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column; `values` lists what a dictionary column may hold."""
+    """One column of a table."""
 
     name: str
+    """Of the column."""
     type: pa.DataType
+    """In Arrow."""
     unit: str
+    """Empty: none."""
     words: str
+    """What it means."""
     nullable: bool = True
+    """Whether it may be unknown."""
     values: tuple[str, ...] = ()
+    """What a dictionary column may hold."""
 
     @property
     def arrow(self) -> pa.Field[Any]:
@@ -80,8 +66,11 @@ class Table:
     """One Parquet file of a result."""
 
     name: str
+    """Of the file, without suffix."""
     words: str
+    """What a row is."""
     columns: tuple[Column, ...]
+    """In order."""
 
     @property
     def file(self) -> str:
@@ -111,27 +100,13 @@ SIGNS = Table(
         Column("assembly_id", _TEXT, "", "the same for panels on one support", _SURE),
         Column("log", _TEXT, "", "stem of the log's file name", _SURE),
         Column("status", _CHOICE, "", "what kind of row this is", _SURE, tuple(SIGN_STATUSES)),
-        Column(
-            "confidence",
-            _SINGLE,
-            "",
-            "calibrated probability that it is a sign, 0 to 1; with boxes of another detector its own scores, see "
-            "detectors.md; null in the presets of the report, which states none",
-        ),
+        Column("confidence", _SINGLE, "", "calibrated probability that it is a sign, 0 to 1; with boxes of another "
+               "detector its own scores, see detectors.md; null in the presets of the report, which states none"),
         Column("color", _CHOICE, "", "colour class of the face", values=COLORS),
-        Column(
-            "color_distance",
-            _SINGLE,
-            "",
-            "Mahalanobis distance to that class (eq. 3.1); only the presets of the report",
-        ),
+        Column("color_distance", _SINGLE, "", "Mahalanobis distance to that class (eq. 3.1); only the presets of the "
+               "report"),
         Column("shape", _CHOICE, "", "shape class of the face", values=SHAPES),
-        Column(
-            "shape_distance",
-            _SINGLE,
-            "",
-            "Mahalanobis distance to that class; only preset `report-shape`",
-        ),
+        Column("shape_distance", _SINGLE, "", "Mahalanobis distance to that class; only preset `report-shape`"),
         Column("x", _DOUBLE, "m", "panel centre in the world frame (`run.json` names it)", _SURE),
         Column("y", _DOUBLE, "m", "panel centre in the world frame", _SURE),
         Column("z", _DOUBLE, "m", "panel centre in the world frame", _SURE),
@@ -147,23 +122,14 @@ SIGNS = Table(
         Column("panel_height_m", _SINGLE, "m", "height of the face"),
         Column("sigma_width_m", _SINGLE, "m", "standard deviation of the width"),
         Column("sigma_height_m", _SINGLE, "m", "standard deviation of the height"),
-        Column(
-            "facing_deg",
-            _SINGLE,
-            "deg",
-            "normal of the visible side relative to the reverse of travel: 0 faces the camera, right turn positive; "
-            "null in the presets of the report, which does not measure it",
-        ),
+        Column("facing_deg", _SINGLE, "deg", "normal of the visible side relative to the reverse of travel: 0 faces "
+               "the camera, right turn positive; null in the presets of the report, which does not measure it"),
         Column("sigma_facing_deg", _SINGLE, "deg", "standard deviation of the facing"),
         Column("lon_deg", _DOUBLE, "deg", "WGS 84 longitude; null without fixes"),
         Column("lat_deg", _DOUBLE, "deg", "WGS 84 latitude; null without fixes"),
         Column("alt_m", _DOUBLE, "m", "height above the WGS 84 ellipsoid; null without fixes"),
-        Column(
-            "sigma_east_m", _SINGLE, "m", "standard deviation of the longitude; null without fixes"
-        ),
-        Column(
-            "sigma_north_m", _SINGLE, "m", "standard deviation of the latitude; null without fixes"
-        ),
+        Column("sigma_east_m", _SINGLE, "m", "standard deviation of the longitude; null without fixes"),
+        Column("sigma_north_m", _SINGLE, "m", "standard deviation of the latitude; null without fixes"),
         Column("sigma_alt_m", _SINGLE, "m", "standard deviation of the height; null without fixes"),
         Column("geometry", pa.binary(), "", "WKB Point Z of lon, lat, alt; null without fixes"),
         Column("best_frame", _WHOLE, "", "frame whose image shows it largest and whole", _SURE),
@@ -180,44 +146,19 @@ SIGNS = Table(
             Column(f"evidence_{term}", _SINGLE, "log odds", f"evidence for a sign: {words}")
             for term, words in EVIDENCE_TERMS.items()
         ),
-        Column(
-            "route", _TEXT, "", "route that the vehicle was on; null where none is given or found"
-        ),
-        Column(
-            "measure",
-            _DOUBLE,
-            "mi, km, ft or m",
-            "measure along `route` abreast of the sign, in the unit that `measure_unit` names; null without",
-        ),
-        Column(
-            "measure_unit",
-            _CHOICE,
-            "",
-            "its unit: mile, kilometre, foot or metre",
-            values=tuple(MEASURE_UNITS),
-        ),
-        Column(
-            "mutcd", _TEXT, "", "MUTCD code, or series where the code is not settled; sign_codes.md"
-        ),
+        Column("route", _TEXT, "", "route that the vehicle was on; null where none is given or found"),
+        Column("measure", _DOUBLE, "mi, km, ft or m", "measure along `route` abreast of the sign, in the unit that "
+               "`measure_unit` names; null without"),
+        Column("measure_unit", _CHOICE, "", "its unit: mile, kilometre, foot or metre", values=tuple(MEASURE_UNITS)),
+        Column("mutcd", _TEXT, "", "MUTCD code, or series where the code is not settled; sign_codes.md"),
         Column("vienna", _TEXT, "", "the same of the Vienna Convention, for faces of that system"),
-        Column(
-            "legend",
-            _TEXT,
-            "",
-            "number or direction on the face; null: it shows none, or not settled",
-        ),
-        Column(
-            "code_probability", _SINGLE, "", "probability of what stands in `mutcd` or `vienna`"
-        ),
-        Column(
-            "nominal_width_in",
-            _SINGLE,
-            "in",
-            "standard width that the measured one can be; of a diamond the side of its square; null: none or several",
-        ),
+        Column("legend", _TEXT, "", "number or direction on the face; null: it shows none, or not settled"),
+        Column("code_probability", _SINGLE, "", "probability of what stands in `mutcd` or `vienna`"),
+        Column("nominal_width_in", _SINGLE, "in", "standard width that the measured one can be; of a diamond the side "
+               "of its square; null: none or several"),
         Column("nominal_height_in", _SINGLE, "in", "the same of the height"),
     ),
-)
+)  # fmt: skip
 
 OBSERVATIONS = Table(
     "observations",
@@ -225,16 +166,9 @@ OBSERVATIONS = Table(
     (
         Column("frame", _WHOLE, "", "index of the frame in the log", _SURE),
         Column("observation_id", _LONG, "", "number of the row in the log, from 0", _SURE),
-        Column(
-            "source",
-            _CHOICE,
-            "",
-            "pass1, pass2: colour clusters; level, stack: of earlier versions; "
-            "predicted: reprojected from other frames; moved: one of these after box regression; network: box of the "
-            "detection network; external: box of another detector or of a file",
-            _SURE,
-            SOURCES,
-        ),
+        Column("source", _CHOICE, "", "pass1, pass2: colour clusters; level, stack: of earlier versions; predicted: "
+               "reprojected from other frames; moved: one of these after box regression; network: box of the "
+               "detection network; external: box of another detector or of a file", _SURE, SOURCES),
         Column("box", _BOX, "px", "x0, y0, x1, y1, half open", _SURE),
         Column("area_px", _WHOLE, "px", "pixels of the region", _SURE),
         Column("u_px", _DOUBLE, "px", "measured centre, as recorded (distorted), right", _SURE),
@@ -244,41 +178,20 @@ OBSERVATIONS = Table(
         Column("red", _SINGLE, "", "mean of the region, 0 to 255", _SURE),
         Column("green", _SINGLE, "", "mean of the region, 0 to 255", _SURE),
         Column("blue", _SINGLE, "", "mean of the region, 0 to 255", _SURE),
-        Column(
-            "color",
-            _CHOICE,
-            "",
-            "most probable colour class of a box above the classifier's threshold; presets of the report: the nearest",
-            values=COLORS,
-        ),
-        Column(
-            "color_distance",
-            _SINGLE,
-            "",
-            "Mahalanobis distance to it (eq. 3.1); only the presets of the report",
-        ),
-        Column(
-            "shape",
-            _CHOICE,
-            "",
-            "most probable shape class of a box above the classifier's threshold; preset `report-shape`: the nearest",
-            values=SHAPES,
-        ),
-        Column(
-            "shape_distance", _SINGLE, "", "Mahalanobis distance to it; only preset `report-shape`"
-        ),
+        Column("color", _CHOICE, "", "most probable colour class of a box above the classifier's threshold; presets "
+               "of the report: the nearest", values=COLORS),
+        Column("color_distance", _SINGLE, "", "Mahalanobis distance to it (eq. 3.1); only the presets of the report"),
+        Column("shape", _CHOICE, "", "most probable shape class of a box above the classifier's threshold; preset "
+               "`report-shape`: the nearest", values=SHAPES),
+        Column("shape_distance", _SINGLE, "", "Mahalanobis distance to it; only preset `report-shape`"),
         Column("track_id", _WHOLE, "", "track it belongs to; null: none"),
         Column("sign_id", _TEXT, "", "row of `signs.parquet` it belongs to; null: none"),
         Column("verdict", _CHOICE, "", "`sign`, or the reason for rejection", _SURE, VERDICTS),
         Column("residual_px", _SINGLE, "px", "distance to the reprojected landmark"),
-        Column(
-            "score",
-            _SINGLE,
-            "",
-            "log odds that the box is a sign face, by the classifier of boxes or another detector; null: not computed",
-        ),
+        Column("score", _SINGLE, "", "log odds that the box is a sign face, by the classifier of boxes or another "
+               "detector; null: not computed"),
     ),
-)
+)  # fmt: skip
 
 FRAMES = Table(
     "frames",
@@ -296,63 +209,30 @@ FRAMES = Table(
         Column("qz", _DOUBLE, "", "camera in world, quaternion"),
         Column("qw", _DOUBLE, "", "camera in world, quaternion"),
         Column("station_m", _DOUBLE, "m", "along the travelled path from the first used frame"),
-        Column(
-            "motion_source",
-            _CHOICE,
-            "",
-            "prior of the motion",
-            values=tuple(MOTION_SOURCES),
-        ),
+        Column("motion_source", _CHOICE, "", "prior of the motion", values=tuple(MOTION_SOURCES)),
         Column("baseline_m", _DOUBLE, "m", "distance from the previous used frame; 0: a duplicate"),
         Column("ties", _WHOLE, "points", "tie points to the previous used frame"),
         Column("residual_straight_px", _SINGLE, "px", "eq. 7.5 with the motion of the prior"),
         Column("residual_px", _SINGLE, "px", "eq. 7.5 with the motion that was used"),
         Column("adjusted", _FLAG, "", "whether the motion was adjusted"),
         Column("iterations", _WHOLE, "", "iterations of the adjustment"),
-        Column(
-            "regions",
-            _WHOLE,
-            "",
-            "connected regions of both passes of segmentation; null where the frame is not used",
-        ),
-        Column(
-            "outside_size",
-            _WHOLE,
-            "",
-            "regions of any source with too few or too many pixels, or no height or aspect of a face; null where the "
-            "frame is not used",
-        ),
-        Column(
-            "merged",
-            _WHOLE,
-            "",
-            "regions nearly the same as one that stays; null where the frame is not used",
-        ),
-        Column(
-            "left_out",
-            _WHOLE,
-            "",
-            "boxes of the detection network not classified, because it takes others for likelier faces; null where the "
-            "frame is not used",
-        ),
+        Column("regions", _WHOLE, "", "connected regions of both passes of segmentation; null where the frame is not "
+               "used"),
+        Column("outside_size", _WHOLE, "", "regions of any source with too few or too many pixels, or no height or "
+               "aspect of a face; null where the frame is not used"),
+        Column("merged", _WHOLE, "", "regions nearly the same as one that stays; null where the frame is not used"),
+        Column("left_out", _WHOLE, "", "boxes of the detection network not classified, because it takes others for "
+               "likelier faces; null where the frame is not used"),
         Column("candidates", _WHOLE, "", "regions classified; null where the frame is not used"),
         Column("image_name", _TEXT, "", "name of the file that was imported; null: none was"),
-        Column(
-            "image_date",
-            _TEXT,
-            "",
-            "when it was taken, as its camera wrote it into the file (local time); null: unknown",
-        ),
+        Column("image_date", _TEXT, "", "when it was taken, as its camera wrote it into the file (local time); null: "
+               "unknown"),
         Column("lon_deg", _DOUBLE, "deg", "WGS 84 longitude of the camera; null without fixes"),
         Column("lat_deg", _DOUBLE, "deg", "WGS 84 latitude of the camera; null without fixes"),
         Column("alt_m", _DOUBLE, "m", "height above the WGS 84 ellipsoid; null without fixes"),
-        Column(
-            "heading_deg",
-            _SINGLE,
-            "deg",
-            "compass direction the camera looks in, clockwise from north; null without fixes",
-        ),
+        Column("heading_deg", _SINGLE, "deg", "compass direction the camera looks in, clockwise from north; null "
+               "without fixes"),
     ),
-)
+)  # fmt: skip
 
 TABLES = (SIGNS, OBSERVATIONS, FRAMES)

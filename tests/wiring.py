@@ -40,6 +40,7 @@ from wayside.pipeline import (
 )
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.models import model_files
+from wayside.pipeline.models.model_json import digest, model_to_json
 from wayside.pipeline.running import (
     flow,
     run,  # noqa: F401
@@ -47,7 +48,6 @@ from wayside.pipeline.running import (
 from wayside.schemas.detections import Candidates, Detections, Segmentation
 from wayside.schemas.frame import Frame, Image
 from wayside.schemas.landmarks import Landmark, TrackedFrame
-from wayside.schemas.model_json import digest, model_to_json
 from wayside.schemas.models import NetworkSum, OnnxFile
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.signs import Sign

@@ -23,10 +23,10 @@ from wayside.pipeline.files.writing import not_written, write_file
 from wayside.pipeline.learning.gaussians import location_model
 from wayside.pipeline.learning.samples import LEARN_READ, read_truth, sign_positions
 from wayside.pipeline.models.model_files import load_models, shipped_models
+from wayside.pipeline.models.model_json import model_to_json
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError, OutputError, WaysideError
 from wayside.schemas.frame import Image
-from wayside.schemas.model_json import model_to_json
 from wayside.schemas.models import Model
 from wayside.stages.imaging import decode
 

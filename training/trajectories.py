@@ -27,12 +27,12 @@ from wayside.pipeline.files.writing import write_file
 from wayside.pipeline.learning.curves import KNEE_RULE, Scores, roc_curve
 from wayside.pipeline.learning.samples import read_truth
 from wayside.pipeline.models.model_files import TRAJECTORY_FILES, load_models
+from wayside.pipeline.models.model_json import model_to_json
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.flow import Flow
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError, WaysideError
 from wayside.schemas.landmarks import TrackedFrame
-from wayside.schemas.model_json import model_to_json
 from wayside.schemas.models import MixtureModel
 from wayside.stages.report import STEP_M, TRAJECTORY_FORMS, mean_log_density
 

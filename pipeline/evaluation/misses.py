@@ -16,8 +16,8 @@ from wayside.pipeline.evaluation.figures import (
     MissCause,
 )
 from wayside.pipeline.labels.box_matching import Box, overlap
+from wayside.schemas.detections import VERDICT_WORDS
 from wayside.schemas.frame import USED
-from wayside.schemas.tables import VERDICT_WORDS
 
 STEPS = {
     "unused": "no image of it was used",

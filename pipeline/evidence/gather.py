@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.results.result import read_rows
 from wayside.schemas.errors import InputError, UsageError
-from wayside.schemas.frame import turn_deg
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+from wayside.stages.geometry import turn_deg
 
 _LONGEST_ID = 240
 _FRAME_COLUMNS = (

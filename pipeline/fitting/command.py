@@ -16,8 +16,8 @@ from wayside.pipeline.fitting.models import Task
 from wayside.pipeline.fitting.report import FIT_KEYS, fit_json, fit_page, format_fit, outcome_lines
 from wayside.pipeline.fitting.sources import LabelledDrive, labelled_drives
 from wayside.pipeline.labels.read import read_labels
+from wayside.pipeline.models.model_json import model_to_json
 from wayside.schemas.errors import InputError, UsageError
-from wayside.schemas.model_json import model_to_json
 
 _SAYING = (".xml", ".txt", ".yaml", ".json", ".csv")
 FIGURES, PAGE = "fit.json", "fit.html"

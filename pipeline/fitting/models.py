@@ -36,7 +36,7 @@ from wayside.pipeline.learning.thresholds import (
 from wayside.schemas.detections import COLORS
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import EvidenceModel, GaussianClass, GaussianModel
-from wayside.stages.classifiers import nearest_class
+from wayside.stages.classifiers import at_alpha, class_distances, nearest_class
 from wayside.stages.report import COLOR_SPACES, color_features
 
 FEWEST_SIGNS = 5
@@ -292,9 +292,9 @@ def _model(
     model = GaussianModel(space, tuple(classes), task.provenance)
     # distances of the labelled to their own classes as held out, to the kept ones as they are
     ordered = [one.name for one in classes]
-    distance = model.distances(samples.values)
+    distance = class_distances(samples.values, model)
     distance[:, [ordered.index(name) for name in names]] = held_out_distances(samples, names, fit)
-    parts = [distance, *(model.distances(values) for values, _ in kept.values())]
+    parts = [distance, *(class_distances(values, model) for values, _ in kept.values())]
     stand_in = len(kept) * DRAWS
     on = np.concatenate([samples.kind != "", np.ones(stand_in, bool)])
     count = np.concatenate([counts_of(samples), np.full(stand_in, VIEWS // DRAWS)])
@@ -361,7 +361,7 @@ def fit_confidence(samples: Samples, shipped: EvidenceModel, task: Task) -> Fitt
     )
     if task.alpha is not None:
         try:
-            model = model.at_alpha(task.alpha)
+            model = at_alpha(model, task.alpha)
         except ValueError as error:
             raise InputError(
                 f"{error}; {others} landmarks that are no sign tell no smaller one: label more"

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE
-from wayside.schemas.frame import turn_deg
+from wayside.stages.geometry import turn_deg
 from wayside.stages.inventory import FACING_DEG, PanelPlaces
 
 SAME_SIZE = 0.15

@@ -12,6 +12,7 @@ from wayside.schemas.detectors import BoxFile, DetectorFile, ExternalBoxes
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import TrackedFrame
+from wayside.stages.detection import boxes_of, by_image_id, number_of
 
 REASONS = {
     "not_read": "cannot be read",
@@ -63,8 +64,8 @@ class BoxAccounting:
             reason = "unused_image" if settled.motion is None else "other_class"
             self._left_out[reason] += settled.region_count - len(table)
             return
-        boxes, names = self._source.of(frame), self._source.names
-        number = self._source.number_of(frame)
+        boxes, names = boxes_of(self._source, frame), self._source.names
+        number = number_of(self._source, frame)
         if number is not None:
             if names and number in self._source.boxes and number not in self._unseen:
                 raise InputError(
@@ -171,7 +172,7 @@ def paired(boxes: BoxFile, first: Frame, held: int) -> list[str]:
         `image_id` is no number of a frame, frames are counted from 1, or names say only the order of the images, and
         there are more or fewer.
     """
-    by_id = boxes.by_id(first)
+    by_id = by_image_id(boxes, first)
     if boxes.names and not first.name and not by_id and len(boxes.names) != held:
         raise InputError(
             f"models.detections: wanted as many images in the log as {boxes.path} names, {len(boxes.names)}, "

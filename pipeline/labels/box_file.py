@@ -18,12 +18,12 @@ from wayside.pipeline.files.json_text import CONTENT_FAULTS, parse_json
 from wayside.pipeline.labels.class_map import numbered, read_class_map
 from wayside.pipeline.labels.coco import Entry, coco_box, coco_classes
 from wayside.pipeline.reading.image_order import natural_key
-from wayside.schemas.detections import COLORS, SHAPES
-from wayside.schemas.detectors import IMAGE_KEYS, BoxFile, ExternalBoxes, SignClass, unnamed
+from wayside.schemas.detections import COLORS, NONE, SHAPES
+from wayside.schemas.detectors import IMAGE_KEYS, BoxFile, ExternalBoxes, SignClass
 from wayside.schemas.errors import InputError
 from wayside.schemas.labels import Box
 from wayside.schemas.settings import Settings
-from wayside.stages.detection import named_boxes
+from wayside.stages.detection import named_boxes, places_of
 
 CORNERS = ("x_min", "y_min", "x_max", "y_max")
 _Image = tuple[str, Any]
@@ -89,6 +89,7 @@ def load_boxes(settings: Settings) -> BoxFile:
         left_out,
         signs,
         fault=rows.unread[0] if rows.unread else "",
+        places=places_of(rows.image_names),
     )
 
 
@@ -222,7 +223,7 @@ def _classes(path: Path, table: pa.Table) -> tuple[NDArray[np.int64], dict[int, 
 def _kinds(path: Path, table: pa.Table, name: str, known: Sequence[str]) -> NDArray[np.int8]:
     """Numbers of the colours or shapes that the rows name, -1 where they name none."""
     if name not in table.column_names:
-        return unnamed(table.num_rows)
+        return np.full(table.num_rows, NONE, np.int8)
     texts = _column(path, table, name, pa.string()).to_pylist()
     unknown = sorted({text for text in texts if text} - set(known))
     if unknown:
@@ -275,6 +276,7 @@ def _coco_table(content: Any) -> BoxRows:
         place_of = {name: place for place, name in enumerate(names)}
         values = [place_of[name] for name in values]
         ids = {number: place_of[name] for number, name in ids.items() if name in place_of}
+    unnamed = np.full(len(rows), NONE, np.int8)
     return BoxRows(
         keys[0],
         np.array(values, np.int64),
@@ -282,8 +284,8 @@ def _coco_table(content: Any) -> BoxRows:
         np.array([score for *_, score, _ in rows], np.float64),
         np.array([number for *_, number in rows], np.int64),
         {} if results else coco_classes(content),
-        unnamed(len(rows)),
-        unnamed(len(rows)),
+        unnamed,
+        unnamed,
         names,
         ids,
         unread,

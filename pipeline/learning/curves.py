@@ -18,6 +18,7 @@ from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.statistics import TAILS, Interval, resamplings
 from wayside.schemas.models import EvidenceModel
 from wayside.schemas.settings import Settings
+from wayside.stages.classifiers import class_distances
 
 KNEE_RULE = "knee of the ROC: largest true minus false positive rate (report chapter 10)"
 STRETCH_FRAMES = 10
@@ -240,7 +241,7 @@ def _questions_of(
         yield question("smallest", value, gate.smallest_px, "px")
         yield question("largest", value, gate.largest_px, "px", below=True)
     elif model is not None:
-        distance = model.distances(own.values)
+        distance = class_distances(own.values, model)
         thresholds = np.array([one.threshold for one in model.classes])
         whole = (distance / np.maximum(thresholds, 1e-9)).min(axis=1)
         yield question(ALL, whole, 1.0, "thresholds", below=True)
@@ -261,6 +262,6 @@ def _questions_of(
         }[classifier]
         yield question(ALL, value, np.nan if learned is None else learned.threshold, unit)
         # no term decides by itself
-        terms = learned.term_names if isinstance(learned, EvidenceModel) else ()
+        terms = dict.fromkeys(learned.terms) if isinstance(learned, EvidenceModel) else ()
         for column, term in enumerate(terms, 1):
             yield question(term, own.values[:, column], np.nan, "log-likelihood ratio")

@@ -36,8 +36,8 @@ from wayside.pipeline.models.model_files import (
     Models,
     load_models,
 )
+from wayside.pipeline.models.model_json import model_to_json
 from wayside.schemas.errors import InputError
-from wayside.schemas.model_json import model_to_json
 from wayside.schemas.models import GaussianClass, GaussianModel, MixtureModel
 
 KANSAS, OWN = "report-kansas.json", {"color": "color_rgb.json", "shape": "shape.json"}

@@ -16,6 +16,7 @@ from wayside.pipeline.learning.gaussians import Samples
 from wayside.pipeline.learning.thresholds import best_point, component_points
 from wayside.pipeline.statistics import TAILS
 from wayside.schemas.models import GaussianClass, GaussianModel
+from wayside.stages.classifiers import class_distances
 
 SEED, RESAMPLINGS = 1, 400
 """Of the resampling of stretches: an end of a 95 % interval then rests on ten."""
@@ -84,7 +85,7 @@ def distances_to(
     """Mahalanobis distances (n, names) of values (n, d) (report eq. 3.1); `BEYOND` to a class that there is not."""
     distance = np.full((len(values), len(names)), BEYOND)
     columns = [names.index(c.name) for c in classes]
-    found = GaussianModel("", tuple(classes), "").distances(values)
+    found = class_distances(values, GaussianModel("", tuple(classes), ""))
     distance[:, columns] = np.minimum(found, BEYOND)
     return distance
 

@@ -28,7 +28,8 @@ from wayside.pipeline.learning.curves import KNEE_RULE, Scores, resampled_groups
 from wayside.pipeline.learning.samples import ON
 from wayside.pipeline.statistics import TAILS, resamplings
 from wayside.schemas.errors import InputError
-from wayside.schemas.models import GaussianModel, MixtureModel, OperatingPoint, most_powerful
+from wayside.schemas.models import GaussianModel, MixtureModel, OperatingPoint
+from wayside.stages.classifiers import class_distances, most_powerful
 
 MOST_POINTS = 40
 """Operating points that a model file holds."""
@@ -90,7 +91,7 @@ def with_learned_thresholds(
     """
     own = samples.known()
     on, group = own.label == ON, resampled_groups(own.drive, own.frame)[0]
-    distance = model.distances(own.values)
+    distance = class_distances(own.values, model)
     if not on.any() or on.all():
         raise _one_sided(samples, on)
     of_class = on[:, None] & (own.kind[:, None] == np.array([one.name for one in model.classes]))

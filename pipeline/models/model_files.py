@@ -17,11 +17,11 @@ from wayside.pipeline.files.input_files import read_input
 from wayside.pipeline.labels.box_file import load_boxes
 from wayside.pipeline.models.detector_file import load_detector
 from wayside.pipeline.models.model_gates import retraded
+from wayside.pipeline.models.model_json import digest, model_from_json, model_to_json
 from wayside.pipeline.models.provenance import onnx_metadata
 from wayside.schemas.detectors import BoxFile, DetectorFile
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import EVIDENCE_TERMS
-from wayside.schemas.model_json import digest, model_from_json, model_to_json
 from wayside.schemas.models import (
     EvidenceModel,
     GaussianModel,

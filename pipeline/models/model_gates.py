@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import EvidenceModel, GaussianModel, MixtureModel
 from wayside.schemas.settings import Settings
+from wayside.stages.classifiers import at_alpha
 
 if TYPE_CHECKING:
     from wayside.pipeline.models.model_files import Models
@@ -20,7 +21,7 @@ def retraded(models: Models, settings: Settings) -> Models:
     for name, column in _gates(models, settings).items():
         gate: GaussianModel | MixtureModel | EvidenceModel = getattr(models, column)
         try:
-            traded[column] = gate.at_alpha(settings.models.alpha)
+            traded[column] = at_alpha(gate, settings.models.alpha)
         except ValueError as error:
             lacking.append(f"{name}: {error}")
     if lacking or not traded:

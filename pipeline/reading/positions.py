@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.reading.clocks import Flags, Floats, Integers
 from wayside.pipeline.reading.streams import Samples
-from wayside.schemas.frame import EARTH_RADIUS_M, median_longitude_deg, turn_deg
+from wayside.schemas.frame import EARTH_RADIUS_M
+from wayside.stages.geometry import median_longitude_deg, turn_deg
 
 _WIDEST_GAP_S = 5.0
 """Nothing is interpolated across a longer silence: a vehicle may turn meanwhile."""

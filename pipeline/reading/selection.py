@@ -22,9 +22,9 @@ from wayside.schemas.frame import (
     USED,
     WRONG_SIZE,
     Frame,
-    turn_deg,
 )
 from wayside.schemas.settings import ReadSettings
+from wayside.stages.geometry import turn_deg
 
 _NOTHING = memoryview(b"")
 _SILENCE_NS = 5_000_000_000

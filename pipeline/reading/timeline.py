@@ -30,7 +30,8 @@ from wayside.pipeline.reading.positions import (
 )
 from wayside.pipeline.reading.streams import Positions, Samples
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import Camera, Fix, Pose, PosePrior, turn_deg
+from wayside.schemas.frame import Camera, Fix, Pose, PosePrior
+from wayside.stages.geometry import turn_deg
 from wayside.stages.odometry import AXES, CameraPath
 
 _STANDS = 0.02

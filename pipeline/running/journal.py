@@ -362,6 +362,7 @@ def _code_digest() -> str:
     root = Path(__file__).parents[2]
     digest = hashlib.sha256()
     for room in ("schemas", "stages", "pipeline"):
-        for path in sorted((root / room).rglob("*.py")):
+        files = (path for kind in ("*.py", "*.csv") for path in (root / room).rglob(kind))
+        for path in sorted(files):
             digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
     return digest.hexdigest()

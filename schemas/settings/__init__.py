@@ -5,6 +5,11 @@
 and `REPORT_SHAPE`.
 """
 
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
 from wayside.schemas.settings.balance import BalanceSettings
 from wayside.schemas.settings.codes import CodeSettings
 from wayside.schemas.settings.detection import CandidateSettings
@@ -16,7 +21,6 @@ from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSet
 from wayside.schemas.settings.report import ReportSettings
 from wayside.schemas.settings.route import RouteSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
-from wayside.schemas.settings.tree import REPORT, REPORT_2D, REPORT_SHAPE, Settings
 
 __all__ = [
     "REPORT",
@@ -41,3 +45,49 @@ __all__ = [
     "TrackSettings",
     "setting",
 ]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Settings:
+    """All groups, one a stage."""
+
+    read: ReadSettings = dataclasses.field(default_factory=ReadSettings)
+    balance: BalanceSettings = dataclasses.field(default_factory=BalanceSettings)
+    segment: SegmentSettings = dataclasses.field(default_factory=SegmentSettings)
+    gate: GateSettings = dataclasses.field(default_factory=GateSettings)
+    candidates: CandidateSettings = dataclasses.field(default_factory=CandidateSettings)
+    report: ReportSettings = dataclasses.field(default_factory=ReportSettings)
+    features: FeatureSettings = dataclasses.field(default_factory=FeatureSettings)
+    motion: MotionSettings = dataclasses.field(default_factory=MotionSettings)
+    track: TrackSettings = dataclasses.field(default_factory=TrackSettings)
+    locate: LocateSettings = dataclasses.field(default_factory=LocateSettings)
+    route: RouteSettings = dataclasses.field(default_factory=RouteSettings)
+    codes: CodeSettings = dataclasses.field(default_factory=CodeSettings)
+    models: ModelSettings = dataclasses.field(default_factory=ModelSettings)
+    run: RunSettings = dataclasses.field(default_factory=RunSettings)
+    merge: MergeSettings = dataclasses.field(default_factory=MergeSettings)
+    changes: ChangeSettings = dataclasses.field(default_factory=ChangeSettings)
+
+
+REPORT: dict[str, dict[str, Any]] = {
+    "read": {"thin_m": 8.0},
+    "balance": {"on": False},
+    "segment": {"whole_picture": True},
+    "gate": {"smallest_px": 50, "largest_px": 20_000},
+    "report": {"on": True},
+    "motion": {"always_adjust": False},
+    "locate": {"smallest_side_m": 0.0, "largest_side_m": 100.0},
+}
+"""Preset `report`, the report's last chain: its own choices where they differ from the defaults."""
+
+REPORT_2D: dict[str, dict[str, Any]] = REPORT | {
+    "report": {"on": True, "trajectory": "image"},
+    "locate": {"gate": False},
+}
+"""Preset `report-2d`: the trajectory of the tracked feature in the image decides (chapter 5), not the location."""
+
+REPORT_SHAPE: dict[str, dict[str, Any]] = REPORT | {
+    "report": {"on": True, "shape": True},
+    "locate": {"gate": False},
+}
+"""Preset `report-shape`: the shape of the outline decides (chapter 4)."""

@@ -1,4 +1,4 @@
-"""Nearest class of a Gaussian model, with a threshold for each (report eq. 3.1)."""
+"""Gaussian classes, each with a threshold (report eq. 3.1), and mixtures of Gaussian components."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.errors import InputError
-from wayside.schemas.models import GaussianModel
+from wayside.schemas.models import GaussianModel, MixtureModel
 
 
 def require_gaussian_model(
@@ -49,6 +49,27 @@ def require_gaussian_model(
             )
 
 
+def class_distances(values: NDArray[np.floating[Any]], model: GaussianModel) -> NDArray[np.float64]:
+    """Mahalanobis distance of each value (n, d) to each class: (n, classes), eq. 3.1."""
+    result = np.empty((len(values), len(model.classes)))
+    for j, one in enumerate(model.classes):
+        difference = np.asarray(values, np.float64) - one.mean
+        result[:, j] = np.sqrt(
+            np.einsum("ni,ij,nj->n", difference, np.linalg.inv(one.covariance), difference)
+        )
+    return result
+
+
+def log_density(values: NDArray[np.floating[Any]], model: MixtureModel) -> NDArray[np.float64]:
+    """Natural logarithm of the density of a mixture at each value (n, d): (n,)."""
+    d = model.mean.shape[1]
+    gap = np.asarray(values, np.float64)[:, None] - model.mean
+    square = np.einsum("nki,kij,nkj->nk", gap, np.linalg.inv(model.covariance), gap)
+    _, log_volume = np.linalg.slogdet(model.covariance)
+    parts = np.log(model.weight) - (log_volume + d * np.log(2 * np.pi) + square) / 2
+    return np.asarray(np.logaddexp.reduce(parts, axis=1))
+
+
 def nearest_class(
     values: NDArray[np.floating[Any]], model: GaussianModel, names: tuple[str, ...]
 ) -> tuple[NDArray[np.int8], NDArray[np.float32], NDArray[np.bool_]]:
@@ -74,7 +95,7 @@ def nearest_class(
     known = np.flatnonzero(np.isfinite(values).all(axis=1))
     if len(known) == 0:
         return code, distance, accepted
-    distances = model.distances(values[known])
+    distances = class_distances(values[known], model)
     holds = distances <= np.array([one.threshold for one in model.classes])
     any_holds = np.asarray(holds.any(axis=1))
     best = np.where(holds | ~any_holds[:, None], distances, np.inf).argmin(axis=1)

@@ -14,7 +14,13 @@ from wayside.stages.detection.box_network import (
 from wayside.stages.detection.box_patches import INNER, SIDE, drawn_patches
 from wayside.stages.detection.detector import SAME_FACE_IOU, detect
 from wayside.stages.detection.detector_outputs import recognised
-from wayside.stages.detection.external_boxes import detect_externally
+from wayside.stages.detection.external_boxes import (
+    boxes_of,
+    by_image_id,
+    detect_externally,
+    number_of,
+    places_of,
+)
 from wayside.stages.detection.network_proposals import (
     BIAS,
     CENTRE_PX,
@@ -38,6 +44,7 @@ from wayside.stages.detection.onnx_detector import (
     OnnxDetector,
     multiple_of,
     named_boxes,
+    score_log_odds,
 )
 from wayside.stages.detection.proposals import propose, propose_segments
 
@@ -70,14 +77,19 @@ __all__ = [
     "DetectionNetwork",
     "Maps",
     "OnnxDetector",
+    "boxes_of",
     "boxes_of_maps",
+    "by_image_id",
     "detect",
     "detect_externally",
     "drawn_patches",
     "multiple_of",
     "named_boxes",
+    "number_of",
     "padded",
+    "places_of",
     "propose",
     "propose_segments",
     "recognised",
+    "score_log_odds",
 ]

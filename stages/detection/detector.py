@@ -22,7 +22,7 @@ from wayside.schemas.detections import (
     verdict_code,
 )
 from wayside.schemas.frame import Camera
-from wayside.schemas.models import ScoreModel
+from wayside.schemas.models import NetworkSum, ScoreModel
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.box_network import BoxNetwork, BoxScores
 from wayside.stages.detection.face_boxes import fits_face
@@ -85,7 +85,7 @@ def detect(
         candidates = candidates.with_boxes(near[better], moved[better])
         scores = found.front
         if item.network_score is not None and front.with_network is not None:
-            scores = front.with_network.of(scores, item.network_score)
+            scores = joined_scores(front.with_network, scores, item.network_score)
         candidates = with_scores(candidates, scores, front.threshold, settings.keep)
         above = np.flatnonzero(scores >= front.threshold)
         candidates = with_names(candidates, above, found.select(above), grey=image.frame.grey)
@@ -107,6 +107,14 @@ def regressed_boxes(
     moved = (box + np.clip(offset, -LARGEST_OFFSET, LARGEST_OFFSET) * size).astype(np.float32)
     moved = np.clip(moved, 0, np.array([camera.width, camera.height] * 2, np.float32))
     return np.where(fits_face(moved, camera)[:, None], moved, box)
+
+
+def joined_scores(
+    model: NetworkSum, own: NDArray[np.float32], network: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """The sum (n,) of scores by the box network (n,) and by the detection network (n,)."""
+    joined = np.float32(model.own) * own + np.float32(model.network) * network
+    return np.asarray(joined + np.float32(model.shift), np.float32)
 
 
 def with_scores(

@@ -6,8 +6,9 @@ the box network names them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import PurePosixPath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from wayside.schemas.detections import (
     Regions,
 )
 from wayside.schemas.detectors import BoxFile, ExternalBoxes
-from wayside.schemas.frame import Image
+from wayside.schemas.frame import Camera, Frame, Image
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.box_network import BoxNetwork
 from wayside.stages.detection.detector import SAME_FACE_IOU, with_names, with_scores
@@ -68,7 +69,7 @@ def detect_externally(
             yield Detections(segmentation, Candidates.of(segmentation.regions))
             continue
         if isinstance(source, BoxFile):
-            found = source.of(item.frame).inside(camera)
+            found = inside_image(boxes_of(source, item.frame), camera)
         else:
             found = source.boxes(item.rgb, settings.external_score, SAME_FACE_IOU)
         segmentation = replace(
@@ -80,6 +81,55 @@ def detect_externally(
             segmentation,
             classified(found, segmentation.regions, item, settings.keep, network),
         )
+
+
+def boxes_of(source: BoxFile, frame: Frame) -> ExternalBoxes:
+    """The boxes of a frame as the file has them."""
+    number = number_of(source, frame)
+    found = None if number is None else source.boxes.get(number)
+    return ExternalBoxes.empty() if found is None else found
+
+
+def number_of(source: BoxFile, frame: Frame) -> int | None:
+    """The number that names this frame in `source.boxes`; None where it has none.
+
+    Names are those of the files of the log where it knows them; else `image_id` tells, or the order of the names.
+    """
+    if by_image_id(source, frame):
+        return source.ids.get(frame.index)
+    if source.names and frame.name:
+        known = (part for part in name_parts(frame.name) if part in source.places)
+        return next((source.places[part] for part in known), None)
+    if source.key == "log_time_ns":
+        return frame.log_time_ns
+    return frame.header_time_ns if source.key == "header_time_ns" else frame.index
+
+
+def by_image_id(source: BoxFile, frame: Frame) -> bool:
+    """Whether it is `image_id` that tells which boxes are of this frame."""
+    return bool(source.ids) and not (source.names and frame.name)
+
+
+def name_parts(name: str) -> list[str]:
+    """A path, what stays of it without folders, and both without suffix; the longest first."""
+    folders = name.replace("\\", "/").lower().split("/")
+    whole = ["/".join(folders[start:]) for start in range(len(folders))]
+    return whole + [str(PurePosixPath(one).with_suffix("")) for one in whole if one]
+
+
+def places_of(names: Sequence[str]) -> dict[str, int | None]:
+    """Index of each name by each of its parts; None where several names share the part."""
+    places: dict[str, int | None] = {}
+    for place, name in enumerate(names):
+        for part in set(name_parts(name)):
+            places[part] = None if part in places else place
+    return places
+
+
+def inside_image(found: ExternalBoxes, camera: Camera) -> ExternalBoxes:
+    """Those with a part inside the image, cut at its border."""
+    box = np.clip(found.box, 0, np.array([camera.width, camera.height] * 2, np.float32))
+    return replace(found, box=box).select(np.flatnonzero((box[:, 2:] > box[:, :2]).all(axis=1)))
 
 
 def external_regions(found: ExternalBoxes, rgb: NDArray[np.uint8]) -> Regions:

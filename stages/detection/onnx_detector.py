@@ -14,7 +14,6 @@ from wayside.schemas.detectors import (
     DetectorFile,
     ExternalBoxes,
     SignClass,
-    score_log_odds,
 )
 from wayside.schemas.errors import InputError
 from wayside.stages.classifiers import OnnxNetwork
@@ -26,6 +25,8 @@ from wayside.stages.detection.detector_outputs import (
 )
 from wayside.stages.geometry import non_maximum_suppression
 
+SUREST = 0.999
+"""Largest score of a box, and 1 minus the smallest: no detector is sure beyond all evidence."""
 MULTIPLE = 32
 """Height and width of what a network of free input size sees are multiples of this."""
 GREY = 114
@@ -162,3 +163,9 @@ def named_boxes(
         np.array(shape, np.int8),
         len(number),
     )
+
+
+def score_log_odds(score: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Log odds of scores (n,) between 0 and 1, which are cut off at `SUREST`."""
+    limited = np.clip(np.asarray(score, np.float64), 1 - SUREST, SUREST)
+    return np.asarray(np.log(limited / (1 - limited)), np.float32)

@@ -13,6 +13,7 @@ from wayside.stages.geometry.linear_algebra import (
     cross_matrices,
     invert_symmetric,
 )
+from wayside.stages.geometry.longitude import median_longitude_deg, turn_deg
 from wayside.stages.geometry.path import FrenetOffset, frenet_offset
 from wayside.stages.geometry.ray_midpoint import (
     meet_rays,
@@ -49,6 +50,7 @@ __all__ = [
     "intersection_areas",
     "invert_symmetric",
     "iou_matrix",
+    "median_longitude_deg",
     "meet_rays",
     "minimiser",
     "non_maximum_suppression",
@@ -59,5 +61,6 @@ __all__ = [
     "rotation_from_vector",
     "tangent_basis",
     "to_rays",
+    "turn_deg",
     "vector_from_rotation",
 ]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pyproj import Transformer
 
-from wayside.schemas.frame import Fix, Pose, median_longitude_deg, turn_deg
-from wayside.stages.geometry import cross_matrices
+from wayside.schemas.frame import Fix, Pose
+from wayside.stages.geometry import cross_matrices, median_longitude_deg, turn_deg
 from wayside.stages.georeference.trajectory import Trajectory
 from wayside.stages.kernels import Array
 

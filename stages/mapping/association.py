@@ -38,23 +38,28 @@ EXPECTED_PX = 14.0
 
 @dataclass(frozen=True, slots=True)
 class WindowCandidates:
-    """Candidates of n frames as parallel arrays; frame f owns rows `first[f]` to `first[f + 1]`.
-
-    rotation (n, 3, 3) world from camera; centre (n, 3) metres; focal (n,) pixels; bounds (n, 4): rays of the left,
-    upper, right and lower edge of the image; ray (N, 2); size (N, 2); score (N,) log odds; whole (N,): the box
-    does not touch the edge of the image; seeds (N,): may form a hypothesis.
-    """
+    """Candidates of n frames as parallel arrays, N rows."""
 
     rotation: NDArray[np.float64]
+    """World from camera, (n, 3, 3)."""
     centre: NDArray[np.float64]
+    """Of the camera in the world, (n, 3), metres."""
     focal: NDArray[np.float64]
+    """Focal length, (n,), pixels."""
     bounds: NDArray[np.float64]
+    """Rays of the left, upper, right and lower edge of the image, (n, 4)."""
     first: NDArray[np.int64]
+    """Frame f owns rows `first[f]` to `first[f + 1]`, (n + 1,)."""
     ray: NDArray[np.float64]
+    """Ideal image coordinates of the centre, (N, 2)."""
     size: NDArray[np.float64]
+    """Width and height in ideal image coordinates, (N, 2)."""
     score: NDArray[np.float64]
+    """Log odds, (N,)."""
     whole: NDArray[np.bool_]
+    """Whether the box does not touch the edge of the image, (N,)."""
     seeds: NDArray[np.bool_]
+    """Whether it may form a hypothesis, (N,)."""
 
     def __post_init__(self) -> None:
         """Refuse shapes that the kernels, which do not check bounds, would run over."""

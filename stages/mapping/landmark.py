@@ -31,15 +31,16 @@ STEP_COVARIANCE = np.diag(np.square([2e-4, 2e-4, 2e-4, 0.01, 0.005, 0.025]))
 
 
 class LandmarkMeasurement(NamedTuple):
-    """Position of a landmark, point (3,) and covariance (3, 3) in world axes, and the panel it was measured by.
-
-    residual: of its adjustment; None where there was none.
-    """
+    """A measured landmark."""
 
     point: NDArray[np.float64]
+    """In the world, (3,)."""
     covariance: NDArray[np.float64]
+    """Of the point, in world axes, (3, 3)."""
     panel: Panel
+    """The panel it was measured by."""
     residual: WindowResidual | None = None
+    """Of its adjustment. None: there was none."""
 
 
 def measure_landmark(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.models import EvidenceModel
+from wayside.stages.classifiers import evidence_ratios
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.class_votes import mean_log_probabilities
 from wayside.stages.mapping.landmark_fit import LandmarkFit
@@ -44,14 +45,14 @@ GUIDE_COLORS = {"green", "blue", "brown", "white", "black"}
 
 @dataclass(frozen=True, slots=True)
 class LandmarkEvidence:
-    """Numbers (f,) on a landmark, named by `FEATURES`, the log-likelihood ratio of each term, and their sum.
-
-    Without a model there are no ratios, and `log_odds` is the value of the fit, which only ranks landmarks.
-    """
+    """What speaks for and against a landmark."""
 
     features: NDArray[np.float64]
+    """Numbers named by `FEATURES`, (f,)."""
     ratios: tuple[tuple[str, float], ...]
+    """Log-likelihood ratio of each term. Empty: there is no model."""
     log_odds: float
+    """Sum of the ratios with the prior. Without a model the value of the fit, which only ranks landmarks."""
 
     @property
     def score(self) -> float:
@@ -67,9 +68,10 @@ class LandmarkEvidence:
 
 @dataclass(frozen=True, slots=True)
 class LandmarkClassifier:
-    """Classifies landmarks of one side by a model of their evidence; None: nothing is known, and what stands is one."""
+    """Classifies landmarks of one side by a model of their evidence."""
 
     model: EvidenceModel | None = None
+    """None: nothing is known of signs, and what stands is one."""
 
     def classify(
         self,
@@ -87,7 +89,7 @@ class LandmarkClassifier:
         named = dict(zip(FEATURES, features.tolist(), strict=True))
         if self.model is None:
             return LandmarkEvidence(features, (), max(fit.value, 0.0))
-        ratios = tuple(self.model.ratios(named).items())
+        ratios = tuple(evidence_ratios(self.model, named).items())
         return LandmarkEvidence(
             features, ratios, self.model.shift + sum(ratio for _, ratio in ratios)
         )

@@ -35,29 +35,36 @@ ROUNDS = 3
 
 @dataclass(frozen=True, slots=True)
 class LandmarkFit:
-    """A landmark fitted to its views, v in number, oldest first.
-
-    frames, rows (v,): position in the window, and number among the followed candidates of that frame; used (v,): the
-    point was fitted to them; point (3,), covariance (3, 3) in the world, by the rays alone; residual_px, depth (v,):
-    pixels, metres; metric, spread (2,): width and height and their scatter, metres; weight_sigma, ray_sigma (v,): what
-    the views were weighted by, and the scatter of their rays alone; missed: frames that should show it and have no
-    candidate there; value: sum over the views; back: it is followed as the back of a panel.
-    """
+    """A landmark fitted to its v views, oldest first."""
 
     frames: NDArray[np.int64]
+    """Position of the frame in the window, (v,)."""
     rows: NDArray[np.int64]
+    """Number among the followed candidates of that frame, (v,)."""
     used: NDArray[np.bool_]
+    """Whether the point was fitted to the view, (v,)."""
     point: NDArray[np.float64]
+    """In the world, by the rays alone, (3,)."""
     covariance: NDArray[np.float64]
+    """Of the point, in the world, (3, 3)."""
     residual_px: NDArray[np.float64]
+    """Of each view, (v,)."""
     depth: NDArray[np.float64]
+    """Of the point in each view, (v,), metres."""
     metric: NDArray[np.float64]
+    """Width and height, (2,), metres."""
     spread: NDArray[np.float64]
+    """Scatter of both over the views, (2,), metres."""
     weight_sigma: NDArray[np.float64]
+    """Standard deviation that each view was weighted by, (v,)."""
     ray_sigma: NDArray[np.float64]
+    """Standard deviation of its ray alone, (v,)."""
     missed: int = 0
+    """Number of frames that should show it and have no candidate there."""
     value: float = 0.0
+    """Sum over the views."""
     back: bool = False
+    """Whether it is followed as the back of a panel."""
 
     @property
     def rms_px(self) -> float:

@@ -66,14 +66,14 @@ class LandmarkRays(NamedTuple):
 
 
 class JointAdjustment(NamedTuple):
-    """An adjusted landmark (3,) in the world; covariance (3, 3) relative to the fixed camera, world axes.
-
-    residual: of the adjustment, before and after.
-    """
+    """A landmark adjusted together with the motion."""
 
     point: Array
+    """In the world, (3,)."""
     covariance: Array
+    """Relative to the fixed camera, world axes, (3, 3)."""
     residual: WindowResidual
+    """Of the adjustment, before and after."""
 
 
 def adjust_jointly(

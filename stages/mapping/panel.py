@@ -52,36 +52,43 @@ FARTHEST_OFF = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """A measured panel: centre (3,) in the world, size in metres, facing in degrees, with standard deviations.
-
-    frames (v,), rays (v, 2), weight_sigma, ray_sigma (v,): the views of the centre as in `LandmarkFit`; centre_sigma
-    (2,): scatter of the centre across the face that all views share, metres; residual_px: RMS distance of the centres
-    in the registered views from the point they were fitted to.
-    """
+    """A measured panel, seen in v views."""
 
     point: Array
+    """Its centre in the world, (3,)."""
     frames: NDArray[np.int64]
+    """Of the views, as in `LandmarkFit`, (v,)."""
     rays: Array
+    """Of the centre in each view, (v, 2)."""
     weight_sigma: Array
+    """As in `LandmarkFit`, (v,)."""
     ray_sigma: Array
+    """As in `LandmarkFit`, (v,)."""
     centre_sigma: Array
+    """Error of the centre across the face that all views share, (2,), metres."""
     size: Array
+    """Width and height, (2,), metres."""
     sigma_size: Array
+    """Standard deviations of both, (2,)."""
     facing_deg: float
+    """As in `Landmark`."""
     sigma_facing_deg: float
+    """Its standard deviation."""
     shape: str
+    """One of `SHAPES`."""
     residual_px: float
+    """RMS distance of the centres in the registered views from the fitted point."""
 
 
 class PanelMeasurement(NamedTuple):
-    """The registered views of a landmark, its outline in samples of their template, and the panel that they show.
-
-    outline: None where none is strong enough; panel: None where the outline or the position is refused.
-    """
+    """How a panel was measured."""
 
     views: tuple[PanelView, ...] = ()
+    """The registered views."""
     outline: FaceOutline | None = None
+    """In samples of their template. None: none is strong enough."""
     panel: Panel | None = None
+    """None: the outline or the position is refused."""
 
     @property
     def segments(self) -> Array | None:

@@ -18,6 +18,7 @@ from wayside.schemas.detections import verdict_code
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.settings import LocateSettings
+from wayside.stages.classifiers import class_distances
 from wayside.stages.geometry import FrenetOffset, box_areas
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 
@@ -55,15 +56,14 @@ def in_swept_volume(fit: LandmarkFit, offset: FrenetOffset) -> bool:
 
 
 class SeenBox(NamedTuple):
-    """Box (4,) of a landmark in one image, as rays, and what it rests on.
-
-    seen: the image shows the landmark there, else that is only where it must be; measured: by a candidate of that
-    image, not by a box that the landmark predicted.
-    """
+    """Where a landmark is in one image."""
 
     box: NDArray[np.float64]
+    """As rays, (4,)."""
     seen: bool
+    """Whether the image shows it there. Otherwise it only must be there."""
     measured: bool
+    """Whether a candidate of the image gave the box, not a prediction."""
 
 
 def same_face(one: Mapping[int, SeenBox], other: Mapping[int, SeenBox]) -> bool:
@@ -99,7 +99,7 @@ def location_verdict(
     if model is not None:
         thresholds = np.array([c.threshold for c in model.classes])
         where = np.array([[landmark.right_m, landmark.above_m]])
-        if (model.distances(where)[0] > thresholds).all():
+        if (class_distances(where, model)[0] > thresholds).all():
             return "location"
     sides = (landmark.width_m, landmark.height_m)
     if min(sides) < settings.smallest_side_m or max(sides) > settings.largest_side_m:

@@ -35,42 +35,56 @@ NO_TRACK = -1
 
 @dataclass(slots=True)
 class WindowFrame:
-    """A frame in the window; its candidates and what is known of them change until it leaves.
-
-    plain: it as it came; followed (k,): candidate rows that are followed; back (k,): as the back of a panel (a row
-    may be followed as a face, too); seeds (k,): those that may form hypotheses; ray, size (k, 2): ideal image
-    coordinates of centre and extent; score (k,): log odds of what they are followed as; whole (k,): the box does
-    not touch the edge of the image; assigned (k,): belongs to a finished landmark; paired (k, 2): meets a candidate
-    of an earlier, of a later frame; standing (k,): belonged to a landmark still in sight when the frame left the
-    window; bounds (4,): see `image_bounds`; focal: pixels; verdict, track_id, residual_px: of all rows; landmarks:
-    those first seen here; measurements: what theirs rest on; matches: see `TrackedFrame`; rgb: the image, None
-    where there is none.
-    """
+    """A frame in the window, k followed candidates. What is known of them changes until it leaves."""
 
     plain: TrackedFrame
+    """The frame as it came."""
     frame: Frame
+    """The frame."""
     camera: Camera
+    """Its camera."""
     motion: Motion
+    """Its motion."""
     candidates: Candidates
+    """All its candidates, n rows."""
     followed: NDArray[np.int64]
+    """Rows of the followed candidates, (k,)."""
     back: NDArray[np.bool_]
+    """Whether it is followed as the back of a panel, (k,). A row may be followed as a face, too."""
     seeds: NDArray[np.bool_]
+    """Whether it may form hypotheses, (k,)."""
     ray: NDArray[np.float64]
+    """Ideal image coordinates of the centre, (k, 2)."""
     size: NDArray[np.float64]
+    """Width and height in ideal image coordinates, (k, 2)."""
     score: NDArray[np.float64]
+    """Log odds of what it is followed as, (k,)."""
     whole: NDArray[np.bool_]
+    """Whether the box does not touch the edge of the image, (k,)."""
     bounds: NDArray[np.float64]
+    """See `image_bounds`, (4,)."""
     focal: float
+    """Focal length, pixels."""
     assigned: NDArray[np.bool_]
+    """Whether it belongs to a finished landmark, (k,)."""
     paired: NDArray[np.bool_]
+    """Whether it meets a candidate of an earlier, of a later frame, (k, 2)."""
     standing: NDArray[np.bool_]
+    """Whether its landmark was still in sight when the frame left the window, (k,)."""
     verdict: NDArray[np.uint8]
+    """Index into `VERDICTS`, (n,)."""
     track_id: NDArray[np.int32]
+    """Landmark that each belongs to, (n,). -1: none."""
     residual_px: NDArray[np.float32]
+    """Distance of each to its reprojected landmark, (n,). nan: none."""
     landmarks: list[Landmark]
+    """Those seen first in this frame."""
     measurements: list[Measurement]
+    """What the measurements of those landmarks rest on."""
     rgb: NDArray[np.uint8] | None = field(default=None, repr=False)
+    """The image. None: there is none."""
     matches: NDArray[np.float32] | None = field(default=None, repr=False)
+    """See `TrackedFrame`."""
     _pyramid: tuple[NDArray[np.uint8], ...] | None = field(default=None, repr=False)
 
     @classmethod

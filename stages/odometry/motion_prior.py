@@ -8,10 +8,10 @@ from math import cos, inf, isfinite, nan, radians, sqrt
 import numpy as np
 
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import EARTH_RADIUS_M, Fix, Frame, Pose, PosePrior, turn_deg
+from wayside.schemas.frame import EARTH_RADIUS_M, Fix, Frame, Pose, PosePrior
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import MotionSettings
-from wayside.stages.geometry import halfway_direction
+from wayside.stages.geometry import halfway_direction, turn_deg
 from wayside.stages.kernels import Array
 
 _LEAST_COSINE = 1e-6

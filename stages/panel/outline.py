@@ -129,7 +129,7 @@ def fit_face_outline(
     candidates = outline_candidates(views, gradients, box)
     if not candidates:
         return None
-    value = model.values(np.array([candidate.features for candidate in candidates]))
+    value = np.array([candidate.features for candidate in candidates]) @ model.weights
     best = int(np.argmax(value))
     probability = np.exp(value - value[best])
     probability /= probability.sum()

@@ -12,6 +12,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.models import MixtureModel
 from wayside.schemas.motion import Motion
+from wayside.stages.classifiers import log_density
 from wayside.stages.geometry import rotation_from_vector, vector_from_rotation
 
 TRAJECTORY_FORMS = ("image", "compensated")
@@ -63,7 +64,7 @@ def mean_log_density(trajectory: NDArray[np.float64], model: MixtureModel) -> fl
     """Mean over the steps of a trajectory (s, 2, 4) of the log density in the form of the model; -inf without steps."""
     steps = trajectory[:, TRAJECTORY_FORMS.index(model.space)]
     known = steps[np.isfinite(steps).all(axis=1)]
-    return float(model.log_density(known).mean()) if len(known) else -np.inf
+    return float(log_density(known, model).mean()) if len(known) else -np.inf
 
 
 def classify_trajectory(

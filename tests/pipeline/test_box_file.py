@@ -14,10 +14,10 @@ from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.labels.box_accounting import BoxAccounting, paired
 from wayside.pipeline.labels.box_file import CORNERS, BoxRows, boxes_by_image, load_boxes
 from wayside.schemas.detections import COLORS, SHAPES, Candidates, Regions
-from wayside.schemas.detectors import score_log_odds, unnamed
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Frame
 from wayside.schemas.landmarks import TrackedFrame
+from wayside.stages.detection import boxes_of, score_log_odds
 
 
 def load(path, **options):
@@ -66,9 +66,9 @@ def test_boxes_without_scores_are_certain(tmp_path):
 )
 def test_times_are_exact(tmp_path, key, frame):
     path = parquet(tmp_path, **{key: [1700000000000000001]}, **corners((1, 2, 3, 4)))
-    assert len(load(path).of(frame)) == 1
+    assert len(boxes_of(load(path), frame)) == 1
     other = Frame(2, 1700000000000000002, 1700000000000000002, USED, "jpeg", b"", None)
-    assert len(load(path).of(other)) == 0
+    assert len(boxes_of(load(path), other)) == 0
 
 
 def test_names_of_images_are_matched_in_their_natural_order(tmp_path):
@@ -104,7 +104,7 @@ def test_rows_that_cannot_be_used_are_counted_by_reason(tmp_path):
     score=arrays(np.float64, 5, elements=st.floats(0, 1) | st.just(np.nan)),
 )
 def test_every_row_is_used_or_counted(box, score):
-    whole, none = np.arange(5) // 2, unnamed(5)
+    whole, none = np.arange(5) // 2, np.full(5, -1, np.int8)
     rows = BoxRows("frame", whole, box, score, np.zeros(5, np.int64), {}, none, none)
     boxes, left_out = boxes_by_image(Path("a.parquet"), rows, None, 0.25)
     assert sum(map(len, boxes.values())) + sum(left_out.values()) == 5
@@ -233,7 +233,7 @@ def found_in(found, frames):
         rows = Candidates.of(Regions.empty())
         none = np.zeros(0, np.int32), np.zeros(0, np.float32)
         accounting.take(TrackedFrame(frame, None, rows, *none, 0))
-    return [len(found.of(frame)) for frame in frames]
+    return [len(boxes_of(found, frame)) for frame in frames]
 
 
 def results(*images):

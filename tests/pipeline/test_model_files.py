@@ -9,9 +9,9 @@ import pytest
 
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.models.model_files import load_models, shipped_digests, shipped_models
+from wayside.pipeline.models.model_json import digest, model_from_json, model_to_json
 from wayside.pipeline.models.provenance import learned_from
 from wayside.schemas.errors import InputError
-from wayside.schemas.model_json import digest, model_from_json, model_to_json
 from wayside.stages.mapping import FEATURES
 from wayside.stages.panel import OUTLINE_FEATURES
 

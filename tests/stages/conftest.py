@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from wayside.pipeline.models.model_json import model_from_json
 from wayside.schemas.detections import (
     COLORS,
     SHAPES,
@@ -25,7 +26,6 @@ from wayside.schemas.detections import (
     verdict_code,
 )
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image, Pose
-from wayside.schemas.model_json import model_from_json
 from wayside.schemas.models import LinearModel
 from wayside.schemas.motion import Motion, PosedDetections
 from wayside.stages.panel import PanelMethod

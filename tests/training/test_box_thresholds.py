@@ -20,9 +20,9 @@ from training.box_thresholds import (
 )
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON
 from wayside.pipeline.models.model_files import shipped_models
+from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.pipeline.statistics import resampled_interval
 from wayside.schemas.errors import InputError
-from wayside.schemas.model_json import model_from_json, model_to_json
 from wayside.schemas.models import ScoreModel
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"

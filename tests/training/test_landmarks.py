@@ -16,9 +16,10 @@ from training.landmarks import (
     learn_landmark_classifier,
     samples_of,
 )
+from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import Observation
-from wayside.schemas.model_json import model_from_json, model_to_json
+from wayside.stages.classifiers import at_alpha, evidence_ratios
 from wayside.stages.mapping import FEATURES
 
 
@@ -115,7 +116,7 @@ def examples(count=800, seed=4, source=""):
 
 def sums(model, values):
     named = [dict(zip(FEATURES, row.tolist(), strict=True)) for row in values]
-    return np.array([model.shift + sum(model.ratios(row).values()) for row in named])
+    return np.array([model.shift + sum(evidence_ratios(model, row).values()) for row in named])
 
 
 def test_the_ratios_learned_are_those_of_what_made_the_examples(monkeypatch):
@@ -168,7 +169,7 @@ def test_a_stated_false_alarm_rate_is_that_of_the_traded_model_and_leaves_the_lo
     others = sums(model, fresh.values)[fresh.label == NOTHING]
     power = []
     for alpha in (0.01, 0.1, 0.3):
-        traded = model.at_alpha(alpha)
+        traded = at_alpha(model, alpha)
         assert (others >= traded.decision).mean() == pytest.approx(alpha, abs=0.03)
         assert traded.threshold == pytest.approx(traded.decision + model.threshold)
         assert traded.shift == model.shift
@@ -178,7 +179,7 @@ def test_a_stated_false_alarm_rate_is_that_of_the_traded_model_and_leaves_the_lo
         assert power[-1] == pytest.approx(stated, abs=0.05)
     assert power == sorted(power)
     with pytest.raises(ValueError, match="wanted operating points"):
-        model.at_alpha(1e-6)
+        at_alpha(model, 1e-6)
 
 
 def test_no_feature_counts_against_its_nature():

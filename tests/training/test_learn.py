@@ -7,8 +7,8 @@ import pytest
 from training.learn import main
 from training.outlines import FEWEST
 from wayside.pipeline.models.model_files import shipped_models
+from wayside.pipeline.models.model_json import model_from_json
 from wayside.schemas.errors import OutputError
-from wayside.schemas.model_json import model_from_json
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 

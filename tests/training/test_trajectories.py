@@ -5,8 +5,8 @@ import pytest
 
 from training.landmarks import NEITHER, NOTHING, SIGN
 from training.trajectories import Tracks, joined, learn_trajectories
+from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.schemas.errors import InputError
-from wayside.schemas.model_json import model_from_json, model_to_json
 
 STEP = 8.0
 

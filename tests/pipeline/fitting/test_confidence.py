@@ -17,6 +17,7 @@ from wayside.pipeline.learning.score_calibration import (
 )
 from wayside.pipeline.models.model_files import load_models
 from wayside.schemas.errors import InputError
+from wayside.stages.classifiers import evidence_ratios
 from wayside.stages.mapping import FEATURES
 
 
@@ -74,7 +75,9 @@ def test_the_model_gives_the_calibrated_log_odds(shipped):
     random = np.random.default_rng(0)
     for values in random.uniform(-2, 5, (9, len(FEATURES))):
         named = dict(zip(FEATURES, values.tolist(), strict=True))
-        before, after = (m.shift + sum(m.ratios(named).values()) for m in (shipped, found.model))
+        before, after = (
+            m.shift + sum(evidence_ratios(m, named).values()) for m in (shipped, found.model)
+        )
         assert after == pytest.approx(found.slope * before + found.shift, abs=1e-4)
     assert found.model.provenance.startswith("labels; log odds")
     assert found.model.threshold == shipped.threshold

@@ -6,9 +6,9 @@ import pytest
 from wayside.pipeline.fitting import models
 from wayside.pipeline.fitting.models import Task, enough, fit_colors, model_rates
 from wayside.pipeline.learning.gaussians import Samples
+from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.schemas.detections import COLORS
 from wayside.schemas.errors import InputError
-from wayside.schemas.model_json import model_from_json, model_to_json
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.stages.report import color_features
 

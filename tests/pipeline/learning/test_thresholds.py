@@ -16,9 +16,10 @@ from wayside.pipeline.learning.thresholds import (
     with_learned_thresholds,
     with_score_threshold,
 )
+from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.schemas.errors import InputError
-from wayside.schemas.model_json import model_from_json, model_to_json
 from wayside.schemas.models import GaussianClass, GaussianModel, MixtureModel
+from wayside.stages.classifiers import at_alpha, class_distances
 
 
 def samples(values, on, kind=None, drives=5):
@@ -117,7 +118,7 @@ def test_one_knee_for_the_gate_is_the_point_of_its_curve_with_the_largest_gain()
     data = samples(values, np.arange(2100) < 600, kind)
     found = with_learned_thresholds(model((0,), (20,), (99,)), data, one_knee=True)
     reach = np.array([one.threshold for one in found.classes])
-    distance, on = found.distances(data.values), data.label == ON
+    distance, on = class_distances(data.values, found), data.label == ON
     false_alarm, power = gate_rates(distance, on, data.count, reach)
     assert power - false_alarm == max(one.power - one.false_alarm for one in found.curve)
     shares = [(distance[~on, j] <= reach[j]).mean() for j in range(3)]
@@ -142,7 +143,7 @@ def test_a_density_gets_the_knee_of_its_tracks_with_points_that_hold_their_rates
     read = model_from_json(model_to_json(found))
     for one in read.curve:
         assert (values[~on] >= one.thresholds[0]).mean() <= one.false_alarm + 1e-3
-        traded = read.at_alpha(one.false_alarm).threshold
+        traded = at_alpha(read, one.false_alarm).threshold
         assert (values[on] >= traded).mean() == pytest.approx(one.power, abs=0.005)
     with pytest.raises(InputError, match="wanted signs and other things"):
         with_score_threshold(before, samples(values[:300], on[:300]))
@@ -159,10 +160,10 @@ def test_a_false_alarm_rate_trades_the_thresholds_of_a_model_that_holds_its_poin
     )
     powers = []
     for alpha in (0.01, 0.05, 0.2):
-        traded = found.at_alpha(alpha)
+        traded = at_alpha(found, alpha)
         reach = np.array([one.threshold for one in traded.classes])
         false_alarm, power = gate_rates(
-            traded.distances(data.values), data.label == ON, data.count, reach
+            class_distances(data.values, traded), data.label == ON, data.count, reach
         )
         assert false_alarm <= alpha
         assert f"alpha {alpha:g}" in traded.classes[0].threshold_rule
@@ -178,4 +179,4 @@ def test_thresholds_are_not_learned_of_signs_alone():
 
 def test_a_model_without_points_cannot_be_traded():
     with pytest.raises(ValueError, match="operating points"):
-        model((0,)).at_alpha(0.1)
+        at_alpha(model((0,)), 0.1)

@@ -31,6 +31,7 @@ from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.labels import LabelledImage, Labels
 from wayside.schemas.landmarks import EVIDENCE_TERMS
 from wayside.schemas.roc import CLASSIFIERS, CONFUSION, CURVES
+from wayside.stages.classifiers import at_alpha, class_distances
 
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
 REPORT = load_settings("report")[0]
@@ -100,7 +101,7 @@ def test_a_measurement_is_written_as_tables_pictures_and_a_recording(tmp_path, a
     assert (green["positives"], green["negatives"]) == (40, 200)
     assert green["area_low"] <= green["area"] <= green["area_high"]
     threshold = next(c.threshold for c in models.color_classes.classes if c.name == "green")
-    distance = models.color_classes.distances(asked["color"].values)[:, 2]
+    distance = class_distances(asked["color"].values, models.color_classes)[:, 2]
     assert green["tpr"] == np.mean(distance[:40] <= threshold)
     assert green["fpr"] == pytest.approx(np.mean(distance[80:280] <= threshold))
     assert (green["resampled"], green["groups"]) == ("drive", 4)
@@ -198,7 +199,7 @@ def test_a_drive_is_asked_about_by_every_classifier_of_the_preset(preset):
     used = load_models(settings)
     if preset == "report":
         # the shape is not asked about in every chain of the report
-        used = replace(used, location_classes=used.location_classes.at_alpha(1.0))
+        used = replace(used, location_classes=at_alpha(used.location_classes, 1.0))
     found = gather_samples(DEMO, labels, settings, used)
     wanted = {
         "report-2d": {"size", "color", "trajectory"},

@@ -9,11 +9,17 @@ from hypothesis import strategies as st
 
 from wayside.pipeline.models.detector_file import load_detector
 from wayside.schemas.detections import COLORS, SHAPES
-from wayside.schemas.detectors import SUREST, SignClass, score_log_odds
+from wayside.schemas.detectors import SignClass
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ModelSettings
 from wayside.stages.detection.detector_outputs import WHOLE_IMAGE, RawBoxes
-from wayside.stages.detection.onnx_detector import OnnxDetector, fitted, sign_boxes
+from wayside.stages.detection.onnx_detector import (
+    SUREST,
+    OnnxDetector,
+    fitted,
+    score_log_odds,
+    sign_boxes,
+)
 
 DETECTORS = Path(__file__).parent / "detectors"
 FORMATS = sorted(path.stem for path in DETECTORS.glob("*.onnx"))

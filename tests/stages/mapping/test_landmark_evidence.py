@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.schemas.model_json import model_from_json, model_to_json
+from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.schemas.settings import TrackSettings
+from wayside.stages.classifiers import evidence_ratios
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping import FEATURES, LandmarkClassifier, SideClassifiers, SignPlaces
 from wayside.stages.mapping.tracker import track
@@ -65,15 +66,15 @@ def test_what_lies_beyond_the_knots_says_as_much_as_the_last(value, evidence_mod
         knots=(np.array([0.5, 1.0, 2.0]),),
         curves=(np.array([-1.5, -2.0, -6.0]),),
     )
-    (ratio,) = model.ratios({"size_scatter": value}).values()
+    (ratio,) = evidence_ratios(model, {"size_scatter": value}).values()
     assert -6.0 <= ratio <= -1.5
-    (bend,) = model.ratios({"size_scatter": 1.5}).values()
+    (bend,) = evidence_ratios(model, {"size_scatter": 1.5}).values()
     assert bend == pytest.approx(-4.0)
 
 
 def test_what_is_not_known_says_nothing(evidence_model):
     model = evidence_model(missed=2.0, surroundings=1.0)
-    ratios = model.ratios({"missed": 3.0, "surroundings": float("nan")})
+    ratios = evidence_ratios(model, {"missed": 3.0, "surroundings": float("nan")})
     assert ratios == {"missed": 6.0, "surroundings": 0.0}
 
 
