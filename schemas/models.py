@@ -1,4 +1,4 @@
-"""Learned models: Gaussian classes, mixtures, thresholds, evidence. `pipeline/models/model_json.py` reads and writes them."""
+"""Learned models: Gaussian classes, mixtures, thresholds, evidence (`model_json.py` of the pipeline has their files)."""
 
 from __future__ import annotations
 

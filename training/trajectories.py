@@ -34,6 +34,7 @@ from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError, WaysideError
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.models import MixtureModel
+from wayside.stages.classifiers import log_density
 from wayside.stages.report import STEP_M, TRAJECTORY_FORMS, mean_log_density
 
 MOST_COMPONENTS = 4
@@ -139,7 +140,7 @@ def learn_trajectories(tracks: Tracks, form: str, provenance: str) -> MixtureMod
         held_out = 0.0
         for part in range(FOLDS):
             model = fitted(tracks.of(sign & (fold != part)).in_form(form), form, components)
-            held_out += model.log_density(tracks.of(sign & (fold == part)).in_form(form)).sum()
+            held_out += log_density(tracks.of(sign & (fold == part)).in_form(form), model).sum()
         if held_out > most:
             best, most = components, held_out
     scores = np.empty(len(sign))
