@@ -1,4 +1,4 @@
-"""Learned models: Gaussian classes, mixtures, thresholds, evidence (`model_json.py` of the pipeline has their files)."""
+"""Learned models: Gaussian classes, mixtures, thresholds, evidence."""
 
 from __future__ import annotations
 
