@@ -204,7 +204,7 @@ def test_a_drive_is_asked_about_by_every_classifier_of_the_preset(preset):
     wanted = {
         "report-2d": {"size", "color", "trajectory"},
         "report": {"size", "color", "location"},
-        "default": {"size", "detector", "landmark", "confidence"},
+        "default": {"detector", "landmark", "confidence"},
     }
     assert wanted[preset] == found.keys()
     for own in found.values():
