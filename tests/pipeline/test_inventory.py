@@ -235,16 +235,6 @@ def test_a_sign_below_the_confidence_setting_is_uncertain(tmp_path):
     assert pq.read_table(tmp_path / SIGNS.file).to_pylist()[0]["status"] == "uncertain"
 
 
-def test_the_same_frames_give_the_same_bytes(tmp_path):
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-        write(tmp_path / name, drive())
-    for table in (SIGNS, OBSERVATIONS, FRAMES):
-        assert (tmp_path / "a" / table.file).read_bytes() == (
-            tmp_path / "b" / table.file
-        ).read_bytes()
-
-
 def test_a_drive_without_signs_gives_empty_tables(tmp_path):
     write(tmp_path, [settled(0)])
     assert pq.read_metadata(tmp_path / SIGNS.file).num_rows == 0
