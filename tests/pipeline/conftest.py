@@ -14,6 +14,9 @@ from typing import Any
 import pytest
 from PIL import Image
 
+from wayside.pipeline.reading.camera_file import format_camera
+from wayside.schemas.frame import Camera
+
 NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "chrome")
 _FOUND = next((path for path in map(shutil.which, NAMES) if path), None)
 _HARNESS = """<script>
@@ -55,6 +58,15 @@ def _run_page(page: Path, script: str, fragment: str = "", profile: Path | None 
     assert found, done.stderr[-2000:]
     assert found[1] == "DONE", unescape(found[2])
     return json.loads(unescape(found[2]))
+
+
+@pytest.fixture
+def calibration(tmp_path: Path) -> Path:
+    """A file of the lens of images of 32 x 24 pixels."""
+    path = tmp_path / "camera.yaml"
+    camera = Camera(32, 24, 50.0, 51.0, 16.0, 12.0, (-0.2, 0.1, 0.0, 0.0, 0.5))
+    path.write_text(format_camera(camera, "camera"))
+    return path
 
 
 @pytest.fixture(scope="session")

@@ -4,7 +4,6 @@ import csv
 import errno
 import io
 import itertools
-import json
 import re
 import shutil
 import sqlite3
@@ -14,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pyogrio
 import pyproj
 import pytest
@@ -28,7 +26,9 @@ from wayside.pipeline.exporting.flat_table import FlatTable
 from wayside.pipeline.exporting.text_files import write_csv, write_geojson
 from wayside.pipeline.exporting.units import SHORT_NAME, in_feet_and_inches, short_names
 from wayside.schemas.errors import OutputError, UsageError
-from wayside.schemas.tables import FRAMES, SIGNS, Column
+from wayside.schemas.tables import SIGNS, Column
+
+from .results import sign_row, write_tables
 
 PAGE = Path(__file__).parents[2] / "docs" / "exporting.md"
 TIME_NS = 1_718_031_601_357_243_738
@@ -38,38 +38,20 @@ UTM = "EPSG:26914"
 
 def write_result(folder, **changes):
     """A result of two signs, one of them without a colour."""
-    folder.mkdir()
     rows = []
     for number in (1, 2):
-        empty = {column.name: None for column in SIGNS.columns}
-        row = empty | dict.fromkeys(("sign_id", "assembly_id"), f"d-{number:04d}")
-        row |= {"log": "d", "status": "sign", "shape": "octagon", "confidence": 0.9, "views": 3}
+        row = {"shape": "octagon", "confidence": 0.9, "views": 3}
         row |= {"x": 10.0 * number, "y": 3.0, "z": 1.5, "covariance": [1, 0, 0, 4, 0, 9]}
         row |= {"panel_width_m": 0.762, "station_m": 304.8, "residual_px": 0.5, "facing_deg": 2.0}
-        row |= dict(zip(("right_m", "down_m", "ahead_m"), (1.0, 2.0, 3.0), strict=True))
-        row |= {"best_frame": number, "best_time_ns": TIME_NS, "best_box": [0, 0, 9, 9]}
-        row |= {"first_frame": 0, "last_frame": 2, "color": "red" if number == 1 else None}
+        row |= {"best_frame": number, "best_time_ns": TIME_NS}
+        row |= {"color": "red" if number == 1 else None}
         row |= {"lon_deg": LON + number * 1e-4, "lat_deg": LAT, "alt_m": ALT}
         row |= {"route": "US-36 EB", "measure": 12.35, "measure_unit": "mi"}
-        rows.append(row | changes)
-    pq.write_table(pa.Table.from_pylist(rows, schema=SIGNS.schema), folder / SIGNS.file)
-    frames = {
-        "frame": 0,
-        "log_time_ns": 0,
-        "status": "used",
-        "x": 0,
-        "y": 0,
-        "z": 0,
-        "station_m": 0,
-    }
-    empty = {column.name: None for column in FRAMES.columns}
-    pq.write_table(
-        pa.Table.from_pylist([empty | frames], schema=FRAMES.schema), folder / FRAMES.file
-    )
-    files = {SIGNS.file: {"sha256": "0" * 64}}
-    about = {"log": "d.mcap", "world": "drive_start", "files": files}
-    (folder / "run.json").write_text(json.dumps(about))
-    return folder
+        rows.append(sign_row(f"d-{number:04d}", **row | changes))
+    frame = {"frame": 0, "log_time_ns": 0, "status": "used"}
+    frame |= dict.fromkeys(("x", "y", "z", "station_m"), 0.0)
+    about = {"log": "d.mcap", "world": "drive_start", "files": {SIGNS.file: {"sha256": "0" * 64}}}
+    return write_tables(folder, rows, frames=[frame], **about)
 
 
 @pytest.fixture

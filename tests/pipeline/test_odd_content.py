@@ -22,6 +22,8 @@ from wayside.schemas.settings import ModelSettings
 from wayside.schemas.tables import SIGNS
 from wayside.stages.classifiers import OnnxNetwork
 
+from .results import sign_row, table_of
+
 YOLO = Path(__file__).parents[1] / "stages" / "detection" / "detectors" / "yolov8.onnx"
 GROWING = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"a{k}: &a{k} [{', '.join(9 * [f'*a{k - 1}'])}]\n" for k in range(1, 12)
@@ -38,11 +40,7 @@ YAML = ["\0", "[" * 50_000, "2001-13-45", "a: &a [*a]", "{[]: 1}"]
 
 def result(folder, **columns):
     """A result of one row, with some of its columns replaced."""
-    row = {field.name: None if field.nullable else "" for field in SIGNS.schema}
-    numbers = {f.name: 0 for f in SIGNS.schema if not f.nullable and pa.types.is_primitive(f.type)}
-    lists = {"best_box": [0.0] * 4, "covariance": [0.0] * 6}
-    row |= numbers | lists | {"sign_id": "a-0001", "status": "sign"}
-    table = pa.Table.from_pylist([row], SIGNS.schema)
+    table = table_of(SIGNS, [sign_row("a-0001", covariance=[0.0] * 6)])
     for name, column in columns.items():
         table = table.set_column(table.column_names.index(name), name, column)
     folder.mkdir()
