@@ -120,12 +120,11 @@ def write_result(
 
 
 def evaluated(
-    tmp_path: Path,
-    signs: list[dict[str, Any]],
-    truth: dict[str, Any],
-    observations: Sequence[dict[str, Any]] = (),
+    tmp_path: Path, signs: list[dict[str, Any]], truth: dict[str, Any] | None = None
 ) -> RenderedEvaluation:
-    write_result(tmp_path / "out", signs, observations)
+    """By default against one panel 30 m ahead."""
+    write_result(tmp_path / "out", signs)
+    truth = {"frames": FRAMES, "signs": [AT_30_M]} if truth is None else truth
     (tmp_path / "truth.json").write_text(json.dumps(truth))
     evaluation = evaluate(tmp_path / "out", tmp_path / "truth.json")
     assert isinstance(evaluation, RenderedEvaluation)
@@ -153,7 +152,7 @@ ON_IT = (4.0, -1.0, 30.0)
 
 
 def test_a_panel_at_its_true_place_is_found_without_error(tmp_path: Path) -> None:
-    evaluation = evaluated(tmp_path, [sign(1, ON_IT)], {"frames": FRAMES, "signs": [AT_30_M]})
+    evaluation = evaluated(tmp_path, [sign(1, ON_IT)])
     assert (evaluation.recall, evaluation.precision) == (1.0, 1.0)
     assert evaluation.found == (("drive-0001", 1),)
     assert evaluation.error_m["total"].median == pytest.approx(0, abs=1e-4)
@@ -162,7 +161,7 @@ def test_a_panel_at_its_true_place_is_found_without_error(tmp_path: Path) -> Non
 
 def test_errors_are_told_apart_by_axis_of_the_camera(tmp_path: Path) -> None:
     reported = sign(1, (4.3, -1.2, 31.0), sigma_lateral_m=0.2, sigma_up_m=0.4, sigma_along_m=0.3)
-    evaluation = evaluated(tmp_path, [reported], {"frames": FRAMES, "signs": [AT_30_M]})
+    evaluation = evaluated(tmp_path, [reported])
     medians = {name: value.median for name, value in evaluation.error_m.items()}
     assert medians == {
         "lateral": 0.3,
@@ -181,15 +180,14 @@ def test_errors_are_told_apart_by_axis_of_the_camera(tmp_path: Path) -> None:
 def test_a_match_reaches_as_far_as_said_and_no_farther(
     tmp_path: Path, right: float, ahead: float, found: bool
 ) -> None:
-    truth = {"frames": FRAMES, "signs": [AT_30_M]}
-    evaluation = evaluated(tmp_path, [sign(1, (right, -1.0, ahead))], truth)
+    evaluation = evaluated(tmp_path, [sign(1, (right, -1.0, ahead))])
     assert (evaluation.found_count == 1) is found
     assert len(evaluation.missed) == len(evaluation.false) == (0 if found else 1)
 
 
 def test_one_panel_is_found_once_and_by_the_nearest(tmp_path: Path) -> None:
     signs = [sign(1, (4.5, -1.0, 30.0)), sign(2, ON_IT)]
-    evaluation = evaluated(tmp_path, signs, {"frames": FRAMES, "signs": [AT_30_M]})
+    evaluation = evaluated(tmp_path, signs)
     assert evaluation.found == (("drive-0002", 1),)
     assert [false.sign_id for false in evaluation.false] == ["drive-0001"]
 
@@ -197,9 +195,7 @@ def test_one_panel_is_found_once_and_by_the_nearest(tmp_path: Path) -> None:
 def test_a_second_row_on_a_found_face_is_a_duplicate_wherever_it_stands(tmp_path: Path) -> None:
     far = sign(1, (4.0, -1.0, 41.0), best_box=[101.0, 100.0, 121.0, 121.0])
     elsewhere = sign(3, (9.0, 0.0, 50.0), best_box=[500.0, 500.0, 520.0, 520.0])
-    evaluation = evaluated(
-        tmp_path, [far, sign(2, ON_IT), elsewhere], {"frames": FRAMES, "signs": [AT_30_M]}
-    )
+    evaluation = evaluated(tmp_path, [far, sign(2, ON_IT), elsewhere])
     assert evaluation.duplicates == (Duplicate("drive-0001", 1, "drive-0002"),)
     assert [row.sign_id for row in evaluation.false] == ["drive-0001", "drive-0003"]
     assert [row.sign_id for row in evaluation.others] == ["drive-0003"]
@@ -209,25 +205,24 @@ def test_a_second_row_on_a_found_face_is_a_duplicate_wherever_it_stands(tmp_path
     assert "drive-0001  of drive-0002, on sign 1" in text
 
 
-def test_a_row_on_a_face_that_no_row_found_is_no_duplicate(tmp_path: Path) -> None:
-    far = sign(1, (4.0, -1.0, 41.0))
-    evaluation = evaluated(tmp_path, [far], {"frames": FRAMES, "signs": [AT_30_M]})
-    assert (evaluation.duplicates, len(evaluation.others)) == ((), 1)
+HIDDEN = AT_30_M["frames"][0] | {"frame": 3, "visible_fraction": 0.2}
 
 
-def test_a_row_on_what_hides_a_found_face_is_no_duplicate(tmp_path: Path) -> None:
-    hidden = AT_30_M["frames"][0] | {"frame": 3, "visible_fraction": 0.2}
-    truth = {"frames": FRAMES, "signs": [AT_30_M | {"frames": [*AT_30_M["frames"], hidden]}]}
-    before = sign(1, (1.0, 0.0, 3.0), best_frame=3)
-    evaluation = evaluated(tmp_path, [before, sign(2, ON_IT)], truth)
-    assert (evaluation.duplicates, len(evaluation.false)) == ((), 1)
-
-
-def test_a_row_on_a_neighbour_of_a_found_face_is_no_duplicate(tmp_path: Path) -> None:
-    below = sign(1, (4.0, 0.0, 30.0), best_box=[100.0, 122.0, 120.0, 140.0])
-    evaluation = evaluated(
-        tmp_path, [below, sign(2, ON_IT)], {"frames": FRAMES, "signs": [AT_30_M]}
-    )
+@pytest.mark.parametrize(
+    ("row", "found"),
+    [
+        (sign(1, (4.0, -1.0, 41.0)), False),
+        (sign(1, (1.0, 0.0, 3.0), best_frame=3), True),
+        (sign(1, (4.0, 0.0, 30.0), best_box=[100.0, 122.0, 120.0, 140.0]), True),
+    ],
+    ids=["on a face that no row found", "on what hides a found face", "beside a found face"],
+)
+def test_a_row_that_is_false_is_not_always_a_duplicate(
+    tmp_path: Path, row: dict[str, Any], found: bool
+) -> None:
+    panel = AT_30_M | {"frames": [*AT_30_M["frames"], HIDDEN]}
+    signs = [row, sign(2, ON_IT)] if found else [row]
+    evaluation = evaluated(tmp_path, signs, {"frames": FRAMES, "signs": [panel]})
     assert (evaluation.duplicates, len(evaluation.false)) == ((), 1)
 
 
@@ -259,7 +254,7 @@ def test_a_back_is_no_panel_to_match(tmp_path: Path) -> None:
 
 def test_backs_and_uncertain_rows_are_not_evaluated(tmp_path: Path) -> None:
     signs = [sign(1, (0, 0, 9), status="back"), sign(2, (0, 0, 9), status="uncertain")]
-    evaluation = evaluated(tmp_path, signs, {"frames": FRAMES, "signs": [AT_30_M]})
+    evaluation = evaluated(tmp_path, signs)
     assert not evaluation.false
     assert evaluation.recall == 0.0
 
@@ -293,8 +288,7 @@ def test_a_false_sign_names_the_distractor_it_lies_on(tmp_path: Path) -> None:
 
 
 def test_a_sign_whose_best_frame_is_not_in_the_truth_is_false(tmp_path: Path) -> None:
-    truth = {"frames": FRAMES, "signs": [AT_30_M]}
-    evaluation = evaluated(tmp_path, [sign(1, ON_IT, best_frame=77)], truth)
+    evaluation = evaluated(tmp_path, [sign(1, ON_IT, best_frame=77)])
     assert len(evaluation.false) == 1
 
 
@@ -307,7 +301,7 @@ def test_rows_are_counted_by_their_confidence_uncertain_ones_among_them(tmp_path
         sign(5, (9, 9, 40), confidence=0.9, status="back"),
         sign(6, (9, 9, 30), confidence=None),
     ]
-    evaluation = evaluated(tmp_path, signs, {"frames": FRAMES, "signs": [AT_30_M]})
+    evaluation = evaluated(tmp_path, signs)
     counted = {one.name: (one.rows, one.right) for one in evaluation.reliability}
     assert counted == {"0 to 0.5": (1, 0), "0.9 to 0.99": (1, 1), "0.99 to 1": (2, 0)}
     assert evaluation.reliability[-1].mean == pytest.approx(0.995)
@@ -322,7 +316,7 @@ def test_rows_are_counted_by_their_confidence_uncertain_ones_among_them(tmp_path
 
 def test_unknown_sizes_and_sigmas_are_left_out(tmp_path: Path) -> None:
     reported = sign(1, ON_IT, panel_width_m=None, bottom_m=None, sigma_up_m=None, sigma_along_m=0.0)
-    evaluation = evaluated(tmp_path, [reported], {"frames": FRAMES, "signs": [AT_30_M]})
+    evaluation = evaluated(tmp_path, [reported])
     assert (evaluation.width_error.n, evaluation.bottom_error_m.n) == (0, 0)
     assert (evaluation.sigma_share["up"].n, evaluation.sigma_share["along"].n) == (0, 0)
     assert evaluation.height_error.median == 0.0
@@ -446,23 +440,27 @@ def test_a_small_box_inside_a_large_one_is_the_same_thing_up_to_a_factor_of_five
 # --- what cannot be evaluated -----------------------------------------------------------------------
 
 
-def test_a_folder_without_tables_is_refused_with_the_command_that_fills_it(tmp_path: Path) -> None:
+OTHER = pa.table({"sign_id": ["a"], "status": ["sign"]})
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (None, "wayside run"),
+        ("sign_id\n", r"signs\.parquet cannot be read"),
+        (OTHER, "lacks the column best_frame"),
+    ],
+    ids=["no table", "no parquet", "a table of another program"],
+)
+def test_a_folder_without_the_table_of_signs_is_refused(
+    tmp_path: Path, content: Any, words: str
+) -> None:
+    if isinstance(content, str):
+        (tmp_path / "signs.parquet").write_text(content)
+    elif content is not None:
+        pq.write_table(content, tmp_path / "signs.parquet")
     (tmp_path / "truth.json").write_text(json.dumps({"frames": [], "signs": []}))
-    with pytest.raises(InputError, match="wayside run"):
-        evaluate(tmp_path / "nothing", tmp_path / "truth.json")
-
-
-def test_a_file_that_is_no_parquet_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "signs.parquet").write_text("sign_id\n")
-    (tmp_path / "truth.json").write_text(json.dumps({"frames": [], "signs": []}))
-    with pytest.raises(InputError, match=r"signs\.parquet cannot be read"):
-        evaluate(tmp_path, tmp_path / "truth.json")
-
-
-def test_a_table_of_another_program_is_refused_by_the_column_it_lacks(tmp_path: Path) -> None:
-    pq.write_table(pa.table({"sign_id": ["a"], "status": ["sign"]}), tmp_path / "signs.parquet")
-    (tmp_path / "truth.json").write_text(json.dumps({"frames": [], "signs": []}))
-    with pytest.raises(InputError, match="lacks the column best_frame"):
+    with pytest.raises(InputError, match=words):
         evaluate(tmp_path, tmp_path / "truth.json")
 
 

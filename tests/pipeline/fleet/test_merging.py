@@ -21,8 +21,7 @@ import pytest
 
 from wayside.pipeline.cli import app
 from wayside.pipeline.exporting.export import export
-from wayside.pipeline.files import output_folder
-from wayside.pipeline.fleet.changes import find_changes
+from wayside.pipeline.fleet.changes import ChangeReport, find_changes
 from wayside.pipeline.fleet.changes_page import write_page
 from wayside.pipeline.fleet.inventory_data import cell_name, cells
 from wayside.pipeline.fleet.manifest import DONE, QUARANTINED, Entry, Manifest, write_manifest
@@ -37,6 +36,7 @@ from wayside.schemas.settings import ChangeSettings, MergeSettings
 from wayside.schemas.tables import FRAMES, SIGNS
 
 PARTS = ("panels", "supports", "sightings")
+FINDS_ALL = {"recall": 1.0, "outliers": 0.0, "false": 0.0, "misread": 0.0}
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,10 @@ class Surveyed:
             number = int(row["sign_id"].rsplit("-", 1)[1]) - 1
             result.setdefault(row["panel_id"], set()).add(self.identities[row["drive"]][number])
         return result
+
+
+def read_changes(inventory: Path) -> ChangeReport:
+    return find_changes(inventory, parse_survey("2024"), parse_survey("2025"))
 
 
 @pytest.fixture(scope="module")
@@ -181,7 +185,7 @@ def test_a_survey_of_another_base_station_doubles_and_moves_no_panel(
     base = np.array([-4.0, 3.0, 45.0])
     rng = np.random.default_rng(6)
     road = simulation.make_road(0, 3000.0, 60.0, rng)
-    exact = simulation.Quality(0.02, recall=1.0, misread=0.0, outliers=0.0, false=0.0)
+    exact = simulation.Quality(0.02, **FINDS_ALL)
     drives = tmp_path / "drives"
     for year, name in enumerate(("first", "again", "other")):
         start = simulation.START_NS + min(year, 1) * simulation.YEAR_NS + year * simulation.DAY_NS
@@ -205,7 +209,7 @@ def test_a_survey_of_another_base_station_doubles_and_moves_no_panel(
         [r[f"offset_{a}_m"] for a in ("east", "north", "up")] for r in rows if r["drive"] == "other"
     ]
     assert np.mean(offset, axis=0) == pytest.approx(base, abs=0.15)
-    changed = find_changes(tmp_path, parse_survey("2024"), parse_survey("2025")).counts
+    changed = read_changes(tmp_path).counts
     assert set(changed) == {"unchanged", "not_looked_at"}
     before = {file: file.read_bytes() for file in tmp_path.glob("*/cell=*/*")}
     merge_inventory(results[::-1], tmp_path)
@@ -282,10 +286,6 @@ def test_a_folder_of_the_users_is_not_replaced(surveyed: Surveyed, tmp_path: Pat
     assert (tmp_path / "panels" / "notes.txt").read_text() == "mine"
 
 
-def read_changes(inventory: Path) -> None:
-    find_changes(inventory, parse_survey("2024"), parse_survey("2025"))
-
-
 def read_export(inventory: Path) -> None:
     assert export(inventory, NO_REVIEW, inventory / "panels.csv", "csv").rows > 0
 
@@ -299,14 +299,13 @@ def read_answer(inventory: Path) -> None:
     assert query.first_rows(inventory, "FROM panels", 1)[1]
 
 
-READERS = [read_changes, read_export, read_status, read_answer]
+READERS: list[Callable[[Path], Any]] = [read_changes, read_export, read_status, read_answer]
 
 
 @pytest.fixture
 def half_moved(surveyed: Surveyed, tmp_path: Path) -> Path:
     """An inventory whose merging was killed when `panels` was not in its place yet."""
-    folder = tmp_path / "inventory"
-    shutil.copytree(surveyed.folder, folder)
+    folder = shutil.copytree(surveyed.folder, tmp_path / "inventory")
     names = [path.name for path in (folder / "drives").iterdir()]
     manifest = Manifest({name: Entry(name, name, name, 1, name, DONE) for name in names})
     write_manifest(folder, replace(manifest, merged=manifest.results()))
@@ -336,7 +335,7 @@ def test_nobody_completes_it_while_another_process_holds_the_lock(
 
 
 def test_most_changes_between_two_surveys_are_found_for_what_they_are(surveyed: Surveyed) -> None:
-    report = find_changes(surveyed.folder, parse_survey("2024"), parse_survey("2025"))
+    report = read_changes(surveyed.folder)
     rows = pq.read_table(surveyed.folder / "changes.parquet").to_pylist()
     assert Counter(row["change"] for row in rows) == report.counts
     of_panel = {name: next(iter(found)) for name, found in surveyed.identity_of().items()}
@@ -355,7 +354,7 @@ def test_what_no_drive_of_the_other_survey_had_in_view_is_neither_gone_nor_new(
 ) -> None:
     rng = np.random.default_rng(7)
     road = simulation.make_road(0, 2000.0, 30.0, rng)
-    quality = simulation.Quality(recall=1.0, outliers=0.0, false=0.0, misread=0.0)
+    quality = simulation.Quality(**FINDS_ALL)
     empty = road.select(slice(0, 0))
     end = {"until_m": 1000.0}
     simulation.write_drive(
@@ -364,7 +363,7 @@ def test_what_no_drive_of_the_other_survey_had_in_view_is_neither_gone_nor_new(
     later = simulation.START_NS + simulation.YEAR_NS
     simulation.write_drive(tmp_path / "drives" / "second", empty, later, True, quality, rng, **end)
     merge_inventory(sorted((tmp_path / "drives").iterdir()), tmp_path)
-    report = find_changes(tmp_path, parse_survey("2024"), parse_survey("2025"))
+    report = read_changes(tmp_path)
     rows = pq.read_table(tmp_path / "changes.parquet").to_pylist()
     east = road.origin.topocentric(
         np.array([[r["lon_deg"], r["lat_deg"], r["alt_m"]] for r in rows])
@@ -394,7 +393,7 @@ def test_what_one_drive_did_not_find_is_gone_less_surely_than_what_two_did_not(
 ) -> None:
     rng = np.random.default_rng(7)
     road = simulation.make_road(0, 1000.0, 30.0, rng)
-    quality = simulation.Quality(recall=1.0, outliers=0.0, false=0.0, misread=0.0)
+    quality = simulation.Quality(**FINDS_ALL)
     empty = road.select(slice(0, 0))
     later = simulation.START_NS + simulation.YEAR_NS
     told = []
@@ -406,7 +405,7 @@ def test_what_one_drive_did_not_find_is_gone_less_surely_than_what_two_did_not(
             name = folder / "drives" / f"later{k}"
             simulation.write_drive(name, empty, later, True, quality, rng)
         merge_inventory(sorted((folder / "drives").iterdir()), folder)
-        find_changes(folder, parse_survey("2024"), parse_survey("2025"))
+        read_changes(folder)
         rows = pq.read_table(folder / "changes.parquet").to_pylist()
         gone = [row for row in rows if row["change"] == "gone"]
         told.append(max(row["probability"] for row in gone if row["drives_after"] == looks))
@@ -414,7 +413,7 @@ def test_what_one_drive_did_not_find_is_gone_less_surely_than_what_two_did_not(
     assert told[0] < 0.5 < told[1] < 0.9
     simulation.write_drive(folder / "drives" / "missed", empty, start, True, quality, rng)
     merge_inventory(sorted((folder / "drives").iterdir()), folder)
-    find_changes(folder, parse_survey("2024"), parse_survey("2025"))
+    read_changes(folder)
     rows = pq.read_table(folder / "changes.parquet").to_pylist()
     missed = [row for row in rows if (row["seen_before"], row["drives_before"]) == (1, 2)]
     assert len(missed) > 0.5 * len(gone)
@@ -422,33 +421,30 @@ def test_what_one_drive_did_not_find_is_gone_less_surely_than_what_two_did_not(
 
 
 def test_a_part_of_an_earlier_version_is_told(surveyed: Surveyed, tmp_path: Path) -> None:
-    folder = tmp_path / "inventory"
-    shutil.copytree(surveyed.folder, folder)
+    folder = shutil.copytree(surveyed.folder, tmp_path / "inventory")
     part = next(folder.glob("panels/*/part-0.parquet"))
     pq.write_table(pq.ParquetFile(part).read().drop_columns(["measure_unit"]), part)
     with pytest.raises(InputError, match=r"no column measure_unit.*once more"):
-        find_changes(folder, parse_survey("2024"), parse_survey("2025"))
+        read_changes(folder)
 
 
 def test_results_that_are_not_merged_yet_are_not_compared(
     surveyed: Surveyed, tmp_path: Path
 ) -> None:
-    folder = tmp_path / "inventory"
-    shutil.copytree(surveyed.folder, folder)
+    folder = shutil.copytree(surveyed.folder, tmp_path / "inventory")
     (folder / "drives" / "begun").mkdir()  # a run that was killed
-    surveys = parse_survey("2024"), parse_survey("2025")
-    expected = find_changes(folder, *surveys).counts
+    expected = read_changes(folder).counts
     names = [path.name for path in (folder / "drives").iterdir() if path.name != "begun"]
     entries = {name: Entry(name, name, name, 1, name, DONE) for name in names}
     tried = Entry("begun", "begun", "begun", 1, "begun", QUARANTINED)
     merged = Manifest(entries | {"begun": tried})
     merged = replace(merged, merged=merged.results())
     write_manifest(folder, merged)
-    assert find_changes(folder, *surveys).counts == expected
+    assert read_changes(folder).counts == expected
     later = Entry("y1p1", "y1p1", "y1p1", 1, "another run", DONE)
     write_manifest(folder, merged.with_entries([later]))
     with pytest.raises(InputError, match="other results since"):
-        find_changes(folder, *surveys)
+        read_changes(folder)
 
 
 @pytest.mark.parametrize("text", ["24", "2024-13", "2024-05..2024-03", "last year"])
@@ -467,19 +463,9 @@ def test_the_command_writes_the_page_and_says_which_images_no_log_gives(
     surveyed: Surveyed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page = tmp_path / "changes.html"
-    arguments = [
-        "changes",
-        str(surveyed.folder),
-        "--before",
-        "2024",
-        "--after",
-        "2025",
-        "-o",
-        str(page),
-    ]
-    assert (
-        app(arguments, standalone_mode=False) == 4
-    )  # the drives were simulated: there are no logs
+    arguments = ["changes", str(surveyed.folder), "--before", "2024", "--after", "2025"]
+    # the drives were simulated: there are no logs
+    assert app([*arguments, "-o", str(page)], standalone_mode=False) == 4
     said = capsys.readouterr()
     assert "unchanged" in said.out
     assert "images are not on the page" in said.err
@@ -491,7 +477,7 @@ def test_the_command_writes_the_page_and_says_which_images_no_log_gives(
 def test_the_page_hides_a_kind_of_change_and_needs_no_network(
     surveyed: Surveyed, tmp_path: Path, in_browser: Callable[..., Any]
 ) -> None:
-    report = find_changes(surveyed.folder, parse_survey("2024"), parse_survey("2025"))
+    report = read_changes(surveyed.folder)
     page = tmp_path / "changes.html"
     write_page(surveyed.folder, page, ("2024", "2025"))
     assert "http" not in page.read_text().replace('http-equiv="', "")

@@ -288,31 +288,17 @@ def test_images_pass_through_as_they_were_recorded(chunks, recorded):
     assert first in DEMO.read_bytes()
 
 
-def test_layers_hold_something(chunks):
-    for path, name in (
-        ("/world/vehicle/camera/keypoints", "Points2D:positions"),
-        ("/world/vehicle/camera/matches", "LineStrips2D:strips"),
+@pytest.mark.parametrize(
+    ("path", "name"),
+    [
         ("/world/vehicle/camera/candidates/sign", "Boxes2D:centers"),
         ("/world/vehicle/camera/candidates/sign", "Boxes2D:labels"),
-        ("/world/vehicle/camera/tracks", "LineStrips2D:strips"),
-        ("/world/points/straight", "Points3D:positions"),
-        ("/world/points/adjusted", "Points3D:positions"),
         ("/world/rays", "LineStrips3D:strips"),
-        ("/world/places", "Points3D:positions"),
-        ("/location/places", "Points2D:positions"),
         ("/location/right", "LineStrips2D:strips"),
-        ("/iterations", "Scalars:scalars"),
-        ("/residuals/straight", "Scalars:scalars"),
-        ("/residuals/adjusted", "Scalars:scalars"),
-    ):
-        assert any(filled(chunk, name) for chunk in chunks if chunk.entity_path == path), path
-
-
-def test_presets_of_the_report_show_the_segments_of_both_passes(report_chunks):
-    for path in ("pass1", "pass2"):
-        layer = f"/world/vehicle/camera/segments/{path}"
-        own = (chunk for chunk in report_chunks if chunk.entity_path == layer)
-        assert any(filled(chunk, "SegmentationImage:buffer") for chunk in own), path
+    ],
+)
+def test_boxes_rays_and_classes_of_places_are_drawn(chunks, path, name):
+    assert any(filled(chunk, name) for chunk in chunks if chunk.entity_path == path)
 
 
 def test_all_rows_of_a_frame_have_all_timelines(chunks):
