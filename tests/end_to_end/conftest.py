@@ -6,6 +6,7 @@ import json
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -62,17 +63,18 @@ def run_log_file(log: Path, folder: Path, *options: str) -> Result:
 
 @pytest.fixture(scope="session")
 def altered_demo() -> Callable[..., Path]:
-    """Writes the demo log with every image, and every calibration message, as a function makes it."""
+    """Writes the start of the demo log with every image, and every calibration message, as a function makes it."""
 
     def write(
         path: Path,
         image: Callable[[NDArray[np.uint8]], NDArray[np.uint8]],
         calibration: Callable[[Any], None] = lambda message: None,
+        most: int = 40,
     ) -> Path:
         with (RECORDINGS / "demo.mcap").open("rb") as source, path.open("wb") as sink:
             writer = Writer(sink)
             reader = make_reader(source, decoder_factories=[DecoderFactory()])
-            for schema, channel, message, content in reader.iter_decoded_messages():
+            for schema, channel, message, content in islice(reader.iter_decoded_messages(), most):
                 if schema is not None and schema.name == "foxglove.CompressedImage":
                     seen = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_COLOR)
                     changed = image(np.asarray(seen, np.uint8))

@@ -15,7 +15,7 @@ from wayside.pipeline.workers import StageClock
 from wayside.stages.imaging.white_balance import road_chromaticity
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
-UNTIL_S = 3.0
+UNTIL_S = 2.0
 CAST = np.array([0.72, 1.0, 1.25])
 """Of blue, green, red."""
 

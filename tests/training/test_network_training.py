@@ -156,6 +156,7 @@ def test_steps_are_no_longer_than_the_largest_gradient_allows(torch, training):
     assert torch.stack(norms).norm() == pytest.approx(5, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_training_writes_networks_with_their_provenance_and_can_be_taken_up(
     training, tmp_path: Path
 ):
@@ -181,6 +182,7 @@ def test_a_training_writes_networks_with_their_provenance_and_can_be_taken_up(
     assert len(line.split(",")) == 1 + 8 + 3
 
 
+@pytest.mark.slow
 def test_the_same_seed_learns_the_same(torch, training, tmp_path: Path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
     for name in ("one", "same"):

@@ -183,7 +183,7 @@ def test_a_message_of_a_time_that_no_table_holds_is_lost_and_told(tmp_path):
     assert "after the year 2116" in str(report.problems[0])
 
 
-SMALL = 30
+SMALL = 21
 PACKINGS = [{"use_chunking": False}, *({"compression": k, "chunk_size": 900} for k in KINDS)]
 
 

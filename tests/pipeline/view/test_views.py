@@ -54,7 +54,7 @@ from wayside.stages.georeference.path import PathPoint
 from .everything import EVERYTHING
 
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
-FRAMES, SHORT_S = 7, 1.0
+FRAMES, SHORT_S = 7, 0.7
 START_BYTES = 2_600_000
 """Length of the start of the demo log that holds so many frames."""
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
