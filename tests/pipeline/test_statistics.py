@@ -1,7 +1,5 @@
 """Intervals of shares and rates, beside their closed forms and what scipy gives."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,9 +11,7 @@ COUNTS = st.integers(1, 300).flatmap(lambda total: st.tuples(st.integers(0, tota
 
 
 @given(COUNTS)
-def test_the_interval_of_a_share_is_wilsons_and_at_both_ends_the_exact_one(
-    counts: tuple[int, int],
-) -> None:
+def test_the_interval_of_a_share_is_wilsons_and_at_both_ends_the_exact_one(counts):
     count, total = counts
     method = "wilson" if 0 < count < total else "exact"
     named = binomtest(count, total).proportion_ci(0.95, method)
@@ -23,9 +19,7 @@ def test_the_interval_of_a_share_is_wilsons_and_at_both_ends_the_exact_one(
 
 
 @given(COUNTS)
-def test_the_interval_holds_the_share_and_is_mirrored_by_what_was_not_found(
-    counts: tuple[int, int],
-) -> None:
+def test_the_interval_holds_the_share_and_is_mirrored_by_what_was_not_found(counts):
     count, total = counts
     interval, other = share_interval(count, total), share_interval(total - count, total)
     assert interval is not None
@@ -34,13 +28,13 @@ def test_the_interval_holds_the_share_and_is_mirrored_by_what_was_not_found(
     assert other == pytest.approx((1 - interval.high, 1 - interval.low), abs=1e-9)
 
 
-def test_a_published_interval_is_met() -> None:
+def test_a_published_interval_is_met():
     # Newcombe, Statistics in Medicine 17 (1998), table I, method 3: 81 of 263
     assert share_interval(81, 263) == pytest.approx((0.2553, 0.3662), abs=5e-5)
 
 
 @given(st.integers(0, 500), st.floats(0.1, 100))
-def test_the_ends_of_a_rate_leave_a_fortieth_on_each_side(count: int, exposure: float) -> None:
+def test_the_ends_of_a_rate_leave_a_fortieth_on_each_side(count, exposure):
     interval = rate_interval(count, exposure)
     assert interval is not None
     assert poisson.cdf(count, interval.high * exposure) == pytest.approx(0.025, abs=1e-6)
@@ -50,6 +44,6 @@ def test_the_ends_of_a_rate_leave_a_fortieth_on_each_side(count: int, exposure: 
         assert interval.low == 0
 
 
-def test_of_nothing_there_is_no_interval() -> None:
+def test_of_nothing_there_is_no_interval():
     assert share_interval(0, 0) is None
     assert rate_interval(0, 0.0) is None

@@ -1,7 +1,6 @@
 """The box network that ships, on boxes of drawn faces and of textured ground."""
 
 from functools import cache
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -133,7 +132,7 @@ def test_a_classifier_has_the_log_odds_of_its_side():
         np.testing.assert_array_equal(side.scores(scene(), boxes), wanted)
 
 
-def test_a_file_that_is_no_network_of_boxes_is_refused(tmp_path: Path):
+def test_a_file_that_is_no_network_of_boxes_is_refused(tmp_path):
     broken = tmp_path / "box.onnx"
     broken.write_bytes(b"no network")
     for path in (shipped_models() / "network.onnx", broken, tmp_path / "missing.onnx"):
