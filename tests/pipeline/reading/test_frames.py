@@ -579,7 +579,8 @@ def test_an_unknown_camera_names_the_nearest(new_log):
 
 
 def test_a_log_without_images_is_refused(new_log):
-    log = new_log().calibrated()
+    log = new_log()
+    log.add("/camera/calibration", "calibration", 0)
     with pytest.raises(InputError, match="wanted images, found /camera/calibration"):
         read(log.finish(), spacing_m=8.0)
 

@@ -1,6 +1,8 @@
 """Windows of candidates made of exact geometry: cameras straight ahead, 8 m apart."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ Boxes = Sequence[Sequence[tuple[float, ...]]]
 """For each frame: right, down, depth, width, height, score in the frame of its camera."""
 
 
-def made_window(boxes, noise_px=0.0):
+def made_window(boxes: Boxes, noise_px: float = 0.0) -> WindowCandidates:
     n, rng = len(boxes), np.random.default_rng(2)
     flat = np.array([b for frame in boxes for b in frame], float).reshape(-1, 6)
     noise = rng.normal(0, noise_px / 1400, (len(flat), 2))
@@ -32,7 +34,7 @@ def made_window(boxes, noise_px=0.0):
     )
 
 
-def standing_boxes(panels, frames):
+def standing_boxes(panels: Sequence[tuple[float, ...]], frames: int) -> Boxes:
     return [
         [(right, down, along - 8.0 * k, *rest) for right, down, along, *rest in panels]
         for k in range(frames)
@@ -40,24 +42,26 @@ def standing_boxes(panels, frames):
 
 
 @pytest.fixture
-def gates():
+def gates() -> AssociationGates:
     """The gates by default."""
     return AssociationGates.of(TrackSettings(), AssociationSettings())
 
 
 @pytest.fixture
-def window():
+def window() -> Callable[..., WindowCandidates]:
     """Window of boxes[frame] = (right, down, depth, width, height, score) in that camera's frame."""
     return made_window
 
 
 @pytest.fixture
-def standing():
+def standing() -> Callable[..., Boxes]:
     """Boxes of panels (right, down, along, width, height, score) that stand still, frame by frame."""
     return standing_boxes
 
 
-def made_evidence_model(shift=0.0, threshold=0.0, middle=0.0, **weights):
+def made_evidence_model(
+    shift: float = 0.0, threshold: float = 0.0, middle: float = 0.0, **weights: float
+) -> EvidenceModel:
     """Log odds `shift` plus weight times (value - middle) of each named feature, within +-100."""
     own = tuple(weights)
     assert set(own) <= set(FEATURES)
@@ -74,5 +78,5 @@ def made_evidence_model(shift=0.0, threshold=0.0, middle=0.0, **weights):
 
 
 @pytest.fixture(scope="session")
-def evidence_model():
+def evidence_model() -> Callable[..., EvidenceModel]:
     return made_evidence_model
