@@ -2,9 +2,14 @@
 
 import json
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import pyogrio
+import shapely
+from typer.testing import CliRunner
 
+from wayside.pipeline.cli import app
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 
@@ -33,3 +38,20 @@ def write_tables(folder, signs=(), observations=(), frames=(), **about):
         pq.write_table(table_of(table, rows), folder / table.file)
     (folder / "run.json").write_text(json.dumps(about))
     return folder
+
+
+def invoke(command, *arguments):
+    """What a command prints that ends with status 0; raises what it raises."""
+    done = CliRunner().invoke(app, [command, *map(str, arguments)])
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def read_by_gdal(file):
+    """What GDAL says of a file, its columns and points."""
+    meta, table = pyogrio.read_arrow(file)
+    geometry = meta["geometry_name"] or "wkb_geometry"
+    points = shapely.from_wkb(np.array(table.column(geometry).to_pylist(), object))
+    return meta, table.drop_columns([geometry]), shapely.get_coordinates(points, include_z=True)

@@ -49,26 +49,29 @@ def result(folder, **columns):
     return folder
 
 
-@pytest.mark.parametrize("text", [GROWING + CAMERA + "distortion_model: *a11", *YAML])
-def test_yaml_of_a_calibration_that_cannot_be_read_is_refused(text):
-    with pytest.raises(InputError, match="wanted a camera calibration"):
-        parse_camera(text, "camera.yaml")
+READERS = {
+    "wanted a camera calibration": (
+        CAMERA + "distortion_model: *a11",
+        lambda folder, text: parse_camera(text, "camera.yaml"),
+    ),
+    "wanted labels": (
+        "names: [*a11]",
+        lambda folder, text: (folder / "data.yaml").write_text(text) and read_labels(folder),
+    ),
+    "wanted a ROS 2 bag directory": (
+        "rosbag2_bagfile_information: {relative_file_paths: [*a11]}",
+        lambda folder, text: (folder / "metadata.yaml").write_text(text) and bag_parts(folder),
+    ),
+}
+"""What each reader of YAML says it wanted, with a text of its kind that grows without end."""
 
 
-@pytest.mark.parametrize("text", [GROWING + "names: [*a11]", *YAML])
-def test_yaml_of_labels_that_cannot_be_read_is_refused(tmp_path, text):
-    (tmp_path / "data.yaml").write_text(text)
-    with pytest.raises(InputError, match="wanted labels"):
-        read_labels(tmp_path)
-
-
-@pytest.mark.parametrize(
-    "text", [GROWING + "rosbag2_bagfile_information: {relative_file_paths: [*a11]}", *YAML]
-)
-def test_yaml_of_a_bag_that_cannot_be_read_is_refused(tmp_path, text):
-    (tmp_path / "metadata.yaml").write_text(text)
-    with pytest.raises(InputError, match="wanted a ROS 2 bag directory"):
-        bag_parts(tmp_path)
+@pytest.mark.parametrize("text", [None, *YAML])
+@pytest.mark.parametrize("wanted", READERS)
+def test_yaml_that_cannot_be_read_is_refused(tmp_path, wanted, text):
+    growing, read = READERS[wanted]
+    with pytest.raises(InputError, match=wanted):
+        read(tmp_path, GROWING + growing if text is None else text)
 
 
 @pytest.mark.parametrize(

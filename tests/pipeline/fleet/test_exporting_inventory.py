@@ -4,19 +4,19 @@ import csv
 import io
 import json
 from datetime import datetime
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pyarrow.dataset as ds
 import pyogrio
 import pytest
-import shapely
-from typer.testing import CliRunner
 
-from wayside.pipeline.cli import app
 from wayside.pipeline.exporting.sources import inventory_rows
 from wayside.pipeline.fleet.merging import merge_inventory
 from wayside.schemas.errors import InputError, UsageError
+
+from ..results import invoke, read_by_gdal
 
 Row = dict[str, Any]
 
@@ -37,28 +37,13 @@ def inventory(simulation, tmp_path_factory):
     return folder
 
 
-def export(*arguments):
-    """What the command prints."""
-    done = CliRunner().invoke(app, ["export", *map(str, arguments)])
-    if done.exception is not None and not isinstance(done.exception, SystemExit):
-        raise done.exception
-    assert done.exit_code == 0, done.output
-    return done.output
+export = partial(invoke, "export")
 
 
 def merged(inventory, table):
     """The rows of the Parquet parts, by their first column."""
     rows = ds.dataset(inventory / table).to_table().to_pylist()
     return {next(iter(row.values())): row for row in rows}
-
-
-def read(file):
-    """What GDAL says of a file, its rows and points."""
-    meta, table = pyogrio.read_arrow(file)
-    geometry = meta["geometry_name"] or "wkb_geometry"
-    points = shapely.from_wkb(np.array(table.column(geometry).to_pylist(), object))
-    rows = table.drop_columns([geometry]).to_pylist()
-    return meta, rows, shapely.get_coordinates(points, include_z=True)
 
 
 @pytest.mark.parametrize("kind", ["csv", "geojson", "gpkg", "shp", "kml"])
@@ -72,7 +57,8 @@ def test_every_row_of_every_cell_is_exported_where_it_lies(inventory, tmp_path, 
         rows = list(csv.DictReader(io.StringIO(file.read_text())))
         points = np.array([[float(row[n]) for n in ("lon_deg", "lat_deg")] for row in rows])
     else:
-        _, rows, points = read(file)
+        _, found, points = read_by_gdal(file)
+        rows = found.to_pylist()
     names = [row["Name" if kind == "kml" else key] for row in rows]
     assert sorted(names) == sorted(wanted)
     places = [[wanted[name]["lon_deg"], wanted[name]["lat_deg"]] for name in names]
@@ -82,11 +68,11 @@ def test_every_row_of_every_cell_is_exported_where_it_lies(inventory, tmp_path, 
 def test_history_and_covariance_are_single_values(inventory, tmp_path):
     file = tmp_path / "panels.gpkg"
     export(inventory, "-o", file)
-    meta, rows, _ = read(file)
+    meta, found, _ = read_by_gdal(file)
     assert pyogrio.list_layers(file)[0, 0] == "panels"
     assert meta["crs"] == "EPSG:4326"
     wanted = merged(inventory, "panels")
-    for row in rows:
+    for row in found.to_pylist():
         panel = wanted[row["panel_id"]]
         assert row["drives"] == ", ".join(panel["drives"])
         assert (row["cov_ee"], row["cov_uu"]) == (panel["covariance"][0], panel["covariance"][5])
