@@ -37,11 +37,12 @@ def small(altered_demo, tmp_path_factory):
     return altered_demo(path, halved_twice, scaled_down)
 
 
-def signs_of(log, **settings):
+def signs_of(log):
     """How many signs a run finds."""
     return wayside.run(log).signs["status"].to_pylist().count("sign")
 
 
-def test_an_image_of_few_pixels_shows_more_where_it_is_seen_enlarged(small):
-    enlarged, as_it_is = signs_of(small), signs_of(small, candidates__shortest_focal_px=1)
-    assert enlarged > as_it_is
+def test_an_image_of_few_pixels_shows_more_where_it_is_seen_enlarged(small, monkeypatch):
+    enlarged = signs_of(small)
+    monkeypatch.setattr(face_boxes, "SHORTEST_FOCAL_PX", 1.0)
+    assert enlarged > signs_of(small)

@@ -90,7 +90,7 @@ def test_without_rerun_everything_but_the_viewer_is_there(tmp_path):
         "import sys; sys.modules['rerun'] = None\n"
         "import wayside.pipeline.running.run, wayside.pipeline.cli.summary, wayside.pipeline.evidence.write\n"
         "import wayside.pipeline.evaluation, wayside.pipeline.labelling.page, wayside.pipeline.fitting.command\n"
-        "import wayside.pipeline.importing, wayside.pipeline.joining, wayside.pipeline.simulation.simulate\n"
+        "import wayside.pipeline.logs.importing, wayside.pipeline.logs.joining, wayside.pipeline.simulation.simulate\n"
         "from wayside.pipeline.cli import main\n"
         "def status(*words):\n"
         "    sys.argv[1:] = words\n"

@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
 from wayside.pipeline.cli.progress import FrameProgress
-from wayside.pipeline.running.run import Run
 from wayside.pipeline.cli.summary import plain, sign_table
 from wayside.pipeline.files.visible_text import fitted, visible, visible_lines
+from wayside.pipeline.running.run import Run
 
 NASTY = "/cam\x1b]0;owned\x07[/bold][red]\u202e\nforged: line\udcff"
 

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.fitting.report import format_fit
 from wayside.pipeline.fitting.sources import labelled_drives
 from wayside.pipeline.labels.label_file import write_labels

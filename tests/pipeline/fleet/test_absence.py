@@ -9,6 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 from mcap.writer import Writer
 
+from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.fleet.changes import find_changes
 from wayside.pipeline.fleet.changes_page import write_page
 from wayside.pipeline.fleet.merging import merge_inventory

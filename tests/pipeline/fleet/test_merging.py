@@ -16,6 +16,7 @@ import pytest
 
 from wayside.pipeline.cli import app
 from wayside.pipeline.exporting.export import export
+from wayside.pipeline.files import output_folder
 from wayside.pipeline.fleet.changes import find_changes
 from wayside.pipeline.fleet.changes_page import write_page
 from wayside.pipeline.fleet.inventory_data import cell_name, cells

@@ -42,9 +42,9 @@ def standing_boxes(panels: Sequence[tuple[float, ...]], frames: int) -> Boxes:
 
 
 @pytest.fixture
-def gates() -> AssociationGates:
-    """The gates by default."""
-    return AssociationGates.of(TrackSettings(), AssociationSettings())
+def gap_px() -> float:
+    """The largest gap of a view by default."""
+    return TrackSettings().gap_px
 
 
 @pytest.fixture
