@@ -3,7 +3,9 @@
 import dataclasses
 import functools
 import os
+import subprocess
 import sys
+from contextlib import contextmanager
 from subprocess import CompletedProcess
 
 import numpy as np
@@ -54,6 +56,19 @@ def command(monkeypatch, capsys):
         return CompletedProcess(line, end.value.code, said.out, said.err)
 
     return call
+
+
+@contextmanager
+def small_disk(folder, kilobytes):
+    """A file system of its own; skips where none may be mounted."""
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={kilobytes}k", "tmpfs", folder]
+    if os.name == "nt" or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("no file system may be mounted here")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", folder], check=True)
 
 
 def bits_of(value):

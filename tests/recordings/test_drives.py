@@ -17,6 +17,7 @@ import pytest
 from mcap.reader import NonSeekingReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from scipy.spatial.transform import Rotation
 
 pytest.importorskip(
     "foxglove_schemas_protobuf", reason="the renderer needs: pip install -e '.[drives]'"
@@ -112,14 +113,7 @@ def test_two_processes_give_the_bytes_of_one(tiny, rendered, tmp_path):
 def camera_of(truth, frame):
     """What OpenCV needs to project world points into a frame, from the truth alone."""
     camera, pose = truth["camera"], truth["frames"][frame]
-    x, y, z, w = pose["quaternion"]
-    to_world = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    to_world = Rotation.from_quat(pose["quaternion"]).as_matrix()
     matrix = np.array(
         [[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1.0]]
     )
