@@ -16,6 +16,8 @@ from wayside.pipeline.cli.summary import plain, sign_table
 from wayside.pipeline.files.visible_text import fitted, visible, visible_lines
 from wayside.pipeline.running.run import Run
 
+from .results import sign_row
+
 NASTY = "/cam\x1b]0;owned\x07[/bold][red]\u202e\nforged: line\udcff"
 
 
@@ -42,14 +44,9 @@ def test_a_log_whose_name_is_markup_has_a_progress_bar_and_a_table_of_signs():
     with FrameProgress("[/bold]\x1b[2J.mcap", Run()) as progress:
         assert "\x1b" not in progress.description
     numbers = ("station_m", "lateral_m", "up_m", "panel_width_m", "panel_height_m", "sigma_along_m")
-    row = dict.fromkeys(numbers, 1.0) | {
-        "sign_id": "[/bold]-0001",
-        "status": "sign",
-        "color": None,
-        "shape": None,
-        "views": 3,
-        "confidence": 0.5,
-    }
+    row = sign_row(
+        "[/bold]-0001", **dict.fromkeys(numbers, 1.0), color=None, shape=None, confidence=0.5
+    )
     screen = io.StringIO()
     Console(file=screen, width=200).print(sign_table([row]))
     assert "[/bold]-0001" in screen.getvalue()

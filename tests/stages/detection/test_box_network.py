@@ -67,12 +67,6 @@ def test_a_box_scores_the_same_however_many_others_are_asked_about():
             np.testing.assert_allclose(values, together[name][rows], rtol=1e-5, atol=1e-4)
 
 
-def test_the_same_boxes_get_the_same_bytes(bits):
-    boxes = some_boxes(20)
-    again = BoxNetwork(str(shipped_models() / "box.onnx"))
-    assert bits(network().scores(scene(), boxes)) == bits(again.scores(scene(), boxes))
-
-
 @pytest.mark.parametrize("count", [0, 1, 7])
 def test_every_box_has_a_row_of_each_column(count):
     found = network().scores(scene(), some_boxes(count))
