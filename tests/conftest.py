@@ -1,12 +1,11 @@
 """What all tests share."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import os
+import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from subprocess import CompletedProcess
 
 import numpy as np
@@ -22,7 +21,7 @@ settings.load_profile("untimed")
 
 
 @pytest.fixture(scope="session", autouse=True)
-def fast_disk() -> Iterator[None]:
+def fast_disk():
     """Waits for no disk, in this process: no test takes the power away."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", lambda opened: None)
@@ -30,7 +29,7 @@ def fast_disk() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def one_command_tree() -> Iterator[None]:
+def one_command_tree():
     """Makes the commands of `wayside` once: Typer makes all anew at every call, longer than most commands work."""
     made = functools.cache(typer.main.get_command)
     with pytest.MonkeyPatch.context() as patch:
@@ -40,12 +39,10 @@ def one_command_tree() -> Iterator[None]:
 
 
 @pytest.fixture
-def command(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., CompletedProcess[str]]:
+def command(monkeypatch, capsys):
     """Calls the entry point of `wayside` with these arguments, in this process; its exit status and words."""
 
-    def call(*arguments: object) -> CompletedProcess[str]:
+    def call(*arguments):
         line = ["wayside", *map(str, arguments)]
         with monkeypatch.context() as patch:
             patch.setattr(sys, "argv", line)
@@ -61,7 +58,20 @@ def command(
     return call
 
 
-def bits_of(value: object) -> object:
+@contextmanager
+def small_disk(folder, kilobytes):
+    """A file system of its own; skips where none may be mounted."""
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={kilobytes}k", "tmpfs", folder]
+    if os.name == "nt" or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("no file system may be mounted here")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", folder], check=True)
+
+
+def bits_of(value):
     """Bits of all numbers and arrays of a value."""
     if dataclasses.is_dataclass(value):
         return [bits_of(getattr(value, field.name)) for field in dataclasses.fields(value)]
@@ -73,6 +83,6 @@ def bits_of(value: object) -> object:
 
 
 @pytest.fixture(name="bits")
-def _bits() -> Callable[[object], object]:
+def _bits():
     """`bits_of`, to compare by."""
     return bits_of

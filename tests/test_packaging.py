@@ -1,7 +1,5 @@
 """What is installed is what stands in the folders, with dependencies that are pinned and explained."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess
@@ -10,7 +8,6 @@ import tomllib
 import zipfile
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -22,18 +19,18 @@ OUTSIDE = ("training", "recordings", "tests")
 
 
 @pytest.fixture(scope="module")
-def project() -> dict[str, Any]:
+def project():
     return tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 
-def requirement_name(text: str) -> str:
+def requirement_name(text):
     return re.sub(r"[-_.]+", "-", re.split(r"[^\w.-]", text.strip(), maxsplit=1)[0]).lower()
 
 
 LOCKS = ("requirements.lock", "requirements-learn.lock")
 
 
-def pins() -> dict[str, str]:
+def pins():
     lines = [line for name in LOCKS for line in (ROOT / name).read_text().splitlines()]
     return dict(
         (requirement_name(name), number)
@@ -42,7 +39,7 @@ def pins() -> dict[str, str]:
 
 
 @pytest.fixture(scope="module")
-def packed(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
+def packed(tmp_path_factory):
     """Names of the files of a wheel."""
     out = tmp_path_factory.mktemp("wheel")
     source = out / "source"
@@ -60,7 +57,7 @@ def packed(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
         return set(archive.namelist())
 
 
-def test_a_wheel_holds_every_file_of_the_package_and_no_other(packed: set[str]) -> None:
+def test_a_wheel_holds_every_file_of_the_package_and_no_other(packed):
     wanted = {
         f"{prefix}{path.relative_to(ROOT)}"
         for layer, prefix in (("wayside", ""), *((layer, "wayside/") for layer in LAYERS))
@@ -70,26 +67,26 @@ def test_a_wheel_holds_every_file_of_the_package_and_no_other(packed: set[str]) 
     assert {name for name in packed if ".dist-info/" not in name} == wanted
 
 
-def test_every_folder_with_modules_has_an_init_module() -> None:
+def test_every_folder_with_modules_has_an_init_module():
     for layer in LAYERS:
         for path in (ROOT / layer).rglob("*.py"):
             assert (path.parent / "__init__.py").is_file(), path
 
 
-def test_the_package_is_that_of_the_checkout(project: dict[str, Any]) -> None:
+def test_the_package_is_that_of_the_checkout(project):
     assert Path(wayside.__file__) == ROOT / "wayside" / "__init__.py"
     assert Path(wayside.pipeline.__file__).resolve() == ROOT / "pipeline" / "__init__.py"
     assert wayside.__version__ == project["project"]["version"]
 
 
-def test_the_repository_holds_no_symbolic_link() -> None:
+def test_the_repository_holds_no_symbolic_link():
     listed = subprocess.run(
         ["git", "ls-files", "-s"], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert not [line for line in listed.stdout.splitlines() if line.startswith("120000")]
 
 
-def test_every_dependency_is_pinned_and_explained(project: dict[str, Any]) -> None:
+def test_every_dependency_is_pinned_and_explained(project):
     extras = project["project"]["optional-dependencies"]
     wanted = [
         *project["project"]["dependencies"],
@@ -104,7 +101,7 @@ def test_every_dependency_is_pinned_and_explained(project: dict[str, Any]) -> No
         assert f"`{name}`" in words, f"{name} is not explained in docs/dependencies.md"
 
 
-def test_nothing_is_explained_that_is_no_longer_used(project: dict[str, Any]) -> None:
+def test_nothing_is_explained_that_is_no_longer_used(project):
     extras = project["project"]["optional-dependencies"].values()
     wanted = [*project["project"]["dependencies"], *(name for extra in extras for name in extra)]
     names = {requirement_name(text) for text in wanted}
@@ -115,12 +112,12 @@ def test_nothing_is_explained_that_is_no_longer_used(project: dict[str, Any]) ->
     assert len(rows) == len(set(rows))
 
 
-def test_pins_hold_versions_and_no_places() -> None:
+def test_pins_hold_versions_and_no_places():
     for line in (line for name in LOCKS for line in (ROOT / name).read_text().splitlines()):
         assert line.startswith("#") or re.fullmatch(r"[\w.-]+==[\w.!+]+", line), line
 
 
-def test_the_change_log_knows_the_version(project: dict[str, Any]) -> None:
+def test_the_change_log_knows_the_version(project):
     assert project["project"]["version"] == version("wayside")
     log = (ROOT / "CHANGELOG.md").read_text()
     assert re.search(
@@ -128,7 +125,7 @@ def test_the_change_log_knows_the_version(project: dict[str, Any]) -> None:
     )
 
 
-def test_the_package_runs_as_a_module() -> None:
+def test_the_package_runs_as_a_module():
     done = subprocess.run(
         [sys.executable, "-m", "wayside", "--version"], capture_output=True, text=True, check=True
     )

@@ -1,11 +1,7 @@
 """How tests import the measuring programs, which import each other by their bare names."""
 
-from __future__ import annotations
-
 import importlib
-from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -13,10 +9,10 @@ BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
 @pytest.fixture(scope="session")
-def load() -> Callable[[str], ModuleType]:
+def load():
     """Imports a module of `benchmarks/` by its name."""
 
-    def module(name: str) -> ModuleType:
+    def module(name):
         with pytest.MonkeyPatch.context() as patch:
             patch.syspath_prepend(str(BENCHMARKS))
             return importlib.import_module(name)

@@ -1,12 +1,8 @@
 """The acceptance program: its tables, its floor, and a run that fails."""
 
-from __future__ import annotations
-
 import tomllib
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -18,11 +14,11 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
-def accept(load: Callable[[str], ModuleType]) -> ModuleType:
+def accept(load):
     return load("accept")
 
 
-def found(along: float) -> Match:
+def found(along):
     sizes = ((0.66, 0.6), (None, 0.6), (1.5, 1.5))
     return Match(
         "d-0001",
@@ -41,7 +37,7 @@ GOOD = RenderedEvaluation(2, (found(0.1), found(-0.3)), (), (), Backs(3, 2, 5))
 POOR = RenderedEvaluation(2, (found(0.8),), (FALSE,), (MISSED,))
 
 
-def test_drives_together_are_evaluated_as_one() -> None:
+def test_drives_together_are_evaluated_as_one():
     total = together([GOOD, POOR])
     assert (total.recall, total.precision) == (3 / 4, 3 / 4)
     assert total.error_m["along"].median == 0.3
@@ -49,7 +45,7 @@ def test_drives_together_are_evaluated_as_one() -> None:
     assert together([]).recall == 1.0
 
 
-def test_the_table_has_a_line_a_drive_and_one_for_all(accept: ModuleType) -> None:
+def test_the_table_has_a_line_a_drive_and_one_for_all(accept):
     outcomes = [
         accept.Outcome(accept.BenchmarkDrive(name, Path(), Path(), ""), evaluation)
         for name, evaluation in (("good", GOOD), ("poor", POOR), ("lost", None))
@@ -63,9 +59,7 @@ def test_the_table_has_a_line_a_drive_and_one_for_all(accept: ModuleType) -> Non
     assert {line.count("|") for line in lines} == {16}
 
 
-def test_a_drive_is_run_once_more_by_models_learned_without_it(
-    accept: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_drive_is_run_once_more_by_models_learned_without_it(accept, monkeypatch, tmp_path):
     monkeypatch.setattr(accept, "WITHOUT", tmp_path)
     (tmp_path / "city").mkdir()
     drives = [accept.BenchmarkDrive(name, Path(), Path(), "") for name in ("road", "city")]
@@ -76,7 +70,7 @@ def test_a_drive_is_run_once_more_by_models_learned_without_it(
     assert asked["report"] == drives
 
 
-def test_models_without_a_drive_say_that_they_have_not_learned_from_it() -> None:
+def test_models_without_a_drive_say_that_they_have_not_learned_from_it():
     folders = [p for p in (ROOT / "benchmarks" / "models_without").iterdir() if p.is_dir()]
     assert {folder.name for folder in folders} == {"ca_city_garmin", "us_freeway_yellow_left"}
     for folder in folders:
@@ -91,7 +85,7 @@ def test_models_without_a_drive_say_that_they_have_not_learned_from_it() -> None
         assert not any(folder.name in text for text in said.values())
 
 
-def test_real_drives_are_listed_without_the_rendered_ones(accept: ModuleType) -> None:
+def test_real_drives_are_listed_without_the_rendered_ones(accept):
     real = RealEvaluation(3, ("R1",), 1, (FALSE,), ("R2", "R3"))
     outcomes = [
         accept.Outcome(accept.BenchmarkDrive(name, Path(), Path(), ""), evaluation, 2)
@@ -100,9 +94,7 @@ def test_real_drives_are_listed_without_the_rendered_ones(accept: ModuleType) ->
     assert accept.real(outcomes) == [("road", real, 2, ())]
 
 
-def test_the_line_of_a_drive_counts_duplicates_among_the_false_or_beside_them(
-    accept: ModuleType,
-) -> None:
+def test_the_line_of_a_drive_counts_duplicates_among_the_false_or_beside_them(accept):
     twice = (Duplicate("d-0002", 1, "d-0001"),)
     assert accept.in_short(replace(POOR, duplicates=twice)) == (
         "recall 0.500 (1/2)  precision 0.500 (1 false, of them 1 duplicates)"
@@ -113,9 +105,7 @@ def test_the_line_of_a_drive_counts_duplicates_among_the_false_or_beside_them(
     )
 
 
-def test_a_total_below_the_floor_is_named(
-    accept: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_total_below_the_floor_is_named(accept, tmp_path, monkeypatch):
     floor = tmp_path / "floor.toml"
     floor.write_text("[default]\nrecall = 0.8\nprecision = 0.7\n")
     monkeypatch.setattr(accept, "FLOOR", floor)
@@ -126,7 +116,7 @@ def test_a_total_below_the_floor_is_named(
     ]
 
 
-def test_a_rendered_drive_that_a_model_was_learned_from_is_named(accept: ModuleType) -> None:
+def test_a_rendered_drive_that_a_model_was_learned_from_is_named(accept):
     real = RealEvaluation(1, ("R1",), 1, (), (), learned_by=("network",))
     outcomes = [
         accept.Outcome(accept.BenchmarkDrive(name, Path(), Path(), ""), evaluation)
@@ -142,19 +132,14 @@ def test_a_rendered_drive_that_a_model_was_learned_from_is_named(accept: ModuleT
     ]
 
 
-def test_a_run_that_fails_is_told_and_not_evaluated(
-    accept: ModuleType,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_run_that_fails_is_told_and_not_evaluated(accept, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(accept, "RESULTS", tmp_path)
     drive = accept.BenchmarkDrive("none", tmp_path / "none.mcap", tmp_path / "none.truth.json", "")
     assert accept.evaluate_drive(drive, "default").evaluation is None
     assert "status 3" in capsys.readouterr().out
 
 
-def test_the_floor_knows_every_preset_and_asks_for_shares(accept: ModuleType) -> None:
+def test_the_floor_knows_every_preset_and_asks_for_shares(accept):
     floor = tomllib.loads((ROOT / "benchmarks" / "floor.toml").read_text())
     assert set(floor) == set(accept.PRESETS)
     for preset in floor.values():
@@ -162,9 +147,7 @@ def test_the_floor_knows_every_preset_and_asks_for_shares(accept: ModuleType) ->
         assert all(0.0 <= value <= 1.0 for value in preset.values())
 
 
-def test_every_drive_that_is_measured_has_a_specification_that_no_model_was_learned_from(
-    accept: ModuleType,
-) -> None:
+def test_every_drive_that_is_measured_has_a_specification_that_no_model_was_learned_from(accept):
     for name in accept.RENDERED:
         assert not name.startswith("learn_")
         assert (ROOT / "recordings" / "drives" / "specs" / f"{name}.toml").is_file()

@@ -1,11 +1,6 @@
 """Signs that labels leave out: right to report, and no part of recall."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Callable
-from pathlib import Path
-from types import ModuleType
 
 import pyarrow.parquet as pq
 import pytest
@@ -14,13 +9,13 @@ from wayside.pipeline.evaluation import evaluate_against_labels
 
 
 @pytest.fixture(scope="module")
-def checked(load: Callable[[str], ModuleType]) -> ModuleType:
+def checked(load):
     return load("checked_boxes")
 
 
 def test_a_row_on_a_sign_without_a_label_is_not_false_and_finds_nothing(
-    checked: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    checked, tmp_path, monkeypatch
+):
     boxes = {
         "road": {"4": {"signs": [[10, 10, 20, 20, "white", None]], "other": [[50, 50, 60, 60]]}}
     }
@@ -46,9 +41,7 @@ def test_a_row_on_a_sign_without_a_label_is_not_false_and_finds_nothing(
     assert checked.with_checked_boxes(labels, "other road") == labels
 
 
-def test_the_boxes_of_the_drives_for_tests_are_of_none_that_is_learned_from(
-    checked: ModuleType,
-) -> None:
+def test_the_boxes_of_the_drives_for_tests_are_of_none_that_is_learned_from(checked):
     own = json.loads(checked.OF_TESTS.read_text())
     assert own
     assert own.keys().isdisjoint(pq.read_table(checked.LEARNED)["source"].to_pylist())

@@ -1,11 +1,7 @@
 """The tables of real drives: by source, with intervals, with the plates apart and the misses by cause."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -17,7 +13,7 @@ DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 
 
 @pytest.fixture(scope="module")
-def tables(load: Callable[[str], ModuleType]) -> ModuleType:
+def tables(load):
     return load("real_tables")
 
 
@@ -54,7 +50,7 @@ CITY = RealEvaluation(
 SEEN = replace(ROAD, learned_by=("network",))
 
 
-def test_a_line_has_every_share_with_its_interval(tables: ModuleType) -> None:
+def test_a_line_has_every_share_with_its_interval(tables):
     head, _, line = tables.share_table([tables.RealDrive("road", ROAD, 1)])
     assert head.count("95 %") == 3
     # Wilson of 1 in 3 and of 2 in 3; Garwood of one: 0.0253 and 5.572, in 50 images
@@ -64,7 +60,7 @@ def test_a_line_has_every_share_with_its_interval(tables: ModuleType) -> None:
     )
 
 
-def test_drives_learned_from_stand_apart_and_are_summed_apart(tables: ModuleType) -> None:
+def test_drives_learned_from_stand_apart_and_are_summed_apart(tables):
     lines = tables.real_page(
         [
             tables.RealDrive("seen", SEEN),
@@ -85,12 +81,12 @@ def test_drives_learned_from_stand_apart_and_are_summed_apart(tables: ModuleType
     assert "**together**" not in learned
 
 
-def test_a_drive_of_which_nothing_is_known_is_not_called_unseen(tables: ModuleType) -> None:
+def test_a_drive_of_which_nothing_is_known_is_not_called_unseen(tables):
     groups = tables.by_source([tables.RealDrive("old", replace(ROAD, learned_by=None))])
     assert list(groups) == ["Not known whether learned from"]
 
 
-def test_plates_have_a_row_of_their_own_that_adds_up_with_the_rest(tables: ModuleType) -> None:
+def test_plates_have_a_row_of_their_own_that_adds_up_with_the_rest(tables):
     lines = tables.kind_table([tables.RealDrive("city", CITY), tables.RealDrive("road", ROAD)])
     assert [line.split(" | ")[:2] for line in lines[3:]] == [
         ["| parking and bus stop plates", "2 of 3"],
@@ -99,7 +95,7 @@ def test_plates_have_a_row_of_their_own_that_adds_up_with_the_rest(tables: Modul
     assert tables.kind_table([tables.RealDrive("road", ROAD)]) == []
 
 
-def test_every_miss_has_its_cause_and_each_step_its_count(tables: ModuleType) -> None:
+def test_every_miss_has_its_cause_and_each_step_its_count(tables):
     lines = tables.real_page([tables.RealDrive("road", ROAD), tables.RealDrive("city", CITY)])
     assert (
         "| drive | missed | below the threshold of the box classifier | followed and refused |"
@@ -110,16 +106,14 @@ def test_every_miss_has_its_cause_and_each_step_its_count(tables: ModuleType) ->
     assert "| road | R2 | below the threshold of the box classifier (2 score) |" in lines
 
 
-def test_drives_without_misses_need_no_tables_of_them(tables: ModuleType) -> None:
+def test_drives_without_misses_need_no_tables_of_them(tables):
     lines = tables.real_page([tables.RealDrive("road", replace(ROAD, causes=()))])
     assert [line for line in lines if line.startswith("### ")] == [
         "### Never seen by a model of the run"
     ]
 
 
-def test_counts_at_each_confidence_are_added_over_drives(
-    tables: ModuleType, load: Callable[[str], ModuleType]
-) -> None:
+def test_counts_at_each_confidence_are_added_over_drives(tables, load):
     counts = load("real_counts")
     steps = range(len(counts.CONFIDENCES))
     road = tuple(counts.Counts(3 - (k > 1), 4, 0, 0, 2 - (k > 1), 50) for k in steps)
@@ -133,9 +127,7 @@ def test_counts_at_each_confidence_are_added_over_drives(
     assert tables.confidence_table([tables.RealDrive("road", ROAD)]) == []
 
 
-def test_a_higher_confidence_keeps_fewer_rows_of_a_result(
-    load: Callable[[str], ModuleType], tmp_path: Path
-) -> None:
+def test_a_higher_confidence_keeps_fewer_rows_of_a_result(load, tmp_path):
     counts = load("real_counts")
     run = wayside.run(DEMO, settings={"read.until_s": 1.5}, out=tmp_path)
     rows = [row for row in run.signs.to_pylist() if row["status"] != "back"]

@@ -20,7 +20,7 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from wayside.pipeline import chains, cli
+from wayside.pipeline import chains
 
 WAYSIDE = Path(sys.executable).with_name("wayside")
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
@@ -217,7 +217,7 @@ def test_an_error_is_written_with_the_characters_that_the_terminal_has(tmp_path)
 
 
 @pytest.mark.parametrize("logs", [["a.mcap"], ["a.mcap", "b.mcap"]])
-def test_3_a_log_in_a_folder_that_cannot_be_searched_is_told(monkeypatch, tmp_path, capsys, logs):
+def test_3_a_log_in_a_folder_that_cannot_be_searched_is_told(command, monkeypatch, tmp_path, logs):
     stat = os.stat
 
     def closed(path, *rest, **more):
@@ -226,10 +226,6 @@ def test_3_a_log_in_a_folder_that_cannot_be_searched_is_told(monkeypatch, tmp_pa
         return stat(path, *rest, **more)
 
     monkeypatch.setattr(os, "stat", closed)
-    monkeypatch.setattr(
-        sys, "argv", ["wayside", "run", *(f"closed/{log}" for log in logs), "-o", str(tmp_path)]
-    )
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    assert ended.value.code == 3
-    assert capsys.readouterr().err.count("cannot be read: Permission denied") == len(logs)
+    done = command("run", *(f"closed/{log}" for log in logs), "-o", tmp_path)
+    assert done.returncode == 3
+    assert done.stderr.count("cannot be read: Permission denied") == len(logs)

@@ -14,7 +14,6 @@ import subprocess
 import sys
 import time
 import zlib
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -22,6 +21,8 @@ import pytest
 from wayside.pipeline.cli import app
 from wayside.pipeline.running import run as run_module
 from wayside.pipeline.running.journal import JOURNAL
+
+from ..conftest import small_disk
 
 WAYSIDE = Path(sys.executable).with_name("wayside")
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
@@ -174,19 +175,6 @@ def test_a_full_disk_leaves_the_old_result(old, tmp_path, free_kb):
         assert "Traceback" not in done.stderr
         assert digests(out) == digests(old)
         assert sorted(os.listdir(out)) == sorted(FILES)
-
-
-@contextmanager
-def small_disk(folder, kilobytes):
-    """A file system of its own; skips where none may be mounted."""
-    folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", f"size={kilobytes}k", "tmpfs", str(folder)]
-    if os.name == "nt" or subprocess.run(mount, capture_output=True, check=False).returncode:
-        pytest.skip("no file system may be mounted here")
-    try:
-        yield folder
-    finally:
-        subprocess.run(["umount", str(folder)], check=True)
 
 
 def wait_for(path):

@@ -100,7 +100,9 @@ def test_the_watch_sees_sockets_and_look_ups(watch):
 def test_a_run_sends_nothing_and_leaves_nothing_at_home(watch, tmp_path, linger):
     environment, calls = watch
     home, out = tmp_path / "home", tmp_path / "out"
-    run(environment, home, "run", DEMO, "-o", out, "--until", "1", "--view", "file", linger=linger)
+    run(
+        environment, home, "run", DEMO, "-o", out, "--until", "0.5", "--view", "file", linger=linger
+    )
     assert (out / "drive.rrd").is_file()
     assert list(home.rglob("*")) == []
     assert calls() == []
@@ -111,7 +113,7 @@ def test_processes_of_a_fleet_send_nothing(watch, tmp_path):
     (tmp_path / "archive").mkdir()
     (tmp_path / "archive" / "demo.mcap").symlink_to(DEMO)
     home, out = tmp_path / "home", tmp_path / "inventory"
-    run(environment, home, "fleet", tmp_path / "archive", "-o", out, "--set", "read.until_s=1")
+    run(environment, home, "fleet", tmp_path / "archive", "-o", out, "--set", "read.until_s=0.5")
     assert list(home.rglob("*")) == []
     assert calls() == []
 

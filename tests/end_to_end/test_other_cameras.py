@@ -1,13 +1,10 @@
 """A drive of a camera of few pixels differs from what was learned from."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import wayside
 from wayside.stages.detection import face_boxes
@@ -17,12 +14,12 @@ SMALLER = 4
 """Focal length of 350 px, where the demo drive has 1,398 px."""
 
 
-def halved_twice(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def halved_twice(image):
     size = image.shape[1] // SMALLER, image.shape[0] // SMALLER
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def scaled_down(calibration: Any) -> None:
+def scaled_down(calibration):
     """The calibration of these images, in place."""
     calibration.width, calibration.height = (
         side // SMALLER for side in (calibration.width, calibration.height)
@@ -34,20 +31,18 @@ def scaled_down(calibration: Any) -> None:
 
 
 @pytest.fixture(scope="module")
-def small(altered_demo: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def small(altered_demo, tmp_path_factory):
     """The demo drive in images of a quarter of the width and height."""
     path = tmp_path_factory.mktemp("small") / "small.mcap"
     return altered_demo(path, halved_twice, scaled_down)
 
 
-def signs_of(log: Path) -> int:
+def signs_of(log):
     """How many signs a run finds."""
     return wayside.run(log).signs["status"].to_pylist().count("sign")
 
 
-def test_an_image_of_few_pixels_shows_more_where_it_is_seen_enlarged(
-    small: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_image_of_few_pixels_shows_more_where_it_is_seen_enlarged(small, monkeypatch):
     enlarged = signs_of(small)
     monkeypatch.setattr(face_boxes, "SHORTEST_FOCAL_PX", 1.0)
     assert enlarged > signs_of(small)

@@ -22,7 +22,7 @@ from wayside.pipeline.reading.h264 import read_stream
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings
 
-from .conftest import RECORDINGS, Result, run_log_file
+from .conftest import RECORDINGS, run_log_file
 
 av = pytest.importorskip("av", reason="no PyAV: pip install 'wayside[video]'")
 
@@ -241,7 +241,7 @@ def test_a_picture_larger_than_its_last_sequence_set_says_is_not_decoded():
         context.decode(av.Packet(data))
 
 
-def signs_of(result: Result):
+def signs_of(result):
     return {(r["color"], r["shape"]): r for r in result.signs if r["status"] == "sign"}
 
 

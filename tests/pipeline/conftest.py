@@ -1,18 +1,16 @@
 """What the tests of the pipeline share: pages in a real browser without a window, and Exif data as cameras write it."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
 import subprocess
-from collections.abc import Callable
 from html import unescape
-from pathlib import Path
-from typing import Any
 
 import pytest
 from PIL import Image
+
+from wayside.pipeline.reading.camera_file import format_camera
+from wayside.schemas.frame import Camera
 
 NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "chrome")
 _FOUND = next((path for path in map(shutil.which, NAMES) if path), None)
@@ -30,14 +28,14 @@ addEventListener("pageshow", async () => {
 
 
 @pytest.fixture(scope="session")
-def in_browser() -> Callable[..., Any]:
+def in_browser():
     """`_run_page`, where there is a browser."""
     if _FOUND is None:
         pytest.skip("no Chromium on this machine")
     return _run_page
 
 
-def _run_page(page: Path, script: str, fragment: str = "", profile: Path | None = None) -> Any:
+def _run_page(page, script, fragment="", profile=None):
     """What a script (the body of an async function; `press(key)` types) returns in a copy of the page beside it.
 
     profile: folder of a browser profile, kept between calls; None: a new one.
@@ -57,21 +55,22 @@ def _run_page(page: Path, script: str, fragment: str = "", profile: Path | None 
     return json.loads(unescape(found[2]))
 
 
+@pytest.fixture
+def calibration(tmp_path):
+    """A file of the lens of images of 32 x 24 pixels."""
+    path = tmp_path / "camera.yaml"
+    camera = Camera(32, 24, 50.0, 51.0, 16.0, 12.0, (-0.2, 0.1, 0.0, 0.0, 0.5))
+    path.write_text(format_camera(camera, "camera"))
+    return path
+
+
 @pytest.fixture(scope="session")
-def with_exif() -> Callable[..., bytes]:
+def with_exif():
     """`_with_exif`."""
     return _with_exif
 
 
-def _with_exif(
-    jpeg: bytes,
-    *,
-    orientation: object = None,
-    taken: str = "",
-    fraction: str = "",
-    offset: str = "",
-    changed: str = "",
-) -> bytes:
+def _with_exif(jpeg, *, orientation=None, taken="", fraction="", offset="", changed=""):
     """A JPEG with an Exif segment before its others; the pixels stay as they are."""
     exif = Image.Exif()
     if orientation is not None:

@@ -1,9 +1,5 @@
 """Causes of misses: the last step that a candidate on a sign passed, and what each view says."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import pyarrow as pa
 import pytest
 
@@ -20,22 +16,17 @@ FRAMES = dict.fromkeys(range(4), "used") | {4: "thinned"}
 Seen = tuple[int, list[float], str, int | None, str | None]
 
 
-def cause(
-    seen: list[Seen],
-    views: tuple[int, ...] = (0, 1, 2),
-    rows: dict[str, str] | None = None,
-    distances: dict[tuple[str, int | str], float] | None = None,
-) -> MissCause:
+def cause(seen, views=(0, 1, 2), rows=None, distances=None):
     names = Candidates.COLUMNS
     schema = pa.schema([OBSERVATIONS.schema.field(name) for name in names])
     listed = [dict(zip(names, row, strict=True)) for row in sorted(seen, key=lambda row: row[0])]
-    table: Any = pa.Table.from_pylist(listed, schema=schema)
+    table = pa.Table.from_pylist(listed, schema=schema)
     face = Face("R1", dict.fromkeys(views, BOX))
     (found,) = miss_causes([face], Candidates(table), FRAMES, rows or {}, distances)
     return found
 
 
-def test_where_nothing_lies_on_a_sign_no_candidate_is_the_cause() -> None:
+def test_where_nothing_lies_on_a_sign_no_candidate_is_the_cause():
     found = cause([(0, BESIDE, "sign", 1, "a"), (9, BOX, "sign", 1, "a")])
     assert (found.step, found.reason, found.views) == ("no_candidate", "none", {"none": 3})
 
@@ -54,22 +45,20 @@ def test_where_nothing_lies_on_a_sign_no_candidate_is_the_cause() -> None:
         ("location", 3, "refused"),
     ],
 )
-def test_one_view_that_came_further_decides_against_two_that_did_not(
-    verdict: str, track: int | None, step: str
-) -> None:
+def test_one_view_that_came_further_decides_against_two_that_did_not(verdict, track, step):
     found = cause([(1, BOX, verdict, track, None)])
     assert (found.step, found.reason) == (step, verdict)
     assert found.views == {"none": 2, verdict: 1}
 
 
-def test_of_the_candidates_on_one_view_the_furthest_speaks() -> None:
+def test_of_the_candidates_on_one_view_the_furthest_speaks():
     found = cause(
         [(0, BOX, "score", None, None), (0, [11, 10, 31, 30], "residual", 2, None)], views=(0,)
     )
     assert (found.step, found.views) == ("refused", {"residual": 1})
 
 
-def test_of_the_verdicts_of_the_last_step_the_most_frequent_is_the_reason() -> None:
+def test_of_the_verdicts_of_the_last_step_the_most_frequent_is_the_reason():
     found = cause(
         [
             (0, BOX, "location", 1, None),
@@ -80,13 +69,13 @@ def test_of_the_verdicts_of_the_last_step_the_most_frequent_is_the_reason() -> N
     assert (found.step, found.reason) == ("refused", "place_score")
 
 
-def test_a_sign_in_images_that_were_not_used_or_not_read_is_lost_there() -> None:
+def test_a_sign_in_images_that_were_not_used_or_not_read_is_lost_there():
     found = cause([(4, BOX, "sign", 1, "a")], views=(4, 77))
     assert (found.step, found.views) == ("unused", {"thinned": 1, "not_read": 1})
     assert cause([], views=()).step == "unused"
 
 
-def test_one_used_image_makes_the_step_there_the_cause() -> None:
+def test_one_used_image_makes_the_step_there_the_cause():
     assert cause([], views=(3, 4)).step == "no_candidate"
 
 
@@ -99,23 +88,21 @@ def test_one_used_image_makes_the_step_there_the_cause() -> None:
         ("sign", {}, "other_sign", "d-0007 is on it but is that of another sign"),
     ],
 )
-def test_a_row_on_the_sign_says_why_it_is_not_this_sign(
-    status: str, distances: dict[tuple[str, int | str], float], reason: str, words: str
-) -> None:
+def test_a_row_on_the_sign_says_why_it_is_not_this_sign(status, distances, reason, words):
     found = cause([(1, BOX, "sign", 7, "d-0007")], rows={"d-0007": status}, distances=distances)
     assert (found.step, found.reason, found.row) == ("reported", reason, "d-0007")
     assert cause_words(found).startswith(words)
     assert cause_words(found).endswith("(2 none, 1 sign)")
 
 
-def test_every_verdict_has_a_step_and_words() -> None:
+def test_every_verdict_has_a_step_and_words():
     for verdict in VERDICTS:
         found = cause([(0, BOX, verdict, None, None)])
         assert found.step in STEPS
         assert "1 " + verdict in cause_words(found)
 
 
-def test_causes_are_counted_in_the_order_of_the_work() -> None:
+def test_causes_are_counted_in_the_order_of_the_work():
     causes = [
         MissCause(1, "refused", "residual", {}),
         MissCause(2, "rejected", "score", {}),

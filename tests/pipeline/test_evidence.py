@@ -27,20 +27,20 @@ from wayside.pipeline.evidence.write import write_evidence
 from wayside.pipeline.logs.importing import import_images
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.pages import shortened
+from wayside.pipeline.reading.camera_file import format_camera
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reviewing.review import read_review
 from wayside.pipeline.running.run import run_log
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError, OutputError, UsageError
+from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings, Settings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
-CALIBRATION = """image_width: 160
-image_height: 120
-camera_matrix: {rows: 3, cols: 3, data: [150, 0, 80, 0, 150, 60, 0, 0, 1]}
-distortion_model: plumb_bob
-distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}
-"""
+from . import results
+from .results import table_of, write_tables
+
+CAMERA = Camera(160, 120, 150.0, 150.0, 80.0, 60.0)
 IMAGES, SPACING_M = 6, 8.0
 FACE = 200, 30, 40
 STEM = "d & r#1"
@@ -63,36 +63,15 @@ def make_log(folder, name=f"{STEM}.mcap", images=IMAGES, broken=()):
         content = cv2.imencode(".png", pixels[..., ::-1])[1].tobytes()
         file.write_bytes(content[:60] if frame in broken else content)
     calibration = folder / "camera.yaml"
-    calibration.write_text(CALIBRATION)
+    calibration.write_text(format_camera(CAMERA, "camera"))
     import_images([source], calibration, SPACING_M, folder / name)
     return folder / name
 
 
-def table_of(table, rows):
-    empty = {column.name: None for column in table.columns}
-    return pa.Table.from_pylist([empty | row for row in rows], schema=table.schema)
-
-
 def sign_row(sign_id, **changes):
-    """A row in which everything is null that may be."""
-    return {
-        "sign_id": sign_id,
-        "assembly_id": sign_id,
-        "log": STEM,
-        "status": "sign",
-        "x": 40.0,
-        "y": -6.0,
-        "z": 2.0,
-        "best_frame": 3,
-        "best_time_ns": 0,
-        "best_box": face_box(3),
-        "right_m": 6.0,
-        "down_m": -1.0,
-        "ahead_m": 16.0,
-        "first_frame": 1,
-        "last_frame": 3,
-        "views": 3,
-    } | changes
+    seen = {"best_frame": 3, "best_box": face_box(3), "first_frame": 1, "last_frame": 3, "views": 3}
+    place = {"x": 40.0, "y": -6.0, "z": 2.0, "right_m": 6.0, "down_m": -1.0, "ahead_m": 16.0}
+    return results.sign_row(sign_id, log=STEM, **place | seen | changes)
 
 
 KNOWN = {
@@ -120,22 +99,9 @@ KNOWN = {
 
 
 def observation(sign_id, frame, number, verdict="sign"):
-    return {
-        "frame": frame,
-        "observation_id": number,
-        "source": "level",
-        "box": face_box(frame),
-        "area_px": 224,
-        "u_px": 68.0 + 4 * frame,
-        "v_px": 47.0,
-        "red": 200.0,
-        "green": 30.0,
-        "blue": 40.0,
-        "track_id": 0,
-        "sign_id": sign_id,
-        "verdict": verdict,
-        "residual_px": 0.1 * frame,
-    }
+    seen = {"box": face_box(frame), "u_px": 68.0 + 4 * frame, "v_px": 47.0, "track_id": 0}
+    about = {"sign_id": sign_id, "verdict": verdict, "residual_px": 0.1 * frame}
+    return results.observation_row(frame, number, **seen | about)
 
 
 @pytest.fixture(scope="module")
@@ -188,15 +154,9 @@ def write_result(folder, log):
         }
         for frame, message in enumerate(read_all(log))
     ]
-    for table, rows in ((SIGNS, signs), (OBSERVATIONS, observations), (FRAMES, frames)):
-        pq.write_table(table_of(table, rows), folder / table.file)
-    run = {
-        "log": log.name,
-        "log_path": str(log),
-        "world": "drive_start",
-        "settings": {"read": {"spacing_m": SPACING_M, "thin_m": 0.0}},
-    }
-    (folder / "run.json").write_text(json.dumps(run))
+    settings = {"read": {"spacing_m": SPACING_M, "thin_m": 0.0}}
+    about = {"log": log.name, "log_path": str(log), "world": "drive_start", "settings": settings}
+    write_tables(folder, signs, observations, frames, **about)
 
 
 def read_all(log):

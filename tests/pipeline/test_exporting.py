@@ -4,31 +4,29 @@ import csv
 import errno
 import io
 import itertools
-import json
 import re
 import shutil
 import sqlite3
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pyogrio
 import pyproj
 import pytest
-import shapely
 from hypothesis import given
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
-from wayside.pipeline.cli import app
 from wayside.pipeline.exporting.flat_table import FlatTable
 from wayside.pipeline.exporting.text_files import write_csv, write_geojson
 from wayside.pipeline.exporting.units import SHORT_NAME, in_feet_and_inches, short_names
 from wayside.schemas.errors import OutputError, UsageError
-from wayside.schemas.tables import FRAMES, SIGNS, Column
+from wayside.schemas.tables import SIGNS, Column
+
+from .results import invoke, read_by_gdal, sign_row, write_tables
 
 PAGE = Path(__file__).parents[2] / "docs" / "exporting.md"
 TIME_NS = 1_718_031_601_357_243_738
@@ -38,38 +36,20 @@ UTM = "EPSG:26914"
 
 def write_result(folder, **changes):
     """A result of two signs, one of them without a colour."""
-    folder.mkdir()
     rows = []
     for number in (1, 2):
-        empty = {column.name: None for column in SIGNS.columns}
-        row = empty | dict.fromkeys(("sign_id", "assembly_id"), f"d-{number:04d}")
-        row |= {"log": "d", "status": "sign", "shape": "octagon", "confidence": 0.9, "views": 3}
+        row = {"shape": "octagon", "confidence": 0.9, "views": 3}
         row |= {"x": 10.0 * number, "y": 3.0, "z": 1.5, "covariance": [1, 0, 0, 4, 0, 9]}
         row |= {"panel_width_m": 0.762, "station_m": 304.8, "residual_px": 0.5, "facing_deg": 2.0}
-        row |= dict(zip(("right_m", "down_m", "ahead_m"), (1.0, 2.0, 3.0), strict=True))
-        row |= {"best_frame": number, "best_time_ns": TIME_NS, "best_box": [0, 0, 9, 9]}
-        row |= {"first_frame": 0, "last_frame": 2, "color": "red" if number == 1 else None}
+        row |= {"best_frame": number, "best_time_ns": TIME_NS}
+        row |= {"color": "red" if number == 1 else None}
         row |= {"lon_deg": LON + number * 1e-4, "lat_deg": LAT, "alt_m": ALT}
         row |= {"route": "US-36 EB", "measure": 12.35, "measure_unit": "mi"}
-        rows.append(row | changes)
-    pq.write_table(pa.Table.from_pylist(rows, schema=SIGNS.schema), folder / SIGNS.file)
-    frames = {
-        "frame": 0,
-        "log_time_ns": 0,
-        "status": "used",
-        "x": 0,
-        "y": 0,
-        "z": 0,
-        "station_m": 0,
-    }
-    empty = {column.name: None for column in FRAMES.columns}
-    pq.write_table(
-        pa.Table.from_pylist([empty | frames], schema=FRAMES.schema), folder / FRAMES.file
-    )
-    files = {SIGNS.file: {"sha256": "0" * 64}}
-    about = {"log": "d.mcap", "world": "drive_start", "files": files}
-    (folder / "run.json").write_text(json.dumps(about))
-    return folder
+        rows.append(sign_row(f"d-{number:04d}", **row | changes))
+    frame = {"frame": 0, "log_time_ns": 0, "status": "used"}
+    frame |= dict.fromkeys(("x", "y", "z", "station_m"), 0.0)
+    about = {"log": "d.mcap", "world": "drive_start", "files": {SIGNS.file: {"sha256": "0" * 64}}}
+    return write_tables(folder, rows, frames=[frame], **about)
 
 
 @pytest.fixture
@@ -83,26 +63,12 @@ def local(tmp_path):
     return write_result(tmp_path / "local", lon_deg=None, lat_deg=None, alt_m=None)
 
 
-def export(*arguments):
-    """What the command prints."""
-    done = CliRunner().invoke(app, ["export", *map(str, arguments)])
-    if done.exception is not None and not isinstance(done.exception, SystemExit):
-        raise done.exception
-    assert done.exit_code == 0, done.output
-    return done.output
-
-
-def read(file):
-    """Columns and points of a file, by GDAL."""
-    meta, table = pyogrio.read_arrow(file)
-    geometry = meta["geometry_name"] or "wkb_geometry"
-    points = shapely.from_wkb(np.array(table.column(geometry).to_pylist(), object))
-    return meta, table.drop_columns([geometry]), shapely.get_coordinates(points, include_z=True)
+export = partial(invoke, "export")
 
 
 def test_a_geopackage_has_every_column_with_its_words_and_the_measured_place(out):
     assert "signs.gpkg: 2 rows" in export(out, "-f", "gpkg")
-    meta, table, points = read(out / "signs.gpkg")
+    meta, table, points = read_by_gdal(out / "signs.gpkg")
     assert meta["crs"] == "EPSG:4326"
     np.testing.assert_allclose(points, [[LON + 1e-4, LAT, ALT], [LON + 2e-4, LAT, ALT]], atol=1e-12)
     rows = {row["sign_id"]: row for row in table.to_pylist()}
@@ -119,7 +85,7 @@ def test_a_geopackage_has_every_column_with_its_words_and_the_measured_place(out
 
 def test_a_shapefile_has_the_short_names_of_the_page_and_keeps_times_whole(out, tmp_path):
     export(out, "-o", tmp_path / "signs.shp")
-    meta, table, points = read(tmp_path / "signs.shp")
+    meta, table, points = read_by_gdal(tmp_path / "signs.shp")
     row = table.to_pylist()[0]
     assert row["best_ns"] == str(TIME_NS)
     assert (row["width_m"], row["meas_unit"]) == (pytest.approx(0.762), "mi")
@@ -137,7 +103,7 @@ def test_a_kml_names_each_sign_and_leaves_it_on_the_ground(out, tmp_path):
     assert "<name>d-0001</name>" in text
     assert "<description>red octagon</description>" in text
     assert "altitudeMode" not in text
-    _, _, points = read(tmp_path / "signs.kml")
+    _, _, points = read_by_gdal(tmp_path / "signs.kml")
     np.testing.assert_allclose(points[:, :2], [[LON + 1e-4, LAT], [LON + 2e-4, LAT]], atol=1e-9)
 
 
@@ -151,7 +117,7 @@ def test_feet_and_inches_are_in_the_names_the_values_and_the_units(out, tmp_path
     assert not [name for name in row if name.endswith("_m")]
     export(out, "-o", tmp_path / "us.shp", "--units", "us")
     assert {"width_in", "station_ft", "cov_yy_ft2"} <= set(
-        read(tmp_path / "us.shp")[1].column_names
+        read_by_gdal(tmp_path / "us.shp")[1].column_names
     )
 
 
@@ -159,7 +125,7 @@ def test_a_projection_is_that_of_proj_and_says_how_exact_it_is(out, tmp_path):
     words = export(out, "-o", tmp_path / "utm.gpkg", "--crs", UTM)
     assert "UTM zone 14N" in words
     assert "accuracy" in words
-    meta, table, points = read(tmp_path / "utm.gpkg")
+    meta, table, points = read_by_gdal(tmp_path / "utm.gpkg")
     assert meta["crs"] == UTM
     wanted = pyproj.Proj("+proj=utm +zone=14 +ellps=GRS80")(LON + 1e-4, LAT)
     np.testing.assert_allclose(points[0], [*wanted, ALT], atol=1e-3)
@@ -171,7 +137,7 @@ def test_a_projection_is_that_of_proj_and_says_how_exact_it_is(out, tmp_path):
 def test_the_system_of_the_signs_themselves_leaves_them_as_they_are(out, tmp_path, name):
     words = export(out, "-o", tmp_path / "signs.gpkg", "--crs", name)
     assert "coordinates in WGS 84, as they are" in words
-    _, _, points = read(tmp_path / "signs.gpkg")
+    _, _, points = read_by_gdal(tmp_path / "signs.gpkg")
     np.testing.assert_allclose(points[0], [LON + 1e-4, LAT, ALT], atol=1e-9)
 
 
@@ -183,7 +149,7 @@ def test_a_projection_made_for_elsewhere_is_told(out, tmp_path):
 def test_signs_without_fixes_lie_in_the_frame_of_the_drive(local, tmp_path):
     for name in ("signs.gpkg", "signs.shp"):
         assert "the log has no fixes" in export(local, "-o", tmp_path / name)
-        meta, _, points = read(tmp_path / name)
+        meta, _, points = read_by_gdal(tmp_path / name)
         np.testing.assert_allclose(points, [[10, 3, 1.5], [20, 3, 1.5]])
         crs = pyproj.CRS(meta["crs"])
         assert (crs.type_name, crs.axis_info[0].unit_conversion_factor) == ("Engineering CRS", 1.0)
@@ -224,7 +190,7 @@ def test_the_same_result_gives_the_same_bytes_and_another_file_is_kept(out, tmp_
         export(out, "-o", tmp_path / "mine.shp")
     assert sorted(path.name for path in tmp_path.glob("mine.*")) == ["mine.dbf"]
     export(out, "-o", tmp_path / "mine.shp", "--overwrite")
-    assert len(read(tmp_path / "mine.shp")[1]) == 2
+    assert len(read_by_gdal(tmp_path / "mine.shp")[1]) == 2
 
 
 def test_missing_signs_and_cut_remarks_are_told(local, tmp_path):
@@ -232,7 +198,7 @@ def test_missing_signs_and_cut_remarks_are_told(local, tmp_path):
     review.write_text(f"sign_id,review,x,y,note\n,missing,31.5,4,\nd-0001,accepted,,,{'x' * 300}\n")
     words = export(local, "-o", tmp_path / "signs.shp", "--review", review)
     assert "1 texts of review_note are cut" in words
-    _, table, points = read(tmp_path / "signs.shp")
+    _, table, points = read_by_gdal(tmp_path / "signs.shp")
     assert table.column("review").to_pylist() == ["accepted", None, "missing"]
     assert points[2, :2].tolist() == [31.5, 4.0]
 

@@ -13,20 +13,6 @@ from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings
 
-YAML = """image_width: 32
-image_height: 24
-camera_matrix: {rows: 3, cols: 3, data: [50, 0, 16, 0, 51, 12, 0, 0, 1]}
-distortion_model: plumb_bob
-distortion_coefficients: {rows: 1, cols: 5, data: [-0.2, 0.1, 0, 0, 0.5]}
-"""
-
-
-@pytest.fixture
-def calibration(tmp_path):
-    path = tmp_path / "camera.yaml"
-    path.write_text(YAML)
-    return path
-
 
 @pytest.fixture
 def take(tmp_path, with_exif):

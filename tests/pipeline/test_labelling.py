@@ -6,7 +6,6 @@ import re
 
 import cv2
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
@@ -17,16 +16,17 @@ from wayside.pipeline.labelling.page import COLOR_KEYS, KINDS, SHAPE_KEYS
 from wayside.pipeline.labels.label_file import read_label_file
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.logs.importing import import_images
+from wayside.pipeline.reading.camera_file import format_camera
+from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import OutputError
-from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+from wayside.schemas.frame import Camera
+from wayside.schemas.settings import ReadSettings
+from wayside.schemas.tables import FRAMES, OBSERVATIONS
 
-CALIBRATION = """image_width: 160
-image_height: 120
-camera_matrix: {rows: 3, cols: 3, data: [150, 0, 80, 0, 150, 60, 0, 0, 1]}
-distortion_model: plumb_bob
-distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}
-"""
+from .results import observation_row, sign_row, table_of, write_tables
+
+CAMERA = Camera(160, 120, 150.0, 150.0, 80.0, 60.0)
 STEM = "d <b>&1"
 NAME = f"{STEM}-0001"
 
@@ -36,10 +36,9 @@ def box_at(x, y=40, side=12):
 
 
 def observation(frame, number, box, verdict, score, track=None, sign=None, source="level"):
-    values = {"frame": frame, "observation_id": number, "source": source, "box": box}
-    values |= {"area_px": 100, "u_px": 0.0, "v_px": 0.0, "red": 0.0, "green": 0.0, "blue": 0.0}
-    names = {"track_id": track, "sign_id": sign, "verdict": verdict, "score": score}
-    return values | names | {"color": "red", "shape": "octagon"}
+    about = {"track_id": track, "sign_id": sign, "verdict": verdict, "score": score}
+    look = {"box": box, "source": source, "color": "red", "shape": "octagon"}
+    return observation_row(frame, number, **about | look)
 
 
 ROWS = [
@@ -63,48 +62,18 @@ def result(folder, rows=ROWS, confidence=0.6):
     for frame in range(2):
         pixels = np.full((120, 160, 3), (90, 120 + frame, 90), np.uint8)
         (source / f"{frame}.png").write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
-    (folder / "camera.yaml").write_text(CALIBRATION)
+    (folder / "camera.yaml").write_text(format_camera(CAMERA, "camera"))
     log = folder / f"{STEM.replace('/', '_')}.mcap"
     import_images([source], folder / "camera.yaml", 8.0, log)
-    from wayside.pipeline.reading.frames import ReadReport, read_frames
-    from wayside.schemas.settings import ReadSettings
-
-    out = folder / "out"
-    out.mkdir()
-    sign = {
-        "sign_id": NAME,
-        "assembly_id": NAME,
-        "log": STEM,
-        "status": "sign",
-        "x": 1.0,
-        "y": 1.0,
-        "z": 1.0,
-    }
-    sign |= {
-        "best_frame": 1,
-        "best_time_ns": 0,
-        "best_box": box_at(14),
-        "right_m": 0.0,
-        "down_m": 0.0,
-    }
-    sign |= {"ahead_m": 9.0, "first_frame": 0, "last_frame": 1, "views": 2}
-    sign |= {"color": "yellow", "shape": "diamond", "confidence": confidence}
+    seen = {"best_frame": 1, "best_box": box_at(14), "first_frame": 0, "views": 2}
+    look = {"color": "yellow", "shape": "diamond", "confidence": confidence}
     frames = [
         {"frame": f.index, "log_time_ns": f.log_time_ns, "status": "used"}
         for f in read_frames(log, ReadSettings(), ReadReport())
     ]
-    for table, content in ((SIGNS, [sign]), (OBSERVATIONS, rows), (FRAMES, frames)):
-        empty = {column.name: None for column in table.columns}
-        whole = pa.Table.from_pylist([empty | row for row in content], schema=table.schema)
-        pq.write_table(whole, out / table.file)
-    about = {
-        "log": log.name,
-        "log_path": str(log),
-        "log_fingerprint": "12",
-        "settings": {"read": {}},
-    }
-    (out / "run.json").write_text(json.dumps(about))
-    return out
+    about = {"log": log.name, "log_path": str(log), "log_fingerprint": "12"}
+    signs = [sign_row(NAME, log=STEM, **seen | look)]
+    return write_tables(folder / "out", signs, rows, frames, settings={"read": {}}, **about)
 
 
 @pytest.fixture(scope="module")
@@ -141,9 +110,7 @@ def test_without_scores_the_outline_tells_how_near_a_box_was():
         observation(0, n, box_at(9), verdict, None) | {"shape_distance": distance}
         for n, (verdict, distance) in enumerate(distances)
     ]
-    empty = {column.name: None for column in OBSERVATIONS.columns}
-    table = pa.Table.from_pylist([empty | row for row in rows], schema=OBSERVATIONS.schema)
-    np.testing.assert_allclose(margins(table), [-1.0, 0.0, 1.0, -7.0])
+    np.testing.assert_allclose(margins(table_of(OBSERVATIONS, rows)), [-1.0, 0.0, 1.0, -7.0])
 
 
 def test_the_page_needs_nothing_else_and_names_are_escaped(marked):

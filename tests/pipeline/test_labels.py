@@ -157,7 +157,11 @@ def write_voc(folder):
     return folder
 
 
-@pytest.mark.parametrize("write", [write_coco, write_yolo, write_voc])
+@pytest.fixture(params=[write_coco, write_yolo, write_voc])
+def write(request):
+    return request.param
+
+
 def test_formats_of_others_say_the_same(tmp_path, write):
     path = write(tmp_path)
     read = read_labels(path)
@@ -173,7 +177,6 @@ def test_formats_of_others_say_the_same(tmp_path, write):
     assert read.left_out == ({"image_without_text": 1} if write is write_yolo else {})
 
 
-@pytest.mark.parametrize("write", [write_coco, write_yolo, write_voc])
 def test_a_class_map_says_which_are_signs(tmp_path, write):
     classes = tmp_path / "classes.toml"
     classes.write_text(MAP)
@@ -185,7 +188,6 @@ def test_a_class_map_says_which_are_signs(tmp_path, write):
     assert read.left_out["other_class"] == 1
 
 
-@pytest.mark.parametrize("write", [write_coco, write_yolo, write_voc])
 def test_a_class_map_that_names_none_of_the_classes_is_refused(tmp_path, write):
     classes = tmp_path / "classes.toml"
     classes.write_text('[classes]\n"stop sing" = {}\n')

@@ -1,7 +1,5 @@
 """wayside as a library: the page docs/library.md runs, and what it says holds."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os
@@ -9,9 +7,7 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
@@ -27,11 +23,11 @@ SHORT = {"read.until_s": 0.3}
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
+def page(tmp_path_factory):
     """What the code of docs/library.md leaves behind: its names, the folder it ran in and what it printed."""
     folder = tmp_path_factory.mktemp("page")
     (folder / "recordings").symlink_to(ROOT / "recordings")
-    names: dict[str, Any] = {}
+    names = {}
     printed = io.StringIO()
     with contextlib.chdir(folder), contextlib.redirect_stdout(printed):
         text = (ROOT / "docs" / "library.md").read_text("utf-8")
@@ -40,7 +36,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
         yield names | {"folder": folder, "printed": printed.getvalue()}
 
 
-def test_the_page_finds_signs_and_shows_them(page: dict[str, Any]) -> None:
+def test_the_page_finds_signs_and_shows_them(page):
     assert page["certain"].num_rows >= 3
     assert page["verdicts"]["sign"] == page["signs"].num_rows
     assert page["views"].num_rows == page["signs"].num_rows
@@ -51,7 +47,7 @@ def test_the_page_finds_signs_and_shows_them(page: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("table", [SIGNS, OBSERVATIONS, FRAMES], ids=lambda t: t.file)
-def test_tables_are_those_of_the_folder(page: dict[str, Any], table: Any) -> None:
+def test_tables_are_those_of_the_folder(page, table):
     written = pq.read_table(page["folder"] / "out" / "library" / table.file)
     for inventory in (page["inventory"], page["again"]):
         found = getattr(inventory, table.file.removesuffix(".parquet"))
@@ -59,19 +55,17 @@ def test_tables_are_those_of_the_folder(page: dict[str, Any], table: Any) -> Non
         assert found.schema.equals(table.schema)
 
 
-def test_a_finished_inventory_has_no_frame_left(page: dict[str, Any]) -> None:
+def test_a_finished_inventory_has_no_frame_left(page):
     assert list(page["inventory"]) == []
     assert list(page["again"]) == []
 
 
-def test_without_a_folder_nothing_stays_on_disk(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_folder_nothing_stays_on_disk(tmp_path, monkeypatch):
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(scratch))
     monkeypatch.chdir(tmp_path)
-    steps: list[wayside.Progress] = []
+    steps = []
     inventory = wayside.run(DEMO, settings=SHORT, progress=steps.append)
     assert steps == []
     next(inventory)
@@ -84,14 +78,14 @@ def test_without_a_folder_nothing_stays_on_disk(
     assert os.listdir(scratch) == []
 
 
-def test_a_log_that_is_not_there_is_told_at_every_access(tmp_path: Path) -> None:
+def test_a_log_that_is_not_there_is_told_at_every_access(tmp_path):
     inventory = wayside.run(tmp_path / "none.mcap")
     for _ in range(2):
         with pytest.raises(InputError, match="none"):
             inventory.finish()
 
 
-def test_what_excludes_each_other_is_refused(tmp_path: Path) -> None:
+def test_what_excludes_each_other_is_refused(tmp_path):
     chosen, _ = load_settings("report")
     with pytest.raises(UsageError, match="preset"):
         wayside.run(DEMO, preset="report", settings=chosen)
@@ -103,7 +97,7 @@ def test_what_excludes_each_other_is_refused(tmp_path: Path) -> None:
         wayside.open_inventory(tmp_path)
 
 
-def test_importing_wayside_loads_nothing_heavy() -> None:
+def test_importing_wayside_loads_nothing_heavy():
     code = "import sys, wayside; print({'cv2', 'numba', 'pyarrow', 'rerun'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"

@@ -95,18 +95,9 @@ def test_thresholds_of_boxes_name_their_rule_and_interval(shipped, side):
     assert low <= model.threshold <= high
 
 
-def test_the_classifier_of_backs_knows_the_features_that_the_stage_computes(shipped):
-    assert shipped.back_landmark_classifier is not None
-    assert set(shipped.back_landmark_classifier.features) == set(FEATURES)
-
-
-def test_the_landmark_classifier_knows_the_features_that_the_stage_computes(shipped):
-    landmark = shipped.landmark_classifier
-    assert landmark is not None
-    assert set(landmark.features) == set(FEATURES)
-
-
-def test_the_model_of_outlines_knows_the_features_that_the_stage_computes():
+def test_models_know_the_features_that_their_stages_compute(shipped):
+    for model in (shipped.landmark_classifier, shipped.back_landmark_classifier):
+        assert set(model.features) == set(FEATURES)
     for preset in ("default", "report"):
         assert models_of(preset).outline_weights.features == OUTLINE_FEATURES
 

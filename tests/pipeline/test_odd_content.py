@@ -22,6 +22,8 @@ from wayside.schemas.settings import ModelSettings
 from wayside.schemas.tables import SIGNS
 from wayside.stages.classifiers import OnnxNetwork
 
+from .results import sign_row, table_of
+
 YOLO = Path(__file__).parents[1] / "stages" / "detection" / "detectors" / "yolov8.onnx"
 GROWING = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"a{k}: &a{k} [{', '.join(9 * [f'*a{k - 1}'])}]\n" for k in range(1, 12)
@@ -38,11 +40,7 @@ YAML = ["\0", "[" * 50_000, "2001-13-45", "a: &a [*a]", "{[]: 1}"]
 
 def result(folder, **columns):
     """A result of one row, with some of its columns replaced."""
-    row = {field.name: None if field.nullable else "" for field in SIGNS.schema}
-    numbers = {f.name: 0 for f in SIGNS.schema if not f.nullable and pa.types.is_primitive(f.type)}
-    lists = {"best_box": [0.0] * 4, "covariance": [0.0] * 6}
-    row |= numbers | lists | {"sign_id": "a-0001", "status": "sign"}
-    table = pa.Table.from_pylist([row], SIGNS.schema)
+    table = table_of(SIGNS, [sign_row("a-0001", covariance=[0.0] * 6)])
     for name, column in columns.items():
         table = table.set_column(table.column_names.index(name), name, column)
     folder.mkdir()
@@ -51,26 +49,29 @@ def result(folder, **columns):
     return folder
 
 
-@pytest.mark.parametrize("text", [GROWING + CAMERA + "distortion_model: *a11", *YAML])
-def test_yaml_of_a_calibration_that_cannot_be_read_is_refused(text):
-    with pytest.raises(InputError, match="wanted a camera calibration"):
-        parse_camera(text, "camera.yaml")
+READERS = {
+    "wanted a camera calibration": (
+        CAMERA + "distortion_model: *a11",
+        lambda folder, text: parse_camera(text, "camera.yaml"),
+    ),
+    "wanted labels": (
+        "names: [*a11]",
+        lambda folder, text: (folder / "data.yaml").write_text(text) and read_labels(folder),
+    ),
+    "wanted a ROS 2 bag directory": (
+        "rosbag2_bagfile_information: {relative_file_paths: [*a11]}",
+        lambda folder, text: (folder / "metadata.yaml").write_text(text) and bag_parts(folder),
+    ),
+}
+"""What each reader of YAML says it wanted, with a text of its kind that grows without end."""
 
 
-@pytest.mark.parametrize("text", [GROWING + "names: [*a11]", *YAML])
-def test_yaml_of_labels_that_cannot_be_read_is_refused(tmp_path, text):
-    (tmp_path / "data.yaml").write_text(text)
-    with pytest.raises(InputError, match="wanted labels"):
-        read_labels(tmp_path)
-
-
-@pytest.mark.parametrize(
-    "text", [GROWING + "rosbag2_bagfile_information: {relative_file_paths: [*a11]}", *YAML]
-)
-def test_yaml_of_a_bag_that_cannot_be_read_is_refused(tmp_path, text):
-    (tmp_path / "metadata.yaml").write_text(text)
-    with pytest.raises(InputError, match="wanted a ROS 2 bag directory"):
-        bag_parts(tmp_path)
+@pytest.mark.parametrize("text", [None, *YAML])
+@pytest.mark.parametrize("wanted", READERS)
+def test_yaml_that_cannot_be_read_is_refused(tmp_path, wanted, text):
+    growing, read = READERS[wanted]
+    with pytest.raises(InputError, match=wanted):
+        read(tmp_path, GROWING + growing if text is None else text)
 
 
 @pytest.mark.parametrize(

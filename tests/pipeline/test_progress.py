@@ -20,7 +20,7 @@ def terminal(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "80")
 
-    def become() -> io.StringIO:
+    def become():
         screen = io.StringIO()
         monkeypatch.setattr(sys, "stderr", screen)
         return screen

@@ -1,7 +1,5 @@
 """Whether a model was learned from a log, by what it says of itself."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -17,16 +15,16 @@ TEXT = (
 
 
 @pytest.mark.parametrize("log", ["learn_alley", "learn_town", "tune_hill", "us_clip"])
-def test_a_log_that_is_listed_with_its_images_was_learned_from(log: str) -> None:
+def test_a_log_that_is_listed_with_its_images_was_learned_from(log):
     assert learned_from(log, {"box": TEXT, "place": "seed 1"}) == ("box",)
 
 
 @pytest.mark.parametrize("log", ["alley", "learn", "hill", "us", "clip", "town", "seed", "us.clip"])
-def test_a_part_of_a_name_or_a_word_of_the_text_is_no_source(log: str) -> None:
+def test_a_part_of_a_name_or_a_word_of_the_text_is_no_source(log):
     assert learned_from(log, {"box": TEXT}) == ()
 
 
-def test_the_models_that_ship_name_the_real_drives_they_saw() -> None:
+def test_the_models_that_ship_name_the_real_drives_they_saw():
     settings, _ = load_settings("default", None, [], {})
     said = load_models(settings).provenances()
     of_one_image = {"box", "network"}
@@ -36,7 +34,7 @@ def test_the_models_that_ship_name_the_real_drives_they_saw() -> None:
     assert "network" not in learned_from("us_freeway_challenge", load_models(without).provenances())
 
 
-def test_the_models_that_ship_name_the_rendered_drives_they_saw() -> None:
+def test_the_models_that_ship_name_the_rendered_drives_they_saw():
     settings, _ = load_settings("default", None, [], {})
     said = load_models(settings).provenances()
     assert set(learned_from("learn_alley", said)) == {"box", "location", "network", "outline"}
@@ -47,12 +45,12 @@ def test_the_models_that_ship_name_the_rendered_drives_they_saw() -> None:
         assert learned_from(never, said) == ()
 
 
-def test_the_metadata_of_an_onnx_file_is_read() -> None:
+def test_the_metadata_of_an_onnx_file_is_read():
     said = onnx_metadata((shipped_models() / "network.onnx").read_bytes())
     assert said["seed"].isdigit()
     assert "us_freeway_white_right: 45 images" in said["sources"]
 
 
 @given(st.binary(max_size=200))
-def test_a_file_that_is_no_onnx_has_no_metadata_or_readable_one(content: bytes) -> None:
+def test_a_file_that_is_no_onnx_has_no_metadata_or_readable_one(content):
     assert all(isinstance(text, str) for text in onnx_metadata(content).values())

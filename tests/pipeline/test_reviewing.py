@@ -4,7 +4,6 @@ import csv
 import json
 import shutil
 
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
@@ -21,7 +20,9 @@ from wayside.pipeline.reviewing.review import (
     read_review,
 )
 from wayside.schemas.errors import InputError, UsageError
-from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+from wayside.schemas.tables import SIGNS
+
+from .results import observation_row, sign_row, table_of, write_tables
 
 RESULT = "0123456789abcdef"
 CSV = f"""{",".join(COLUMNS)}
@@ -32,52 +33,31 @@ CSV = f"""{",".join(COLUMNS)}
 """
 
 
-def table_of(table, rows):
-    empty = {column.name: None for column in table.columns}
-    return pa.Table.from_pylist([empty | row for row in rows], schema=table.schema)
-
-
 def sign(number, **changes):
-    names = dict.fromkeys(("sign_id", "assembly_id"), f"d-{number:04d}")
-    place = {"x": 10.0 * number, "y": 3.0 * (number % 2), "z": 1.0, "right_m": 0.0, "down_m": 0.0}
-    seen = {"best_frame": number, "best_time_ns": 0, "best_box": [0, 0, 9, 9], "ahead_m": 9.0}
-    seen |= {"first_frame": number, "last_frame": number, "views": 1}
-    look = {"log": "d", "status": "sign", "color": "white", "shape": "rectangle", "confidence": 0.9}
+    place = {"x": 10.0 * number, "y": 3.0 * (number % 2), "best_frame": number}
+    look = {"color": "white", "shape": "rectangle", "confidence": 0.9, "covariance": [1.0] * 6}
     globe = {"lon_deg": 10 + number * 1e-4, "lat_deg": 50 + (number % 2) * 3e-5, "alt_m": 7.0}
-    return names | place | seen | look | globe | {"covariance": [1.0] * 6} | changes
+    return sign_row(f"d-{number:04d}", **place | look | globe | changes)
 
 
 def observation(frame, sign_id, verdict="sign"):
-    values = {"frame": frame, "observation_id": frame, "source": "level", "verdict": verdict}
-    values |= {"box": [1, 2, 11, 12 + frame], "area_px": 9, "u_px": 0.0, "v_px": 0.0}
-    return values | {"red": 0.0, "green": 0.0, "blue": 0.0, "track_id": 1, "sign_id": sign_id}
+    box = [1, 2, 11, 12 + frame]
+    return observation_row(frame, frame, box=box, track_id=1, sign_id=sign_id, verdict=verdict)
 
 
 @pytest.fixture
 def out(tmp_path):
     """A result of four signs, one of them seen from behind, without its log."""
-    folder = tmp_path / "out"
-    folder.mkdir()
     signs = [sign(1), sign(2), sign(3), sign(4, status="back", color=None)]
     observations = [observation(n, f"d-{n:04d}") for n in (1, 2, 3, 4)]
     observations.append(observation(5, "d-0001", "overlap"))
     frames = [
-        {
-            "frame": n,
-            "log_time_ns": 100 * n,
-            "status": "used",
-            "x": 10.0 * n,
-            "y": 0.0,
-            "z": 1.0,
-            "station_m": 10.0 * n,
-        }
+        {"frame": n, "log_time_ns": 100 * n, "status": "used", "y": 0.0, "z": 1.0}
+        | dict.fromkeys(("x", "station_m"), 10.0 * n)
         for n in range(6)
     ]
-    for table, rows in ((SIGNS, signs), (OBSERVATIONS, observations), (FRAMES, frames)):
-        pq.write_table(table_of(table, rows), folder / table.file)
-    files = {SIGNS.file: {"sha256": RESULT + "0" * 48}}
-    (folder / "run.json").write_text(json.dumps({"log": "d.mcap", "files": files}))
-    return folder
+    about = {"log": "d.mcap", "files": {SIGNS.file: {"sha256": RESULT + "0" * 48}}}
+    return write_tables(tmp_path / "out", signs, observations, frames, **about)
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """What the command line sets for its process, and how it notices compilation."""
 
-from __future__ import annotations
-
 import gc
 import json
 import os
@@ -15,11 +13,11 @@ from wayside.pipeline.running.run import Run
 from wayside.pipeline.running.tuning import keep_heap, watched_compilation
 
 
-def test_keeping_the_heap_is_advice_that_may_be_declined() -> None:
+def test_keeping_the_heap_is_advice_that_may_be_declined():
     assert keep_heap() in (True, False)
 
 
-def test_linear_algebra_runs_in_one_thread_whatever_the_machine() -> None:
+def test_linear_algebra_runs_in_one_thread_whatever_the_machine():
     program = """
 from threadpoolctl import threadpool_info
 from wayside.pipeline.running.tuning import tune_process
@@ -33,10 +31,10 @@ print([pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == 
     assert set(json.loads(done.stdout)) == {1}
 
 
-def test_a_compilation_is_told_once_with_collection_paused() -> None:
+def test_a_compilation_is_told_once_with_collection_paused():
     inner = njit(lambda x: x + 1)
     outer = njit(lambda x: inner(x) * 2)
-    told: list[tuple[bool, bool]] = []
+    told = []
     with watched_compilation(lambda active: told.append((active, gc.isenabled()))):
         assert outer(2) == 6
         assert outer(3) == 8
@@ -44,19 +42,19 @@ def test_a_compilation_is_told_once_with_collection_paused() -> None:
     assert gc.isenabled()
 
 
-def test_outside_of_the_block_nothing_is_told() -> None:
-    told: list[bool] = []
+def test_outside_of_the_block_nothing_is_told():
+    told = []
     with watched_compilation(told.append):
         pass
     assert njit(lambda x: x - 1)(2) == 1
     assert told == []
 
 
-def test_the_progress_line_says_that_kernels_are_compiled() -> None:
+def test_the_progress_line_says_that_kernels_are_compiled():
     with FrameProgress("drive.mcap", Run()) as progress, watched_compilation(progress.compiling):
-        shown: list[str] = []
+        shown = []
 
-        def note(x: int) -> int:
+        def note(x):
             return x + 3
 
         compiled = njit(note)

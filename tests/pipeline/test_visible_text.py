@@ -10,11 +10,13 @@ from hypothesis import strategies as st
 from rich.console import Console
 from typer.testing import CliRunner
 
-from wayside.pipeline.cli import app, main
+from wayside.pipeline.cli import app
 from wayside.pipeline.cli.progress import FrameProgress
 from wayside.pipeline.cli.summary import plain, sign_table
 from wayside.pipeline.files.visible_text import fitted, visible, visible_lines
 from wayside.pipeline.running.run import Run
+
+from .results import sign_row
 
 NASTY = "/cam\x1b]0;owned\x07[/bold][red]\u202e\nforged: line\udcff"
 
@@ -42,14 +44,9 @@ def test_a_log_whose_name_is_markup_has_a_progress_bar_and_a_table_of_signs():
     with FrameProgress("[/bold]\x1b[2J.mcap", Run()) as progress:
         assert "\x1b" not in progress.description
     numbers = ("station_m", "lateral_m", "up_m", "panel_width_m", "panel_height_m", "sigma_along_m")
-    row = dict.fromkeys(numbers, 1.0) | {
-        "sign_id": "[/bold]-0001",
-        "status": "sign",
-        "color": None,
-        "shape": None,
-        "views": 3,
-        "confidence": 0.5,
-    }
+    row = sign_row(
+        "[/bold]-0001", **dict.fromkeys(numbers, 1.0), color=None, shape=None, confidence=0.5
+    )
     screen = io.StringIO()
     Console(file=screen, width=200).print(sign_table([row]))
     assert "[/bold]-0001" in screen.getvalue()
@@ -78,55 +75,36 @@ def new_nasty_log(tmp_path):
     return path
 
 
-@pytest.mark.parametrize("command", ["info", "run"])
-def test_a_name_that_is_not_utf8_is_named_in_the_error(tmp_path, monkeypatch, capsys, command):
+@pytest.mark.parametrize("words", [["info"], ["run", "-o", "out"]])
+def test_a_name_that_is_not_utf8_is_named_in_the_error(tmp_path, command, words):
     name = os.fsdecode(os.fsencode(str(tmp_path)) + b"/caf\xe9\x1b[2J.mcap")
-    more = ["-o", str(tmp_path / "out")] if command == "run" else []
-    monkeypatch.setattr("sys.argv", ["wayside", command, name, *more])
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert end.value.code == 3
-    error = capsys.readouterr().err
-    assert r"caf\udce9\x1b[2J.mcap: wanted a log" in error
+    done = command(*words, name)
+    assert done.returncode == 3
+    assert r"caf\udce9\x1b[2J.mcap: wanted a log" in done.stderr
 
 
 @pytest.mark.parametrize("option", ["26.4", "far", "nan m"])
-@pytest.mark.parametrize("command", ["run", "import"])
-def test_a_spacing_without_a_unit_is_refused_by_every_command(
-    tmp_path, monkeypatch, capsys, command, option
-):
-    more = ["--calibration", "camera.yaml"] if command == "import" else []
-    arguments = [command, "drive.mcap", f"--spacing={option}", *more, "-o", str(tmp_path / "out")]
-    monkeypatch.setattr("sys.argv", ["wayside", *arguments])
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert end.value.code == 2
-    assert "--spacing: wanted a length with its unit" in capsys.readouterr().err
+@pytest.mark.parametrize("words", [["run"], ["import", "--calibration", "camera.yaml"]])
+def test_a_spacing_without_a_unit_is_refused_by_every_command(tmp_path, command, words, option):
+    done = command(*words, "drive.mcap", f"--spacing={option}", "-o", tmp_path / "out")
+    assert done.returncode == 2
+    assert "--spacing: wanted a length with its unit" in done.stderr
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, "a = " + "[" * 50_000, "a = {b = " * 5000])
-def test_a_settings_file_of_endless_depth_is_refused(tmp_path, monkeypatch, capsys, text):
+def test_a_settings_file_of_endless_depth_is_refused(tmp_path, command, text):
     file = tmp_path / "mine.toml"
     file.write_text(text)
-    monkeypatch.setattr("sys.argv", ["wayside", "settings", "--settings", str(file)])
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert end.value.code == 2
-    assert "not valid TOML" in capsys.readouterr().err
+    done = command("settings", "--settings", file)
+    assert done.returncode == 2
+    assert "not valid TOML" in done.stderr
 
 
-def test_a_run_json_of_endless_depth_is_refused(tmp_path, monkeypatch, capsys):
+def test_a_run_json_of_endless_depth_is_refused(tmp_path, command):
     (tmp_path / "run.json").write_text("[" * 100_000)
-    monkeypatch.setattr("sys.argv", ["wayside", "evidence", str(tmp_path)])
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert end.value.code == 3
+    assert command("evidence", tmp_path).returncode == 3
     (tmp_path / "labels.json").write_text('{"signs":' * 50_000)
-    truth = ["--truth", str(tmp_path / "labels.json")]
-    monkeypatch.setattr("sys.argv", ["wayside", "evaluate", str(tmp_path), *truth])
-    with pytest.raises(SystemExit) as end:
-        main()
-    assert end.value.code == 3
+    assert command("evaluate", tmp_path, "--truth", tmp_path / "labels.json").returncode == 3
 
 
 def test_thousands_of_cameras_are_named_by_a_handful():

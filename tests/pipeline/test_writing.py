@@ -3,8 +3,6 @@
 import errno
 import os
 import stat
-import subprocess
-from contextlib import contextmanager
 
 import pytest
 
@@ -12,18 +10,7 @@ from wayside.pipeline.files import writing
 from wayside.pipeline.files.writing import PART, whole_file, write_file, write_json
 from wayside.schemas.errors import OutputError
 
-
-@contextmanager
-def small_disk(folder, kilobytes):
-    """A file system of its own; skips where none may be mounted."""
-    folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", f"size={kilobytes}k", "tmpfs", folder]
-    if os.name == "nt" or subprocess.run(mount, capture_output=True, check=False).returncode:
-        pytest.skip("no file system may be mounted here")
-    try:
-        yield folder
-    finally:
-        subprocess.run(["umount", folder], check=True)
+from ..conftest import small_disk
 
 
 def names_in(folder):

@@ -9,16 +9,15 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import cv2
 import numpy as np
 import pyproj
 import pytest
 from mcap.reader import NonSeekingReader, make_reader
-from mcap.records import Channel, Schema
 from mcap_protobuf.decoder import DecoderFactory
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from scipy.spatial.transform import Rotation
 
 pytest.importorskip(
     "foxglove_schemas_protobuf", reason="the renderer needs: pip install -e '.[drives]'"
@@ -30,7 +29,6 @@ from recordings.drives.geodesy import geodetic
 from recordings.drives.logs import write_log
 from recordings.drives.poses import drive_poses
 from recordings.drives.produce import RenderedDrive, render
-from recordings.drives.spec import DriveSpec
 from recordings.drives.spec_file import SPECS, find_spec, load_spec
 from recordings.drives.stamps import Output, is_complete
 from wayside.schemas.errors import UsageError
@@ -65,45 +63,43 @@ groups = { speed = 1, warning = 1, stop = 1, destination = 2 }
 
 
 @pytest.fixture(scope="module")
-def tiny(tmp_path_factory: pytest.TempPathFactory) -> DriveSpec:
+def tiny(tmp_path_factory):
     path = tmp_path_factory.mktemp("spec") / "tiny.toml"
     path.write_text(TINY)
     return load_spec(path)
 
 
 @pytest.fixture(scope="module")
-def rendered(tiny: DriveSpec, tmp_path_factory: pytest.TempPathFactory) -> Output:
+def rendered(tiny, tmp_path_factory):
     output = Output(tmp_path_factory.mktemp("one"), masks=True)
     render(tiny, output, jobs=1)
     return output
 
 
 @pytest.fixture(scope="module")
-def truth(rendered: Output) -> dict[str, Any]:
+def truth(rendered):
     return json.loads((rendered.folder / "tiny.truth.json").read_text())
 
 
-def contents(folder: Path) -> dict[str, bytes]:
+def contents(folder):
     files = (path for path in folder.rglob("*") if path.is_file())
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
-def topics_of(log: Path, indexed: bool = True) -> Counter[str]:
+def topics_of(log, indexed=True):
     with log.open("rb") as stream:
         reader = make_reader(stream) if indexed else NonSeekingReader(stream)
         return Counter(channel.topic for _, channel, _ in reader.iter_messages())
 
 
-def write_spec(folder: Path, text: str) -> Path:
+def write_spec(folder, text):
     path = folder / "odd.toml"
     path.write_text(text)
     return path
 
 
 @pytest.mark.slow
-def test_two_processes_give_the_bytes_of_one(
-    tiny: DriveSpec, rendered: Output, tmp_path: Path
-) -> None:
+def test_two_processes_give_the_bytes_of_one(tiny, rendered, tmp_path):
     render(tiny, replace(rendered, folder=tmp_path), jobs=2)
     assert contents(tmp_path) == contents(rendered.folder)
     assert sorted(contents(tmp_path)) == [
@@ -114,17 +110,10 @@ def test_two_processes_give_the_bytes_of_one(
     ]
 
 
-def camera_of(truth: dict[str, Any], frame: int) -> SimpleNamespace:
+def camera_of(truth, frame):
     """What OpenCV needs to project world points into a frame, from the truth alone."""
     camera, pose = truth["camera"], truth["frames"][frame]
-    x, y, z, w = pose["quaternion"]
-    to_world = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    to_world = Rotation.from_quat(pose["quaternion"]).as_matrix()
     matrix = np.array(
         [[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1.0]]
     )
@@ -138,7 +127,7 @@ def camera_of(truth: dict[str, Any], frame: int) -> SimpleNamespace:
     )
 
 
-def corners_of(sign: dict[str, Any]) -> np.ndarray:
+def corners_of(sign):
     """World corners of the box around a panel, from its place, normal, roll and size."""
     normal, roll = np.array(sign["normal"]), np.radians(sign["roll_deg"])
     level = np.cross(-normal, [0, 0, 1.0])
@@ -150,7 +139,7 @@ def corners_of(sign: dict[str, Any]) -> np.ndarray:
     return np.array([sign["centre"] + a * half[0] + b * half[1] for a in (-1, 1) for b in (-1, 1)])
 
 
-def test_boxes_enclose_the_projected_corners_of_rectangular_signs(truth: dict[str, Any]) -> None:
+def test_boxes_enclose_the_projected_corners_of_rectangular_signs(truth):
     checked = 0
     for sign in truth["signs"]:
         if sign["shape"] != "rectangle":
@@ -166,7 +155,7 @@ def test_boxes_enclose_the_projected_corners_of_rectangular_signs(truth: dict[st
     assert checked >= 3
 
 
-def test_boxes_are_the_extent_of_the_polygons(truth: dict[str, Any]) -> None:
+def test_boxes_are_the_extent_of_the_polygons(truth):
     views = [view for sign in truth["signs"] for view in sign["frames"]]
     assert views
     for view in views:
@@ -174,7 +163,7 @@ def test_boxes_are_the_extent_of_the_polygons(truth: dict[str, Any]) -> None:
         assert view["box"] == [*points.min(axis=0), *points.max(axis=0)]
 
 
-def test_centres_project_into_the_boxes_at_the_depth_given(truth: dict[str, Any]) -> None:
+def test_centres_project_into_the_boxes_at_the_depth_given(truth):
     for sign in truth["signs"]:
         for view in sign["frames"]:
             camera = camera_of(truth, view["frame"])
@@ -185,7 +174,7 @@ def test_centres_project_into_the_boxes_at_the_depth_given(truth: dict[str, Any]
             assert camera.depth(sign["centre"]) == pytest.approx(view["range_m"], abs=0.25)
 
 
-def test_masks_show_the_signs_inside_their_boxes(truth: dict[str, Any], rendered: Output) -> None:
+def test_masks_show_the_signs_inside_their_boxes(truth, rendered):
     seen = 0
     for index in range(3):
         mask = cv2.imread(
@@ -207,28 +196,28 @@ def test_masks_show_the_signs_inside_their_boxes(truth: dict[str, Any], rendered
     assert seen >= 3
 
 
-def written(folder: Path, spec: DriveSpec, images: list[Any]) -> Path:
+def written(folder, spec, images):
     """Log of a drive with other images than the rendered ones."""
     poses = drive_poses(spec, build_alignment(spec.road, spec.path.heading_deg))
     write_log(folder / "odd.mcap", spec, poses, images)
     return folder / "odd.mcap"
 
 
-def protobuf_fields(channel: Channel, schema: Schema, data: bytes) -> dict[str, Any]:
+def protobuf_fields(channel, schema, data):
     decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
     assert decode is not None
     message = decode(data)
     return {field.name: value for field, value in message.ListFields()}
 
 
-def json_fields(channel: Channel, schema: Schema, data: bytes) -> dict[str, Any]:
+def json_fields(channel, schema, data):
     assert (channel.message_encoding, schema.encoding) == ("json", "jsonschema")
     fields = json.loads(data)
     assert set(fields) == set(json.loads(schema.data)["properties"])
     return {**fields, "data": base64.b64decode(fields.get("data", ""))}
 
 
-def ros2_fields(channel: Channel, schema: Schema, data: bytes) -> dict[str, Any]:
+def ros2_fields(channel, schema, data):
     assert (channel.message_encoding, schema.encoding) == ("cdr", "ros2msg")
     types = get_typestore(Stores.EMPTY)
     types.register(get_types_from_msg(schema.data.decode(), schema.name))
@@ -243,10 +232,8 @@ ROS2_TOPICS = {"/front/camera_info", "/odom", "/fix"}
 
 @pytest.mark.parametrize("raw", [False, True])
 @pytest.mark.parametrize("dialect", READERS)
-def test_every_dialect_says_the_same_in_a_way_that_others_can_read(
-    tiny: DriveSpec, tmp_path: Path, dialect: Any, raw: bool
-) -> None:
-    content: Any = np.arange(240 * 320 * 3).astype(np.uint8).reshape(240, 320, 3)
+def test_every_dialect_says_the_same_in_a_way_that_others_can_read(tiny, tmp_path, dialect, raw):
+    content = np.arange(240 * 320 * 3).astype(np.uint8).reshape(240, 320, 3)
     if not raw:
         content = cv2.imencode(".jpg", content)[1].tobytes()
     spec = replace(tiny, log=replace(tiny.log, dialect=dialect, raw=raw))
@@ -269,7 +256,7 @@ def test_every_dialect_says_the_same_in_a_way_that_others_can_read(
     assert fix["latitude"] == pytest.approx(38.5, abs=0.001)  # 0.001 deg: 111 m
 
 
-def test_a_point_of_the_tangent_plane_is_where_proj_puts_it() -> None:
+def test_a_point_of_the_tangent_plane_is_where_proj_puts_it():
     origin = (38.5, -97.25, 430.0)
     there = pyproj.Transformer.from_pipeline(
         "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 "
@@ -280,14 +267,12 @@ def test_a_point_of_the_tangent_plane_is_where_proj_puts_it() -> None:
     np.testing.assert_allclose(back, [8000.0, 16000.0, 30.0], atol=1e-6)
 
 
-def test_a_drive_longer_than_its_road_is_refused(tiny: DriveSpec) -> None:
+def test_a_drive_longer_than_its_road_is_refused(tiny):
     with pytest.raises(UsageError, match="wanted a road as long as the drive"):
         RenderedDrive(replace(tiny, frames=300))
 
 
-def test_messages_are_logged_later_than_they_were_stamped(
-    tiny: DriveSpec, truth: dict[str, Any], rendered: Output
-) -> None:
+def test_messages_are_logged_later_than_they_were_stamped(tiny, truth, rendered):
     with (rendered.folder / "tiny.mcap").open("rb") as stream:
         messages = [m for _, _, m in make_reader(stream).iter_messages(topics=["/camera/image"])]
     assert [m.publish_time for m in messages] == [f["time_ns"] for f in truth["frames"]]
@@ -295,9 +280,7 @@ def test_messages_are_logged_later_than_they_were_stamped(
     assert messages[0].log_time - messages[0].publish_time == tiny.log.latency_ms * 1e6
 
 
-def test_a_log_may_hold_images_and_calibration_alone_and_no_index(
-    tiny: DriveSpec, tmp_path: Path
-) -> None:
+def test_a_log_may_hold_images_and_calibration_alone_and_no_index(tiny, tmp_path):
     bare = replace(tiny.log, poses=False, fixes=False, index=False, compression="lz4")
     log = written(tmp_path, replace(tiny, log=bare), [b"image"] * 3)
     with log.open("rb") as stream:
@@ -307,13 +290,13 @@ def test_a_log_may_hold_images_and_calibration_alone_and_no_index(
 
 
 @pytest.mark.parametrize("path", sorted(SPECS.glob("*.toml")), ids=lambda path: path.stem)
-def test_every_specification_parses_and_is_described(path: Path) -> None:
+def test_every_specification_parses_and_is_described(path):
     spec = load_spec(path)
     assert spec.name == path.stem
     assert re.match(r"# \S+ \S+ .*\.\n", path.read_text()), "its first line says what the drive is"
 
 
-def test_the_specifications_cover_every_dialect_and_packing() -> None:
+def test_the_specifications_cover_every_dialect_and_packing():
     logs = [load_spec(path).log for path in SPECS.glob("*.toml")]
     assert {log.dialect for log in logs} == {"protobuf", "ros2", "json"}
     assert {log.compression for log in logs} == {"zstd", "lz4", "none"}
@@ -334,28 +317,24 @@ def test_the_specifications_cover_every_dialect_and_packing() -> None:
         (("[scene]", "[scene"), "cannot be read as TOML"),
     ],
 )
-def test_a_specification_that_cannot_be_meant_is_refused(
-    tmp_path: Path, change: tuple[str, str], message: str
-) -> None:
+def test_a_specification_that_cannot_be_meant_is_refused(tmp_path, change, message):
     assert change[0] in TINY
     with pytest.raises(UsageError, match=message):
         load_spec(write_spec(tmp_path, TINY.replace(*change)))
 
 
-def test_a_specification_is_found_by_its_name() -> None:
+def test_a_specification_is_found_by_its_name():
     assert find_spec("demo") == SPECS / "demo.toml"
     with pytest.raises(UsageError, match="there are curve, demo"):
         find_spec("no_such_drive")
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+def run(monkeypatch, *arguments):
     monkeypatch.setattr(sys, "argv", ["drives", *map(str, arguments)])
     return main()
 
 
-def test_missing_drives_alone_are_rendered(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_missing_drives_alone_are_rendered(tmp_path, monkeypatch, capsys):
     spec = write_spec(tmp_path, TINY.replace("frames = 3", "frames = 1"))
     out = tmp_path / "out"
     assert run(monkeypatch, spec, "-o", out, "--missing") == 0
@@ -370,9 +349,7 @@ def test_missing_drives_alone_are_rendered(
     ]
 
 
-def test_a_drive_is_incomplete_when_a_part_or_a_setting_differs(
-    tiny: DriveSpec, rendered: Output, tmp_path: Path
-) -> None:
+def test_a_drive_is_incomplete_when_a_part_or_a_setting_differs(tiny, rendered, tmp_path):
     assert is_complete(tiny, rendered)
     assert is_complete(tiny, replace(rendered, masks=False))
     assert not is_complete(tiny, replace(rendered, pictures=True))
@@ -380,9 +357,7 @@ def test_a_drive_is_incomplete_when_a_part_or_a_setting_differs(
     assert not is_complete(replace(tiny, seed=6), rendered)
 
 
-def test_a_render_that_breaks_off_leaves_the_older_drive(
-    tiny: DriveSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_render_that_breaks_off_leaves_the_older_drive(tiny, tmp_path, monkeypatch):
     (tmp_path / "tiny.mcap").write_bytes(b"older")
     monkeypatch.setattr("recordings.drives.produce.drive_truth", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
@@ -390,15 +365,13 @@ def test_a_render_that_breaks_off_leaves_the_older_drive(
     assert contents(tmp_path) == {"tiny.mcap": b"older"}
 
 
-def test_a_wrong_specification_ends_with_a_message_and_a_status(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_specification_ends_with_a_message_and_a_status(tmp_path, monkeypatch, capsys):
     assert run(monkeypatch, "nowhere", "-o", tmp_path) == 2
     assert capsys.readouterr().err.startswith("nowhere is neither a TOML file nor")
 
 
 @pytest.mark.parametrize("name", ["demo.mcap", "demo.truth.json"])
-def test_the_demo_drive_is_what_its_readme_says(name: str) -> None:
+def test_the_demo_drive_is_what_its_readme_says(name):
     content = (RECORDINGS / name).read_bytes()
     row = next(
         line
@@ -409,7 +382,7 @@ def test_the_demo_drive_is_what_its_readme_says(name: str) -> None:
     assert row.split("`")[3] == hashlib.sha256(content).hexdigest()
 
 
-def test_the_demo_drive_holds_a_message_of_every_kind_for_every_frame() -> None:
+def test_the_demo_drive_holds_a_message_of_every_kind_for_every_frame():
     truth = json.loads((RECORDINGS / "demo.truth.json").read_text())
     assert topics_of(RECORDINGS / "demo.mcap") == dict.fromkeys(
         FOXGLOVE_TOPICS, len(truth["frames"])
@@ -417,9 +390,7 @@ def test_the_demo_drive_holds_a_message_of_every_kind_for_every_frame() -> None:
     assert len(truth["frames"]) == load_spec(SPECS / "demo.toml").frames
 
 
-def test_a_specification_can_be_rendered_again_with_another_seed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_specification_can_be_rendered_again_with_another_seed(tmp_path, monkeypatch):
     spec = write_spec(tmp_path, TINY)
     assert run(monkeypatch, spec, "-o", tmp_path, "--frames", 1) == 0
     assert run(monkeypatch, spec, "-o", tmp_path, "--frames", 1, "--reseed", 500) == 0

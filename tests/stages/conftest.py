@@ -3,16 +3,12 @@
 A drive past flat panels with exact truth (boxes, motion and candidates without images), and images of random texture.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from wayside.pipeline.models.model_json import model_from_json
 from wayside.schemas.detections import (
@@ -52,7 +48,7 @@ class Panel:
     only_in: tuple[int, ...] | None = None
 
 
-def boxes_of(panels: Sequence[Panel], frame: int) -> list[tuple[Panel, list[float]]]:
+def boxes_of(panels, frame):
     """Panels that lie in the image of a frame and are at least 6 px tall, with their boxes."""
     found = []
     for panel in panels:
@@ -67,9 +63,7 @@ def boxes_of(panels: Sequence[Panel], frame: int) -> list[tuple[Panel, list[floa
     return found
 
 
-def moved_frame(
-    index: int, panels: Sequence[Panel], *, used: bool = True, step: int = 0
-) -> PosedDetections:
+def moved_frame(index, panels, *, used=True, step=0):
     """One frame of a straight drive; `step` counts the used frames."""
     seen = boxes_of(panels, step) if used else []
     box = np.array([b for _, b in seen], np.float32).reshape(-1, 4)
@@ -103,7 +97,7 @@ def moved_frame(
     return PosedDetections(detections, straight_motion(step) if used else None)
 
 
-def straight_motion(step: int) -> Motion:
+def straight_motion(step):
     """Motion after so many steps straight ahead."""
     ahead = Pose(np.eye(3), np.array([0.0, 0.0, SPACING]))
     return Motion(
@@ -123,7 +117,7 @@ def straight_motion(step: int) -> Motion:
 
 
 @pytest.fixture(scope="session")
-def outline_model() -> LinearModel:
+def outline_model():
     """The model of outlines that ships."""
     text = (files("wayside.pipeline") / "models" / "outline.json").read_text()
     model = model_from_json(text)
@@ -132,23 +126,21 @@ def outline_model() -> LinearModel:
 
 
 @pytest.fixture(scope="session")
-def panel_method(outline_model: LinearModel) -> PanelMethod:
+def panel_method(outline_model):
     """How a run measures panels."""
     return PanelMethod(outline_model)
 
 
 @pytest.fixture
-def panel() -> type[Panel]:
+def panel():
     return Panel
 
 
 @pytest.fixture
-def drive() -> Callable[..., list[PosedDetections]]:
+def drive():
     """Frames of a straight drive past panels; `unused` are indices of frames that take no part."""
 
-    def make(
-        panels: Sequence[Panel], frames: int, unused: Sequence[int] = ()
-    ) -> list[PosedDetections]:
+    def make(panels, frames, unused=()):
         steps = np.cumsum([index not in unused for index in range(frames)]) - 1
         return [
             moved_frame(i, panels, used=i not in unused, step=int(steps[i])) for i in range(frames)
@@ -158,12 +150,10 @@ def drive() -> Callable[..., list[PosedDetections]]:
 
 
 @pytest.fixture
-def texture() -> Callable[..., NDArray[np.uint8]]:
+def texture():
     """Makes a grey image of blurred noise: `texture(height=480, width=640, seed=0, contrast=60.0)`."""
 
-    def make(
-        height: int = 480, width: int = 640, seed: int = 0, contrast: float = 60.0
-    ) -> NDArray[np.uint8]:
+    def make(height=480, width=640, seed=0, contrast=60.0):
         noise = np.random.default_rng(seed).normal(0, 1, (height, width)).astype(np.float32)
         blurred = cv2.GaussianBlur(noise, (0, 0), 2.5)
         return np.clip(128 + contrast * blurred / blurred.std(), 0, 255).astype(np.uint8)
@@ -172,15 +162,10 @@ def texture() -> Callable[..., NDArray[np.uint8]]:
 
 
 @pytest.fixture
-def detections_of() -> Callable[..., Detections]:
+def detections_of():
     """Makes the detections of a grey image (480, 640) or of a frame without one: `detections_of(grey, boxes)`."""
 
-    def make(
-        grey: NDArray[np.uint8] | None,
-        boxes: Sequence[tuple[float, ...]] = (),
-        verdicts: Sequence[str] = (),
-        status: str = USED,
-    ) -> Detections:
+    def make(grey, boxes=(), verdicts=(), status=USED):
         box = np.array(boxes, np.float32).reshape(-1, 4)
         n = len(box)
         area = ((box[:, 2] - box[:, 0]) * (box[:, 3] - box[:, 1])).astype(np.int32)

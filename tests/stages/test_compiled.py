@@ -15,7 +15,7 @@ def test_a_kernel_without_a_file_to_cache_beside_still_compiles(decorate):
 
 
 @compiled
-def _count(n: int) -> int:
+def _count(n):
     total = 0
     for i in range(n):
         total += i % 3

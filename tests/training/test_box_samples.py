@@ -18,7 +18,6 @@ from training.box_samples import (
     laid_around,
     negative_weights,
 )
-from training.camera_effects import make_noise
 from training.detector_crops import (
     CROP_PX,
     KNOWN,
@@ -29,12 +28,14 @@ from training.detector_crops import (
 )
 from training.detector_crops import targets as crop_targets
 from training.detector_images import BACK, FRONT, labelled_image
-from training.face_drawings import FaceDrawing, FaceLibrary
+from training.face_drawings import FaceLibrary
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.stages.detection import MAPS, STRIDE, Maps
 from wayside.stages.geometry import iou_matrix
 
-NOISE = make_noise(np.random.default_rng(0))
+from .test_detector_crops import NOISE, library
+from .test_detector_crops import image as image_of
+
 SIGN = [100, 60, 140, 100]
 RED, OCTAGON = COLORS.index("red"), SHAPES.index("octagon")
 
@@ -168,28 +169,8 @@ def test_boxes_around_a_face_are_nearly_the_same_or_far_off():
     assert laid_around(faces[:0], 4, np.random.default_rng(1)).shape == (0, 4)
 
 
-def image(faces=((SIGN, FRONT, "yellow", "diamond"),), *, complete=True, ignored=(), other=()):
-    rgb = np.full((CROP_PX, CROP_PX, 3), 90, np.uint8)
-    for box, *_ in faces:
-        x0, y0, x1, y1 = box
-        rgb[y0:y1, x0:x1] = (250, 200, 20)
-    return labelled_image(
-        "set",
-        "one",
-        rgb,
-        faces,
-        ignored,
-        fronts_complete=complete,
-        backs_complete=False,
-        other=other,
-    )
-
-
-def library():
-    rgba = np.zeros((64, 64, 4), np.uint8)
-    rgba[4:60, 4:60] = (20, 80, 200, 255)
-    face = FaceDrawing(rgba, COLORS.index("blue"), SHAPES.index("rectangle"))
-    return FaceLibrary((face,), (face,))
+def image(faces=((SIGN, FRONT, "yellow", "diamond"),), **labelled):
+    return image_of(faces, size=(CROP_PX, CROP_PX), **labelled)
 
 
 def samples(seed, shown=None, network=None, faces=None):
@@ -258,7 +239,7 @@ def test_boxes_are_laid_around_what_is_labelled_as_no_sign_and_are_known_negativ
 
 
 def test_where_all_is_unknown_no_box_counts():
-    shown = image((), complete=False, ignored=[[-999, -999, 999, 999]])
+    shown = image((), complete=False, ignored=[[-100, -100, 356, 356]])
     for seed in range(6):
         assert not samples(seed, shown, Seeing()).weight.any()
 

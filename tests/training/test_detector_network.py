@@ -1,7 +1,5 @@
 """The detection network learns, begins from an earlier one, and gives the same maps as a file."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -80,7 +78,7 @@ def test_drives_and_sets_are_kinds_of_their_own():
     assert source_kind("scenes_mixed/ro") == "scenes_mixed"
 
 
-def test_the_network_gives_the_same_maps_in_onnxruntime(torch, network, tmp_path: Path):
+def test_the_network_gives_the_same_maps_in_onnxruntime(torch, network, tmp_path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
     from wayside.stages.detection import DetectionNetwork as InOnnxRuntime
 

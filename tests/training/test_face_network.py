@@ -1,7 +1,5 @@
 """The face classifier learns what it is shown, is as sure as it is right, and says the same as a file."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -72,7 +70,7 @@ def test_a_classifier_that_is_wrong_becomes_less_sure_and_names_the_same(torch, 
     np.testing.assert_allclose(np.exp(after).sum(axis=1), 1)
 
 
-def test_the_file_says_the_same_and_names_classes_and_provenance(module, untrained, tmp_path: Path):
+def test_the_file_says_the_same_and_names_classes_and_provenance(module, untrained, tmp_path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
     path = tmp_path / "face_code.onnx"
     with pytest.warns():

@@ -1,7 +1,5 @@
 """The box network learns, begins from an earlier one, and gives the same values as a file."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -117,7 +115,7 @@ def test_right_values_have_no_loss(torch, network):
         assert float(value) == pytest.approx(0, abs=1e-5)
 
 
-def test_the_file_gives_the_values_of_pytorch(torch, network, settled, tmp_path: Path):
+def test_the_file_gives_the_values_of_pytorch(torch, network, settled, tmp_path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
     with pytest.warns():
         network.export(settled, tmp_path / "box.onnx", {"sources": "demo: 3 images", "seed": 1})
@@ -133,7 +131,7 @@ def test_the_file_gives_the_values_of_pytorch(torch, network, settled, tmp_path:
     assert said == {"sources": "demo: 3 images", "seed": "1"}
 
 
-def test_the_file_in_whole_numbers_gives_nearly_the_same_values(network, settled, tmp_path: Path):
+def test_the_file_in_whole_numbers_gives_nearly_the_same_values(network, settled, tmp_path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
     from training.quantization import quantize_boxes
 

@@ -124,7 +124,7 @@ def test_the_learning_rate_rises_stays_and_falls(torch):
 
 @pytest.mark.slow
 def test_the_losses_fall_and_the_average_follows_the_weights(
-    torch, crop_batches, training, tmp_path: Path
+    torch, crop_batches, training, tmp_path
 ):
     made = crop_batches.CropBatches(IMAGES, FaceLibrary((), ()), PROPOSING, 1)
     learns = training.Training(made, options(training, 1000), tmp_path)
@@ -156,9 +156,8 @@ def test_steps_are_no_longer_than_the_largest_gradient_allows(torch, training):
     assert torch.stack(norms).norm() == pytest.approx(5, rel=1e-3)
 
 
-def test_a_training_writes_networks_with_their_provenance_and_can_be_taken_up(
-    training, tmp_path: Path
-):
+@pytest.mark.slow
+def test_a_training_writes_networks_with_their_provenance_and_can_be_taken_up(training, tmp_path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
     for wanted in (1, 3):
         with pytest.warns():
@@ -181,7 +180,8 @@ def test_a_training_writes_networks_with_their_provenance_and_can_be_taken_up(
     assert len(line.split(",")) == 1 + 8 + 3
 
 
-def test_the_same_seed_learns_the_same(torch, training, tmp_path: Path):
+@pytest.mark.slow
+def test_the_same_seed_learns_the_same(torch, training, tmp_path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
     for name in ("one", "same"):
         with pytest.warns():

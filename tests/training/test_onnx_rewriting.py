@@ -1,7 +1,5 @@
 """Networks in whole numbers before and after they are rewritten: the same output, all but the last layer to the bit."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -73,7 +71,7 @@ def split(files, tmp_path):
     return tmp_path / "split"
 
 
-def operations(path: Path):
+def operations(path):
     import onnx
 
     return [node.op_type for node in onnx.load(str(path)).graph.node]

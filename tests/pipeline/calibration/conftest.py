@@ -1,16 +1,10 @@
 """Images of a chessboard seen by a camera with a known lens, rendered with the inverse of its projection."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera
-from wayside.stages.kernels import Array
 
 CAMERA = Camera(480, 360, 390.0, 392.0, 248.0, 174.0, (-0.22, 0.06, 0.0008, -0.0005, 0.0))
 COLUMNS, ROWS = 9, 6
@@ -20,7 +14,7 @@ _SUB = 3  # samples of a pixel along each axis
 class BoardRenderer:
     """Renders a board of COLUMNS x ROWS inner corners; the rays of all sub-pixels are computed once."""
 
-    def __init__(self, camera: Camera) -> None:
+    def __init__(self, camera):
         self.camera = camera
         u, v = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height))
         pixels = np.stack([u.ravel(), v.ravel()], axis=1)[:, None]
@@ -30,7 +24,7 @@ class BoardRenderer:
         self.rays = rays.reshape(camera.height, camera.width, 2)
         self.down, self.right = np.gradient(self.rays, axis=0), np.gradient(self.rays, axis=1)
 
-    def __call__(self, rotation: Array, shift: Array, seed: int) -> NDArray[np.uint8]:
+    def __call__(self, rotation, shift, seed):
         """Grey image of the board whose points (x, y, 0), in squares, lie at `rotation @ point + shift`."""
         image = np.full(self.rays.shape[:2], 200.0)
         part = self._part(rotation, shift)
@@ -53,7 +47,7 @@ class BoardRenderer:
         image += np.random.default_rng(seed).normal(0.0, 2.0, image.shape)
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
-    def _part(self, rotation: Array, shift: Array) -> tuple[slice, slice]:
+    def _part(self, rotation, shift):
         """Rows and columns of the image with the board."""
         rim = [[x, y, 0.0] for x in np.linspace(-1, COLUMNS, 9) for y in (-1, ROWS)]
         rim += [[x, y, 0.0] for x in (-1, COLUMNS) for y in np.linspace(-1, ROWS, 9)]
@@ -65,7 +59,7 @@ class BoardRenderer:
         return slice(max(0, int(y0)), int(y1)), slice(max(0, int(x0)), int(x1))
 
 
-def board_poses(count: int, tilt_deg: float, seed: int = 3) -> list[tuple[Array, Array]]:
+def board_poses(count, tilt_deg, seed=3):
     """Rotations (3, 3) and shifts (3,) of boards all over the image, tilted in turn about every axis in its plane."""
     rng = np.random.default_rng(seed)
     found = []
@@ -82,10 +76,10 @@ def board_poses(count: int, tilt_deg: float, seed: int = 3) -> list[tuple[Array,
 
 
 @pytest.fixture(scope="session")
-def renderer() -> BoardRenderer:
+def renderer():
     return BoardRenderer(CAMERA)
 
 
 @pytest.fixture(scope="session")
-def poses() -> Callable[..., list[tuple[Array, Array]]]:
+def poses():
     return board_poses

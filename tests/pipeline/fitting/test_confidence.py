@@ -111,7 +111,3 @@ def test_log_loss_and_brier_score_are_those_of_scikit_learn():
     chance = 1 / (1 + np.exp(-score))
     assert log_loss(score, on) == pytest.approx(metrics.log_loss(on, chance))
     assert brier_score(score, on) == pytest.approx(metrics.brier_score_loss(on, chance))
-
-
-def test_a_perfect_probability_has_no_brier_score():
-    assert brier_score(np.array([-60.0, 60.0]), np.array([False, True])) == pytest.approx(0)

@@ -1,13 +1,12 @@
 """`wayside fit` on a folder of pictures with labels, and a run that takes the models."""
 
 import json
+from functools import partial
 
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from wayside.pipeline.cli import app
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.fitting.report import format_fit
 from wayside.pipeline.fitting.sources import labelled_drives
@@ -18,6 +17,8 @@ from wayside.pipeline.models.model_files import load_models
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.labels import BACK, SIGN, Label, LabelledImage, Labels
 from wayside.schemas.settings import ReadSettings
+
+from ..results import invoke
 
 WIDTH, HEIGHT, SIDE = 240, 120, 30
 BLUE = (20, 50, 150)
@@ -49,11 +50,7 @@ def pictures(tmp_path_factory):
     return folder, file
 
 
-def fit(*arguments):
-    result = CliRunner().invoke(app, ["fit", *map(str, arguments)])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result.output
+fit = partial(invoke, "fit")
 
 
 def test_pictures_and_labels_become_models_that_a_run_takes(pictures, tmp_path):

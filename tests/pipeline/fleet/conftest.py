@@ -1,13 +1,11 @@
 """Logs whose content says what becomes of them, and an engine in this process."""
 
-from __future__ import annotations
-
 import importlib
 import json
 from collections import Counter
 from concurrent.futures import Future
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 
 import pytest
 
@@ -25,7 +23,7 @@ BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 
 
 @pytest.fixture(scope="session")
-def simulation() -> ModuleType:
+def simulation():
     """The module `benchmarks/merging_simulation.py`: results of drives that no drive made."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(BENCHMARKS))

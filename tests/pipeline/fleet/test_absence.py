@@ -1,23 +1,16 @@
 """A panel is gone only where images of the other survey see past its place."""
 
-from __future__ import annotations
-
 import base64
 import json
-from collections.abc import Callable
-from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import cv2
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from mcap.writer import Writer
-from numpy.typing import NDArray
 
 from wayside.pipeline.files.settings_file import load_settings
-from wayside.pipeline.fleet.changes import ChangeReport, find_changes
+from wayside.pipeline.fleet.changes import find_changes
 from wayside.pipeline.fleet.changes_page import write_page
 from wayside.pipeline.fleet.merging import merge_inventory
 from wayside.pipeline.fleet.surveys import parse_survey
@@ -30,7 +23,7 @@ COVER = 62.0, (-7.5, -3.0), (0.0, 4.0)
 class Surveyed:
     """Two drives a year apart: the first saw two panels, the second none, and its log shows `images`."""
 
-    def __init__(self, simulation: ModuleType, folder: Path) -> None:
+    def __init__(self, simulation, folder):
         self.simulation, self.folder = simulation, folder
         rng = np.random.default_rng(7)
         road = simulation.make_road(0, 130.0, 30.0, rng).select([0, 0])
@@ -48,7 +41,7 @@ class Surveyed:
         self.drive = folder / "drives" / "second"
         merge_inventory(sorted((folder / "drives").iterdir()), folder)
 
-    def write_log(self, images: Callable[[float], NDArray[np.uint8]]) -> Path:
+    def write_log(self, images):
         """The log of the second drive, of what is seen from places along the road; its result names it."""
         frames = pq.read_table(self.drive / "frames.parquet").to_pylist()
         log = self.folder / "second.mcap"
@@ -92,7 +85,7 @@ class Surveyed:
         (self.drive / "run.json").write_text(json.dumps(run))
         return log
 
-    def changes(self) -> tuple[ChangeReport, list[dict[str, Any]]]:
+    def changes(self):
         """What became of both panels, in the order of the road."""
         report = find_changes(self.folder, parse_survey("2024"), parse_survey("2025"))
         rows = pq.read_table(self.folder / "changes.parquet").to_pylist()
@@ -100,12 +93,12 @@ class Surveyed:
 
 
 @pytest.fixture
-def surveyed(simulation: ModuleType, tmp_path: Path) -> Surveyed:
+def surveyed(simulation, tmp_path):
     """Two drives of two years."""
     return Surveyed(simulation, tmp_path)
 
 
-def texture(seed: int, width: int, height: int) -> NDArray[np.uint8]:
+def texture(seed, width, height):
     """Blobs of several sizes."""
     rng = np.random.default_rng(seed)
     layers = [
@@ -117,7 +110,7 @@ def texture(seed: int, width: int, height: int) -> NDArray[np.uint8]:
     return np.asarray(np.mean(layers, axis=0), np.uint8)
 
 
-def view(along: float, *, covered: bool) -> NDArray[np.uint8]:
+def view(along, *, covered):
     """A wall across the road at 250 m and, where `covered`, another one in front of the first place."""
     image = np.full((1200, 1600), 128, np.uint8)
     walls = [(250.0, (-150.0, 150.0), (-60.0, 120.0), texture(1, 600, 360))]
@@ -136,7 +129,7 @@ def view(along: float, *, covered: bool) -> NDArray[np.uint8]:
     return image
 
 
-def test_a_place_that_something_nearer_hides_was_not_looked_at(surveyed: Surveyed) -> None:
+def test_a_place_that_something_nearer_hides_was_not_looked_at(surveyed):
     surveyed.write_log(lambda along: view(along, covered=True))
     report, (first, second) = surveyed.changes()
     assert not report.unseen
@@ -152,16 +145,14 @@ def test_a_place_that_something_nearer_hides_was_not_looked_at(surveyed: Surveye
     assert "not looked at; hidden from 1 drives, second frame" in text
 
 
-def test_a_place_that_images_see_past_is_gone(surveyed: Surveyed) -> None:
+def test_a_place_that_images_see_past_is_gone(surveyed):
     surveyed.write_log(lambda along: view(along, covered=False))
     report, rows = surveyed.changes()
     assert not report.unseen
     assert [(row["change"], row["hidden_after"]) for row in rows] == [("gone", 0)] * 2
 
 
-def test_without_its_log_what_hid_a_place_from_a_drive_is_said_to_be_unknown(
-    surveyed: Surveyed,
-) -> None:
+def test_without_its_log_what_hid_a_place_from_a_drive_is_said_to_be_unknown(surveyed):
     surveyed.write_log(lambda along: view(along, covered=True)).unlink()
     report, rows = surveyed.changes()
     assert [(row["change"], row["hidden_after"]) for row in rows] == [("gone", 0)] * 2
@@ -169,7 +160,7 @@ def test_without_its_log_what_hid_a_place_from_a_drive_is_said_to_be_unknown(
     assert "what stood in front of a place is not known" in str(report)
 
 
-def test_a_log_that_is_shorter_than_at_its_run_is_said_to_be(surveyed: Surveyed) -> None:
+def test_a_log_that_is_shorter_than_at_its_run_is_said_to_be(surveyed):
     frames = pq.read_table(surveyed.drive / "frames.parquet")
     pq.write_table(frames.slice(0, 8), surveyed.drive / "frames.parquet")
     surveyed.write_log(lambda along: view(along, covered=True))
@@ -179,7 +170,7 @@ def test_a_log_that_is_shorter_than_at_its_run_is_said_to_be(surveyed: Surveyed)
     assert "shorter than at the run" in report.unseen[0]
 
 
-def test_images_without_texture_tell_nothing(surveyed: Surveyed) -> None:
+def test_images_without_texture_tell_nothing(surveyed):
     surveyed.write_log(lambda along: np.full((1200, 1600), 200, np.uint8))
     report, rows = surveyed.changes()
     assert not report.unseen

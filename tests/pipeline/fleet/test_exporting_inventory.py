@@ -1,32 +1,28 @@
 """Tables of an inventory as files of other programs, read back by the programs' own libraries."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
 from datetime import datetime
-from pathlib import Path
-from types import ModuleType
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pyarrow.dataset as ds
 import pyogrio
 import pytest
-import shapely
-from typer.testing import CliRunner
 
-from wayside.pipeline.cli import app
 from wayside.pipeline.exporting.sources import inventory_rows
 from wayside.pipeline.fleet.merging import merge_inventory
 from wayside.schemas.errors import InputError, UsageError
+
+from ..results import invoke, read_by_gdal
 
 Row = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def inventory(simulation: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def inventory(simulation, tmp_path_factory):
     """A road of 3 km seen by two drives: panels in several cells."""
     folder = tmp_path_factory.mktemp("exported")
     rng = np.random.default_rng(4)
@@ -41,35 +37,18 @@ def inventory(simulation: ModuleType, tmp_path_factory: pytest.TempPathFactory) 
     return folder
 
 
-def export(*arguments: object) -> str:
-    """What the command prints."""
-    done = CliRunner().invoke(app, ["export", *map(str, arguments)])
-    if done.exception is not None and not isinstance(done.exception, SystemExit):
-        raise done.exception
-    assert done.exit_code == 0, done.output
-    return done.output
+export = partial(invoke, "export")
 
 
-def merged(inventory: Path, table: str) -> dict[str, Row]:
+def merged(inventory, table):
     """The rows of the Parquet parts, by their first column."""
     rows = ds.dataset(inventory / table).to_table().to_pylist()
     return {next(iter(row.values())): row for row in rows}
 
 
-def read(file: Path) -> tuple[Row, list[Row], np.ndarray[Any, Any]]:
-    """What GDAL says of a file, its rows and points."""
-    meta, table = pyogrio.read_arrow(file)
-    geometry = meta["geometry_name"] or "wkb_geometry"
-    points = shapely.from_wkb(np.array(table.column(geometry).to_pylist(), object))
-    rows = table.drop_columns([geometry]).to_pylist()
-    return meta, rows, shapely.get_coordinates(points, include_z=True)
-
-
 @pytest.mark.parametrize("kind", ["csv", "geojson", "gpkg", "shp", "kml"])
 @pytest.mark.parametrize("table", ["panels", "supports"])
-def test_every_row_of_every_cell_is_exported_where_it_lies(
-    inventory: Path, tmp_path: Path, kind: str, table: str
-) -> None:
+def test_every_row_of_every_cell_is_exported_where_it_lies(inventory, tmp_path, kind, table):
     wanted = merged(inventory, table)
     file = tmp_path / f"out.{kind}"
     assert f"{len(wanted)} rows" in export(inventory, "-o", file, "--table", table)
@@ -78,21 +57,22 @@ def test_every_row_of_every_cell_is_exported_where_it_lies(
         rows = list(csv.DictReader(io.StringIO(file.read_text())))
         points = np.array([[float(row[n]) for n in ("lon_deg", "lat_deg")] for row in rows])
     else:
-        _, rows, points = read(file)
+        _, found, points = read_by_gdal(file)
+        rows = found.to_pylist()
     names = [row["Name" if kind == "kml" else key] for row in rows]
     assert sorted(names) == sorted(wanted)
     places = [[wanted[name]["lon_deg"], wanted[name]["lat_deg"]] for name in names]
     np.testing.assert_allclose(points[:, :2], places, atol=1e-9)
 
 
-def test_history_and_covariance_are_single_values(inventory: Path, tmp_path: Path) -> None:
+def test_history_and_covariance_are_single_values(inventory, tmp_path):
     file = tmp_path / "panels.gpkg"
     export(inventory, "-o", file)
-    meta, rows, _ = read(file)
+    meta, found, _ = read_by_gdal(file)
     assert pyogrio.list_layers(file)[0, 0] == "panels"
     assert meta["crs"] == "EPSG:4326"
     wanted = merged(inventory, "panels")
-    for row in rows:
+    for row in found.to_pylist():
         panel = wanted[row["panel_id"]]
         assert row["drives"] == ", ".join(panel["drives"])
         assert (row["cov_ee"], row["cov_uu"]) == (panel["covariance"][0], panel["covariance"][5])
@@ -103,7 +83,7 @@ def test_history_and_covariance_are_single_values(inventory: Path, tmp_path: Pat
     assert datetime.fromisoformat(first["first_seen"]) == wanted[first["panel_id"]]["first_seen"]
 
 
-def test_units_and_projection_are_those_of_a_drives_export(inventory: Path, tmp_path: Path) -> None:
+def test_units_and_projection_are_those_of_a_drives_export(inventory, tmp_path):
     file = tmp_path / "panels.csv"
     words = export(inventory, "-o", file, "--units", "us", "--crs", "EPSG:26914")
     assert "UTM zone 14N" in words
@@ -114,7 +94,7 @@ def test_units_and_projection_are_those_of_a_drives_export(inventory: Path, tmp_
     assert {row["crs"] for row in rows} == {"EPSG:26914"}
 
 
-def test_without_a_name_the_file_is_that_of_the_table_and_bytes_repeat(inventory: Path) -> None:
+def test_without_a_name_the_file_is_that_of_the_table_and_bytes_repeat(inventory):
     for table in ("panels", "supports"):
         file = inventory / f"{table}.shp"
         assert str(file) in export(inventory, "-f", "shp", "--table", table)
@@ -124,7 +104,7 @@ def test_without_a_name_the_file_is_that_of_the_table_and_bytes_repeat(inventory
     assert len(merged(inventory, "panels")) > 0  # the folders of the tables stand beside
 
 
-def test_one_cell_is_read_at_a_time(inventory: Path) -> None:
+def test_one_cell_is_read_at_a_time(inventory):
     cells = len(list((inventory / "panels").glob("cell=*")))
     source = inventory_rows(inventory, "panels")
     assert [len(chunk.rows) > 0 for chunk in source.chunks()] == [True] * cells
@@ -138,16 +118,12 @@ def test_one_cell_is_read_at_a_time(inventory: Path) -> None:
         (["-f", "kml", "--crs", "EPSG:26914"], "WGS 84 by its standard"),
     ],
 )
-def test_what_an_inventory_has_not_is_refused(
-    inventory: Path, options: list[str], words: str
-) -> None:
+def test_what_an_inventory_has_not_is_refused(inventory, options, words):
     with pytest.raises(UsageError, match=words):
         export(inventory, *options)
 
 
-def test_a_table_of_a_drive_is_refused_and_the_drive_exported_as_before(
-    inventory: Path, tmp_path: Path
-) -> None:
+def test_a_table_of_a_drive_is_refused_and_the_drive_exported_as_before(inventory, tmp_path):
     drive = inventory / "drives" / "p0"
     with pytest.raises(UsageError, match="leave --table out"):
         export(drive, "-f", "csv", "--table", "panels")
@@ -156,7 +132,7 @@ def test_a_table_of_a_drive_is_refused_and_the_drive_exported_as_before(
     assert features[0]["properties"]["log"] == "p0"
 
 
-def test_what_is_no_result_is_told_as_unusable_input(tmp_path: Path) -> None:
+def test_what_is_no_result_is_told_as_unusable_input(tmp_path):
     for name in ("absent", "a" * 5000):
         with pytest.raises(InputError, match="found no folder"):
             export(tmp_path / name, "-f", "csv")

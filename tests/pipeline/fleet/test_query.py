@@ -16,7 +16,8 @@ from typer.testing import CliRunner
 from wayside.pipeline.cli import app
 from wayside.pipeline.fleet.manifest import Entry, Manifest, write_manifest
 from wayside.schemas.errors import InputError, UsageError
-from wayside.schemas.tables import FRAMES, SIGNS
+
+from ..results import sign_row, write_tables
 
 pytest.importorskip("duckdb", reason="wayside[query] is not installed")
 from wayside.pipeline.fleet.query import FORMATS, first_rows, write_answer
@@ -24,28 +25,19 @@ from wayside.pipeline.fleet.query import FORMATS, first_rows, write_answer
 DOCUMENT = Path(__file__).parents[3] / "docs" / "fleet.md"
 
 
-def write(path, rows, schema=None):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    pq.write_table(pa.Table.from_pylist(rows, schema=schema), path)
-
-
-def table_rows(table, rows):
-    return [{column.name: None for column in table.columns} | row for row in rows]
+def write(path, rows):
+    path.parent.mkdir(parents=True)
+    pq.write_table(pa.Table.from_pylist(rows), path)
 
 
 @pytest.fixture
 def inventory(tmp_path):
     """Two drives that saw one panel each, a third without a result, and an older result that does not count."""
-    sign = dict.fromkeys(("sign_id", "assembly_id"), "d-0001") | {"log": "d", "status": "sign"}
-    sign |= dict.fromkeys(("x", "y", "z", "right_m", "down_m", "ahead_m"), 1.0)
-    sign |= dict.fromkeys(("best_frame", "best_time_ns", "first_frame", "last_frame", "views"), 3)
-    sign |= {"best_box": [0, 0, 9, 9], "color": "yellow", "geometry": b"\x01"}
     for name, height in (("one", 0.7), ("two", 0.8), ("old", 9.0)):
-        folder = tmp_path / "drives" / name
-        rows = table_rows(SIGNS, [sign | {"panel_height_m": height}])
-        write(folder / SIGNS.file, rows, SIGNS.schema)
+        look = {"color": "yellow", "geometry": b"\x01", "panel_height_m": height, "views": 3}
         frames = [{"frame": 0, "log_time_ns": 5, "status": "undecodable"}]
-        write(folder / FRAMES.file, table_rows(FRAMES, frames), FRAMES.schema)
+        (tmp_path / "drives").mkdir(exist_ok=True)
+        write_tables(tmp_path / "drives" / name, [sign_row("d-0001", **look)], frames=frames)
     sightings = [
         {"panel_id": "one/d-0001", "drive": d, "sign_id": "d-0001"} for d in ("one", "two")
     ]

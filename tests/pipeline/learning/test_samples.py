@@ -77,14 +77,3 @@ def test_a_truth_that_is_none_is_refused(tmp_path):
     path.write_text('{"name": "x"}')
     with pytest.raises(InputError, match="truth of a rendered drive"):
         read_truth(path)
-
-
-def test_places_are_right_of_the_path_and_above_the_camera():
-    truth = {
-        "camera": {"mount": {"height_m": 1.5}},
-        "signs": [
-            {"faces_travel": True, "eligible_frames": 2, "lateral_m": 4.0, "up_m": 2.0},
-            {"faces_travel": False, "eligible_frames": 2, "lateral_m": 9.0, "up_m": 2.0},
-        ],
-    }
-    assert sign_positions(truth).tolist() == [[4.0, 0.5]]

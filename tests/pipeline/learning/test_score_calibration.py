@@ -7,14 +7,6 @@ from sklearn.linear_model import LogisticRegression
 from wayside.pipeline.learning.score_calibration import platt
 
 
-def test_log_odds_of_scores_are_those_they_were_drawn_by():
-    random = np.random.default_rng(2)
-    scores = random.normal(0, 2, (40000, 2))
-    positive = random.random(40000) < 1 / (1 + np.exp(-(scores @ [0.5, 1.5] - 1)))
-    slopes, shift = platt(scores, positive)
-    assert (*slopes, shift) == pytest.approx((0.5, 1.5, -1), abs=0.07)
-
-
 def test_scores_that_part_both_kinds_have_finite_log_odds():
     scores = np.array([[-2.0], [-1.0], [1.0], [2.0]])
     (slope,), shift = platt(scores, scores[:, 0] > 0)

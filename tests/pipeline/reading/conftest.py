@@ -2,6 +2,7 @@
 
 import base64
 import json
+import struct
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
@@ -20,6 +21,9 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 from rosbags.typesys import Stores, get_typestore
+
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.schemas.settings import ReadSettings
 
 START = 1_700_000_000 * 10**9
 STEP = 10**9 // 4
@@ -47,6 +51,36 @@ TYPES = {
 def image(index, width=WIDTH, height=HEIGHT):
     pixels = np.random.default_rng(index).integers(0, 256, (height, width, 3), np.uint8)
     return cv2.imencode(".jpg", pixels)[1].tobytes()
+
+
+def read(path, **settings):
+    """Frames of a log, and the report on them."""
+    report = ReadReport()
+    return list(read_frames(path, ReadSettings(**settings), report)), report
+
+
+def chunks_of(content):
+    """Offset and length of the content of each chunk, by walking the records."""
+    position, found = 8, []
+    while position < len(content) - 8:
+        opcode, length = struct.unpack_from("<BQ", content, position)
+        if opcode == 6:
+            found.append((position, length))
+        position += 9 + length
+    return found
+
+
+def record(opcode, content):
+    return struct.pack("<BQ", opcode, len(content)) + content
+
+
+def text(value):
+    return struct.pack("<I", len(value)) + value
+
+
+SCHEMA = record(3, struct.pack("<H", 1) + text(b"T") + text(b"jsonschema") + text(b"{}"))
+CHANNEL = record(4, struct.pack("<HH", 1, 1) + text(b"/a") + text(b"json") + text(b""))
+HEAD = b"\x89MCAP0\r\n" + record(1, text(b"") + text(b""))
 
 
 def diagonal(variances):
@@ -272,6 +306,14 @@ class Log:
         more = {"format": "jpeg", "data": image(index, width, height)} | more
         self.add(topic, "image", index * STEP if time is None else time, **more)
 
+    def add_images(self, count, **more):
+        for index in range(count):
+            self.add_image(index, **more)
+
+    def calibrated(self, **content):
+        self.add("/camera/calibration", "calibration", 0, **content)
+        return self
+
     def finish(self):
         self.writer.finish()
         self.stream.close()
@@ -283,29 +325,22 @@ def dialect(request):
     return {"protobuf": Protobuf, "json": Json, "cdr": Ros2}[request.param]()
 
 
+BARE = {
+    "index_types": IndexType.NONE,
+    "repeat_channels": False,
+    "repeat_schemas": False,
+    "use_statistics": False,
+    "use_summary_offsets": False,
+}
+"""Options of a writer of a log without summary and index."""
 PACKINGS = {
     "plain": {"use_chunking": False},
-    "plain without index": {
-        "use_chunking": False,
-        "index_types": IndexType.NONE,
-        "repeat_channels": False,
-        "repeat_schemas": False,
-        "use_statistics": False,
-        "use_summary_offsets": False,
-    },
+    "plain without index": {"use_chunking": False, **BARE},
     "plain with checksum": {"use_chunking": False, "enable_data_crcs": True},
     "none": {"compression": CompressionType.NONE, "chunk_size": 3000},
     "lz4": {"compression": CompressionType.LZ4, "chunk_size": 3000},
     "zstd": {"compression": CompressionType.ZSTD, "chunk_size": 3000},
-    "zstd without index": {
-        "compression": CompressionType.ZSTD,
-        "chunk_size": 3000,
-        "index_types": IndexType.NONE,
-        "repeat_channels": False,
-        "repeat_schemas": False,
-        "use_statistics": False,
-        "use_summary_offsets": False,
-    },
+    "zstd without index": {"compression": CompressionType.ZSTD, "chunk_size": 3000, **BARE},
 }
 
 

@@ -9,10 +9,10 @@ from mcap_protobuf.decoder import DecoderFactory
 from mcap_protobuf.writer import Writer
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError
-from wayside.schemas.settings import ReadSettings
 from wayside.stages.odometry import AXES
+
+from .conftest import read
 
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
 DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -38,11 +38,6 @@ def write(path, pose=None, fix=None, without=(), late_s=0.0):
             message.timestamp.FromNanoseconds(message.timestamp.ToNanoseconds() + late_ns)
             writer.write_message(channel.topic, message, record.log_time + late_ns, 0)
     return path
-
-
-def read(path, **settings):
-    report = ReadReport()
-    return list(read_frames(path, ReadSettings(**settings), report)), report
 
 
 @pytest.fixture(scope="module")

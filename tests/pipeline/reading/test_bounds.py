@@ -17,13 +17,7 @@ from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.survey import survey_log
 from wayside.schemas.errors import InputError
 
-
-def record(opcode, content):
-    return struct.pack("<BQ", opcode, len(content)) + content
-
-
-def text(value):
-    return struct.pack("<I", len(value)) + value
+from .conftest import CHANNEL, HEAD, SCHEMA, record, text
 
 
 def chunk(records, name=b"zstd"):
@@ -36,14 +30,12 @@ def message(data=b"{}"):
     return record(5, struct.pack("<HIQQ", 1, 1, 10**18, 0) + data)
 
 
-DEFINITIONS = record(3, struct.pack("<H", 1) + text(b"T") + text(b"jsonschema") + text(b"{}"))
-DEFINITIONS += record(4, struct.pack("<HH", 1, 1) + text(b"/a") + text(b"json") + text(b""))
+DEFINITIONS = SCHEMA + CHANNEL
 GOOD = chunk(DEFINITIONS + message())
 
 
 def read(path, *records, allowance=None):
-    head = b"\x89MCAP0\r\n" + record(1, text(b"") + text(b""))
-    path.write_bytes(head + b"".join(records) + record(15, bytes(4)))
+    path.write_bytes(HEAD + b"".join(records) + record(15, bytes(4)))
     report = ScanReport()
     return sum(isinstance(r, Message) for r in scan(path, report, allowance)), report
 

@@ -1,6 +1,7 @@
 """Positions, calibrations and names in a log that cannot be, and what of the log is used all the same."""
 
 import math
+from functools import partial
 
 import pytest
 
@@ -8,6 +9,9 @@ from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings
 
+from .conftest import read as read_log
+
+read = partial(read_log, thin_m=0.0)
 STEP = 10**9 // 4
 COUNT = 24
 
@@ -27,11 +31,6 @@ def write(new_log, pose=None, fix=None, calibration=None, poses=True, fixes=True
             log.add("/gps", "fix", time, place=place if fix is None else fix(index, place))
         log.add_image(index)
     return log.finish()
-
-
-def read(path, **settings):
-    report = ReadReport()
-    return list(read_frames(path, ReadSettings(thin_m=0.0, **settings), report)), report
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,6 @@
 """The log for Foxglove: read by the stock reader beside the drive that it belongs to."""
 
-import json
-
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from mcap.reader import make_reader
@@ -15,7 +12,9 @@ from wayside.pipeline.files.settings_file import load_settings, settings_values
 from wayside.pipeline.results.earlier_result import log_fingerprint
 from wayside.pipeline.reviewing.review import MISSING, NO_REVIEW, Review, Reviewed
 from wayside.schemas.errors import InputError
-from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+from wayside.schemas.tables import FRAMES
+
+from ..results import observation_row, sign_row, write_tables
 
 AHEAD = [0.5, -0.5, 0.5, -0.5]
 """Camera that looks along x, with z up: camera axes right, down, ahead in the world."""
@@ -24,7 +23,6 @@ IMAGES = 3
 
 def write_result(folder, log, world):
     """A result of one sign and a rejected box, seen in the second of three images."""
-    folder.mkdir()
     rotation = Rotation.from_matrix(np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]]).astype(float))
     quaternion = dict(zip(("qx", "qy", "qz", "qw"), rotation.as_quat().tolist(), strict=True))
     with log.open("rb") as stream:
@@ -38,25 +36,15 @@ def write_result(folder, log, world):
         | quaternion
         for n, (t, p) in enumerate(images)
     ]
-    sign = {"sign_id": "d-0001", "assembly_id": "d-a0001", "log": "d", "status": "sign"}
-    sign |= {"color": "red", "shape": "octagon", "x": 12.0, "y": -3.0, "z": 2.5, "views": 1}
-    sign |= {"panel_width_m": 0.76, "panel_height_m": 0.75, "facing_deg": 90.0, "best_frame": 1}
-    sign |= {"best_time_ns": 0, "best_box": [4, 5, 14, 15], "first_frame": 1, "last_frame": 1}
-    sign |= dict.fromkeys(("right_m", "down_m", "ahead_m"), 1.0)
-    box = {"frame": 1, "source": "level", "area_px": 9, "u_px": 0.0, "v_px": 0.0}
-    box |= dict.fromkeys(("red", "green", "blue"), 0.0)
+    place = {"x": 12.0, "y": -3.0, "z": 2.5, "color": "red", "shape": "octagon"}
+    size = {"panel_width_m": 0.76, "panel_height_m": 0.75, "facing_deg": 90.0}
     boxes = [
-        box | {"observation_id": 0, "box": [4, 5, 14, 15], "verdict": "sign", "sign_id": "d-0001"},
-        box | {"observation_id": 1, "box": [20, 5, 24, 9], "verdict": "moving"},
+        observation_row(1, 0, box=[4, 5, 14, 15], sign_id="d-0001"),
+        observation_row(1, 1, box=[20, 5, 24, 9], verdict="moving"),
     ]
-    for table, rows in ((SIGNS, [sign]), (OBSERVATIONS, boxes), (FRAMES, frames)):
-        empty = {column.name: None for column in table.columns}
-        whole = pa.Table.from_pylist([empty | row for row in rows], schema=table.schema)
-        pq.write_table(whole, folder / table.file)
     about = {"log": log.name, "log_path": str(log), "log_fingerprint": log_fingerprint(log)}
     about |= {"world": world, "settings": settings_values(load_settings()[0])}
-    (folder / "run.json").write_text(json.dumps(about))
-    return folder
+    return write_tables(folder, [sign_row("d-0001", **place | size)], boxes, frames, **about)
 
 
 def drive(new_log, motion):

@@ -1,5 +1,4 @@
 import math
-import struct
 
 import cv2
 import numpy as np
@@ -14,7 +13,7 @@ from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import FRAME_STATUSES
 from wayside.schemas.settings import ReadSettings
 
-from .conftest import HEIGHT, LATENCY, START, STEP, WIDTH, image
+from .conftest import HEIGHT, LATENCY, START, STEP, WIDTH, chunks_of, image, read
 
 FORWARD = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], float)  # optical in x forward, y left, z up
 YAML = """image_width: 32
@@ -39,11 +38,6 @@ def pose_content(time, of=FORWARD):
 
 def place_at(time):
     return {"place": (48.0 + 1e-4 * time / 1e9, 11.0 + 2e-4 * time / 1e9, 500.0 + time / 1e9)}
-
-
-def read(path, **settings):
-    report = ReadReport()
-    return list(read_frames(path, ReadSettings(**settings), report)), report
 
 
 def fill(log, count=8, motion="pose", fixes=True):
@@ -107,8 +101,7 @@ def test_raw_images_keep_their_rows(new_log, dialect):
 
 
 def test_free_text_formats_of_ros_images_are_understood(new_log):
-    log = new_log("cdr")
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log("cdr").calibrated()
     log.add_image(0, format="bgr8; jpeg compressed bgr8")
     png = cv2.imencode(".png", np.zeros((HEIGHT, WIDTH, 3), np.uint8))[1].tobytes()
     log.add_image(1, format="rgb8; png compressed", data=png)
@@ -128,8 +121,7 @@ def test_odometry_brings_its_sigmas(new_log):
 
 
 def test_odometry_with_unset_covariance_has_no_sigmas(new_log):
-    log = new_log("cdr")
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log("cdr").calibrated()
     log.add("/odom", "odometry", 0, variances=[0.0] * 6, **pose_content(0))
     log.add_image(0)
     (frame,), _ = read(log.finish())
@@ -231,8 +223,7 @@ def test_poses_between_are_linear_and_slerp(new_log):
 
 
 def test_poses_logged_after_their_image_are_paired_by_time(new_log):
-    log = new_log()
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log().calibrated()
     waiting = []
     for index in range(20):
         log.add_image(index)
@@ -248,8 +239,7 @@ def test_poses_logged_after_their_image_are_paired_by_time(new_log):
 
 
 def test_fixes_once_a_second_are_interpolated(new_log):
-    log = new_log()
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log().calibrated()
     for index in range(13):
         if index % 4 == 0:
             log.add("/gps", "fix", index * STEP, late=20_000_000, **place_at(index * STEP))
@@ -263,22 +253,19 @@ def test_fixes_once_a_second_are_interpolated(new_log):
 
 
 def test_fixes_without_position_are_left_out(new_log):
-    log = new_log("cdr")
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log("cdr").calibrated()
     log.add("/gps", "fix", 0, place=(math.nan, math.nan, math.nan))
     log.add("/gps", "fix", 1, status=-1, place=(1.0, 2.0, 3.0))
     for index in (1, 2):
         log.add("/gps", "fix", index * STEP, place=(48.0 + 1e-4 * index, 11.0, 500.0))
-    for index in range(3):
-        log.add_image(index)
+    log.add_images(3)
     frames, report = read(log.finish(), thin_m=0.0)
     assert [f.fix is not None for f in frames] == [False, True, True]
     assert not report.lost
 
 
 def test_a_silence_of_the_poses_is_not_bridged(new_log):
-    log = new_log()
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log().calibrated()
     times = [index * STEP for index in range(60)]
     for index, time in enumerate(times):
         if not 8 < index < 50:
@@ -303,8 +290,7 @@ def test_frames_without_header_times_go_by_log_time(new_log):
 
 
 def test_header_times_of_another_clock_are_not_mixed(new_log):
-    log = new_log()
-    log.add("/camera/calibration", "calibration", 0, late=0)
+    log = new_log().calibrated(late=0)
     for index in range(4):
         time = index * STEP
         log.add("/pose", "pose", time, late=0, **pose_content(time))
@@ -317,8 +303,7 @@ def test_header_times_of_another_clock_are_not_mixed(new_log):
 
 def test_a_calibration_that_comes_late_serves_the_first_images_too(new_log):
     log = new_log()
-    for index in range(5):
-        log.add_image(index)
+    log.add_images(5)
     log.add("/camera/calibration", "calibration", 5 * STEP)
     frames, _ = read(log.finish(), spacing_m=8.0)
     assert [f.status for f in frames] == ["used"] * 5
@@ -473,8 +458,7 @@ def test_a_part_and_every_nth_image_are_taken_and_the_rest_is_accounted_for(new_
 
 
 def test_images_of_another_size_are_marked_and_the_others_used(new_log):
-    log = new_log()
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log().calibrated()
     for index in range(6):
         log.add_image(index, width=WIDTH + (8 if index == 2 else 0))
     frames, _ = read(log.finish(), spacing_m=8.0)
@@ -483,8 +467,7 @@ def test_images_of_another_size_are_marked_and_the_others_used(new_log):
 
 
 def test_a_log_whose_first_image_is_to_be_shown_turned_is_refused(new_log, dialect, with_exif):
-    log = new_log(dialect)
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log(dialect).calibrated()
     log.add_image(0, data=with_exif(image(0), orientation=3))
     path = log.finish()
     with pytest.raises(InputError, match=r"first image of /camera/image: .* turned by 180 degrees"):
@@ -495,8 +478,7 @@ def test_a_log_whose_first_image_is_to_be_shown_turned_is_refused(new_log, diale
 
 
 def test_later_images_that_are_to_be_shown_turned_are_marked(new_log, with_exif):
-    log = new_log()
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log().calibrated()
     for index in range(5):
         tag = {1: 1, 2: 6, 3: 0}.get(index)
         log.add_image(index, data=with_exif(image(index), orientation=tag))
@@ -507,16 +489,14 @@ def test_later_images_that_are_to_be_shown_turned_are_marked(new_log, with_exif)
 
 
 def test_a_log_whose_images_all_differ_from_the_calibration_is_refused(new_log):
-    log = new_log()
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log().calibrated()
     log.add_image(0, width=40, height=30)
     with pytest.raises(InputError, match=r"have 40 x 30 pixels.* has 32 x 24; .*--calibration"):
         read(log.finish(), spacing_m=8.0)
 
 
 def test_an_image_message_that_cannot_be_decoded_keeps_its_place(new_log, dialect):
-    log = new_log(dialect)
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log(dialect).calibrated()
     for index in range(4):
         if index == 2:
             log.add_bytes("/camera/image", START + 2 * STEP, b"\xff\xff\xff")
@@ -528,8 +508,7 @@ def test_an_image_message_that_cannot_be_decoded_keeps_its_place(new_log, dialec
 
 
 def test_other_messages_that_cannot_be_decoded_are_counted_as_lost(new_log, dialect):
-    log = new_log(dialect)
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log(dialect).calibrated()
     for index in range(4):
         log.add("/pose", "pose", index * STEP, **pose_content(index * STEP))
         log.add_image(index)
@@ -555,13 +534,7 @@ def test_a_cut_log_gives_the_frames_before_the_cut_and_says_so(new_log):
 def test_a_broken_chunk_costs_its_images_only(new_log):
     path = fill(new_log(chunk_size=3000), 12)
     content = bytearray(path.read_bytes())
-    position, chunks = 8, []
-    while content[position] != 15:
-        opcode, length = struct.unpack_from("<BQ", content, position)
-        if opcode == 6:
-            chunks.append(position)
-        position += 9 + length
-    content[chunks[2] + 200] ^= 4
+    content[chunks_of(content)[2][0] + 200] ^= 4
     path.write_bytes(content)
     frames, report = read(path)
     assert report.lost_chunks == 1
@@ -590,8 +563,7 @@ def test_several_cameras_ask_for_a_choice_and_list_what_there_is(new_log):
 
 
 def test_depth_images_are_no_camera(new_log):
-    log = new_log()
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log().calibrated()
     shape = {"width": WIDTH, "height": HEIGHT, "step": 2 * WIDTH, "encoding": "16UC1"}
     log.add("/depth", "raw", 0, data=bytes(2 * WIDTH * HEIGHT), **shape)
     log.add_image(0)
@@ -629,8 +601,7 @@ def test_a_log_without_calibration_is_refused_with_the_option(new_log):
     ],
 )
 def test_a_calibration_that_cannot_be_used_says_why(new_log, dialect, content, reason):
-    log = new_log(dialect)
-    log.add("/camera/calibration", "calibration", 0, **content)
+    log = new_log(dialect).calibrated(**content)
     log.add_image(0)
     with pytest.raises(InputError, match=reason):
         read(log.finish(), spacing_m=8.0)
@@ -671,8 +642,7 @@ def test_images_are_not_copied_from_protobuf_and_cdr(new_log):
 def test_reading_keeps_no_images(new_log):
     import tracemalloc
 
-    log = new_log(chunk_size=100_000)
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log(chunk_size=100_000).calibrated()
     data = image(0) + bytes(100_000)
     for index in range(200):
         log.add("/pose", "pose", index * STEP, **pose_content(index * STEP))

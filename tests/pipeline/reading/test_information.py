@@ -53,8 +53,7 @@ def test_each_of_several_cameras_has_its_command(new_log):
 
 
 def test_a_calibration_of_another_size_is_told(new_log):
-    log = new_log()
-    log.add("/camera/calibration", "calibration", 0, width=64, height=48)
+    log = new_log().calibrated(width=64, height=48)
     log.add("/pose", "pose", 0, position=[0, 0, 0], rotation=[0, 0, 0, 1])
     log.add_image(0)
     text = format_information(describe_log(log.finish()))
@@ -63,15 +62,13 @@ def test_a_calibration_of_another_size_is_told(new_log):
 
 
 def test_a_log_without_images_says_what_is_needed(new_log):
-    log = new_log()
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log().calibrated()
     text = format_information(describe_log(log.finish()))
     assert "cannot be used: wanted images" in text
 
 
 def test_an_unusable_calibration_says_why(new_log):
-    log = new_log()
-    log.add("/camera/calibration", "calibration", 0, model="equidistant")
+    log = new_log().calibrated(model="equidistant")
     log.add("/pose", "pose", 0, position=[0, 0, 0], rotation=[0, 0, 0, 1])
     log.add_image(0)
     text = format_information(describe_log(log.finish()))

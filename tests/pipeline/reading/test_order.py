@@ -2,6 +2,7 @@
 
 import random
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -19,6 +20,9 @@ from wayside.pipeline.reading.survey import survey_log
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings
 
+from .conftest import read as read_log
+
+read = partial(read_log, thin_m=0.0)
 STEP = 10**9 // 4
 SECOND, HOUR, YEAR = 10**9, 3600 * 10**9, 365 * 86400 * 10**9
 COUNT = 32
@@ -68,11 +72,6 @@ def write(new_log, rows, **options):
         else:
             log.add(topic, KINDS[topic], header, late=logged - header, **content(topic, index))
     return log.finish()
-
-
-def read(path, **settings):
-    report = ReadReport()
-    return list(read_frames(path, ReadSettings(thin_m=0.0, **settings), report)), report
 
 
 def told(frames):

@@ -4,25 +4,17 @@ import numpy as np
 import pytest
 
 from wayside.pipeline.logs.information import describe_log, format_information
-from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError
-from wayside.schemas.settings import ReadSettings
 from wayside.stages.imaging import decode
 
-from .conftest import HEIGHT, STEP, WIDTH
-
-
-def read(path, **settings):
-    report = ReadReport()
-    return list(read_frames(path, ReadSettings(**settings), report)), report
+from .conftest import HEIGHT, STEP, WIDTH, read
 
 
 @pytest.mark.parametrize(
     "fault", [{"width": "32"}, {"height": None}, {"encoding": 5}, {"step": -1}]
 )
 def test_a_raw_image_in_json_with_wrong_types_is_lost_alone(new_log, fault):
-    log = new_log("json")
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log("json").calibrated()
     rows = {
         "width": WIDTH,
         "height": HEIGHT,
@@ -74,16 +66,14 @@ def test_images_that_cannot_be_decoded_are_refused_before_the_run_and_by_info(
 
 
 def test_compressed_images_of_no_known_format_are_refused_before_the_run(new_log):
-    log = new_log()
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log().calibrated()
     log.add_image(0, data=b"no image", format="jxl")
     with pytest.raises(InputError, match="its format 'jxl' is not understood"):
         read(log.finish(), spacing_m=8.0)
 
 
 def test_one_image_that_decodes_is_enough_to_begin(new_log):
-    log = new_log()
-    log.add("/camera/calibration", "calibration", 0)
+    log = new_log().calibrated()
     log.add_image(0, data=b"\xff\xd8 no image")
     log.add_image(1)
     frames, _ = read(log.finish(), spacing_m=8.0)

@@ -15,6 +15,8 @@ from wayside.pipeline.reading.records import Attachment, Message, Metadata, scan
 from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.schemas.errors import InputError
 
+from .conftest import BARE, CHANNEL, HEAD, SCHEMA, chunks_of, record, text
+
 MESSAGES = 40
 
 
@@ -46,15 +48,13 @@ def everything():
     return [("/ab"[:1] + "ab"[i % 2], i, payload(i)) for i in range(MESSAGES)]
 
 
-def chunks_of(content):
-    """Offset and record length of each chunk, by walking the records."""
-    position, found = 8, []
-    while position < len(content) - 8:
-        opcode, length = struct.unpack_from("<BQ", content, position)
-        if opcode == 6:
-            found.append((position, length))
-        position += 9 + length
-    return found
+def flip_a_bit(path, number):
+    """Changes a bit near the end of a chunk, whose offset it returns."""
+    content = bytearray(path.read_bytes())
+    offset, length = chunks_of(content)[number]
+    content[offset + 9 + length - 20] ^= 0x10
+    path.write_bytes(content)
+    return offset
 
 
 def test_all_messages_come_in_file_order_whatever_the_packing(tmp_path, packing):
@@ -94,23 +94,6 @@ def test_a_folder_is_refused(tmp_path):
         read(tmp_path)
 
 
-def test_a_truncated_log_without_chunks_yields_all_complete_messages(tmp_path):
-    content = write(tmp_path / "log.mcap", use_chunking=False, repeat_channels=False).read_bytes()
-    ends, position, data_end = [], 8, 0
-    while not data_end:
-        opcode, length = struct.unpack_from("<BQ", content, position)
-        position += 9 + length
-        if opcode == 5:
-            ends.append(position)
-        data_end = position if opcode == 15 else 0
-    cut = tmp_path / "cut.mcap"
-    for size in range(17, len(content), 19):
-        cut.write_bytes(content[:size])
-        found, report = read(cut)
-        assert found == everything()[: sum(end <= size for end in ends)]
-        assert report.lost == (size < data_end)
-
-
 @pytest.mark.parametrize("kind", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
 def test_a_truncated_log_with_chunks_yields_all_complete_chunks_and_the_front_of_the_last(
     tmp_path, kind
@@ -142,10 +125,7 @@ def test_a_truncated_log_with_chunks_yields_all_complete_chunks_and_the_front_of
 @pytest.mark.parametrize("kind", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
 def test_a_flipped_bit_costs_one_chunk_and_is_counted(tmp_path, kind):
     path = write(tmp_path / "log.mcap", compression=kind, chunk_size=600)
-    content = bytearray(path.read_bytes())
-    offset, length = chunks_of(content)[2]
-    content[offset + 9 + length - 20] ^= 0x10
-    path.write_bytes(content)
+    offset = flip_a_bit(path, 2)
     found, report = read(path)
     assert report.lost_chunks == report.problem_count == 1
     assert f"at byte {offset}" in str(report.problems[0])
@@ -158,10 +138,7 @@ def test_a_flipped_bit_costs_one_chunk_and_is_counted(tmp_path, kind):
 
 def test_the_channels_of_a_lost_first_chunk_come_from_the_summary(tmp_path):
     path = write(tmp_path / "log.mcap", compression=CompressionType.NONE, chunk_size=600)
-    content = bytearray(path.read_bytes())
-    offset, length = chunks_of(content)[0]
-    content[offset + 9 + length - 20] ^= 0x10
-    path.write_bytes(content)
+    flip_a_bit(path, 0)
     found, report = read(path)
     assert len(found) > MESSAGES - 7
     assert report.problem_count == 1
@@ -175,10 +152,7 @@ def test_messages_of_channels_that_are_lost_for_good_are_counted(tmp_path):
         repeat_channels=False,
         index_types=IndexType.NONE,
     )
-    content = bytearray(path.read_bytes())
-    offset, length = chunks_of(content)[0]
-    content[offset + 9 + length - 20] ^= 0x10
-    path.write_bytes(content)
+    flip_a_bit(path, 0)
     found, report = read(path)
     assert found == []
     (chunk, *missing) = map(str, report.problems)
@@ -188,48 +162,19 @@ def test_messages_of_channels_that_are_lost_for_good_are_counted(tmp_path):
     ]
 
 
-@pytest.mark.parametrize("length", [2**60, 2**31, 2**28, 0, 45])
-def test_a_wrong_chunk_length_costs_one_chunk(tmp_path, length):
+@pytest.mark.parametrize("length", [2**60, 2**31, 2**28, 0, 45, None])
+def test_a_wrong_chunk_length_or_a_hole_of_zeros_costs_one_chunk(tmp_path, length):
     path = write(tmp_path / "log.mcap", compression=CompressionType.ZSTD, chunk_size=600)
     content = bytearray(path.read_bytes())
-    offset, _ = chunks_of(content)[3]
-    struct.pack_into("<Q", content, offset + 1, length)
+    offset, own = chunks_of(content)[3]
+    if length is None:
+        content[offset : offset + 9 + own] = bytes(9 + own)
+    else:
+        struct.pack_into("<Q", content, offset + 1, length)
     path.write_bytes(content)
     found, report = read(path)
     assert MESSAGES - 6 <= len(found) < MESSAGES
     assert report.lost
-
-
-def test_a_hole_of_zeros_costs_what_it_covers(tmp_path):
-    path = write(tmp_path / "log.mcap", compression=CompressionType.ZSTD, chunk_size=600)
-    content = bytearray(path.read_bytes())
-    offset, length = chunks_of(content)[3]
-    content[offset : offset + 9 + length] = bytes(9 + length)
-    path.write_bytes(content)
-    found, report = read(path)
-    assert MESSAGES - 6 <= len(found) < MESSAGES
-    assert report.lost
-
-
-@pytest.mark.parametrize("length", [2**60, 2**31, 0])
-def test_a_wrong_message_length_outside_chunks_costs_one_message(tmp_path, length):
-    path = write(tmp_path / "log.mcap", use_chunking=False)
-    content = bytearray(path.read_bytes())
-    position = content.index(payload(20)) - 22 - 9
-    assert content[position] == 5
-    struct.pack_into("<Q", content, position + 1, length)
-    path.write_bytes(content)
-    found, report = read(path)
-    assert found == [one for one in everything() if one[1] != 20]
-    assert report.problem_count == 1
-
-
-def record(opcode, content):
-    return struct.pack("<BQ", opcode, len(content)) + content
-
-
-def text(value):
-    return struct.pack("<I", len(value)) + value
 
 
 def chunk(records, name=b"", packed=None, size=None, checksum=None):
@@ -244,16 +189,13 @@ def message(channel, index):
     return record(5, struct.pack("<HIQQ", channel, index, 10**18 + index, 0) + payload(index))
 
 
-SCHEMA = record(3, struct.pack("<H", 1) + text(b"T") + text(b"jsonschema") + text(b"{}"))
-CHANNEL = record(4, struct.pack("<HH", 1, 1) + text(b"/a") + text(b"json") + text(b""))
 FIRST = SCHEMA + CHANNEL + message(1, 0)
 GOOD = SCHEMA + CHANNEL + message(1, 1)
-MAGIC = b"\x89MCAP0\r\n"
 
 
 def handmade(tmp_path, *records):
     path = tmp_path / "log.mcap"
-    path.write_bytes(MAGIC + record(1, text(b"") + text(b"")) + b"".join(records))
+    path.write_bytes(HEAD + b"".join(records))
     return path
 
 
@@ -318,10 +260,7 @@ def test_messages_of_a_channel_whose_schema_is_missing_are_lost_and_counted(tmp_
 @pytest.mark.parametrize("summary", [True, False])
 @pytest.mark.parametrize("options", [{}, {"use_chunking": False}])
 def test_what_follows_the_end_mark_is_not_read_and_is_told(tmp_path, options, summary):
-    if not summary:
-        names = ("repeat_channels", "repeat_schemas", "use_statistics", "use_summary_offsets")
-        options = options | dict.fromkeys(names, False) | {"index_types": IndexType.NONE}
-    path = write(tmp_path / "log.mcap", **options)
+    path = write(tmp_path / "log.mcap", **options, **({} if summary else BARE))
     length = path.stat().st_size
     path.write_bytes(path.read_bytes() * 2)
     found, report = read(path)

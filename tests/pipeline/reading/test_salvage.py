@@ -6,21 +6,16 @@ from functools import cache
 
 import numpy as np
 import pytest
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import CompressionType, Writer
 
 from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.parts import log_parts
 from wayside.pipeline.reading.records import Message, messages_at, scan
 from wayside.pipeline.reading.scan_report import ScanReport
 
+from .conftest import BARE, chunks_of
+
 MESSAGES, SIZE = 40, 32_000
-BARE = {
-    "index_types": IndexType.NONE,
-    "repeat_channels": False,
-    "repeat_schemas": False,
-    "use_statistics": False,
-    "use_summary_offsets": False,
-}
 KINDS = [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD]
 
 
@@ -54,17 +49,6 @@ def read(path, content):
     found = [m for m in scan(path, report) if isinstance(m, Message)]
     assert all(bytes(m.data) == payload(m.sequence) for m in found)
     return [m.sequence for m in found], report
-
-
-def chunks_of(content):
-    """Offset and length of the content of each chunk."""
-    position, found = 8, []
-    while position < len(content) - 8:
-        opcode, length = struct.unpack_from("<BQ", content, position)
-        if opcode == 6:
-            found.append((position, length))
-        position += 9 + length
-    return found
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -199,7 +183,7 @@ def test_a_message_of_a_time_that_no_table_holds_is_lost_and_told(tmp_path):
     assert "after the year 2116" in str(report.problems[0])
 
 
-SMALL = 30
+SMALL = 21
 PACKINGS = [{"use_chunking": False}, *({"compression": k, "chunk_size": 900} for k in KINDS)]
 
 
@@ -330,32 +314,3 @@ def test_zeros_in_place_of_the_end_cost_what_they_cover(tmp_path):
     assert found == list(range(len(found)))
     assert len(found) >= sum(op == 5 and end <= half for op, _, end in records) - 1
     assert report.lost
-
-
-def test_the_parts_of_a_bag_are_read_as_one_log_and_damage_names_its_part(tmp_path):
-    bag = tmp_path / "bag"
-    bag.mkdir()
-    names = ["b_0.mcap", "b_1.mcap"]
-    (bag / "metadata.yaml").write_text(
-        f"rosbag2_bagfile_information: {{relative_file_paths: [{', '.join(names)}]}}\n"
-    )
-    for name in names:
-        (bag / name).write_bytes(small_log(3, False))
-    report = ScanReport()
-    whole = [m for m in scan(bag, report) if isinstance(m, Message)]
-    assert [m.sequence for m in whole] == [*range(SMALL)] * 2
-    assert report.messages == report.messages_stated == 2 * SMALL
-    assert report.problem_count == 0
-    assert report.bytes_read == report.bytes_total == 2 * len(small_log(3, False))
-    channels = [m.channel for m in whole]
-    again = messages_at(log_parts(bag), whole[-1].offset, channels, Allowance())
-    assert again[-1].sequence == SMALL - 1
-    assert again[-1].offset == whole[-1].offset > len(small_log(3, False))
-    changed = bytearray(small_log(3, False))
-    _, start, end = next(one for one in records_of(changed) if one[0] == 6)
-    changed[end - 20] ^= 1
-    (bag / names[1]).write_bytes(changed)
-    report = ScanReport()
-    assert SMALL < sum(isinstance(m, Message) for m in scan(bag, report)) < 2 * SMALL
-    (problem,) = report.problems
-    assert str(problem).startswith(f"b_1.mcap, at byte {start}: chunk of")

@@ -5,11 +5,13 @@ import numpy as np
 from wayside.pipeline.view.chains import inventory_table, opening, sign_figures
 from wayside.schemas.models import GaussianClass, GaussianModel
 
+from ..results import sign_row
+
 
 def row(**change):
     lengths = ("station_m", "lateral_m", "up_m", "panel_width_m", "panel_height_m", "sigma_along_m")
-    told = {"sign_id": "d-0001", "log": "d", "status": "sign", "color": "red", "shape": "octagon"}
-    return told | dict.fromkeys(lengths, 1.5) | {"views": 4, "confidence": 0.9} | change
+    look = {"color": "red", "shape": "octagon", "views": 4, "confidence": 0.9}
+    return sign_row("d-0001", **dict.fromkeys(lengths, 1.5) | look | change)
 
 
 def test_a_row_is_headed_by_what_it_looks_like():

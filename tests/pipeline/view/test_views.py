@@ -51,10 +51,11 @@ from wayside.schemas.signs import Sign
 from wayside.stages.georeference import DrivePath
 from wayside.stages.georeference.path import PathPoint
 
+from ...made_landmarks import made_landmark
 from .everything import EVERYTHING
 
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
-FRAMES, SHORT_S = 7, 1.0
+FRAMES, SHORT_S = 7, 0.7
 START_BYTES = 2_600_000
 """Length of the start of the demo log that holds so many frames."""
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
@@ -288,31 +289,17 @@ def test_images_pass_through_as_they_were_recorded(chunks, recorded):
     assert first in DEMO.read_bytes()
 
 
-def test_layers_hold_something(chunks):
-    for path, name in (
-        ("/world/vehicle/camera/keypoints", "Points2D:positions"),
-        ("/world/vehicle/camera/matches", "LineStrips2D:strips"),
+@pytest.mark.parametrize(
+    ("path", "name"),
+    [
         ("/world/vehicle/camera/candidates/sign", "Boxes2D:centers"),
         ("/world/vehicle/camera/candidates/sign", "Boxes2D:labels"),
-        ("/world/vehicle/camera/tracks", "LineStrips2D:strips"),
-        ("/world/points/straight", "Points3D:positions"),
-        ("/world/points/adjusted", "Points3D:positions"),
         ("/world/rays", "LineStrips3D:strips"),
-        ("/world/places", "Points3D:positions"),
-        ("/location/places", "Points2D:positions"),
         ("/location/right", "LineStrips2D:strips"),
-        ("/iterations", "Scalars:scalars"),
-        ("/residuals/straight", "Scalars:scalars"),
-        ("/residuals/adjusted", "Scalars:scalars"),
-    ):
-        assert any(filled(chunk, name) for chunk in chunks if chunk.entity_path == path), path
-
-
-def test_presets_of_the_report_show_the_segments_of_both_passes(report_chunks):
-    for path in ("pass1", "pass2"):
-        layer = f"/world/vehicle/camera/segments/{path}"
-        own = (chunk for chunk in report_chunks if chunk.entity_path == layer)
-        assert any(filled(chunk, "SegmentationImage:buffer") for chunk in own), path
+    ],
+)
+def test_boxes_rays_and_classes_of_places_are_drawn(chunks, path, name):
+    assert any(filled(chunk, name) for chunk in chunks if chunk.entity_path == path)
 
 
 def test_all_rows_of_a_frame_have_all_timelines(chunks):
@@ -365,33 +352,12 @@ AHEAD = np.array([2.0, -1.0, 20.0])
 
 
 def refused_place():
-    pose = Pose(np.eye(3), np.zeros(3))
-    return Landmark(
-        track_id=7,
-        views=(Observation(4, 0, 900.0, 500.0, (890.0, 490.0, 910.0, 510.0), 0.3),),
-        position=np.array([24.2, -1.6, 40.0]),
-        covariance=np.eye(3),
-        right_m=24.2,
-        above_m=1.6,
-        station_m=198.1,
-        best_frame=4,
-        best_time_ns=10,
-        best_box=(890.0, 490.0, 910.0, 510.0),
-        best_pose=pose,
-        width_m=5.1,
-        height_m=1.9,
-        sigma_width_m=0.1,
-        sigma_height_m=0.1,
-        facing_deg=0.0,
-        sigma_facing_deg=20.0,
-        color="blue",
-        color_distance=0.5,
-        shape="rectangle",
-        shape_distance=0.5,
-        score=1.5,
-        residual_px=0.6,
-        verdict="location",
-    )
+    box = (890.0, 490.0, 910.0, 510.0)
+    place = {"position": np.array([24.2, -1.6, 40.0]), "right_m": 24.2, "above_m": 1.6}
+    size = {"width_m": 5.1, "height_m": 1.9, "color": "blue", "shape": "rectangle"}
+    seen = {"views": (Observation(4, 0, 900.0, 500.0, box, 0.3),), "best_frame": 4, "best_box": box}
+    about = {"track_id": 7, "station_m": 198.1, "score": 1.5, "residual_px": 0.6}
+    return made_landmark(verdict="location", **place | size | seen | about)
 
 
 def test_the_face_drawn_into_the_best_image_lies_on_the_true_face(recorded):

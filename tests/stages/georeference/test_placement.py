@@ -7,7 +7,7 @@ import pytest
 
 from wayside.schemas.detections import Candidates, Regions
 from wayside.schemas.frame import Frame, Pose
-from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
+from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import Motion
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.georeference import (
@@ -20,36 +20,11 @@ from wayside.stages.georeference import (
 )
 from wayside.stages.georeference.placement import mean_scale
 
+from ...made_landmarks import made_landmark
+
 
 def landmark(track=1, station=12.0, **changes):
-    view = Observation(1, 0, 20.0, 40.0, (10, 20, 30, 60), 0.2)
-    made = Landmark(
-        track_id=track,
-        views=(view,),
-        position=np.array([3.0, -0.5, 12.0]),
-        covariance=np.diag([0.01, 0.02, 0.04]),
-        right_m=3.0,
-        above_m=0.5,
-        station_m=station,
-        best_frame=1,
-        best_time_ns=10**9,
-        best_box=(10, 20, 30, 60),
-        best_pose=Pose(np.eye(3), np.zeros(3)),
-        width_m=0.6,
-        height_m=0.8,
-        sigma_width_m=0.02,
-        sigma_height_m=0.02,
-        facing_deg=0.0,
-        sigma_facing_deg=5.0,
-        color="yellow",
-        color_distance=1.0,
-        shape="diamond",
-        shape_distance=1.0,
-        score=3.0,
-        residual_px=0.4,
-        verdict="sign",
-    )
-    return replace(made, **changes)
+    return made_landmark(track_id=track, station_m=station, **changes)
 
 
 def tracked(index, *landmarks, used=True):

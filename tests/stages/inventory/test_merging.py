@@ -1,7 +1,5 @@
 """Sightings of several drives to panels: offsets, groups, faces, error bars."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 
@@ -28,15 +26,7 @@ SETTINGS = MergeSettings()
 DAY_NS = 86_400 * 10**9
 
 
-def make_sightings(
-    truth: np.ndarray,
-    offsets: list[list[float]],
-    *,
-    noise_m: float = 0.0,
-    common_m: float = 1.0,
-    apart_ns: int = DAY_NS,
-    seed: int = 0,
-) -> Sightings:
+def make_sightings(truth, offsets, *, noise_m=0.0, common_m=1.0, apart_ns=DAY_NS, seed=0):
     """Every drive sees every panel at the same times along the road, off by an offset of its own."""
     rng = np.random.default_rng(seed)
     n, drives = len(truth), len(offsets)
@@ -60,13 +50,13 @@ def make_sightings(
     )
 
 
-def road(n: int = 40) -> np.ndarray:
+def road(n=40):
     return np.stack(
         [25.0 * np.arange(n), np.where(np.arange(n) % 2, 6.0, -6.0), np.full(n, 2.2)], axis=1
     )
 
 
-def test_offsets_between_drives_are_those_that_were_put_in_and_share_the_common_level() -> None:
+def test_offsets_between_drives_are_those_that_were_put_in_and_share_the_common_level():
     put_in = np.array([[1.0, -0.5, 0.6], [-0.8, 0.9, -0.2], [0.1, 0.3, 0.5]])
     sightings = make_sightings(road(), put_in.tolist(), noise_m=0.03)
     found = solve_offsets(sightings, SETTINGS).offset_m.reshape(3, -1, 3)
@@ -75,7 +65,7 @@ def test_offsets_between_drives_are_those_that_were_put_in_and_share_the_common_
     assert np.abs(found - expected[:, None]).max() < 0.15
 
 
-def test_offsets_are_those_of_the_dense_least_squares() -> None:
+def test_offsets_are_those_of_the_dense_least_squares():
     sightings = make_sightings(road(6), [[0.4, 0, 0], [-0.3, 0.2, 0.1]], noise_m=0.02)
     found = solve_offsets(sightings, SETTINGS).offset_m
     n = 12
@@ -96,9 +86,7 @@ def test_offsets_are_those_of_the_dense_least_squares() -> None:
         assert found[:, axis] == pytest.approx(expected[:, axis], abs=2e-3)
 
 
-def test_equal_signs_nearer_than_the_error_of_the_fixes_are_told_apart_by_the_row_they_stand_in() -> (
-    None
-):
+def test_equal_signs_nearer_than_the_error_of_the_fixes_are_told_apart_by_the_row_they_stand_in():
     chevrons = road(12)
     chevrons[:, 0] = 100 + 6.0 * np.arange(12)
     chevrons[:, 1] = 6.0
@@ -116,9 +104,7 @@ def test_equal_signs_nearer_than_the_error_of_the_fixes_are_told_apart_by_the_ro
 
 @settings(max_examples=15)
 @given(st.integers(0, 10_000), st.integers(2, 5), st.floats(0.0, 3.0))
-def test_every_sighting_is_of_one_panel_and_no_panel_has_two_of_a_drive(
-    seed: int, drives: int, spread_m: float
-) -> None:
+def test_every_sighting_is_of_one_panel_and_no_panel_has_two_of_a_drive(seed, drives, spread_m):
     rng = np.random.default_rng(seed)
     truth = road(8) + rng.normal(0, 1.0, (8, 3))
     sightings = make_sightings(
@@ -136,7 +122,7 @@ def test_every_sighting_is_of_one_panel_and_no_panel_has_two_of_a_drive(
     assert (again.position == merged.position).all()
 
 
-def test_the_error_bar_of_n_drives_is_that_of_the_mean_of_their_common_errors() -> None:
+def test_the_error_bar_of_n_drives_is_that_of_the_mean_of_their_common_errors():
     for drives in (1, 4, 16):
         sightings = make_sightings(road(1), [[0, 0, 0]] * drives, common_m=0.9)
         _, covariance = combine(sightings, sightings.position, np.zeros(drives, np.int64))
@@ -144,7 +130,7 @@ def test_the_error_bar_of_n_drives_is_that_of_the_mean_of_their_common_errors() 
         assert covariance[0, 0, 0] >= 0.9**2 / drives
 
 
-def test_the_merged_position_weighs_by_the_inverse_of_the_covariances() -> None:
+def test_the_merged_position_weighs_by_the_inverse_of_the_covariances():
     sightings = make_sightings(road(1), [[0, 0, 0], [0.3, 0, 0]])
     sharper = sightings.covariance.copy()
     sharper[1] /= 4
@@ -154,7 +140,7 @@ def test_the_merged_position_weighs_by_the_inverse_of_the_covariances() -> None:
     assert position[0, 0] == pytest.approx(0.8 * 0.3)
 
 
-def test_a_pair_does_not_vouch_for_itself() -> None:
+def test_a_pair_does_not_vouch_for_itself():
     sightings = make_sightings(road(1), [[0, 0, 0], [0.1, 0, 0]])
     offsets = solve_offsets(sightings, SETTINGS)
     assert offsets.pairs.tolist() == [[0, 1]]
@@ -165,13 +151,13 @@ def test_a_pair_does_not_vouch_for_itself() -> None:
     assert (relative_variance(more, offsets, offsets.pairs) < 0.1).all()
 
 
-def test_one_drive_that_reads_a_face_wrong_makes_no_second_panel() -> None:
+def test_one_drive_that_reads_a_face_wrong_makes_no_second_panel():
     sightings = make_sightings(road(1), [[0, 0, 0]] * 4)
     sightings = replace(sightings, color=np.array([1, 1, 3, 1]))
     assert face_runs(sightings, np.zeros(4, np.int64), SETTINGS).tolist() == [0, 0, 0, 0]
 
 
-def test_a_face_that_differs_a_year_later_for_good_is_another_panel() -> None:
+def test_a_face_that_differs_a_year_later_for_good_is_another_panel():
     sightings = make_sightings(road(1), [[0, 0, 0]] * 4)
     year = np.array([0, 1, 366, 367]) * DAY_NS
     sightings = replace(sightings, color=np.array([1, 1, 3, 3]), time_ns=year)
@@ -179,9 +165,7 @@ def test_a_face_that_differs_a_year_later_for_good_is_another_panel() -> None:
 
 
 @pytest.mark.parametrize(("days", "one_place"), [(1, False), (366, True)])
-def test_a_face_of_another_colour_shape_and_size_takes_a_place_only_after_years(
-    days: int, one_place: bool
-) -> None:
+def test_a_face_of_another_colour_shape_and_size_takes_a_place_only_after_years(days, one_place):
     sightings = make_sightings(road(20), [[0.2, 0, 0], [-0.2, 0, 0]], apart_ns=days * DAY_NS)
     other = (sightings.row == 7) & (sightings.drive == 1)
     size, position = sightings.size_m.copy(), sightings.position.copy()
@@ -195,7 +179,7 @@ def test_a_face_of_another_colour_shape_and_size_takes_a_place_only_after_years(
     assert (merged.place[before] == merged.place[after]) == one_place
 
 
-def test_panels_back_to_back_on_one_post_are_two_on_one_support() -> None:
+def test_panels_back_to_back_on_one_post_are_two_on_one_support():
     sightings = make_sightings(road(20), [[0.2, 0, 0], [-0.2, 0, 0]])
     turned = np.where((sightings.row == 7) & (sightings.drive == 1), np.pi, 0.0)
     merged = merge_sightings(replace(sightings, bearing_rad=turned), SETTINGS)
@@ -204,7 +188,7 @@ def test_panels_back_to_back_on_one_post_are_two_on_one_support() -> None:
     assert merged.support[one] == merged.support[other]
 
 
-def test_the_ratio_of_places_is_the_student_density_against_that_of_neighbours() -> None:
+def test_the_ratio_of_places_is_the_student_density_against_that_of_neighbours():
     rng = np.random.default_rng(3)
     root = rng.normal(0, 0.2, (20, 3, 3))
     spread = root @ root.transpose(0, 2, 1) + 0.01 * np.eye(3)
@@ -215,7 +199,7 @@ def test_the_ratio_of_places_is_the_student_density_against_that_of_neighbours()
         assert found[k] == pytest.approx(one - np.log(DENSITY))
 
 
-def test_two_panels_are_less_likely_where_each_drive_would_have_seen_both_from_the_front() -> None:
+def test_two_panels_are_less_likely_where_each_drive_would_have_seen_both_from_the_front():
     sightings = make_sightings(road(1), [[0, 0, 0]] * 3, apart_ns=0)
     faces = np.array([True, True, False])  # the third saw it from behind
     i, j = np.array([0, 0]), np.array([1, 2])
@@ -234,7 +218,7 @@ def test_two_panels_are_less_likely_where_each_drive_would_have_seen_both_from_t
     assert miss_log_ratio(ever, i, j, SETTINGS)[0] == pytest.approx(-2 * np.log(largest))
 
 
-def off_by(sigmas: float, other_face: bool = False) -> Sightings:
+def off_by(sigmas, other_face=False):
     """Three drives of a road; the third measured panel 10 so many standard deviations along the road from its place."""
     sightings = make_sightings(road(20), [[0, 0, 0]] * 3, noise_m=0.02)
     position, color, shape = sightings.position.copy(), sightings.color.copy(), sightings.shape
@@ -244,20 +228,20 @@ def off_by(sigmas: float, other_face: bool = False) -> Sightings:
     return replace(sightings, position=position, color=color, shape=shape)
 
 
-def test_a_measurement_farther_off_than_it_states_makes_no_second_panel() -> None:
+def test_a_measurement_farther_off_than_it_states_makes_no_second_panel():
     merged = merge_sightings(off_by(6), SETTINGS)
     assert len(set(merged.panel[[10, 30, 50]].tolist())) == 1
     assert len(merged.position) == 20
 
 
-def test_a_spurious_sighting_near_a_panel_does_not_join_it() -> None:
+def test_a_spurious_sighting_near_a_panel_does_not_join_it():
     for sightings in (off_by(60), off_by(14, other_face=True)):
         merged = merge_sightings(sightings, SETTINGS)
         assert merged.place[merged.panel[50]] != merged.place[merged.panel[10]]
         assert merged.panel[10] == merged.panel[30]
 
 
-def test_groups_refuse_rows_out_of_range() -> None:
+def test_groups_refuse_rows_out_of_range():
     with pytest.raises(ValueError, match="pairs name rows"):
         join_groups(
             np.array([[0, 5]]), np.zeros((1, 2)), np.zeros(1), np.zeros(2, np.int64), np.zeros((2, 3)),
@@ -265,16 +249,14 @@ def test_groups_refuse_rows_out_of_range() -> None:
         )  # fmt: skip
 
 
-def test_moved_panels_are_paired_one_to_one_as_many_as_can() -> None:
+def test_moved_panels_are_paired_one_to_one_as_many_as_can():
     pairs = np.array([[0, 0], [0, 1], [1, 0]])
     assert match_moved(pairs, np.array([1.0, 9.0, 9.0])).tolist() == [1, 2]
     assert match_moved(pairs[:0], np.zeros(0)).tolist() == []
 
 
 @pytest.mark.parametrize(("wrong", "joined"), [((0,), False), ((0, 2), True), ((), False)])
-def test_panels_stand_on_one_support_where_most_drives_that_saw_both_say_so(
-    wrong: tuple[int, ...], joined: bool
-) -> None:
+def test_panels_stand_on_one_support_where_most_drives_that_saw_both_say_so(wrong, joined):
     sightings = make_sightings(road(20), [[0.0, 0, 0]] * 3)
     drives = np.isin(sightings.drive, wrong) & (sightings.row == 8)
     merged = merge_sightings(

@@ -1,13 +1,10 @@
 """What images tell of the distance of what shows where a panel stood."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings.merging import ChangeSettings
@@ -23,14 +20,14 @@ STEP_M = 8.0
 
 
 @cache
-def slopes_of(camera: Camera) -> NDArray[np.float64]:
+def slopes_of(camera):
     """Right and down by ahead of the ray of each pixel, (pixels, 2)."""
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
     ideal = ideal_points(camera, np.column_stack([u.ravel(), v.ravel()]).astype(float))
     return (ideal - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
 
 
-def image_of(camera: Camera, along_m: float, depth_m: float, seed: int = 3) -> PlaceImage:
+def image_of(camera, along_m, depth_m, seed=3):
     """What a camera sees that has driven so far, of a textured wall at a distance from the first one."""
     rng = np.random.default_rng(seed)
     wall = cv2.resize(rng.uniform(0, 255, (200, 200)).astype(np.float32), (1600, 1600))
@@ -47,13 +44,13 @@ def image_of(camera: Camera, along_m: float, depth_m: float, seed: int = 3) -> P
     [(28.0, 0, 3), (40.0, 0, 3), (70.0, 3, 0), (300.0, 3, 0)],
 )
 def test_a_wall_hides_what_stands_behind_it_and_shows_what_stands_before_it(
-    camera: Camera, depth_m: float, past: int, hidden: int
-) -> None:
+    camera, depth_m, past, hidden
+):
     images = [image_of(camera, k * STEP_M, depth_m) for k in range(3)]
     assert measure_occlusion(images, camera, (0.9, 0.9), ChangeSettings()) == (past, hidden)
 
 
-def test_a_place_that_is_told_by_no_texture_takes_a_larger_window() -> None:
+def test_a_place_that_is_told_by_no_texture_takes_a_larger_window():
     camera = LENSES[0]
     images = [image_of(camera, k * STEP_M, 300.0) for k in range(3)]
     for image in images:  # a sky of one colour where the panel was, and a little beyond
@@ -64,7 +61,7 @@ def test_a_place_that_is_told_by_no_texture_takes_a_larger_window() -> None:
     assert measure_occlusion(images, camera, (0.9, 0.9), ChangeSettings()).past == 3
 
 
-def test_noise_and_one_image_tell_nothing() -> None:
+def test_noise_and_one_image_tell_nothing():
     camera = LENSES[0]
     rng = np.random.default_rng(1)
     noisy = [

@@ -1,7 +1,5 @@
 """The vector by which the panels of one drive differ from those of another."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import permutations
 
@@ -21,9 +19,7 @@ SETTINGS = MergeSettings()
 OWN_M, STATED_M = 0.06, 0.03
 
 
-def make_drives(
-    places: np.ndarray, moved: np.ndarray, *, alike: bool = False, stated_m: float = STATED_M
-) -> Sightings:
+def make_drives(places, moved, *, alike=False, stated_m=STATED_M):
     """Two drives that see panels at the same places (n, 3), the second with all of them moved by (n, 3) or (3,)."""
     rng = np.random.default_rng(5)
     n = len(places)
@@ -46,11 +42,11 @@ def make_drives(
     )
 
 
-def road(n: int, step_m: float = 60.0) -> np.ndarray:
+def road(n, step_m=60.0):
     return np.column_stack([step_m * np.arange(n), np.full(n, 6.0), np.full(n, 2.0)])
 
 
-def agreement(sightings: Sightings) -> Agreement | None:
+def agreement(sightings):
     everywhere = np.ones(len(sightings), bool)
     pairs = measure_differences(sightings, everywhere)
     return agreement_of(pairs) if len(pairs.drive) else None
@@ -60,9 +56,7 @@ def agreement(sightings: Sightings) -> Agreement | None:
     "vector", [(0.5, 0, 0), (-1.8, 2.4, 0.5), (6, -8, 0), (1, 0, 45), (0, 0, -45)]
 )
 @pytest.mark.parametrize("changed", [0, 3])
-def test_a_vector_far_beyond_what_receivers_state_is_found(
-    vector: tuple[float, float, float], changed: int
-) -> None:
+def test_a_vector_far_beyond_what_receivers_state_is_found(vector, changed):
     moved = np.tile(np.array(vector, float), (10, 1))
     moved[:changed, 0] += [4.0, -7.0, 90.0][:changed]  # the third has no like within reach
     found = agreement(make_drives(road(10), moved))
@@ -73,13 +67,13 @@ def test_a_vector_far_beyond_what_receivers_state_is_found(
     assert (found.sigma_m < 0.1).all()
 
 
-def test_what_the_receivers_state_explains_is_no_vector() -> None:
+def test_what_the_receivers_state_explains_is_no_vector():
     found = agreement(make_drives(road(10), np.array([4.0, 3.0, 0.0]), stated_m=1.0))
     assert found is not None
     assert not found.vector_m.any()
 
 
-def test_a_datum_shows_although_the_common_error_of_the_fixes_drifts_by_metres() -> None:
+def test_a_datum_shows_although_the_common_error_of_the_fixes_drifts_by_metres():
     moved = np.array([12.0, 0, 0]) + np.linspace([-2.0, 1, 0], [2.0, -1, 0], 30)
     found = agreement(make_drives(road(30), moved, stated_m=1.0))
     assert found is not None
@@ -87,21 +81,19 @@ def test_a_datum_shows_although_the_common_error_of_the_fixes_drifts_by_metres()
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_a_few_panels_are_no_evidence(count: int) -> None:
+def test_a_few_panels_are_no_evidence(count):
     assert agreement(make_drives(road(count), np.array([3.0, 0, 0]))) is None
 
 
 @pytest.mark.parametrize(("moved", "panels"), [(1, 20), (6, 20), (10, 20)])
-def test_panels_that_were_moved_alike_among_others_that_were_not_are_no_vector(
-    moved: int, panels: int
-) -> None:
+def test_panels_that_were_moved_alike_among_others_that_were_not_are_no_vector(moved, panels):
     by = np.zeros((panels, 3))
     by[:moved, 0] = 1.4
     found = agreement(make_drives(road(panels), by))
     assert found is None or not found.vector_m.any()
 
 
-def test_panels_on_one_support_are_one_witness() -> None:
+def test_panels_on_one_support_are_one_witness():
     places = road(8, 0.0) + np.column_stack([np.zeros((8, 2)), np.arange(8)])
     drives = make_drives(places, np.array([3.0, 0, 0]))
     assert agreement(drives) is not None
@@ -110,14 +102,14 @@ def test_panels_on_one_support_are_one_witness() -> None:
 
 
 @pytest.mark.parametrize("vector", [3.0, 12.0])
-def test_in_a_row_of_equal_panels_alone_no_vector_is_taken(vector: float) -> None:
+def test_in_a_row_of_equal_panels_alone_no_vector_is_taken(vector):
     found = agreement(make_drives(road(12, 12.0), np.array([vector, 0, 0]), alike=True))
     assert found is not None
     assert not found.clear
     assert reference_vectors({(0, 1): found}, {0: 0, 1: 1}) == {}
 
 
-def test_panels_that_have_no_like_tell_the_vector_beside_a_row_of_equal_ones() -> None:
+def test_panels_that_have_no_like_tell_the_vector_beside_a_row_of_equal_ones():
     places = np.concatenate([road(12), road(10, 12.0) + np.array([1000.0, 0, 0])])
     drives = make_drives(places, np.array([5.0, 0, 0]))
     row = drives.row >= 12
@@ -130,11 +122,11 @@ def test_panels_that_have_no_like_tell_the_vector_beside_a_row_of_equal_ones() -
     assert found.vector_m == pytest.approx([5, 0, 0], abs=0.1)
 
 
-def edge(x: float, supports: int) -> Agreement:
+def edge(x, supports):
     return Agreement(np.array([x, 0.0, 0.0]), np.full(3, 0.1), supports)
 
 
-def test_every_drive_is_brought_to_those_that_most_agree_or_to_the_earliest() -> None:
+def test_every_drive_is_brought_to_those_that_most_agree_or_to_the_earliest():
     found = {(0, 1): edge(3.0, 9), (1, 2): edge(0.0, 5), (0, 3): edge(-4.0, 9)}
     vectors = reference_vectors(found, {0: 10, 1: 40, 2: 30, 3: 20})
     assert {d: (r, v.vector_m[0]) for d, (r, v) in vectors.items()} == {
@@ -145,7 +137,7 @@ def test_every_drive_is_brought_to_those_that_most_agree_or_to_the_earliest() ->
     assert {d: (r, v.vector_m[0]) for d, (r, v) in two.items()} == {0: (1, -3.0)}
 
 
-def test_vectors_of_many_drives_do_not_depend_on_the_order_of_the_pairs() -> None:
+def test_vectors_of_many_drives_do_not_depend_on_the_order_of_the_pairs():
     found = {(0, 1): edge(3.0, 9), (0, 2): edge(5.0, 7), (1, 2): edge(2.0, 8)}
     expected = None
     for order in permutations(found):

@@ -1,7 +1,5 @@
 """Which places are in view of a camera that looks north."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -26,8 +24,8 @@ NORTH = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
     ],
 )
 def test_a_place_is_in_view_where_its_panel_would_show_whole_large_and_from_the_front(
-    place: tuple[float, float, float], bearing_deg: float, count: int
-) -> None:
+    place, bearing_deg, count
+):
     places = PanelPlaces(
         np.array([place], float), np.radians([bearing_deg]), np.array([[0.75, 0.75]])
     )
@@ -37,7 +35,7 @@ def test_a_place_is_in_view_where_its_panel_would_show_whole_large_and_from_the_
         assert found.box[0, 0].tolist() == pytest.approx([968.67, 582.0, 1003.67, 617.0], abs=0.01)
 
 
-def test_a_panel_is_gone_the_surer_the_more_drives_looked_and_the_surer_it_was_one() -> None:
+def test_a_panel_is_gone_the_surer_the_more_drives_looked_and_the_surer_it_was_one():
     settings = MergeSettings(missed=0.1, change_per_year=0.08)
     looks, sure, one, none = np.arange(4), np.ones(4), np.ones(4), np.zeros(4, np.int64)
     found = gone_probability(sure, one, looks, none, settings)

@@ -84,14 +84,7 @@ def test_a_third_of_wrong_matches_is_ignored():
 
 def test_the_sampson_distance_is_the_textbook_formula():
     rotation, direction, previous, current = pair(noise_px=2.0)
-    skew = np.array(
-        [
-            [0, -direction[2], direction[1]],
-            [direction[2], 0, -direction[0]],
-            [-direction[1], direction[0], 0],
-        ]
-    )
-    essential = skew @ rotation
+    essential = np.cross(direction, rotation, axisb=0, axisc=0)
     p, q = (np.c_[rays, np.ones(len(rays))] for rays in (previous, current))
     line, back = q @ essential.T, p @ essential
     expected = FOCAL * (p * line).sum(axis=1)

@@ -70,13 +70,7 @@ def road(height=2.1, pitch=0.0, count=30, seed=0):
         generator.uniform(-2.5, 2.5, count), np.full(count, height), generator.uniform(6, 30, count)
     ]
     flat[:, 1] += generator.normal(0, 0.01, count)
-    turn = np.array(
-        [
-            [1, 0, 0],
-            [0, np.cos(pitch), -np.sin(pitch)],
-            [0, np.sin(pitch), np.cos(pitch)],
-        ]
-    )
+    turn = Rotation.from_euler("x", pitch).as_matrix()
     return flat @ turn.T, turn @ AHEAD
 
 

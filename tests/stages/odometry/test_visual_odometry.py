@@ -328,14 +328,6 @@ def test_a_drive_without_any_distance_is_refused_with_the_way_out():
         motions(images)
 
 
-def test_the_same_images_give_the_same_bytes():
-    _, images = painted(4, 0.0)
-    first, second = (motions(images, spacing_m=[SPACING] * 4) for _ in range(2))
-    for a, b in zip(first, second, strict=True):
-        assert a.pose.centre.tobytes() == b.pose.centre.tobytes()
-        assert a.pose.rotation.tobytes() == b.pose.rotation.tobytes()
-
-
 def test_beyond_the_last_fix_points_carry_the_length_of_the_steps():
     poses, images = painted(7, 0.0, missing=(5,))
     degrees = np.degrees(1 / 6_371_000.0)

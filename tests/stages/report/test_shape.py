@@ -11,25 +11,16 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Frame, Image
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.schemas.settings import GateSettings, SegmentSettings
-from wayside.stages.report.outline import TERMS, fourier_descriptors, resample_outline
+from wayside.stages.report.outline import TERMS
 from wayside.stages.report.shape import classify_shape
 from wayside.stages.segmentation.two_pass import segment
 
-
-def shape_features(outline):
-    """Features of one outline given by its corners."""
-    return fourier_descriptors(resample_outline(np.asarray(outline, np.float64))[None])[0]
-
-
-def polygon(corners, turn=0.0):
-    angle = turn + np.arange(corners) * 2 * np.pi / corners
-    return np.column_stack([np.cos(angle), np.sin(angle)])
-
+from .test_fourier import polygon, shape_features
 
 OUTLINES = {
-    "diamond": polygon(4),
-    "octagon": polygon(8, np.pi / 8),
-    "triangle": polygon(3, -np.pi / 2),
+    "diamond": polygon(4, radius=1),
+    "octagon": polygon(8, np.pi / 8, radius=1),
+    "triangle": polygon(3, -np.pi / 2, radius=1),
 }
 YELLOW = (220, 180, 30)
 

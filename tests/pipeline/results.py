@@ -1,0 +1,57 @@
+"""Results of runs made by hand: rows in which everything is null that may be, and the files of a folder."""
+
+import json
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pyogrio
+import shapely
+from typer.testing import CliRunner
+
+from wayside.pipeline.cli import app
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+
+
+def sign_row(sign_id, **changes):
+    names = dict.fromkeys(("sign_id", "assembly_id"), sign_id) | {"log": "d", "status": "sign"}
+    place = dict.fromkeys(("x", "y", "z", "right_m", "down_m", "ahead_m"), 1.0)
+    seen = dict.fromkeys(("best_frame", "best_time_ns", "first_frame", "last_frame", "views"), 1)
+    return names | place | seen | {"best_box": [0.0, 0.0, 9.0, 9.0]} | changes
+
+
+def observation_row(frame, number, **changes):
+    zeros = dict.fromkeys(("u_px", "v_px", "red", "green", "blue"), 0.0)
+    seen = {"frame": frame, "observation_id": number, "source": "level", "verdict": "sign"}
+    return zeros | seen | {"box": [0.0, 0.0, 9.0, 9.0], "area_px": 100} | changes
+
+
+def table_of(table, rows):
+    empty = {column.name: None for column in table.columns}
+    return pa.Table.from_pylist([empty | row for row in rows], schema=table.schema)
+
+
+def write_tables(folder, signs=(), observations=(), frames=(), **about):
+    """The tables and the `run.json` of a result."""
+    folder.mkdir(exist_ok=True)
+    for table, rows in ((SIGNS, signs), (OBSERVATIONS, observations), (FRAMES, frames)):
+        pq.write_table(table_of(table, rows), folder / table.file)
+    (folder / "run.json").write_text(json.dumps(about))
+    return folder
+
+
+def invoke(command, *arguments):
+    """What a command prints that ends with status 0; raises what it raises."""
+    done = CliRunner().invoke(app, [command, *map(str, arguments)])
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def read_by_gdal(file):
+    """What GDAL says of a file, its columns and points."""
+    meta, table = pyogrio.read_arrow(file)
+    geometry = meta["geometry_name"] or "wkb_geometry"
+    points = shapely.from_wkb(np.array(table.column(geometry).to_pylist(), object))
+    return meta, table.drop_columns([geometry]), shapely.get_coordinates(points, include_z=True)
