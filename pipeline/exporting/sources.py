@@ -71,7 +71,7 @@ def is_inventory(folder: Path) -> bool:
     """
     if not os.path.isdir(folder):  # says so too of a name that no file can have
         raise InputError(
-            f"wanted a result of `wayside run` or an inventory of `wayside fleet`, found no folder {folder}"
+            f"there is no folder {folder}. Name a result of `wayside run` or an inventory of `wayside fleet`."
         )
     named = (folder / name for name in ("drives", *INVENTORY_TABLES))
     return not (folder / RUN_FILE).is_file() and any(path.is_dir() for path in named)
@@ -113,8 +113,8 @@ def inventory_rows(inventory: Path, name: str) -> Source:
     parts = merged_parts(inventory, name)
     if not parts:
         raise InputError(
-            f"{inventory}: wanted {name} of an inventory, found none: nothing is merged yet, or no drive has satellite "
-            "fixes; `wayside fleet status` tells, and each folder in drives/ can be exported by itself"
+            f"{inventory}: the inventory has no {name}, because nothing is merged yet or no drive has satellite "
+            "fixes. `wayside fleet status` shows which; each folder in drives/ can be exported by itself."
         )
     columns = flat_columns(table)
     wanted = [column.name for column in kept_columns(table)]

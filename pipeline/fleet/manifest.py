@@ -110,7 +110,7 @@ class Manifest:
 
 
 def read_manifest(inventory: Path) -> Manifest:
-    """What stands in `fleet.json`.
+    """Content of `fleet.json`.
 
     Raises
     ------

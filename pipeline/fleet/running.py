@@ -211,7 +211,7 @@ class _Book:
 
 
 def _carry_out(tasks: Sequence[Task], open_engine: OpenEngine, book: _Book) -> None:
-    """Open an engine for tasks; what was under way where it ends early is none of their attempts."""
+    """Open an engine for tasks. Tasks that an early end interrupts do not count as attempts."""
     under_way: UnderWay = {}
     try:
         with open_engine() as engine:
@@ -224,7 +224,7 @@ def _carry_out(tasks: Sequence[Task], open_engine: OpenEngine, book: _Book) -> N
         if isinstance(error, KeyboardInterrupt):
             done, total = sum(entry.state == DONE for entry in book.given()), len(book.given())
             raise InterruptionError(
-                f"interrupted; {done} of {total} logs are done; the same command goes on from here"
+                f"interrupted: {done} of {total} logs are done. The same command continues from here."
             ) from error
         raise
     finally:
@@ -249,7 +249,7 @@ def _work(engine: Engine, tasks: Sequence[Task], under_way: UnderWay, book: _Boo
                 unbegun[task.name] += begun_attempts(task) <= before
                 if unbegun[task.name] >= task.attempts:
                     raise _WorkersError(
-                        f"{task.source}: wanted a worker to begin this log, found that each died before: {death}"
+                        f"{task.source}: each worker died before it began this log: {death}"
                     )
                 note_end(task, death)
                 outcome = Outcome(WAITING, StageError.exit_status, before + 1, words=death)
@@ -269,7 +269,7 @@ def _engine_of(options: FleetOptions, inventory: Path, tasks: int) -> OpenEngine
 def _merge(
     inventory: Path, book: _Book, settings: MergeSettings, watch: WatchMerging
 ) -> str | None:
-    """Merge what is done, if it, the settings or the merged tables are not as the last time; what came of it."""
+    """Merge finished results if they, the settings or the merged tables have changed. Returns what was merged."""
     merged = book.manifest.results()
     by = hashlib.sha256(json.dumps(asdict(settings)).encode()).hexdigest()
     folders = [inventory / DRIVES / entry.name for entry in book.manifest.done()]

@@ -57,8 +57,8 @@ class ImageHeader(NamedTuple):
 class Exif(NamedTuple):
     """Exif data of an image; empty or None where it does not say.
 
-    turned: how the stored pixels are to be turned to be shown, in words; date: of capture, else of change,
-    `2009-05-14 10:31:07`; taken: date of capture, local, or with its offset.
+    `turned`: how the stored pixels are to be turned to be shown, in words. `date`: of capture, else of change,
+    `2009-05-14 10:31:07`. `taken`: date of capture, local, or with its offset.
     """
 
     turned: str = ""

@@ -65,7 +65,7 @@ class TransformTree:
 
 
 def _names(positions: Positions) -> tuple[str, str]:
-    """Parent and child of a stream of poses; empty where it has none."""
+    """Parent and child of a stream of poses; both may be empty."""
     first = positions.first
     return (first.parent, first.child) if isinstance(first, PoseContent) else ("", "")
 

@@ -68,7 +68,7 @@ class Timeline:
         return PosePrior(pose, sigma_m, sigma_rad, source)
 
     def fix(self, row: int) -> Fix | None:
-        """The satellite fix at an image, None where there is none."""
+        """The satellite fix at an image, or None."""
         if self.fixes is None or not self.fixes.known[row]:
             return None
         latitude, longitude, altitude = self.fixes.value[row, :3].tolist()
@@ -121,7 +121,7 @@ def make_timeline(plan: Plan) -> Timeline:
 
 
 def _has_scale(plan: Plan, stream: MotionStream, timeline: Timeline) -> bool:
-    """Whether the lengths of poses are those of the fixes, where both cover a part that is long enough to tell."""
+    """Whether poses and fixes agree on lengths, where both cover a part that is long enough to tell."""
     if timeline.fixes is None:
         return True
     rows = timeline.order[(stream.path.known & timeline.fixes.known)[timeline.order]]

@@ -172,7 +172,7 @@ def check(survey: Survey) -> None:
         if not fits:
             found = value if isinstance(value, str) else f"{value:g}"
             raise UsageError(
-                f"{option}: wanted {words}, found {found}; see `wayside simulate --help`"
+                f"{option} must be {words}, not {found}. See `wayside simulate --help`."
             )
 
 
@@ -185,7 +185,7 @@ def focal_of_view(hfov_deg: float, width: int) -> float:
         For an angle that no pinhole camera has.
     """
     if not 1 < hfov_deg < 170:
-        raise UsageError(f"--hfov: wanted 1 to 170 degrees, found {hfov_deg:g}")
+        raise UsageError(f"--hfov: {hfov_deg:g} is outside 1 to 170 degrees")
     return width / 2 / tan(radians(hfov_deg) / 2)
 
 

@@ -100,8 +100,8 @@ def predict_motion(
         source = "speed"
     else:
         raise InputError(
-            f"frame {now.index}: wanted the distance from the image before it, found no pose, spacing or fix; "
-            "give the distance between images (--spacing 26.4ft)"
+            f"frame {now.index}: there is no pose, spacing or fix that states the distance from the image before it. "
+            "Give the distance between images (--spacing 26.4ft)."
         )
     length_m = max(baseline, settings.shortest_m)
     prior = StepPrior(np.eye(3), inf, travel.direction, travel.sigma, True, length_m, sigma)

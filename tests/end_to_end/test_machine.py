@@ -157,7 +157,7 @@ def test_words_that_do_not_fit_on_the_disk_are_an_output_error():
         line = [str(WAYSIDE), "settings"]
         done = subprocess.run(line, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 5
-    assert done.stderr.startswith("wayside: output: wanted to write here, found: No space left")
+    assert done.stderr.startswith("wayside: output: the output cannot be written: No space left")
     assert "Traceback" not in done.stderr
 
 
@@ -280,4 +280,4 @@ def test_a_pickle_in_the_place_of_the_journal_is_not_read(with_journal, tmp_path
 def test_resuming_and_viewing_exclude_each_other(command, tmp_path):
     done = command("run", DEMO, "-o", tmp_path / "out", "--resume", "--view", "file")
     assert done.returncode == 2
-    assert "leave one out" in done.stderr
+    assert "Leave one out" in done.stderr

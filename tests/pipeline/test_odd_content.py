@@ -53,14 +53,14 @@ def result(folder, **columns):
 
 @pytest.mark.parametrize("text", [GROWING + CAMERA + "distortion_model: *a11", *YAML])
 def test_yaml_of_a_calibration_that_cannot_be_read_is_refused(text):
-    with pytest.raises(InputError, match="wanted a camera calibration"):
+    with pytest.raises(InputError, match="not a camera calibration"):
         parse_camera(text, "camera.yaml")
 
 
 @pytest.mark.parametrize("text", [GROWING + "names: [*a11]", *YAML])
 def test_yaml_of_labels_that_cannot_be_read_is_refused(tmp_path, text):
     (tmp_path / "data.yaml").write_text(text)
-    with pytest.raises(InputError, match="wanted labels"):
+    with pytest.raises(InputError, match="not labels"):
         read_labels(tmp_path)
 
 
@@ -69,7 +69,7 @@ def test_yaml_of_labels_that_cannot_be_read_is_refused(tmp_path, text):
 )
 def test_yaml_of_a_bag_that_cannot_be_read_is_refused(tmp_path, text):
     (tmp_path / "metadata.yaml").write_text(text)
-    with pytest.raises(InputError, match="wanted a ROS 2 bag directory"):
+    with pytest.raises(InputError, match="of the ROS 2 bag directory cannot be read"):
         bag_parts(tmp_path)
 
 
@@ -86,7 +86,7 @@ def test_yaml_of_a_bag_that_cannot_be_read_is_refused(tmp_path, text):
 def test_odd_values_of_coco_results_are_refused(tmp_path, change):
     path = tmp_path / "boxes.json"
     path.write_text(json.dumps([{"image_id": 1, "bbox": [1, 2, 3, 4], "score": 0.5} | change]))
-    with pytest.raises(InputError, match="wanted COCO JSON"):
+    with pytest.raises(InputError, match="not COCO JSON"):
         load_boxes(load_settings(options={"models.detections": str(path)})[0])
 
 
@@ -94,7 +94,7 @@ def test_odd_numbers_of_coco_labels_are_refused(tmp_path):
     image = {"id": 1, "file_name": "a.jpg", "width": float("inf"), "height": 9}
     path = tmp_path / "labels.json"
     path.write_text(json.dumps({"images": [image], "annotations": []}))
-    with pytest.raises(InputError, match="wanted labels"):
+    with pytest.raises(InputError, match="no labels that can be used"):
         read_labels(path)
 
 
@@ -134,7 +134,7 @@ def test_a_column_of_another_width_is_read_as_that_of_the_schema(tmp_path):
 )
 def test_entries_of_another_kind_in_run_json_are_refused(tmp_path, entry):
     (tmp_path / "run.json").write_text(json.dumps(entry))
-    with pytest.raises(InputError, match=f"another kind of {next(iter(entry))}"):
+    with pytest.raises(InputError, match=f"{next(iter(entry))}"):
         read_run(tmp_path)
 
 

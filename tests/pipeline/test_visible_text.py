@@ -87,7 +87,7 @@ def test_a_name_that_is_not_utf8_is_named_in_the_error(tmp_path, monkeypatch, ca
         main()
     assert end.value.code == 3
     error = capsys.readouterr().err
-    assert r"caf\udce9\x1b[2J.mcap: wanted a log" in error
+    assert r"caf\udce9\x1b[2J.mcap: the log cannot be read" in error
 
 
 @pytest.mark.parametrize("option", ["26.4", "far", "nan m"])
@@ -101,7 +101,7 @@ def test_a_spacing_without_a_unit_is_refused_by_every_command(
     with pytest.raises(SystemExit) as end:
         main()
     assert end.value.code == 2
-    assert "--spacing: wanted a length with its unit" in capsys.readouterr().err
+    assert "is not a length with its unit" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, "a = " + "[" * 50_000, "a = {b = " * 5000])

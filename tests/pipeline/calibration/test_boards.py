@@ -161,7 +161,7 @@ def test_existing_files_and_missing_folders_are_refused_before_any_work(tmp_path
     with pytest.raises(OutputError, match=r"camera.yaml.*--overwrite"):
         call(out)
     assert out.read_text() == "mine"
-    with pytest.raises(OutputError, match="make it first"):
+    with pytest.raises(OutputError, match="Make it first"):
         call(tmp_path / "none" / "camera.yaml")
 
 

@@ -67,9 +67,9 @@ def test_a_storage_is_listed_fingerprinted_and_loaded_as_files_are(archive):
 def test_what_cannot_be_read_is_told(archive):
     pytest.importorskip("fsspec")
     for uri in (str(archive), "none.mcap", f"{archive.as_uri()}/none.mcap"):
-        with pytest.raises(UnreachableError, match="wanted a log"):
+        with pytest.raises(UnreachableError, match="no such log"):
             fingerprint_source(uri)
-    with pytest.raises(UsageError, match="fsspec knows"):
+    with pytest.raises(UsageError, match="fsspec does not know"):
         expand_sources(["nothing://bucket/a.mcap"])
 
 

@@ -124,9 +124,9 @@ def test_what_the_kernels_cannot_take_is_refused(textured):
     labels, rgb = textured
     with pytest.raises(ValueError, match="C-contiguous"):
         connected_regions(labels[:, ::2], np.ascontiguousarray(rgb[:, ::2]), 1, 10)
-    with pytest.raises(ValueError, match="rgb: wanted 211 x 317 x 3"):
+    with pytest.raises(ValueError, match=r"rgb: .* instead of 211 x 317 x 3"):
         connected_regions(labels, rgb[:50], 1, 10)
-    with pytest.raises(ValueError, match="labels: wanted any x any uint8"):
+    with pytest.raises(ValueError, match=r"labels: .* instead of any x any uint8"):
         connected_regions(labels.astype(np.int32), rgb, 1, 10)
     with pytest.raises(ValueError, match="smallest_px"):
         connected_regions(labels, rgb, 0, 10)

@@ -87,5 +87,5 @@ def test_an_empty_image_or_a_k_out_of_range_is_refused():
         sample_colors(np.zeros((0, 5, 3), np.uint8), SAMPLE_PX)
     sample = sample_colors(scene(), SAMPLE_PX)
     for clusters in (1, 257):
-        with pytest.raises(ValueError, match="clusters: wanted 2 to 256"):
+        with pytest.raises(ValueError, match=r"clusters: .* outside 2 to 256"):
             palette(sample, k(clusters))
