@@ -377,7 +377,7 @@ KINDS: dict[str, Prepare] = {
     "calibrations (YAML)": of_file("c.yaml", edited_bytes(*small.CAMERAS), read_camera_file),
     "settings (TOML)": of_file(
         "s.toml",
-        edited_bytes(format_settings(*load_settings(), expert=False).encode()),
+        edited_bytes(format_settings(*load_settings()).encode()),
         use_settings,
     ),
     "labels and truth (JSON)": of_truth,

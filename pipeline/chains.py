@@ -79,7 +79,7 @@ def default_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
             stage(
                 "track",
                 track,
-                settings=s.mapping,
+                settings=s.track,
                 front=detector.front(),
                 back=detector.back(),
                 panel=panel_method(m),
@@ -87,7 +87,7 @@ def default_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
             ),
             stage("location", classify_location, model=None, settings=s.locate),
             *([stage("face", classify_faces, model=faces)] if faces else []),
-            stage("assemble", assemble, settings=s.assembly),
+            stage("assemble", assemble),
             stage("collect", collect, record=record).unseen(),
         ],
         path=_path(s),
@@ -112,14 +112,14 @@ def report_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
         per_frame=[
             stage("motion", estimate_motion, s.motion),
             stage("calibration", watch_calibration, watch).unseen(),
-            stage("track", match_by_descriptors, settings=s.mapping),
+            stage("track", match_by_descriptors, settings=s.track),
             *([stage("trajectory", classify_trajectory, model=moves)] if moves else []),
             *(
                 [stage("location", classify_location, model=m.location_classes, settings=s.locate)]
                 if s.locate.gate
                 else []
             ),
-            stage("assemble", assemble, settings=s.assembly),
+            stage("assemble", assemble),
             stage("collect", collect, record=record).unseen(),
         ],
         path=_path(s),
@@ -136,7 +136,7 @@ def panel_method(m: Models) -> PanelMethod:
 
 
 def _path(s: Settings) -> Stage[Any, DrivePath]:
-    return stage("georeference", georeference, motion=s.motion, landmark=s.landmark)
+    return stage("georeference", georeference, motion=s.motion)
 
 
 def _signs(

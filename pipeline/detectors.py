@@ -98,28 +98,28 @@ class Networks:
         if self.proposer is None:
             return [
                 stage("segment", segment, s.segment, s.gate),
-                stage("propose", propose_segments, settings=s.candidates),
+                stage("propose", propose_segments),
             ]
-        return [stage("propose", propose, settings=s.candidates, network=self.proposer)]
+        return [stage("propose", propose, network=self.proposer)]
 
     def front(self) -> SideClassifiers:
         """Of views and of landmarks."""
         m = self.models
-        landmark = LandmarkClassifier(m.landmark_classifier, self.settings.landmark)
+        landmark = LandmarkClassifier(m.landmark_classifier)
         return SideClassifiers(self._view(m.front_scores, back=False), landmark)
 
     def back(self) -> SideClassifiers | None:
         """The same of backs, where there are thresholds for them."""
         m = self.models
         view = self._view(m.back_scores, back=True)
-        landmark = LandmarkClassifier(m.back_landmark_classifier, self.settings.landmark)
+        landmark = LandmarkClassifier(m.back_landmark_classifier)
         return None if view is None else SideClassifiers(view, landmark)
 
     def _view(self, scores: ScoreModel | None, *, back: bool) -> BoxClassifier | None:
         """Classifier of views of one side, where there is a threshold for it."""
         if scores is None:
             return None
-        return BoxClassifier(self.boxes, scores, self.settings.candidates, back=back)
+        return BoxClassifier(self.boxes, scores, back=back)
 
 
 @dataclass(frozen=True, slots=True)

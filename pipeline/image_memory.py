@@ -9,6 +9,7 @@ from wayside.pipeline.workers import Result
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Frame
 from wayside.schemas.settings import Settings
+from wayside.stages.mapping import WINDOW_STEP
 
 _BYTES_A_PIXEL = 3 + 1 + 3 * (1 / 4 + 1 / 16)
 """Colour, grey, and colour at half and quarter size."""
@@ -77,5 +78,4 @@ class ImageMemory:
 
 def image_memory(settings: Settings) -> ImageMemory:
     """The count of a run with these settings."""
-    track = settings.track
-    return ImageMemory(settings.run.memory_mb, track.longest + track.window_step)
+    return ImageMemory(settings.run.memory_mb, settings.track.longest + WINDOW_STEP)

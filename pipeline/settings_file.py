@@ -76,49 +76,41 @@ def load_settings(
     return settings, origins
 
 
-def format_settings(settings: Settings, origins: Mapping[str, str], *, expert: bool = False) -> str:
+def format_settings(settings: Settings, origins: Mapping[str, str], *, full: bool = False) -> str:
     """Write settings as TOML that `load_settings` reads back to the same values.
 
     Parameters
     ----------
     settings, origins
         As `load_settings` gives them.
-    expert
-        Also those that a user would not turn, and of each where its default comes from. Without, of those only the
-        ones that differ from their default are written.
+    full
+        Of each also where its default comes from.
 
     Returns
     -------
     A table a group; unit, default, origin of the value and words in comments.
     """
     heads = ["value  # unit", "default", "where the value is from", "what it does"]
-    if expert:
+    if full:
         heads.append("where the default is from")
     lines = ["# Settings of wayside: " + " | ".join(heads)]
-    left_out = 0
     for group in fields(settings):
         values = getattr(settings, group.name)
         rows = []
         for leaf in fields(values):
             value = getattr(values, leaf.name)
-            if leaf.metadata["expert"] and not expert and value == leaf.default:
-                left_out += 1
-                continue
             about = [
                 leaf.metadata["unit"] or "-",
                 _toml(leaf.default),
                 origins.get(f"{group.name}.{leaf.name}", DEFAULT),
                 leaf.metadata["words"],
             ]
-            if expert:
+            if full:
                 about.append(leaf.metadata["origin"] or "-")
             rows.append((f"{leaf.name} = {_toml(value)}", " | ".join(about)))
-        if rows:
-            lines += ["", f"# {type(values).__doc__}", f"[{group.name}]"]
-            width = max(len(left) for left, _ in rows)
-            lines += [f"{left:<{width}}  # {right}" for left, right in rows]
-    if left_out:
-        lines += ["", f"# {left_out} more that are rarely changed: wayside settings --all"]
+        lines += ["", f"# {type(values).__doc__}", f"[{group.name}]"]
+        width = max(len(left) for left, _ in rows)
+        lines += [f"{left:<{width}}  # {right}" for left, right in rows]
     return "\n".join(lines) + "\n"
 
 
@@ -206,7 +198,7 @@ def _convert(name: str, value: Any, origin: str, leaves: Mapping[str, Field[Any]
     if name not in leaves:
         raise UsageError(
             f"unknown setting {name} ({origin}){_nearest(name, leaves)}; "
-            "`wayside settings --all` lists all"
+            "`wayside settings` lists all"
         )
     leaf = leaves[name]
     kind: type[Any] = type(leaf.default)

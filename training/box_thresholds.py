@@ -41,6 +41,7 @@ from wayside.pipeline.workers import StageClock
 from wayside.schemas.detections import Candidates
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import NetworkSum, ScoreModel
+from wayside.stages.detection import SAME_FACE_IOU
 from wayside.stages.geometry import non_maximum_suppression
 
 EVERY = 4
@@ -71,12 +72,11 @@ class ScoredBoxes:
 
 
 def learn_network_sum(
-    drives: Sequence[Sequence[ScoredBoxes]], threshold: float, max_iou: float
+    drives: Sequence[Sequence[ScoredBoxes]], threshold: float
 ) -> tuple[NetworkSum, Interval | None]:
     """The sum that is a log odds, but for a shift by which it has the `threshold` of the box network alone.
 
-    drives: images of each; max_iou: overlap above which the lower of two boxes of an image is suppressed. With it the
-    95 % interval of the threshold.
+    drives: images of each. With it the 95 % interval of the threshold.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def learn_network_sum(
             "scores: boxes on faces and off them are needed, but all are of one kind. Add drives."
         )
     (own, network), _ = platt(score[some], on)
-    at, interval = rule_threshold(drives, np.array([own, network]), FALSE_FACES, max_iou)
+    at, interval = rule_threshold(drives, np.array([own, network]), FALSE_FACES)
     shift = threshold - at
     if interval is not None:
         interval = Interval(interval.low + shift, interval.high + shift)
@@ -104,14 +104,13 @@ def rule_threshold(
     drives: Sequence[Sequence[ScoredBoxes]],
     weights: NDArray[np.float64],
     accepted: float,
-    max_iou: float,
 ) -> tuple[float, Interval | None]:
     """The weighted score from which `accepted` boxes an image are on no panel, after suppression.
 
     With its 95 % interval by resampling the drives; None of a single one.
     """
     false = [
-        np.concatenate([false_scores(one, one.score @ weights, max_iou) for one in drive])
+        np.concatenate([false_scores(one, one.score @ weights) for one in drive])
         for drive in drives
     ]
     images = np.array([len(drive) for drive in drives])
@@ -129,12 +128,10 @@ def rule_threshold(
     return at(np.ones(len(drives), np.int64)), resampled_interval(len(drives), at)
 
 
-def false_scores(
-    one: ScoredBoxes, score: NDArray[np.floating], max_iou: float
-) -> NDArray[np.floating]:
-    """Scores of the boxes of an image that are on no panel, after suppression by `score` (n,)."""
+def false_scores(one: ScoredBoxes, score: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Scores of the boxes of an image that are on no panel, after suppression by `score` (n,), as in detection."""
     order = np.argsort(-score, kind="stable")
-    kept = order[non_maximum_suppression(one.box[order], max_iou)]
+    kept = order[non_maximum_suppression(one.box[order], SAME_FACE_IOU)]
     return score[kept][one.overlap[kept] < NEAR_FACE]
 
 
@@ -193,17 +190,15 @@ def learn(logs: Sequence[Path], folder: Path) -> dict[str, ScoreModel]:
     InputError
         If a drive or the networks of the folder cannot be used.
     """
-    settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
     found = for_each(lambda log: scored_boxes(log, folder), logs)
     faces, backs = [drive[0] for drive in found], [drive[1] for drive in found]
     provenance = "thresholds by " + ", ".join(
         f"{log.stem} ({len(own)} images)" for log, own in zip(logs, faces, strict=True)
     )
-    max_iou = settings.candidates.same_face_iou
-    threshold, _ = rule_threshold(faces, np.array([1.0, 0.0]), FALSE_FACES, max_iou)
-    joined, interval = learn_network_sum(faces, threshold, max_iou)
+    threshold, _ = rule_threshold(faces, np.array([1.0, 0.0]), FALSE_FACES)
+    joined, interval = learn_network_sum(faces, threshold)
     front = ScoreModel(threshold, provenance, joined, false_boxes_rule(FALSE_FACES), interval)
-    threshold, interval = rule_threshold(backs, np.ones(1), FALSE_BACKS, max_iou)
+    threshold, interval = rule_threshold(backs, np.ones(1), FALSE_BACKS)
     back = ScoreModel(threshold, provenance, None, false_boxes_rule(FALSE_BACKS), interval)
     return {"front.json": front, "back.json": back}
 

@@ -35,7 +35,7 @@ from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.settings_file import load_settings
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError
-from wayside.schemas.settings import MappingSettings, ReadSettings, TrackSettings
+from wayside.schemas.settings import ReadSettings, TrackSettings
 from wayside.stages.mapping import track
 from wayside.stages.odometry import estimate_motion
 
@@ -124,9 +124,9 @@ def _landmarks_of(
         found = Flow(settings, own, StageClock()).detect(read_frames(log, read, ReadReport()))
         moved = estimate_motion(found, settings.motion)
         detector = detector_of(settings, own)
-        mapping = MappingSettings(TrackSettings(fewest_views=FEWEST))
+        settled = TrackSettings(fewest_views=FEWEST)
         panel = panel_method(own)
-        tracked = track(moved, mapping, detector.front(), detector.back(), panel)
+        tracked = track(moved, settled, detector.front(), detector.back(), panel)
         rows += labelled_landmarks(tracked, known, usual=lower == 0)
     return rows
 

@@ -22,7 +22,7 @@ app = Application()
 def settings(
     every: Annotated[
         bool,
-        typer.Option("--all", help="Also what is rarely changed, and where each default is from."),
+        typer.Option("--all", help="Also where each default is from."),
     ] = False,
     **given: Any,
 ) -> None:
@@ -32,7 +32,7 @@ def settings(
     chosen, origins = load_settings(
         given["preset"].value, given["settings"], given["assignments"] or [], {}
     )
-    typer.echo(format_settings(chosen, origins, expert=every), nl=False)
+    typer.echo(format_settings(chosen, origins, full=every), nl=False)
 
 
 @app.command(

@@ -17,12 +17,7 @@ from wayside.pipeline.writing import write_json
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.landmarks import Landmark
-from wayside.schemas.settings import (
-    LandmarkSettings,
-    MappingSettings,
-    MotionSettings,
-    TrackSettings,
-)
+from wayside.schemas.settings import MotionSettings, TrackSettings
 from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.mapping import track
@@ -105,13 +100,11 @@ def simulate(
     check(survey)
     drive = SimulatedDrive(survey)
     settings = TrackSettings(fewest_views=FEWEST_VIEWS)
-    noise = LandmarkSettings(  # the stated sigmas are those of the errors that the survey has
-        centre_sigma_px=max(survey.noise_px, LEAST_SIGMA_PX), centre_sigma_share=survey.noise_share
-    )
-    mapping = MappingSettings(settings, landmark=noise)
+    # the stated sigmas are those of the errors that the survey has
+    noise = (max(survey.noise_px, LEAST_SIGMA_PX), survey.noise_share)
     found: dict[int, tuple[Array, Array, float, int]] = {}
     posed = drive.posed(MotionSettings())
-    settled_frames = track(posed, mapping, jointly=True)
+    settled_frames = track(posed, settings, jointly=True, box_sigma=noise)
     for done, settled in enumerate(settled_frames, 1):
         watch(done, len(drive.poses))
         for place in settled.landmarks:

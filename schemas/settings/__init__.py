@@ -9,18 +9,7 @@ from wayside.schemas.settings.balance import BalanceSettings
 from wayside.schemas.settings.codes import CodeSettings
 from wayside.schemas.settings.detection import CandidateSettings
 from wayside.schemas.settings.field import setting
-from wayside.schemas.settings.landmark import (
-    AssemblySettings,
-    LandmarkSettings,
-    LocateSettings,
-    VerdictSettings,
-)
-from wayside.schemas.settings.mapping import (
-    AcceptanceSettings,
-    AssociationSettings,
-    MappingSettings,
-    TrackSettings,
-)
+from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
@@ -33,18 +22,13 @@ __all__ = [
     "REPORT",
     "REPORT_2D",
     "REPORT_SHAPE",
-    "AcceptanceSettings",
-    "AssemblySettings",
-    "AssociationSettings",
     "BalanceSettings",
     "CandidateSettings",
     "ChangeSettings",
     "CodeSettings",
     "FeatureSettings",
     "GateSettings",
-    "LandmarkSettings",
     "LocateSettings",
-    "MappingSettings",
     "MergeSettings",
     "ModelSettings",
     "MotionSettings",
@@ -55,6 +39,5 @@ __all__ = [
     "SegmentSettings",
     "Settings",
     "TrackSettings",
-    "VerdictSettings",
     "setting",
 ]

@@ -3,16 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from wayside.schemas.frame import Camera
 from wayside.schemas.settings.field import setting
-
-_CHOSEN = "chosen by hand"
-_PITCH = "with 0.22 above and 0.13 below a fifth of the faces in images of streets is not seen"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,102 +17,6 @@ class CandidateSettings:
         "so many of the best in one image may begin landmarks; others may join them",
         low=1,
     )
-
-    # --- which boxes can be faces ---
-    narrowest_aspect: float = setting(
-        0.2, "", "width over height of a face, at least", origin=_CHOSEN, expert=True, low=0
-    )
-    widest_aspect: float = setting(
-        6.5, "", "width over height of a face, at most", origin=_CHOSEN, expert=True, low=0
-    )
-    shortest_px: int = setting(
-        8,
-        "px",
-        "height of the smallest face searched for, in images of `shortest_focal_px` and more",
-        origin=_CHOSEN,
-        expert=True,
-        low=1,
-    )
-    shortest_focal_px: float = setting(
-        500.0,
-        "px",
-        "of a shorter focal length, an image is seen by the detection network twice as large, and faces are searched "
-        "for half as tall; of half of it, four times as large",
-        origin="four real drives at half size, 360 to 450 px, gain 7 of 48 signs, at three quarters 1 and false rows",
-        expert=True,
-        low=1,
-    )
-
-    other_filled: float = setting(
-        0.8,
-        "boxes",
-        "area of a face of a shape that is not known, or fills no fixed part of its box",
-        origin="between a circle and a rectangle",
-        expert=True,
-        low=0.1,
-        high=1,
-    )
-
-    # --- merging ---
-    same_region_iou: float = setting(
-        0.7,
-        "IoU",
-        "boxes that overlap more are one candidate",
-        origin="at 0.45 faces were lost to their neighbours, at 0.6 not",
-        expert=True,
-        low=0.01,
-        high=0.99,
-    )
-
-    # --- boxes of the detection network ---
-    full_size_px: int = setting(
-        176,
-        "px",
-        "the detection network sees so many rows above and below the optical axis at full size",
-        origin="a face of half a metre up to 6 m above the camera is at least 15 px tall beyond; no row is padded",
-        expert=True,
-        low=0,
-    )
-    half_size_above: float = setting(
-        0.4,
-        "tangent",
-        "rows above the optical axis that it sees at half size",
-        origin=_PITCH,
-        expert=True,
-    )
-    half_size_below: float = setting(
-        0.2,
-        "tangent",
-        "rows below the optical axis that it sees at half size",
-        origin=_PITCH,
-        expert=True,
-    )
-    network_least: float = setting(
-        -6.0,
-        "log odds",
-        "of a panel by the detection network: lower ones are no boxes",
-        origin=_CHOSEN,
-        expert=True,
-    )
-    network_most: int = setting(
-        60,
-        "boxes",
-        "of the network that are kept in an image, at most",
-        origin="120 find no more faces",
-        expert=True,
-        low=0,
-    )
-    network_iou: float = setting(
-        0.5,
-        "IoU",
-        "of the network's boxes, those that overlap a better one more are suppressed",
-        origin=_CHOSEN,
-        expert=True,
-        low=0.01,
-        high=0.99,
-    )
-
-    # --- boxes of another detector, or of a file ---
     external_score: float = setting(
         0.25,
         "",
@@ -129,42 +25,3 @@ class CandidateSettings:
         low=0,
         high=1,
     )
-
-    # --- classification ---
-    same_face_iou: float = setting(
-        0.4,
-        "IoU",
-        "accepted boxes that overlap a better one more are suppressed",
-        origin=_CHOSEN,
-        expert=True,
-        low=0.01,
-        high=0.99,
-    )
-    regressed_from: float = setting(
-        -3.0,
-        "log odds",
-        "boxes of so much by the box network, as a front or a back, are moved onto the panel and classified again",
-        origin="the thresholds are near 1, and the second classification adds 2 at most",
-        expert=True,
-    )
-    largest_offset: float = setting(
-        1.5,
-        "box sizes",
-        "box regression: sides move no farther",
-        origin=_CHOSEN,
-        expert=True,
-        low=0,
-    )
-
-    def enlargement(self, camera: Camera) -> int:
-        """How many times as large the images of a camera are seen: 1 for most, 2, or 4 at most."""
-        return next((k for k in (1, 2) if k * camera.fy >= self.shortest_focal_px), 4)
-
-    def fits_face(self, box: NDArray[np.floating[Any]], camera: Camera) -> NDArray[np.bool_]:
-        """Which boxes (n, 4) in images of a camera have the height and the aspect of a face."""
-        wide, tall = box[:, 2] - box[:, 0], box[:, 3] - box[:, 1]
-        return np.asarray(
-            (self.enlargement(camera) * tall >= self.shortest_px)
-            & (wide >= self.narrowest_aspect * tall)
-            & (wide <= self.widest_aspect * tall)
-        )

@@ -5,9 +5,6 @@ from __future__ import annotations
 from dataclasses import field
 from typing import Any
 
-SET = "set on the development drives"
-"""Origin of many settings: chosen by trial."""
-
 
 def setting(
     default: Any,
@@ -15,15 +12,13 @@ def setting(
     words: str,
     *,
     origin: str = "",
-    expert: bool = False,
     low: float | None = None,
     high: float | None = None,
     choices: tuple[str, ...] = (),
 ) -> Any:
     """A dataclass field that knows its unit, meaning and what it may hold (limits included).
 
-    origin: where the default comes from (a chapter of the report, a paper, a measurement); expert: `wayside settings`
-    prints it with --all only.
+    origin: where the default comes from (a chapter of the report, a paper, a measurement).
     """
     return field(
         default=default,
@@ -31,7 +26,6 @@ def setting(
             "unit": unit,
             "words": words,
             "origin": origin,
-            "expert": expert,
             "low": low,
             "high": high,
             "choices": choices,

@@ -33,7 +33,7 @@ class MergeSettings:
     )  # fmt: skip
     support_m: float = setting(
         0.6, "m", "panels nearer than this on the ground stand on one support", low=0,
-        origin="as `assembly.support_m`",
+        origin="as within a drive",
     )  # fmt: skip
 
 

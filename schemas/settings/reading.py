@@ -91,7 +91,6 @@ class ModelSettings:
         "auto",
         "",
         "how the output of `detector` is read; auto: by its shape and names",
-        expert=True,
         choices=(
             "auto",
             "yolov5",

@@ -8,18 +8,7 @@ from typing import Any
 from wayside.schemas.settings.balance import BalanceSettings
 from wayside.schemas.settings.codes import CodeSettings
 from wayside.schemas.settings.detection import CandidateSettings
-from wayside.schemas.settings.landmark import (
-    AssemblySettings,
-    LandmarkSettings,
-    LocateSettings,
-    VerdictSettings,
-)
-from wayside.schemas.settings.mapping import (
-    AcceptanceSettings,
-    AssociationSettings,
-    MappingSettings,
-    TrackSettings,
-)
+from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
@@ -41,29 +30,13 @@ class Settings:
     features: FeatureSettings = field(default_factory=FeatureSettings)
     motion: MotionSettings = field(default_factory=MotionSettings)
     track: TrackSettings = field(default_factory=TrackSettings)
-    association: AssociationSettings = field(default_factory=AssociationSettings)
-    acceptance: AcceptanceSettings = field(default_factory=AcceptanceSettings)
-    landmark: LandmarkSettings = field(default_factory=LandmarkSettings)
-    verdict: VerdictSettings = field(default_factory=VerdictSettings)
     locate: LocateSettings = field(default_factory=LocateSettings)
     route: RouteSettings = field(default_factory=RouteSettings)
-    assembly: AssemblySettings = field(default_factory=AssemblySettings)
     codes: CodeSettings = field(default_factory=CodeSettings)
     models: ModelSettings = field(default_factory=ModelSettings)
     run: RunSettings = field(default_factory=RunSettings)
     merge: MergeSettings = field(default_factory=MergeSettings)
     changes: ChangeSettings = field(default_factory=ChangeSettings)
-
-    @property
-    def mapping(self) -> MappingSettings:
-        """The groups that tracking reads."""
-        return MappingSettings(
-            track=self.track,
-            association=self.association,
-            acceptance=self.acceptance,
-            landmark=self.landmark,
-            verdict=self.verdict,
-        )
 
 
 REPORT: dict[str, dict[str, Any]] = {

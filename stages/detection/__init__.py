@@ -12,7 +12,7 @@ from wayside.stages.detection.box_network import (
     BoxNetwork,
 )
 from wayside.stages.detection.box_patches import INNER, SIDE, drawn_patches
-from wayside.stages.detection.detector import detect
+from wayside.stages.detection.detector import SAME_FACE_IOU, detect
 from wayside.stages.detection.detector_outputs import recognised
 from wayside.stages.detection.external_boxes import detect_externally
 from wayside.stages.detection.network_proposals import (
@@ -57,6 +57,7 @@ __all__ = [
     "OFFSET_AT",
     "OUTPUT",
     "PATCHES",
+    "SAME_FACE_IOU",
     "SCALE",
     "SHAPE_AT",
     "SIDE",

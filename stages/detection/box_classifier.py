@@ -9,18 +9,17 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera
 from wayside.schemas.models import ScoreModel
-from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.box_network import BoxNetwork
+from wayside.stages.detection.face_boxes import fits_face
 from wayside.stages.imaging import Pyramid
 
 
 @dataclass(frozen=True, slots=True)
 class BoxClassifier:
-    """The box network as a classifier of panels from the front, or from behind (`back`); `settings`: which boxes."""
+    """The box network as a classifier of panels from the front, or from behind (`back`)."""
 
     network: BoxNetwork
     model: ScoreModel
-    settings: CandidateSettings
     back: bool = False
 
     @property
@@ -30,7 +29,7 @@ class BoxClassifier:
 
     def takes(self, box: NDArray[np.float64], camera: Camera) -> bool:
         """Whether a box (4,) in an image of a camera has a size that is searched for."""
-        return bool(self.settings.fits_face(box[None], camera)[0])
+        return bool(fits_face(box[None], camera)[0])
 
     def scores(self, levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.float32]:
         """Log odds (n,) that boxes (n, 4) show such a panel; levels: the image at full, half and quarter size."""

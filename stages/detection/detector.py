@@ -25,8 +25,17 @@ from wayside.schemas.frame import Camera
 from wayside.schemas.models import ScoreModel
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.box_network import BoxNetwork, BoxScores
+from wayside.stages.detection.face_boxes import fits_face
 from wayside.stages.geometry import non_maximum_suppression
 from wayside.stages.imaging import pyramid
+
+SAME_FACE_IOU = 0.4
+"""Accepted boxes that overlap a better one more are suppressed (chosen by hand)."""
+REGRESSED_FROM = -3.0
+"""Boxes of so much by the box network, as a front or a back, are moved onto the panel and classified again, log odds:
+the thresholds are near 1, and the second classification adds 2 at most."""
+LARGEST_OFFSET = 1.5
+"""Box regression moves sides no farther, by the size of the box (chosen by hand)."""
 
 
 def detect(
@@ -44,7 +53,7 @@ def detect(
     items
         Images with their regions; each becomes a candidate.
     settings
-        Overlap of suppression, number of candidates kept, limits of faces and of box regression.
+        Number of candidates kept.
     network
         The box network. A candidate not far below a threshold is scored at the box that the network makes of it as
         well, and moves there where it scores better. Those that are accepted get the log probabilities of colours and
@@ -68,8 +77,8 @@ def detect(
             continue
         box, levels = regions.box, image.levels or pyramid(image.rgb)
         found = network.scores(levels, box)
-        near = np.flatnonzero(found.best >= settings.regressed_from)
-        moved = regressed_boxes(box[near], found.offset[near], image.frame.camera, settings)
+        near = np.flatnonzero(found.best >= REGRESSED_FROM)
+        moved = regressed_boxes(box[near], found.offset[near], image.frame.camera)
         again = network.scores(levels, moved)
         better = again.best > found.best[near]
         found = found.replaced(near[better], again.select(better))
@@ -77,7 +86,7 @@ def detect(
         scores = found.front
         if item.network_score is not None and front.with_network is not None:
             scores = front.with_network.of(scores, item.network_score)
-        candidates = with_scores(candidates, scores, front.threshold, settings)
+        candidates = with_scores(candidates, scores, front.threshold, settings.keep)
         above = np.flatnonzero(scores >= front.threshold)
         candidates = with_names(candidates, above, found.select(above), grey=image.frame.grey)
         if back is not None:
@@ -88,37 +97,30 @@ def detect(
 
 
 def regressed_boxes(
-    box: NDArray[np.float32],
-    offset: NDArray[np.float32],
-    camera: Camera,
-    settings: CandidateSettings,
+    box: NDArray[np.float32], offset: NDArray[np.float32], camera: Camera
 ) -> NDArray[np.float32]:
     """Boxes (n, 4) with their sides moved by `offset` (n, 4) box sizes, no farther than the border of the image.
 
     Those that would be too small or of an aspect that no face has stay as they are.
     """
     size = (box[:, 2:] - box[:, :2])[:, [0, 1, 0, 1]]
-    limit = settings.largest_offset
-    moved = (box + np.clip(offset, -limit, limit) * size).astype(np.float32)
+    moved = (box + np.clip(offset, -LARGEST_OFFSET, LARGEST_OFFSET) * size).astype(np.float32)
     moved = np.clip(moved, 0, np.array([camera.width, camera.height] * 2, np.float32))
-    return np.where(settings.fits_face(moved, camera)[:, None], moved, box)
+    return np.where(fits_face(moved, camera)[:, None], moved, box)
 
 
 def with_scores(
-    candidates: Candidates,
-    score: NDArray[np.float32],
-    threshold: float,
-    settings: CandidateSettings,
+    candidates: Candidates, score: NDArray[np.float32], threshold: float, keep: int
 ) -> Candidates:
     """The candidates with `score` (n,) and the verdicts that follow: threshold, suppression, number kept."""
     alive = np.flatnonzero(score >= threshold)
     # Best first; the earlier row wins a tie.
     alive = alive[np.argsort(-score[alive], kind="stable")]
-    kept = alive[non_maximum_suppression(candidates.regions.box[alive], settings.same_face_iou)]
+    kept = alive[non_maximum_suppression(candidates.regions.box[alive], SAME_FACE_IOU)]
     verdict = np.full(len(candidates), verdict_code("score"), np.uint8)
     verdict[alive] = verdict_code("overlap")
     verdict[kept] = verdict_code("score")
-    verdict[kept[: settings.keep]] = verdict_code("open")
+    verdict[kept[:keep]] = verdict_code("open")
     return replace(candidates, score=score, verdict=verdict)
 
 

@@ -25,7 +25,7 @@ from wayside.schemas.detectors import BoxFile, ExternalBoxes
 from wayside.schemas.frame import Image
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.box_network import BoxNetwork
-from wayside.stages.detection.detector import with_names, with_scores
+from wayside.stages.detection.detector import SAME_FACE_IOU, with_names, with_scores
 from wayside.stages.detection.onnx_detector import OnnxDetector
 from wayside.stages.detection.proposals import filled_area, mean_colors
 from wayside.stages.imaging import pyramid
@@ -48,8 +48,8 @@ def detect_externally(
     source
         The detector, or the boxes by image.
     settings
-        Least score; overlap of suppression; number of candidates that stay open. Of boxes that overlap more the best
-        stays (`overlap`), of all of them the best `settings.keep` (`score`).
+        Least score; number of candidates that stay open. Of boxes that overlap the best stays (`overlap`), of all of
+        them the best `settings.keep` (`score`).
     network
         The box network, which names what the classes of the boxes do not.
 
@@ -70,25 +70,23 @@ def detect_externally(
         if isinstance(source, BoxFile):
             found = source.of(item.frame).inside(camera)
         else:
-            found = source.boxes(item.rgb, settings.external_score, settings.same_face_iou)
+            found = source.boxes(item.rgb, settings.external_score, SAME_FACE_IOU)
         segmentation = replace(
             segmentation,
-            regions=external_regions(found, item.rgb, settings),
+            regions=external_regions(found, item.rgb),
             region_count=found.found,
         )
         yield Detections(
             segmentation,
-            classified(found, segmentation.regions, item, settings, network),
+            classified(found, segmentation.regions, item, settings.keep, network),
         )
 
 
-def external_regions(
-    found: ExternalBoxes, rgb: NDArray[np.uint8], settings: CandidateSettings
-) -> Regions:
+def external_regions(found: ExternalBoxes, rgb: NDArray[np.uint8]) -> Regions:
     """The boxes as regions: the area of their shape, the mean colour of their middle."""
     return Regions(
         found.box,
-        filled_area(found.box, found.shape, settings),
+        filled_area(found.box, found.shape),
         mean_colors(rgb, found.box),
         np.full(len(found), SOURCES.index("external"), np.uint8),
     )
@@ -98,12 +96,12 @@ def classified(
     found: ExternalBoxes,
     regions: Regions,
     item: Image,
-    settings: CandidateSettings,
+    keep: int,
     network: BoxNetwork,
 ) -> Candidates:
     """Candidates of the boxes with scores, verdicts and classes."""
     rows = np.arange(len(found))
-    candidates = with_scores(Candidates.of(regions), found.score, -np.inf, settings)
+    candidates = with_scores(Candidates.of(regions), found.score, -np.inf, keep)
     if len(found) == 0 or item.rgb is None:
         return candidates
     named = network.scores(pyramid(item.rgb), regions.box)

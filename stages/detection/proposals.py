@@ -18,7 +18,7 @@ from wayside.schemas.detections import (
     Segmentation,
 )
 from wayside.schemas.frame import Camera, Image
-from wayside.schemas.settings import CandidateSettings
+from wayside.stages.detection.face_boxes import enlargement, fits_face
 from wayside.stages.detection.network_proposals import (
     DetectionNetwork,
     Maps,
@@ -30,11 +30,25 @@ from wayside.stages.segmentation import unsegmented
 
 FILLED = {"rectangle": 0.98, "diamond": 0.5, "octagon": 0.83, "triangle": 0.5, "circle": 0.785}
 """Area of a shape as a fraction of its box."""
+OTHER_FILLED = 0.8
+"""The same of a shape that is not known: between a circle and a rectangle."""
+SAME_REGION_IOU = 0.7
+"""Boxes that overlap more are one candidate: at 0.45 faces were lost to their neighbours, at 0.6 not."""
+FULL_SIZE_PX = 176
+"""Rows above and below the optical axis that the network sees at full size: a face of half a metre up to 6 m above the
+camera is at least 15 px tall beyond them, and no row is padded."""
+HALF_SIZE_ABOVE, HALF_SIZE_BELOW = 0.4, 0.2
+"""Rows above and below the optical axis that it sees at half size, as a tangent: with 0.22 and 0.13 a fifth of the
+faces in images of streets is not seen."""
+LEAST_SCORE = -6.0
+"""Boxes of the network of lower log odds are none (chosen by hand)."""
+MOST_BOXES = 60
+"""Boxes of the network that are kept in an image, at most: 120 find no more faces."""
+SAME_BOX_IOU = 0.5
+"""Of the network's boxes, those that overlap a better one more are suppressed (chosen by hand)."""
 
 
-def propose(
-    images: Iterator[Image], *, settings: CandidateSettings, network: DetectionNetwork
-) -> Iterator[Segmentation]:
+def propose(images: Iterator[Image], *, network: DetectionNetwork) -> Iterator[Segmentation]:
     """Take the boxes of a detection network as the regions of each image.
 
     The network sees the rows in which faces can be (`network_bands`). Boxes that no face has the size of are dropped,
@@ -46,32 +60,30 @@ def propose(
             yield item
             continue
         levels = pyramid(image.rgb)
-        bands = network_bands(network, levels, camera, settings)
-        found = boxes_of_bands(bands, len(image.rgb), settings)
+        bands = network_bands(network, levels, camera)
+        found = boxes_of_bands(bands, len(image.rgb))
         item = replace(
             item,
             image=replace(image, levels=levels),
-            regions=network_regions(found, image.rgb, settings),
+            regions=network_regions(found, image.rgb),
             dropped=Dropped(left_out=found.left_out),
             network_score=found.front,
         )
-        yield fitting(item, camera, settings)
+        yield fitting(item, camera)
 
 
-def propose_segments(
-    items: Iterator[Segmentation], *, settings: CandidateSettings
-) -> Iterator[Segmentation]:
+def propose_segments(items: Iterator[Segmentation]) -> Iterator[Segmentation]:
     """Keep those segments of each image that a face can be, where there is no detection network."""
     for item in items:
         camera = item.frame.camera
-        yield item if camera is None else fitting(item, camera, settings)
+        yield item if camera is None else fitting(item, camera)
 
 
-def fitting(item: Segmentation, camera: Camera, settings: CandidateSettings) -> Segmentation:
+def fitting(item: Segmentation, camera: Camera) -> Segmentation:
     """The image with the regions that a face can be, by size and aspect, and one of those that are nearly the same."""
     box, score = item.regions.box, item.network_score
-    rows = np.flatnonzero(settings.fits_face(box, camera))
-    kept = rows[non_maximum_suppression(box[rows], settings.same_region_iou)]
+    rows = np.flatnonzero(fits_face(box, camera))
+    kept = rows[non_maximum_suppression(box[rows], SAME_REGION_IOU)]
     return replace(
         item,
         regions=item.regions.select(kept),
@@ -104,20 +116,15 @@ class Band:
         return np.asarray(uncut & ((box[:, 3] < rows) | (not below)))
 
 
-def network_bands(
-    network: DetectionNetwork,
-    levels: Pyramid,
-    camera: Camera,
-    settings: CandidateSettings,
-) -> list[Band]:
+def network_bands(network: DetectionNetwork, levels: Pyramid, camera: Camera) -> list[Band]:
     """What the network sees of an image: far faces near the horizon at full size, all rows with faces at half size.
 
     For an image of short focal length, full size is twice its own size, and half size is its own. A face is then as
     large as in the images that the network has learned from.
     """
-    times = settings.enlargement(camera)
-    far = settings.full_size_px / times
-    above, below = settings.half_size_above * camera.fy, settings.half_size_below * camera.fy
+    times = enlargement(camera)
+    far = FULL_SIZE_PX / times
+    above, below = HALF_SIZE_ABOVE * camera.fy, HALF_SIZE_BELOW * camera.fy
     found = []
     for scale, up, down in ((1 / times, far, far), (2 / times, above, below)):
         level = int(scale > 1)  # the image as it is, or at half size
@@ -130,20 +137,13 @@ def network_bands(
     return found
 
 
-def boxes_of_bands(bands: Sequence[Band], height: int, settings: CandidateSettings) -> NetworkBoxes:
+def boxes_of_bands(bands: Sequence[Band], height: int) -> NetworkBoxes:
     """The best boxes of all bands in pixels of the image (height rows).
 
     Of a face that a border of the full-size band cuts, the box at half size stays.
     """
     parts = [
-        boxes_of_maps(
-            band.maps,
-            band.size,
-            settings.network_least,
-            settings.network_most,
-            settings.network_iou,
-        )
-        for band in bands
+        boxes_of_maps(band.maps, band.size, LEAST_SCORE, MOST_BOXES, SAME_BOX_IOU) for band in bands
     ]
     if not parts:
         return NetworkBoxes.none()
@@ -155,30 +155,25 @@ def boxes_of_bands(bands: Sequence[Band], height: int, settings: CandidateSettin
     )
     order = np.argsort(-score, kind="stable")
     order = order[np.concatenate(whole)[order]]
-    apart = order[non_maximum_suppression(box[order], settings.network_iou)]
-    best = apart[: settings.network_most]
+    apart = order[non_maximum_suppression(box[order], SAME_BOX_IOU)]
+    best = apart[:MOST_BOXES]
     left_out = len(apart) - len(best) + sum(one.left_out for one in parts)
     return NetworkBoxes(box[best], score[best], front[best], color[best], shape[best], left_out)
 
 
-def network_regions(
-    found: NetworkBoxes, rgb: NDArray[np.uint8], settings: CandidateSettings
-) -> Regions:
+def network_regions(found: NetworkBoxes, rgb: NDArray[np.uint8]) -> Regions:
     """Boxes of the network as regions, best first. Their area assumes the most probable shape."""
     return Regions(
         found.box,
-        filled_area(found.box, found.shape.argmax(axis=1), settings),
+        filled_area(found.box, found.shape.argmax(axis=1)),
         mean_colors(rgb, found.box),
         np.full(len(found.box), SOURCES.index("network"), np.uint8),
     )
 
 
-def filled_area(
-    box: NDArray[np.float32], shape: NDArray[np.integer], settings: CandidateSettings
-) -> NDArray[np.int32]:
+def filled_area(box: NDArray[np.float32], shape: NDArray[np.integer]) -> NDArray[np.int32]:
     """Areas (n,) of faces of these shapes (n,) in boxes (n, 4); of an unknown shape (-1) that of a usual one."""
-    other = settings.other_filled
-    filled = [other if k < 0 else FILLED.get(SHAPES[k], other) for k in shape]
+    filled = [OTHER_FILLED if k < 0 else FILLED.get(SHAPES[k], OTHER_FILLED) for k in shape]
     return np.asarray(np.array(filled) * np.prod(box[:, 2:] - box[:, :2], axis=1), np.int32)
 
 

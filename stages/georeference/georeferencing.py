@@ -15,7 +15,7 @@ import numpy as np
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Pose
 from wayside.schemas.motion import ROUGH_LENGTHS
-from wayside.schemas.settings import LandmarkSettings, MotionSettings
+from wayside.schemas.settings import MotionSettings
 from wayside.stages.georeference.geodesy import Globe, align_level, origin_of
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
 from wayside.stages.georeference.notes import contradiction, notes_on, notes_on_spacing
@@ -23,6 +23,8 @@ from wayside.stages.georeference.path import DrivePath, PathPoint, StepScale, dr
 from wayside.stages.georeference.placement import SCALE_STEPS
 from wayside.stages.georeference.trajectory import Trajectory, smooth
 from wayside.stages.kernels import Array
+from wayside.stages.mapping import STEP_COVARIANCE
+from wayside.stages.odometry import FIX_SIGMA_M
 
 POSE_FLOOR_M = 1e-3
 """Smallest scatter of a pose of the log at the time of a frame (estimate)."""
@@ -56,9 +58,7 @@ HEADING_STEP_M = 1.0
 """Without poses and fixes, x of the world points along the first displacement longer than this."""
 
 
-def georeference(
-    points: Iterator[PathPoint], motion: MotionSettings, landmark: LandmarkSettings
-) -> Iterator[DrivePath]:
+def georeference(points: Iterator[PathPoint], motion: MotionSettings) -> Iterator[DrivePath]:
     """Choose the world frame of a drive and give every used camera its pose in it: one path for all points.
 
     With poses in the log, theirs, smoothed by the steps between frames. With fixes only, east-north-up at the first
@@ -69,9 +69,8 @@ def georeference(
     ----------
     points
         Used frames in the order of travel.
-    motion, landmark
-        Scatter of poses and fixes where the log does not say, and the antenna of the fixes; scatter of steps without
-        covariance.
+    motion
+        The antenna of the fixes.
 
     Raises
     ------
@@ -82,16 +81,16 @@ def georeference(
     """
     path = list(points)
     if any(p.given is not None for p in path):
-        yield _in_world_of_poses(path, _chain(path, landmark.step_sigma), motion)
+        yield _in_world_of_poses(path, _chain(path), motion)
         return
     start = _drive_start(path, HEADING_STEP_M) if path else None
     poses = [] if start is None else [start.compose(p.chained) for p in path]
     if sum(p.fix is not None for p in path) < 2:
         in_order = {p.frame: q for p, q in zip(path, poses, strict=True)}
-        scales = _scales_by_points(path, _chain(path, landmark.step_sigma), SCALE_STEPS)
+        scales = _scales_by_points(path, _chain(path), SCALE_STEPS)
         yield drive_path(path, "drive_start", in_order, None, scales, notes_on_spacing(path))
         return
-    chain = _chain(path, landmark.step_sigma)
+    chain = _chain(path)
     tilt, roll = radians(FIRST_TILT_DEG), radians(ROLL_DEG)
     globe, notes = _on_globe(path, chain, _stacked(poses), tilt, roll, motion)
     if globe is None:
@@ -130,11 +129,11 @@ def _stacked(poses: Sequence[Pose]) -> tuple[Array, Array]:
     return np.stack([q.rotation for q in poses]), np.stack([q.centre for q in poses])
 
 
-def _chain(path: Sequence[PathPoint], step_sigma: Sequence[float]) -> RelativeMotionChain:
+def _chain(path: Sequence[PathPoint]) -> RelativeMotionChain:
     """The steps as measured; lengths that came from fixes are unknowns, which these determine."""
     count = len(path)
     rotation, translation = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
-    covariance = np.tile(np.diag(np.square(step_sigma)), (count, 1, 1))
+    covariance = np.tile(STEP_COVARIANCE, (count, 1, 1))
     for row in range(1, count):
         one = path[row].chained.relative_to(path[row - 1].chained)
         rotation[row], translation[row] = one.rotation, one.centre
@@ -207,7 +206,7 @@ def _on_globe(
     fixes = [fix for _, fix in fixed]
     origin = origin_of(fixes, ORIGIN_REACH_DEG)
     position = origin.local(fixes)
-    unknown = (motion.fix_sigma_m, motion.fix_sigma_m, UP_FACTOR * motion.fix_sigma_m)
+    unknown = (FIX_SIGMA_M, FIX_SIGMA_M, UP_FACTOR * FIX_SIGMA_M)
     sigma = np.array([unknown if f.sigma_m is None else f.sigma_m for f in fixes])
     latest = np.maximum(np.searchsorted(rows, np.arange(len(path)), side="right") - 1, 0)
     lever_arm = np.array(motion.antenna_m)

@@ -1,8 +1,8 @@
 """Detections of several frames to landmarks in three dimensions (report chapters 5, 7, 8 and 11)."""
 
 from wayside.stages.mapping.assembly import assemble
-from wayside.stages.mapping.association import AssociationGates
-from wayside.stages.mapping.landmark import build_landmark, measure_landmark
+from wayside.stages.mapping.association import GAP_SHARE
+from wayside.stages.mapping.landmark import STEP_COVARIANCE, build_landmark, measure_landmark
 from wayside.stages.mapping.landmark_evidence import (
     FEATURES,
     LandmarkClassifier,
@@ -10,7 +10,7 @@ from wayside.stages.mapping.landmark_evidence import (
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_views
 from wayside.stages.mapping.location import classify_location
 from wayside.stages.mapping.sign_places import SignPlaces
-from wayside.stages.mapping.tracker import SideClassifiers, track
+from wayside.stages.mapping.tracker import WINDOW_STEP, SideClassifiers, track
 from wayside.stages.mapping.verdicts import VERDICT_OF_TERM
 from wayside.stages.mapping.window import (
     TravelledPath,
@@ -21,8 +21,10 @@ from wayside.stages.mapping.window import (
 
 __all__ = [
     "FEATURES",
+    "GAP_SHARE",
+    "STEP_COVARIANCE",
     "VERDICT_OF_TERM",
-    "AssociationGates",
+    "WINDOW_STEP",
     "LandmarkClassifier",
     "LandmarkFit",
     "SideClassifiers",

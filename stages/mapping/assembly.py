@@ -7,11 +7,13 @@ from dataclasses import replace
 
 from wayside.schemas.detections import verdict_code
 from wayside.schemas.landmarks import Landmark, TrackedFrame
-from wayside.schemas.settings import AssemblySettings
-from wayside.stages.mapping.verdicts import same_panel, same_station
+from wayside.stages.mapping.verdicts import SUPPORT_M, same_panel, same_station
+
+REMEMBER_M = 60.0
+"""Stretch of path over which landmarks are compared, m: longer than the window."""
 
 
-def assemble(tracked: Iterator[TrackedFrame], settings: AssemblySettings) -> Iterator[TrackedFrame]:
+def assemble(tracked: Iterator[TrackedFrame]) -> Iterator[TrackedFrame]:
     """Refuse later landmarks of one panel (`duplicate`) and number the supports from 0, in order of appearance.
 
     Candidates of landmarks that were refused since they were tracked get the verdict of their landmark.
@@ -20,8 +22,6 @@ def assemble(tracked: Iterator[TrackedFrame], settings: AssemblySettings) -> Ite
     ----------
     tracked
         Frames with the landmarks seen first in them.
-    settings
-        Distances between panels of one support.
     """
     refused: dict[int, tuple[str, int]] = {}
     recent: list[Landmark] = []
@@ -30,17 +30,17 @@ def assemble(tracked: Iterator[TrackedFrame], settings: AssemblySettings) -> Ite
         landmarks = []
         for one in frame.landmarks:
             if one.verdict == "sign":
-                if any(same_panel(one, other, settings) for other in recent):
+                if any(same_panel(one, other) for other in recent):
                     one = replace(one, verdict="duplicate")
                 else:
-                    near = (p.assembly for p in recent if same_support(one, p, settings))
+                    near = (p.assembly for p in recent if same_support(one, p))
                     one = replace(one, assembly=next(near, count))
                     count += one.assembly == count
                     recent.append(one)
             landmarks.append(one)
         yield _revised(frame, landmarks, refused)
         if frame.motion is not None:
-            passed_m = frame.motion.station_m - settings.remember_m
+            passed_m = frame.motion.station_m - REMEMBER_M
             recent = [p for p in recent if p.station_m > passed_m]
 
 
@@ -62,14 +62,10 @@ def _revised(
     return replace(frame, candidates=table, landmarks=tuple(landmarks))
 
 
-def same_support(one: Landmark, other: Landmark, settings: AssemblySettings) -> bool:
+def same_support(one: Landmark, other: Landmark) -> bool:
     """Whether two panels hang on one support: one above the other or side by side, without much between."""
     right, above = abs(one.right_m - other.right_m), abs(one.above_m - other.above_m)
     between = max(
         right - (one.width_m + other.width_m) / 2, above - (one.height_m + other.height_m) / 2
     )
-    return bool(
-        min(right, above) < settings.support_m
-        and between < settings.support_m
-        and same_station(one, other, settings)
-    )
+    return bool(min(right, above) < SUPPORT_M and between < SUPPORT_M and same_station(one, other))

@@ -6,29 +6,34 @@ frames of a window share one world: that of the chained motion.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.settings import AssociationSettings, TrackSettings
 from wayside.stages.kernels import Array, compiled, require_array
 
 NOT_EXPECTED, MISSED, SEEN = 0, 1, 2
 """State of a hypothesis in a frame: outside the image or too small; expected, but without a candidate; seen."""
 
-
-@dataclass(frozen=True, slots=True)
-class AssociationGates(AssociationSettings):
-    """`AssociationSettings` with `track.gap_px`."""
-
-    gap_px: float = field(kw_only=True)
-
-    @staticmethod
-    def of(track: TrackSettings, association: AssociationSettings) -> AssociationGates:
-        """The gates of these settings."""
-        return AssociationGates(gap_px=track.gap_px, **asdict(association))
+# Set on the development drives, where no other reason is given.
+GAP_SHARE = 0.06
+"""Added to the largest gap of a view, `track.gap_px`, by the height of the panel."""
+TALLER, WIDER = 1.35, 1.47
+"""Largest ratio of two metric heights, and of two widths, of one panel."""
+NEAREST_M, FARTHEST_M = 4.0, 220.0
+"""Least and largest depth of a view, m: nearer panels are cut."""
+VALUE_SHIFT = 2.0
+"""Added to the score of a view, log odds."""
+LEAST_VALUE, MOST_VALUE = -1.0, 6.0
+"""Least and largest value of a view, log odds."""
+GAP_COST = 1.0
+"""Cost of a view at the gate of its place, and of one at that of its size, log odds; it falls with the square."""
+MISS_COST = 0.7
+"""Cost of a frame that should show the panel and has no candidate there, log odds."""
+EXPECTED_PX = 14.0
+"""Height from which a view is expected, px."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +90,7 @@ def associate(
     point: NDArray[np.floating[Any]],
     size: NDArray[np.floating[Any]],
     free: NDArray[np.bool_],
-    gates: AssociationGates,
+    gap_px: float,
 ) -> Association:
     """Best free candidate of each frame for each hypothesis, by where and how large it must appear.
 
@@ -97,8 +102,8 @@ def associate(
         Hypotheses (m, 3) in the world and their metric width and height (m, 2).
     free
         Rows that may be used, (N,).
-    gates
-        Largest gaps and ratios of a view, and what it counts.
+    gap_px
+        Largest gap of a view, pixels, before the share of its height.
 
     Raises
     ------
@@ -115,12 +120,10 @@ def associate(
         )
     row, state = np.full((m, n), -1, np.int32), np.zeros((m, n), np.uint8)
     value = np.zeros(m)
-    c, g = candidates, gates
+    c = candidates
     _associate(
         c.rotation, c.centre, c.focal, c.bounds, c.first, c.ray, c.size, c.score, points, sizes, usable,
-        (g.gap_px, g.gap_share, g.taller, g.wider, g.nearest_m, g.farthest_m),
-        (g.value_shift, g.value_least, g.value_most, g.gap_cost, g.miss_cost, g.expected_px),
-        row, state, value,
+        gap_px, row, state, value,
     )  # fmt: skip
     return Association(row, state, value)
 
@@ -138,14 +141,11 @@ def _associate(
     point: Array,
     metric: Array,
     free: NDArray[np.bool_],
-    gates: tuple[float, ...],
-    values: tuple[float, ...],
+    gap_px: float,
     row: NDArray[np.int32],
     state: NDArray[np.uint8],
     total: Array,
 ) -> None:
-    gap_px, gap_share, taller, wider, nearest_m, farthest_m = gates
-    shift, least, most, gap_cost, miss_cost, expected_px = values
     for m in range(point.shape[0]):
         wide, tall = metric[m, 0], metric[m, 1]
         for n in range(rotation.shape[0]):
@@ -154,7 +154,7 @@ def _associate(
             c = point[m, 2] - centre[n, 2]
             r = rotation[n]
             z = r[0, 2] * a + r[1, 2] * b + r[2, 2] * c
-            if not nearest_m < z < farthest_m:
+            if not NEAREST_M < z < FARTHEST_M:
                 continue
             x = (r[0, 0] * a + r[1, 0] * b + r[2, 0] * c) / z
             y = (r[0, 1] * a + r[1, 1] * b + r[2, 1] * c) / z
@@ -162,7 +162,7 @@ def _associate(
                 continue
             f = focal[n]
             half_wide, half_tall = wide / z / 2, tall / z / 2
-            gate = gap_px / f + 2 * gap_share * half_tall
+            gate = gap_px / f + 2 * GAP_SHARE * half_tall
             best, value = -1, -1e9
             for k in range(first[n], first[n + 1]):
                 du = abs(ray[k, 0] - x)
@@ -173,25 +173,25 @@ def _associate(
                 if gap2 > gate * gate:
                     continue
                 ratio = size[k, 1] * z / tall
-                if ratio > taller or ratio * taller < 1:
+                if ratio > TALLER or ratio * TALLER < 1:
                     continue
                 other = size[k, 0] * z / wide
-                if other > wider or other * wider < 1:
+                if other > WIDER or other * WIDER < 1:
                     continue
-                this = min(most, max(least, score[k] + shift))
-                off = gap2 / (gate * gate) + np.log(ratio) ** 2 / np.log(taller) ** 2
-                this -= gap_cost * off
+                this = min(MOST_VALUE, max(LEAST_VALUE, score[k] + VALUE_SHIFT))
+                off = gap2 / (gate * gate) + np.log(ratio) ** 2 / np.log(TALLER) ** 2
+                this -= GAP_COST * off
                 if this > value:
                     best, value = k, this
             if best >= 0:
                 row[m, n], state[m, n] = best, SEEN
                 total[m] += value
             elif (
-                2 * half_tall * f >= expected_px
+                2 * half_tall * f >= EXPECTED_PX
                 and x - half_wide > bounds[n, 0]
                 and x + half_wide < bounds[n, 2]
                 and y - half_tall > bounds[n, 1]
                 and y + half_tall < bounds[n, 3]
             ):
                 state[m, n] = MISSED
-                total[m] -= miss_cost
+                total[m] -= MISS_COST

@@ -9,7 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.stages.geometry import pair_midpoint
-from wayside.stages.mapping.association import AssociationGates, WindowCandidates
+from wayside.stages.mapping.association import (
+    FARTHEST_M,
+    GAP_SHARE,
+    NEAREST_M,
+    TALLER,
+    WIDER,
+    WindowCandidates,
+)
+
+# Set on the development drives, where no other reason is given.
+ASIDE_M = 45.0
+"""Largest distance of a panel beside the camera, m: the far side of a freeway."""
+ABOVE_M, BELOW_M = 12.0, 1.6
+"""Largest height of a panel above the camera, and largest depth below it, m."""
+HORIZON_SLOPE = 0.06
+"""These three grow with depth by so much, m/m: far off, road and horizon are not known well."""
+SMALLEST_M, LARGEST_M = (0.15, 0.12), (12.0, 8.0)
+"""Least and largest width and height of a panel, m: boards span four lanes."""
 
 
 class Hypotheses(NamedTuple):
@@ -41,7 +58,7 @@ class PairHypotheses(NamedTuple):
 
 
 def pair_hypotheses(
-    candidates: WindowCandidates, older: int, newer: int, gates: AssociationGates
+    candidates: WindowCandidates, older: int, newer: int, gap_px: float
 ) -> PairHypotheses:
     """Pairs of candidates of two frames whose rays meet at a plausible point with like metric sizes.
 
@@ -53,8 +70,8 @@ def pair_hypotheses(
         The window.
     older, newer
         Frames, as positions in the window.
-    gates
-        Largest gaps and ratios, and where panels can stand.
+    gap_px
+        Largest gap of the two rays, pixels, before the share of the height.
 
     Raises
     ------
@@ -77,16 +94,16 @@ def pair_hypotheses(
     depth = found.along / np.sqrt(1 + (c.ray[np.stack([j, i], axis=1)] ** 2).sum(axis=2))
     metric = np.stack([c.size[j], c.size[i]]) * depth.T[:, :, None]
     least, most = metric.min(axis=0), metric.max(axis=0)
-    loose = gates.horizon_slope * z
+    loose = HORIZON_SLOPE * z
     with np.errstate(divide="ignore", invalid="ignore"):
         size = np.sqrt(metric.prod(axis=0))
-        gap_px = c.focal[newer] * found.gap / z
-    good = (depth > gates.nearest_m).all(axis=1) & (depth[:, 0] < gates.farthest_m)
-    good &= (most <= least * (gates.wider, gates.taller)).all(axis=1)
-    good &= gap_px <= gates.gap_px + gates.gap_share * c.focal[newer] * c.size[j, 1]
-    good &= np.abs(x) <= gates.aside_m + loose
-    good &= (y <= gates.below_m + loose) & (-y <= gates.above_m + loose)
-    good &= (size >= (gates.narrowest_m, gates.lowest_m)).all(axis=1)
-    good &= (size <= (gates.widest_m, gates.tallest_m)).all(axis=1)
+        gap = c.focal[newer] * found.gap / z
+    good = (depth > NEAREST_M).all(axis=1) & (depth[:, 0] < FARTHEST_M)
+    good &= (most <= least * (WIDER, TALLER)).all(axis=1)
+    good &= gap <= gap_px + GAP_SHARE * c.focal[newer] * c.size[j, 1]
+    good &= np.abs(x) <= ASIDE_M + loose
+    good &= (y <= BELOW_M + loose) & (-y <= ABOVE_M + loose)
+    good &= (size >= SMALLEST_M).all(axis=1)
+    good &= (size <= LARGEST_M).all(axis=1)
     point = c.centre[newer] + found.point[good] @ back
     return PairHypotheses(i[good], j[good], point, size[good])

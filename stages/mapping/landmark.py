@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.landmarks import Landmark, Observation
 from wayside.schemas.measurement import WindowResidual
-from wayside.schemas.settings import MappingSettings
 from wayside.stages.geometry import FrenetOffset, cross_matrices
 from wayside.stages.mapping.class_votes import VotedClass, voted_class
 from wayside.stages.mapping.landmark_fit import LandmarkFit
@@ -27,6 +26,8 @@ CENTRE_BIAS = 0.02
 """Error that the centres of all boxes share, by the size (measured on the development drives)."""
 FACING_SIGMA_DEG = 20.0
 """Scatter of an unmeasured facing (set on the development drives)."""
+STEP_COVARIANCE = np.diag(np.square([2e-4, 2e-4, 2e-4, 0.01, 0.005, 0.025]))
+"""Covariance (6, 6) of a step of unknown scatter: turn, rad; right, down, ahead, m (set on the development drives)."""
 
 
 class LandmarkMeasurement(NamedTuple):
@@ -44,7 +45,6 @@ class LandmarkMeasurement(NamedTuple):
 def measure_landmark(
     fit: LandmarkFit,
     window: Sequence[WindowFrame],
-    settings: MappingSettings,
     panel: Panel | None = None,
     jointly: bool = False,
 ) -> LandmarkMeasurement:
@@ -54,8 +54,6 @@ def measure_landmark(
     ----------
     fit, window
         The landmark and its frames.
-    settings
-        Errors of steps without covariance.
     panel
         Its measured panel; None: the panel that the boxes show.
     jointly
@@ -68,8 +66,8 @@ def measure_landmark(
         joint = adjust_jointly(window, best, observed, panel.point)
         if joint is not None:
             return LandmarkMeasurement(joint.point, joint.covariance, panel, joint.residual)
-    unknown = np.diag(np.square(settings.landmark.step_sigma))
-    steps = [unknown if f.motion.covariance is None else f.motion.covariance for f in window]
+    known = (f.motion.covariance for f in window)
+    steps = [STEP_COVARIANCE if one is None else one for one in known]
     covariance = point_covariance(
         np.stack([f.motion.pose.rotation for f in window]),
         np.stack([f.motion.pose.centre for f in window]),

@@ -8,7 +8,7 @@ learned from; the other terms count by what they were worth on real drives.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import nan
 
 import numpy as np
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.models import EvidenceModel
-from wayside.schemas.settings import LandmarkSettings
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.class_votes import mean_log_probabilities
 from wayside.stages.mapping.landmark_fit import LandmarkFit
@@ -68,14 +67,9 @@ class LandmarkEvidence:
 
 @dataclass(frozen=True, slots=True)
 class LandmarkClassifier:
-    """Classifies landmarks of one side by a model of their evidence.
-
-    model None: nothing is known of signs, and what stands is one; settings: weights of views in the votes for colour
-    and shape.
-    """
+    """Classifies landmarks of one side by a model of their evidence; None: nothing is known, and what stands is one."""
 
     model: EvidenceModel | None = None
-    settings: LandmarkSettings = field(default_factory=LandmarkSettings)
 
     def classify(
         self,

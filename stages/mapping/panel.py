@@ -18,7 +18,7 @@ from wayside.schemas.frame import Pose
 from wayside.schemas.measurement import PanelView
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.kernels import Array
-from wayside.stages.mapping.landmark_fit import LandmarkFit
+from wayside.stages.mapping.landmark_fit import DRIFT_RAD, LandmarkFit
 from wayside.stages.mapping.triangulation import CAUCHY_SIGMAS, triangulate_views
 from wayside.stages.mapping.window import WindowFrame
 from wayside.stages.panel import (
@@ -104,7 +104,6 @@ def measure_panel(
     held: Sequence[WindowFrame],
     beside: FrenetOffset,
     method: PanelMethod,
-    drift_rad: float,
 ) -> PanelMeasurement:
     """The panel of a landmark from its registered views; without views where none shows all of it."""
     plane = across_path(fit.point, held, beside)
@@ -124,7 +123,7 @@ def measure_panel(
     outline = outline_of(registered, fit.metric, method)
     if outline is None:
         return PanelMeasurement(views)
-    panel = solve_panel(fit, registered, outline, held, drift_rad)
+    panel = solve_panel(fit, registered, outline, held)
     return PanelMeasurement(views, outline, panel)
 
 
@@ -158,7 +157,6 @@ def solve_panel(
     registered: RegisteredViews,
     outline: FaceOutline,
     held: Sequence[WindowFrame],
-    drift_rad: float,
 ) -> Panel | None:
     """Position, size and facing from the outline in all views; None where they are too far from those of the boxes."""
     plane, step = registered.plane, registered.step
@@ -179,7 +177,7 @@ def solve_panel(
     rays = _rays(poses, points)
     shift_px = deviations[:, :2].mean(axis=1) * step / depth * focal
     ray_sigma = np.hypot(CENTRE_SIGMA_PX, shift_px) / focal
-    weight_sigma = np.hypot(ray_sigma, drift_rad * np.sqrt(frames.max() - frames))
+    weight_sigma = np.hypot(ray_sigma, DRIFT_RAD * np.sqrt(frames.max() - frames))
     if len(frames) > 1:
         rotations = np.stack([pose.rotation for pose in poses])
         point, _ = triangulate_views(rotations, centres, rays, weight_sigma)

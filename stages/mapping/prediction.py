@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import SOURCES, Regions
-from wayside.schemas.settings import AssociationSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import distort_points, ideal_of_rays
+from wayside.stages.mapping.association import EXPECTED_PX, NEAREST_M
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.window import WindowFrame
 
@@ -46,7 +46,6 @@ def add_predicted_views(
     fits: Sequence[LandmarkFit],
     window: Sequence[WindowFrame],
     classifiers: Mapping[bool, BoxClassifier],
-    association: AssociationSettings,
 ) -> list[LandmarkFit]:
     """Add to each landmark the predicted views that a classifier accepts.
 
@@ -59,8 +58,6 @@ def add_predicted_views(
         Landmarks and the frames that they refer to, which get the new candidates.
     classifiers
         Classifier of one view, of faces (False) and of backs (True); without one none is predicted.
-    association
-        Limits of predicted boxes; depth and height from which a view is expected.
     """
     wanted: dict[tuple[int, bool], list[_PredictedBox]] = {}
     for number, fit in enumerate(fits):
@@ -68,7 +65,7 @@ def add_predicted_views(
             continue
         for frame in sorted(set(range(len(window))) - set(fit.frames.tolist())):
             seen = window[frame]
-            found = predicted_box(fit, seen, association.nearest_m)
+            found = predicted_box(fit, seen)
             if found is not None and classifiers[fit.back].takes(found[0], seen.camera):
                 wanted.setdefault((frame, fit.back), []).append(_PredictedBox(number, *found))
     views: list[list[_View]] = [[] for _ in fits]
@@ -80,14 +77,11 @@ def add_predicted_views(
                 row = window[frame].add(regions.select(np.array([k])), score, back=back)
                 views[one.landmark].append(_View(frame, row, one.tall_px))
     return [
-        _extended(fit, new, window, association.expected_px) if new else fit
-        for fit, new in zip(fits, views, strict=True)
+        _extended(fit, new, window) if new else fit for fit, new in zip(fits, views, strict=True)
     ]
 
 
-def predicted_box(
-    fit: LandmarkFit, frame: WindowFrame, nearest_m: float
-) -> tuple[NDArray[np.float64], float] | None:
+def predicted_box(fit: LandmarkFit, frame: WindowFrame) -> tuple[NDArray[np.float64], float] | None:
     """Box (4,) of a landmark in a frame, recorded pixels, and its height in ideal ones.
 
     None where it is cut or too near, or its scatter there is too large.
@@ -95,7 +89,7 @@ def predicted_box(
     camera, pose = frame.camera, frame.motion.pose
     x, y, z = pose.to_camera(fit.point)
     wide, tall = fit.metric / 2
-    if frame.rgb is None or z < nearest_m:
+    if frame.rgb is None or z < NEAREST_M:
         return None
     tall_px = 2 * tall / z * frame.focal
     project = np.array([[1, 0, -x / z], [0, 1, -y / z]]) @ pose.rotation.T / z
@@ -144,9 +138,7 @@ def _scores(frame: WindowFrame, regions: Regions, classifier: BoxClassifier) -> 
     return classifier.scores(levels, regions.box)
 
 
-def _extended(
-    fit: LandmarkFit, new: Sequence[_View], window: Sequence[WindowFrame], expected_px: float
-) -> LandmarkFit:
+def _extended(fit: LandmarkFit, new: Sequence[_View], window: Sequence[WindowFrame]) -> LandmarkFit:
     """The landmark with new views."""
     added = np.array([view.frame for view in new], np.int64)
     depth = np.array([window[f].motion.pose.to_camera(fit.point)[2] for f in added])
@@ -165,5 +157,5 @@ def _extended(
         depth=ordered(fit.depth, depth),
         weight_sigma=ordered(fit.weight_sigma, none + 1.0),
         ray_sigma=ordered(fit.ray_sigma, none + 1.0),
-        missed=max(fit.missed - sum(view.tall_px >= expected_px for view in new), 0),
+        missed=max(fit.missed - sum(view.tall_px >= EXPECTED_PX for view in new), 0),
     )

@@ -19,16 +19,16 @@ from wayside.schemas.detections import SOURCES, Features
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import MappingSettings
+from wayside.schemas.settings import TrackSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.kernels import Array
 from wayside.stages.mapping.acceptance import accept_greedily
-from wayside.stages.mapping.association import AssociationGates
+from wayside.stages.mapping.association import NEAREST_M
 from wayside.stages.mapping.hypotheses import Hypotheses, pair_hypotheses
 from wayside.stages.mapping.landmark import build_landmark, measure_landmark
 from wayside.stages.mapping.landmark_evidence import FEATURES, LandmarkClassifier, LandmarkEvidence
-from wayside.stages.mapping.landmark_fit import LandmarkFit
+from wayside.stages.mapping.landmark_fit import BOX_SIGMA, LandmarkFit
 from wayside.stages.mapping.panel import PanelMeasurement, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
 from wayside.stages.mapping.sign_places import SignPlaces
@@ -47,6 +47,11 @@ from wayside.stages.mapping.window import (
 )
 from wayside.stages.panel import PanelMethod
 
+WINDOW_STEP = 4
+"""Frames between two solutions of the window: bounds the time."""
+PAIR_REACH = 3
+"""Frames between the two candidates of a hypothesis at most: one or two views may be missing between."""
+
 
 @dataclass(frozen=True, slots=True)
 class SideClassifiers:
@@ -58,15 +63,16 @@ class SideClassifiers:
 
 def track(
     posed: Iterator[PosedDetections],
-    settings: MappingSettings,
+    settings: TrackSettings,
     front: SideClassifiers | None = None,
     back: SideClassifiers | None = None,
     panel: PanelMethod | None = None,
     jointly: bool = False,
+    box_sigma: tuple[float, float] = BOX_SIGMA,
 ) -> Iterator[TrackedFrame]:
     """Decide every candidate: measure it as a landmark with its other views, or say why not.
 
-    Frames come out in order, each once, at most `longest` + `window_step` used frames late. A landmark comes with the
+    Frames come out in order, each once, at most `longest` + `WINDOW_STEP` used frames late. A landmark comes with the
     first frame that it was seen in.
 
     Parameters
@@ -74,7 +80,7 @@ def track(
     posed
         Frames with their candidates and motion.
     settings
-        Groups of settings of tracking and of landmarks.
+        How long signs are followed, and by how many views.
     front
         Classifiers of faces: of landmarks (None: each whose views agree is a sign), and of predicted views (None: there
         are none).
@@ -84,8 +90,10 @@ def track(
         How panels are measured as planes; None: they are not, boxes alone give position and size.
     jointly
         Whether a landmark is adjusted together with the motion.
+    box_sigma
+        Scatter of the centres of boxes, as `BOX_SIGMA`.
     """
-    tracker = _Tracker(settings, front or SideClassifiers(), back, panel, jointly)
+    tracker = _Tracker(settings, front or SideClassifiers(), back, panel, jointly, box_sigma)
     yield from through_window(posed, tracker)
 
 
@@ -117,18 +125,19 @@ class _Tracker:
 
     def __init__(
         self,
-        settings: MappingSettings,
+        settings: TrackSettings,
         front: SideClassifiers,
         back: SideClassifiers | None,
         panel: PanelMethod | None,
         jointly: bool,
+        box_sigma: tuple[float, float],
     ) -> None:
         self._settings, self._panel, self._jointly = settings, panel, jointly
+        self._box_sigma = box_sigma
         self._sides = {False: front} if back is None else {False: front, True: back}
         self._places = {back: SignPlaces() for back in self._sides}
-        self._gates = AssociationGates.of(settings.track, settings.association)
-        self._length = settings.track.longest + settings.track.window_step
-        self._path = TravelledPath(self._length + settings.track.longest)
+        self._length = settings.longest + WINDOW_STEP
+        self._path = TravelledPath(self._length + settings.longest)
         self._window: list[WindowFrame] = []
         self._hypotheses: list[Hypotheses] = []
         self._reported: list[_Reported] = []
@@ -145,8 +154,7 @@ class _Tracker:
         self._hypotheses.append(self._pairs_of_newest())
         if len(self._window) >= self._length:
             self._solve(last=False)
-            step = self._settings.track.window_step
-            del self._window[:step], self._hypotheses[:step]
+            del self._window[:WINDOW_STEP], self._hypotheses[:WINDOW_STEP]
 
     def finish(self) -> None:
         """Solve what is left: no frame follows."""
@@ -157,14 +165,14 @@ class _Tracker:
 
     def _pairs_of_newest(self) -> Hypotheses:
         """Hypotheses from the newest frame with each of the few before it."""
-        recent = self._window[-1 - self._settings.association.pair_reach :]
+        recent = self._window[-1 - PAIR_REACH :]
         newest = len(recent) - 1
         candidates = candidates_of(recent)
         first, found = candidates.first, []
         for back in self._sides:
             own = replace(candidates, seeds=candidates.seeds & _backs(recent, back))
             for older in range(newest):
-                pairs = pair_hypotheses(own, older, newest, self._gates)
+                pairs = pair_hypotheses(own, older, newest, self._settings.gap_px)
                 found.append(Hypotheses(pairs.point, pairs.size, np.full(len(pairs.point), back)))
                 recent[older].paired[pairs.older - first[older], 1] = True
                 recent[newest].paired[pairs.newer - first[newest], 0] = True
@@ -206,29 +214,28 @@ class _Tracker:
                 candidates,
                 hypotheses.select(hypotheses.back == back),
                 free & _backs(window, back),
-                self._gates,
-                settings.acceptance,
-                settings.landmark,
-                fewest=settings.track.fewest_views,
+                settings.gap_px,
+                fewest=settings.fewest_views,
+                box_sigma=self._box_sigma,
             )
             for fit in found:
                 over = last or self._passed(fit)
                 (passed if over else ahead).append(replace(fit, back=back))
         views = {back: side.view for back, side in self._sides.items() if side.view is not None}
-        more = add_predicted_views(passed, window, views, self._settings.association)
+        more = add_predicted_views(passed, window, views)
         return more, ahead
 
     def _note_far_views(self, fit: LandmarkFit) -> None:
         """Remember which candidates of the frames that leave the window show a landmark that is still in sight."""
         for k, row in zip(fit.frames, fit.rows, strict=True):
-            if k < self._settings.track.window_step:
+            if k < WINDOW_STEP:
                 self._window[k].standing[row] = True
 
     def _passed(self, fit: LandmarkFit) -> bool:
         """Whether a landmark lies outside the newest image, or too near to be seen in the next."""
         newest = self._window[-1]
         x, y, z = newest.motion.pose.to_camera(fit.point)
-        if z < self._settings.association.nearest_m:
+        if z < NEAREST_M:
             return True
         left, top, right, bottom = newest.bounds
         return not (left < x / z < right and top < y / z < bottom)
@@ -249,7 +256,7 @@ class _Tracker:
         fit, evidence = one.fit, one.evidence
         verdict, seen = self._verdict(one)
         jointly = self._jointly and verdict == "sign"
-        measured = measure_landmark(fit, self._window, self._settings, seen.panel, jointly)
+        measured = measure_landmark(fit, self._window, seen.panel, jointly)
         landmark = build_landmark(
             fit,
             self._window,
@@ -282,15 +289,14 @@ class _Tracker:
     def _verdict(self, one: _Classified) -> tuple[str, PanelMeasurement]:
         """The verdict, and the panel, which is measured of what may be a sign."""
         fit, seen = one.fit, PanelMeasurement()
-        if in_swept_volume(fit, one.offset, self._settings.verdict):
+        if in_swept_volume(fit, one.offset):
             return "moving", seen
         if not one.accepted:
             return VERDICT_OF_TERM[one.evidence.weakest], seen
         if self._is_explained(fit, self._reported):
             return "duplicate", seen
         if self._panel is not None:
-            drift_rad = self._settings.landmark.drift_rad
-            seen = measure_panel(fit, self._window, one.offset, self._panel, drift_rad)
+            seen = measure_panel(fit, self._window, one.offset, self._panel)
         # any two rays meet somewhere: where nothing is known of signs, images in register confirm it
         known = self._sides[fit.back].landmark.model is not None
         confirmed = known or fit.used.sum() > 2 or len(seen.views) > 1
@@ -322,7 +328,7 @@ class _Tracker:
             x, y, z = held.motion.pose.to_camera(fit.point)
             if held.frame.index in seen:
                 boxes[held.frame.index] = seen[held.frame.index]
-            elif z > self._settings.association.nearest_m:
+            elif z > NEAREST_M:
                 centre, half = np.array([x, y]) / z, fit.metric / z / 2
                 box = np.concatenate([centre - half, centre + half])
                 boxes[held.frame.index] = SeenBox(box, seen=False, measured=False)

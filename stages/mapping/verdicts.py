@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import verdict_code
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.models import GaussianModel
-from wayside.schemas.settings import AssemblySettings, LocateSettings, VerdictSettings
+from wayside.schemas.settings import LocateSettings
 from wayside.stages.geometry import FrenetOffset, box_areas
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 
@@ -35,15 +35,23 @@ MOST = 0.5
 """Share of the pixels of a landmark from which on another explains them: a pixel belongs to one face. On nine real and
 six rendered drives it is below 0.41 or above 0.55, but for one pair of landmarks."""
 
+SWEPT_HALF_WIDTH_M, SWEPT_HEIGHT_M = 1.3, 2.0
+"""Half width of what the vehicle sweeps, and its height above the camera, m: size of a vehicle."""
+# Set on the development drives.
+SUPPORT_M = 0.6
+"""Panels of one support are nearer than this, with less between them, m."""
+SAME_SHARE = 0.4
+"""Centres nearer than this are one panel's, by its size."""
+ALONG_SIGMAS, ALONG_M = 2.5, 2.0
+"""Tolerance along the path, standard deviations, and its largest, m."""
+
 _NOWHERE = np.zeros(4)
 
 
-def in_swept_volume(fit: LandmarkFit, offset: FrenetOffset, settings: VerdictSettings) -> bool:
+def in_swept_volume(fit: LandmarkFit, offset: FrenetOffset) -> bool:
     """Whether it lies where the vehicle drove: it then moves (at a constant pace)."""
     bottom = offset.above - fit.metric[1] / 2
-    return bool(
-        abs(offset.right) < settings.swept_half_width_m and bottom < settings.swept_height_m
-    )
+    return bool(abs(offset.right) < SWEPT_HALF_WIDTH_M and bottom < SWEPT_HEIGHT_M)
 
 
 class SeenBox(NamedTuple):
@@ -99,21 +107,21 @@ def location_verdict(
     return "sign"
 
 
-def same_panel(one: Landmark, other: Landmark, settings: AssemblySettings) -> bool:
+def same_panel(one: Landmark, other: Landmark) -> bool:
     """Whether two landmarks are one panel: centres close in its plane, and along the path within their scatter."""
     wide, tall = (one.width_m + other.width_m) / 2, (one.height_m + other.height_m) / 2
     return bool(
-        abs(one.right_m - other.right_m) < settings.same_share * wide
-        and abs(one.above_m - other.above_m) < settings.same_share * tall
-        and same_station(one, other, settings)
+        abs(one.right_m - other.right_m) < SAME_SHARE * wide
+        and abs(one.above_m - other.above_m) < SAME_SHARE * tall
+        and same_station(one, other)
     )
 
 
-def same_station(one: Landmark, other: Landmark, settings: AssemblySettings) -> bool:
+def same_station(one: Landmark, other: Landmark) -> bool:
     """Whether two landmarks may stand at one station, by the scatter of both along the path."""
     variance = one.covariance[2, 2] + other.covariance[2, 2]
-    scatter = min(settings.along_most_m, settings.along_sigmas * float(np.sqrt(variance)))
-    return abs(one.station_m - other.station_m) < max(settings.support_m, scatter)
+    scatter = min(ALONG_M, ALONG_SIGMAS * float(np.sqrt(variance)))
+    return abs(one.station_m - other.station_m) < max(SUPPORT_M, scatter)
 
 
 def unassigned_verdicts(

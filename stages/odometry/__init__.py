@@ -12,7 +12,7 @@ from wayside.stages.odometry.motion_agreement import (
     image_step,
     upright,
 )
-from wayside.stages.odometry.motion_prior import MotionPrior
+from wayside.stages.odometry.motion_prior import FIX_SIGMA_M, MotionPrior
 from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.relative_pose import (
     RelativePose,
@@ -24,6 +24,7 @@ from wayside.stages.odometry.visual_odometry import VisualOdometry
 
 __all__ = [
     "AXES",
+    "FIX_SIGMA_M",
     "Agreement",
     "CameraPath",
     "ImageStep",

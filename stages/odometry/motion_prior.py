@@ -16,6 +16,25 @@ from wayside.stages.kernels import Array
 
 _LEAST_COSINE = 1e-6
 """Of the angle between the direction of travel that poses give and the optical axis."""
+SPACING_SCATTER = 0.3
+"""Relative scatter of the distance between images about the stated one, where points show that it varies: as of lengths
+taken from fixes."""
+FIX_SIGMA_M = 1.5
+"""Standard deviation of a fix where the log states none, m."""
+FIX_STEP_FRACTION = 0.2
+"""Error of the distance between two fixes, as a fraction of a fix's: most of it is common to both."""
+POSE_SLACK_PX, ROTATION_SLACK_PX, FIRST_SLACK_PX = 12.0, 45.0, 120.0
+"""Half width of the search band, px: with poses, with the rotation of the step before, with neither."""
+SHORTEST_M = 0.02
+"""Shortest step, m."""
+FASTEST_MPS, JUMP_SIGMAS = 150.0, 3.0
+"""Fixes have jumped that imply a higher speed, m/s, by more than so many standard deviations of their distance: of
+normal errors one in 700 lies beyond."""
+ACCELERATION_MPS2 = 2.0
+"""Scatter of the vehicle's acceleration where only the last speed tells the length of a step, m/s^2: hard but usual
+braking is 3 to 4."""
+DOUBT_SIGMAS = 3.0
+"""Difference of two lengths of a step, and length of a step back, that is more than chance, in standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +88,7 @@ def predict_motion(
     speed_mps
         Speed over the step before, nan where it is not known.
     settings
-        Sigmas, limits and search bands.
+        Scatter of a stated spacing.
     length_in_spacings
         Length of the step before in stated spacings, where these vary; else nan.
 
@@ -80,59 +99,55 @@ def predict_motion(
     """
     if before.pose is not None and now.pose is not None:
         step = now.pose.pose.relative_to(before.pose.pose)
-        stands = float(np.linalg.norm(step.centre)) <= settings.shortest_m
+        stands = float(np.linalg.norm(step.centre)) <= SHORTEST_M
         if not (stands and now.spacing_m is not None):
-            return _by_poses(before.pose, now.pose, step, travel, settings)
-    spacing_m = nan if now.spacing_m is None else max(now.spacing_m, settings.shortest_m)
+            return _by_poses(before.pose, now.pose, step, travel)
+    spacing_m = nan if now.spacing_m is None else max(now.spacing_m, SHORTEST_M)
     if isfinite(spacing_m) and isfinite(length_in_spacings):
-        baseline, sigma = length_in_spacings * spacing_m, settings.spacing_scatter * spacing_m
+        baseline, sigma = length_in_spacings * spacing_m, SPACING_SCATTER * spacing_m
         source = "points"
     elif isfinite(spacing_m):
         baseline, sigma, source = spacing_m, settings.spacing_sigma_m, "straight"
     elif before.fix is not None and now.fix is not None:
         seconds = (now.time_ns - before.time_ns) * 1e-9
-        baseline, sigma = _between_fixes(before.fix, now.fix, seconds, settings)
+        baseline, sigma = _between_fixes(before.fix, now.fix, seconds)
         source = "fixes"
     elif speed_mps > 0:
         # Beyond the last fix or in a gap of them: points seen in both steps measure the length.
         seconds = (now.time_ns - before.time_ns) * 1e-9
-        baseline, sigma = speed_mps * seconds, settings.acceleration_mps2 * seconds**2
+        baseline, sigma = speed_mps * seconds, ACCELERATION_MPS2 * seconds**2
         source = "speed"
     else:
         raise InputError(
             f"frame {now.index}: there is no pose, spacing or fix that states the distance from the image before it. "
             "Give the distance between images (--spacing 26.4ft)."
         )
-    length_m = max(baseline, settings.shortest_m)
+    length_m = max(baseline, SHORTEST_M)
     prior = StepPrior(np.eye(3), inf, travel.direction, travel.sigma, True, length_m, sigma)
     return MotionPrior(
         prior,
         (np.eye(3), travel.direction),
         np.eye(3) if last_rotation is None else last_rotation,
-        settings.first_slack_px if last_rotation is None else settings.rotation_slack_px,
+        FIRST_SLACK_PX if last_rotation is None else ROTATION_SLACK_PX,
         source,
         spacing_m,
     )
 
 
 def _by_poses(
-    first: PosePrior,
-    second: PosePrior,
-    step: Pose,
-    travel: TravelDirection,
-    settings: MotionSettings,
+    first: PosePrior, second: PosePrior, step: Pose, travel: TravelDirection
 ) -> MotionPrior:
     pairs = zip(first.sigmas(), second.sigmas(), strict=True)
     sigma_m, sigma_rad = (sqrt(2.0) * max(pair) for pair in pairs)
     length = float(np.linalg.norm(step.centre))
-    baseline = max(length, settings.shortest_m)
+    baseline = max(length, SHORTEST_M)
     # Poses of a vehicle that stands tell no direction.
-    direction = step.centre / length if length > settings.shortest_m else travel.direction
+    direction = step.centre / length if length > SHORTEST_M else travel.direction
     # The direction between two noisy positions is no more accurate than the mount's: weighted mean of both.
     given, mounted = (sigma_m / baseline) ** -2, travel.sigma**-2
     expected = halfway_direction(np.ascontiguousarray(step.rotation), travel.direction)
     slopes = expected[:2] / expected[2]
-    backward = step.centre[2] < -settings.doubt_sigmas * sigma_m
+    backward = step.centre[2] < -DOUBT_SIGMAS * sigma_m
     if backward or direction[2] > _LEAST_COSINE:
         slopes = (given * direction[:2] / direction[2] + mounted * slopes) / (given + mounted)
     else:
@@ -153,7 +168,7 @@ def _by_poses(
         prior,
         (step.rotation, direction),
         step.rotation,
-        settings.pose_slack_px,
+        POSE_SLACK_PX,
         second.source,
     )
 
@@ -167,17 +182,15 @@ def fix_distance_m(first: Fix, second: Fix) -> float:
     return float(np.sqrt(north * north + east * east + up * up))
 
 
-def _between_fixes(
-    first: Fix, second: Fix, seconds: float, settings: MotionSettings
-) -> tuple[float, float]:
+def _between_fixes(first: Fix, second: Fix, seconds: float) -> tuple[float, float]:
     """Distance and its sigma, metres; where fixes jump, both are half of the farthest that a vehicle can go."""
-    baseline, sigma = fix_distance_m(first, second), _fix_sigma_m(first, second, settings)
-    reach = settings.fastest_mps * seconds
-    if 0 < reach < baseline - settings.jump_sigmas * sigma:
+    baseline, sigma = fix_distance_m(first, second), _fix_sigma_m(first, second)
+    reach = FASTEST_MPS * seconds
+    if 0 < reach < baseline - JUMP_SIGMAS * sigma:
         return reach / 2, reach / 2
     return baseline, sigma
 
 
-def _fix_sigma_m(first: Fix, second: Fix, settings: MotionSettings) -> float:
+def _fix_sigma_m(first: Fix, second: Fix) -> float:
     known = [max(f.sigma_m[:2]) for f in (first, second) if f.sigma_m is not None]
-    return settings.fix_step_fraction * max(known, default=settings.fix_sigma_m)
+    return FIX_STEP_FRACTION * max(known, default=FIX_SIGMA_M)

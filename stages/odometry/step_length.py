@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from math import hypot, isfinite, log, nan, pi, prod, sqrt
 
 from wayside.schemas.settings import MotionSettings
-from wayside.stages.odometry.motion_prior import MotionPrior
+from wayside.stages.odometry.motion_prior import DOUBT_SIGMAS, SPACING_SCATTER, MotionPrior
 
 COMMON_SIGMA = 0.004
 """Smallest relative error of the length by common points."""
@@ -89,17 +89,16 @@ def step_length(
     expected
         The prior.
     settings
-        Sigmas and counts.
+        Scatter of a stated spacing.
     """
-    s = settings
     given, sigma = expected.prior.length_m, expected.prior.sigma_m
     if isfinite(expected.spacing_m):
-        return _of_spacing(last, by_points, expected.spacing_m, s)
+        return _of_spacing(last, by_points, expected.spacing_m, settings)
     carried, scatter = by_points
     if not isfinite(carried):
         return StepLength(given, sigma, last.dropped, last.doubts)
     carried_sigma = hypot(last.sigma_m, max(scatter, COMMON_SIGMA * carried))
-    if abs(carried - given) > s.doubt_sigmas * hypot(sigma, carried_sigma):
+    if abs(carried - given) > DOUBT_SIGMAS * hypot(sigma, carried_sigma):
         doubts = last.doubts + 1
         jumps = expected.source == "fixes" and doubts <= MOST_DOUBTS
         jumps |= expected.source == "speed"
@@ -114,18 +113,17 @@ def _of_spacing(
     last: StepLength, by_points: tuple[float, float], spacing_m: float, settings: MotionSettings
 ) -> StepLength:
     """Length of a step whose spacing is stated."""
-    s = settings
-    check = _checked(last, by_points, spacing_m, s)
+    check = _checked(last, by_points, spacing_m, settings)
     if check.varies:
         return StepLength(check.length_m, check.sigma_m, check=check)
     if not isfinite(by_points[0]):
-        return StepLength(spacing_m, s.spacing_sigma_m, last.dropped, check=check)
+        return StepLength(spacing_m, settings.spacing_sigma_m, last.dropped, check=check)
     steps = round(by_points[0] / spacing_m)
     near = abs(by_points[0] / spacing_m - steps) < SPACING_TOLERANCE * steps
     dropped = last.dropped + 1 if near and 1 < steps <= MOST_TRIGGERS else 0
     # Triggers are not dropped in many steps in a row: then the points have a wrong scale.
     length = steps * spacing_m if 0 < dropped <= MOST_DROPPED else spacing_m
-    return StepLength(length, s.spacing_sigma_m, dropped, check=check)
+    return StepLength(length, settings.spacing_sigma_m, dropped, check=check)
 
 
 def _checked(
@@ -135,13 +133,13 @@ def _checked(
 
     Errors of points, of triggers and of single steps come and go: the changes of neighbouring steps do not agree. Where
     a vehicle brakes they do, and differ by little. The sum of their products in squared sigmas, less 1 for each step
-    and never below 0, is a CUSUM test (Page 1954): it decides where `MOST_DOUBTS` products of `doubt_sigmas` each
+    and never below 0, is a CUSUM test (Page 1954): it decides where `MOST_DOUBTS` products of `DOUBT_SIGMAS` each
     would.
     """
-    s, before = settings, last.check
+    before = last.check
     if before is None:
-        return SpacingCheck(spacing_m, spacing_m, s.spacing_sigma_m)
-    broad, carried = s.spacing_scatter * spacing_m, by_points[0]
+        return SpacingCheck(spacing_m, spacing_m, settings.spacing_sigma_m)
+    broad, carried = SPACING_SCATTER * spacing_m, by_points[0]
     if not carried > 0:
         length = before.length_m / before.spacing_m * spacing_m
         return replace(before, spacing_m=spacing_m, length_m=length, sigma_m=broad, change=0.0)
@@ -154,10 +152,8 @@ def _checked(
     apart = sqrt(pi) / 2 * abs(change - before.change)
     counted = before.counted + 1
     scatter = before.scatter + (apart - before.scatter) / counted
-    limit = s.doubt_sigmas * max(relative, scatter)
-    both = (
-        min(max(one, -limit), limit) * s.doubt_sigmas / limit for one in (change, before.change)
-    )
+    limit = DOUBT_SIGMAS * max(relative, scatter)
+    both = (min(max(one, -limit), limit) * DOUBT_SIGMAS / limit for one in (change, before.change))
     evidence = max(0.0, before.evidence + prod(both) - 1)
     return SpacingCheck(
         spacing_m,
@@ -167,5 +163,5 @@ def _checked(
         scatter,
         counted,
         evidence,
-        before.varies or evidence > MOST_DOUBTS * s.doubt_sigmas**2,
+        before.varies or evidence > MOST_DOUBTS * DOUBT_SIGMAS**2,
     )

@@ -28,6 +28,15 @@ from wayside.stages.odometry.relative_pose import (
 from wayside.stages.odometry.step_length import StepLength, step_length
 from wayside.stages.odometry.tie_points import KeypointImage
 
+FEWEST_COMMON = 5
+"""Points common with the step before that give the length of a step."""
+SMALLEST_PARALLAX_PX = 6.0
+"""Smallest displacement of such a point by travel, px."""
+UNMEASURED_SIGMA_DEG = 1.0
+"""Rotation of a step without enough ties, degrees."""
+TRIMMED = 0.9
+"""Fraction of the ties that the residuals are means of."""
+
 
 @dataclass(frozen=True, slots=True)
 class OdometryStep:
@@ -96,7 +105,7 @@ class VisualOdometry:
             # The rotation of the last step is kept for one step without measurement, and is unknown after two.
             rotation = None if last.ties is None else self.last.rotation
             kept = replace(self.last, depths=np.zeros(0), rotation=rotation)
-            return _unmeasured(last, expected, self.mount.height_m, self.settings), kept
+            return _unmeasured(last, expected, self.mount.height_m), kept
         focal = (image.camera.fx, image.camera.fy)
         held = step.previous[step.inlier], step.current[step.inlier]
         scatter = step.scatter(image.focal_px)
@@ -159,9 +168,9 @@ class VisualOdometry:
         rows = step.tied.rows[step.inlier, 0]
         known = np.where(rows >= 0, self.last.depths[rows], nan)
         lengths = known * adjusted.points[:, 2]
-        lengths = lengths[adjusted.displacement_px > self.settings.smallest_parallax_px]
+        lengths = lengths[adjusted.displacement_px > SMALLEST_PARALLAX_PX]
         common = lengths[np.isfinite(lengths)]
-        if len(common) < self.settings.fewest_common:
+        if len(common) < FEWEST_COMMON:
             return nan, nan
         length = float(np.median(common))
         # A median's sigma is 1.25 times a mean's; a normal distribution's is 1.48 times its median absolute deviation.
@@ -169,11 +178,11 @@ class VisualOdometry:
         return length, scatter
 
     def _root_mean(self, squares: Array) -> float:
-        """Eq. 7.5 of each tie (n,) as RMS per coordinate over the smallest of them (`trimmed`).
+        """Eq. 7.5 of each tie (n,) as RMS per coordinate over the smallest of them (`TRIMMED`).
 
         Midpoints near the focus of expansion can lie beside the camera; a few such ties would dominate the mean.
         """
-        best = np.sort(squares)[: max(1, int(self.settings.trimmed * len(squares)))]
+        best = np.sort(squares)[: max(1, int(TRIMMED * len(squares)))]
         return float(np.sqrt(best.mean() / 4)) if np.isfinite(best).all() and len(best) else inf
 
 
@@ -193,15 +202,13 @@ def _window_prior(expected: MotionPrior, baseline_m: float, sigma_m: float) -> S
     return expected.prior._replace(length_m=baseline_m, sigma_m=sigma_m)
 
 
-def _unmeasured(
-    last: Motion, expected: MotionPrior, height_m: float, settings: MotionSettings
-) -> Motion:
+def _unmeasured(last: Motion, expected: MotionPrior, height_m: float) -> Motion:
     """Motion of a step with too few ties: the prior, with the rotation of the step before."""
     prior, rotation, direction = expected.prior, expected.search, expected.straight[1]
     if prior.halfway:
         direction = halfway_direction(rotation, prior.direction)
     baseline = prior.length_m
-    sigma_rotation = min(prior.sigma_rotation, radians(settings.unmeasured_sigma_deg))
+    sigma_rotation = min(prior.sigma_rotation, radians(UNMEASURED_SIGMA_DEG))
     sigma_aside = baseline * float(prior.sigma_direction.max())
     covariance = np.diag([sigma_rotation**2] * 3 + [sigma_aside**2] * 3)
     covariance[3:, 3:] += prior.sigma_m**2 * np.outer(direction, direction)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import Features
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
-from wayside.schemas.settings import MappingSettings
+from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping import (
-    AssociationGates,
+    GAP_SHARE,
     LandmarkFit,
     TravelledPath,
     WindowFrame,
@@ -32,7 +32,7 @@ RATIO = 0.8
 
 
 def match_by_descriptors(
-    posed: Iterator[PosedDetections], settings: MappingSettings
+    posed: Iterator[PosedDetections], settings: TrackSettings
 ) -> Iterator[TrackedFrame]:
     """Chain candidates from frame to frame by their key points; the midpoint of the two nearest rays is its landmark.
 
@@ -46,7 +46,7 @@ def match_by_descriptors(
     posed
         Frames with their candidates, key points and motion.
     settings
-        Groups of settings of tracking and of landmarks.
+        How long signs are followed, and by how many views.
     """
     yield from through_window(posed, _Matcher(settings))
 
@@ -58,12 +58,9 @@ _Chain = tuple[tuple[WindowFrame, int], ...]
 class _Matcher:
     """Open chains, and the frames that they hold."""
 
-    def __init__(self, settings: MappingSettings) -> None:
-        self._settings = settings.track
-        landmark = replace(settings.landmark, fitted_views=SIFT_VIEWS)
-        self._mapping = replace(settings, landmark=landmark)
-        self._gates = AssociationGates.of(settings.track, settings.association)
-        self._path = TravelledPath(2 * settings.track.longest)
+    def __init__(self, settings: TrackSettings) -> None:
+        self._settings = settings
+        self._path = TravelledPath(2 * settings.longest)
         self._window: list[WindowFrame] = []
         self._features: Features | None = None
         self._chains: dict[int, _Chain] = {}  # by followed candidate of the newest frame
@@ -119,7 +116,7 @@ class _Matcher:
             frames = np.array([at[id(f)] for f, _ in chain])
             rows = candidates.first[frames] + np.array([row for _, row in chain])
             # the solver starts at the midpoint (eq. 7.4), and goes no further
-            fit = fit_views(candidates, rows, frames, self._mapping.landmark, iterations=0)
+            fit = fit_views(candidates, rows, frames, nearest=SIFT_VIEWS, iterations=0)
             if fit is not None:
                 self._add_landmark(fit)
 
@@ -128,15 +125,15 @@ class _Matcher:
 
         e is the sum of the squared differences, in both coordinates of each view, of the point's projections.
         """
-        window, settings = self._window, self._mapping
+        window = self._window
         tall_px = fit.metric[1] / fit.depth.min() * window[fit.frames[-1]].focal
-        allowed_px = self._gates.gap_px + self._gates.gap_share * tall_px
+        allowed_px = self._settings.gap_px + GAP_SHARE * tall_px
         e = float((fit.residual_px[fit.used] ** 2).sum())
         verdict = "sign" if e < fit.used.sum() * allowed_px**2 else "residual"
         landmark = build_landmark(
             fit,
             window,
-            measure_landmark(fit, window, settings),
+            measure_landmark(fit, window),
             self._path.offset(fit.point),
             track_id=self._next_id,
             score=np.nan,

@@ -12,7 +12,7 @@ from wayside.schemas.errors import OutputError
 from wayside.schemas.frame import Camera, Fix, Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.motion import Motion
-from wayside.schemas.settings import LandmarkSettings, MotionSettings
+from wayside.schemas.settings import MotionSettings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 from wayside.stages.georeference import DriveRecord, collect, georeference, place_signs
 
@@ -97,7 +97,7 @@ def write(folder, frames, **options):
     writer, record = InventoryWriter(folder, "drive", **options), DriveRecord()
     for frame in collect(iter(frames), record):
         writer.append(frame)
-    (path,) = georeference(iter(record.points), MotionSettings(), LandmarkSettings())
+    (path,) = georeference(iter(record.points), MotionSettings())
     return writer.finish(path, tuple(place_signs(iter(record.landmarks), path, 0.5)))
 
 

@@ -190,14 +190,14 @@ def test_what_is_written_is_read_back_the_same(
         read=replace(base.read, thin_m=thin, camera=topic),
     )
     path = tmp_path_factory.mktemp("settings") / "again.toml"
-    for expert in (False, True):
-        path.write_text(format_settings(settings, {}, expert=expert), "utf-8", newline="")
+    for full in (False, True):
+        path.write_text(format_settings(settings, {}, full=full), "utf-8", newline="")
         assert load_settings(file=path)[0] == settings
 
 
 def test_the_full_listing_shows_every_setting_with_default_origin_and_words() -> None:
     settings, origins = load_settings(assignments=["segment.clusters=8"])
-    text = format_settings(settings, origins, expert=True)
+    text = format_settings(settings, origins, full=True)
     line = next(line for line in text.splitlines() if line.startswith("clusters = 8"))
     assert "colours | 16 | --set | k of pass one" in line
     assert tomllib.loads(text) == json.loads(json.dumps(settings_values(settings)))
@@ -206,26 +206,12 @@ def test_the_full_listing_shows_every_setting_with_default_origin_and_words() ->
             assert leaf.metadata["origin"] in text
 
 
-def test_the_short_listing_leaves_out_what_is_rarely_changed_and_says_so() -> None:
-    settings, origins = load_settings()
-    listed = tomllib.loads(format_settings(settings, origins))
-    rare = 0
-    for group in fields(settings):
-        for leaf in fields(getattr(settings, group.name)):
-            assert (leaf.name in listed.get(group.name, {})) is not leaf.metadata["expert"]
-            rare += leaf.metadata["expert"]
-    text = format_settings(settings, origins)
-    assert (f"# {rare} more that are rarely changed: wayside settings --all" in text) is (rare > 0)
-
-
-def test_a_changed_setting_is_listed_however_rare(tmp_path: Path) -> None:
+def test_the_listing_is_a_file_of_every_setting(tmp_path: Path) -> None:
     for preset in ("default", "report"):
         settings, origins = load_settings(preset)
-        path = toml(tmp_path, format_settings(settings, origins))
-        assert load_settings(file=path)[0] == settings
-    assert Settings().motion.__dataclass_fields__["shortest_m"].metadata["expert"]
-    settings, origins = load_settings(assignments=["motion.shortest_m=2"])
-    assert load_settings(file=toml(tmp_path, format_settings(settings, origins)))[0] == settings
+        text = format_settings(settings, origins)
+        assert tomllib.loads(text) == json.loads(json.dumps(settings_values(settings)))
+        assert load_settings(file=toml(tmp_path, text))[0] == settings
 
 
 def test_the_digest_follows_every_value_that_can_change_a_result() -> None:

@@ -46,7 +46,7 @@ def images(count=60, boxes=150, seed=2):
 
 def test_the_weights_are_those_of_the_log_odds_and_the_threshold_stays():
     made = images()
-    joined, interval = learn_network_sum([made[k::6] for k in range(6)], THRESHOLD, 0.5)
+    joined, interval = learn_network_sum([made[k::6] for k in range(6)], THRESHOLD)
     assert interval is not None
     assert interval.low < THRESHOLD < interval.high
     assert (joined.own, joined.network) == pytest.approx(tuple(SLOPES), abs=0.06)
@@ -58,14 +58,14 @@ def test_the_weights_are_those_of_the_log_odds_and_the_threshold_stays():
 def test_of_boxes_on_one_thing_only_the_best_is_counted_as_false():
     same = np.array([[0, 0, 20, 20]] * 3, np.float32)
     one = ScoredBoxes(same, np.zeros((3, 2)), np.full(3, OFF), np.zeros(3, np.float32))
-    assert false_scores(one, np.array([1.0, 3.0, 2.0]), 0.5).tolist() == [3.0]
+    assert false_scores(one, np.array([1.0, 3.0, 2.0])).tolist() == [3.0]
 
 
 def test_boxes_of_one_kind_teach_nothing():
     one = images(1)[0]
     with pytest.raises(InputError, match="Add drives"):
         learn_network_sum(
-            [[replace(one, label=np.full(len(one.box), NEITHER, np.int8))]], THRESHOLD, 0.5
+            [[replace(one, label=np.full(len(one.box), NEITHER, np.int8))]], THRESHOLD
         )
 
 
@@ -84,7 +84,7 @@ def drive(shift, seed):
 
 
 def threshold_of(drives, accepted=1.0):
-    return rule_threshold(drives, np.ones(1), accepted, 0.5)
+    return rule_threshold(drives, np.ones(1), accepted)
 
 
 @pytest.mark.parametrize("accepted", [0.3, 1.0, 3.0])
@@ -124,7 +124,7 @@ def test_where_fewer_boxes_are_false_than_may_be_the_least_of_them_is_the_thresh
 
 
 def test_a_file_keeps_the_rule_the_interval_and_the_sum_of_a_threshold():
-    joined, interval = learn_network_sum([images()], THRESHOLD, 0.5)
+    joined, interval = learn_network_sum([images()], THRESHOLD)
     model = ScoreModel(THRESHOLD, "made up", joined, "alpha: 5 boxes", (-2.5, -1.0))
     again = model_from_json(model_to_json(model))
     assert interval is None

@@ -10,7 +10,6 @@ import pytest
 from wayside.pipeline.model_files import shipped_models
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.models import ScoreModel
-from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection import BoxClassifier, BoxNetwork
 from wayside.stages.detection.box_network import TOGETHER
 from wayside.stages.geometry import iou_matrix
@@ -129,7 +128,7 @@ def test_rows_are_selected_and_replaced():
 def test_a_classifier_has_the_log_odds_of_its_side():
     found, boxes = network().scores(scene(), GROUND), GROUND
     for back, wanted in ((False, found.front), (True, found.back)):
-        side = BoxClassifier(network(), ScoreModel(1.5, "made up"), CandidateSettings(), back=back)
+        side = BoxClassifier(network(), ScoreModel(1.5, "made up"), back=back)
         assert side.threshold == 1.5
         np.testing.assert_array_equal(side.scores(scene(), boxes), wanted)
 

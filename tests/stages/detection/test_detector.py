@@ -15,7 +15,13 @@ from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
 from wayside.schemas.models import NetworkSum, ScoreModel
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.box_network import BoxScores
-from wayside.stages.detection.detector import detect, regressed_boxes, with_names
+from wayside.stages.detection.detector import (
+    LARGEST_OFFSET,
+    REGRESSED_FROM,
+    detect,
+    regressed_boxes,
+    with_names,
+)
 
 CAMERA = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
 FRONT = ScoreModel(0.0, "made by hand")
@@ -204,8 +210,8 @@ def test_a_box_that_would_score_less_elsewhere_stays():
 
 def test_boxes_of_low_scores_are_not_moved():
     item = unclassified([[20, 20, 36, 31]])
-    for shift, bottom in ((0.0, 36.5), (-0.5, 31.0)):
-        found = run(item, replace(GROWN, shift=shift), regressed_from=-1.2)
+    for above, bottom in ((0.5, 36.5), (-0.5, 31.0)):
+        found = run(item, replace(GROWN, shift=REGRESSED_FROM + 1.0 + above))
         assert found.candidates.regions.box[0, 3] == bottom
 
 
@@ -214,7 +220,7 @@ BOX = np.array([[100, 80, 120, 100], [10, 20, 50, 40]], np.float32)
 
 def moved_boxes(*by):
     offset = np.tile(np.array(by, np.float32), (len(BOX), 1))
-    return regressed_boxes(BOX, offset, CAMERA, CandidateSettings())
+    return regressed_boxes(BOX, offset, CAMERA)
 
 
 def test_a_box_is_moved_by_fractions_of_its_size():
@@ -234,5 +240,5 @@ def test_a_box_that_no_face_can_have_is_not_taken(by):
     assert np.array_equal(moved_boxes(*by), BOX)
 
 
-def test_sides_move_no_farther_than_the_settings_say():
-    assert moved_boxes(-9.0, 0.0, 0.0, 0.0)[0, 0] == 100 - CandidateSettings().largest_offset * 20
+def test_sides_move_no_farther_than_the_limit():
+    assert moved_boxes(-9.0, 0.0, 0.0, 0.0)[0, 0] == 100 - LARGEST_OFFSET * 20

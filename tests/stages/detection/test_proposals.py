@@ -1,5 +1,6 @@
 """The network of `red_cells.onnx` calls a red cell of 4 x 4 pixels a yellow octagon of 16 px, a blue one a back."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,14 +8,14 @@ import pytest
 
 from wayside.schemas.detections import SOURCES, Regions, Segmentation
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
-from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection import DetectionNetwork, propose, propose_segments
+from wayside.stages.detection.face_boxes import enlargement
+from wayside.stages.detection.proposals import MOST_BOXES, SAME_BOX_IOU
 from wayside.stages.geometry import iou_matrix
 from wayside.stages.imaging import pyramid
 
 NETWORK = DetectionNetwork(str(Path(__file__).parent / "red_cells.onnx"))
 CAMERA = Camera(640, 480, 700.0, 700.0, 319.5, 239.5)
-SETTINGS = CandidateSettings()
 NO_BOXES = np.zeros((0, 4), np.float32)
 
 
@@ -34,29 +35,28 @@ def segmented(boxes=NO_BOXES, *, red=(), status=USED, camera=CAMERA):
     return Segmentation(image, table, n, np.zeros((0, 3)), np.zeros(0), (0, 480))
 
 
-def proposed(item, network=NETWORK, settings=SETTINGS):
+def proposed(item, network=NETWORK):
     if network is None:
-        return next(propose_segments(iter([item]), settings=settings))
-    return next(propose(iter([item.image]), settings=settings, network=network))
+        return next(propose_segments(iter([item])))
+    return next(propose(iter([item.image]), network=network))
 
 
 def of_network(item):
     return item.regions.select(item.regions.source == SOURCES.index("network"))
 
 
-@pytest.mark.parametrize("rows", [180, 160, 157, 239])
-def test_boxes_of_the_network_are_in_pixels_of_the_image_whatever_rows_it_sees(rows):
-    seen = CandidateSettings(full_size_px=rows, half_size_above=0, half_size_below=0)
-    found = of_network(proposed(segmented(red=[(50, 80)]), settings=seen))
+@pytest.mark.parametrize("horizon", [243.5, 223.5, 220.5, 176.0])
+def test_boxes_of_the_network_are_in_pixels_of_the_image_whatever_rows_it_sees(horizon):
+    camera = replace(CAMERA, cy=horizon)
+    found = of_network(proposed(segmented(red=[(50, 80)], camera=camera)))
     # where the rows begin off a multiple of 4, the red cell lies in two cells of the maps
     assert np.abs(found.box[0] - [314, 194, 330, 210]).max() <= 3
     assert found.area_px[0] == pytest.approx(0.83 * 256, abs=40)  # of an octagon
 
 
 def test_a_face_outside_of_the_rows_of_the_network_is_not_looked_for():
-    near = CandidateSettings(full_size_px=40, half_size_above=0, half_size_below=0, network_least=0)
-    for row, count in ((60, 1), (45, 0)):
-        assert len(of_network(proposed(segmented(red=[(row, 80)]), settings=near))) == count
+    for row, seen in ((100, True), (110, False)):  # rows end 176 below the horizon, in row 416
+        assert (proposed(segmented(red=[(row, 80)])).network_score > 0).any() == seen
 
 
 def test_of_a_face_that_the_border_of_the_full_size_rows_cuts_the_box_at_half_size_stays():
@@ -81,12 +81,11 @@ def test_a_large_face_off_the_horizon_is_seen_at_half_size():
 )
 def test_an_image_of_short_focal_length_is_seen_as_large_as_those_learned_from(focal, times):
     camera = Camera(640, 480, focal, focal, 319.5, 239.5)
-    assert SETTINGS.enlargement(camera) == times
-    seen = CandidateSettings(half_size_above=0, half_size_below=0)
+    assert enlargement(camera) == times
     side = 4 // times  # one red cell of what the network sees
     item = segmented(camera=camera)
     item.image.rgb[200 : 200 + side, 320 : 320 + side] = (255, 0, 0)
-    found = of_network(proposed(item, settings=seen))
+    found = of_network(proposed(item))
     middle, half = np.array([320, 200]) + side / 2, 8 / times
     assert np.abs(found.box[0] - np.concatenate([middle - half, middle + half])).max() <= 3 / times
 
@@ -122,11 +121,10 @@ def test_boxes_of_the_network_have_its_log_odds_of_a_face():
 
 
 def test_no_more_boxes_of_the_network_than_asked_for():
-    red = [(30, 20), (30, 60), (60, 100)]
-    few = CandidateSettings(network_most=2, network_least=0.0)
-    found = proposed(segmented(red=red), settings=few)
-    assert len(of_network(found)) == 2
-    assert found.dropped.left_out == 1
+    red = [(row, column) for row in range(20, 100, 8) for column in range(10, 150, 10)]
+    found = proposed(segmented(red=red))
+    assert len(of_network(found)) == MOST_BOXES < len(red)
+    assert found.dropped.left_out >= len(red) - MOST_BOXES
 
 
 def test_an_image_is_made_smaller_once_for_both_networks():
@@ -153,15 +151,15 @@ def test_an_image_without_rows_near_the_horizon_has_no_boxes():
 def test_a_face_that_is_seen_at_both_sizes_has_one_box():
     item = segmented()
     item.image.rgb[200:208, 320:328] = (255, 0, 0)
-    found = of_network(proposed(item, settings=CandidateSettings(network_least=0.0)))
+    found = of_network(proposed(item))
     overlap = iou_matrix(found.box, found.box)
     np.fill_diagonal(overlap, 0)
     assert len(found) >= 1
-    assert overlap.max() <= SETTINGS.network_iou
+    assert overlap.max() <= SAME_BOX_IOU
 
 
 def test_the_same_image_gives_the_same_regions():
     image = segmented(red=[(50, 80), (60, 20)]).image
-    one, other = propose(iter([image, image]), settings=SETTINGS, network=NETWORK)
+    one, other = propose(iter([image, image]), network=NETWORK)
     assert one.regions.box.tobytes() == other.regions.box.tobytes()
     assert one.regions.rgb.tobytes() == other.regions.rgb.tobytes()

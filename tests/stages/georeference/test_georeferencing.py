@@ -9,7 +9,7 @@ from pyproj import Geod
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import Fix, Pose, PosePrior
-from wayside.schemas.settings import LandmarkSettings, MotionSettings
+from wayside.schemas.settings import MotionSettings
 from wayside.stages.georeference import LocalOrigin, PathPoint, align_level, georeference
 from wayside.stages.georeference.placement import mean_scale
 
@@ -28,7 +28,7 @@ LEVEL_CAMERA = np.array(
 def path_through(points, antenna_m=(0.0, 0.0, 0.0)):
     right, down, ahead = antenna_m
     motion = MotionSettings(antenna_right_m=right, antenna_down_m=down, antenna_ahead_m=ahead)
-    (path,) = georeference(iter(points), motion, LandmarkSettings())
+    (path,) = georeference(iter(points), motion)
     return path
 
 

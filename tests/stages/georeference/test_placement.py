@@ -9,7 +9,7 @@ from wayside.schemas.detections import Candidates, Regions
 from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.motion import Motion
-from wayside.schemas.settings import LandmarkSettings, MotionSettings
+from wayside.schemas.settings import MotionSettings
 from wayside.stages.georeference import (
     DrivePath,
     DriveRecord,
@@ -70,7 +70,7 @@ def tracked(index, *landmarks, used=True):
 def path_of(frames=4):
     record = DriveRecord()
     list(collect(map(tracked, range(frames)), record))
-    (path,) = georeference(iter(record.points), MotionSettings(), LandmarkSettings())
+    (path,) = georeference(iter(record.points), MotionSettings())
     return path
 
 
@@ -157,6 +157,6 @@ def test_errors_of_neighbouring_steps_are_independent_at_first_and_common_in_the
 
 
 def test_a_path_without_points_is_empty():
-    (path,) = georeference(iter(()), MotionSettings(), LandmarkSettings())
+    (path,) = georeference(iter(()), MotionSettings())
     assert isinstance(path, DrivePath)
     assert (path.world, path.poses, path.camera_height_m) == ("drive_start", {}, None)

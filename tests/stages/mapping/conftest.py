@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from wayside.schemas.models import EvidenceModel
-from wayside.schemas.settings import AssociationSettings, TrackSettings
-from wayside.stages.mapping.association import AssociationGates, WindowCandidates
+from wayside.schemas.settings import TrackSettings
+from wayside.stages.mapping.association import WindowCandidates
 from wayside.stages.mapping.landmark_evidence import FEATURES
 
 Boxes = Sequence[Sequence[tuple[float, ...]]]
@@ -42,9 +42,9 @@ def standing_boxes(panels: Sequence[tuple[float, ...]], frames: int) -> Boxes:
 
 
 @pytest.fixture
-def gates() -> AssociationGates:
-    """The gates by default."""
-    return AssociationGates.of(TrackSettings(), AssociationSettings())
+def gap_px() -> float:
+    """The largest gap of a view by default."""
+    return TrackSettings().gap_px
 
 
 @pytest.fixture

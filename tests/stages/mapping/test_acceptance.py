@@ -1,22 +1,20 @@
 import numpy as np
 import pytest
 
-from wayside.schemas.settings import AcceptanceSettings, LandmarkSettings
 from wayside.stages.mapping.acceptance import accept_greedily
 from wayside.stages.mapping.hypotheses import Hypotheses, pair_hypotheses
 
 FRAMES = 6
-SETTINGS = AcceptanceSettings(least_value=0.0)
 
 
 @pytest.fixture
-def accepted(gates, window, standing):
+def accepted(gap_px, window, standing):
     """Landmarks among panels (right, down, along, width, height, score) seen from six cameras."""
 
     def make(panels, fewest=3, noise_px=0.0):
         candidates = window(standing(panels, FRAMES), noise_px)
         pairs = [
-            pair_hypotheses(candidates, a, b, gates)
+            pair_hypotheses(candidates, a, b, gap_px)
             for b in range(FRAMES)
             for a in range(max(0, b - 3), b)
         ]
@@ -24,9 +22,7 @@ def accepted(gates, window, standing):
             [Hypotheses(one.point, one.size, np.zeros(len(one.point), bool)) for one in pairs]
         )
         free = np.ones(len(candidates.ray), bool)
-        return accept_greedily(
-            candidates, hypotheses, free, gates, SETTINGS, LandmarkSettings(), fewest=fewest
-        )
+        return accept_greedily(candidates, hypotheses, free, gap_px, fewest=fewest)
 
     return make
 

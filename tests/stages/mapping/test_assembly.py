@@ -3,16 +3,14 @@ from dataclasses import replace
 import numpy as np
 
 from wayside.schemas.detections import VERDICTS
-from wayside.schemas.settings import AssemblySettings, MappingSettings
+from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping.assembly import assemble, same_support
 from wayside.stages.mapping.tracker import track
 from wayside.stages.mapping.verdicts import same_panel
 
-SETTINGS = AssemblySettings()
-
 
 def assembled(frames):
-    return list(assemble(track(iter(frames), MappingSettings()), SETTINGS))
+    return list(assemble(track(iter(frames), TrackSettings())))
 
 
 def landmarks_of(tracked):
@@ -36,13 +34,13 @@ def test_posts_one_behind_the_other_are_two_supports(panel, drive):
 
 
 def test_a_second_place_of_one_panel_is_a_duplicate_with_its_candidates(panel, drive):
-    (frames,) = [list(track(iter(drive([panel(3.5, 1.2, 120.0)], 20)), MappingSettings()))]
+    (frames,) = [list(track(iter(drive([panel(3.5, 1.2, 120.0)], 20)), TrackSettings()))]
     first = next(i for i, item in enumerate(frames) if item.landmarks)
     twin = replace(frames[first].landmarks[0], track_id=99)
     later = first + 2
     track_id = np.full_like(frames[later].track_id, 99)
     frames[later] = replace(frames[later], landmarks=(twin,), track_id=track_id)
-    tracked = list(assemble(iter(frames), SETTINGS))
+    tracked = list(assemble(iter(frames)))
     assert [p.verdict for p in landmarks_of(tracked)] == ["sign", "duplicate"]
     assert {VERDICTS[v] for v in tracked[later].candidates.verdict} == {"duplicate"}
 
@@ -50,6 +48,6 @@ def test_a_second_place_of_one_panel_is_a_duplicate_with_its_candidates(panel, d
 def test_a_plaque_is_no_duplicate_of_the_sign_above(panel, drive):
     signs = [panel(3.5, 2.0, 120.0), panel(3.5, 1.4, 120.0, wide=0.6, tall=0.3)]
     one, other = landmarks_of(assembled(drive(signs, 20)))
-    assert not same_panel(one, other, SETTINGS)
-    assert same_support(one, other, SETTINGS)
+    assert not same_panel(one, other)
+    assert same_support(one, other)
     assert {one.verdict, other.verdict} == {"sign"}

@@ -7,7 +7,7 @@ import pytest
 
 from wayside.schemas.detections import VERDICTS, Candidates, Regions, verdict_code
 from wayside.schemas.measurement import Alignment, PanelView
-from wayside.schemas.settings import MappingSettings
+from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping import LandmarkClassifier, SideClassifiers
 from wayside.stages.mapping.panel import Panel, PanelMeasurement, box_rays
 from wayside.stages.mapping.tracker import track
@@ -39,7 +39,7 @@ def landmarks_of(tracked):
 
 def test_a_panel_seen_from_behind_is_measured_as_a_back_without_a_colour(panel, drive):
     frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0)
-    tracked = list(track(iter(frames), MappingSettings(), back=BEHIND))
+    tracked = list(track(iter(frames), TrackSettings(), back=BEHIND))
     (landmark,) = landmarks_of(tracked)
     assert landmark.back
     assert landmark.verdict == "sign"
@@ -57,7 +57,7 @@ def test_a_panel_seen_from_behind_is_measured_as_a_back_without_a_colour(panel, 
 def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
     panel, drive, monkeypatch, panel_method, outline, shape
 ):
-    def measured(fit, window, offset, method, drift_rad):
+    def measured(fit, window, offset, method):
         panel = Panel(
             fit.point,
             fit.frames[fit.used],
@@ -77,14 +77,14 @@ def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
     monkeypatch.setattr("wayside.stages.mapping.tracker.measure_panel", measured)
     frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0)
     (landmark,) = landmarks_of(
-        track(iter(frames), MappingSettings(), back=BEHIND, panel=panel_method)
+        track(iter(frames), TrackSettings(), back=BEHIND, panel=panel_method)
     )
     assert (landmark.color, landmark.shape) == (None, shape)
 
 
 def test_backs_are_not_tracked_where_no_classifier_of_them_is_given(panel, drive):
     frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0)
-    tracked = list(track(iter(frames), MappingSettings()))
+    tracked = list(track(iter(frames), TrackSettings()))
     assert landmarks_of(tracked) == []
     assert {VERDICTS[v] for item in tracked for v in item.candidates.verdict} == {"score"}
 
@@ -97,7 +97,7 @@ def test_what_may_be_face_or_back_is_reported_once_as_the_likelier(
     classifiers = [
         SideClassifiers(landmark=LandmarkClassifier(evidence_model(odds))) for odds in (face, back)
     ]
-    tracked = list(track(iter(frames), MappingSettings(), *classifiers))
+    tracked = list(track(iter(frames), TrackSettings(), *classifiers))
     reported = [landmark for landmark in landmarks_of(tracked) if landmark.verdict == "sign"]
     assert [landmark.back for landmark in reported] == [back > face]
     kept = {track for item in tracked for track in item.track_id.tolist()}
@@ -117,7 +117,7 @@ def test_a_face_and_a_back_apart_are_both_reported(panel, drive):
             score=np.where(left, -9, 3).astype(np.float32),
         )
         frames.append(replace(one, detections=replace(one.detections, candidates=told)))
-    found = landmarks_of(track(iter(frames), MappingSettings(), back=BEHIND))
+    found = landmarks_of(track(iter(frames), TrackSettings(), back=BEHIND))
     assert sorted((landmark.back, landmark.color) for landmark in found) == [
         (False, "yellow"),
         (True, None),

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from wayside.schemas.detections import COLORS
-from wayside.schemas.settings import MappingSettings
+from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping.tracker import track
 
 
@@ -29,7 +29,7 @@ def classified(frames, probabilities):
 
 def landmark_of(frames):
     (landmark,) = [
-        one for tracked in track(iter(frames), MappingSettings()) for one in tracked.landmarks
+        one for tracked in track(iter(frames), TrackSettings()) for one in tracked.landmarks
     ]
     return landmark
 

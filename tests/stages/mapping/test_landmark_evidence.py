@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wayside.schemas.model_json import model_from_json, model_to_json
-from wayside.schemas.settings import MappingSettings
+from wayside.schemas.settings import TrackSettings
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping import FEATURES, LandmarkClassifier, SideClassifiers, SignPlaces
 from wayside.stages.mapping.tracker import track
@@ -16,7 +16,7 @@ from wayside.stages.mapping.tracker import track
 
 def landmark_of(frames, classifier):
     front = SideClassifiers(landmark=classifier)
-    (found,) = [p for item in track(iter(frames), MappingSettings(), front) for p in item.landmarks]
+    (found,) = [p for item in track(iter(frames), TrackSettings(), front) for p in item.landmarks]
     return found
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.models import GaussianClass, GaussianModel
-from wayside.schemas.settings import AssemblySettings, LocateSettings, MappingSettings
+from wayside.schemas.settings import LocateSettings, TrackSettings
 from wayside.stages.mapping.assembly import assemble
 from wayside.stages.mapping.location import classify_location
 from wayside.stages.mapping.tracker import track
@@ -23,7 +23,7 @@ LIMITS = LocateSettings()
 
 
 def located(frames, *means, settings=LIMITS):
-    return list(classify_location(track(iter(frames), MappingSettings()), model(*means), settings))
+    return list(classify_location(track(iter(frames), TrackSettings()), model(*means), settings))
 
 
 def landmarks_of(tracked):
@@ -43,17 +43,13 @@ def test_the_single_mean_refuses_the_left_side_and_overhead(panel, drive):
 
 
 def test_without_a_model_signs_stand_anywhere(panel, drive):
-    tracked = track(iter(drive([panel(11.0, 1.0, 130.0)], 20)), MappingSettings())
+    tracked = track(iter(drive([panel(11.0, 1.0, 130.0)], 20)), TrackSettings())
     assert landmarks_of(classify_location(tracked, None, LIMITS)) == {130: "sign"}
 
 
 def test_a_refused_places_candidates_follow_in_every_frame(panel, drive):
     tracked = iter(located(drive([panel(-4.0, 1.0, 130.0)], 20), (3.1, 0.6)))
-    verdicts = [
-        VERDICTS[v]
-        for item in assemble(tracked, AssemblySettings())
-        for v in item.candidates.verdict
-    ]
+    verdicts = [VERDICTS[v] for item in assemble(tracked) for v in item.candidates.verdict]
     assert set(verdicts) == {"location"}
 
 

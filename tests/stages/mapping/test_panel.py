@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wayside.schemas.frame import Image
-from wayside.schemas.settings import MappingSettings
+from wayside.schemas.settings import TrackSettings
 from wayside.stages.geometry.path import FrenetOffset
 from wayside.stages.mapping.landmark import BORDER, FACING_SIGMA_DEG
 from wayside.stages.mapping.panel import across_path
@@ -92,7 +92,7 @@ def measured(frames, angle=0.0, *, images=True, method):
             for m in frames
         ]
     (landmark,) = [
-        p for item in track(iter(frames), MappingSettings(), panel=method) for p in item.landmarks
+        p for item in track(iter(frames), TrackSettings(), panel=method) for p in item.landmarks
     ]
     return landmark
 

@@ -5,11 +5,7 @@ import pytest
 
 from wayside.schemas.detections import SOURCES, Candidates, Detections, Regions, verdict_code
 from wayside.schemas.models import ScoreModel
-from wayside.schemas.settings import (
-    CandidateSettings,
-    LandmarkSettings,
-    MappingSettings,
-)
+from wayside.schemas.settings import TrackSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.detection.box_network import BoxScores
 from wayside.stages.mapping import SideClassifiers
@@ -18,7 +14,7 @@ from wayside.stages.mapping.prediction import add_predicted_views, predicted_box
 from wayside.stages.mapping.tracker import track
 from wayside.stages.mapping.window import WindowFrame, candidates_of
 
-SETTINGS = MappingSettings()
+SETTINGS = TrackSettings()
 RED = (200, 40, 40)
 
 
@@ -35,7 +31,7 @@ class Reddish:
 
 def reddish(threshold=0.0):
     """A classifier of views by that network."""
-    return BoxClassifier(Reddish(), ScoreModel(threshold, "made up"), CandidateSettings())
+    return BoxClassifier(Reddish(), ScoreModel(threshold, "made up"))
 
 
 @pytest.fixture
@@ -69,17 +65,17 @@ def holding(frames):
 def fit_of(held, frames):
     candidates = candidates_of(held)
     rows = np.array([candidates.first[f] for f in frames], np.int64)
-    fit = fit_views(candidates, rows, np.array(frames, np.int64), LandmarkSettings())
+    fit = fit_views(candidates, rows, np.array(frames, np.int64))
     assert fit is not None
     return fit
 
 
 def predicted(fit, frame):
-    return predicted_box(fit, frame, SETTINGS.association.nearest_m)
+    return predicted_box(fit, frame)
 
 
 def with_predicted_views(fit, held, classifier):
-    (found,) = add_predicted_views([fit], held, {fit.back: classifier}, SETTINGS.association)
+    (found,) = add_predicted_views([fit], held, {fit.back: classifier})
     return found
 
 
@@ -101,11 +97,10 @@ def test_a_landmark_of_large_scatter_is_not_predicted(shown, panel):
 
 
 def test_a_view_too_small_to_be_searched_for_is_not_predicted(shown, panel):
-    frames = shown([panel(3.5, 1.2, 100.0, hidden_in=tuple(range(9)))], 13)
-    held = holding(frames)
+    small = panel(3.5, 1.2, 100.0, wide=0.2, tall=0.2, hidden_in=tuple(range(9)))
+    held = holding(shown([small], 13))
     fit = fit_of(held, [k for k, h in enumerate(held) if len(h.followed)])
-    none = BoxClassifier(Reddish(), ScoreModel(0.0, "made up"), CandidateSettings(shortest_px=800))
-    assert len(with_predicted_views(fit, held, none).rows) == len(fit.rows)
+    assert len(with_predicted_views(fit, held, reddish()).rows) == len(fit.rows)
 
 
 def test_views_without_a_candidate_are_predicted(shown, panel):
@@ -156,9 +151,7 @@ def test_views_of_a_back_are_predicted_by_the_classifier_of_backs(shown, panel):
     found = with_predicted_views(replace(fit, back=True), held, behind)
     (new,) = {held[f].candidates.back_score[0] for f in set(found.frames) - set(fit.frames)}
     assert new == -3
-    (same,) = add_predicted_views(
-        [replace(fit, back=True)], held, {False: reddish()}, SETTINGS.association
-    )
+    (same,) = add_predicted_views([replace(fit, back=True)], held, {False: reddish()})
     assert same.rows.tolist() == fit.rows.tolist()
 
 

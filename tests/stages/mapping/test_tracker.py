@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from wayside.schemas.detections import VERDICTS
-from wayside.schemas.settings import MappingSettings
+from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping import LandmarkClassifier, SideClassifiers
 from wayside.stages.mapping.landmark import BORDER
-from wayside.stages.mapping.tracker import track
+from wayside.stages.mapping.tracker import WINDOW_STEP, track
 from wayside.stages.report import match_by_descriptors
 
-SETTINGS = MappingSettings()
-TRACK = SETTINGS.track
+SETTINGS = TrackSettings()
 
 
 def landmarks_of(tracked):
@@ -186,7 +185,7 @@ def test_a_single_view_is_unmatched_and_two_are_too_few(panel, drive):
     frames = drive(
         [panel(3.5, 1.2, 120.0, only_in=(10,)), panel(-4.0, 1.2, 120.0, only_in=(10, 11))], 20
     )
-    tracked = run(frames, replace(SETTINGS, track=replace(TRACK, fewest_views=3)))
+    tracked = run(frames, replace(SETTINGS, fewest_views=3))
     assert landmarks_of(tracked) == []
     assert sorted(verdicts_of(tracked)) == ["few_views", "few_views", "unmatched"]
 
@@ -252,10 +251,10 @@ def test_no_more_frames_are_held_than_the_window_is_long(panel, drive, follow):
             yield frame
 
     most = 0
-    settings = replace(SETTINGS, track=replace(TRACK, fewest_views=2))
+    settings = replace(SETTINGS, fewest_views=2)
     for given, _ in enumerate(follow(counted(), settings), 1):
         most = max(most, taken - given + 1)
-    assert most <= TRACK.longest + TRACK.window_step
+    assert most <= SETTINGS.longest + WINDOW_STEP
 
 
 def test_a_landmark_below_the_threshold_is_refused_for_its_weakest_term(
@@ -288,12 +287,12 @@ def test_a_face_under_a_box_that_shows_half_of_a_known_one_is_found_in_the_rest(
 
 
 def test_views_of_a_standing_panel_from_before_the_window_do_not_move(panel, drive):
-    far = TRACK.longest + 4 * TRACK.window_step
+    far = SETTINGS.longest + 4 * WINDOW_STEP
     tracked = run(drive([panel(3.5, 1.2, 8.0 * far + 6.0)], far + 3))
     (landmark,) = landmarks_of(tracked)
     by_frame = [VERDICTS[v] for item in tracked for v in item.candidates.verdict]
     assert landmark.verdict == "sign"
-    assert len(landmark.views) >= TRACK.longest
+    assert len(landmark.views) >= SETTINGS.longest
     early = by_frame[: len(by_frame) - len(landmark.views)]
     assert (
         early.count("far_view") >= len(early) - 2

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from wayside.schemas.detections import VERDICTS
-from wayside.schemas.settings import LandmarkSettings, VerdictSettings
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.landmark_fit import fit_views
 from wayside.stages.mapping.verdicts import (
@@ -14,8 +13,6 @@ from wayside.stages.mapping.verdicts import (
     unassigned_verdicts,
 )
 
-SETTINGS = VerdictSettings()
-
 
 @pytest.fixture
 def fit_at(window, standing):
@@ -23,7 +20,7 @@ def fit_at(window, standing):
 
     def make(ahead, sigma_ahead=0.3):
         candidates = window(standing([(6.0, -1.0, ahead, 1.7, 0.8, 1.0)], 2))
-        fit = fit_views(candidates, np.arange(2), np.arange(2), LandmarkSettings())
+        fit = fit_views(candidates, np.arange(2), np.arange(2))
         return replace(fit, covariance=np.diag([0.01, 0.01, sigma_ahead**2]))
 
     return make
@@ -33,7 +30,7 @@ def fit_at(window, standing):
     ("right", "above", "swept"), [(0.5, 1.0, True), (6.0, 1.0, False), (0.5, 5.0, False)]
 )
 def test_nothing_stands_where_the_vehicle_drove(fit_at, right, above, swept):
-    assert in_swept_volume(fit_at(60.0), FrenetOffset(60.0, right, above), SETTINGS) == swept
+    assert in_swept_volume(fit_at(60.0), FrenetOffset(60.0, right, above)) == swept
 
 
 FACE, HALF, BESIDE = [0.0, 0.0, 0.2, 0.2], [0.0, 0.0, 0.2, 0.1], [0.17, 0.0, 0.37, 0.2]

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from wayside.schemas.detections import VERDICTS
-from wayside.schemas.settings import MappingSettings, TrackSettings
+from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping.tracker import track
 from wayside.stages.report.match import match_by_descriptors
 
-REPORT = MappingSettings(TrackSettings(fewest_views=2))
+REPORT = TrackSettings(fewest_views=2)
 
 
 def run(frames):

@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Pose
 from wayside.schemas.models import MixtureModel
-from wayside.schemas.settings import MappingSettings, TrackSettings
+from wayside.schemas.settings import TrackSettings
 from wayside.stages.report import classify_trajectory, match_by_descriptors, mean_log_density
 from wayside.stages.report.trajectory import STEP_M, trajectory_of
 
@@ -94,7 +94,7 @@ def test_the_score_is_the_mean_log_density_of_the_steps_in_the_form_of_the_model
 
 def test_a_track_that_moves_otherwise_is_refused_and_so_are_its_candidates(panel, drive):
     def verdicts(threshold):
-        settings = MappingSettings(TrackSettings(fewest_views=2))
+        settings = TrackSettings(fewest_views=2)
         frames = drive([panel(3.5, 1.2, 90.0)], 14)
         tracked = match_by_descriptors(iter(frames), settings)
         items = list(classify_trajectory(tracked, replace(known, threshold=threshold)))

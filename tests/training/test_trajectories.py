@@ -1,0 +1,74 @@
+"""The density of the motion of signs, learned from made-up tracks of points that stand still."""
+
+import numpy as np
+import pytest
+
+from training.landmarks import NEITHER, NOTHING, SIGN
+from training.trajectories import Tracks, joined, learn_trajectories
+from wayside.schemas.errors import InputError
+from wayside.schemas.model_json import model_from_json, model_to_json
+
+STEP = 8.0
+
+
+def drive(seed, signs=12, others=40):
+    """Signs stand 3 m right and half a metre up; the others anywhere, and some between both are of neither kind."""
+    rng = np.random.default_rng(seed)
+    tracks, labels = [], []
+    for label, count in ((SIGN, signs), (NOTHING, others), (NEITHER, 3)):
+        for _ in range(count):
+            right, down = rng.normal((3.1, -0.6), (0.8, 0.3)) if label else rng.normal(0, 12, 2)
+            depth = rng.uniform(30, 70) - STEP * np.arange(4)
+            rays = np.stack([right / depth, down / depth], axis=1) + rng.normal(0, 5e-4, (4, 2))
+            steps = np.concatenate([rays[:-1], np.diff(rays, axis=0)], axis=1)
+            tracks.append(np.stack([steps, steps], axis=1))
+            labels.append(label)
+    return Tracks(tuple(tracks), np.array(labels, np.int8), np.zeros(len(labels), np.int64))
+
+
+@pytest.fixture(scope="module")
+def tracks():
+    return joined([drive(seed) for seed in range(5)])
+
+
+@pytest.fixture(scope="module")
+def model(tracks):
+    return learn_trajectories(tracks, "compensated", "made up")
+
+
+def test_signs_are_kept_and_what_stands_elsewhere_goes_on_a_drive_not_learned_from(model):
+    new = drive(99, 100, 300)
+    kept = new.scores(model) >= model.threshold
+    assert kept[new.label == SIGN].mean() > 0.85
+    assert kept[new.label == NOTHING].mean() < 0.3
+
+
+def test_the_file_says_the_rule_its_rates_and_what_it_was_learned_from(model):
+    assert model.count == 60
+    assert "knee of the ROC" in model.threshold_rule
+    assert "of 60 tracks of signs" in model.threshold_rule
+    assert "of 200 others" in model.threshold_rule
+    text = model_to_json(model)
+    again = model_from_json(text)
+    assert model_to_json(again) == text
+    steps = drive(7).in_form("compensated")
+    np.testing.assert_allclose(again.log_density(steps), model.log_density(steps), rtol=1e-5)
+
+
+def test_too_few_tracks_or_drives_are_refused_with_the_number_needed(tracks):
+    for few in (tracks.of(tracks.drive < 4), tracks.of(tracks.label != SIGN)):
+        with pytest.raises(InputError, match="wanted 40 tracks of signs, 40 others and 5 drives"):
+            learn_trajectories(few, "image", "made up")
+
+
+@pytest.mark.parametrize(
+    ("found", "put"),
+    [
+        ('"weight":[', '"weight":[0.5,'),
+        ('"covariance":[[[', '"covariance":[[[-'),
+        ('"threshold":', '"threshold":"x","was":'),
+    ],
+)
+def test_a_damaged_density_is_refused(model, found, put):
+    with pytest.raises(InputError, match="wanted a wayside model file"):
+        model_from_json(model_to_json(model).replace(found, put, 1))
