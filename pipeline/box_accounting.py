@@ -183,8 +183,8 @@ def paired(boxes: BoxFile, first: Frame, held: int) -> list[str]:
     if (by_id and not 0 <= least <= last < held) or (least > 0 and last == held):
         raise InputError(
             f"models.detections: {'image_id' if by_id else 'frame'} {last if last >= held else least} in {boxes.path} "
-            f"is no frame of the log: its {held} images are the frames 0 to {held - 1}; count from 0, or give "
-            "file_name (image_name in Parquet) where the log is one of `wayside import` (docs/detectors.md)"
+            f"is no frame of the log: its {held} images are the frames 0 to {held - 1}. Count from 0. For a log of "
+            "`wayside import`, file_name (image_name in Parquet) does as well (docs/detectors.md)."
         )
     if by_id and least == 1:
         return [

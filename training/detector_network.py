@@ -1,8 +1,8 @@
 """The detection network in PyTorch: fully convolutional, one set of maps at a quarter of the image's size.
 
 A residual network down to stride 32 and a feature pyramid back up to stride 4. For each cell, the network gives the
-probability that it is the middle of a face seen from the front or from behind (centre points after Zhou, Wang and
-Kraehenbuehl 2019, "Objects as points"). It also gives the box of that face, and its colour and shape.
+probability of the middle of a face seen from the front or from behind (centre points after Zhou, Wang and Kraehenbuehl
+2019, "Objects as points"). It also gives the box of that face, and its colour and shape.
 """
 
 from __future__ import annotations

@@ -30,30 +30,20 @@ INVENTORY_TABLES = {table.name: table for table in (PANELS, SUPPORTS)}
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Rows to export.
-
-    Attributes
-    ----------
-    folder
-        For messages.
-    table
-        Name of the table; layers and default files are called so.
-    columns
-        Of all rows.
-    chunks
-        The rows, some at a time; called anew, it begins again.
-    last
-        The latest time that a row names, for formats that state when they were written.
-    world
-        Name of the drive's own frame where it has no place on WGS 84; None: rows have longitude and latitude.
-    """
+    """Rows to export."""
 
     folder: Path
+    """For messages."""
     table: str
+    """Name of the table, also of layers and default files."""
     columns: tuple[Column, ...]
+    """Of all rows."""
     chunks: Callable[[], Iterable[FlatTable]]
+    """Returns the rows, some at a time, from the beginning on each call."""
     last: datetime
+    """The latest time that a row names, for formats that state when they were written."""
     world: str | None = None
+    """Name of the drive's own frame without a place on WGS 84. None: rows have longitude and latitude."""
 
     @property
     def key(self) -> str:

@@ -55,55 +55,36 @@ WatchMerging = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class FleetOptions:
-    """How a fleet is carried out; nothing here changes a result.
-
-    Attributes
-    ----------
-    jobs
-        Logs side by side; None: one, or the threads of the scheduler.
-    scheduler
-        Address of a Dask scheduler, or `local`; None: processes without Dask.
-    attempts
-        How often a log is begun before it goes into quarantine.
-    retry
-        Try the logs in quarantine again.
-    overwrite
-        Replace results of logs whose content has changed since.
-    arguments
-        The command line, for `run.json`.
-    """
+    """How a fleet is carried out; nothing here changes a result."""
 
     jobs: int | None = None
+    """Logs side by side. None: one, or the threads of the scheduler."""
     scheduler: str | None = None
+    """Address of a Dask scheduler, or `local`. None: processes without Dask."""
     attempts: int = 3
+    """How often a log is begun before it goes into quarantine."""
     retry: bool = False
+    """Try the logs in quarantine again."""
     overwrite: bool = False
+    """Replace results of logs whose content has changed since."""
     arguments: tuple[str, ...] = ()
+    """The command line, for `run.json`."""
 
 
 @dataclass(frozen=True, slots=True)
 class FleetReport:
-    """What a fleet did.
-
-    Attributes
-    ----------
-    entries
-        The given logs as they are now, in order.
-    kept
-        Names of those whose results stood before.
-    copies
-        Given logs that are the same recording as another one, with the name of that: counted once.
-    left
-        Names of logs that belong to the inventory no more, as somebody took their results away.
-    merged
-        What was merged, in words; None: nothing has changed since the last time, or no log is done.
-    """
+    """What a fleet did."""
 
     entries: tuple[Entry, ...]
+    """The given logs as they are now, in order."""
     kept: frozenset[str]
+    """Names of logs that had a result already."""
     copies: tuple[tuple[str, str], ...]
+    """Given logs that are the same recording as another one, with the name of that. They count once."""
     left: tuple[str, ...]
+    """Names of logs that are not in the inventory any more, because somebody took their results away."""
     merged: str | None
+    """What was merged, in words. None: nothing has changed since the last time, or no log is done."""
 
 
 class _WorkersError(WaysideError):

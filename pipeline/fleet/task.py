@@ -47,29 +47,18 @@ _QUARANTINED_LOG, _QUARANTINED_ERROR = "log.txt", "error.txt"
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What a worker needs to know of a log.
-
-    Attributes
-    ----------
-    name, source, fingerprint, key
-        As of its `Entry`.
-    inventory
-        Absolute path of the inventory; workers on other machines see it there, too.
-    settings
-        Of the run; models are loaded by the worker.
-    attempts
-        How often it is begun before it is put into quarantine.
-    arguments, overwrite
-        As of `process_log`.
-    """
+    """What a worker needs of a log: fields of its `Entry`, and arguments of `process_log`."""
 
     name: str
     source: str
     fingerprint: str
     key: str
     inventory: str
+    """Absolute path of the inventory, which workers on other machines see too."""
     settings: Settings
+    """Of the run; models are loaded by the worker."""
     attempts: int
+    """How often it is begun before it is put into quarantine."""
     arguments: tuple[str, ...] = ()
     overwrite: bool = False
 

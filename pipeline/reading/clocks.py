@@ -33,8 +33,8 @@ _AGREE_SHARE = 0.1
 class StreamTimes:
     """Times (n,) of the messages of one stream, in file order; `has_...`: whether they tell when it was measured.
 
-    header_ns: where one is missing or off, the log time plus `offset_ns`, the median of header less log time (0 without
-    both). off: how many header times differ from log times by another offset.
+    `header_ns`: where one is missing or off, the log time plus `offset_ns`, the median of header less log time (0
+    without both). `off`: how many header times differ from log times by another offset.
     """
 
     log_ns: Integers

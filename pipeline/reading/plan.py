@@ -144,8 +144,8 @@ def _choose_camera(survey: LogSurvey, wanted: str) -> Topic:
     first = camera.first
     if not isinstance(first, ImageContent) or camera.flaw:
         raise InputError(
-            f"{survey.path}: none of the images on {camera.name} can be decoded: {camera.flaw or camera.fault}; "
-            "record or convert them anew, or choose another topic with --camera"
+            f"{survey.path}: none of the images on {camera.name} can be decoded: {camera.flaw or camera.fault}. "
+            "Record or convert them again, or choose another topic with --camera."
         )
     refuse_turned(
         f"{survey.path}: the first image of {shortened(camera.name)}", read_exif(first.data)

@@ -104,8 +104,8 @@ def messages_at(
             return [one for one in scanner.content(head) if isinstance(one, Message)]
         except LayoutError as error:
             raise InputError(
-                f"{path}: the messages at byte {place} cannot be read in the order of their times: {error}; "
-                "the log changed while it was read, or must be sorted by time first (mcap sort)"
+                f"{path}: the messages at byte {place} cannot be read in the order of their times: {error}. "
+                "Either the log changed while it was read, or it must be sorted by time first (mcap sort)."
             ) from error
 
 
@@ -124,8 +124,8 @@ def _opened(path: Path, report: ScanReport, allowance: Allowance, start: int) ->
             yield _Scanner(path, stream, report, allowance, start)
         except OSError as error:
             raise InputError(
-                f"{path}: reading stopped at byte {report.bytes_read}: {error.strerror or error}; "
-                "check the disk or copy the file anew"
+                f"{path}: reading stopped at byte {report.bytes_read}: {error.strerror or error}. "
+                "Check the disk, or copy the file again."
             ) from error
 
 

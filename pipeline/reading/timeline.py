@@ -86,8 +86,8 @@ def make_timeline(plan: Plan) -> Timeline:
     times = plan.survey.images[plan.camera.name].times()
     if not (times.has_header or times.has_log):
         raise InputError(
-            f"{plan.survey.path}: the order of the images of {shortened(plan.camera.name)} is not known: their times "
-            "go back and overlap, as where a clock was set while it was recorded; cut the log there and run each part"
+            f"{plan.survey.path}: the order of the images of {shortened(plan.camera.name)} is not known. Their times "
+            "go back and overlap, as after a clock was set. Cut the log there and run each part."
         )
     order = np.argsort(times.capture_ns, kind="stable")
     timeline = Timeline(order, times, _cameras(plan, times))
@@ -96,10 +96,10 @@ def make_timeline(plan: Plan) -> Timeline:
     row = clock_set_at(plan, times.capture_ns, timeline.cameras)
     if row is not None:
         raise InputError(
-            f"{plan.survey.path}: the clock was set back while the log was recorded: image {row} of "
+            f"{plan.survey.path}: the clock was set back during the recording. Image {row} of "
             f"{shortened(plan.camera.name)} shows the place of the one before it in the file, and its time is "
-            f"{_seconds(int(times.capture_ns[row - 1] - times.capture_ns[row]))} earlier; cut the log there and run "
-            "each part"
+            f"{_seconds(int(times.capture_ns[row - 1] - times.capture_ns[row]))} earlier. Cut the log there and run "
+            "each part."
         )
     timeline.fixes = _fixes(plan, timeline)
     streams = [one for one in _motion_streams(plan, timeline) if one.path.known.any()]

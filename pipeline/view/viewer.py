@@ -78,7 +78,7 @@ def start_viewer(files: Sequence[Path] = (), recording_id: str = "", *, serve: b
     """Start a viewer with a window, or with `serve` one for the browser; its address.
 
     It listens on loopback only and continues when this program ends. Its address, and how to end it, are printed on
-    stderr. files: shown in this order, as parts of the recording of this id; without files, the run sends the data.
+    stderr. `files`: shown in this order, as parts of the recording of this id. Without files, the run sends the data.
 
     Raises
     ------

@@ -45,8 +45,8 @@ def check_calibration(watches: Iterator[CalibrationWatch]) -> Iterator[LensCheck
 class LensCheck(NamedTuple):
     """What a drive says of the lens it was processed with.
 
-    correction: relative change of the focal length that the drive implies, to first order, and its standard error sigma
-    (None: unknown). found: the camera by the drive, with k1 and k2, where the given one cannot be right.
+    `correction`: relative change of the focal length that the drive implies, to first order, and its standard error
+    `sigma` (None: unknown). `found`: the camera by the drive, with k1 and k2, where the given one cannot be right.
     """
 
     correction: float | None

@@ -1,7 +1,8 @@
 """The box network: what a box shows, by its pixels and those around it.
 
 A small convolutional network on a patch of each box. Outputs are the log odds of the front and of the back of a panel,
-the offsets of its sides (box regression; Girshick et al. 2014, appendix C), and the colour and shape of the face.
+and the colour and shape of the face. They also give the offsets of its sides (box regression; Girshick et al. 2014,
+appendix C).
 """
 
 from __future__ import annotations

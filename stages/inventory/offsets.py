@@ -3,8 +3,8 @@
 Along a drive this error is a first-order Gauss-Markov process: it has the standard deviation that the drive states for
 its fixes, and the correlation time of their errors. Its value at every sighting is an unknown of one sparse
 least-squares problem over all drives of an area. Pairs of sightings of one panel measure the difference of two of them.
-The pairs are weighted again in every iteration (expectation maximisation; Granger and Pennec 2002) while the kernel
-becomes narrower (graduated non-convexity with Geman and McClure weights; Blake and Zisserman 1987). Signs without a
+The pairs are weighted again in every iteration (expectation maximisation, Granger and Pennec 2002). The kernel becomes
+narrower meanwhile (graduated non-convexity with Geman and McClure weights, Blake and Zisserman 1987). Signs without a
 similar neighbour decide first. The prior decides between arrangements that fit equally well.
 """
 

@@ -41,10 +41,9 @@ DOUBT_SIGMAS = 3.0
 class MotionPrior:
     """What is expected of a step before its images are compared.
 
-    prior: of rotation, direction and length; straight: rotation and direction to fall back on;
-    search: rotation (3, 3) by which corners are predicted, slack_px: half width of the band they are matched in;
-    source: "straight", "points", "odometry", "poses", "fixes" or "speed"; spacing_m: the stated one of the first two,
-    else nan.
+    `prior`: of rotation, direction and length. `straight`: rotation and direction to fall back on. `search`: rotation
+    (3, 3) by which corners are predicted. `slack_px`: half width of the band they are matched in. `source`: "straight",
+    "points", "odometry", "poses", "fixes" or "speed". `spacing_m`: the stated one of the first two, else nan.
     """
 
     prior: StepPrior

@@ -380,7 +380,7 @@ def test_maps_say_where_north_is_where_the_fixes_tell(out, tmp_path, sheets, tur
 
 
 def test_an_unknown_sign_is_answered_with_the_nearest(out, tmp_path):
-    with pytest.raises(UsageError, match=f"did you mean {NEAR}"):
+    with pytest.raises(UsageError, match=f"Did you mean {NEAR}"):
         write_evidence(out, tmp_path / "sheets", sign_id=f"{STEM}-001")
     assert not (tmp_path / "sheets").exists()
 

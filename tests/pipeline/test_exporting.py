@@ -201,7 +201,7 @@ def test_signs_without_fixes_lie_in_the_frame_of_the_drive(local, tmp_path):
         (["-f", "gpkg", "--crs", "EPSG:26914+5703"], "horizontal"),
         (["-f", "gpkg", "--crs", "EPSG:4979"], "horizontal"),
         (["-f", "mcap", "--units", "us"], "in metres"),
-        (["-f", "shp", "-o", "signs.zip"], "ends with .shp"),
+        (["-f", "shp", "-o", "signs.zip"], "must end with .shp"),
         (["-o", "signs.dwg"], ".gpkg"),
         ([], "Give -f"),
     ],

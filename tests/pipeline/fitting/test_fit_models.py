@@ -121,7 +121,7 @@ def test_too_few_signs_are_refused_with_the_number_needed():
 def test_many_views_of_few_signs_are_few_signs():
     samples = road(signs=4)
     many = samples.select(np.repeat(np.arange(len(samples)), 20))
-    with pytest.raises(InputError, match="found 4 yellow"):
+    with pytest.raises(InputError, match="there are 4 yellow"):
         enough(many, COLORS, "colour")
 
 

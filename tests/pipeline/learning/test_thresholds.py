@@ -177,5 +177,5 @@ def test_thresholds_are_not_learned_of_signs_alone():
 
 
 def test_a_model_without_points_cannot_be_traded():
-    with pytest.raises(ValueError, match="operating points"):
+    with pytest.raises(ValueError, match="no operating point"):
         model((0,)).at_alpha(0.1)

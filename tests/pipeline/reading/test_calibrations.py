@@ -206,7 +206,7 @@ def test_a_pinhole_has_many_names(model):
     ],
 )
 def test_a_distortion_that_folds_or_tears_the_image_is_refused(d):
-    with pytest.raises(ContentError, match="that of no lens"):
+    with pytest.raises(ContentError, match="belongs to no lens"):
         make_camera(SIZE, K, "", d)
 
 

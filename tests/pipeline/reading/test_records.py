@@ -85,7 +85,7 @@ def test_what_is_no_log_is_refused_with_what_was_found(tmp_path, content, found)
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(InputError, match="check the name"):
+    with pytest.raises(InputError, match="Check the name"):
         read(tmp_path / "none.mcap")
 
 

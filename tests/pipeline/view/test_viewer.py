@@ -147,7 +147,7 @@ def test_the_headless_viewer_draws_a_run_and_no_view_reports_an_error(
     ("asked", "words"),
     [
         (["--sign", "demo-9999"], "did you mean demo-"),
-        (["--frame", "999"], "which holds 0 to"),
+        (["--frame", "999"], "does not hold this frame, but 0 to"),
         (["--frame", "1", "--sign", "demo-0001"], "both given"),
         (["--over", str(DEMO)], "holds images of its own"),
     ],
