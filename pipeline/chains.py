@@ -1,9 +1,9 @@
 """The presets as lists of stages, from an image to a sign.
 
-Read them beside the report: K-means, difference image, K-means again, size gate (chapters 2 and 3.1); colour (3.2);
-shape (4); SIFT (5); motion by straight line and adjustment (7 and 8); matching and triangulation (5, 7); trajectory
-(5); location (8, 11). The report replaced shape by trajectory, and trajectory by location: each of its three presets
-has one of these gates. Preset `default` keeps the order, with networks in the place of colours and shapes.
+The order of the report: K-means, difference image, K-means again and size gate (chapters 2 and 3.1), colour (3.2),
+shape (4). Then SIFT (5), motion by straight line and adjustment (7 and 8), matching and triangulation (5, 7),
+trajectory (5), location (8, 11). The report replaced shape by trajectory, and trajectory by location: each of its three
+presets has one of these gates. Preset `default` keeps the order, with networks in the place of colours and shapes.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ SYSTEM_WORDS = {US: "MUTCD", VIENNA: "Vienna Convention"}
 
 
 def code_of(row: Mapping[str, Any]) -> str | None:
-    """Code or series of a row of `signs.parquet` with its legend, `R2-1 45`; None where neither is settled."""
+    """Code or series of a row of `signs.parquet` with its legend, such as `R2-1 45`. None where neither is known."""
     code = row.get("mutcd") or row.get("vienna")
     return None if not code else " ".join(filter(None, (code, row.get("legend"))))
 
@@ -33,7 +33,7 @@ def _system(row: Mapping[str, Any]) -> str:
 
 
 def nominal_words(row: Mapping[str, Any]) -> str | None:
-    """The standard size, inches of a US sign and millimetres of a European one; None where there is none."""
+    """The standard size in inches of a US sign, in millimetres of a European one, or None."""
     width, height = row.get("nominal_width_in"), row.get("nominal_height_in")
     if width is None or height is None:
         return None

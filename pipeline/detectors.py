@@ -161,7 +161,7 @@ class GivenBoxes:
         """Load it."""
         given = models.external
         if given is None:
-            raise ValueError("models: wanted a detector or a file of boxes, found none")
+            raise ValueError("models: neither a detector nor a file of boxes")
         source = OnnxDetector(given) if isinstance(given, DetectorFile) else given
         return cls(settings, source, _box_network(models))
 

@@ -25,7 +25,7 @@ PathLike = str | os.PathLike[str]
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a run is: frames that are settled, and the fraction (0 to 1) of the log's bytes that is read."""
+    """How far a run is: frames that are finished, and the fraction (0 to 1) of the log's bytes that is read."""
 
     frames: int
     fraction: float
@@ -35,8 +35,8 @@ class Inventory:
     """The signs of one log as Arrow tables, of a finished run or of one that proceeds as it is asked for.
 
     Attributes are read at the first access and kept. Asking for a table carries the run to its end. Iterating yields
-    each frame as soon as all its candidates are decided, with the landmarks first seen in it; a frame is given once,
-    so the iteration of a finished inventory is empty.
+    each frame as soon as all its candidates are decided, with the landmarks first seen in it. A frame is given once:
+    the iteration of a finished inventory is empty.
 
     `run` and `open_inventory` make them.
     """
@@ -176,7 +176,7 @@ def run(
     from wayside.pipeline.models.model_files import load_models
 
     if view == "file" and out is None:
-        raise UsageError('wanted a folder for the recording of view="file", found none; give out')
+        raise UsageError('view="file" needs a folder for the recording. Give out.')
     given: dict[str, Any] = {
         "read.spacing_m": spacing,
         "read.calibration": calibration,
@@ -303,7 +303,7 @@ def _reported(
 
 def _start_viewer(view: str | None) -> str | None:
     if view not in (None, "file", "live", "serve"):
-        raise UsageError(f"wanted view to be file, live or serve, found {view!r}")
+        raise UsageError(f"view is {view!r}. Give file, live or serve.")
     if view in (None, "file"):
         return None
     from wayside.pipeline.view.viewer import start_viewer
@@ -320,7 +320,7 @@ def _settings(
 
     if isinstance(settings, Settings):
         if preset != "default":
-            raise UsageError(f"wanted a preset or all settings, found both ({preset}); give one")
+            raise UsageError(f"a preset ({preset}) and all settings are given. Give one.")
         groups = settings_values(settings)
         overrides = {
             f"{group}.{k}": v for group, leaves in groups.items() for k, v in leaves.items()

@@ -57,8 +57,8 @@ def stage(
 class StageClock:
     """CPU seconds of each stage, summed over the workers.
 
-    A stage is a chain of generators, so asking one for an item runs those before it, too. Its own time is that of the
-    call less what the stages before it took of it.
+    A stage is a chain of generators, so asking one for an item runs those before it, too. Its own time is the time of
+    the call less the time of earlier stages in it.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Errors for people: what was wanted, what was found, what to do."""
+"""Errors for people: what is wrong, where, and what to do."""
 
 from __future__ import annotations
 

@@ -61,10 +61,10 @@ class Camera:
     def __post_init__(self) -> None:
         """Refuse what no lens can have."""
         if self.fx <= 0 or self.fy <= 0:
-            raise ValueError(f"focal lengths must be positive, found {self.fx}, {self.fy}")
+            raise ValueError(f"focal lengths must be positive, but are {self.fx}, {self.fy}")
         if len(self.distortion) not in (0, 4, 5, 8, 12, 14):
             raise ValueError(
-                f"distortion needs 0, 4, 5, 8, 12 or 14 numbers, found {len(self.distortion)}"
+                f"distortion must have 0, 4, 5, 8, 12 or 14 numbers, but has {len(self.distortion)}"
             )
 
     @property

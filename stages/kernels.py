@@ -46,7 +46,7 @@ def _compile(function: Kernel, fastmath: bool | set[str] = False) -> Kernel:
     try:
         return cast(Kernel, numba.njit(cache=True, **options)(function))
     except RuntimeError:
-        # No folder to keep it in: a read-only installation compiles anew in every process.
+        # The cache has no folder: a read-only installation compiles in every process.
         return cast(Kernel, numba.njit(**options)(function))
 
 
@@ -58,7 +58,7 @@ def require_array(
     Raises
     ------
     ValueError
-        Naming the array, what was wanted, what was found and what to do.
+        Naming the array and both shapes or layouts.
     """
     fits = len(array.shape) == len(shape) and all(
         n is None or n == found for n, found in zip(shape, array.shape, strict=True)
@@ -66,13 +66,12 @@ def require_array(
     if not fits or array.dtype != dtype:
         wanted = " x ".join("any" if n is None else str(n) for n in shape)
         raise ValueError(
-            f"{name}: wanted {wanted} {np.dtype(dtype).name}, found "
-            f"{' x '.join(map(str, array.shape))} {array.dtype.name}; convert it first"
+            f"{name}: {' x '.join(map(str, array.shape))} {array.dtype.name} instead of {wanted} "
+            f"{np.dtype(dtype).name}. Convert it first."
         )
     if not array.flags.c_contiguous:
         raise ValueError(
-            f"{name}: wanted a C-contiguous array, found strides {array.strides}; "
-            "pass np.ascontiguousarray(...)"
+            f"{name}: the array is not C-contiguous (strides {array.strides}). Pass np.ascontiguousarray(...)."
         )
 
 
@@ -87,12 +86,12 @@ def shaped(array: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.float64]:
     Raises
     ------
     ValueError
-        Naming the shape that was wanted and the one found.
+        Naming both shapes.
     """
     result = np.ascontiguousarray(array, np.float64)
     fits = result.ndim == len(shape) and all(
         want in (-1, have) for want, have in zip(shape, result.shape, strict=True)
     )
     if not fits:
-        raise ValueError(f"wanted an array of shape {shape} (-1: any), found {result.shape}")
+        raise ValueError(f"an array of shape {result.shape} instead of {shape} (-1: any)")
     return result

@@ -177,7 +177,7 @@ def _with_numbers(content: bytes, name: str, numbers: NDArray[np.float32] | None
             break
     new = bytes(count) if numbers is None else numbers.tobytes()
     if len(new) != count:
-        raise ValueError(f"{name}: wanted {len(new)} bytes, found {count}")
+        raise ValueError(f"{name}: {count} bytes instead of {len(new)}")
     return content[:at] + new + content[at + count :]
 
 

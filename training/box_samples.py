@@ -61,9 +61,9 @@ IGNORED = 0.2
 class BoxTargets:
     """Boxes (n, 4) of a crop and what a network is to say of them.
 
-    size (n, 2) float32: width and height in pixels; panel (n, 2) float32: how far the box is a front and a back, 0 to
-    1; weight (n, 2) float32 of these; offset (n, 4) float32: of its sides to those of the face, in box sizes, nan where
-    none is near; color, shape (n,) int64 or `NONE`.
+    `size` (n, 2) float32: width and height in pixels. `panel` (n, 2) float32: how far the box is a front and a back, 0
+    to 1. `weight` (n, 2) float32 of these. `offset` (n, 4) float32: of its sides to those of the face, in box sizes,
+    nan where none is near. `color`, `shape` (n,) int64 or `NONE`.
     """
 
     box: NDArray[np.float32]

@@ -1,11 +1,11 @@
-"""Thresholds of the box network's scores, and how those of faces are joined with those of the detection network.
+"""Thresholds of the box network's scores, and how the scores of faces are joined with the detection network's.
 
     python -m training.box_thresholds --drives FOLDER -o MODELS
 
-A logistic regression on the boxes that are classified, on rendered drives that no model of one image has learned
-from, joins the scores of faces. The rule of each threshold is a number of boxes an image on no panel of its side, on
-these drives. The sum is shifted so that its threshold is that of the box network alone. `front.json` and `back.json` of
-the folder are written.
+A logistic regression on the boxes that are classified, on rendered drives that no model of one image has learned from,
+joins the scores of faces. The rule of each threshold is a number of boxes an image on no panel of its side, on these
+drives. The sum is shifted to have the same threshold as the box network alone. `front.json` and `back.json` of the
+folder are written.
 """
 
 from __future__ import annotations
@@ -61,7 +61,8 @@ BELOW_THRESHOLD = 4.0
 class ScoredBoxes:
     """Boxes of one image, n rows, as what they may be: faces, or backs of panels.
 
-    box: (n, 4); score (n, 2) by box and detection network, of backs (n, 1); label (n,), overlap (n,) with a true panel.
+    `box`: (n, 4). `score` (n, 2) by box and detection network, of backs (n, 1). `label` (n,), `overlap` (n,) with a
+    true panel.
     """
 
     box: NDArray[np.float32]
@@ -89,7 +90,7 @@ def learn_network_sum(
     on = label[some] == ON
     if on.all() or not on.any():
         raise InputError(
-            "scores: wanted boxes on faces and off them, found one kind only; add drives"
+            "scores: boxes on faces and off them are needed, but all are of one kind. Add drives."
         )
     (own, network), _ = platt(score[some], on)
     at, interval = rule_threshold(drives, np.array([own, network]), FALSE_FACES)
@@ -118,7 +119,7 @@ def rule_threshold(
     scores, drive_of = np.concatenate(false)[falling], drive_of[falling]
 
     def at(times: NDArray[np.int64]) -> float:
-        """The threshold, each drive counted so many times: between the last that passes and the next."""
+        """The threshold with each drive counted as often as given: between the last that passes and the next."""
         allowed = round(accepted * int(images @ times))
         row = int(np.searchsorted(np.cumsum(times[drive_of]), allowed, side="right"))
         last, following = scores[max(row - 1, 0)], scores[min(row, len(scores) - 1)]
@@ -149,7 +150,7 @@ def scored_boxes(log: Path, folder: Path) -> tuple[list[ScoredBoxes], list[Score
     settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
     models = load_models(settings)
     if models.detection_network is None:
-        raise InputError(f"{folder}: wanted a detection network, found none")
+        raise InputError(f"{folder}: there is no detection network")
     asked = replace(
         models,
         front_scores=ScoreModel(LOWEST, ""),

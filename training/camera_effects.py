@@ -1,6 +1,6 @@
 """Crops as another camera takes them, in the order in which light becomes a file.
 
-Scene, lens, exposure, tone curve, processing, JPEG. Light is linear up to the exposure: white that is too bright for
+Scene, lens, exposure, tone curve, processing, JPEG. Light is linear up to the exposure. White that is too bright for
 the sensor runs over thin dark lines next to it, which no blur of a finished image does.
 """
 

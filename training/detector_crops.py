@@ -55,9 +55,9 @@ CELLS = 48
 class Crop:
     """Pixels and targets of a crop; n = `CELLS` rows, unused ones of weight 0.
 
-    rgb (side, side, 3) uint8; heat (2, cells, cells) float16: fronts and backs; doubt (2, cells, cells) uint8: `KNOWN`,
-    `UNSURE` or `UNKNOWN`; cell (n,) int32 row-major, side first; box (n, 4) float32 pixels; weight (n,) float32, 1 a
-    face; color, shape (n,) int64 or `NONE`.
+    `rgb` (side, side, 3) uint8. `heat` (2, cells, cells) float16: fronts and backs. `doubt` (2, cells, cells) uint8:
+    `KNOWN`, `UNSURE` or `UNKNOWN`. `cell` (n,) int32 row-major, side first. `box` (n, 4) float32 pixels. `weight` (n,)
+    float32, 1 a face. `color`, `shape` (n,) int64 or `NONE`.
     """
 
     rgb: NDArray[np.uint8]

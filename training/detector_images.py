@@ -46,10 +46,10 @@ MAY_BE_SIGN = ("plate", "sign")
 class LabelledImage:
     """An image with its faces.
 
-    source: the camera or data set that it is from; rgb (height, width, 3) uint8; box (n, 4) float32; side (n,) `FRONT`
-    or `BACK`; color, shape (n,) classes or `NONE`; ignored (m, 4): where nothing is known; other (k, 4): what is
-    labelled and no sign; fronts_complete, backs_complete: whether every face of that side has a box; camera: where it
-    is known and the image is whole.
+    `source`: the camera or data set that it is from. `rgb` (height, width, 3) uint8. `box` (n, 4) float32. `side` (n,)
+    `FRONT` or `BACK`. `color`, `shape` (n,) classes or `NONE`. `ignored` (m, 4): where nothing is known. `other` (k,
+    4): what is labelled and no sign. `fronts_complete`, `backs_complete`: whether every face of that side has a box.
+    `camera`: where it is known and the image is whole.
     """
 
     source: str
@@ -142,10 +142,10 @@ def rendered_images(log: Path, every: int = 1, *, band: bool = True) -> Iterator
 
 
 def real_drive_images(log: Path, every: int = 1) -> Iterator[LabelledImage]:
-    """The images of a real drive with hand-made labels, every n-th one; complete where their boxes were looked at.
+    """The images of a real drive with hand-made labels, every n-th one; complete where their boxes were checked.
 
-    Signs that are not wanted, such as groups of plates that are there one by one as well, are neither right nor wrong;
-    nor are distractors whose description has a word of `MAY_BE_SIGN`.
+    Signs that are not wanted, such as groups of plates that are also labelled one by one, are neither right nor wrong.
+    The same holds for distractors whose description has a word of `MAY_BE_SIGN`.
     """
     labels = json.loads(log.with_suffix(".labels.json").read_text(encoding="utf-8"))
     faces: dict[int, list[Face]] = {}
@@ -197,7 +197,7 @@ def scene_set_images(folder: Path, prefixes: tuple[str, ...] = ("",)) -> Iterato
             continue
         rgb = cv2.imread(str(folder / name), cv2.IMREAD_COLOR_RGB)
         if rgb is None:
-            raise InputError(f"{folder / name}: wanted an image, found none that can be read")
+            raise InputError(f"{folder / name}: the image cannot be read")
         complete = bool(scene["complete"]) or name in checked
         things, also = scene.get("distractors", ()), checked.get(name, {})
         unsure = [one["box"] for one in things if _may_be_sign(scene, one)]

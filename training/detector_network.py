@@ -1,8 +1,8 @@
 """The detection network in PyTorch: fully convolutional, one set of maps at a quarter of the image's size.
 
-A residual network down to stride 32 and a feature pyramid back up to stride 4. Each cell says how likely it is the
-middle of a face seen from the front or from behind (centre points after Zhou, Wang and Kraehenbuehl 2019, "Objects as
-points"), where the box of that face is, and its colour and shape.
+A residual network down to stride 32 and a feature pyramid back up to stride 4. For each cell, the network gives the
+probability of the middle of a face seen from the front or from behind (centre points after Zhou, Wang and Kraehenbuehl
+2019, "Objects as points"). It also gives the box of that face, and its colour and shape.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def _blocks(level: int) -> list[Residual]:
 
 
 def losses(maps: Tensor, batch: Mapping[str, Tensor], *, sure: bool) -> dict[str, Tensor]:
-    """Heat, box, colour and shape losses, a face each; batch: fields of `Crop`; sure: negatives may be doubted."""
+    """Heat, box, colour and shape losses, a face each. `batch`: fields of `Crop`. `sure`: negatives may be doubted."""
     faces = batch["weight"].sum().clamp(min=1.0)
     cell, weight = batch["cell"].long(), batch["weight"]
     box, color, shape = _at_cells(maps, cell)

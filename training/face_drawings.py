@@ -60,7 +60,7 @@ def _shares(faces: Sequence[FaceDrawing]) -> NDArray[np.float64]:
 
 
 def vector_faces(real: Path) -> Iterator[tuple[dict[str, Any], NDArray[np.uint8]]]:
-    """The vector faces of a folder of real data: what is said of each, and its pixels (h, w, 4), RGBA."""
+    """The vector faces of a folder of real data: the entry of each, and its pixels (h, w, 4), RGBA."""
     for entry in json.loads((real / "faces" / "index.json").read_text(encoding="utf-8")):
         bgra = cv2.imread(str(real / "faces" / entry["png"]), cv2.IMREAD_UNCHANGED)
         if bgra is not None and bgra.ndim == 3 and bgra.shape[2] == 4:
@@ -70,7 +70,7 @@ def vector_faces(real: Path) -> Iterator[tuple[dict[str, Any], NDArray[np.uint8]
 def face_crops(
     real: Path,
 ) -> Iterator[tuple[dict[str, Any], NDArray[np.uint8], NDArray[np.float64]]]:
-    """The crops of GTSRB in a folder of real data: what is said of each, pixels (h, w, 3), and box of the face."""
+    """The crops of GTSRB in a folder of real data: the entry of each, pixels (h, w, 3), and box of the face."""
     for entry in json.loads((real / "crops_gtsrb" / "crops.json").read_text(encoding="utf-8")):
         rgb = cv2.imread(str(real / "crops_gtsrb" / entry["file"]), cv2.IMREAD_COLOR_RGB)
         if rgb is not None:

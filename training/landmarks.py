@@ -115,7 +115,7 @@ def samples_of(drives: Sequence[tuple[str, Sequence[LandmarkRow]]]) -> LandmarkS
 
 
 def learn_landmark_classifier(samples: LandmarkSamples, provenance: str) -> EvidenceModel:
-    """Fit the curves of all terms together; operating points are those of drives held out in turn.
+    """Fit the curves of all terms together. Operating points are computed on drives held out in turn.
 
     Logistic regression on the segments of the curves weighs terms that depend on each other (views of one board) by
     what they say together. Signs and others weigh the same in it, and `PRIOR` says how many are signs. Real drives are
@@ -130,8 +130,8 @@ def learn_landmark_classifier(samples: LandmarkSamples, provenance: str) -> Evid
     sign = own.label == SIGN
     if min(sign.sum(), (~sign).sum()) < FEWEST_EXAMPLES or len(np.unique(own.drive)) < 2:
         raise InputError(
-            f"landmark classifier: wanted two drives and {FEWEST_EXAMPLES} landmarks of either kind, found "
-            f"{len(np.unique(own.drive))} drives, {sign.sum()} signs and {(~sign).sum()} others; add drives"
+            f"landmark classifier: two drives and {FEWEST_EXAMPLES} landmarks of either kind are needed. There are "
+            f"{len(np.unique(own.drive))} drives, {sign.sum()} signs and {(~sign).sum()} others. Add drives."
         )
     columns, weight = _segments(own.values), _weights(own, sign)
     held_out = np.empty(len(sign))
@@ -232,9 +232,9 @@ def _logistic_regression(columns: Values, sign: NDArray[np.bool_], weight: Value
 class KnownPanels:
     """Panels of a drive with truth: boxes by frame, and where each stands from the camera of a frame.
 
-    boxes: sign, whether it is seen from behind, and box, by frame, of fronts as far as they face the travel; centres:
-    (3,) by sign; poses: rotation (3, 3) to the world and camera centre (3,) by frame, none of a real drive; groups:
-    numbers of boxes round several panels, which are no sign and no other thing.
+    `boxes`: sign, whether it is seen from behind, and box, by frame, of fronts as far as they face the travel.
+    `centres`: (3,) by sign. `poses`: rotation (3, 3) to the world and camera centre (3,) by frame, none of a real
+    drive. `groups`: numbers of boxes round several panels, which are no sign and no other thing.
     """
 
     boxes: dict[int, list[tuple[int, bool, tuple[float, float, float, float]]]]

@@ -38,12 +38,10 @@ PROCESSES = 2
 
 
 def learning_logs(folder: Path) -> list[Path]:
-    """The rendered drives of a folder that are learned from, in order; raises InputError where there is none."""
+    """The rendered drives of a folder that are learned from, in order. Raises InputError without drives."""
     logs = sorted(folder.glob(f"{PREFIX}*.mcap"))
     if not logs:
-        raise InputError(
-            f"{folder}: wanted drives named {PREFIX}*.mcap, found none; render them first"
-        )
+        raise InputError(f"{folder}: there are no drives named {PREFIX}*.mcap. Render them first.")
     return logs
 
 
@@ -59,8 +57,8 @@ def learn(drives: Path, out: Path, seed: int) -> None:
     """
     if out.resolve() == Path(str(shipped_models())).resolve():
         raise OutputError(
-            f"{out}: wanted a folder of its own, found that of the models that ship, which are in use while others are "
-            "learned; `make learn` puts the new ones there at its end"
+            f"{out}: this is the folder of the models that ship, which are in use while others are learned. Choose "
+            "another folder; `make learn` moves the new ones at its end."
         )
     logs = learning_logs(drives)
     truths = [read_truth(log.with_suffix(".truth.json")) for log in logs]
@@ -93,7 +91,7 @@ def write_model(path: Path, model: Model) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise not_written(path, error, "to write a model here") from error
+        raise not_written(path, error, "a model") from error
     write_file(path, text.encode(), overwrite=True)  # models are learned again into their folder
     print(f"{path}: {len(text) / 1e3:.0f} kB; {model.provenance}", flush=True)
 

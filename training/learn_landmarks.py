@@ -58,8 +58,8 @@ def learn_landmarks(
 ) -> None:
     """Learn `place.json` and `back_place.json` from the drives of a folder.
 
-    folder: the models that the drives are tracked with; what is learned is written there. real: folder of the
-    `REAL_DRIVES`; without: folder of models, in folders named after the real drive that they have not learned from. A
+    `folder`: the models that the drives are tracked with; what is learned is written there. `real`: folder of the
+    `REAL_DRIVES`. `without`: folder of models, in folders named after the real drive that they have not learned from. A
     drive that `folder` is named after is left out.
 
     Raises
@@ -114,7 +114,7 @@ def _landmarks_of(
     settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
     models, rows = load_models(settings), list[LandmarkRow]()
     if models.front_scores is None:
-        raise InputError(f"{folder}: wanted thresholds of the box network, found none")
+        raise InputError(f"{folder}: there are no thresholds of the box network")
     for lower in LENIENT:
         scores = replace(models.front_scores, threshold=models.front_scores.threshold - lower)
         # without landmark classifiers, everything that stands is followed to its end

@@ -18,7 +18,7 @@ def layer(inputs: int, outputs: int, side: int = 3, stride: int = 1) -> nn.Seque
 
 
 class Residual(nn.Module):  # type: ignore[misc]
-    """Two 3 x 3 convolutions beside the identity."""
+    """Two 3 x 3 convolutions added to the identity."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()

@@ -2,7 +2,7 @@
 
     python -m training.network_training --drives FOLDER --real FOLDER -o FOLDER --steps N
 
-Processes make crops; the last of them stay in a buffer on the device, and each step draws from there: the detection
+Processes make crops, and the last of them stay in a buffer on the device. Each step draws from there: the detection
 network learns from the crops, the box network from boxes in them. `--without SOURCE` trains networks that see nothing
 of a source, so that they can be measured on it.
 
@@ -65,8 +65,8 @@ LARGEST_GRADIENT = {"network": 10.0, "box": 5.0}
 class TrainingOptions:
     """How networks are learned.
 
-    steps: up to which they are trained; proposing: the detection network whose boxes the box network learns to
-    classify; processes: that make crops; device: `cpu` or `cuda`; without: sources that they see nothing of.
+    `steps`: up to which they are trained. `proposing`: the detection network whose boxes the box network learns to
+    classify. `processes`: that make crops. `device`: `cpu` or `cuda`. `without`: sources that they see nothing of.
     """
 
     steps: int
@@ -238,7 +238,7 @@ def learn_networks(drives: Path | None, real: Path, folder: Path, options: Train
     """Train both networks and write them into a folder with what they were learned from.
 
     `float.onnx` and `box_float.onnx` are the networks as they were learned, `network.onnx` and `box.onnx` the same in
-    8-bit integers. Raises InputError where a source to leave out is none.
+    8-bit integers. Raises InputError if a source to leave out is unknown.
     """
     torch.set_num_threads(1)
     images = training_images(drives, real, options.without)

@@ -1,8 +1,8 @@
 """Networks in 8-bit integers rewritten in place: the same numbers in less time.
 
-The networks of `onnxruntime.quantization` have a `QuantizeLinear` and a `DequantizeLinear` between two layers. What is
-rewritten lies between those two, on integers, so the output stays the same to the last bit; the log odds of the
-detection network, sums of integers too then, differ by a thousandth.
+The networks of `onnxruntime.quantization` have a `QuantizeLinear` and a `DequantizeLinear` between two layers. The part
+between those two is rewritten on integers, and the output stays the same to the last bit. The log odds of the detection
+network, then also sums of integers, differ by a thousandth.
 """
 
 from __future__ import annotations
@@ -208,8 +208,8 @@ def _split_last_layer(graph: _Graph) -> None:
 
     In floating point that layer takes 7 % of the time of the network, most of it for the boxes and classes of 50,000
     cells, of which some hundred are read. Whoever reads them applies the layer to those cells: the outputs become
-    `HEAT`, `FEATURES`, `SCALE`, `WEIGHT` and `BIAS`. The weights of the log odds are two digits of 7 bits each, so that
-    sums of integers make them; their bias, which takes onnxruntime longer to add than all of that, is left out.
+    `HEAT`, `FEATURES`, `SCALE`, `WEIGHT` and `BIAS`. The weights of the log odds are two digits of 7 bits each, to be
+    computed as sums of integers. Their bias is left out, because onnxruntime takes longer to add it than for the sums.
     """
     from onnx import TensorProto, helper
 

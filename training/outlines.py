@@ -150,7 +150,7 @@ def learn_outlines(choices: Sequence[OutlineChoice], origin: str) -> LinearModel
     """
     if len(choices) < FEWEST:
         raise InputError(
-            f"outlines: wanted {FEWEST} faces with a known outline, found {len(choices)}; add drives"
+            f"outlines: {FEWEST} faces with a known outline are needed, and there are {len(choices)}. Add drives."
         )
     drives = sorted({choice.drive for choice in choices})
     right = 0

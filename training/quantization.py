@@ -1,6 +1,6 @@
 """Networks in 8-bit integers: a third of the time of floating point, nearly the same output.
 
-Every tensor between two layers is a scale times numbers of 0 to 255, weights are a scale of their filter times numbers
+Every tensor between two layers is a scale times numbers of 0 to 255. Weights are a scale of their filter times numbers
 of -64 to 63 (Jacob et al. 2018, "Quantization and training of neural networks for efficient integer-arithmetic-only
 inference"). The scales come from the least and the largest value of a tensor over some of what the network was learned
 from. The last layer stays as it is: its log odds would be steps of 0.1.

@@ -64,7 +64,7 @@ def real_sources(
     """The sources of a folder of real images that the models of one image are learned from, by name.
 
     Only what its README marks as fit for that; what is not here is for tests. A source is held out as a whole:
-    `without` names those to be left out. Raises InputError where there is none of such a name.
+    `without` names those to be left out. Raises InputError if a source has no such name.
     """
     drives = ("us_freeway_challenge", "us_freeway_white_right", "ca_city_garmin")
     sources: dict[str, Callable[[], Iterator[LabelledImage]]] = {
@@ -77,7 +77,7 @@ def real_sources(
         sources[name] = partial(scene_set_images, folder / name)
     if unknown := set(without) - sources.keys():
         raise InputError(
-            f"wanted sources to leave out among {', '.join(sources)}, found {', '.join(sorted(unknown))}"
+            f"there are no sources {', '.join(sorted(unknown))} to leave out among {', '.join(sources)}"
         )
     return {name: read for name, read in sources.items() if name not in without}
 

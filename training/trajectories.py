@@ -119,8 +119,8 @@ def joined(parts: Sequence[Tracks]) -> Tracks:
 def learn_trajectories(tracks: Tracks, form: str, provenance: str) -> MixtureModel:
     """The density of the steps of signs, with the threshold at the knee of the ROC of whole tracks.
 
-    The number of components is that of the highest likelihood on drives held out in turn; the threshold and its rates
-    are of the same held-out scores.
+    The number of components has the highest likelihood on drives held out in turn. The threshold and its rates are from
+    the same held-out scores.
 
     Raises
     ------
@@ -131,8 +131,8 @@ def learn_trajectories(tracks: Tracks, form: str, provenance: str) -> MixtureMod
     sign, drives = tracks.label == SIGN, len(np.unique(tracks.drive))
     if sign.sum() < FEWEST or (~sign).sum() < FEWEST or drives < FOLDS:
         raise InputError(
-            f"trajectory classifier: wanted {FEWEST} tracks of signs, {FEWEST} others and {FOLDS} drives, found "
-            f"{sign.sum()}, {(~sign).sum()} and {drives}; add drives"
+            f"trajectory classifier: {FEWEST} tracks of signs, {FEWEST} others and {FOLDS} drives are needed. There "
+            f"are {sign.sum()}, {(~sign).sum()} and {drives}. Add drives."
         )
     fold = tracks.drive % FOLDS
     best, most = 1, -np.inf

@@ -69,8 +69,8 @@ def parse_board(text: str, square_m: float) -> Board:
     columns, _, rows = text.lower().partition("x")
     if not (columns.isdecimal() and rows.isdecimal() and min(int(columns), int(rows)) >= 3):
         raise UsageError(
-            f"--board: wanted the inner corners along both sides, 3 or more each, found {text!r}; "
-            "a board of 10 x 7 squares is 9x6"
+            f"--board: {text!r} is not a number of inner corners. Give the corners along both sides, at least 3 each: "
+            "a board of 10 x 7 squares is 9x6."
         )
     return Board(int(columns), int(rows), square_m)
 
@@ -101,11 +101,11 @@ def calibrate_images(
     """
     if model not in LENS_MODELS:
         raise UsageError(
-            f"--model: wanted {' or '.join(LENS_MODELS)}, found {model}; {OTHER_LENSES}"
+            f"--model: there is no lens model {model}. Choose {' or '.join(LENS_MODELS)}. {OTHER_LENSES}."
         )
     files = sorted(set(image_files(paths)), key=natural_key)
     if not files:
-        raise UsageError("wanted images of a board, found none; give image files or a folder")
+        raise UsageError("no images of a board are given. Give image files or a folder.")
     decoded = [_size_of(file) for file in files]
     wanted = _common_size(files, decoded)
     images = []
@@ -125,8 +125,7 @@ def _common_size(files: list[Path], sizes: list[Size | str]) -> Size:
     counts = Counter(size for size in sizes if not isinstance(size, str))
     if not counts:
         raise InputError(
-            f"{files[0]}: wanted images of a board, found none that decodes among {len(files)} files; "
-            "give JPEG or PNG files"
+            f"{files[0]}: none of the {len(files)} images of a board can be decoded. Give JPEG or PNG files."
         )
     size, count = counts.most_common(1)[0]
     if 2 * count <= sum(counts.values()):
@@ -135,8 +134,7 @@ def _common_size(files: list[Path], sizes: list[Size | str]) -> Size:
             for w, h in counts
         )
         raise InputError(
-            f"wanted images of one camera and size, found {len(counts)} sizes ({listed}); "
-            "calibrate each camera by itself"
+            f"the images have {len(counts)} sizes ({listed}), but a camera has one. Calibrate each camera separately."
         )
     return size
 
@@ -154,7 +152,9 @@ def _look(file: Path, size: Size | str, wanted: Size, board: Board) -> BoardImag
         return BoardImage(file, None, words)
     grey = _read(file)
     if isinstance(grey, str) or (grey.shape[1], grey.shape[0]) != size:
-        raise InputError(f"{file}: wanted the image read before, found another; do not change it")
+        raise InputError(
+            f"{file}: the image has changed since it was first read. Leave the images alone during calibration."
+        )
     found = find_board(grey, board)
     return BoardImage(file, found.corners, found.why)
 

@@ -33,7 +33,7 @@ def calibrate_by_boards(
 ) -> str:
     """Calibrate by images of a board, write the camera and its coverage picture, and give the report.
 
-    The picture goes beside the camera file (`camera.coverage.png`) unless `coverage` names another place.
+    The picture is written next to the camera file (`camera.coverage.png`) unless `coverage` names another place.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def calibrate_by_boards(
         As the options, the images and the files are.
     """
     if out is not None and out.is_dir():
-        raise OutputError(f"{out}: wanted a file to write, found a folder; name a file in it")
+        raise OutputError(f"{out}: this is a folder. Name a file in it.")
     picture = coverage or (None if out is None else out.with_suffix(".coverage.png"))
     files = [path for path in (out, picture) if path is not None]
     _require_free(files, overwrite=overwrite)
@@ -90,8 +90,6 @@ def _require_free(paths: list[Path], *, overwrite: bool) -> None:
     """Refuse, before any work is done, files that are there or whose folder is not. Raises OutputError."""
     for path in paths:
         if not path.parent.is_dir():
-            raise OutputError(
-                f"{path}: wanted a folder to write to, found none at {path.parent}; make it first"
-            )
+            raise OutputError(f"{path}: there is no folder {path.parent}. Make it first.")
         if path.exists() and not overwrite:
-            raise refuse(path, "another file of that name")
+            raise refuse(path, "another file")

@@ -10,8 +10,8 @@ from wayside.stages.calibration import LENS, changed_camera
 LARGEST_SIGMA = 0.03
 """A focal length with a larger relative standard error is not determined: so large is that of positions."""
 WHAT_DETERMINES = (
-    "straight driving says nothing of the focal length: take a drive with curves, with poses if there are any, or "
-    "photograph a board (wayside calibrate IMAGES --board 9x6)"
+    "Straight driving does not determine the focal length. Take a drive with curves, with poses if there are any, or "
+    "photograph a board (wayside calibrate IMAGES --board 9x6)."
 )
 
 
@@ -61,8 +61,8 @@ def not_determined(found: CalibratedDrive) -> str:
     if sigma <= LARGEST_SIGMA:
         return ""
     return (
-        f"{found.log}: wanted a drive that determines the focal length to {100 * LARGEST_SIGMA:g} %, "
-        f"found one whose standard error is {100 * sigma:.2f} % ({headline(found)}); {WHAT_DETERMINES}"
+        f"{found.log}: the focal length has a standard error of {100 * sigma:.2f} % ({headline(found)}), which must "
+        f"be at most {100 * LARGEST_SIGMA:g} %. {WHAT_DETERMINES}"
     )
 
 

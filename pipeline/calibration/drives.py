@@ -121,15 +121,15 @@ def _round(
     segments = cut_segments(motions, camera)
     if not segments:
         raise InputError(
-            f"{log}: wanted images with common points to calibrate by, found none among {len(motions)} images used; "
-            "take a part of the drive with texture and light, with --from and --until"
+            f"{log}: none of the {len(motions)} images used have points in common to calibrate by. Take a part of the "
+            "drive with texture and light, with --from and --until."
         )
     try:
         found = calibrate_drive(segments, camera, principal_sigma_px)
     except np.linalg.LinAlgError as error:
         raise InputError(
-            f"{log}: wanted a drive that determines the focal length, found one whose tie points determine nothing; "
-            "take another part of it, with curves"
+            f"{log}: the tie points of this drive do not determine the focal length. Take another part of it, with "
+            "curves."
         ) from error
     return len(motions), found
 
@@ -162,8 +162,8 @@ def _plan(
     size = plan.camera.image_size
     if size is None:
         raise InputError(
-            f"{log}: wanted the size of the images on {plan.camera.name}, found none in their headers; "
-            "give a calibration with --calibration camera.yaml"
+            f"{log}: the messages of {plan.camera.name} do not state the size of the images. Give a calibration with "
+            "--calibration camera.yaml."
         )
     return settings, *_given(survey, settings), size
 

@@ -168,13 +168,14 @@ def calibrate(
     chosen = chosen_settings(given)
     if board is None and (folder := next((p for p in paths if p.is_dir() and not is_bag(p)), None)):
         raise UsageError(
-            f"{folder}: wanted a log, found a folder; of images of a board say the inner corners, as in --board 9x6"
+            f"{folder}: this is a folder, not a log. For images of a board, give its inner corners, as in --board "
+            "9x6."
         )
     if board is not None:
         if settings_of(given):
             raise UsageError(
-                "wanted images of a board, found options of a log (--spacing, --camera, --calibration, --from, "
-                "--until, --every); leave them out, or leave out --board"
+                "--board takes images, which the options of a log (--spacing, --camera, --calibration, --from, "
+                "--until, --every) do not apply to. Leave them out, or leave out --board."
             )
         square_m = math.nan if square is None else parse_length(square, "--square")
         report = calibrate_by_boards(
@@ -189,12 +190,12 @@ def calibrate(
     else:
         if square is not None or model is not None or coverage is not None:
             raise UsageError(
-                "wanted --board for --square, --model and --coverage, found none; a board of 10 x 7 squares is "
-                "--board 9x6"
+                "--square, --model and --coverage need --board. A board of 10 x 7 squares is --board 9x6."
             )
         if len(paths) != 1:
             raise UsageError(
-                f"wanted one log, found {len(paths)}; calibrate each by itself, or give --board for images of a board"
+                f"{len(paths)} logs are given, but one is calibrated at a time. Calibrate each by itself, or give "
+                "--board for images of a board."
             )
         report = calibrate_by_drive(paths[0], chosen, name=name, out=out, overwrite=overwrite)
     typer.echo(visible_lines(report))

@@ -31,7 +31,7 @@ FLEET_EPILOG = examples(
 
 
 class LogsFirst(CommandGroup):
-    """Commands of `wayside fleet`; logs in the place of a command are those of `run`."""
+    """Commands of `wayside fleet`. Logs in the place of a command run the command `run`."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put `run` before arguments that begin with no command; the type of `ctx` is private to typer."""
@@ -174,7 +174,8 @@ def query(
         return
     if file is not None:
         raise UsageError(
-            f"{file}: wanted a name that ends with {', '.join(f'.{f}' for f in FORMATS)}, or -f with one of these"
+            f"{file}: the format is unknown. Give a name that ends with {', '.join(f'.{f}' for f in FORMATS)}, or -f "
+            "with one of these."
         )
     names, rows = first_rows(inventory, sql, _MOST_LISTED + 1)
     _print_table(names, rows)
@@ -247,7 +248,7 @@ def changes(
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
-    """Compare two surveys: which signs are unchanged, moved, of another face, new, gone, or were not looked at."""
+    """Compare two surveys: which signs are unchanged, moved, of another face, new, gone, or not covered."""
     from wayside.pipeline.files.settings_file import load_settings
     from wayside.pipeline.fleet.changes import find_changes
     from wayside.pipeline.fleet.changes_page import write_page
@@ -256,8 +257,8 @@ def changes(
     chosen, origins = load_settings(file=given["settings"], assignments=given["assignments"] or [])
     if alien := [n for n, o in origins.items() if o == "--set" and not n.startswith("changes.")]:
         raise UsageError(
-            f"--set {alien[0]}: wanted a setting of the group changes, found one of runs or merging, which are done: "
-            "give it to `wayside fleet`"
+            f"--set {alien[0]}: only settings of the group changes apply here. Runs and merging are done already: "
+            "give their settings to `wayside fleet`."
         )
     surveys = parse_survey(before), parse_survey(after)
     report = find_changes(inventory, *surveys, chosen.changes, overwrite=overwrite)

@@ -57,7 +57,7 @@ class Commands(CommandGroup):
         return [name for names in PANELS.values() for name in names]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The command of a name with its heading; None where there is none."""
+        """The command of a name with its heading, or None."""
         command: Any = super().get_command(ctx, cmd_name)
         for heading, names in PANELS.items():
             if command is not None and cmd_name in names:

@@ -79,13 +79,13 @@ def label(
         return
     if len(sources) != 1:
         raise UsageError(
-            f"wanted one result or log to mark, found {len(sources)}; make a page of each, "
-            "or write labels with -o labels.parquet"
+            f"{len(sources)} results or logs are given, but a page marks one. Make a page of each, or write labels "
+            "with -o labels.parquet."
         )
     result, lost = sources[0], 0
     if result.suffix.lower() == ".json":
         raise UsageError(
-            f"{result}: labels become a file of labels, found -o {out}; write -o labels.parquet"
+            f"{result}: labels cannot be written to {out}. Give a file of labels, as in -o labels.parquet."
         )
     if result.is_file():
         lost = _run(result, out / _RESULT, spacing, preset, overwrite=overwrite)
@@ -220,7 +220,7 @@ def fit(
     from wayside.pipeline.running.tuning import tune_process
 
     if alpha is not None and not 0 < alpha < 1:
-        raise UsageError(f"--alpha: wanted a false-alarm rate between 0 and 1, found {alpha:g}")
+        raise UsageError(f"--alpha: a false-alarm rate lies between 0 and 1, not at {alpha:g}")
     tune_process()
     options = FitOptions(
         tuple(labels),

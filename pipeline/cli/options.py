@@ -273,7 +273,7 @@ def settings_of(given: Mapping[str, Any]) -> dict[str, Any]:
     Raises
     ------
     UsageError
-        One of them is not as wanted.
+        One of them cannot be parsed.
     """
     options: dict[str, Any] = {}
     for name, (setting, parsed) in _SETTINGS.items():
@@ -306,8 +306,8 @@ def parse_milepost(text: str) -> dict[str, Any]:
     found = _MEASURE.fullmatch(text.strip().lower())
     if found is None or (found[2] and found[2] not in MEASURE_UNITS):
         raise UsageError(
-            f"--milepost: wanted a measure such as 12.35 (miles) or 19.875km, found {text!r}; units are "
-            f"{', '.join(MEASURE_UNITS)}"
+            f"--milepost: {text!r} is not a measure. Write 12.35 (miles) or 19.875km; the units are "
+            f"{', '.join(MEASURE_UNITS)}."
         )
     unit = {"route.unit": found[2]} if found[2] else {}
     return {"route.milepost": float(found[1]), **unit}
@@ -321,5 +321,5 @@ def parse_size(text: str, option: str, smallest: int, largest: int) -> tuple[int
         if smallest <= min(size) and max(size) <= largest:
             return size
     raise UsageError(
-        f"{option}: wanted width x height of {smallest} to {largest} pixels, found {text!r}; 1600x1000 is one"
+        f"{option}: {text!r} is not a size of {smallest} to {largest} pixels. Write width x height, as in 1600x1000."
     )

@@ -88,8 +88,8 @@ def simulate(
 ) -> None:
     """Plan a survey: print how accurately signs would be located, or which spacing and focal length a target takes.
 
-    Drives are simulated without images: panels and ties are projected with the given errors, the stages of `wayside
-    run` locate the panels, and the errors are compared with the stated sigmas and the Cramér-Rao bound.
+    Drives are simulated without images: panels and ties are projected with the given errors. The stages of `wayside
+    run` locate the panels. The errors are compared with the stated sigmas and the Cramér-Rao bound.
     """
     from wayside.pipeline.cli.progress import SheetProgress
     from wayside.pipeline.files.writing import holding, require_free
@@ -113,7 +113,7 @@ def simulate(
         require_free(json, is_own=holding(OWN_KEYS), overwrite=overwrite)
     width, height = parse_size(picture, "--picture", 64, 20_000)
     if focal_px is not None and hfov is not None:
-        raise UsageError("wanted --focal-px or --hfov, found both; leave one out")
+        raise UsageError("--focal-px and --hfov state the same thing. Leave one out.")
     focal = (
         focal_of_view(hfov, width) if hfov is not None else 1400.0 if focal_px is None else focal_px
     )
@@ -190,13 +190,13 @@ def report_figures(
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
-    """Make the figures of the report KS-09-9 on a drive, each number beside the report's, as one page."""
+    """Make the figures of the report KS-09-9 on a drive, each number next to the report's, as one page."""
     from wayside.pipeline.report_figures.command import write_figures
     from wayside.pipeline.running.tuning import tune_process
 
     if (boards is None) != (board is None):
         raise UsageError(
-            "wanted --boards and --board together, found one of them; a board of 10 x 7 squares is --board 9x6"
+            "--boards and --board are given together or not at all. A board of 10 x 7 squares is --board 9x6."
         )
     tune_process()
     page, figures = write_figures(

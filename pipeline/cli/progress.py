@@ -64,7 +64,7 @@ class _Shown:
 
     @property
     def description(self) -> str:
-        """What stands at the start of the line: the label, or that kernels are compiled."""
+        """The start of the line: the label, or that kernels are compiled."""
         return self._bar.tasks[0].description
 
     def compiling(self, active: bool) -> None:
@@ -109,7 +109,7 @@ class _TimeTaken(ProgressColumn):
 
 
 class FrameProgress(_Shown):
-    """Shows how many images were looked at, how many are settled, which comes later, and the time left."""
+    """Shows how many images are analysed, how many are finished, which comes later, and the time left."""
 
     def __init__(self, label: str, run: Run) -> None:
         counts = "{task.fields[looked_at]} looked at, {task.fields[settled]} of {task.fields[held]} settled"
@@ -123,7 +123,7 @@ class FrameProgress(_Shown):
         )
 
     def _refresh(self) -> None:
-        """An image is half done when it was looked at: only both counts together rise evenly."""
+        """An analysed image is half done: only both counts together rise evenly."""
         counts, held = self._run.counts, self._run.report.images_held
         if held:
             self._bar.update(

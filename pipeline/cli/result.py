@@ -81,7 +81,7 @@ def evidence(
     sheets = out / "evidence" if folder is None else folder
     if folder is None and sheets.is_symlink():
         raise UsageError(
-            f"{sheets}: wanted a folder of its own, found a link; say with -o where the sheets go"
+            f"{sheets}: this is a link, and the sheets need a folder of their own. Name one with -o."
         )
     with SheetProgress("evidence") as progress:
         written = write_evidence(
@@ -217,7 +217,7 @@ def export(
     target = out / f"{name}.{chosen}" if file is None else file
     if inventory and review is not None:
         raise UsageError(
-            f"--review {review}: wanted the result of one drive, found the inventory {out}; leave --review out"
+            f"--review {review}: {out} is an inventory, and reviews are of one drive. Leave --review out."
         )
     said = NO_REVIEW if inventory else find_review(out, review)
     done = write(
@@ -245,11 +245,11 @@ def _format_of(file: Path | None, kind: Format | None) -> str:
     ending = "" if file is None else file.suffix.lower().removeprefix(".")
     if kind is not None:
         if kind is Format.shp and file is not None and ending != kind:
-            raise UsageError(f"{file}: wanted a name that ends with .shp, as its parts share it")
+            raise UsageError(f"{file}: the name of a shapefile must end with .shp")
         return kind.value
     if ending not in [one.value for one in Format]:
         raise UsageError(
-            f"{file or 'wayside export'}: wanted -f, or -o with a name that ends with one of {known}"
+            f"{file or 'wayside export'}: the format is unknown. Give -f, or -o with one of the endings {known}."
         )
     return ending
 

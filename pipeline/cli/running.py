@@ -62,7 +62,7 @@ class Listed(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """How a log is run, beside its settings; as of `run_log`, and whether its result is kept and what is said of it."""
+    """Arguments of `run_log` besides the settings, whether its result is kept, and what is printed."""
 
     every_region: bool = False
     rate: float | None = None
@@ -129,12 +129,12 @@ def run(
     """Find the signs of a drive: LOG to a folder of Parquet tables."""
     if resume and (given["view"] is not ViewMode.none or given["connect"] is not None):
         raise UsageError(
-            "wanted --resume or a viewer, which would miss images, found both; leave one out"
+            "--resume does not work with a viewer, which would miss images. Leave one out."
         )
     for option in ("milepost", "detections"):
         if given[option] is not None and len(logs) > 1:
             raise UsageError(
-                f"--{option}: wanted one log, found {len(logs)}; run each with its own"
+                f"--{option}: {len(logs)} logs are given, but this option holds for one log. Run each with its own."
             )
     settings, viewing = chosen_settings(given), viewing_of(given["view"], given)
     folders = [out if len(logs) == 1 else out / log.stem for log in logs]
@@ -183,7 +183,7 @@ def viewing_of(view: ViewMode, given: Mapping[str, Any]) -> Viewing | None:
     from wayside.pipeline.view.viewer import probe, start_viewer
 
     if connect is not None and view in (ViewMode.live, ViewMode.serve):
-        raise UsageError(f"wanted one viewer, found --connect and --view {view}; leave one out")
+        raise UsageError(f"--connect and --view {view} each name a viewer. Leave one out.")
     address = None if connect is None else probe(connect)
     if view in (ViewMode.live, ViewMode.serve):
         address = start_viewer(serve=view is ViewMode.serve)
@@ -192,7 +192,7 @@ def viewing_of(view: ViewMode, given: Mapping[str, Any]) -> Viewing | None:
 
 
 def parse_rate(text: str) -> float | None:
-    """`1x`, `0.5x` or a plain number as times the recorded speed; `max` as None; raises UsageError."""
+    """`1x`, `0.5x` or a plain number as times the recorded speed, `max` as None. Raises UsageError."""
     if text == "max":
         return None
     try:
@@ -200,7 +200,7 @@ def parse_rate(text: str) -> float | None:
     except ValueError:
         rate = 0.0
     if not 0 < rate <= 1000:
-        raise UsageError(f"--rate {text}: wanted 1x, 0.5x, 4x or max")
+        raise UsageError(f"--rate {text}: this is not a rate. Write 1x, 0.5x, 4x or max.")
     return rate
 
 
@@ -213,9 +213,9 @@ def process_all(
 ) -> None:
     """Run logs one after the other and end with the gravest status.
 
-    Of several, all places of results are looked at before the first is run. One that cannot be run is told and the
-    others are done; one whose result stands already, made of the same log with the same settings and models, is passed
-    over (not with `overwrite`, nor where a viewer is to see it).
+    With several logs, all output folders are checked before the first is run. A log that cannot be run is reported, and
+    the others are run. A log whose result exists already, from the same log, settings and models, is skipped. It is not
+    skipped with `overwrite` or with a viewer.
 
     Raises
     ------
@@ -268,8 +268,7 @@ def _check_places(logs: Sequence[Path], folders: Sequence[Path], *, overwrite: b
     twice = next((folder for folder in folders if list(folders).count(folder) > 1), None)
     if twice is not None:
         raise UsageError(
-            f"wanted logs of different names, as each gets a folder of its name, found two for {twice}; "
-            "run them one by one"
+            f"two logs are named {twice}, but each result gets a folder of its log's name. Run them one by one."
         )
     for log, folder in zip(logs, folders, strict=True):
         finish_replacement(folder)
@@ -286,7 +285,7 @@ def read_as_log(path: Path) -> Path:
 
 
 def _standing_log(path: Path) -> Path | None:
-    """What `read_as_log` gives where it is there already; None for a bag that is still to be joined, or is none."""
+    """The result of `read_as_log` if it exists already; None for a bag that is not joined or has a fault."""
     from wayside.pipeline.logs.bags import joined_log
 
     try:

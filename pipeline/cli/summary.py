@@ -82,7 +82,7 @@ def plain(text: object) -> str:
 
 
 def sign_table(signs: list[dict[str, Any]], width: int = _WIDE) -> Table:
-    """One line a sign: what it is, where it stands, how sure; in fewer columns where `width` has no room."""
+    """One line a sign: its name, place and uncertainty. It has fewer columns where `width` has no room."""
     table = Table(
         box=None, pad_edge=False, padding=(0, 2 if width >= _WIDE else 1, 0, 0), header_style="bold"
     )

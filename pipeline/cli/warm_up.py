@@ -1,6 +1,6 @@
 """Compile every kernel, after installation: `python -m wayside.pipeline.cli.warm_up LOG` runs a log with each preset.
 
-The machine code is kept in `__pycache__` beside the sources, so that no run waits for it later.
+The machine code is kept in `__pycache__` next to the sources, and no run waits for it later.
 """
 
 from __future__ import annotations

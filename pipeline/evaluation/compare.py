@@ -125,7 +125,7 @@ def _candidates(out: Path, frames: Collection[int]) -> Candidates:
 
 
 def write_evaluation(evaluation: Evaluation, file: Path, *, overwrite: bool = False) -> None:
-    """Write the figures as JSON, over those of an earlier evaluation or, with `overwrite`, whatever stands there.
+    """Write the figures as JSON. They replace those of an earlier evaluation or, with `overwrite`, any file.
 
     Raises
     ------
@@ -278,8 +278,8 @@ def _read_truth(file: Path) -> dict[str, Any]:
     except ValueError as error:
         if file.suffix.lower() == ".csv":
             raise InputError(
-                f"{file}: wanted a review: a table with a column `review` and no row longer than its first; "
-                "see docs/corrections.md"
+                f"{file}: a review must be a table with a column `review` and no row longer than its first. See "
+                "docs/corrections.md."
             ) from error
         raise InputError(f"truth file {file} is not JSON: {error}") from error
     keys = facts.keys() if isinstance(facts, dict) else set()

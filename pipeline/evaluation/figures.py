@@ -33,7 +33,7 @@ _COMMON = (
 
 @dataclass(frozen=True, slots=True)
 class FalseSign:
-    """A reported panel that is none, with the known object it lies on; `position` is right, down, ahead in metres."""
+    """A reported panel that does not exist: the known object it lies on, position right, down, ahead (m)."""
 
     sign_id: str
     best_frame: int
@@ -71,8 +71,9 @@ class Duplicate:
 class MissCause:
     """Why a wanted sign was not found.
 
-    step: where it was lost (see `misses.STEPS`); reason: verdict or status there; views: how many of its views
-    came to each verdict; row: the reported row on it, if there is one, and distance_m: how far from it that row stands.
+    `step`: where it was lost (see `misses.STEPS`). `reason`: verdict or status there. `views`: how many of its views
+    came to each verdict. `row`: the reported row on it, if there is one, and distance_m: how far from it that row
+    stands.
     """
 
     id: int | str
@@ -85,7 +86,7 @@ class MissCause:
 
 @dataclass(frozen=True, slots=True)
 class KindCount:
-    """Wanted signs of one kind, and how many of them were found."""
+    """Signs of one kind that should be found, and how many were found."""
 
     kind: str
     wanted: int
@@ -110,7 +111,7 @@ class MissedPanel:
 class Match:
     """A reported panel and the wanted true one it was matched with.
 
-    `error_m`: reported minus true position: lateral, up, along, in the camera frame of `best_frame`; `sigma_m`: its
+    `error_m`: reported minus true position: lateral, up, along, in the camera frame of `best_frame`. `sigma_m`: its
     stated standard deviations; the rest are pairs, reported then true. None where not reported.
     """
 
@@ -157,7 +158,7 @@ class _Shares(ABC):
 
     @property
     def found_count(self) -> int:
-        """Wanted signs that were found."""
+        """How many signs were found of those that should be."""
         return self.right
 
     @property
@@ -216,8 +217,8 @@ class RenderedEvaluation(_Shares):
     """Figures of a rendered drive, whose truth is exact; errors are absolute, of wanted panels that were found.
 
     `false` are all rows that no panel was matched with, duplicates among them. Panels that need not be found count in
-    the precision as neither. `images`: read by the run, None where not known; `learned_by`: models of the run that were
-    learned from this drive, None where not known; `causes`: of the missed, in their order; `reliability`: of the
+    the precision as neither. `images`: read by the run, None where not known. `learned_by`: models of the run that were
+    learned from this drive, None where not known. `causes`: of the missed, in their order. `reliability`: of the
     confidence of rows that are reported, uncertain ones among them.
     """
 
@@ -340,7 +341,7 @@ class RealEvaluation(_Shares):
 
     @property
     def found_count(self) -> int:
-        """Wanted labels that were found."""
+        """How many labels were found of those that should be."""
         return len(self.found)
 
     @property

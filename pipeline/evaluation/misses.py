@@ -84,7 +84,7 @@ class Candidates:
                 yield {"sign_id": name, "frame": int(self.frame[i]), "box": self.box[i].tolist()}
 
     def on(self, frame: int, box: Box) -> list[tuple[int, float]]:
-        """Rows that show what stands in a box of a frame, with their overlap."""
+        """Rows that show the content of a box of a frame, with their overlap."""
         first, last = np.searchsorted(self.frame, [frame, frame + 1])
         shared = overlap(self.box[first:last], box)
         return [(int(first + i), float(shared[i])) for i in np.flatnonzero(shared)]
@@ -99,7 +99,7 @@ def miss_causes(
 ) -> tuple[MissCause, ...]:
     """The cause of each miss: the last step that a candidate on it passed in any view, and the usual reason there.
 
-    Had that step let it pass, it would have come further; what fewer views say is counted beside it.
+    Without that step it would have come further. The verdicts of fewer views are counted separately.
 
     Parameters
     ----------

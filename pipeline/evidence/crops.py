@@ -110,9 +110,10 @@ def read_crops(
 ) -> Iterator[tuple[Key, Crop | None]]:
     """Cut boxes with their surroundings out of the images of a result's log, which is read once.
 
-    out: folder of the result; log: where its log lies now, None: as at the time of the run; boxes: what to call a box,
-    its frame and itself. Crops come in order of their frames, None where an image does not decode; what the log has no
-    longer does not come. Raises InputError where the result or the log cannot be used, or the log is another one.
+    `out`: folder of the result. `log`: where its log lies now, None: as at the time of the run. `boxes`: what to call a
+    box, its frame and itself. Crops come in order of their frames, None where an image does not decode; what the log
+    has no longer does not come. Raises InputError where the result or the log cannot be used, or the log is another
+    one.
     """
     wanted: defaultdict[int, list[tuple[Key, Box]]] = defaultdict(list)
     for key, frame, box in boxes:
@@ -137,7 +138,7 @@ def read_images(
 ) -> Iterator[Image]:
     """Decoded images of frames of these indices, in order; reading ends with the last of them.
 
-    log_times_ns: of every frame of the result, by which another log than that it was made from is told (InputError).
+    log_times_ns: of every frame of the result. Raises InputError if the log has other times.
     """
     return decode(_wanted_frames(log, settings, wanted, log_times_ns, report))
 
@@ -156,8 +157,9 @@ def _wanted_frames(
         if frame.index in wanted:
             if frame.log_time_ns != log_times_ns[frame.index]:
                 raise InputError(
-                    f"{log}: wanted the log that the result was made from, found another: frame {frame.index} is of "
-                    f"{frame.log_time_ns} ns instead of {log_times_ns[frame.index]} ns; give the right one with --log"
+                    f"{log}: this is not the log that the result was made from. Frame {frame.index} is of "
+                    f"{frame.log_time_ns} ns instead of {log_times_ns[frame.index]} ns. Give the right one with "
+                    "--log."
                 )
             yield frame
         if frame.index == last:

@@ -67,9 +67,9 @@ class Evidence:
 class DriveMap:
     """Cameras and signs of a whole drive, world frame, metres.
 
-    cameras: centre (3,) by frame; path (n, 3): the same in order; signs (m, 3): all of them; log_times_ns: by frame;
-    images: name and date of the file that was imported, by frame; north (2,): its direction along x, y, None where it
-    is not known.
+    `cameras`: centre (3,) by frame. `path` (n, 3): the same in order. `signs` (m, 3): all of them. `log_times_ns`: by
+    frame. `images`: name and date of the file that was imported, by frame. `north` (2,): its direction along x, y, None
+    where it is not known.
     """
 
     cameras: dict[int, NDArray[np.float64]]
@@ -176,19 +176,19 @@ def _evidence(sign: dict[str, Any], rows: list[dict[str, Any]], drive: DriveMap)
 
 
 def _require_file_name(out: Path, name: str) -> None:
-    """Refuse an id that names a file elsewhere than beside the other sheets: the table may be anybody's."""
+    """Refuse an id that names a file outside of the folder of the sheets, because the table may be from anybody."""
     apart = (
         {"/", "\\", "\0"} & {*name} or name in ("", ".", "..") or len(name.encode()) > _LONGEST_ID
     )
     if apart or not name.isprintable():
         raise InputError(
-            f"{out / SIGNS.file}: wanted ids of signs that can name a file, found {visible(name[:80])!r}; "
-            "the table was not written by wayside: run the log again"
+            f"{out / SIGNS.file}: the sign id {visible(name[:80])!r} cannot name a file: the table was not written by "
+            "wayside. Run the log again."
         )
 
 
 def _unknown_sign(out: Path, sign_id: str, known: list[str]) -> str:
     near = difflib.get_close_matches(sign_id, known, n=1, cutoff=0.0)
     if not near:
-        return f"wanted the sign {sign_id}, but {out} holds no sign at all"
-    return f"wanted the sign {sign_id}, found no such id among {len(known)} of {out}; did you mean {near[0]}?"
+        return f"there is no sign {sign_id}: {out} holds no sign at all"
+    return f"there is no sign {sign_id} among the {len(known)} of {out}. Did you mean {near[0]}?"

@@ -1,4 +1,4 @@
-"""The index of all evidence sheets: one HTML file that needs nothing but itself and the sheets beside it."""
+"""The index of all evidence sheets: one HTML file that needs nothing but the sheets in its folder."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _MAP, _MAP_POINTS = (1200, 340), 1000
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """One sign of the index: its row, the file name of its sheet, a small image as WebP (None: there is none)."""
+    """One sign of the index: its row, the file name of its sheet, and a small image as WebP or None."""
 
     sign: dict[str, Any]
     sheet: str
@@ -49,7 +49,7 @@ class Card:
 
     @property
     def source(self) -> str:
-        """Address of the small image; empty where there is none."""
+        """Address of the small image, or an empty text."""
         return "" if self.thumb is None else data_address(self.thumb)
 
 

@@ -25,8 +25,8 @@ _NARROWEST_M = 20.0
 class Projection:
     """World x, y (metres) to page, x right and y down.
 
-    turn (2, 2): turns rows x, y; scale: pixels a metre; centre: turned metres shown at `middle` pixels; extent: pixels
-    of what is shown, `middle` in its middle.
+    `turn` (2, 2): turns rows x, y. `scale`: pixels a metre. `centre`: turned metres shown at `middle` pixels. `extent`:
+    pixels of what is shown, `middle` in its middle.
     """
 
     scale: float

@@ -107,7 +107,7 @@ def _check_free(folder: Path, names: Sequence[str], mark: str) -> None:
             except OSError as error:
                 raise not_written(folder, error) from error
             if not own:
-                raise refuse(path, "a file there that is no evidence of this log")
+                raise refuse(path, "a file that is not evidence of this log")
 
 
 def _sheets_of_others(folder: Path, mark: str, signs: Sequence[Evidence]) -> list[str]:
@@ -188,4 +188,4 @@ def _write(path: Path, content: bytes) -> None:
         with create(path) as stream:
             stream.write(content)
     except OSError as error:
-        raise not_written(path.parent, error, "to write the evidence here") from error
+        raise not_written(path.parent, error, "the evidence") from error

@@ -103,8 +103,8 @@ def export(
         source = drive_signs(out, review)
     if kind in _ALWAYS_WGS_84 and source.world is not None:
         raise UsageError(
-            f"{out}: wanted signs on the globe for {FORMATS[kind]}, found none with longitude and latitude: the log "
-            "has no satellite fixes; export CSV, gpkg or shp, whose x and y are relative to the drive"
+            f"{out}: {FORMATS[kind]} needs longitude and latitude, but the log has no satellite fixes. Export CSV, "
+            "gpkg or shp, whose x and y are relative to the drive."
         )
     rows = PlacedRows(source, crs, imperial=units != UNITS[0])
     write = _write_text if kind in ("csv", "geojson") else _write_gis
@@ -151,15 +151,13 @@ def _write_gis(
 def _require_fitting(kind: str, crs: str | None, units: str) -> None:
     """Refuse a reference system or units that a format has not."""
     if crs is not None and kind in (*_ALWAYS_WGS_84, "mcap"):
-        always = (
-            "lies in the frames of the drive" if kind == "mcap" else "is WGS 84 by its standard"
-        )
+        always = "uses the frames of the drive" if kind == "mcap" else "is WGS 84 by its standard"
         raise UsageError(
-            f"--crs {crs}: wanted csv, gpkg or shp, found {kind}, which {always}; leave --crs out or choose another -f"
+            f"--crs {crs}: the format {kind} {always}. Leave --crs out, or choose csv, gpkg or shp with -f."
         )
     if units != UNITS[0] and kind == "mcap":
         raise UsageError(
-            f"--units {units}: wanted another format, found mcap, whose schemas are in metres; leave --units out"
+            f"--units {units}: the schemas of mcap are in metres. Leave --units out, or choose another format."
         )
 
 
@@ -167,11 +165,12 @@ def _require_table(out: Path, kind: str, table: str | None, *, inventory: bool) 
     """Refuse what only the result of a drive, or only an inventory, has."""
     if table is not None and not inventory:
         raise UsageError(
-            f"--table {table}: wanted an inventory of `wayside fleet`, found the result {out}; leave --table out"
+            f"--table {table}: only an inventory of `wayside fleet` has tables to choose from, but {out} is the "
+            "result of one drive. Leave --table out."
         )
     if kind == "mcap" and inventory:
         raise UsageError(
-            f"{out}: wanted the result of one drive for -f mcap, found an inventory; name a folder in {out / 'drives'}"
+            f"{out}: -f mcap takes the result of one drive, not an inventory. Name a folder in {out / 'drives'}."
         )
 
 
@@ -179,7 +178,7 @@ def _write_together(made: list[Path], targets: list[Path], *, overwrite: bool) -
     """Copy files that belong together; none where one of them would replace something else or has no room."""
     for path, target in zip(made, targets, strict=True):
         if not overwrite and target.is_file() and not filecmp.cmp(path, target, shallow=False):
-            raise refuse(target, "another file of that name")
+            raise refuse(target, "another file")
     with ExitStack() as opened:  # each takes its place at the end, when all are on the disk
         for path, target in zip(made, targets, strict=True):
             source = opened.enter_context(path.open("rb"))

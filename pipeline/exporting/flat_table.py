@@ -44,7 +44,7 @@ class FlatTable:
 
 
 def flat_table(out: Path, review: Review) -> FlatTable:
-    """All columns of `signs.parquet` but the geometry, those of lists one by one, and then those of the review.
+    """All columns of `signs.parquet` but the geometry, one for each item of a list, then the columns of the review.
 
     Parameters
     ----------
@@ -117,9 +117,7 @@ def _missing(out: Path, signs: Sequence[Row], review: Review) -> list[Row]:
     columns = ["frame", "x", "y", "station_m"]
     path = [row for row in read_rows(out, FRAMES, columns) if row["x"] is not None]
     if not path:
-        raise InputError(
-            f"{out}: wanted the path of the drive to place missing signs by, found none"
-        )
+        raise InputError(f"{out}: the result has no path of the drive to place missing signs by")
     cameras = np.array([[row["x"], row["y"]] for row in path], np.float64)
     log = signs[0]["log"] if signs else Path(str(read_run(out).get("log", ""))).stem
     to_globe = _globe_fit(signs)

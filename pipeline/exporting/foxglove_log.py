@@ -1,4 +1,4 @@
-"""A log of what was found, to open in Foxglove beside the drive: boxes on its images, panels in its frames.
+"""A log of the results, to open in Foxglove together with the drive: boxes on its images, panels in its frames.
 
 Schemas: https://docs.foxglove.dev/docs/sdk/schemas. Messages have the log times and capture times of the images that
 they belong to.
@@ -84,10 +84,10 @@ def write_foxglove_log(
 ) -> list[str]:
     """Write the log and return notes on what it lacks.
 
-    Topics, under `/wayside` and the name of the image topic: `signs`, the boxes of the signs on each image, and
-    `rejected`, all others with their verdicts (`foxglove.ImageAnnotations`); `scene`, the panels as oriented boxes
-    with their names, and the path (`foxglove.SceneUpdate`, one message at the start); `camera`, where the camera is
-    (`foxglove.FrameTransform`), unless the drive's log has transforms that say so.
+    Topics, under `/wayside` and the name of the image topic: `signs` has the boxes of the signs on each image, and
+    `rejected` all others with their verdicts (`foxglove.ImageAnnotations`). `scene` has the panels as oriented boxes
+    with their names, and the path (`foxglove.SceneUpdate`, one message at the start). `camera` is the pose of the
+    camera (`foxglove.FrameTransform`), unless the drive's log has transforms for it.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def write_foxglove_log(
     drive = find_log(run, log)
     if run.get("log_fingerprint") not in (None, log_fingerprint(drive)):
         raise InputError(
-            f"{drive}: wanted the log that {out} was made from, found another; say where it lies with --log"
+            f"{drive}: this is not the log that {out} was made from. Give the right one with --log."
         )
     frames = _frames_of(drive, out, run)
     rows = read_rows(out, FRAMES, _FRAME_COLUMNS)
@@ -159,15 +159,15 @@ def _with_boxes(out: Path, frames: Sequence[Row]) -> Iterator[tuple[Row, list[Ro
         frame, boxes = next(groups, (None, iter(())))
     if frame is not None:
         raise InputError(
-            f"{out}: wanted the frames of all observations, found none of frame {frame}; the tables are of different "
-            "runs: run the log again"
+            f"{out}: observations name frame {frame}, which the table of frames lacks. The tables are of different "
+            "runs: run the log again."
         )
 
 
 def _annotations(
     row: Row, boxes: Sequence[Row], names: dict[str, Row]
 ) -> Iterator[tuple[str, ImageAnnotations]]:
-    """The boxes of an image by topic; empty where there is none, to clear the last.
+    """The boxes of an image by topic. A topic without boxes is empty, which clears the last ones.
 
     Those of signs have the colours of their faces and their names; all others are grey, with the verdict on them where
     it was given over several images.

@@ -42,8 +42,8 @@ def load_pyogrio() -> ModuleType:
         import pyogrio
     except ImportError as error:
         raise UsageError(
-            "wanted the package pyogrio for files of geographic information systems, found none; "
-            "install it with pip install 'wayside[gis]'"
+            "files of geographic information systems need the package pyogrio. Install it with pip install "
+            "'wayside[gis]'."
         ) from error
     return pyogrio  # type: ignore[no-any-return]
 
@@ -124,7 +124,7 @@ def _scratch_beside(file: Path) -> Iterator[Path]:
         parent = None if is_stream(file) else resolved(file).parent
         made = TemporaryDirectory(prefix=f".{file.name}.", suffix=PART, dir=parent)
     except OSError as error:
-        raise not_written(file, error, "to write a file here", "name another file") from error
+        raise not_written(file, error, "the file", "name another file") from error
     with made as scratch:
         yield Path(scratch)
 

@@ -26,9 +26,9 @@ _WORLDS = {
 class PlacedRows:
     """The rows of a source in one reference system and in the wanted units, counted while they are read.
 
-    Without fixes points are x, y, z of the world frame, in metres; else longitude, latitude and ellipsoidal height, or
-    their projection, whose heights stay metres above the WGS 84 ellipsoid, with coordinates as columns `crs`, `crs_x`
-    and `crs_y` too. Reading raises UsageError where a point has no place in the wanted system.
+    Without fixes, points are x, y, z of the world frame, in metres. With fixes, they are longitude, latitude and
+    ellipsoidal height, or their projection. A projection keeps heights in metres above the WGS 84 ellipsoid and adds
+    the columns `crs`, `crs_x` and `crs_y`. Reading raises UsageError where a point has no place in the wanted system.
 
     Attributes
     ----------
@@ -53,8 +53,8 @@ class PlacedRows:
         self._target = None if wanted is None else _horizontal(wanted)
         if source.world is not None and wanted is not None:
             raise UsageError(
-                f"{source.folder}: wanted signs on the globe for --crs {wanted}, found none with longitude and "
-                "latitude: the log has no satellite fixes; leave --crs out for x, y of the drive"
+                f"{source.folder}: --crs {wanted} needs longitude and latitude, but the log has no satellite fixes. "
+                "Leave --crs out for x, y of the drive."
             )
         self.crs = WGS_84
         if source.world is not None:
@@ -104,8 +104,8 @@ class PlacedRows:
         moved = (*self._to_crs.transform(point[0], point[1]), *point[2:])
         if not all(map(math.isfinite, moved[:2])) and self._target is not None:
             raise UsageError(
-                f"--crs {self._wanted}: wanted a system that holds all signs, found that {self._target.name} does not; "
-                f"it is made for {_area(self._target)}"
+                f"--crs {self._wanted}: {self._target.name} does not cover all signs. It is made for "
+                f"{_area(self._target)}."
             )
         return moved
 
@@ -137,13 +137,13 @@ def _horizontal(wanted: str) -> pyproj.CRS:
         crs = pyproj.CRS.from_user_input(wanted)
     except CRSError as error:
         raise UsageError(
-            f"--crs: wanted a coordinate reference system such as EPSG:26914, found {wanted!r}, which PROJ does not "
-            "know; https://epsg.org lists them"
+            f"--crs: PROJ does not know the coordinate reference system {wanted!r}. Write it as in EPSG:26914; "
+            "https://epsg.org lists them."
         ) from error
     if not (crs.is_projected or crs.is_geographic) or len(crs.axis_info) != 2:
         raise UsageError(
-            f"--crs {wanted}: wanted a projected or geographic system, found {crs.type_name} ({crs.name}); heights "
-            "stay metres above the WGS 84 ellipsoid, so name its horizontal part"
+            f"--crs {wanted}: {crs.name} is a {crs.type_name}, but a projected or geographic system is needed. "
+            "Heights stay metres above the WGS 84 ellipsoid: name the horizontal part alone."
         )
     return crs
 

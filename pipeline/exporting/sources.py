@@ -30,30 +30,20 @@ INVENTORY_TABLES = {table.name: table for table in (PANELS, SUPPORTS)}
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Rows to export.
-
-    Attributes
-    ----------
-    folder
-        For messages.
-    table
-        Name of the table; layers and default files are called so.
-    columns
-        Of all rows.
-    chunks
-        The rows, some at a time; called anew, it begins again.
-    last
-        The latest time that a row names, for formats that state when they were written.
-    world
-        Name of the drive's own frame where it has no place on WGS 84; None: rows have longitude and latitude.
-    """
+    """Rows to export."""
 
     folder: Path
+    """For messages."""
     table: str
+    """Name of the table, also of layers and default files."""
     columns: tuple[Column, ...]
+    """Of all rows."""
     chunks: Callable[[], Iterable[FlatTable]]
+    """Returns the rows, some at a time, from the beginning on each call."""
     last: datetime
+    """The latest time that a row names, for formats that state when they were written."""
     world: str | None = None
+    """Name of the drive's own frame without a place on WGS 84. None: rows have longitude and latitude."""
 
     @property
     def key(self) -> str:
@@ -71,7 +61,7 @@ def is_inventory(folder: Path) -> bool:
     """
     if not os.path.isdir(folder):  # says so too of a name that no file can have
         raise InputError(
-            f"wanted a result of `wayside run` or an inventory of `wayside fleet`, found no folder {folder}"
+            f"there is no folder {folder}. Name a result of `wayside run` or an inventory of `wayside fleet`."
         )
     named = (folder / name for name in ("drives", *INVENTORY_TABLES))
     return not (folder / RUN_FILE).is_file() and any(path.is_dir() for path in named)
@@ -113,8 +103,8 @@ def inventory_rows(inventory: Path, name: str) -> Source:
     parts = merged_parts(inventory, name)
     if not parts:
         raise InputError(
-            f"{inventory}: wanted {name} of an inventory, found none: nothing is merged yet, or no drive has satellite "
-            "fixes; `wayside fleet status` tells, and each folder in drives/ can be exported by itself"
+            f"{inventory}: the inventory has no {name}, because nothing is merged yet or no drive has satellite "
+            "fixes. `wayside fleet status` shows which; each folder in drives/ can be exported by itself."
         )
     columns = flat_columns(table)
     wanted = [column.name for column in kept_columns(table)]

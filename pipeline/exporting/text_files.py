@@ -17,7 +17,7 @@ from wayside.schemas.tables import Column
 
 
 def write_csv(columns: Iterable[Column], tables: Iterable[FlatTable], stream: BinaryIO) -> None:
-    """Names of the columns in the first line; empty where a value is unknown; times in ISO 8601, UTC.
+    """The first line has the names of the columns. Unknown values are empty, and times are ISO 8601, UTC.
 
     No text is a formula.
     """

@@ -1,8 +1,8 @@
 """CSV as spreadsheets write it, and texts in CSV that a spreadsheet must not take for formulas.
 
-A cell that begins with `=`, `+`, `-`, `@`, a tab or a carriage return is evaluated where CSV is opened in a
-spreadsheet (OWASP, CSV injection), and texts may be a stranger's: names of logs, topics, remarks. Such a text gets an
-apostrophe in front, which spreadsheets do not show; numbers stay as they are.
+Spreadsheets evaluate a cell that begins with `=`, `+`, `-`, `@`, a tab or a carriage return (OWASP, CSV injection).
+Texts can come from strangers: names of logs, topics, remarks. Such a text gets an apostrophe in front, which
+spreadsheets do not show; numbers stay as they are.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Files of the user's that are read whole: regular files only, and none that unpacks beyond measure."""
+"""Files of the user's that are read whole: regular files only, up to a size when unpacked."""
 
 from __future__ import annotations
 
@@ -133,8 +133,8 @@ def read_parquet(
 def _bounded_table(stream: BinaryIO, columns: Sequence[str] | None, where: Where) -> pa.Table:
     """All batches, read in this thread.
 
-    `pyarrow.parquet.read_table` reads in threads of Arrow's own, which now and then abort a process that ends
-    right behind them (github.com/apache/arrow/issues/34314); so do filters by an expression, and `pre_buffer`.
+    `pyarrow.parquet.read_table` reads in threads of Arrow's own, which sometimes abort a process that ends right after
+    them (github.com/apache/arrow/issues/34314). Filters by an expression and `pre_buffer` do the same.
     """
     schema = pq.ParquetFile(stream).schema_arrow
     names = schema.names if columns is None else list(columns)

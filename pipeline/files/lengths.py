@@ -42,13 +42,11 @@ def parse_length(text: str, option: str = "") -> float:
     match = _LENGTH.fullmatch(text.strip().lower())
     if match is None or match[2] not in _UNITS:
         raise UsageError(
-            f"{_of(option)}wanted a length with its unit, found {text!r}; write feet or metres, as in 26.4ft or 8.05m"
+            f"{_of(option)}{text!r} is not a length with its unit. Write feet or metres, as in 26.4ft or 8.05m."
         )
     metres = float(match[1]) * _UNITS[match[2]]
     if metres < 0 or not math.isfinite(metres):
-        raise UsageError(
-            f"{_of(option)}wanted a length that is not negative, found {text!r}; 8m is one"
-        )
+        raise UsageError(f"{_of(option)}{text!r} is negative. Write a length such as 8m.")
     return metres
 
 
@@ -72,9 +70,7 @@ def parse_memory(text: str) -> float:
     match = _LENGTH.fullmatch(text.strip().lower())
     unit = None if match is None else _MEGABYTES.get(match[2])
     if match is None or unit is None or not 0 < float(match[1]) * unit < math.inf:
-        raise UsageError(
-            f"--memory: wanted a size with its unit, found {text!r}; write 2GB or 500MB"
-        )
+        raise UsageError(f"--memory: {text!r} is not a size with its unit. Write 2GB or 500MB.")
     return float(match[1]) * unit
 
 
@@ -94,6 +90,6 @@ def parse_time(text: str, option: str = "") -> float:
     elif plain := _SECONDS.fullmatch(bare):
         return float(plain[1])
     raise UsageError(
-        f"{_of(option)}wanted a time after the first image, found {text!r}; write seconds or minutes:seconds, "
-        "as in 90s or 1:30"
+        f"{_of(option)}{text!r} is not a time after the first image. Write seconds or minutes:seconds, as in 90s or "
+        "1:30."
     )

@@ -1,9 +1,9 @@
-"""Several files that belong together and replace those of before all at once, whenever the process ends.
+"""Several files that belong together and replace the earlier ones all at once, whenever the process ends.
 
 The files are written into `.wayside-part` in the folder where they belong. When all are whole and on the disk, that
-folder is renamed to `.wayside-done`: from then on the new result counts, and what remains is to move its files into
-place. A process that is killed before leaves the old result; one that is killed after leaves the moves to whoever
-opens the folder next, `finish_replacement`.
+folder is renamed to `.wayside-done`. From then on the new result counts, and its files are moved into place. A process
+that is killed before leaves the old result; one that is killed after leaves the moves to whoever opens the folder next,
+`finish_replacement`.
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ class OutputFolder:
             self._lock = take_lock(self.folder / LOCK)
             if self._lock is None:
                 raise OutputError(
-                    f"{self.folder}: wanted to write the result here, found another wayside that does so now; "
-                    "wait until it is done or choose another folder with -o"
+                    f"{self.folder}: another wayside is writing its result here. Wait until it is done, or choose "
+                    "another folder with -o."
                 )
             _move_into_place(self.folder)
             for scratch in (self.folder / DONE, self.part):
@@ -79,8 +79,7 @@ class OutputFolder:
         except BaseException as error:
             self._release()
             if isinstance(error, OSError):
-                wanted = "a folder to write the result to"
-                raise not_written(self.folder, error, wanted) from error
+                raise not_written(self.folder, error) from error
             raise
         return self
 
@@ -99,7 +98,7 @@ class OutputFolder:
             for name in names:
                 if (self.folder / name).is_dir():
                     raise OutputError(
-                        f"{self.folder / name}: wanted to write a file of this name, found a folder; move it away"
+                        f"{self.folder / name}: a folder has the name of a file to be written. Move it away."
                     )
                 sync(self.part / name)
             with create(self.part / _MANIFEST) as stream:
@@ -169,19 +168,17 @@ def finish_under_lock(folder: Path, done: str, lock: str, move: Callable[[Path],
                     give_back(held)
         except OSError as error:
             raise InputError(
-                f"{folder}: wanted one result, found a new one that has not replaced the old one yet: "
-                f"{error.strerror or error}; open it where the folder can be written"
+                f"{folder}: a new result is here that has not replaced the old one yet: {error.strerror or error}. "
+                "Open it where the folder can be written."
             ) from error
         if held is None:
             if time.monotonic() > late:
-                raise InputError(
-                    f"{folder}: wanted one result, found that another wayside replaces it now; try again"
-                )
+                raise InputError(f"{folder}: another wayside is replacing the result. Try again.")
             time.sleep(_POLL_S)
 
 
 def _move_into_place(folder: Path) -> None:
-    """Do the rest of a replacement; doing it again from any point on comes to the same."""
+    """Do the rest of a replacement. It can be repeated from any point with the same result."""
     done = folder / DONE
     if not _is_folder(done):
         return

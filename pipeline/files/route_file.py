@@ -115,12 +115,11 @@ def open_routes(settings: RouteSettings) -> RouteFile | None:
         import shapely
     except ImportError as error:
         raise UsageError(
-            "wanted the packages pyogrio and shapely for --routes, found none; "
-            "install them with pip install 'wayside[gis]'"
+            "--routes needs the packages pyogrio and shapely. Install them with pip install 'wayside[gis]'."
         ) from error
     path = Path(settings.file)
     if not path.is_file() and not path.is_dir():
-        raise InputError(f"--routes {path}: wanted a file of route lines, found no such file")
+        raise InputError(f"--routes {path}: there is no such file")
     try:
         parquet = path.suffix.lower() in _PARQUET
         layer, columns, geometry, crs = (_parquet if parquet else _layer)(path)
@@ -135,8 +134,8 @@ def open_routes(settings: RouteSettings) -> RouteFile | None:
     if not any(shapely.has_m(lines)):
         kinds = sorted({str(line.geom_type) for line in lines})
         raise InputError(
-            f"--routes {path}: wanted lines with measures (M), found {' and '.join(kinds) or 'no lines'} without; "
-            "export the calibrated routes, as LineString M or LineString ZM"
+            f"--routes {path}: the lines need measures (M), but the file holds {' and '.join(kinds) or 'no lines'} "
+            "without. Export the calibrated routes as LineString M or LineString ZM."
         )
     return file
 
@@ -167,8 +166,8 @@ def _layer(path: Path) -> tuple[str, list[str], str, pyproj.CRS]:
         layers = [(str(name), str(kind)) for name, kind in pyogrio.list_layers(path)]
     lines = [name for name, kind in layers if "LineString" in kind or kind == "Unknown"]
     if not lines:
-        found = ", ".join(f"{name} ({kind})" for name, kind in layers) or "no layer"
-        raise InputError(f"--routes {path}: wanted a layer of lines, found {found}")
+        found = ", ".join(f"{name} ({kind})" for name, kind in layers) or "no layers"
+        raise InputError(f"--routes {path}: there is no layer of lines, only {found}")
     with _with_measures():
         info = pyogrio.read_info(path, layer=lines[0])
     if info["crs"] is None:
@@ -182,7 +181,7 @@ def _parquet(path: Path) -> tuple[str, list[str], str, pyproj.CRS]:
     about = (metadata.metadata or {}).get(b"geo")
     if about is None:
         raise InputError(
-            f"--routes {path}: wanted GeoParquet, found Parquet without its metadata; write it with geopandas or GDAL"
+            f"--routes {path}: this is Parquet without the metadata of GeoParquet. Write it with geopandas or GDAL."
         )
     geo = json.loads(about)
     name = str(geo["primary_column"])
@@ -200,8 +199,8 @@ def _column(path: Path, columns: Sequence[str], settings: RouteSettings) -> str:
     if found is None:
         listed = ", ".join(columns) or "none"
         raise UsageError(
-            f"--routes {path}: wanted a column with names of routes ({', '.join(wanted)}), found {listed}; "
-            "name it, as in --set route.column=RTE_NAME"
+            f"--routes {path}: there is no column with names of routes ({', '.join(wanted)}) among {listed}. Name it, "
+            "as in --set route.column=RTE_NAME."
         )
     return found
 
@@ -211,8 +210,8 @@ def _no_such_route(file: RouteFile) -> str:
     near = difflib.get_close_matches(file.settings.name, names, n=_MOST_LISTED, cutoff=0.4)
     shown = ", ".join(near or names[:_MOST_LISTED])
     return (
-        f"wanted the route {file.settings.name!r} in its column {file.column}, found {len(names)} others; "
-        f"the nearest: {shown}"
+        f"there is no route {file.settings.name!r} among the {len(names)} of its column {file.column}; the nearest: "
+        f"{shown}"
     )
 
 
@@ -263,12 +262,9 @@ def _with_measures() -> Iterator[None]:
 
 def _no_crs(path: Path) -> InputError:
     return InputError(
-        f"--routes {path}: wanted the coordinate reference system of its lines, found none; "
-        "assign one in a GIS and export again"
+        f"--routes {path}: the lines have no coordinate reference system. Assign one in a GIS and export again."
     )
 
 
 def _unreadable(path: Path, error: Exception) -> InputError:
-    return InputError(
-        f"--routes {path}: wanted route lines, found a file that cannot be read ({error}); check the file"
-    )
+    return InputError(f"--routes {path}: the route lines cannot be read ({error}). Check the file.")

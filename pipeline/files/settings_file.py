@@ -149,7 +149,7 @@ def _layers(
         name, equals, value = text.partition("=")
         if not equals or not name.strip():
             raise UsageError(
-                f"--set wants group.name=value, as in --set segment.clusters=8; found {text!r}"
+                f"--set takes group.name=value, as in --set segment.clusters=8, but is {text!r}"
             )
         yield "--set", name.strip(), value.strip()
     for name, value in options.items():
@@ -166,7 +166,7 @@ def _tree(groups: Mapping[str, Any], origin: str) -> Iterator[tuple[str, str, An
                 f"{_nearest(group, known)}"
             )
         if not isinstance(values, Mapping):
-            raise UsageError(f"{origin}: {group} must be a table [{group}], found {values!r}")
+            raise UsageError(f"{origin}: {group} must be a table [{group}], but is {values!r}")
         for name, value in values.items():
             yield origin, f"{group}.{name}", value
 
@@ -247,7 +247,7 @@ def _within(value: Any, leaf: Field[Any]) -> bool:
 
 
 def _refusal(name: str, leaf: Field[Any], value: Any, origin: str) -> str:
-    """What was wanted and what was found."""
+    """The error for a value outside the type, range or choices of its setting."""
     low, high, choices = (leaf.metadata[key] for key in ("low", "high", "choices"))
     kind = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
     wanted = " or ".join(choices) if choices else kind[type(leaf.default)]
@@ -255,7 +255,7 @@ def _refusal(name: str, leaf: Field[Any], value: Any, origin: str) -> str:
         wanted += f" ({leaf.metadata['unit']})"
     if low is not None:
         wanted += f", at least {low:g}" if high is None else f", {low:g} to {high:g}"
-    return f"setting {name} wants {wanted}; found {value!r} ({origin})"
+    return f"setting {name} must be {wanted}, but is {value!r} ({origin})"
 
 
 def _nearest(name: str, known: Mapping[str, Any] | Sequence[str]) -> str:
@@ -287,7 +287,7 @@ def _check_together(settings: Settings) -> None:
         )
     given = [f"models.{n}" for n in ("detector", "detections") if getattr(settings.models, n)]
     if len(given) > 1:
-        raise UsageError(f"wanted one source of boxes, found both {' and '.join(given)}; give one")
+        raise UsageError(f"boxes have one source, but {' and '.join(given)} are given. Give one.")
     report = settings.report
     if given and report.on:
         raise UsageError(
@@ -315,21 +315,21 @@ def _check_route(route: RouteSettings) -> None:
     by_milepost = route.milepost >= 0
     if by_milepost and route.file:
         raise UsageError(
-            "wanted a milepost (route.milepost) or lines with measures (route.file), found both; give one"
+            "a milepost (route.milepost) and lines with measures (route.file) are given. Give one."
         )
     if route.name and not by_milepost and not route.file:
         raise UsageError(
-            f"route.name ({route.name}): wanted the measure where the drive begins, found none; add --milepost 12.35, "
-            "or --routes FILE with its lines"
+            f"route.name ({route.name}): the measure where the drive begins is missing. Add --milepost 12.35, or "
+            "--routes FILE with its lines."
         )
     if by_milepost and not route.name:
         raise UsageError(
-            f"route.milepost ({route.milepost:g}): wanted the route it is of, found none; add --route 'US-36 EB'"
+            f"route.milepost ({route.milepost:g}): its route is missing. Add --route 'US-36 EB'."
         )
     if route.decreasing and not by_milepost:
         raise UsageError(
-            "route.decreasing: wanted a milepost that it belongs to, found none; add --milepost 12.35, "
-            "lines with measures need no direction"
+            "route.decreasing: there is no milepost that this belongs to. Add --milepost 12.35; lines with measures "
+            "need no direction."
         )
 
 

@@ -9,8 +9,8 @@ import textwrap
 def visible(text: str, keep: str = "") -> str:
     r"""The text with every character that has no form of its own as its escape, such as `\x1b`.
 
-    These are control characters (ESC starts commands to a terminal), line ends, invisible ones that turn the direction
-    of writing, and the surrogates that stand for bytes of names that are not UTF-8. Characters of `keep` are kept.
+    These are control characters (ESC starts commands to a terminal), line ends, and invisible ones that turn the
+    direction of writing. Surrogates stand for bytes of names that are not UTF-8. Characters of `keep` are kept.
     """
     if text.isprintable():
         return text

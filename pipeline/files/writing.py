@@ -1,7 +1,7 @@
-"""How every command writes a file: beside its name under another, synced, then renamed; and the words where it fails.
+"""How every command writes a file: under another name in the same folder, synced, then renamed.
 
-A file appears under its name when it is whole. A file that stands there already is replaced only where wayside can
-tell that it is its own of before, or where `overwrite` is said.
+The error messages are here too. A file appears under its name when it is whole. An existing file is replaced only where
+wayside recognises it as its own, or with `overwrite`.
 """
 
 from __future__ import annotations
@@ -40,13 +40,14 @@ UNWRITABLE = (*_ADVICE, errno.EROFS)
 def not_written(
     path: Path,
     error: OSError,
-    wanted: str = "to write the result here",
+    content: str = "the result",
     instead: str = "choose another folder with -o",
 ) -> OutputError:
     """The error for a person where `path`, or the scratch folder in it, cannot be written."""
     path = path.parent if path.name == PART else path
     advice = f"{_ADVICE.get(error.errno or 0, '')} {instead}".strip()
-    return OutputError(f"{path}: wanted {wanted}, found: {error.strerror or error}; {advice}")
+    advice = advice[:1].upper() + advice[1:]
+    return OutputError(f"{path}: {content} cannot be written: {error.strerror or error}. {advice}.")
 
 
 def not_whole(path: Path) -> OutputError:
@@ -114,7 +115,7 @@ def give_back(held: FileLock) -> None:
 def refuse(path: Path, found: str) -> OutputError:
     """The error for a person where something of theirs stands in the way."""
     return OutputError(
-        f"{path}: wanted a free name, found {found}; choose another name, or replace it with --overwrite"
+        f"{path}: the name is taken by {found}. Choose another name, or replace it with --overwrite."
     )
 
 
@@ -123,7 +124,7 @@ def require_free(
 ) -> None:
     """Refuse before long work what `whole_file` would refuse after it (OutputError): a file of the user's."""
     if path.is_file() and not is_stream(path) and not overwrite and not is_own(path):
-        raise refuse(path, "another file of that name")
+        raise refuse(path, "another file")
 
 
 @contextmanager
@@ -161,7 +162,7 @@ def whole_file(
             return
         target = resolved(path)
         if target.is_dir():
-            raise OutputError(f"{path}: wanted a file to write, found a folder; name a file in it")
+            raise OutputError(f"{path}: this is a folder. Name a file in it.")
         replaced = overwrite or not target.exists() or is_own(target)
         _sweep(target)
         scratch = target.with_name(f".{target.name}.{secrets.token_hex(4)}{PART}")
@@ -173,7 +174,7 @@ def whole_file(
                 os.fsync(stream.fileno())
                 read_back(scratch)
                 if not replaced and not filecmp.cmp(scratch, target, shallow=False):
-                    raise refuse(path, "another file of that name")
+                    raise refuse(path, "another file")
                 os.replace(scratch, target)
             except BaseException:
                 with suppress(OSError):
@@ -186,7 +187,7 @@ def whole_file(
                     held.release()
         sync(target.parent)
     except OSError as error:
-        raise not_written(path, error, "to write a file here", "name another file") from error
+        raise not_written(path, error, "the file", "name another file") from error
 
 
 def write_file(
@@ -196,7 +197,7 @@ def write_file(
     is_own: Callable[[Path], bool] = lambda path: False,
     overwrite: bool = False,
 ) -> None:
-    """Write a file at once; parameters and errors are those of `whole_file`."""
+    """Write a file at once. Takes and raises the same as `whole_file`."""
     with whole_file(path, is_own=is_own, overwrite=overwrite) as stream:
         stream.write(content)
 
@@ -204,7 +205,7 @@ def write_file(
 def write_json(
     path: Path, content: Mapping[str, Any], own_keys: Collection[str], *, overwrite: bool = False
 ) -> None:
-    """Write figures as JSON; a file is an own one of before where it holds all of `own_keys`.
+    """Write figures as JSON. An existing file is one of wayside's own where it has all of `own_keys`.
 
     Raises
     ------

@@ -27,10 +27,10 @@ FIGURES, PAGE = "fit.json", "fit.html"
 class FitOptions:
     """Options of the command.
 
-    labels, images: files and folders as given; classes: TOML file for foreign class names; read: options of reading by
-    their setting; wanted: which models; alpha: false-alarm rate; space: of the colours, None: by cross-validation;
-    complete: every labelled image shows no other sign; only_labelled: leave out classes of too few signs; source,
-    licence: words for the model files.
+    `labels`, `images`: files and folders as given. `classes`: TOML file for foreign class names. `read`: options of
+    reading by their setting. `wanted`: which models. `alpha`: false-alarm rate. `space`: of the colours, None: by
+    cross-validation. `complete`: every labelled image shows no other sign. `only_labelled`: leave out classes of too
+    few signs. `source`, `licence`: words for the model files.
     """
 
     labels: tuple[Path, ...]
@@ -62,8 +62,8 @@ def fit_labels(
     """
     if len(options.labels) not in (1, len(options.images)):
         raise UsageError(
-            f"wanted one file of labels, or one for each of the {len(options.images)} --images in their order, found "
-            f"{len(options.labels)}"
+            f"{len(options.labels)} files of labels are given. Give one, or one for each of the {len(options.images)} "
+            "--images in their order."
         )
     _require_free(out, overwrite=overwrite)
     presets = {
@@ -115,7 +115,7 @@ def digest_of(path: Path) -> str:
 def _require_free(out: Path, *, overwrite: bool) -> None:
     for name in (*FILES.values(), FIGURES, PAGE):
         if (out / name).exists() and not overwrite:
-            raise refuse(out / name, "a model or figures of before")
+            raise refuse(out / name, "an earlier model or other figures")
 
 
 def _write(
@@ -125,13 +125,13 @@ def _write(
     origin: str,
     alpha: float | None,
 ) -> None:
-    """Models, figures and curves; a model of before that is not written now goes, for it has other figures."""
+    """Write models, figures and curves; remove earlier models, which have other figures."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name in FILES.values():
             (out / name).unlink(missing_ok=True)
     except OSError as error:
-        raise not_written(out, error, "a folder to write models to") from error
+        raise not_written(out, error, "a model") from error
     for one in outcomes:
         if one.fitted is not None and one.written:
             text = model_to_json(one.fitted.model)

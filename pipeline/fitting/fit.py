@@ -45,8 +45,8 @@ FILES = {
 class Outcome:
     """What became of one model.
 
-    fitted: the model with its figures, None where there were too few samples; refusal: why the shipped model stays, ""
-    where the fitted one is written; faces, met: labelled faces, and those with a region on them; None for landmarks.
+    `fitted`: the model with its figures, None with too few samples. `refusal`: why the shipped model stays, else "".
+    `faces`, `met`: labelled faces, and those with a region on them; None for landmarks.
     """
 
     what: str
@@ -89,7 +89,7 @@ def fit_models(
     shapes = load_models(presets["report-shape"]).shape_classes
     colors, evidence = models.color_classes, default.landmark_classifier
     if colors is None or shapes is None or evidence is None:
-        raise InputError("wanted the models that ship, found some missing; install wayside again")
+        raise InputError("models that ship with wayside are missing. Install wayside again.")
     outcomes: list[Outcome] = []
     if COLOR in wanted:
         notify("colours: segmenting the labelled images")

@@ -72,21 +72,19 @@ def region_samples(
             seen.update(face[rows][face[rows] >= 0].tolist())
         faces, met = faces + int((drive.faces.example & (names != "")).sum()), met + len(seen)
     if not parts:
-        raise InputError(
-            "wanted a labelled image that decodes, found none; check the images that the labels name"
-        )
+        raise InputError("no labelled image can be decoded. Check the images that the labels name.")
     return Gathered(Samples.joined(parts), faces, met)
 
 
 def run_drives(
     drives: Iterable[LabelledDrive], settings: Settings, models: Models
 ) -> list[tuple[LabelledDrive, Mapping[str, ClassifierSamples]]]:
-    """Run the logs among the drives: what each classifier was asked there. Raises InputError where there is none."""
+    """Run the logs among the drives: what each classifier was asked there. Raises InputError without one."""
     logs = [drive for drive in drives if drive.is_log]
     if not logs:
         raise InputError(
-            "wanted a log, found folders of images: landmarks are seen in several images in order; "
-            "make a log of them with wayside import"
+            "folders of images have no landmarks, which are seen in several images in order. Make a log of them with "
+            "`wayside import`."
         )
     return [(one, gather_samples(one.path, one.own_labels(), settings, models)) for one in logs]
 

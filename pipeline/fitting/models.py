@@ -66,10 +66,10 @@ Asked = tuple[Samples, Floor]
 class FittedModel:
     """A model and what it rests on.
 
-    held: of its own classes on what was held out; kept: shipped classes in it; lacking: signs of each class that had
-    too few, by name; prior_signs: what the pooled covariance counted as; compared: other spaces, and how these did;
-    shipped: how the shipped model decides on the same samples as `held`; fitted: this one, kept classes included, on
-    all samples (not held out).
+    `held`: of its own classes on what was held out. `kept`: shipped classes in it. `lacking`: signs of each class that
+    had too few, by name. `prior_signs`: what the pooled covariance counted as. `compared`: other spaces, and how these
+    did. `shipped`: how the shipped model decides on the same samples as `held`. `fitted`: this one, kept classes
+    included, on all samples (not held out).
     """
 
     model: GaussianModel
@@ -83,7 +83,7 @@ class FittedModel:
 
     @property
     def better(self) -> bool:
-        """Whether held-out signs and the rest are told apart, and better than by the shipped model.
+        """Whether held-out signs and the rest are separated, and better than by the shipped model.
 
         By more than one standard error of the difference.
         """
@@ -94,8 +94,9 @@ class FittedModel:
 class FittedConfidence:
     """The landmark classifier with other log odds, slope * shipped + shift, and what it rests on.
 
-    signs, others: labelled landmarks; before, after: mean log loss (nats) of held-out landmarks with the shipped
-    calibration and with one fitted without them; brier_before, brier_after: their mean squared errors of probability.
+    `signs`, `others`: labelled landmarks. `before`, `after`: mean log loss (nats) of held-out landmarks with the
+    shipped calibration and with one fitted without them. `brier_before`, `brier_after`: their mean squared errors of
+    probability.
     """
 
     model: EvidenceModel
@@ -118,8 +119,8 @@ class FittedConfidence:
 class Task:
     """What is common to the models of a fit.
 
-    alpha: false-alarm rate wanted of a gate, None: the knee; only_labelled: leave out classes of too few signs instead
-    of keeping their shipped form; provenance: what a model file says of its origin.
+    `alpha`: false-alarm rate wanted of a gate, None: the knee. `only_labelled`: leave out classes of too few signs
+    instead of keeping their shipped form. `provenance`: what a model file says of its origin.
     """
 
     alpha: float | None
@@ -133,7 +134,7 @@ def fit_colors(
     """Colour classes by mean colours of regions, RGB; in the given space, or in that which does best when held out.
 
     RGB, the report's space, stays where no other accepts more signs by name for its false alarms by more than one
-    standard error. The shipped classes are in RGB; parameters and errors are those of `fit_gaussians`.
+    standard error. The shipped classes are in RGB. Takes and raises the same as `fit_gaussians`.
     """
     tried = {
         one: (samples.with_values(color_features(samples.values, one)), color_floor(one))
@@ -210,8 +211,8 @@ def enough(samples: Samples, known: Sequence[str], what: str) -> tuple[str, ...]
     others = int((samples.kind == "").sum())
     if others < FEWEST_OTHERS:
         raise InputError(
-            f"wanted {FEWEST_OTHERS} samples of what is no sign, found {others}; mark images as "
-            "complete (--complete: every sign of the labelled images is labelled), or label what is no sign"
+            f"{FEWEST_OTHERS} samples that are not signs are needed, and there are {others}. Mark images as complete "
+            "(--complete: every sign of the labelled images is labelled), or label what is not a sign."
         )
     counts = {name: samples.signs(name) for name in known}
     names = tuple(
@@ -222,8 +223,8 @@ def enough(samples: Samples, known: Sequence[str], what: str) -> tuple[str, ...]
     if not names:
         found = ", ".join(f"{count} {name}" for name, count in counts.items() if count) or "none"
         raise InputError(
-            f"wanted {FEWEST_SIGNS} labelled signs of a {what}, in two stretches of road or more, "
-            f"found {found}; label more"
+            f"{FEWEST_SIGNS} labelled signs of a {what} are needed, from two stretches of road or more, and there are "
+            f"{found}. Label more."
         )
     return names
 
@@ -327,8 +328,8 @@ def _asked(samples: Samples, names: Sequence[str]) -> Samples:
 def fit_confidence(samples: Samples, shipped: EvidenceModel, task: Task) -> FittedConfidence:
     """Fit slope and shift of the log odds (n, 1) of labelled landmarks, held out fold by fold (Platt 1999).
 
-    The model decides where a sign is as likely as anything else, or at a false-alarm rate; its operating points are
-    those of the held-out log odds.
+    The model decides where a sign is as likely as anything else, or at a false-alarm rate. Its operating points are
+    computed from the held-out log odds.
 
     Raises
     ------
@@ -339,8 +340,8 @@ def fit_confidence(samples: Samples, shipped: EvidenceModel, task: Task) -> Fitt
     signs, others, folds = int(on.sum()), int((~on).sum()), np.unique(samples.fold)
     if min(signs, others) < FEWEST_LANDMARKS or len(folds) < 2:
         raise InputError(
-            f"wanted {FEWEST_LANDMARKS} landmarks of labelled signs and of what is no sign, in two stretches or more, "
-            f"found {signs} and {others} in {len(folds)}; label more"
+            f"{FEWEST_LANDMARKS} landmarks of labelled signs and as many others are needed, from two stretches or "
+            f"more. There are {signs} and {others} from {len(folds)}. Label more."
         )
     held = np.empty(len(score))
     for fold in folds:

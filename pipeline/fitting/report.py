@@ -224,7 +224,7 @@ def _class(one: ClassScore) -> dict[str, Any]:
 
 
 def fit_page(outcomes: Sequence[Outcome], provenance: str) -> str:
-    """HTML: for each model its held-out rates beside the shipped ones, and the curve of each class."""
+    """HTML: for each model its held-out rates next to the shipped ones, and the curve of each class."""
     chapters = [(one.what, _figures(one)) for one in outcomes]
     return format_page("Models fitted to labels", (provenance, _CURVES), chapters)
 

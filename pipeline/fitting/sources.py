@@ -30,9 +30,9 @@ STRETCHES = 10
 class LabelledDrive:
     """A log, or a folder of images in their natural order, with labels.
 
-    path; is_log; labels: by frame; faces: the same as boxes, their numbers of signs those of no other drive; stretch:
-    number of the stretch of each labelled frame; fold: that of all its stretches where whole drives are held out, else
-    None.
+    `labels`: by frame. `faces`: the same as boxes, their numbers of signs those of no other drive.
+    `stretch`: number of the stretch of each labelled frame. `fold`: that of all its stretches where whole drives are
+    held out, else None.
     """
 
     path: Path
@@ -134,7 +134,7 @@ def _by_frame(labels: Labels, path: Path, settings: ReadSettings) -> tuple[bool,
     if path.is_dir():
         files = _files(path)
         if not files:
-            raise InputError(f"{path}: wanted a folder of JPEG or PNG images, found none in it")
+            raise InputError(f"{path}: the folder holds no JPEG or PNG images")
         names = {k: _name(path, file, labels) for k, file in enumerate(files)}
         found = labels_by_frame(labels, path.resolve().name, {k: -1 - k for k in names}, names)
         used = set(names)
@@ -147,8 +147,8 @@ def _by_frame(labels: Labels, path: Path, settings: ReadSettings) -> tuple[bool,
     if not _labelled(found):
         lost = ", ".join(f"{count} {reason}" for reason, count in found.left_out.items())
         raise InputError(
-            f"{path}: wanted labels of its images, found none ({lost or 'outside the part that is read'}); "
-            "give the labels of this log or folder, see docs/labels.md"
+            f"{path}: no label belongs to its images ({lost or 'outside the part that is read'}). Give the labels of "
+            "this log or folder; see docs/labels.md."
         )
     return path.is_file(), found
 
@@ -179,7 +179,7 @@ def _folder_images(folder: Path, wanted: Mapping[int, int]) -> Iterator[Image]:
             continue
         rgb = cv2.imread(str(file), cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)
         if rgb is None:
-            raise InputError(f"{file}: wanted an image, found none that can be read; leave it out")
+            raise InputError(f"{file}: the image cannot be read. Leave it out.")
         refuse_turned(str(file), read_exif(file.read_bytes()))
         pixels = np.ascontiguousarray(rgb, np.uint8)
         height, width = pixels.shape[:2]

@@ -35,8 +35,8 @@ _OTHER: dict[Side, Side] = {"before": "after", "after": "before"}
 class Coverage:
     """A drive that had a place in view and did not see the panel.
 
-    rows: of its frames, in order, that show the place largest; best: row of the largest, box (4,) there; offset_m (3,):
-    error of the drive there; time_ns: of the drive; hidden: something nearer stands before the place.
+    `rows`: of its frames, in order, that show the place largest. `best`: row of the largest, box (4,) there. `offset_m`
+    (3,): error of the drive there. `time_ns`: of the drive. `hidden`: something nearer stands before the place.
     """
 
     drive: str
@@ -53,8 +53,8 @@ class Coverage:
 class Absence:
     """A panel that one survey saw and the other did not, and the drives that had its place in view.
 
-    row: of the table, so far `not_looked_at`; side: the survey that saw it, with this confidence, at times_ns; place
-    (3,): longitude, latitude, height; size_m (2,).
+    `row`: of the table, so far `not_looked_at`. `side`: the survey that saw it, with this confidence, at times_ns.
+    `place` (3,): longitude, latitude, height. `size_m` (2,).
     """
 
     row: Row
@@ -173,5 +173,5 @@ def _mark_hidden_of_drive(
     if waiting:
         last = int(view.frames.frame[waiting[-1][1].rows[-1]])
         raise InputError(
-            f"{log}: wanted image {last}, found the end of the log: it is shorter than at the run"
+            f"{log}: the log ends before image {last}: it is shorter than it was at the run"
         )

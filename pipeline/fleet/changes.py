@@ -58,8 +58,8 @@ _SIGHTING = (
 class ChangeReport:
     """Counts of `changes.parquet`, and of either survey its drives that tell less.
 
-    blind: their results do not say what was in view; unseen: with the reason, why their logs give no images, so that
-    what hid a place from them is not known.
+    `blind`: their results do not state what was in view. `unseen`: their logs give no images, with the reason, which
+    leaves unknown what hid a place from them.
     """
 
     counts: Counter[str] = field(default_factory=Counter)
@@ -97,9 +97,9 @@ def find_changes(
     """Compare two surveys and write `changes.parquet` into the folder of the inventory.
 
     The settings of the comparison, and those that the inventory was merged with, are in the metadata of the file. A
-    panel counts as gone, or as new, only where a drive of the other survey had its place in view: enough images in
-    which it would show whole, from the front, and as high as that drive measures its own panels from on, most of which
-    see past the place (`measure_occlusion`), where the log is at hand and its images tell.
+    panel counts as gone, or as new, only where a drive of the other survey had its place in view. This takes enough
+    images in which the panel would show whole, from the front, and as high as the lowest panels that this drive
+    measures. Where the log exists, most of the images must also see past the place (`measure_occlusion`).
 
     Parameters
     ----------
@@ -124,15 +124,16 @@ def find_changes(
     manifest = open_inventory(inventory, by_fleet=False)
     if not (inventory / PANELS.name).is_dir():
         raise InputError(
-            f"{inventory}: wanted an inventory, found no folder {PANELS.name} in it; `wayside fleet` merges drives"
+            f"{inventory}: this is not an inventory, because it has no folder {PANELS.name}. `wayside fleet` merges "
+            "drives."
         )
     if before.from_ns < after.until_ns and after.from_ns < before.until_ns:
-        raise UsageError(f"wanted two surveys, found that {before.words} and {after.words} overlap")
+        raise UsageError(f"the surveys {before.words} and {after.words} overlap")
     surveys: dict[Side, Survey] = {"before": before, "after": after}
     comparison = _Comparison(inventory, manifest, surveys, settings or ChangeSettings())
     target = inventory / CHANGES.file
     if target.exists() and not overwrite and not _is_own(target):
-        raise refuse(target, "a file that is no comparison of surveys")
+        raise refuse(target, "a file that is not a comparison of surveys")
     schema = schema_with_settings(CHANGES, merge=comparison.merge, changes=comparison.settings)
     with (
         whole_file(target, is_own=_is_own, overwrite=overwrite) as stream,
@@ -173,9 +174,7 @@ class _Comparison:
         self.report.drives = {side: sum(s == side for s in self._side.values()) for side in _SIDES}
         for side, survey in surveys.items():
             if not self.report.drives[side]:
-                raise UsageError(
-                    f"wanted drives of {survey.words} in {inventory / DRIVES}, found none of that time"
-                )
+                raise UsageError(f"{inventory / DRIVES} holds no drive of {survey.words}")
 
     def rows(self) -> Iterator[list[Row]]:
         """Rows of the table, cell by cell, then those that are gone, new or moved."""
@@ -337,8 +336,8 @@ def _merged_results(inventory: Path, manifest: Manifest) -> list[Path]:
         return sorted(path.parent for path in (inventory / DRIVES).glob(f"*/{RUN_FILE}"))
     if manifest.merged != manifest.results():
         raise InputError(
-            f"{inventory}: wanted tables merged of all results that are done, found other results since: a fleet is "
-            "under way, or was ended before it merged; let `wayside fleet` come to its end and compare then"
+            f"{inventory}: some results are newer than the merged tables. A fleet is running, or ended before it "
+            "merged. Let `wayside fleet` finish, and compare then."
         )
     return [inventory / DRIVES / entry.name for entry in manifest.done()]
 

@@ -1,4 +1,4 @@
-"""A page of what changed between two surveys: the images of both beside each other."""
+"""A page of the changes between two surveys: the images of both side by side."""
 
 from __future__ import annotations
 
@@ -70,9 +70,7 @@ def write_page(
     """
     table = inventory / CHANGES.file
     if not table.is_file():
-        raise InputError(
-            f"{inventory}: wanted {CHANGES.file}, found none; compare two surveys first"
-        )
+        raise InputError(f"{inventory}: there is no {CHANGES.file}. Compare two surveys first.")
     everything: list[Row] = read_parquet(table).drop_columns(["geometry"]).to_pylist()
     rows = [
         row

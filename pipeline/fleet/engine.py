@@ -151,8 +151,8 @@ class DaskEngine(AbstractContextManager["DaskEngine"]):
             import distributed
         except ImportError as error:
             raise UsageError(
-                f"--scheduler: wanted Dask distributed, found: {error}; `pip install 'wayside[fleet]'`, "
-                "or leave --scheduler out: processes of this machine do the same"
+                f"--scheduler: Dask distributed cannot be loaded: {error}. Install it with `pip install "
+                "'wayside[fleet]'`, or leave --scheduler out to use processes of this machine."
             ) from error
         self._run, self._jobs = run, jobs
         self._dask: Any = distributed  # it has no types
@@ -166,16 +166,16 @@ class DaskEngine(AbstractContextManager["DaskEngine"]):
             self._client.wait_for_workers(1, timeout=_CONNECT_S)
         except (OSError, TimeoutError, ValueError) as error:
             raise UsageError(
-                f"--scheduler {scheduler}: wanted a Dask scheduler with workers, found: {error}; start one with "
-                "`dask scheduler` and `dask worker ADDRESS --nthreads 1`, or say --scheduler local"
+                f"--scheduler {scheduler}: no Dask scheduler with workers answers: {error}. Start one with `dask "
+                "scheduler` and `dask worker ADDRESS --nthreads 1`, or give --scheduler local."
             ) from error
         self._executor = self._client.get_executor(pure=False)
         blind = [a for a, seen in self._client.run(os.path.isfile, str(shared)).items() if not seen]
         if blind:
             self.__exit__()
             raise OutputError(
-                f"{shared}: wanted a folder that all workers see, found that {', '.join(blind)} do not; "
-                "put the inventory on a shared file system"
+                f"{shared}: the workers {', '.join(blind)} do not see this folder. Put the inventory on a shared file "
+                "system."
             )
 
     def places(self) -> int:

@@ -1,7 +1,7 @@
-"""Folders of the merged tables of an inventory: they replace those of before together, whenever the process ends.
+"""Folders of the merged tables of an inventory. They replace the earlier ones together, whenever the process ends.
 
-They are written into a scratch folder, whose renaming is the moment from which the new ones count; what remains is to
-move them into place, which whoever opens the inventory next goes on with (`open_inventory`).
+They are written into a scratch folder. From the moment when it is renamed, the new tables count. They are then moved
+into place, which the next `open_inventory` continues after an interruption.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def _require_own(folder: Path) -> None:
             for path in folder.rglob("*")
         )
     if not own:
-        raise refuse(folder, "something there that is no table of an inventory")
+        raise refuse(folder, "something that is not a table of an inventory")
 
 
 def merged_parts(inventory: Path, name: str) -> list[Path]:

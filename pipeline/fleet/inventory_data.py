@@ -45,9 +45,9 @@ _SHORTEST_STEP_M = 0.5
 class DriveFrames:
     """Cameras of a drive with a place on WGS 84, in order; k rows.
 
-    frame (k,); time_ns (k,); geodetic (k, 3): longitude, latitude (deg), height (m); rotation (k, 3, 3): camera to
-    east, north, up; turn (k, 3, 3): world frame to east, north, up; station_m (k,); travel_rad (k,): compass direction
-    of travel.
+    `frame` (k,). `time_ns` (k,). `geodetic` (k, 3): longitude, latitude (deg), height (m). `rotation` (k, 3, 3): camera
+    to east, north, up. `turn` (k, 3, 3): world frame to east, north, up. `station_m` (k,). `travel_rad` (k,): compass
+    direction of travel.
     """
 
     frame: Ints
@@ -63,8 +63,8 @@ class DriveFrames:
 class DriveSigns:
     """The signs of a drive with a place on WGS 84.
 
-    name: folder of the result; table: rows of `signs.parquet` in order of station, with those that older results lack;
-    geodetic (n, 3); sightings: with positions still zero, `drive` 0; cell (n, 2): x, y of the tile.
+    `name`: folder of the result. `table`: rows of `signs.parquet` in order of station, with those that older results
+    lack. `geodetic` (n, 3). `sightings`: with positions still zero, `drive` 0. `cell` (n, 2): x, y of the tile.
     """
 
     name: str

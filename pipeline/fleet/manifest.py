@@ -24,73 +24,53 @@ STATES = (WAITING, RUNNING, *ENDED)
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A log of the inventory.
-
-    Attributes
-    ----------
-    name
-        Of its folders and files in the inventory; it stays.
-    source
-        Absolute path or URL.
-    fingerprint, bytes
-        Which recording it is (`log_fingerprint`), and its length.
-    key
-        Digest of log, settings, models and code that the result is made of, or is to be; None: the log could not be
-        read.
-    state
-        One of `STATES`.
-    status
-        Exit status of the log by itself, once it is done or in quarantine.
-    attempts, seconds
-        How often it was begun for this key, and what the last attempt took.
-    images, rows
-        Images read and rows of `signs.parquet`, where it is done.
-    since
-        When the state began, seconds since 1970.
-    words
-        Why it is in quarantine.
-    """
+    """A log of the inventory."""
 
     name: str
+    """Of its folders and files in the inventory; it never changes."""
     source: str
+    """Absolute path or URL."""
     fingerprint: str
+    """Which recording it is (`log_fingerprint`)."""
     bytes: int
+    """Length of the log."""
     key: str | None
+    """Digest of the log, settings, models and code that make the result. None: the log could not be read."""
     state: str = WAITING
+    """One of `STATES`."""
     status: int = 0
+    """Exit status of the log alone, once it is done or in quarantine."""
     attempts: int = 0
+    """How often it was begun for this key."""
     seconds: float = 0.0
+    """Duration of the last attempt."""
     images: int = 0
+    """Images read, where it is done."""
     rows: int = 0
+    """Rows of `signs.parquet`, where it is done."""
     since: float = 0.0
+    """When the state began, seconds since 1970."""
     words: str = ""
+    """Why it is in quarantine."""
 
 
 @dataclass(frozen=True, slots=True)
 class Manifest:
-    """All logs of an inventory by name, and the fleet that worked on it last.
-
-    Attributes
-    ----------
-    started, updated
-        When that fleet began, and when this was written; seconds since 1970.
-    where
-        Host and process of that fleet.
-    merged
-        `results` at the time when the merged tables were made; empty: they are not made, or about to be replaced.
-    merged_by
-        Digest of the settings that they were merged by.
-    vectors
-        By which all panels of a drive differed from those of another (`MergeReport`).
-    """
+    """All logs of an inventory by name, and the fleet that worked on it last."""
 
     logs: Mapping[str, Entry] = field(default_factory=dict)
     started: float = 0.0
+    """When that fleet began, seconds since 1970."""
     updated: float = 0.0
+    """When this was written, seconds since 1970."""
     where: str = ""
+    """Host and process of that fleet."""
     merged: str = ""
+    """`results` at the time of the merged tables. Empty: they are not made, or about to be replaced."""
     merged_by: str = ""
+    """Digest of the settings that they were merged by."""
     vectors: Sequence[str] = ()
+    """Common difference of all panels of a drive from those of another (`MergeReport`)."""
 
     def with_entries(self, entries: Iterable[Entry]) -> Manifest:
         """The same with these entries in the place of those of their names."""
@@ -110,7 +90,7 @@ class Manifest:
 
 
 def read_manifest(inventory: Path) -> Manifest:
-    """What stands in `fleet.json`.
+    """Content of `fleet.json`.
 
     Raises
     ------

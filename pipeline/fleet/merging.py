@@ -57,8 +57,8 @@ MERGED = (PANELS.name, SUPPORTS.name, SIGHTINGS.name)
 class MergeReport:
     """What was merged: counts of rows, and of what could not be.
 
-    local_drives: drives without fixes, kept as they are; left_out: their signs, and signs of other drives without a
-    place on WGS 84; vectors: by which all panels of a drive differed from those of another, in words, a line each.
+    `local_drives`: drives without fixes, kept as they are. `left_out`: their signs, and signs of other drives without a
+    place on WGS 84. `vectors`: by which all panels of a drive differed from those of another, in words, a line each.
     """
 
     drives: int = 0
@@ -125,7 +125,7 @@ def merge_inventory(
     for one, other in pairwise(folders):
         if one.name == other.name:
             raise UsageError(
-                f"wanted results with names of their own, found {one} and {other}; rename one of the folders"
+                f"the results {one} and {other} have the same name. Rename one of the folders."
             )
     with replaced_folders(out, MERGED) as part:
         return _Merging(folders, chosen).write(part, watch)

@@ -39,8 +39,8 @@ _RANK = tuple(SIGN_STATUSES)
 class Block:
     """Sightings of a cell and its margin, with the drives they are of.
 
-    origin: of their positions; rows: of each drive's table, one array for each of `drives`, in the order of the
-    sightings; cell (n, 2): tile of each; vector_m (n, 3): of the whole drive, taken out of the positions.
+    `origin`: of their positions. `rows`: of each drive's table, one array for each of `drives`, in the order of the
+    sightings. `cell` (n, 2): tile of each. `vector_m` (n, 3): of the whole drive, taken out of the positions.
     """
 
     origin: LocalOrigin

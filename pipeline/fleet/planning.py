@@ -1,4 +1,4 @@
-"""Which logs a fleet begins with, and in which state: those of before, moved, changed, copies, unreadable."""
+"""Which logs a fleet begins with, and in which state: known, moved, changed, copies, unreadable."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def planned_logs(
 ) -> tuple[dict[str, Entry], list[tuple[str, str]]]:
     """The given logs by name with the states in which the fleet begins, and those that are copies of others.
 
-    A log is the one of before by its source, or by its content where it has moved.
+    A log is known by its source, or by its content where it has moved.
 
     Raises
     ------
@@ -81,8 +81,8 @@ def planned_logs(
         if changed and not overwrite:
             some = ", ".join(changed[:3]) + (", ..." if len(changed) > 3 else "")
             raise OutputError(
-                f"wanted the logs that {inventory} holds, found {len(changed)} of other content in their places: "
-                f"{some}; give them other names to add them, or replace their results with --overwrite"
+                f"{len(changed)} of the logs that {inventory} holds have changed: {some}. Give them other names to "
+                "add them, or replace their results with --overwrite."
             )
         standing = readers.map(lambda entry: _standing(inventory, entry, earlier), planned.values())
         return {entry.name: entry for entry in standing}, copies

@@ -24,7 +24,7 @@ try:
     import duckdb
 except ImportError as error:
     raise UsageError(
-        f"wayside query: wanted DuckDB, found: {error}; `pip install 'wayside[query]'`"
+        f"wayside query: DuckDB cannot be loaded: {error}. Install it with `pip install 'wayside[query]'`."
     ) from error
 
 MERGED_VIEWS = ("panels", "supports", "sightings", "changes")
@@ -48,9 +48,9 @@ def first_rows(inventory: Path, sql: str, count: int) -> tuple[list[str], list[l
 def write_answer(inventory: Path, sql: str, stream: BinaryIO, kind: str) -> None:
     """Write the answer to one question.
 
-    Views: `panels`, `supports`, `sightings` and `changes` of the merged inventory; `signs`, `frames` and `observations`
-    of its drives, with the name of the drive in the column `drive`; `logs`: what `fleet.json` says of each log. Nothing
-    is changed, and nothing is fetched from elsewhere.
+    Views of the merged inventory: `panels`, `supports`, `sightings` and `changes`. Views of its drives: `signs`,
+    `frames` and `observations`, with the name of the drive in the column `drive`. `logs` is the entry of each log in
+    `fleet.json`. Nothing is changed, and nothing is fetched from elsewhere.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def _prepared(inventory: Path, sql: str) -> Iterator[tuple[duckdb.DuckDBPyConnec
             statements = connection.extract_statements(sql)
             if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
                 raise UsageError(
-                    f"wanted one statement that reads (SELECT, FROM, DESCRIBE, SUMMARIZE), found {sql!r}"
+                    f"{sql!r} is not one statement that reads. Write one SELECT, FROM, DESCRIBE or SUMMARIZE."
                 )
             asked = set(re.findall(r"\w+", sql.lower()))  # words that may be views
             for view in (name for name in VIEWS if name in asked):
@@ -109,7 +109,7 @@ def _prepared(inventory: Path, sql: str) -> Iterator[tuple[duckdb.DuckDBPyConnec
                     else "nothing is merged yet, or no drive has satellite fixes"
                 )
                 raise InputError(
-                    f"{inventory}: wanted {', '.join(lacking)}, found none: {why}"
+                    f"{inventory}: there are no {', '.join(lacking)}: {why}"
                 ) from error
             raise _unanswered(error) from error
         except duckdb.Error as error:

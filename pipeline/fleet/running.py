@@ -55,55 +55,36 @@ WatchMerging = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class FleetOptions:
-    """How a fleet is carried out; nothing here changes a result.
-
-    Attributes
-    ----------
-    jobs
-        Logs side by side; None: one, or the threads of the scheduler.
-    scheduler
-        Address of a Dask scheduler, or `local`; None: processes without Dask.
-    attempts
-        How often a log is begun before it goes into quarantine.
-    retry
-        Try the logs in quarantine again.
-    overwrite
-        Replace results of logs whose content has changed since.
-    arguments
-        The command line, for `run.json`.
-    """
+    """How a fleet is carried out; nothing here changes a result."""
 
     jobs: int | None = None
+    """Logs side by side. None: one, or the threads of the scheduler."""
     scheduler: str | None = None
+    """Address of a Dask scheduler, or `local`. None: processes without Dask."""
     attempts: int = 3
+    """How often a log is begun before it goes into quarantine."""
     retry: bool = False
+    """Try the logs in quarantine again."""
     overwrite: bool = False
+    """Replace results of logs whose content has changed since."""
     arguments: tuple[str, ...] = ()
+    """The command line, for `run.json`."""
 
 
 @dataclass(frozen=True, slots=True)
 class FleetReport:
-    """What a fleet did.
-
-    Attributes
-    ----------
-    entries
-        The given logs as they are now, in order.
-    kept
-        Names of those whose results stood before.
-    copies
-        Given logs that are the same recording as another one, with the name of that: counted once.
-    left
-        Names of logs that belong to the inventory no more, as somebody took their results away.
-    merged
-        What was merged, in words; None: nothing has changed since the last time, or no log is done.
-    """
+    """What a fleet did."""
 
     entries: tuple[Entry, ...]
+    """The given logs as they are now, in order."""
     kept: frozenset[str]
+    """Names of logs that had a result already."""
     copies: tuple[tuple[str, str], ...]
+    """Given logs that are the same recording as another one, with the name of that. They count once."""
     left: tuple[str, ...]
+    """Names of logs that are not in the inventory any more, because somebody took their results away."""
     merged: str | None
+    """What was merged, in words. None: nothing has changed since the last time, or no log is done."""
 
 
 class _WorkersError(WaysideError):
@@ -211,7 +192,7 @@ class _Book:
 
 
 def _carry_out(tasks: Sequence[Task], open_engine: OpenEngine, book: _Book) -> None:
-    """Open an engine for tasks; what was under way where it ends early is none of their attempts."""
+    """Open an engine for tasks. Tasks that an early end interrupts do not count as attempts."""
     under_way: UnderWay = {}
     try:
         with open_engine() as engine:
@@ -224,7 +205,7 @@ def _carry_out(tasks: Sequence[Task], open_engine: OpenEngine, book: _Book) -> N
         if isinstance(error, KeyboardInterrupt):
             done, total = sum(entry.state == DONE for entry in book.given()), len(book.given())
             raise InterruptionError(
-                f"interrupted; {done} of {total} logs are done; the same command goes on from here"
+                f"interrupted: {done} of {total} logs are done. The same command continues from here."
             ) from error
         raise
     finally:
@@ -249,7 +230,7 @@ def _work(engine: Engine, tasks: Sequence[Task], under_way: UnderWay, book: _Boo
                 unbegun[task.name] += begun_attempts(task) <= before
                 if unbegun[task.name] >= task.attempts:
                     raise _WorkersError(
-                        f"{task.source}: wanted a worker to begin this log, found that each died before: {death}"
+                        f"{task.source}: each worker died before it began this log: {death}"
                     )
                 note_end(task, death)
                 outcome = Outcome(WAITING, StageError.exit_status, before + 1, words=death)
@@ -269,7 +250,7 @@ def _engine_of(options: FleetOptions, inventory: Path, tasks: int) -> OpenEngine
 def _merge(
     inventory: Path, book: _Book, settings: MergeSettings, watch: WatchMerging
 ) -> str | None:
-    """Merge what is done, if it, the settings or the merged tables are not as the last time; what came of it."""
+    """Merge finished results if they, the settings or the merged tables have changed. Returns what was merged."""
     merged = book.manifest.results()
     by = hashlib.sha256(json.dumps(asdict(settings)).encode()).hexdigest()
     folders = [inventory / DRIVES / entry.name for entry in book.manifest.done()]

@@ -84,8 +84,8 @@ def fingerprint_source(uri: str) -> tuple[str, int]:
         if not _is_url(uri):
             path = Path(uri)
             if not path.is_file():
-                found = "a folder" if path.is_dir() else "no such file"
-                raise UnreachableError(f"{uri}: wanted a log, found {found}")
+                found = "this is a folder, not a log" if path.is_dir() else "there is no such log"
+                raise UnreachableError(f"{uri}: {found}")
             with path.open("rb") as stream:
                 size = path.stat().st_size
                 return stream_fingerprint(stream, size), size
@@ -122,8 +122,8 @@ def fetched(uri: str) -> Iterator[Path]:
             raise
         except Exception as error:  # as above
             if isinstance(error, OSError) and error.errno in UNWRITABLE:
-                wanted, instead = "to load a log here", "point TMPDIR to another folder"
-                raise not_written(path.parent, error, wanted, instead) from error
+                instead = "point TMPDIR to another folder"
+                raise not_written(path.parent, error, "a loaded log", instead) from error
             raise _unreachable(uri, error) from error
         yield path
 
@@ -147,11 +147,13 @@ def _listed(file: Path) -> list[str]:
     try:
         lines = [_unquoted(line.strip()) for line in read_input_text(file).splitlines()]
     except (OSError, ValueError) as error:
-        raise UsageError(f"@{file}: wanted a list of logs, one a line, found: {error}") from error
+        raise UsageError(
+            f"@{file}: the list of logs cannot be read: {error}. Write one log a line."
+        ) from error
     entries = [line for line in lines if line and not line.startswith("#")]
     nested = next((line for line in entries if line.startswith("@")), None)
     if nested is not None:
-        raise UsageError(f"@{file}: wanted logs, found another list in it: {nested}")
+        raise UsageError(f"@{file}: the list names another list, {nested}. Name logs only.")
     return _some(f"@{file}", [uri for line in entries for uri in _expanded(line)])
 
 
@@ -180,7 +182,7 @@ def _stored(url: str) -> list[str]:
 
 def _some(text: str, found: list[str]) -> list[str]:
     if not found:
-        raise UsageError(f"{text}: wanted logs ({_SUFFIX}), found none")
+        raise UsageError(f"{text}: there are no logs ({_SUFFIX}) here")
     return found
 
 
@@ -192,11 +194,11 @@ def _file_system(url: str) -> tuple[Any, str]:
         system, inner = url_to_fs(url)
     except ImportError as error:
         raise UsageError(
-            f"{url}: wanted a package that reads this storage, found none: {error}; "
-            "URLs need `pip install 'wayside[fleet]'`, and s3fs, gcsfs or adlfs for S3, Google and Azure"
+            f"{url}: the package that reads this storage is missing: {error}. URLs need `pip install "
+            "'wayside[fleet]'`, and s3fs, gcsfs or adlfs for S3, Google and Azure."
         ) from error
     except ValueError as error:
-        raise UsageError(f"{url}: wanted a URL that fsspec knows, found: {error}") from error
+        raise UsageError(f"{url}: fsspec does not know this kind of URL: {error}") from error
     return system, str(inner)
 
 
@@ -206,5 +208,5 @@ def _is_url(text: str) -> bool:
 
 def _unreachable(uri: str, error: Exception) -> UnreachableError:
     return UnreachableError(
-        f"{uri}: wanted a log, found: {type(error).__name__}: {error}; try again, or check address and access"
+        f"{uri}: the log cannot be read: {type(error).__name__}: {error}. Try again, or check the address and access."
     )

@@ -126,11 +126,11 @@ def locked_inventory(inventory: Path) -> Iterator[None]:
         inventory.mkdir(parents=True, exist_ok=True)
         lock = take_lock(inventory / LOCK)
     except OSError as error:
-        raise not_written(inventory, error, "an inventory here") from error
+        raise not_written(inventory, error, "the inventory") from error
     if lock is None:
         raise OutputError(
-            f"{inventory}: wanted to write an inventory here, found another fleet that does so now; "
-            f"wait until it is done (`wayside fleet status {inventory}`) or choose another folder with -o"
+            f"{inventory}: another fleet is writing an inventory here. Wait until it is done (`wayside fleet status "
+            f"{inventory}`), or choose another folder with -o."
         )
     try:
         yield

@@ -34,7 +34,7 @@ def parse_survey(text: str) -> Survey:
     first, _, last = text.partition("..")
     (start, _), (_, end) = _span(first, text), _span(last or first, text)
     if end <= start:
-        raise UsageError(f"wanted a survey whose end lies behind its start, found {text}")
+        raise UsageError(f"the survey {text} ends before it starts")
     return Survey(text, start, end)
 
 
@@ -46,7 +46,7 @@ def _span(text: str, whole: str) -> tuple[int, int]:
         start = np.datetime64(text)
     except ValueError as error:
         raise UsageError(
-            f"wanted a survey as 2024, 2024-05, 2024-05-17 or 2024-03..2024-06, found {whole}"
+            f"{whole} is not a survey. Write it as 2024, 2024-05, 2024-05-17 or 2024-03..2024-06."
         ) from error
     first, end = (time.astype("datetime64[s]").astype(int) for time in (start, start + 1))
     return int(first) * 10**9, int(end) * 10**9

@@ -1,4 +1,4 @@
-"""One log of a fleet, carried out wherever there is a worker; doing it again comes to the same.
+"""One log of a fleet, carried out wherever there is a worker. It can be repeated with the same result.
 
 An attempt stands in the log's own file on disk before its work starts. So the attempts that killed their worker are
 counted by whoever begins the next one, in whatever process or machine, also after the fleet itself was ended.
@@ -47,29 +47,18 @@ _QUARANTINED_LOG, _QUARANTINED_ERROR = "log.txt", "error.txt"
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What a worker needs to know of a log.
-
-    Attributes
-    ----------
-    name, source, fingerprint, key
-        As of its `Entry`.
-    inventory
-        Absolute path of the inventory; workers on other machines see it there, too.
-    settings
-        Of the run; models are loaded by the worker.
-    attempts
-        How often it is begun before it is put into quarantine.
-    arguments, overwrite
-        As of `process_log`.
-    """
+    """What a worker needs of a log: fields of its `Entry`, and arguments of `process_log`."""
 
     name: str
     source: str
     fingerprint: str
     key: str
     inventory: str
+    """Absolute path of the inventory, which workers on other machines see too."""
     settings: Settings
+    """Of the run; models are loaded by the worker."""
     attempts: int
+    """How often it is begun before it is put into quarantine."""
     arguments: tuple[str, ...] = ()
     overwrite: bool = False
 
@@ -86,7 +75,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of an attempt; the fields are those of `Entry`. `WAITING`: it is worth another attempt."""
+    """The end of an attempt, with the fields of `Entry`. `WAITING`: it is worth another attempt."""
 
     state: str
     status: int
@@ -104,9 +93,9 @@ class _DiffersError(WaysideError):
 def run_task(task: Task) -> Outcome:
     """Run a log, unless its result stands already.
 
-    A log that cannot be used goes into quarantine at once, as it will be the same the next time; all else that goes
-    wrong, the death of a worker included, is tried again until the attempts are used up. An output that cannot be
-    written is no fault of the log: that attempt does not count.
+    A log that cannot be used goes into quarantine at once, because it will be the same the next time. Every other
+    failure, also the death of a worker, is tried again until the attempts are used up. An output that cannot be written
+    is no fault of the log: that attempt does not count.
 
     Raises
     ------
@@ -174,7 +163,7 @@ def note_end(task: Task, death: str = "") -> None:
 
 
 def finished_outcome(folder: Path, attempts: int) -> Outcome:
-    """What the result in a folder says of its run; raises InputError where it is none."""
+    """The entry of `run.json` on the result in a folder. Raises InputError if it is not a result."""
     run = read_run(folder)
     try:
         counts, files, times = run["accounting"], run["files"], run["times"]
@@ -187,7 +176,9 @@ def finished_outcome(folder: Path, attempts: int) -> Outcome:
             int(files[SIGNS.file]["rows"]),
         )
     except CONTENT_FAULTS as error:
-        raise InputError(f"{folder}: wanted a result of wayside, found {error!r} in it") from error
+        raise InputError(
+            f"{folder}: the folder does not hold a result of wayside: {error!r}"
+        ) from error
 
 
 def _run(task: Task) -> None:
@@ -195,14 +186,14 @@ def _run(task: Task) -> None:
     with fetched(task.source) as log:
         if log_fingerprint(log) != task.fingerprint:
             raise UnreachableError(
-                f"{task.source}: wanted the log as the fleet found it, found none or another one on {here()}; "
-                "workers must see the same files, and logs must not change"
+                f"{task.source}: on {here()}, the log is missing or not as the fleet found it. Workers must see the "
+                "same files, and logs must not change."
             )
         models, key_of = _equipment(task.settings)
         if key_of(task.fingerprint) != task.key:
             raise _DiffersError(
-                f"wanted wayside, its packages and models as where the fleet was started, found others on {here()}; "
-                "install the same on every worker"
+                f"wayside, its packages or its models differ on {here()} from where the fleet was started. Install "
+                "the same on every worker."
             )
         tune_process()
         run_log(

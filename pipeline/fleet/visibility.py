@@ -33,7 +33,8 @@ Ints = NDArray[np.int64]
 class DriveView:
     """A drive that can say what it had in view.
 
-    name: folder of the result; frames, camera: see there; smallest_px: height of a face from which on it measures them.
+    `name`: folder of the result. `frames`, `camera`: see there. `smallest_px`: height of a face from which on it
+    measures them.
     """
 
     name: str
@@ -86,7 +87,7 @@ def read_view(folder: Path) -> DriveView | None:
         camera = Camera(**(about | {"distortion": tuple(about["distortion"])}))
     except CONTENT_FAULTS as error:
         raise InputError(
-            f"{folder}: wanted the calibration in run.json, found {error}; run the log again"
+            f"{folder}: the calibration in run.json cannot be used: {error}. Run the log again."
         ) from error
     return DriveView(folder.name, frames, camera, _smallest_px(folder, frames, camera))
 

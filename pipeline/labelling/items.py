@@ -1,8 +1,7 @@
 """What to ask a person about: landmarks and single boxes of a result, those first that teach the most.
 
-What a classifier is unsure of teaches the most (uncertainty sampling: Lewis and Gale 1994), so things are ordered by
-the distance of their score from the threshold that decided on them. Landmarks come before single boxes: one answer
-labels all their images.
+Things that a classifier is unsure of teach the most (uncertainty sampling: Lewis and Gale 1994). They are sorted by the
+distance of their score from the threshold. Landmarks come before single boxes: one answer labels all their images.
 """
 
 from __future__ import annotations
@@ -43,8 +42,8 @@ class View:
 class Item:
     """One thing to ask about.
 
-    name: `sign_id` of a reported row, `landmark N` or `box N`; views: its boxes, at least one; color, shape: as the run
-    named them; margin: score minus threshold, nan where there is neither.
+    `name`: `sign_id` of a reported row, `landmark N` or `box N`. `views`: its boxes, at least one. `color`, `shape`: as
+    the run named them. `margin`: score minus threshold, nan where there is neither.
     """
 
     name: str

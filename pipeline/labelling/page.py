@@ -93,7 +93,7 @@ def write_page(
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise not_written(folder, error, "a folder to write the page to") from error
+        raise not_written(folder, error, "the page") from error
     path = folder / PAGE_FILE
     write_file(
         path,
@@ -141,7 +141,7 @@ def _images(
 
 
 def _image(crop: Crop) -> dict[str, Any]:
-    """A crop as WebP, no larger than a page needs it, and where its box is: left, top, width, height in percent."""
+    """A crop as WebP, no larger than a page needs it, and its box in percent (left, top, width, height)."""
     height, width = crop.rgb.shape[:2]
     x0, y0, x1, y1 = crop.box
     outline = (x0 / width, y0 / height, (x1 - x0) / width, (y1 - y0) / height)

@@ -31,7 +31,7 @@ EXPECTED = ("other_class", "below_score", "unused_image")
 
 @dataclass(frozen=True, slots=True)
 class BoxReport:
-    """What `run.json` says of the boxes of another detector: where they are from, counts; notes; one line in words."""
+    """The entry of `run.json` on the boxes of another detector: their source, counts, notes, and one line in words."""
 
     source: dict[str, Any]
     counts: dict[str, Any]
@@ -175,17 +175,17 @@ def paired(boxes: BoxFile, first: Frame, held: int) -> list[str]:
     by_id = by_image_id(boxes, first)
     if boxes.names and not first.name and not by_id and len(boxes.names) != held:
         raise InputError(
-            f"models.detections: wanted as many images in the log as {boxes.path} names, {len(boxes.names)}, "
-            f"found {held}: the log does not name its images, so they are matched in order; "
-            "name all of them, or say the frame of each box (docs/detectors.md)"
+            f"models.detections: {boxes.path} names {len(boxes.names)} images, but the log has {held}. The log does "
+            "not name its images, which is why they are matched in order. Name all of them, or give the frame of "
+            "each box (docs/detectors.md)."
         )
     numbers = boxes.ids if by_id else boxes.boxes if boxes.key == "frame" else ()
     least, last = min(numbers, default=0), max(numbers, default=0)
     if (by_id and not 0 <= least <= last < held) or (least > 0 and last == held):
         raise InputError(
             f"models.detections: {'image_id' if by_id else 'frame'} {last if last >= held else least} in {boxes.path} "
-            f"is no frame of the log: its {held} images are the frames 0 to {held - 1}; count from 0, or give "
-            "file_name (image_name in Parquet) where the log is one of `wayside import` (docs/detectors.md)"
+            f"is no frame of the log: its {held} images are the frames 0 to {held - 1}. Count from 0. For a log of "
+            "`wayside import`, file_name (image_name in Parquet) does as well (docs/detectors.md)."
         )
     if by_id and least == 1:
         return [
@@ -202,6 +202,6 @@ def require_known_boxes(source: BoxFile, counts: dict[str, Any]) -> None:
     if usable and lost == usable:
         known = source.names[:3] or [str(number) for number in sorted(source.boxes)[:3]]
         raise InputError(
-            f"models.detections: wanted boxes of images of the log by {source.key}, found none in {source.path} "
-            f"(it has {', '.join(known)} ...); frames.parquet of a run lists frame and times"
+            f"models.detections: no {source.key} in {source.path} ({', '.join(known)} ...) belongs to an image of the "
+            "log. The table frames.parquet of a run lists the frames and their times."
         )

@@ -28,16 +28,16 @@ from wayside.stages.detection import named_boxes, places_of
 CORNERS = ("x_min", "y_min", "x_max", "y_max")
 _Image = tuple[str, Any]
 """What a file names an image by, and the number or name."""
-ADVICE = "see docs/detectors.md for the columns"
+ADVICE = "See docs/detectors.md for the columns."
 
 
 @dataclass(frozen=True, slots=True)
 class BoxRows:
     """Rows of a file: key (one of `IMAGE_KEYS`), image (n,) int64, box (n, 4), score (n,), number (n,) of the class.
 
-    names: of the classes by number; color, shape (n,) int8 or -1: what the rows themselves say; image_names: in natural
-    order, those that the numbers of the images count; ids: number of the image by `image_id`, where that is a number;
-    unread: the fault of each further row.
+    `names`: of the classes by number. `color`, `shape` (n,) int8 or -1: what the rows themselves say. `image_names`: in
+    natural order, those that the numbers of the images count. `ids`: number of the image by `image_id`, where that is a
+    number. `unread`: the fault of each further row.
     """
 
     key: str
@@ -68,7 +68,7 @@ def load_boxes(settings: Settings) -> BoxFile:
     try:
         data = read_input(path)
     except OSError as error:
-        raise _refusal(path, "a file of boxes", f"{error.strerror}", "correct the path") from error
+        raise _refusal(path, f"cannot be read: {error.strerror}", "Correct the path.") from error
     rows = _coco_rows(path, data) if path.suffix.lower() == ".json" else _parquet_rows(path)
     signs = None
     if settings.models.classes:
@@ -105,9 +105,8 @@ def boxes_by_image(
         low, high = rows.score[finite].min(), rows.score[finite].max()
         raise _refusal(
             path,
-            "scores from 0 to 1",
-            f"{low:g} to {high:g}",
-            "write probabilities, not percent or logits",
+            f"has scores from {low:g} to {high:g} instead of 0 to 1",
+            "Write probabilities, not percent or logits.",
         )
     left_out: Counter[str] = Counter()
     good = np.ones(len(finite), np.bool_)
@@ -151,19 +150,21 @@ def _parquet_rows(path: Path) -> BoxRows:
     except (OSError, pa.ArrowException) as error:
         words = " ".join(str(error).split())[:200]
         raise _refusal(
-            path, "a Parquet file, or COCO in a .json file", words, "correct the path"
+            path,
+            f"is neither a Parquet file nor COCO in a .json file: {words}",
+            "Correct the path.",
         ) from error
     keys = [key for key in IMAGE_KEYS if key in table.column_names]
     missing = [name for name in CORNERS if name not in table.column_names]
     if len(keys) != 1 or missing:
-        wanted = f"the columns {', '.join(CORNERS)} and one of {', '.join(IMAGE_KEYS)}"
-        raise _refusal(path, wanted, ", ".join(table.column_names), ADVICE)
+        needed = f"the columns {', '.join(CORNERS)} and one of {', '.join(IMAGE_KEYS)}"
+        raise _refusal(path, f"must have {needed}, but has {', '.join(table.column_names)}")
     key, count = keys[0], table.num_rows
     names: list[str] = []
     if key == "image_name":
         named = _column(path, table, key, pa.string())
         if named.null_count:
-            raise _refusal(path, f"column {key} in every row", f"{named.null_count} nulls", ADVICE)
+            raise _refusal(path, f"has no value in {named.null_count} rows of column {key}")
         of_rows = [str(name) for name in named.to_pylist()]
         names = _ordered(of_rows)
         place_of = {name: place for place, name in enumerate(names)}
@@ -195,7 +196,7 @@ def _column(path: Path, table: pa.Table, name: str, kind: pa.DataType) -> pa.Chu
         return table.column(name).cast(kind)
     except pa.ArrowException as error:
         raise _refusal(
-            path, f"column {name} of type {kind}", str(table.schema.field(name).type), ADVICE
+            path, f"has a column {name} of type {table.schema.field(name).type} instead of {kind}"
         ) from error
 
 
@@ -203,7 +204,7 @@ def _filled(path: Path, table: pa.Table, name: str, kind: pa.DataType) -> NDArra
     """A column of numbers; null is not a number, and not allowed where an image is named."""
     values = _column(path, table, name, kind)
     if pa.types.is_integer(kind) and values.null_count:
-        raise _refusal(path, f"column {name} in every row", f"{values.null_count} nulls", ADVICE)
+        raise _refusal(path, f"has no value in {values.null_count} rows of column {name}")
     return np.asarray(values.to_numpy())
 
 
@@ -228,7 +229,7 @@ def _kinds(path: Path, table: pa.Table, name: str, known: Sequence[str]) -> NDAr
     unknown = sorted({text for text in texts if text} - set(known))
     if unknown:
         raise _refusal(
-            path, f"column {name} to hold {', '.join(known)} or null", repr(unknown[0]), ADVICE
+            path, f"has {unknown[0]!r} in column {name} instead of {', '.join(known)} or null"
         )
     return np.array([known.index(text) if text else -1 for text in texts], np.int8)
 
@@ -241,9 +242,8 @@ def _coco_rows(path: Path, data: bytes) -> BoxRows:
         found = f"{type(error).__name__}: {error}"
         raise _refusal(
             path,
-            "COCO JSON: results (image_id, bbox, score), or images and annotations",
-            found[:200],
-            "see docs/detectors.md for its keys",
+            f"is not COCO JSON, which has results (image_id, bbox, score), or images and annotations: {found[:200]}",
+            "See docs/detectors.md for its keys.",
         ) from error
 
 
@@ -323,5 +323,5 @@ def _ordered(names: Iterable[str]) -> list[str]:
     return sorted(set(names), key=lambda name: natural_key(Path(name)))
 
 
-def _refusal(path: Path, wanted: str, found: str, advice: str) -> InputError:
-    return InputError(f"models.detections: wanted {wanted} at {path}, found {found}; {advice}")
+def _refusal(path: Path, fault: str, advice: str = ADVICE) -> InputError:
+    return InputError(f"models.detections: {path} {fault}. {advice}")

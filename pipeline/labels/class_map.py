@@ -28,7 +28,7 @@ def read_class_map(path: Path) -> dict[str, SignClass]:
         content = parse_toml(read_input_text(path))
     except OSError as error:
         raise InputError(
-            f"models.classes: wanted a TOML file, found: {error.strerror} at {path}; correct the path"
+            f"models.classes: the class map at {path} cannot be read: {error.strerror}. Correct the path."
         ) from error
     except ValueError as error:
         raise InputError(
@@ -36,9 +36,9 @@ def read_class_map(path: Path) -> dict[str, SignClass]:
         ) from error
     classes = content.pop("classes", None)
     if not isinstance(classes, dict) or not classes or content:
-        found = ", ".join(content) or ("no class in it" if classes == {} else "none")
+        found = ", ".join(content) or ("no class" if classes == {} else "no such table")
         raise InputError(
-            f"models.classes: wanted one table [classes] in {path}, found {found}; write it as in\n{EXAMPLE}"
+            f"models.classes: {path} must hold one table [classes], but it holds {found}. Write it as in\n{EXAMPLE}"
         )
     return {name: _sign_class(path, name, values) for name, values in classes.items()}
 
@@ -80,25 +80,25 @@ def numbered(
 def _unknown(name: str, names: Mapping[int, str], path: str) -> str:
     if not names:
         return (
-            f"models.classes: {path} does not name its classes; wanted their numbers, found {name!r}; "
-            'write [classes] with keys such as "0"'
+            f"models.classes: {path} does not name its classes, which makes {name!r} unknown. Write their numbers as "
+            'keys in [classes], such as "0".'
         )
     near = difflib.get_close_matches(name, list(names.values()), n=1)
     known = ", ".join(list(names.values())[:20]) + (" ..." if len(names) > 20 else "")
     meant = f"; did you mean {near[0]!r}?" if near else ""
-    return f"models.classes: wanted classes of {path} ({known}), found {name!r}{meant}"
+    return f"models.classes: {path} has no class {name!r}; it has {known}{meant}"
 
 
 def _sign_class(path: Path, name: str, values: Any) -> SignClass:
     if not isinstance(values, dict) or set(values) - {"color", "shape"}:
         raise InputError(
-            f"models.classes: wanted color and shape of class {name!r} in {path}, or {{}} where wayside names them; "
-            f"found {values!r}; write it as in\n{EXAMPLE}"
+            f"models.classes: class {name!r} in {path} must have a color and a shape, or be {{}} where wayside names "
+            f"them, but is {values!r}. Write it as in\n{EXAMPLE}"
         )
     for what, known in (("color", COLORS), ("shape", SHAPES)):
         if what in values and values[what] not in known:
             raise InputError(
-                f"models.classes: wanted {what} of class {name!r} in {path} to be one of {', '.join(known)}; "
-                f"found {values[what]!r}"
+                f"models.classes: the {what} of class {name!r} in {path} is {values[what]!r}, which is unknown. "
+                f"Choose one of {', '.join(known)}."
             )
     return SignClass(values.get("color"), values.get("shape"))

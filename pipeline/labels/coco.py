@@ -11,7 +11,7 @@ Entry = Mapping[str, Any]
 
 
 def coco_box(entry: Entry) -> Box:
-    """Corners of the box of an annotation or a result, pixels; raises ValueError where it has none."""
+    """Corners of the box of an annotation or a result, pixels. Raises ValueError without a box."""
     values = entry.get("bbox")
     try:
         x, y, width, height = (float(value) for value in values or ())

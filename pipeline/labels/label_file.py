@@ -59,8 +59,8 @@ def read_label_file(path: Path) -> Labels:
         missing = {"kind", *CORNERS} - set(table.column_names)
         if missing:
             raise InputError(
-                f"{path}: wanted the columns kind, {', '.join(CORNERS)}, found none named {min(missing)}; "
-                "see docs/labels.md"
+                f"{path}: the column {min(missing)} is missing. Labels have the columns kind, {', '.join(CORNERS)}; "
+                "see docs/labels.md."
             )
         columns = [column for column in LABELS.columns if column.name in table.column_names]
         kinds = pa.schema([(c.name, pa.string() if c.values else c.type) for c in columns])
@@ -68,7 +68,7 @@ def read_label_file(path: Path) -> Labels:
     except (OSError, pa.ArrowException) as error:
         words = " ".join(str(error).split())[:200]
         raise InputError(
-            f"{path}: wanted labels as Parquet, found: {words}; see docs/labels.md"
+            f"{path}: the labels cannot be read as Parquet: {words}. See docs/labels.md."
         ) from error
     labels, complete = [], []
     for number, values in enumerate(rows):

@@ -1,8 +1,8 @@
 """Labels in formats of others (COCO, Pascal VOC; YOLO: `yolo_labels`), and of wayside's rendered and real drives.
 
-Classes are named by the data sets themselves. A class map (`class_map`) says which are signs and what these look like;
-without one every class is a sign, except those that are named as a kind of label is (`back`, `not_sign`, `unsure`).
-By the convention of all three formats, every object of an image that they list is labelled.
+Classes are named by the data sets themselves. A class map (`class_map`) states which classes are signs and how these
+look. Without one every class is a sign, except those named like a kind of label (`back`, `not_sign`, `unsure`). By the
+convention of all three formats, every object of an image that they list is labelled.
 """
 
 from __future__ import annotations
@@ -126,8 +126,8 @@ class Collected:
         """All of them; raises InputError where the class map names none of the classes that came in."""
         if self._classes is not None and self._names and not self._names & self._classes.keys():
             raise InputError(
-                f"models.classes: wanted classes of {self._source} ({', '.join(sorted(self._names)[:20])}), "
-                f"found {', '.join(map(repr, self._classes))}; correct the class map"
+                f"models.classes: none of {', '.join(map(repr, self._classes))} is a class of {self._source}, which "
+                f"has {', '.join(sorted(self._names)[:20])}. Correct the class map."
             )
         return Labels(tuple(self._labels), tuple(self._complete), dict(self._left_out), self._first)
 
@@ -177,7 +177,7 @@ def read_voc(folder: Path, classes: Classes | None) -> Labels:
 
 
 def _read_annotation(path: Path, found: Collected) -> None:
-    """The labels of one file of Pascal VOC; raises ValueError where it is none that can be read."""
+    """The labels of one file of Pascal VOC; raises ValueError if it cannot be read."""
     try:
         root = ElementTree.fromstring(read_input(path))
     except ElementTree.ParseError as error:
@@ -294,7 +294,7 @@ def read_marks(marks: Entry) -> Labels:
 
 
 def read_json(path: Path, classes: Classes | None) -> Labels:
-    """Labels of a JSON file of any of these formats, told apart by what it holds; ValueError where it is none."""
+    """Labels of a JSON file of any of these formats, recognised by its content. Raises ValueError for other files."""
     content = parse_json(read_input_text(path))
     if isinstance(content, list) and content and "signs" in content[0]:
         return read_scenes(content, path.name)

@@ -27,8 +27,8 @@ from wayside.schemas.settings import ReadSettings
 class FrameLabels:
     """Labels of one log by frame.
 
-    labels: of each frame that has any; complete: frames in which every sign is labelled; left_out: labels and complete
-    images that are of no frame of the log, by reason (`other_log`, `other_time`, `no_such_image`).
+    `labels`: of each frame that has any. `complete`: frames in which every sign is labelled. `left_out`: labels and
+    complete images that are of no frame of the log, by reason (`other_log`, `other_time`, `no_such_image`).
     """
 
     labels: dict[int, list[Label]]
@@ -60,8 +60,8 @@ def read_labels(path: Path | str, class_map: Path | None = None) -> Labels:
         return review_labels(path, required_review(path, None))
     if path.is_file() and is_review(path):
         raise UsageError(
-            f"{path}: wanted labels, found a review, which names signs and has no boxes; save it in the folder of the "
-            "result that it is of, and give that folder"
+            f"{path}: this is a review, which names signs and has no boxes. Save it in the folder of its result, and "
+            "give that folder as the labels."
         )
     classes = None if class_map is None else read_class_map(class_map)
     try:
@@ -80,12 +80,12 @@ def read_labels(path: Path | str, class_map: Path | None = None) -> Labels:
         kind = "" if isinstance(error, OSError) else f"{type(error).__name__}: "
         found = f"{kind}{error}"
         raise InputError(
-            f"{path}: wanted labels (Parquet, COCO, YOLO, VOC or the truth of a drive), found {found[:200]}; "
-            "see docs/labels.md"
+            f"{path}: these are not labels (Parquet, COCO, YOLO, VOC or the truth of a drive): {found[:200]}. See "
+            "docs/labels.md."
         ) from error
     if not labels.labels and not labels.complete:
         reasons = f" that can be used: {labels.reasons}" if labels.left_out else ""
-        raise InputError(f"{path}: wanted labels, found none{reasons}; see docs/labels.md")
+        raise InputError(f"{path}: there are no labels{reasons}. See docs/labels.md.")
     return labels
 
 

@@ -44,9 +44,9 @@ def read_yolo(folder: Path, classes: Classes | None) -> Labels:
     """Labels of a folder of YOLO: one text file an image, `class x y width height` or `class x1 y1 x2 y2 ...`.
 
     Behind a box there may be key points, behind these or a polygon a confidence and the number of a track. Numbers are
-    fractions of the image, whose size is read from the image itself: beside the text, or in `images` where that lies in
-    `labels`. Names of the classes are those of a `data.yaml` or `classes.txt`, else their numbers. An image without
-    text is not labelled; a line that is none of these, or of which it cannot be told what it is, is left out.
+    fractions of the image, whose size is read from the image itself: next to the text, or in `images` where the text is
+    in `labels`. Names of the classes are from a `data.yaml` or `classes.txt`, else they are numbers. An image without
+    text is not labelled. A line of another form, or of an unknown form, is left out.
     """
     found = Collected(classes, folder.name)
     names = _names(folder)

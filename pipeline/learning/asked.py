@@ -1,8 +1,8 @@
 """What classifiers are asked about on labelled drives, with the answer that labels give: one table for all.
 
-The flow runs as in `wayside run`; an observer takes the input of each classifier where it stands: the connected regions
-for the size gate, those that pass it for the colour gate, those that pass that for the shape gate, the triangulated
-landmarks for the location, and in preset `default` the boxes and landmarks that are scored.
+The flow runs as in `wayside run`, and an observer records the input of each classifier. The size gate gets the
+connected regions, the colour gate those that pass it, and the shape gate those that pass that. The location gets the
+triangulated landmarks. In preset `default`, boxes and landmarks are scored.
 """
 
 from __future__ import annotations
@@ -81,10 +81,10 @@ class Rows:
 class ClassifierSamples(Rows):
     """What one classifier was asked about, n rows, in order of drive and frame.
 
-    classifier: its name; space: of its values; values (n, d) float64; label (n,) int8 `OFF`, `ON` or `NEITHER` a sign;
-    kind (n,): class of the labelled sign in this classifier's terms, `NO_CLASS` where there is none; accepted (n,)
-    bool: what it decided; named (n,): the class that it gave, `NO_CLASS` where it refused; drive (n,), frame (n,)
-    int32, box (n, 4) float32: where it came from (of a landmark its best view), pixels; count (n,) int64: how many
+    `classifier`: its name. `space`: of its values. `values` (n, d) float64. `label` (n,) int8 `OFF`, `ON` or `NEITHER`
+    a sign. `kind` (n,): class of the labelled sign in this classifier's terms, or `NO_CLASS`. `accepted` (n,) bool:
+    what it decided. `named` (n,): the class that it gave, `NO_CLASS` where it refused. `drive` (n,), `frame` (n,)
+    int32, box (n, 4) float32: where it came from (of a landmark its best view), pixels. `count` (n,) int64: how many
     equal ones of the same frame the row stands for (of the size gate; else 1), their boxes nan.
     """
 
@@ -131,7 +131,7 @@ def labels_of_log(log: Path, labels: Labels, settings: ReadSettings) -> FrameLab
     if not found.labels and not found.complete:
         reasons = ", ".join(f"{count} {reason}" for reason, count in found.left_out.items())
         raise InputError(
-            f"{log}: wanted labels of its images, found none ({reasons}); see docs/labels.md for how an image is named"
+            f"{log}: no label belongs to its images ({reasons}). See docs/labels.md for how an image is named."
         )
     return found
 
@@ -293,7 +293,7 @@ class _Collector:
         yield self._regions("shape", item, rows, "fourier6", values, ~refused[rows], names)
 
     def _boxes(self, item: Detections) -> Iterator[ClassifierSamples]:
-        """Every box that the detector scored; one that a better box suppresses is none that it refused."""
+        """Every box that the detector scored. A box that a better box suppresses does not count as refused."""
         score, learned = item.candidates.score, self.models.front_scores
         rows = np.flatnonzero(np.isfinite(score))
         above = score[rows] >= (-np.inf if learned is None else learned.threshold)

@@ -33,8 +33,8 @@ ALL = "all"
 class Scores:
     """Values of n samples of a classifier for one class: `accept_below`, small ones are signs, else large ones.
 
-    value (n,) float64; on (n,) bool: whether it is a sign of the class; count (n,) int64 samples that a row stands for;
-    group (n,) int64: number of the drive, or of the stretch of one drive.
+    `value` (n,) float64. `on` (n,) bool: whether it is a sign of the class. `count` (n,) int64 samples that a row
+    stands for. `group` (n,) int64: number of the drive, or of the stretch of one drive.
     """
 
     value: NDArray[np.float64]
@@ -58,10 +58,10 @@ class Scores:
 class RocCurve:
     """Rates (k,) at thresholds from the strictest to the one that accepts everything, with 95 % bands (k, 2).
 
-    threshold (k,): in the unit of the values; the first accepts nothing. tp, fp (k,): counts; positives, negatives: of
-    all. knee: row of the largest TPR - FPR. area: under the curve, which is the probability that a sign is more like
-    one than something else. knee_interval: of the threshold at the knee. groups: how many drives or stretches are
-    resampled; where signs or others are in one only, bands and intervals are None.
+    `threshold` (k,): in the unit of the values; the first accepts nothing. `tp`, `fp` (k,): counts. `positives`,
+    `negatives`: of all. `knee`: row of the largest TPR - FPR. `area`: under the curve, which is the probability that a
+    sign is more like one than something else. `knee_interval`: of the threshold at the knee. `groups`: how many drives
+    or stretches are resampled; where signs or others are in one only, bands and intervals are None.
     """
 
     threshold: NDArray[np.float64]
@@ -181,8 +181,7 @@ def _cuts(likeness: NDArray[np.float64]) -> NDArray[np.float64]:
 class Question:
     """A classifier's test for one class.
 
-    threshold: that of the run, nan where it has none; unit: of its values; resampled: what the groups of the scores
-    are.
+    `threshold`: that of the run, or nan. `unit`: of its values. `resampled`: what the groups of the scores are.
     """
 
     classifier: str

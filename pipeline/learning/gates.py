@@ -2,8 +2,8 @@
 
     .venv/bin/python -m wayside.pipeline.learning.gates DRIVE.mcap ... -o MODELS
 
-Each drive needs its truth beside it (DRIVE.truth.json). Means and covariances of colours and shapes, and the densities
-of trajectories, stay those of the models at hand; thresholds are replaced.
+Each drive needs its truth in the same folder (DRIVE.truth.json). Means and covariances of colours and shapes, and the
+densities of trajectories, stay those of the models at hand; thresholds are replaced.
 """
 
 from __future__ import annotations
@@ -139,14 +139,14 @@ def location_components(places: NDArray[np.float64], provenance: str) -> Gaussia
         classes.append(GaussianClass(name, mean, np.diag(scatter**2), 0.0, "", int(own.sum())))
     if not classes:
         raise InputError(
-            f"location: wanted {FEWEST} landmarks of signs on a side of the road, found {len(places)} in all; "
-            "label more images"
+            f"location: {FEWEST} landmarks of signs on a side of the road are needed, and there are {len(places)} in "
+            "all. Label more images."
         )
     return GaussianModel("right_up_m", tuple(classes), provenance)
 
 
 def _with_origin(model: GaussianModel | MixtureModel, what: str, samples: ClassifierSamples) -> str:
-    """The provenance of a model with that of its thresholds or points, instead of those of before."""
+    """The provenance of a model with the provenance of its new thresholds or points."""
     learned_from = re.split(r"; (?:thresholds?|operating points) by ", model.provenance)[0]
     return f"{learned_from}; {what} {_origin(samples)}"
 

@@ -29,8 +29,8 @@ SIDES = ("right", "left", "overhead")
 class Samples(Rows):
     """What a classifier is asked about, n rows.
 
-    values (n, d); kind (n,): class of the labelled sign, "" of what is none; sign (n,): number of the physical sign, -1
-    where there is none; stretch (n,): part of the road it is from; fold (n,): which of the parts held out together.
+    `values` (n, d). `kind` (n,): class of the labelled sign, or "". `sign` (n,): number of the physical sign, or -1.
+    `stretch` (n,): part of the road it is from. `fold` (n,): which of the parts held out together.
     """
 
     values: Values
@@ -62,9 +62,9 @@ def fit_classes(
 ) -> tuple[GaussianClass, ...]:
     """Classes of those `names` that have samples, every sign of the same weight; thresholds are still to be chosen.
 
-    The covariance is that of the class and the pooled one of all classes about their means, the latter as if it were of
-    `prior_signs` signs more (the mean of an inverse Wishart prior; Friedman 1989 shrinks the same way); its axes are no
-    narrower than the floor.
+    The covariance is a weighted mean of the covariance of the class and of the pooled one of all classes about their
+    means. The pooled one counts as `prior_signs` signs (the mean of an inverse Wishart prior; Friedman 1989 shrinks the
+    same way). Its axes are no narrower than the floor.
 
     Parameters
     ----------
@@ -103,8 +103,8 @@ def location_model(places: Values, provenance: str) -> GaussianModel:
     """Where signs stand, (right of the path, above the camera's path) in metres: the mixture of preset `default`.
 
     places (n, 2): of signs. Overhead panels hang 4 m above the camera or higher; the rest stands right or left. A
-    component holds all of its own signs that stand within 4 sigma, for what stands beyond the last sign seen may be the
-    next sign. Those of preset `report` are learned by `gates`.
+    component holds all of its own signs within 4 sigma, because the next sign may lie beyond the last one seen. Those
+    of preset `report` are learned by `gates`.
     """
     side, classes = sides(places, 4.0), []
     for name in SIDES:

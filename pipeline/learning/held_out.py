@@ -42,8 +42,8 @@ class Share(NamedTuple):
 class Rates:
     """How a model decides on samples.
 
-    accepted, named: shares of signs that are accepted, and under their own name; false_rate: share of the rest that is
-    accepted; gain (resamplings,): `named` minus `false_rate` where stretches are resampled.
+    `accepted`, `named`: shares of signs that are accepted, and under their own name. `false_rate`: share of the rest
+    that is accepted. `gain` (resamplings,): `named` minus `false_rate` where stretches are resampled.
     """
 
     accepted: Share
@@ -56,8 +56,8 @@ class Rates:
 class ClassScore:
     """A class on what was held out.
 
-    views, signs: of it; curve: by its distance alone, against what is no sign; None where every sign was in one fold.
-    named: share of its signs accepted under its name.
+    `views`, `signs`: of it. `curve`: by its distance alone, against what is no sign; None where every sign was in one
+    fold. `named`: share of its signs accepted under its name.
     """
 
     name: str
@@ -118,7 +118,7 @@ def counts_of(samples: Samples) -> NDArray[np.int64]:
 def score_held_out(
     samples: Samples, names: Sequence[str], distance: NDArray[np.float64], alpha: float | None
 ) -> Held:
-    """Rates of the classes `names` by held-out distances (n, names); the thresholds of a fold are those of the others.
+    """Rates of the classes `names` by held-out distances (n, names). Each fold uses the thresholds of the others.
 
     Intervals are percentiles over resamplings of the stretches, with all that is in them.
     """

@@ -34,11 +34,11 @@ PART_OF_FACE = 0.5
 class Faces:
     """Labelled faces of the images of a drive, m rows.
 
-    frame (m,) int64; box (m, 4) float64 pixels as recorded; sign (m,) int64: number of the physical sign, from 0 on (a
-    label without the name of its panel is a sign of its own); color, shape (m,) names, "" where unknown; example (m,)
-    bool: whether what lies on it is an example of a sign; complete: frames whose faces are all labelled; others: boxes
-    of what is labelled to be no face, by frame. What is on no face is no sign where the frame is complete, or where it
-    lies on one of `others`.
+    `frame` (m,) int64. `box` (m, 4) float64 pixels as recorded. `sign` (m,) int64: number of the physical sign, from 0
+    on (a label without the name of its panel is a sign of its own). `color`, `shape` (m,) names, "" where unknown.
+    `example` (m,) bool: whether what lies on it is an example of a sign. `complete`: frames whose faces are all
+    labelled. `others`: boxes of what is labelled to be no face, by frame. What is on no face is no sign where the frame
+    is complete, or where it lies on one of `others`.
     """
 
     frame: NDArray[np.int64]
@@ -55,9 +55,9 @@ class Faces:
     ) -> tuple[NDArray[np.int8], NDArray[np.int64]]:
         """Whether each box (n, 4) of a frame is `ON` a face, `OFF` all, or `NEITHER`, and the row of the face (-1).
 
-        A region is on a face where they overlap by `ON_FACE`; it counts as neither where they overlap by less but more
-        than `NEAR_FACE`, where it is part of a face (a letter of its legend, its border), or where the face is no
-        example.
+        A region is on a face where they overlap by `ON_FACE`. It counts as neither where they overlap by less but more
+        than `NEAR_FACE`. The same holds where it is part of a face (a letter of its legend, its border), or where the
+        face is not an example.
         """
         own = np.flatnonzero(self.frame == frame)
         label = self._off(frame, box)
@@ -77,8 +77,8 @@ class Faces:
     def label_views(self, views: Sequence[tuple[int, Sequence[float]]]) -> int:
         """Whether a landmark with these views (frame, box) is `ON` a face, `OFF` all faces, or `NEITHER`.
 
-        It is on a face where most of its latest views in labelled frames show it (a part of a panel stands where the
-        panel stands), and off all where none does; without such views it is neither.
+        It is on a face where most of its latest views in labelled frames show the face; a part of a panel stands where
+        the panel stands. It is off all faces where no view shows one. Without such views it is neither.
         """
         known = [
             (frame, box)

@@ -20,8 +20,8 @@ class Picture:
 class Figure:
     """One figure of the report, or without a number pictures and a table under a chapter.
 
-    number, title; report: what the report shows and which number it gives; ours: the same of this drive; needs: why it
-    is left out (empty: it is not); table: rows of cells, the first one the head.
+    `number`, `title`. `report`: what the report shows and which number it gives. `ours`: the same of this drive.
+    `needs`: why it is left out (empty: it is not). `table`: rows of cells, the first one the head.
     """
 
     number: str
@@ -47,7 +47,7 @@ def format_page(
     chapters: Iterable[tuple[str, Iterable[Figure]]],
     head: str = "",
 ) -> str:
-    """The whole page; intro: paragraphs; head: HTML for its head."""
+    """The whole page. `intro`: paragraphs. `head`: HTML for its head."""
     templates = Environment(loader=PackageLoader("wayside.pipeline.learning", ""), autoescape=True)
     page = templates.get_template("page.html")
     return page.render(title=title, intro=intro, chapters=chapters, head=head)

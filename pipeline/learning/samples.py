@@ -55,15 +55,15 @@ def for_each(function: Callable[[Item], Result], items: Iterable[Item]) -> list[
 
 
 def read_truth(path: Path) -> dict[str, Any]:
-    """Truth of a rendered drive; raises InputError where the file is none."""
+    """Truth of a rendered drive; raises InputError for other files."""
     try:
         truth = json.loads(path.read_text(encoding="utf-8"))
         if not {"name", "camera", "frames", "signs"} <= truth.keys():
             raise KeyError("name, camera, frames or signs")
     except (OSError, ValueError, KeyError, AttributeError) as error:
         raise InputError(
-            f"{path}: wanted the truth of a rendered drive, found {type(error).__name__}: {error}; "
-            "render the drive again with masks"
+            f"{path}: this is not the truth of a rendered drive: {type(error).__name__}: {error}. Render the drive "
+            "again with masks."
         ) from error
     return dict(truth)
 
@@ -116,9 +116,9 @@ def face_labels(
 ) -> NDArray[np.int8]:
     """Label (n,) of each box (n, 4): `ON` a face (m, 4), `OFF` all, or `NEITHER`.
 
-    A face is its whole panel. Where a tight box is on it, a looser one is no example, and what shows only a part of it
-    or a second face as well is none: a classifier that accepts both loses the plaque below a sign. Faces that
-    are no example (m,) bool make none of the boxes near them.
+    A face is its whole panel. Where a tight box is on it, a looser one is not an example. A box that shows only a part
+    of it, or a second face as well, is not either: a classifier that accepts both loses the plaque below a sign. Faces
+    that are no example (m,) bool make none of the boxes near them.
     """
     overlap = iou_matrix(box, faces)
     shared = intersection_areas(box, faces)
@@ -140,7 +140,7 @@ def face_labels(
 def second_faces(
     box: NDArray[np.floating[Any]], faces: NDArray[np.floating[Any]], nearest: NDArray[np.integer]
 ) -> NDArray[np.bool_]:
-    """Which faces (m, 4) each box (n, 4) shows beside its `nearest` (n,), and that do not lie on that: (n, m)."""
+    """Which faces (m, 4) each box (n, 4) shows besides its `nearest` (n,), and that do not lie on that: (n, m)."""
     area = np.prod(faces[:, 2:] - faces[:, :2], axis=1)
     apart = intersection_areas(faces, faces) < APART * np.minimum(area[:, None], area[None])
     shown = intersection_areas(box, faces) > SHOWN * area

@@ -1,16 +1,16 @@
 """Thresholds by a rule, and operating points: what a gate does at other thresholds (report chapters 9 and 10).
 
-Classes that the labels tell apart (colours, shapes) are each a test of their own: its signs against what is no sign, as
-in chapter 10; an operating point gives all of them one false positive rate. Knees that are chosen class by class accept
+Each class that the labels distinguish (colours, shapes) is a test of its own: its signs against everything else, as in
+chapter 10. An operating point gives all of them one false positive rate. Knees that are chosen class by class accept
 together far more than any of them: where there are many, one knee is chosen for the gate.
 
 Components of one class (signs right of the road, left of it, above it) are one test. A sample belongs to the component
-that it is nearest to; the slope of the upper convex hull of a component's curve is the likelihood ratio of the samples
-there, and the lemma of Neyman and Pearson asks for one ratio everywhere. Taking the steps of all curves in the order of
-the slope of their hull gives, for every false positive rate, the radii with the largest true positive rate.
+that it is nearest to. The slope of the upper convex hull of a component's curve is the likelihood ratio of the samples
+there. By the lemma of Neyman and Pearson, the ratio must be the same everywhere. Taking the steps of all curves in the
+order of the slope of their hull gives, for every false positive rate, the radii with the largest true positive rate.
 
-A score that rises with the likelihood ratio has by the same lemma the most power of all tests of a false-alarm rate
-where it accepts what is above the threshold that leaves this share of what is no sign above it.
+A score that rises with the likelihood ratio has, by the same lemma, the most power of all tests of a false-alarm rate.
+Its threshold leaves this share of everything that is not a sign above it.
 """
 
 from __future__ import annotations
@@ -211,8 +211,8 @@ def with_score_threshold(model: MixtureModel, samples: ClassifierSamples) -> Mix
 
 def _one_sided(samples: ClassifierSamples, on: Flags) -> InputError:
     return InputError(
-        f"thresholds of {samples.classifier}: wanted signs and other things, found {int(on.sum())} signs among "
-        f"{len(on)} samples; label more images"
+        f"thresholds of {samples.classifier}: signs and other things are needed, and there are {int(on.sum())} signs "
+        f"among {len(on)} samples. Label more images."
     )
 
 

@@ -64,8 +64,8 @@ def readable_log(path: Path, tell: Callable[[str], None]) -> Path:
         joined = join_logs([path], log)
     except (OSError, OutputError) as error:
         raise OutputError(
-            f"{path}: wanted to join it to {log}, which failed ({error}); "
-            f"join it elsewhere with `wayside join {path} -o drive.mcap`, or set XDG_CACHE_HOME"
+            f"{path}: joining it to {log} failed ({error}). Join it elsewhere with `wayside join {path} -o "
+            "drive.mcap`, or set XDG_CACHE_HOME."
         ) from error
     except InputError:
         log.parent.rmdir()

@@ -55,10 +55,10 @@ def import_images(
 ) -> tuple[int, int]:
     """Write a log of numbered images, a known distance apart; how many, and how many files were left out.
 
-    Images are put in the order in which they were taken (`in_order`) and passed through byte for byte, with the names
-    of their files and the dates that their cameras wrote into them. Numbers that are missing from an even count are
-    taken for images not taken: the distance across the gap is the larger. Copies of an image are imported, too; a run
-    leaves them out. Files that are no images or cannot be read are left out.
+    Images are sorted by the time when they were taken (`in_order`) and copied byte for byte, with their file names and
+    camera dates. Numbers that are missing from an even count are taken for images not taken: the distance across the
+    gap is the larger. Copies of an image are imported, too; a run leaves them out. Files that are no images or cannot
+    be read are left out.
 
     Parameters
     ----------
@@ -91,14 +91,13 @@ def import_images(
     """
     if not spacing_m > 0:
         raise UsageError(
-            f"--spacing: wanted the distance between images, found {spacing_m:g} m; "
-            "give it as in 26.4ft or 8.05m"
+            f"--spacing: {spacing_m:g} m is not a distance between images. Give it as in 26.4ft or 8.05m."
         )
     camera = read_camera_file(calibration)
     files = list(dict.fromkeys(image_files(images)))
     if not files:
         raise UsageError(
-            "wanted images to import, found none; give JPEG or PNG files or folders of them"
+            "no images to import are given. Give JPEG or PNG files, or folders of them."
         )
     usable, left_out = _usable(files, camera)
     if left_out:
@@ -114,7 +113,7 @@ def import_images(
 
 
 def _usable(files: list[Path], camera: Camera) -> tuple[list[ImageFile], list[str]]:
-    """The files that can be imported, and the others with the reasons; raises InputError where there is none."""
+    """The files that can be imported, and the others with the reasons. Raises InputError if no file can be imported."""
     usable, left_out = [], []
     for file in files:
         image = read_image_file(file)
@@ -124,8 +123,8 @@ def _usable(files: list[Path], camera: Camera) -> tuple[list[ImageFile], list[st
         refuse_turned(str(file), image.exif)
         if (image.header.width, image.header.height) != (camera.width, camera.height):
             raise InputError(
-                f"{file}: wanted {camera.width} x {camera.height} pixels as the calibration has them, "
-                f"found {image.header.width} x {image.header.height}; give the calibration of these images"
+                f"{file}: the image has {image.header.width} x {image.header.height} pixels, but the calibration is "
+                f"for {camera.width} x {camera.height}. Give the calibration of these images."
             )
         usable.append(image)
     if not usable:
@@ -211,7 +210,7 @@ def _write(
 
 
 def _times_of(counts: list[int]) -> list[int]:
-    """Log times by which images are told apart: a second a trigger, copies of one number a nanosecond behind it."""
+    """Log times that distinguish images: a second per trigger, and copies of one number a nanosecond later."""
     times: list[int] = []
     for count in counts:
         times.append(max((count - 1) * SECOND_NS, times[-1] + 1 if times else 0))

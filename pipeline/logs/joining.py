@@ -59,7 +59,7 @@ def join_logs(paths: list[Path], out: Path, *, overwrite: bool = False) -> Joine
         The log cannot be written, or another file of that name stands there.
     """
     if not paths:
-        raise UsageError("wanted parts to join, found none; give MCAP files or ROS bags")
+        raise UsageError("no parts to join are given. Give MCAP files or ROS bags.")
     beside = out.parent if out.parent.is_dir() else None  # it has room for the result
     with (
         tempfile.TemporaryDirectory(prefix=".wayside-join-", dir=beside) as scratch,
@@ -80,9 +80,7 @@ def _join(paths: list[Path], stream: BinaryIO, scratch: Path) -> JoinedLog:
                 before = writer.messages
                 writer.add(file, report)
                 if writer.messages == before:
-                    raise InputError(
-                        f"{shown}: wanted messages to join, found none that can be used; leave it out"
-                    )
+                    raise InputError(f"{shown}: no message can be used. Leave it out.")
                 parts.append(shown)
                 lost += [f"{shown.name}: {problem}" for problem in report.problems]
     writer.finish()
@@ -91,8 +89,8 @@ def _join(paths: list[Path], stream: BinaryIO, scratch: Path) -> JoinedLog:
 
 def _no_part(path: Path, found: str) -> InputError:
     return InputError(
-        f"{path}: wanted an MCAP file, a ROS 2 bag directory or a ROS 1 bag, found{found}; of a ROS 2 bag give the "
-        "directory"
+        f"{path}: this is not an MCAP file, a ROS 2 bag directory or a ROS 1 bag{found}. Of a ROS 2 bag, give the "
+        "directory."
     )
 
 
@@ -109,7 +107,7 @@ def _as_mcap(path: Path, scratch: Path) -> Iterator[list[Path]]:
         return
     ros1 = path.suffix == ".bag"
     if not path.is_dir() and not (ros1 and path.is_file()):
-        raise _no_part(path, " something else")
+        raise _no_part(path, "")
     try:
         convert(
             [path],
@@ -127,8 +125,8 @@ def _as_mcap(path: Path, scratch: Path) -> Iterator[list[Path]]:
         )
     except (ConverterError, FileNotFoundError) as error:
         raise InputError(
-            f"{path}: wanted a ROS bag to read, found: {error}; repair it with "
-            f"`{'rosbag reindex' if ros1 else 'ros2 bag reindex'}`"
+            f"{path}: the ROS bag cannot be read: {error}. Repair it with "
+            f"`{'rosbag reindex' if ros1 else 'ros2 bag reindex'}`."
         ) from error
     made = sorted(scratch.glob("*.mcap"))
     yield made

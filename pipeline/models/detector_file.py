@@ -29,7 +29,7 @@ FREE_SIZE = (640, 640)
 """On which a network of free input size is tried."""
 MOST_PIXELS = 1 << 26
 """Of an input: eight times those of a camera of 8 megapixels."""
-ADVICE = "see docs/detectors.md for the formats that are understood"
+ADVICE = "See docs/detectors.md for the formats."
 
 
 def load_detector(settings: ModelSettings) -> DetectorFile:
@@ -46,11 +46,13 @@ def load_detector(settings: ModelSettings) -> DetectorFile:
         network = OnnxNetwork(str(path))
     except (OSError, ValueError) as error:
         raise _refusal(
-            path, "an ONNX file", _words(error), "export the detector as ONNX, or correct the path"
+            path,
+            f"is not an ONNX file: {_words(error)}",
+            "Export the detector as ONNX, or correct the path.",
         ) from error
     task = network.metadata.get("task", "detect")
     if task != "detect":
-        raise _refusal(path, "a detector", f"a network for the task {task!r}", ADVICE)
+        raise _refusal(path, f"is not a detector but a network for the task {task!r}")
     image, size_input = _inputs(path, network)
     input_size = _input_size(path, image)
     names = _names(network)
@@ -63,9 +65,8 @@ def load_detector(settings: ModelSettings) -> DetectorFile:
         except ValueError as error:
             raise _refusal(
                 path,
-                "outputs of the YOLO or RT-DETR family",
-                str(error),
-                f"{ADVICE}, or name one with --set models.detector_format",
+                f"does not have the outputs of the YOLO or RT-DETR family: {error}",
+                f"{ADVICE} Name one with --set models.detector_format.",
             ) from error
     signs = None
     if settings.classes:
@@ -83,13 +84,13 @@ def load_detector(settings: ModelSettings) -> DetectorFile:
 
 
 def _inputs(path: Path, network: OnnxNetwork) -> tuple[NetworkInput, str]:
-    """The input for the image, and the name of that for its size (empty: there is none)."""
+    """The input for the image, and the name of the input for its size, or an empty name."""
     images = [one for one in network.inputs if len(one.shape) == 4]
     others = [one.name for one in network.inputs if len(one.shape) != 4]
     if len(images) != 1 or others not in ([], [SIZE_INPUT]):
         listed = ", ".join(f"{one.name} {list(one.shape)}" for one in network.inputs)
         raise _refusal(
-            path, f"one image as input (and {SIZE_INPUT} at most)", f"the inputs {listed}", ADVICE
+            path, f"has the inputs {listed} instead of one image (and {SIZE_INPUT} at most)"
         )
     image = images[0]
     batch, channels = image.shape[:2]
@@ -97,9 +98,8 @@ def _inputs(path: Path, network: OnnxNetwork) -> tuple[NetworkInput, str]:
         kind = "float32" if image.type == FLOAT32 else image.type
         raise _refusal(
             path,
-            "an input of one RGB image, float32 [1, 3, height, width]",
-            f"{kind} {list(image.shape)}",
-            "export it with a batch of 1, in single precision",
+            f"has an input {kind} {list(image.shape)} instead of one RGB image, float32 [1, 3, height, width]",
+            "Export it with a batch of 1, in single precision.",
         )
     return image, others[0] if others else ""
 
@@ -109,16 +109,14 @@ def _input_size(path: Path, image: NetworkInput) -> tuple[int, int] | None:
     if height * width > MOST_PIXELS:
         raise _refusal(
             path,
-            f"an input of at most {MOST_PIXELS} pixels",
-            f"{width} x {height}",
-            "export it for the size of your images",
+            f"has an input of {width} x {height}, more than {MOST_PIXELS} pixels",
+            "Export it for the size of your images.",
         )
     if bool(height) != bool(width):
         raise _refusal(
             path,
-            "an input whose height and width are both fixed or both free",
-            str(list(image.shape)),
-            "export it with a fixed size",
+            f"has an input {list(image.shape)}, where height and width must both be fixed or both free",
+            "Export it with a fixed size.",
         )
     return (height, width) if height else None
 
@@ -148,11 +146,11 @@ def _first_run(
     try:
         return network.run(inputs)
     except ValueError as error:
-        raise _refusal(path, "a network that can be run", _words(error), ADVICE) from error
+        raise _refusal(path, f"cannot be run: {_words(error)}") from error
 
 
-def _refusal(path: Path, wanted: str, found: str, advice: str) -> InputError:
-    return InputError(f"models.detector: wanted {wanted} at {path}, found {found}; {advice}")
+def _refusal(path: Path, fault: str, advice: str = ADVICE) -> InputError:
+    return InputError(f"models.detector: {path} {fault}. {advice}")
 
 
 def _words(error: Exception) -> str:

@@ -65,14 +65,14 @@ Kind = TypeVar(
 class Models:
     """Everything learned that a run uses.
 
-    color_classes, shape_classes: the report's Gaussian classes of regions; trajectory_density: of the motion of signs
-    in the image; these are None where a preset does not ask for them. location_classes: where signs stand;
-    outline_weights: which of several concentric outlines of a panel is the outer one; detection_network: finds the
-    boxes that are classified; box_network: classifies boxes, moves them onto panels, names their colour
-    and shape; front_scores, back_scores: which of its scores are accepted, of panels from the front and from behind;
-    landmark_classifier, back_landmark_classifier: of a landmark by all its observations; face_network: what sign a face
-    shows. None where there is no such file, or the report's chain needs none. external: another detector, or its boxes,
-    that takes the place of wayside's own; None: there is none.
+    `color_classes`, `shape_classes`: the report's Gaussian classes of regions. `trajectory_density`: of the motion of
+    signs in the image; these are None where a preset does not ask for them. `location_classes`: where signs stand.
+    `outline_weights`: which of several concentric outlines of a panel is the outer one. `detection_network`: finds the
+    boxes that are classified. `box_network`: classifies boxes, moves them onto panels, names their colour and shape.
+    `front_scores`, `back_scores`: which of its scores are accepted, of panels from the front and from behind.
+    `landmark_classifier`, `back_landmark_classifier`: of a landmark by all its observations. `face_network`: what sign
+    a face shows. None where there is no such file, or the report's chain needs none. `external`: another detector, or
+    its boxes, that takes the place of wayside's own; or None.
     """
 
     location_classes: GaussianModel
@@ -145,7 +145,7 @@ class Models:
 
 @dataclass(slots=True)
 class ModelFolder:
-    """Where model files are looked for: a folder of the user's own (None: there is none), then those that ship.
+    """Where model files are searched: in a folder of the user's own (or None), then in those that ship.
 
     wanted: names that were looked for; own: those that the folder holds.
     """
@@ -160,8 +160,8 @@ class ModelFolder:
         path = Path(name) if name else None
         if path is not None and not path.is_dir():
             raise InputError(
-                f"models.folder: wanted a folder of model files, found none at {name}; "
-                "correct the path or leave the setting out for the models that ship"
+                f"models.folder: there is no folder at {name}. Correct the path, or leave the setting out to use the "
+                "models that ship."
             )
         return cls(path)
 
@@ -188,8 +188,8 @@ class ModelFolder:
         """Refuse a folder none of whose files was looked for (InputError): the models that ship would all stand in."""
         if self.path is not None and not self.own:
             raise InputError(
-                f"models.folder: wanted a model file of this preset ({', '.join(sorted(self.wanted))}) in {self.path}, "
-                "found none; correct the path or leave the setting out for the models that ship"
+                f"models.folder: {self.path} holds no model file of this preset ({', '.join(sorted(self.wanted))}). "
+                "Correct the path, or leave the setting out to use the models that ship."
             )
 
 
@@ -239,8 +239,8 @@ def _check_inputs(models: Models, folder: ModelFolder) -> None:
     """Refuse models of other inputs than those that the stages compute, before the first image."""
     if models.outline_weights.features != OUTLINE_FEATURES:
         raise InputError(
-            f"{folder.file('outline.json')}: wanted weights of {', '.join(OUTLINE_FEATURES)}, found "
-            f"{', '.join(models.outline_weights.features)}; it is of another version of wayside: learn it again"
+            f"{folder.file('outline.json')}: the file has weights of {', '.join(models.outline_weights.features)}, "
+            f"but this version of wayside uses {', '.join(OUTLINE_FEATURES)}. Learn it again."
         )
     for name, evidence in (
         ("place.json", models.landmark_classifier),
@@ -251,8 +251,8 @@ def _check_inputs(models: Models, folder: ModelFolder) -> None:
         names = {*evidence.features} - {*LANDMARK_FEATURES} | {*evidence.terms} - {*EVIDENCE_TERMS}
         if names or not evidence.features:
             raise InputError(
-                f"{folder.file(name)}: wanted known features and terms of evidence, found "
-                f"{min(names, default='none')!r}; it is of another version of wayside: learn it again"
+                f"{folder.file(name)}: this version of wayside does not know the feature or term of evidence "
+                f"{min(names, default='none')!r}. Learn it again."
             )
 
 
@@ -273,8 +273,8 @@ def _location(folder: ModelFolder, name: str, *, by_report: bool) -> GaussianMod
             return _gaussian(ModelFolder(), shipped)
         if not Path(name).is_file():
             raise InputError(
-                f"models.location: wanted a model file or report-kansas, found none at {name}; correct the path or "
-                "leave the setting out"
+                f"models.location: there is no model file at {name}. Correct the path, name report-kansas, or leave "
+                "the setting out."
             )
         return _gaussian(ModelFolder(Path(name).parent), Path(name).name)
     names = (LOCATION, REPORT_LOCATION) if by_report else (LOCATION,)
@@ -310,8 +310,8 @@ def _onnx(folder: ModelFolder, name: str, setting: str, kind: Callable[[str], ob
         kind(held.path)
     except (OSError, ValueError) as error:
         raise InputError(
-            f"{setting}: wanted an ONNX file of this network, found {type(error).__name__} at {name}: "
-            f"{error}; correct the path or leave the setting out"
+            f"{setting}: the ONNX file of this network at {name} cannot be used: {type(error).__name__}: {error}. "
+            "Correct the path, or leave the setting out."
         ) from error
     return held
 
@@ -323,8 +323,8 @@ def _read(folder: ModelFolder, name: str) -> Model:
         text = content.decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(
-            f"{file}: wanted a readable model file, found {type(error).__name__}: {error}; "
-            "write one with the learning script or install wayside again"
+            f"{file}: the model file cannot be read: {type(error).__name__}: {error}. Write one with the learning "
+            "script, or install wayside again."
         ) from error
     _verify(file, content)
     return model_from_json(text, str(file))
@@ -336,8 +336,8 @@ def _verify(file: Traversable, content: bytes) -> None:
         return
     if sha256(content).hexdigest() != shipped_digests().get(file.name):
         raise InputError(
-            f"{file}: wanted the model that ships with wayside, found other content; install wayside again, "
-            "or put a model of your own into a folder that models.folder names"
+            f"{file}: the file differs from the model that ships with wayside. Install wayside again, or put a model "
+            "of your own into a folder and name it in models.folder."
         )
 
 
@@ -348,7 +348,7 @@ def shipped_digests() -> dict[str, str]:
         lines = (shipped_models() / DIGESTS).read_text("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(
-            f"{shipped_models() / DIGESTS}: wanted the digests of the models, found {error}; install wayside again"
+            f"{shipped_models() / DIGESTS}: the digests of the models cannot be read: {error}. Install wayside again."
         ) from error
     return {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
 
@@ -358,8 +358,8 @@ def _of_kind(kind: type[Kind]) -> Callable[[ModelFolder, str], Kind]:
         model = _read(folder, name)
         if not isinstance(model, kind):
             raise InputError(
-                f"{folder.file(name)}: wanted a model of kind {kind.kind!r}, found {model.kind!r}; "
-                "put the file of the right kind there"
+                f"{folder.file(name)}: this is a model of kind {model.kind!r}, but {kind.kind!r} belongs here. Put "
+                "the right file there."
             )
         return model
 

@@ -26,9 +26,9 @@ def retraded(models: Models, settings: Settings) -> Models:
             lacking.append(f"{name}: {error}")
     if lacking or not traded:
         raise InputError(
-            f"models.alpha: wanted a false-alarm rate that every gate of the run has a threshold for: "
-            f"{'; '.join(lacking) or 'found no gate, since a detector of another kind decides'}; take a larger rate, "
-            "learn these models again, or leave the rate out"
+            "models.alpha: not every gate of the run has a threshold for this false-alarm rate: "
+            f"{'; '.join(lacking) or 'there is no gate, because a detector of another kind decides'}. Take a larger "
+            "rate, learn these models again, or leave the rate out."
         )
     return replace(models, **traded)
 

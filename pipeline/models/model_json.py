@@ -86,8 +86,8 @@ def model_from_json(text: str, name: str = "model") -> Model:
         )  # frozen, and no argument of its kind
     except _FAULTS as error:
         raise InputError(
-            f"{name}: wanted a wayside model file, found {type(error).__name__}: {error}; "
-            "write one with the learning script or leave the setting out for the model that ships"
+            f"{name}: this is not a model file of wayside: {type(error).__name__}: {error}. Write one with the "
+            "learning script, or leave the setting out to use the model that ships."
         ) from error
     return model
 
@@ -136,7 +136,7 @@ def _interval(interval: tuple[float, float] | None) -> dict[str, Any]:
 def _interval_of(data: dict[str, Any]) -> tuple[float, float] | None:
     ends = [_finite(end, "threshold_interval") for end in data.get("threshold_interval", ())]
     if len(ends) not in (0, 2):
-        raise ValueError(f"threshold_interval: wanted two numbers, found {len(ends)}")
+        raise ValueError(f"threshold_interval: {len(ends)} numbers instead of two")
     return (ends[0], ends[1]) if ends else None
 
 
@@ -158,7 +158,7 @@ def _operating_point_of(data: list[Any], classes: int) -> OperatingPoint:
     false_alarm, power, *values = (_finite(value, "curve") for value in data)
     if len(values) not in (classes, 3 * classes) or not (0 <= false_alarm <= 1 and 0 <= power <= 1):
         raise ValueError(
-            f"curve: wanted two rates, {classes} thresholds and both ends of their intervals or none, found {data}"
+            f"curve: {data} is not two rates, {classes} thresholds, and both or no ends of their intervals"
         )
     ends = values[classes:]
     intervals = tuple(zip(ends[::2], ends[1::2], strict=True))
@@ -252,7 +252,7 @@ def _finite(value: Any, name: str) -> float:
 def _check_shapes(arrays: Mapping[str, NDArray[Any]], wanted: tuple[tuple[int, ...], ...]) -> None:
     for (name, array), shape in zip(arrays.items(), wanted, strict=True):
         if array.shape != shape or not np.isfinite(array).all():
-            raise ValueError(f"{name} of shape {array.shape}, wanted {shape}, finite")
+            raise ValueError(f"{name}: not finite numbers of shape {shape}, but of {array.shape}")
 
 
 def _significant(values: NDArray[np.float64]) -> Any:

@@ -17,9 +17,8 @@ EXTRA_BYTES = 500_000
 class Allowance:
     """Bytes and records that a log may still unpack to.
 
-    Of a log of which n bytes were read, chunks may unpack to `ratio` (n + `extra_bytes`) bytes and to
-    n + `extra_bytes` records: the cost of any log is bounded by a multiple of its size and a constant, whatever it says
-    of itself.
+    With n bytes of a log read, chunks may unpack to `ratio` (n + `extra_bytes`) bytes and to n + `extra_bytes` records.
+    The cost of any log is bounded by a multiple of its size and a constant, whatever the log states.
     """
 
     ratio: int = UNPACKED_RATIO

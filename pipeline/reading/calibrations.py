@@ -41,7 +41,7 @@ _CENTRE_SIGMA = 0.02
 """Standard deviation of principal points about the middle of the sensor, in widths of the sensor."""
 _RECTIFIED = re.compile(r"(?:^|[/_])(?:rect|rectified|undistorted)(?:[/_]|$)", re.IGNORECASE)
 OTHER_LENSES = (
-    "positions follow from pinhole rays; for a fisheye fit --model rational to images of a board, or remap the images "
+    "Positions follow from pinhole rays. For a fisheye, fit --model rational to images of a board, or remap the images "
     "to a pinhole first (cv2.fisheye.undistortImage)"
 )
 """What to do where a lens has another model."""
@@ -93,7 +93,7 @@ def make_calibration(
 def _cameras(
     size: Size, matrix: Matrix, lens: tuple[str, Matrix], region: Region
 ) -> tuple[tuple[Camera, ...], str]:
-    """One camera for each size that images may have, and why there is none of the first.
+    """One camera for each size that images may have, and why the first size has no camera.
 
     That is the size of the region, binned; then the size stated, where drivers leave it to be that of the images.
     """
@@ -118,7 +118,7 @@ def _cameras(
 def _brought(matrix: Matrix, sensor: Size, region: Region) -> Matrix:
     """A matrix brought from the sensor to the region; one that a driver has brought there already is left as it is.
 
-    Which of the two it is, or half of it, is told by the principal point: it lies near the middle of the sensor. Raises
+    The principal point tells which of the two it is, or half of it: it lies near the middle of the sensor. Raises
     ContentError where it does not tell.
     """
     r, k = region, list(matrix)
@@ -148,7 +148,7 @@ def _brought(matrix: Matrix, sensor: Size, region: Region) -> Matrix:
 def make_camera(size: Size, k: Matrix, model: str, d: Matrix) -> Camera:
     """A camera of the 3x3 matrix `k` (row by row) and the distortion `d` of a lens model by its ROS name.
 
-    Raises ContentError where it is not calibrated, its pixels are skewed, or its lens is none that can be used.
+    Raises ContentError where it is not calibrated, its pixels are skewed, or its lens cannot be used.
     """
     if len(k) != 9 or not all(map(math.isfinite, (*k, *d))) or k[0] <= 0 or k[4] <= 0:
         raise ContentError("it has no focal length (not calibrated)")
@@ -172,7 +172,7 @@ def make_camera(size: Size, k: Matrix, model: str, d: Matrix) -> Camera:
     name = re.sub(r"[\s-]+", "_", model.strip().lower())
     if name not in _BROWN_LENSES and not (name in _PINHOLES and not any(d)):
         raise ContentError(
-            f"its lens model {model} is not understood; plumb_bob and rational_polynomial are: {OTHER_LENSES}"
+            f"its lens model {model} is not understood; plumb_bob and rational_polynomial are. {OTHER_LENSES}"
         )
     if not any(d):
         d = ()
@@ -190,7 +190,7 @@ def make_camera(size: Size, k: Matrix, model: str, d: Matrix) -> Camera:
     camera = Camera(width, height, k[0], k[4], k[2], k[5], d)
     if d and not _is_lens(camera):
         raise ContentError(
-            f"its distortion {', '.join(f'{one:g}' for one in d)} is that of no lens: points of the image have no "
+            f"its distortion {', '.join(f'{one:g}' for one in d)} belongs to no lens: points of the image have no "
             "direction, or several"
         )
     return camera

@@ -52,7 +52,7 @@ def read_camera_file(path: Path) -> Camera:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else "no text"
         raise InputError(
-            f"{path}: wanted a camera calibration to read, found: {reason}; check the name"
+            f"{path}: the camera calibration cannot be read: {reason}. Check the name."
         ) from error
     return parse_camera(text, str(path))
 
@@ -74,8 +74,8 @@ def parse_camera(text: str, name: str) -> Camera:
         return _kalibr(content["cam0"]) if "cam0" in content else _matrices(content)
     except CONTENT_FAULTS as error:
         raise InputError(
-            f"{name}: wanted a camera calibration (YAML of ROS camera_info, OpenCV or Kalibr), found a fault: {error}; "
-            f"a file of ROS has {_EXAMPLE}"
+            f"{name}: this is not a camera calibration (YAML of ROS camera_info, OpenCV or Kalibr): {error}. A file "
+            f"of ROS has {_EXAMPLE}."
         ) from error
 
 
@@ -98,7 +98,7 @@ def _matrices(content: dict[str, Any]) -> Camera:
 
 
 def _kalibr(content: Any) -> Camera:
-    """Camera of an entry of a camchain: intrinsics fu, fv, pu, pv; resolution; distortion k1, k2, p1, p2."""
+    """Camera of an entry of a camchain: intrinsics fu, fv, pu, pv, resolution, and distortion k1, k2, p1, p2."""
     if not isinstance(content, dict):
         raise ContentError("its cam0 has no named entries")
     missing = [k for k in ("camera_model", "intrinsics", "resolution") if k not in content]

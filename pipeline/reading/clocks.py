@@ -1,9 +1,8 @@
 """When the messages of a log were measured: header and log times, and which of them pair two streams.
 
 Log times say when a message was recorded, header times when it was measured. For each stream the offset between the two
-is estimated once. Where the offsets of two streams agree, or are such as messages have that wait before they are
-recorded, their header times are of one clock and pair them; else log times do. All functions work on arrays in
-nanoseconds.
+is estimated once. Header times pair two streams where their offsets agree, or differ by what messages wait before they
+are recorded: their clock is the same. Otherwise log times pair them. All functions work on arrays in nanoseconds.
 """
 
 from __future__ import annotations
@@ -34,8 +33,8 @@ _AGREE_SHARE = 0.1
 class StreamTimes:
     """Times (n,) of the messages of one stream, in file order; `has_...`: whether they tell when it was measured.
 
-    header_ns: where one is missing or off, the log time plus `offset_ns`, which is the median of header less log time,
-    0 without both; off: how many header times differ from log times by another offset.
+    `header_ns`: where one is missing or off, the log time plus `offset_ns`, the median of header less log time (0
+    without both). `off`: how many header times differ from log times by another offset.
     """
 
     log_ns: Integers
@@ -60,10 +59,9 @@ class StreamTimes:
 def stream_times(log_ns: Integers, header_ns: Integers) -> StreamTimes:
     """Judge the clocks of one stream.
 
-    A clock is not used where it is not set, where many messages share one time while the other clock tells them apart,
-    or where times of one topic go back and overlap. A header that is off from the usual offset gives way to the log
-    time, or the log time to it: the one that lies nearer to the rest is right. Both (n,) in file order; header 0 where
-    not set.
+    A clock is not used where it is not set, or where times of one topic go back and overlap. It is not used either
+    where many messages share one time that the other clock distinguishes. Where a header differs from the usual offset,
+    the time that is nearer to the others is right: header or log time. Both (n,) in file order; header 0 where not set.
     """
     known = np.flatnonzero(header_ns > 0)
     header, log = header_ns[known], log_ns[known]

@@ -118,9 +118,9 @@ def make_fix(
     """A fix with the standard deviations east, north, up of its row-major 3x3 covariance.
 
     Nothing where latitude or longitude is not finite or out of range, where both are 0, or where they are known to
-    `VAGUEST_M` at best: receivers write that while they have no fix. A height that is not finite is taken as 0.
+    `VAGUEST_M` at best. Receivers write these values without a fix. A height that is not finite is taken as 0.
 
-    Raises ContentError for a height that is none of a road.
+    Raises ContentError for a height that no road has.
     """
     if not (abs(latitude) <= 90 and abs(longitude) <= 180) or latitude == longitude == 0:
         return []

@@ -54,7 +54,7 @@ class Definitions:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What stands behind the data of a log, from the byte `start` on.
+    """The bytes after the data of a log, from the byte `start` on.
 
     definitions: its schemas and channels; messages, chunks: how many there are, None where it does not say.
     """

@@ -26,7 +26,7 @@ _NO_FIX = -1
 
 
 def compressed_image(message: Any, data: memoryview) -> list[ImageContent]:
-    """A compressed image; its format is free text such as "bgr8; jpeg compressed bgr8"."""
+    """A compressed image. Its format is free text such as "bgr8, jpeg compressed bgr8"."""
     return [ImageContent(*_head(message), message.format, data)]
 
 

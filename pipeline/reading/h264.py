@@ -44,7 +44,7 @@ class PictureHead(NamedTuple):
 def read_stream(
     data: bytes | memoryview, known: SequenceSet | None
 ) -> tuple[SequenceSet | None, PictureHead | None]:
-    """The sequence set in force and the first picture of a piece of stream; None where there is none.
+    """The sequence set in force and the first picture of a piece of stream, or None.
 
     known: the sequence set of the pieces before. Raises ValueError where headers make no sense.
     """

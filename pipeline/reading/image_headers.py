@@ -57,8 +57,8 @@ class ImageHeader(NamedTuple):
 class Exif(NamedTuple):
     """Exif data of an image; empty or None where it does not say.
 
-    turned: how the stored pixels are to be turned to be shown, in words; date: of capture, else of change,
-    `2009-05-14 10:31:07`; taken: date of capture, local, or with its offset.
+    `turned`: how the stored pixels are to be turned to be shown, in words. `date`: of capture, else of change,
+    `2009-05-14 10:31:07`. `taken`: date of capture, local, or with its offset.
     """
 
     turned: str = ""
@@ -112,9 +112,9 @@ def refuse_turned(what: str, exif: Exif) -> None:
     """Refuse an image that is to be shown otherwise than it is stored; raises InputError that begins with `what`."""
     if exif.turned:
         raise InputError(
-            f"{what}: its Exif orientation says that it is to be shown {exif.turned}, and whether the calibration is "
-            "of the image as stored or as shown is not known; if as shown, turn the pixels of all images "
-            "(`exiftran -ai *.jpg`); if as stored, remove the tag of all (`exiftool -Orientation= *.jpg`)"
+            f"{what}: its Exif orientation shows it {exif.turned}, and the calibration may be of the image as shown "
+            "or as stored. If as shown, turn the pixels of all images (`exiftran -ai *.jpg`). If as stored, remove the "
+            "tag of all (`exiftool -Orientation= *.jpg`)."
         )
 
 

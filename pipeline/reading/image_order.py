@@ -1,7 +1,7 @@
 """Images given to a command, and the order in which they were taken: by folder, date of capture and number.
 
-Numbers are those of DCF (JEITA CP-3461) where all names have its form, four free characters and a number from 0001 to
-9999, as in G0010001.JPG; elsewhere the last number of a name.
+Where all names have the form of DCF (JEITA CP-3461), this is its number: four free characters and a number from 0001 to
+9999, as in G0010001.JPG. In other names it is the last number.
 """
 
 from __future__ import annotations
@@ -104,9 +104,9 @@ def in_order(
     """The images in the order in which they were taken.
 
     Within a folder the numbers of the names tell it. A counter that starts again behind 9999 (99999 and so on) is
-    followed where the dates of capture do not contradict this. Folders whose names differ in numbers only are in the
-    order of these, others in that of their dates; without dates in that of the first name in each, else as they were
-    given. Dates of copies are no witness.
+    followed where the dates of capture do not contradict this. Folders whose names differ only in numbers are sorted by
+    these numbers, others by their dates. Without dates, the first file name in each decides, or the given order. Dates
+    of copies are no witness.
 
     Parameters
     ----------

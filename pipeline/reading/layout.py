@@ -58,7 +58,7 @@ class LayoutError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """A topic with the encoding of its messages; `schema` is None where the log gives none."""
+    """A topic with the encoding of its messages, and its `schema` or None."""
 
     id: int
     topic: str
@@ -135,7 +135,7 @@ def parse_record(opcode: int, content: memoryview) -> tuple[Any, int]:
 
 @dataclass(frozen=True, slots=True)
 class ChunkHead:
-    """What stands before a chunk's records; `size`: its own bytes."""
+    """The head of a chunk's records; `size`: its own bytes."""
 
     unpacked_size: int
     checksum: int

@@ -63,7 +63,7 @@ def kind_of(channel: Channel) -> Kind | None:
 
 
 class Decoders:
-    """Decodes messages of any channel; keeps one unpacker a channel, or the reason why there is none."""
+    """Decodes messages of any channel. Keeps one unpacker for each channel, or the reason why it has no unpacker."""
 
     def __init__(self) -> None:
         self._by_channel: dict[int, tuple[Channel, Unpack | str]] = {}

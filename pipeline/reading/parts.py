@@ -38,8 +38,8 @@ def log_parts(path: Path) -> LogParts:
     files = bag_parts(path) if path.is_dir() else [path]
     if len(files) > 1 and not all(is_mcap(file) for file in files):
         raise InputError(
-            f"{path}: wanted a ROS 2 bag directory of MCAP parts, found {files[0].name}; "
-            f"make a log of it with `wayside join {path} -o drive.mcap`"
+            f"{path}: the ROS 2 bag holds {files[0].name} instead of MCAP parts. Make a log of it with `wayside join "
+            f"{path} -o drive.mcap`."
         )
     sizes = [file.stat().st_size if file.exists() else 0 for file in files]
     return LogParts(tuple(files), (0, *accumulate(sizes[:-1])), sum(sizes))
@@ -56,7 +56,10 @@ def is_bag(path: Path) -> bool:
 
 
 def bag_parts(folder: Path) -> list[Path]:
-    """Files of a ROS 2 bag directory in their order; raises InputError where it is none, or a part is not there."""
+    """Files of a ROS 2 bag directory in their order.
+
+    Raises InputError if a part is missing or this is another directory.
+    """
     file = folder / BAG_METADATA
     try:
         content = parse_yaml(read_input_text(file))
@@ -64,14 +67,13 @@ def bag_parts(folder: Path) -> list[Path]:
         parts = [folder / Path(str(name)).name for name in listed]
     except (OSError, *CONTENT_FAULTS) as error:
         raise InputError(
-            f"{folder}: wanted a ROS 2 bag directory with {BAG_METADATA}, found none that can be read "
-            f"({type(error).__name__}); give its parts one by one, or repair it with `ros2 bag reindex`"
+            f"{folder}: the {BAG_METADATA} of the ROS 2 bag directory cannot be read ({type(error).__name__}). Give "
+            "its parts one by one, or repair it with `ros2 bag reindex`."
         ) from error
     missing = [part.name for part in parts if not part.is_file()]
     if missing or not parts:
         absent = ", ".join(missing) or "part listed"
         raise InputError(
-            f"{folder}: wanted the parts that its {BAG_METADATA} lists, found no {absent}; "
-            "copy the whole directory"
+            f"{folder}: there is no {absent}, which {BAG_METADATA} lists as a part. Copy the whole directory."
         )
     return parts

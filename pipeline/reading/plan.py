@@ -62,7 +62,7 @@ class Plan:
         return others | self.camera.other_cameras
 
     def camera_of(self, content: CalibrationContent) -> Camera | None:
-        """The camera that a calibration makes of the images; None where it has none for them."""
+        """The camera that a calibration makes of the images, or None."""
         rectified = is_rectified(self.camera.name)
         return content.camera_for(self.camera.image_size, rectified=rectified)
 
@@ -80,14 +80,14 @@ def check_settings(settings: ReadSettings) -> None:
     )
     for holds, option, want, found in wanted:
         if not holds:
-            raise UsageError(f"{option}: wanted {want}, found {found:g}; change or leave it out")
+            raise UsageError(f"{option} must be {want}, not {found:g}. Change it or leave it out.")
 
 
 def plan_reading(path: Path, settings: ReadSettings, camera: Camera | None = None) -> Plan:
     """Survey a log and choose what is read of it; `camera` replaces every calibration.
 
-    Raises UsageError for settings that make no sense or choose no one camera of the log, and InputError where the log
-    has no images, no calibration, nothing that tells how the camera moved, or images that Exif turns.
+    Raises UsageError for settings that make no sense or choose no one camera of the log. Raises InputError where the
+    log has no images, no calibration, no information on the camera's motion, or images that Exif turns.
     """
     check_settings(settings)
     if camera is None and settings.calibration:
@@ -106,8 +106,8 @@ def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -
     if not posed and fixes is None and not spacing_m:
         found = "; ".join([_listing(survey), *_without_value(survey)])
         raise InputError(
-            f"{survey.path}: wanted poses, odometry, satellite fixes or a known spacing to place signs, "
-            f"found {found}; give the distance between images, as in --spacing 26.4ft"
+            f"{survey.path}: nothing places the signs: the log has no poses, odometry or satellite fixes, and the "
+            f"distance between images is unknown. It holds {found}. Give the distance, as in --spacing 26.4ft."
         )
     return Plan(
         survey,
@@ -125,35 +125,35 @@ def _choose_camera(survey: LogSurvey, wanted: str) -> Topic:
     cameras = survey.cameras
     if not cameras:
         raise InputError(
-            f"{survey.path}: wanted images, found {_listing(survey)}{_lost(survey)}; wayside needs "
-            "foxglove.CompressedImage, foxglove.RawImage, foxglove.CompressedVideo or the sensor_msgs ones"
+            f"{survey.path}: the log has no images. It holds {_listing(survey)}{_lost(survey)}. Wayside reads "
+            "foxglove.CompressedImage, foxglove.RawImage, foxglove.CompressedVideo and those of sensor_msgs."
         )
     chosen = [t for t in cameras if t.name == wanted] if wanted else cameras
     if not chosen:
         near = difflib.get_close_matches(wanted, [t.name for t in cameras], 1, 0.0)
         raise UsageError(
-            f"--camera: wanted an image topic of {survey.path}, found {wanted}; "
-            f"there is {describe_cameras(cameras)}; nearest: {near[0] if near else cameras[0].name}"
+            f"--camera: {survey.path} has no image topic {wanted}. It has {describe_cameras(cameras)}; the nearest is "
+            f"{near[0] if near else cameras[0].name}."
         )
     if len({t.name for t in chosen}) > 1:
         raise UsageError(
-            f"{survey.path}: wanted one camera, found {len(chosen)}: {describe_cameras(chosen)}; "
-            f"choose one, as in --camera {max(chosen, key=lambda t: t.count).name}"
+            f"{survey.path}: the log has {len(chosen)} cameras: {describe_cameras(chosen)}. Choose one, as in "
+            f"--camera {max(chosen, key=lambda t: t.count).name}."
         )
     camera = chosen[0]
     first = camera.first
     if not isinstance(first, ImageContent) or camera.flaw:
         raise InputError(
-            f"{survey.path}: none of the images on {camera.name} can be decoded: {camera.flaw or camera.fault}; "
-            "record or convert them anew, or choose another topic with --camera"
+            f"{survey.path}: none of the images on {camera.name} can be decoded: {camera.flaw or camera.fault}. "
+            "Record or convert them again, or choose another topic with --camera."
         )
     refuse_turned(
         f"{survey.path}: the first image of {shortened(camera.name)}", read_exif(first.data)
     )
     if camera.image_format == H264 and find_spec("av") is None:
         raise InputError(
-            f"{survey.path}: {camera.name}: wanted PyAV to decode the H.264 video, found it not installed; "
-            "pip install 'wayside[video]'"
+            f"{survey.path}: {camera.name}: the H.264 video needs PyAV, which is not installed. Install it with pip "
+            "install 'wayside[video]'."
         )
     return camera
 
@@ -216,16 +216,16 @@ def _choose_calibration(
     unread = [t for t in survey.of_kind(Kind.CALIBRATION) if t.first is None][:_MOST_LISTED]
     faults += [f"{topic.name}, but {topic.fault}" for topic in unread]
     raise InputError(
-        f"{survey.path}: wanted the calibration of {camera.name}, found {'; '.join(faults) or 'none'}"
-        f"{_lost(survey)}; give it with --calibration camera.yaml (of ROS, OpenCV or Kalibr)"
+        f"{survey.path}: there is no calibration of {camera.name}: {'; '.join(faults) or 'none in the log'}"
+        f"{_lost(survey)}. Give it with --calibration camera.yaml (of ROS, OpenCV or Kalibr)."
     )
 
 
 def _of_another(survey: LogSurvey, camera: Topic, name: str, frame: str, own: Camera) -> str:
     """Why a calibration `name` is of another camera, or may be; empty where it is of this one.
 
-    It is of the camera with which it shares the `frame_id`, else the namespace, else the most words of its name; and
-    of none that contradicts it in `frame_id` and namespace.
+    The calibration belongs to the camera with the same `frame_id`, else namespace, else the most words of its name in
+    common. A calibration whose `frame_id` and namespace both differ is not used.
     """
     mine, here, there = _affinity(camera, name, frame), _namespace(camera.name), _namespace(name)
     same_frame, same_place, _ = mine

@@ -65,7 +65,7 @@ class TransformTree:
 
 
 def _names(positions: Positions) -> tuple[str, str]:
-    """Parent and child of a stream of poses; empty where it has none."""
+    """Parent and child of a stream of poses; both may be empty."""
     first = positions.first
     return (first.parent, first.child) if isinstance(first, PoseContent) else ("", "")
 
@@ -92,7 +92,7 @@ def fixed(pose: Pose, count: int) -> CameraPath:
 
 
 def mount_of(tree: TransformTree, positions: Positions, camera_frame: str) -> list[str] | None:
-    """Frames from the camera up to the one that poses are of; empty: the camera itself; None: the log does not say.
+    """Frames from the camera up to the one that poses are of. Empty: the camera itself. None: the log does not say.
 
     A pose that names no child is the camera's own, unless transforms mount the camera on a body: then it is that
     body's.

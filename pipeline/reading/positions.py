@@ -27,8 +27,8 @@ _LOOK_BACK = 256
 class Interpolated(NamedTuple):
     """A series at the times of images.
 
-    known: (k,) whether there are samples near enough; value: (k, 7) as of `Samples`, nan where not known; sigma: (k, 3)
-    of the nearer sample; span_s: (k,) time between the samples on both sides, 0 at a sample.
+    `known`: (k,) whether there are samples near enough. `value`: (k, 7) as of `Samples`, nan where not known. `sigma`:
+    (k, 3) of the nearer sample. `span_s`: (k,) time between the samples on both sides, 0 at a sample.
     """
 
     known: Flags

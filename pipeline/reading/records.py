@@ -1,8 +1,8 @@
 """Records of an MCAP file, read one after the other, whatever state the file is in.
 
-The stock readers stop at the first fault or hand on damaged bytes; here every length is checked before anything is
-read, every chunk's checksum is checked before anything of it is handed on, and reading goes on behind the damage.
-Neither footer nor summary is needed.
+The stock readers stop at the first fault or return damaged bytes. Here every length is checked before reading, and
+every chunk's checksum before anything of it is returned. Reading continues after the damage. Neither footer nor summary
+is needed.
 """
 
 from __future__ import annotations
@@ -104,8 +104,8 @@ def messages_at(
             return [one for one in scanner.content(head) if isinstance(one, Message)]
         except LayoutError as error:
             raise InputError(
-                f"{path}: the messages at byte {place} cannot be read in the order of their times: {error}; "
-                "the log changed while it was read, or must be sorted by time first (mcap sort)"
+                f"{path}: the messages at byte {place} cannot be read in the order of their times: {error}. "
+                "Either the log changed while it was read, or it must be sorted by time first (mcap sort)."
             ) from error
 
 
@@ -117,15 +117,15 @@ def _opened(path: Path, report: ScanReport, allowance: Allowance, start: int) ->
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(
-            f"{path}: wanted a log to read, found: {reason or error}; check the name"
+            f"{path}: the log cannot be read: {reason or error}. Check the name."
         ) from error
     with stream:
         try:
             yield _Scanner(path, stream, report, allowance, start)
         except OSError as error:
             raise InputError(
-                f"{path}: reading stopped at byte {report.bytes_read}: {error.strerror or error}; "
-                "check the disk or copy the file anew"
+                f"{path}: reading stopped at byte {report.bytes_read}: {error.strerror or error}. "
+                "Check the disk, or copy the file again."
             ) from error
 
 
@@ -211,8 +211,8 @@ class _Scanner:
         if found == MAGIC:
             what = "its file mark without any record"
         raise InputError(
-            f"{self.path}: wanted an MCAP log, found {what}; make a log of ROS bags with `wayside join`, "
-            "of numbered images with `wayside import`, and convert other recordings to MCAP"
+            f"{self.path}: this is not an MCAP log but {what}. Make a log of ROS bags with `wayside join`, of "
+            "numbered images with `wayside import`, and convert other recordings to MCAP."
         )
 
     def content(self, head: RecordHead) -> Iterator[Content]:
@@ -308,7 +308,7 @@ class _Scanner:
         return position
 
     def _is_cut_chunk(self, head: RecordHead) -> bool:
-        """Whether the end of the file cuts off a chunk: none of what stands behind its head is a record of the file."""
+        """Whether the end of the file cuts off a chunk. Bytes after its head are then not records of the file."""
         if not (self.finder.cut and self.finder.is_chunk(head)):
             return False
         self.finder.chunked = True

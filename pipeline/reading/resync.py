@@ -34,8 +34,8 @@ _ANYWHERE = re.compile(rb"[\x03-\x06\x09\x0c\x0f](?=.{4}\x00{4})", re.DOTALL)
 class RecordFinder:
     """Finds records in a file; every method moves the stream.
 
-    channels: those known, by id; end: where the last record ends at most; cut: there the file ends, perhaps within a
-    record; chunked: its messages stand in chunks.
+    `channels`: those known, by id. `end`: where the last record ends at most. `cut`: there the file ends, perhaps
+    within a record. `chunked`: its messages stand in chunks.
     """
 
     stream: BinaryIO
@@ -61,8 +61,8 @@ class RecordFinder:
     def follows(self, offset: int) -> bool:
         """Whether a record begins here, also one whose kind or length is damaged, or none is left.
 
-        A message of a known channel is told by its content, whatever its length, and an end by its length. Other kinds,
-        private ones among them, look like garbage: behind them another record must begin.
+        A message of a known channel is recognised by its content, whatever its length, and an end by its length. Other
+        kinds, private ones among them, look like garbage: behind them another record must begin.
         """
         if self._is_end(offset) or self._is_known_message(offset):
             return True
@@ -98,7 +98,7 @@ class RecordFinder:
         return True
 
     def find(self, start: int) -> int | None:
-        """Offset of the first record from `start` on whose kind, length and what follows agree; None: there is none."""
+        """Offset of the first record from `start` on whose kind and length agree with the bytes after it, or None."""
         pattern = _OUTSIDE_CHUNKS if self.chunked else _ANYWHERE
         while start < self.end:
             window = self.bytes_at(start, _WINDOW + RECORD_HEAD.size)

@@ -28,9 +28,9 @@ class Problem:
 class ScanReport:
     """What a scan came across, filled while it runs.
 
-    messages_stated: how many messages the summary counts, None where it does not say or was not reached;
-    unchecked_messages: those outside of chunks with a checksum; unknown_records: of kinds that are not known;
-    part: file of a bag that is being read, empty where the log is one file.
+    `messages_stated`: how many messages the summary counts, None where it does not say or was not reached.
+    `unchecked_messages`: those outside of chunks with a checksum. `unknown_records`: of kinds that are not known.
+    `part`: file of a bag that is being read, empty where the log is one file.
     """
 
     part: str = ""

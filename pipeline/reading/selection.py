@@ -1,4 +1,4 @@
-"""What becomes of each image of a log, in order: used, or the reason why not."""
+"""Status of each image of a log, in order: used, or the reason why not."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ _Place = tuple[int, Frame]
 
 
 class Selection:
-    """Decides what becomes of each image, in order.
+    """Decides the status of each image, in order.
 
-    A copy agrees in every byte with an earlier image, which two exposures of a camera never do; it takes no number,
-    since nothing was travelled for it. 16 bytes of each image are kept.
+    A copy agrees in every byte with an earlier image, which two exposures of a camera never do. It takes no number,
+    because the vehicle did not move for it. 16 bytes of each image are kept.
 
     An image is used where its distance from the last used one, plus half of the latest step, reaches `thin_m`: of two
     neighbours the one nearer to the wanted place. The distance is measured straight from the last used

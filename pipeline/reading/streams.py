@@ -63,7 +63,7 @@ class CameraTrack(Times):
 class Positions(Times):
     """Poses, fixes, or transforms of one frame.
 
-    `value` has seven numbers a message: position (metres; latitude, longitude in degrees and height of a fix),
+    `value` has seven numbers a message: position (metres, or latitude and longitude in degrees and height of a fix) and
     quaternion x, y, z, w. `sigma` has three: of position (m) and rotation (rad) of a pose, east, north, up of a fix;
     nan where not stated.
     """

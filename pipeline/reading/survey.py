@@ -52,10 +52,10 @@ TopicKey = tuple[str, str]
 class Topic:
     """One topic: how much there is of it, how much can be used, its first usable message, and what the others lack.
 
-    first: of images the first that decodes; where none does the first, with the reason in `flaw`; bits: those that its
-    images of 16 bits use (0: none are); frames: `frame_id` of images, up to `MOST_FRAMES`, each with the number of
-    images and those of the first and the last of them; in_part: contents of which something is refused and the rest
-    used; refused: what, of the first of them.
+    `first`: of images the first that decodes; where none does the first, with the reason in `flaw`. `bits`: those that
+    its images of 16 bits use (0: none are). `frames`: `frame_id` of images, up to `MOST_FRAMES`, each with the number
+    of images and those of the first and the last of them. `in_part`: contents of which something is refused and the
+    rest used. `refused`: what, of the first of them.
     """
 
     name: str
@@ -115,8 +115,8 @@ class Topic:
 class LogSurvey:
     """What was found in a log.
 
-    images: of each image topic, of `camera` alone where that is chosen; calibrations, positions: of each topic and
-    schema; tree: of all transforms; channels: by id, each with the offset of its first message, in file order.
+    `images`: of each image topic, of `camera` alone where that is chosen. `calibrations`, `positions`: of each topic
+    and schema. `tree`: of all transforms. `channels`: by id, each with the offset of its first message, in file order.
     """
 
     path: Path

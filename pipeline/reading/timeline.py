@@ -69,7 +69,7 @@ class Timeline:
         return PosePrior(pose, sigma_m, sigma_rad, source)
 
     def fix(self, row: int) -> Fix | None:
-        """The satellite fix at an image, None where there is none."""
+        """The satellite fix at an image, or None."""
         if self.fixes is None or not self.fixes.known[row]:
             return None
         latitude, longitude, altitude = self.fixes.value[row, :3].tolist()
@@ -87,8 +87,8 @@ def make_timeline(plan: Plan) -> Timeline:
     times = plan.survey.images[plan.camera.name].times()
     if not (times.has_header or times.has_log):
         raise InputError(
-            f"{plan.survey.path}: the order of the images of {shortened(plan.camera.name)} is not known: their times "
-            "go back and overlap, as where a clock was set while it was recorded; cut the log there and run each part"
+            f"{plan.survey.path}: the order of the images of {shortened(plan.camera.name)} is not known. Their times "
+            "go back and overlap, as after a clock was set. Cut the log there and run each part."
         )
     order = np.argsort(times.capture_ns, kind="stable")
     timeline = Timeline(order, times, _cameras(plan, times))
@@ -97,10 +97,10 @@ def make_timeline(plan: Plan) -> Timeline:
     row = clock_set_at(plan, times.capture_ns, timeline.cameras)
     if row is not None:
         raise InputError(
-            f"{plan.survey.path}: the clock was set back while the log was recorded: image {row} of "
+            f"{plan.survey.path}: the clock was set back during the recording. Image {row} of "
             f"{shortened(plan.camera.name)} shows the place of the one before it in the file, and its time is "
-            f"{_seconds(int(times.capture_ns[row - 1] - times.capture_ns[row]))} earlier; cut the log there and run "
-            "each part"
+            f"{_seconds(int(times.capture_ns[row - 1] - times.capture_ns[row]))} earlier. Cut the log there and run "
+            "each part."
         )
     timeline.fixes = _fixes(plan, timeline)
     streams = [one for one in _motion_streams(plan, timeline) if one.path.known.any()]
@@ -122,7 +122,7 @@ def make_timeline(plan: Plan) -> Timeline:
 
 
 def _has_scale(plan: Plan, stream: MotionStream, timeline: Timeline) -> bool:
-    """Whether the lengths of poses are those of the fixes, where both cover a part that is long enough to tell."""
+    """Whether poses and fixes agree on lengths, where both cover a part that is long enough to tell."""
     if timeline.fixes is None:
         return True
     rows = timeline.order[(stream.path.known & timeline.fixes.known)[timeline.order]]

@@ -1,4 +1,4 @@
-"""Pictures of a video, decoded one after the other, as each is told by those before it."""
+"""Pictures of a video, decoded one after the other, because each depends on earlier ones."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _BLOCK = 32
 class VideoStreams:
     """Decodes the pictures of the streams of one topic, each stream by itself.
 
-    A stream is the pictures of one channel and one `frame_id`: those of two cameras may share a topic, and the pictures
-    of one are no references for those of the other. Of the newest `_MOST_STREAMS` the state is kept; another waits for
-    a key frame again.
+    A stream is the pictures of one channel and one `frame_id`. Two cameras may share a topic, but the pictures of one
+    are no references for the other. Of the newest `_MOST_STREAMS` the state is kept; another waits for a key frame
+    again.
     """
 
     def __init__(self) -> None:
@@ -53,8 +53,8 @@ class VideoStreams:
     ) -> tuple[str, ImageContent]:
         """Status of a picture, and what of it is known: rows of rgb8 where it is `used`.
 
-        size: of the pictures that are wanted; others are `wrong_size` and not decoded. after_loss: something of the log
-        before it was lost, which may have been pictures of any stream.
+        size: of the pictures to decode; others are `wrong_size`. after_loss: something of the log before it was lost,
+        which may have been pictures of any stream.
         """
         if after_loss:
             for one in self._decoders.values():
@@ -95,9 +95,9 @@ class VideoStreams:
 class _Decoder:
     """Decodes the pictures of one H.264 stream in their order.
 
-    Nothing is decoded before the first key frame. Where the numbers of the pictures tell that one is missing, or one
-    does not decode, the decoder would go on with pictures that are wrong without saying so: none is given up to the
-    next key frame. Pictures that refer to later ones (B) are not decoded: `foxglove.CompressedVideo` excludes them.
+    Nothing is decoded before the first key frame. Where numbers of the pictures show that one is missing, or one does
+    not decode, the decoder would return wrong pictures silently. No picture is given until the next key frame. Pictures
+    that refer to later ones (B) are not decoded: `foxglove.CompressedVideo` excludes them.
     """
 
     def __init__(self) -> None:

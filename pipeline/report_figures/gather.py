@@ -41,7 +41,8 @@ LABELS_BESIDE = (".truth.json", ".labels.json", ".labels.parquet")
 class FaceOutline:
     """The outline of a region on a labelled face, and what the shape classifier makes of it.
 
-    face: row of `Faces`; sequence (samples,): u + iv in the image; named: nearest shape; accepted: within its distance.
+    `face`: row of `Faces`. `sequence` (samples,): u + iv in the image. `named`: nearest shape. `accepted`: within its
+    distance.
     """
 
     frame: int
@@ -65,7 +66,7 @@ class Scene:
         """The image."""
         rgb = self.segmentation.image.rgb
         if rgb is None:
-            raise ValueError("wanted an image, found none")
+            raise ValueError("there is no image")
         return rgb
 
     @property
@@ -87,10 +88,10 @@ class Scene:
 class Drive:
     """A drive that the report's chain goes through; it watches the stages, and keeps what the figures show.
 
-    shapes, density: the classes of shapes, and of what moves as signs do, that decide in other chains of the report;
-    samples: what each classifier was asked, by its name; frames: motion by frame; landmarks: all, with their verdicts;
-    regions: those of each frame that passed the size gate; outlines: of those that passed the colour gate and lie on a
-    face, in order of frames.
+    `shapes`, `density`: the classes of shapes, and of what moves as signs do, that decide in other chains of the
+    report. `samples`: what each classifier was asked, by its name. `frames`: motion by frame. `landmarks`: all, with
+    their verdicts. `regions`: those of each frame that passed the size gate. `outlines`: of those that passed the
+    colour gate and lie on a face, in order of frames.
     """
 
     log: Path
@@ -167,15 +168,15 @@ def evenly(values: Sequence[T], count: int) -> list[T]:
 
 
 def labels_beside(log: Path) -> Path:
-    """The file of labels that stands beside a log; raises InputError where there is none."""
+    """The file of labels of a log, in the same folder. Raises InputError without such a file."""
     for ending in LABELS_BESIDE:
         path = log.with_name(log.stem + ending)
         if path.is_file():
             return path
     names = ", ".join(log.stem + ending for ending in LABELS_BESIDE)
     raise InputError(
-        f"{log}: wanted labels of its images beside it ({names}), found none; the figures compare with them: give "
-        "them with --labels, see docs/labels.md"
+        f"{log}: there are no labels next to the log ({names}). The figures compare with labels: give them with "
+        "--labels; see docs/labels.md."
     )
 
 
@@ -199,9 +200,7 @@ def gather_drive(
     settings, models = chain(PRESET)
     shapes, density = chain(SHAPE_PRESET)[1].shape_classes, chain(TRAJECTORY_PRESET)[1]
     if shapes is None or density.trajectory_density is None:
-        raise InputError(
-            f"models: wanted those of {SHAPE_PRESET} and {TRAJECTORY_PRESET}, found some missing"
-        )
+        raise InputError(f"models: {SHAPE_PRESET} and {TRAJECTORY_PRESET} must both be loaded")
     labels = read_labels(labels_file)
     found = labels_of_log(log, labels, settings.read)
     faces, motion = labelled_faces(found), density.trajectory_density

@@ -1,8 +1,8 @@
 """The most powerful test of a stated false-alarm rate, of fitted densities and of the report's own (chapter 9).
 
-Two hypotheses on a value y: no sign, with density p0, or a sign, with density p1. By the lemma of Neyman and Pearson
-(1933) no test of false-alarm rate alpha has more power than the one that accepts where p1 / p0 is at least eta, with
-eta such that what is no sign is accepted with probability alpha (report eq. 9.3 to 9.6).
+Two hypotheses on a value y: no sign, with density p0, or a sign, with density p1. No test of false-alarm rate alpha has
+more power than the one that accepts where p1 / p0 is at least eta (Neyman and Pearson 1933). The value of eta accepts
+whatever is not a sign with probability alpha (report eq. 9.3 to 9.6).
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class Densities:
 class PowerfulTest:
     """The most powerful test of a false-alarm rate.
 
-    accepted (n,) bool by value; false_alarm, power: probabilities that it accepts what is no sign, and a sign;
-    threshold: the least accepted value where all larger ones are accepted too, None where these have gaps.
+    `accepted` (n,) bool by value. `false_alarm`, `power`: probabilities that it accepts what is no sign, and a sign.
+    `threshold`: the least accepted value where all larger ones are accepted too, None where these have gaps.
     """
 
     accepted: NDArray[np.bool_]
@@ -63,7 +63,7 @@ class PowerfulTest:
 
 
 def fitted_densities(on: NDArray[np.floating], off: NDArray[np.floating]) -> Densities:
-    """Kernel densities (Gaussian, bandwidth by Scott's rule) of the values of signs (m,) and of what is none (n,).
+    """Kernel densities (Gaussian, bandwidth by Scott's rule) of the values of signs (m,) and of everything else (n,).
 
     Raises
     ------
@@ -72,7 +72,7 @@ def fitted_densities(on: NDArray[np.floating], off: NDArray[np.floating]) -> Den
     """
     kinds = [np.asarray(values, np.float64) for values in (off, on)]
     if any(len(np.unique(values)) < 2 for values in kinds):
-        raise ValueError("densities: wanted two different values of either kind")
+        raise ValueError("densities: each kind needs two different values")
     together = np.concatenate(kinds)
     margin = 0.1 * float(np.ptp(together))
     grid = np.linspace(together.min() - margin, together.max() + margin, GRID)
@@ -122,7 +122,7 @@ def most_powerful_test(densities: Densities, alpha: float) -> PowerfulTest:
 
 
 def report_threshold(alpha: float) -> float:
-    """Red from which a pixel is that of a white sign, by eq. 9.7.
+    """Red from which a pixel belongs to a white sign, by eq. 9.7.
 
     167.73 at alpha 0.1 and 190.77 at 0.03. The captions of figures 9.5 and 9.6 say 172 and 207 for these, which are the
     thresholds of alpha 0.0819 and 0.0105. The constant 0.9995 is the error function at the upper end of eq. 9.1 alone;
@@ -134,7 +134,7 @@ def report_threshold(alpha: float) -> float:
         `alpha` is not from 0 to 0.99975, for which the equation has a value.
     """
     if not 0 <= alpha < 0.99975:
-        raise UsageError(f"alpha: wanted 0 to 0.99975 (eq. 9.7), found {alpha:g}")
+        raise UsageError(f"alpha: {alpha:g} is outside 0 to 0.99975 (eq. 9.7)")
     return float(REPORT_MEAN - 54.57 * erfinv(2 * alpha - 0.9995))
 
 
@@ -146,4 +146,4 @@ def report_power(threshold: float) -> float:
 
 def _check(alpha: float) -> None:
     if not 0 <= alpha <= 1:
-        raise UsageError(f"alpha: wanted a false-alarm rate from 0 to 1, found {alpha:g}")
+        raise UsageError(f"alpha: {alpha:g} is not a false-alarm rate from 0 to 1")

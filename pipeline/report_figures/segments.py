@@ -84,7 +84,7 @@ def rates_of(samples: ClassifierSamples, color: str) -> tuple[int, int, int, int
 
 
 def _face(drive: Drive, color: str, *, largest: bool) -> int | None:
-    """Row of the largest or smallest face of a colour; of any colour where there is none of it; None without faces."""
+    """Row of the largest or smallest face of a colour, else of any colour. None without faces."""
     faces = drive.faces
     rows = np.flatnonzero(faces.example & np.isin(faces.frame, list(drive.frames)))
     own = rows[faces.color[rows] == color]

@@ -1,4 +1,4 @@
-"""What stands in the folder that a run is to write to: an own earlier result of the same log, or something to keep."""
+"""The content of the folder that a run writes to: an earlier result of the same log, or something to keep."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ _END_BYTES = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class EarlierResult:
-    """What stands in a folder; `recorded`: a recording that belongs to the result there."""
+    """Content of a folder; `recorded`: a recording that belongs to the result there."""
 
     folder: Path
     recorded: bool
     overwrite: bool
 
     def check_recording(self) -> None:
-        """Make sure that a recording may be written; raises OutputError where one of the user's stands there."""
+        """Make sure that a recording may be written; raises OutputError if it would replace a file of the user's."""
         if not self.recorded and not self.overwrite and _is_there(self.folder, RECORDING):
-            raise _refused(self.folder, RECORDING, "not of the result there")
+            raise _refused(self.folder, RECORDING, "not part of the result there")
 
 
 def log_fingerprint(log: Path) -> str | None:
@@ -74,8 +74,8 @@ def file_digest(path: Path) -> str:
 def check_earlier(folder: Path, log: Path, *, overwrite: bool = False) -> EarlierResult:
     """Make sure that a run loses nothing of the user's.
 
-    A result of the same log may be replaced: the log is the one of before by its fingerprint, or by its path where
-    the result does not state one. Each table must be as `run.json` states it.
+    A result of the same log may be replaced. The log is the same by its fingerprint, or by its path where the result
+    does not state one. Each table must be as `run.json` states it.
 
     Parameters
     ----------
@@ -96,17 +96,17 @@ def check_earlier(folder: Path, log: Path, *, overwrite: bool = False) -> Earlie
     if overwrite or not standing:
         return EarlierResult(folder, recorded, overwrite)
     if run is None:
-        raise _refused(folder, ", ".join(standing), "no result of wayside")
+        raise _refused(folder, ", ".join(standing), "not a result of wayside")
     if not _is_same(run, log):
         raise _refused(
-            folder, f"the result of {run.get('log_path') or run.get('log')}", "another log"
+            folder, f"the result of {run.get('log_path') or run.get('log')}", "of another log"
         )
     try:
         foreign = [name for name in standing if not _is_as_stated(folder, name, run)]
     except OSError as error:
         raise not_written(folder, error) from error
     if foreign:
-        raise _refused(folder, ", ".join(foreign), "not as the run.json there states it")
+        raise _refused(folder, ", ".join(foreign), "not as its run.json states")
     return EarlierResult(folder, recorded, overwrite)
 
 
@@ -141,7 +141,7 @@ def _is_same(run: dict[str, Any], log: Path) -> bool:
 
 
 def _read_run(folder: Path) -> dict[str, Any] | None:
-    """Content of `run.json`; None where it is none of wayside's."""
+    """Content of `run.json`, or None if it was not written by wayside."""
     try:
         run = parse_json(read_input_text(folder / RUN_FILE))
     except (OSError, ValueError):
@@ -157,6 +157,6 @@ def _is_there(folder: Path, name: str) -> bool:
 
 def _refused(folder: Path, found: str, why: str) -> OutputError:
     return OutputError(
-        f"{folder}: wanted to write the result here, found {found} ({why}); "
-        "choose another folder with -o, or replace it with --overwrite"
+        f"{folder}: the result cannot be written here, because the folder holds {found} ({why}). Choose another "
+        "folder with -o, or replace it with --overwrite."
     )

@@ -97,7 +97,7 @@ def read_rows(
     columns: Sequence[str],
     where: Where | None = None,
 ) -> list[dict[str, Any]]:
-    """Rows of one table of a result, null as None; parameters and errors are those of `read_table`."""
+    """Rows of one table of a result, null as None. Takes and raises the same as `read_table`."""
     rows: list[dict[str, Any]] = read_table(out, table, columns, where).to_pylist()
     return rows
 
@@ -119,12 +119,10 @@ def read_run(out: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         raise InputError(f"{file} cannot be read: {error}; run the log again") from error
     if not isinstance(run, dict):
-        raise InputError(f"{file}: wanted what `wayside run` writes, found something else")
+        raise InputError(f"{file}: the file was not written by `wayside run`")
     odd = [name for name, kind in _KINDS.items() if name in run and not isinstance(run[name], kind)]
     if odd:
-        raise InputError(
-            f"{file}: wanted what `wayside run` writes, found another kind of {odd[0]}"
-        )
+        raise InputError(f"{file}: {odd[0]} is not of the kind that `wayside run` writes")
     return run
 
 
@@ -143,8 +141,8 @@ def read_settings(out: Path, run: dict[str, Any]) -> ReadSettings:
         )
     except (*CONTENT_FAULTS, UsageError) as error:
         raise InputError(
-            f"{out / RUN_FILE}: wanted the settings of the run, found {error}; "
-            "it was written by another version of wayside: run the log again"
+            f"{out / RUN_FILE}: the settings of the run cannot be read: {error}. Another version of wayside wrote "
+            "them: run the log again."
         ) from error
     return settings.read
 
@@ -160,14 +158,14 @@ def find_log(run: dict[str, Any], given: Path | None) -> Path:
     noted = run.get("log_path")
     if given is None and noted is None:
         raise InputError(
-            f"wanted the log {run.get('log', '')} to take images from; {RUN_FILE} does not say where it lies; "
-            "say it with --log"
+            f"images are taken from the log {run.get('log', '')}, and {RUN_FILE} does not state where it is. Name it "
+            "with --log."
         )
     log = Path(noted or "") if given is None else given
     if not log.is_file() and not is_bag(log):
-        found = "a folder" if log.is_dir() else "no such file"
-        advice = "say where it lies now with --log" if given is None else "give a log with --log"
-        raise InputError(f"wanted the log {log} to take images from, found {found}; {advice}")
+        found = "a folder" if log.is_dir() else "not there"
+        advice = "Name its place with --log." if given is None else "Give a log with --log."
+        raise InputError(f"images are taken from the log {log}, which is {found}. {advice}")
     return log
 
 

@@ -16,7 +16,7 @@ from wayside.schemas.tables import SIGNS
 
 @dataclass(frozen=True, slots=True)
 class ReviewFigures:
-    """Counts of rows with status `sign`, by what is said of them.
+    """Counts of rows with status `sign`, by their review.
 
     color_stated, shape_stated: right rows that state one; color_right, shape_right: of these, those whose is right.
     """

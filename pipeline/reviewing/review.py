@@ -36,10 +36,10 @@ FILES = ("review.json", "review.csv")
 
 @dataclass(frozen=True, slots=True)
 class Reviewed:
-    """What is said of one sign.
+    """The review of one sign.
 
-    review: a key of `REVIEWS`; sign_id: None where it is missing; color, shape: where edited or missing; x, y: of a
-    missing one in the world frame, metres.
+    `review`: a key of `REVIEWS`. `sign_id`: None where it is missing. `color`, `shape`: where edited or missing. `x`,
+    `y`: of a missing one in the world frame, metres.
     """
 
     review: str
@@ -76,7 +76,7 @@ def find_review(out: Path, given: Path | None) -> Review:
     found = [out / name for name in FILES if (out / name).is_file()]
     if len(found) > 1:
         raise InputError(
-            f"{out}: wanted one review, found {' and '.join(FILES)}; say which with --review"
+            f"{out}: there are two reviews, {' and '.join(FILES)}. Choose one with --review."
         )
     return read_review(found[0], out) if found else NO_REVIEW
 
@@ -94,8 +94,8 @@ def required_review(out: Path, given: Path | None) -> Review:
     review = find_review(out, given)
     if review == NO_REVIEW:
         raise UsageError(
-            f"{out}: wanted corrections to make labels of, found no {' or '.join(FILES)} there; save them in its "
-            "evidence index, or name the file with --review of `wayside label`"
+            f"{out}: there are no corrections to make labels of: no {' or '.join(FILES)}. Save them in its evidence "
+            "index, or name the file with --review of `wayside label`."
         )
     return review
 
@@ -124,7 +124,7 @@ def read_review(path: Path, out: Path) -> Review:
     except (OSError, csv.Error, *CONTENT_FAULTS) as error:
         found = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
         raise InputError(
-            f"{path}: wanted a review as the evidence index saves it, found {found[:200]}; see docs/corrections.md"
+            f"{path}: this is not a review as the evidence index saves it: {found[:200]}. See docs/corrections.md."
         ) from error
     known = {str(row["sign_id"]) for row in read_rows(out, SIGNS, ["sign_id"])}
     result = result_name(read_run(out))
@@ -133,8 +133,8 @@ def read_review(path: Path, out: Path) -> Review:
     for number, entry in enumerate(entries, 1):
         if entry.get("result") and entry["result"] != result:
             raise InputError(
-                f"{path}: wanted a review of the result in {out}, found one of another run, whose signs have other "
-                "numbers; review the evidence of this result"
+                f"{path}: the review is of another run than {out}, whose signs have other numbers. Review the "
+                "evidence of this result."
             )
         try:
             one = _reviewed(entry)
@@ -166,7 +166,7 @@ def _json_rows(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def _csv_rows(path: Path) -> Iterator[dict[str, Any]]:
-    """Rows of a review, or of an exported table in which reviews are filled in; a row that says nothing is none."""
+    """Rows of a review, or of an exported table with reviews filled in. Empty rows are left out."""
     names, rows = read_csv(path, "xy")
     if "review" not in names:
         raise ValueError(f"no column review among {', '.join(names)}")
@@ -186,10 +186,10 @@ def _csv_rows(path: Path) -> Iterator[dict[str, Any]]:
 def _reviewed(entry: Mapping[str, Any]) -> Reviewed:
     review = entry.get("review")
     if review not in REVIEWS:
-        raise ValueError(f"wanted {', '.join(REVIEWS)}, found {review!r}")
+        raise ValueError(f"there is no review {review!r} among {', '.join(REVIEWS)}")
     for name, classes in (("color", COLORS), ("shape", SHAPES)):
         if name in entry and entry[name] not in classes:
-            raise ValueError(f"wanted a {name} of {', '.join(classes)}, found {entry[name]!r}")
+            raise ValueError(f"there is no {name} {entry[name]!r} among {', '.join(classes)}")
     sign_id = None if review == MISSING else entry.get("sign_id")
     x, y = (float(entry[axis]) if axis in entry else None for axis in "xy")
     placed = x is not None and y is not None and math.isfinite(x) and math.isfinite(y)

@@ -117,8 +117,8 @@ def measure_roc(
     measured = characteristics(join_drives(drives), settings, models)
     if not measured.drawn():
         raise InputError(
-            "roc: wanted signs and other things that a classifier was asked about, found no classifier with both; "
-            "label more signs, or more images completely"
+            "roc: no classifier was asked about both signs and other things. Label more signs, or more images "
+            "completely."
         )
     _write(folder, measured)
     return measured
@@ -342,4 +342,4 @@ def _check_free(folder: Path) -> None:
         except (OSError, ValueError):
             own = False
         if not own:
-            raise refuse(present[0], "a file there that is no earlier measurement")
+            raise refuse(present[0], "a file that is not an earlier measurement")

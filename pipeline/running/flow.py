@@ -31,7 +31,7 @@ class Observer(Protocol):
 
 @dataclass(slots=True)
 class FrameCounts:
-    """Frames that were looked at, each for itself, and those that the stages which need the order are done with."""
+    """Numbers of frames that are analysed one by one, and of frames that the ordered stages have finished."""
 
     looked_at: int = 0
     settled: int = 0
@@ -84,7 +84,7 @@ class Flow:
             yield settled
 
     def detect(self, frames: Iterator[Frame]) -> Iterator[Detections]:
-        """Do what one image needs for itself; runs side by side in the workers."""
+        """Do the work on one image that needs no other image; runs side by side in the workers."""
         return self._through(self.chain.per_image, frames)
 
     def finish(self) -> Drive:

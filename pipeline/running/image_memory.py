@@ -66,9 +66,9 @@ class ImageMemory:
         needed = (self.window + 1) * one / _MEGABYTE
         if 0 < self.limit_mb < needed:
             raise UsageError(
-                f"--memory: wanted room for {self.window + 1} images of {width} x {height}, {needed:.0f} MB, which "
-                f"motion and tracking hold at once, found {self.limit_mb:.0f} MB; give more, or lower the setting "
-                "track.longest"
+                f"--memory: motion and tracking hold {self.window + 1} images of {width} x {height} at once, which is "
+                f"{needed:.0f} MB and more than {self.limit_mb:.0f} MB. Give more, or lower the setting "
+                "track.longest."
             )
         self._held[frame.index] = one
         self._bytes += one

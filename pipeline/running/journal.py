@@ -1,13 +1,14 @@
 """What was found in each image, kept on disk, so that a run that was killed can go on.
 
-The stages that need one image alone take most of the time of a run. A run that goes on decodes the images again, takes
-these results from the journal, and measures motion and tracks anew: the same arrays enter the stages that follow, so
-the tables have the same bytes.
+The stages that need one image alone take most of the time of a run. A resumed run decodes the images again, takes these
+results from the journal, and measures motion and tracks again. The later stages get the same arrays, and the tables
+have the same bytes.
 
-A journal is an entry for each frame, in order: length and CRC-32 of the content, then the content, an Arrow IPC stream
-of one row whose schema names the columns and what the journal belongs to. What follows an entry that is torn or altered
-is cut off; values that no run finds make all of it void. The checks are against damage, and against values that would
-crash what follows: who can write a journal could as well write the tables, so that a signature would protect nothing.
+A journal is an entry for each frame, in order: length and CRC-32 of the content, then the content. The content is an
+Arrow IPC stream of one row, whose schema names the columns and the run of the journal. What follows an entry that is
+torn or altered is cut off; values that no run finds make all of it void. The checks are against damage, and against
+values that would crash later stages. A signature would protect nothing, because whoever can write a journal can write
+the tables as well.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ def journal_key(log: Path, settings: Settings, models: Models) -> dict[str, Any]
     """
     fingerprint = log_fingerprint(log)
     if fingerprint is None:
-        raise UsageError(f"--resume: wanted a log that can be read again, found none at {log}")
+        raise UsageError(f"--resume: there is no log at {log} that can be read again")
     return _key(fingerprint, settings, models.digests()) | {
         "machine": [platform.machine(), platform.processor(), platform.python_version()],
     }
@@ -126,7 +127,7 @@ def _key(fingerprint: str, settings: Settings, digests: dict[str, str]) -> dict[
 class Journal:
     """The results of the first frames of a log, by frame; more are appended in order.
 
-    note: why one that stood there is not used, or not all of it; empty else. replayed: images in it.
+    note: why an earlier journal is not used, or not all of it; empty else. replayed: images in it.
 
     Parameters
     ----------
@@ -150,7 +151,7 @@ class Journal:
         try:
             self._stream = self._open()
         except OSError as error:
-            raise not_written(folder, error, "to keep the journal here") from error
+            raise not_written(folder, error, "the journal") from error
         self.replayed = len(self._entries)
         self._synced = time.monotonic()
 
@@ -223,7 +224,7 @@ class Journal:
         return self._path.open("r+b")
 
     def _scan(self, stream: BinaryIO) -> int:
-        """Find the whole entries; where the last of them ends; ValueError for one that no run like this writes."""
+        """Find the whole entries and the end of the last one; ValueError for an entry that no such run writes."""
         end, last = 0, -1
         while len(head := stream.read(_HEAD.size)) == _HEAD.size:
             length, crc = _HEAD.unpack(head)
@@ -247,7 +248,7 @@ class Journal:
                 os.fsync(self._stream.fileno())
                 self._synced = time.monotonic()
         except OSError as error:
-            raise not_written(self._path.parent, error, "to keep the journal here") from error
+            raise not_written(self._path.parent, error, "the journal") from error
 
 
 def remove_journal(folder: Path) -> None:

@@ -78,13 +78,13 @@ def in_words(error: OSError) -> WaysideError:
     """What a system call says, wherever it comes up; the error itself where it says nothing of a file."""
     if error.errno in UNWRITABLE:
         target = Path(error.filename or "output")
-        return not_written(target, error, "to write here", "write elsewhere")
+        return not_written(target, error, "the output", "write elsewhere")
     if error.filename is None:
         raise error
     found = str(error.filename)
     shown = found if len(found) <= 80 else f"{found[:40]}...{found[-20:]} ({len(found)} long)"
     if error.errno in _NO_NAMES:
-        return UsageError(f"wanted a path, found: {error.strerror}: {shown}; correct the name")
+        return UsageError(f"{shown} is not a path: {error.strerror}. Correct the name.")
     return InputError(
         f"{shown} cannot be read: {error.strerror}; check the permissions of it and of the folders it lies in"
     )

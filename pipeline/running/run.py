@@ -57,7 +57,7 @@ class RunObserver(Observer, Protocol):
 
     @property
     def records(self) -> bool:
-        """Whether it writes a recording beside the tables."""
+        """Whether it writes a recording next to the tables."""
 
     @property
     def recording_lost(self) -> bool:
@@ -94,7 +94,7 @@ class RunResult:
 
     @property
     def notes(self) -> list[str]:
-        """What was found amiss in the log and made good, or has to be known to trust the result; in words."""
+        """Faults of the log that were corrected, or that matter for trusting the result, in words."""
         more = () if self.boxes is None else self.boxes.notes
         return [*self.report.notes, *self.inventory.path.notes, *more]
 
@@ -369,9 +369,9 @@ def _wrong_calibration(log: Path, report: ReadReport, found: Camera) -> str:
 def _no_image(log: Path, statuses: Counter[str]) -> str:
     reasons = (
         ", ".join(f"{count} {status}" for status, count in sorted(statuses.items()))
-        or "none at all"
+        or "the log has none"
     )
     return (
-        f"{log}: wanted images to process, found {reasons}; "
-        "see `wayside info` for what the log holds and loosen --from, --until, --every or the calibration"
+        f"{log}: there are no images to process: {reasons}. See `wayside info` for what the log holds, and loosen "
+        "--from, --until, --every or the calibration."
     )

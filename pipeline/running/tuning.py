@@ -36,7 +36,7 @@ def tune_process() -> None:
 def keep_heap() -> bool:
     """Ask the C library not to give the memory of each image back to the system.
 
-    By default glibc maps every block of some megabytes anew: about 1800 page faults for a 1600 x 1200 image, which
+    By default glibc maps every block of some megabytes again: about 1800 page faults for a 1600 x 1200 image, which
     makes decoding a half slower.
 
     Returns
@@ -55,8 +55,8 @@ def keep_heap() -> bool:
 def watched_compilation(notify: Callable[[bool], None]) -> Iterator[None]:
     """Compile kernels faster in a block, and say when one is compiled.
 
-    Garbage collection pauses meanwhile: the compiler makes millions of small objects that live until it is done, and
-    looking through them again and again costs about a fifth of its time.
+    Garbage collection pauses meanwhile. The compiler makes millions of small objects that live until it is done, and
+    scanning them repeatedly costs about a fifth of its time.
 
     Parameters
     ----------

@@ -49,12 +49,12 @@ SURE = 3.0
 class Survey:
     """A survey and its errors; lengths in metres, angles in degrees, noise in pixels a coordinate.
 
-    noise_px, noise_share: of a panel's centre in each image, and an addition as a fraction of its height; face_share:
-    offset common to all views of a panel, as a fraction of its size; tie_px: of a tie in each image; tie_drift_px,
-    tie_drift_share, tie_drift_reach_px: error that a tie shares with the ties around it, an addition as a fraction of
-    its displacement, and the reach of the correlation; trigger_m: scatter of the spacing; jitter_deg: of the pitch
-    (half as much roll, a quarter yaw); outliers: fraction of gross errors among ties and panels; pose_m, pose_deg:
-    scatter of given poses (None: only the spacing is given).
+    `noise_px`, `noise_share`: of a panel's centre in each image, and an addition as a fraction of its height.
+    `face_share`: offset common to all views of a panel, as a fraction of its size. `tie_px`: of a tie in each image.
+    `tie_drift_px`, `tie_drift_share`, `tie_drift_reach_px`: error that a tie shares with the ties around it, an
+    addition as a fraction of its displacement, and the reach of the correlation. `trigger_m`: scatter of the spacing.
+    `jitter_deg`: of the pitch (half as much roll, a quarter yaw). `outliers`: fraction of gross errors among ties and
+    panels. `pose_m`, `pose_deg`: scatter of given poses (None: only the spacing is given).
     """
 
     spacing_m: float = 8.0
@@ -162,7 +162,7 @@ class SimulatedDrive:
         return rows
 
     def common(self, before: int, now: int) -> NDArray[np.int64]:
-        """Points that tie two images: the first so many that both show, in a fixed order without meaning."""
+        """Points that tie two images: the first of those that both show, in a fixed order without meaning."""
         shared = np.intersect1d(self.visible(before), self.visible(now), assume_unique=True)
         order = np.argsort((shared * 2654435761) % 2**32, kind="stable")
         return np.sort(shared[order[: self.survey.ties]])
@@ -207,7 +207,7 @@ class SimulatedDrive:
         return right, np.cross(ahead, right), ahead
 
     def _beside(self, station: Array, lateral: Array, above: Array) -> Array:
-        """World points (n, 3) beside the road's line and above its surface."""
+        """World points (n, 3) along the road's line and above its surface."""
         radius, hill = self.survey.curve_radius_m, self.survey.hill_m / 2
         if np.isfinite(radius):
             across, along = (

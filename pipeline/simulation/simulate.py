@@ -40,8 +40,8 @@ BOUNDED = 16
 class SimulationResult:
     """Errors of the signs that were found, in the camera of the closest whole view: along, lateral, up, metres.
 
-    error, sigma (n, 3): reported minus true; as stated; bound (m, 3): Cramér-Rao, of some of them; nearest (n,):
-    distance of the closest view; wanted: signs that three or more images show.
+    `error`, `sigma` (n, 3): reported minus true, and as stated. `bound` (m, 3): Cramér-Rao, of some of them. `nearest`
+    (n,): distance of the closest view. `wanted`: signs that three or more images show.
     """
 
     survey: Survey
@@ -100,7 +100,7 @@ def simulate(
     check(survey)
     drive = SimulatedDrive(survey)
     settings = TrackSettings(fewest_views=FEWEST_VIEWS)
-    # the stated sigmas are those of the errors that the survey has
+    # the stated sigmas include the errors that the survey has
     noise = (max(survey.noise_px, LEAST_SIGMA_PX), survey.noise_share)
     found: dict[int, tuple[Array, Array, float, int]] = {}
     posed = drive.posed(MotionSettings())
@@ -165,7 +165,7 @@ def check(survey: Survey) -> None:
         if not fits:
             found = value if isinstance(value, str) else f"{value:g}"
             raise UsageError(
-                f"{option}: wanted {words}, found {found}; see `wayside simulate --help`"
+                f"{option} must be {words}, not {found}. See `wayside simulate --help`."
             )
 
 
@@ -178,7 +178,7 @@ def focal_of_view(hfov_deg: float, width: int) -> float:
         For an angle that no pinhole camera has.
     """
     if not 1 < hfov_deg < 170:
-        raise UsageError(f"--hfov: wanted 1 to 170 degrees, found {hfov_deg:g}")
+        raise UsageError(f"--hfov: {hfov_deg:g} is outside 1 to 170 degrees")
     return width / 2 / tan(radians(hfov_deg) / 2)
 
 
@@ -210,7 +210,7 @@ def write_simulation(
 ) -> None:
     """Write the figures of one survey, or of all that a sweep tried, as JSON.
 
-    They replace those of an earlier simulation or, with `overwrite`, whatever stands there.
+    They replace those of an earlier simulation or, with `overwrite`, any file.
 
     Raises
     ------
@@ -248,7 +248,7 @@ def format_simulation(one: SimulationResult) -> str:
 
 
 def sweep_heading(target_m: float) -> str:
-    """What stands above the rows of a sweep."""
+    """Lines above the rows of a sweep."""
     return (
         f"95 % of the signs within {target_m:g} m:\n"
         f"{'spacing, m':>10}{'focal, px':>11}{'view':>6}{'placed':>10}{'median':>9}{'95 %':>9}{'bound':>9}"
@@ -266,7 +266,7 @@ def sweep_row(one: SimulationResult, target_m: float) -> str:
 
 
 def sweep_conclusion(tried: Sequence[SimulationResult], target_m: float) -> str:
-    """What stands below the rows of a sweep."""
+    """Lines below the rows of a sweep."""
     good = [one.survey.spacing_m for one in tried if reaches(one, target_m)]
     if good:
         return f"\nwidest spacing that reaches it: {max(good):.2f} m"

@@ -1,6 +1,6 @@
 """Every intermediate result in the Rerun viewer: what it looks like, where it goes, how it is laid out.
 
-Nothing else needs Rerun, which is large: tables are made without it, and whoever asks for the viewer is told.
+Nothing else needs Rerun, which is large. Tables are made without it, and the viewer commands report that it is missing.
 """
 
 from importlib.util import find_spec
@@ -9,6 +9,6 @@ from wayside.schemas.errors import UsageError
 
 if find_spec("rerun") is None:
     raise UsageError(
-        "wanted Rerun to record, view or draw the steps of a run, found it not installed; "
-        "pip install 'rerun-sdk>=0.41,<0.42'"
+        "recording, viewing and drawing the steps of a run need Rerun, which is not installed. Install it with pip "
+        "install 'rerun-sdk>=0.41,<0.42'."
     )

@@ -104,7 +104,7 @@ def drive_layout(images: str | None = None, *, live: bool = False) -> rrb.Bluepr
         rrb.Vertical(
             chased,
             rrb.Horizontal(above, rrb.Tabs(across, panels)),
-            # one over the other: beside each other no title has room for the colours that it names
+            # one over the other: side by side, no title has room for the colours that it names
             rrb.Tabs(residuals, iterations, gates, signs, window),
             row_shares=[1.6, 1.2, 1],
         ),

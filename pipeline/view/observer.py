@@ -26,9 +26,9 @@ from wayside.schemas.motion import PosedDetections
 class RerunObserver:
     """Turns items into entities in the thread that made them, and sends each frame's in one go, in order.
 
-    Entities of the stages in the workers wait until the motion of their frame is known, so that every row has all
-    timelines, the distance along the road included, and only one thread sets times. Faults are kept for the summary;
-    they do not reach the run.
+    Entities of the stages in the workers wait until the motion of their frame is known. Every row then has all
+    timelines, also the distance along the road, and only one thread sets times. Faults are kept for the summary; they
+    do not reach the run.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class RerunObserver:
 
     @property
     def records(self) -> bool:
-        """Whether one of the recordings is the file beside the tables."""
+        """Whether one of the recordings is the file next to the tables."""
         return any(recorder.name == RECORDING for recorder in self._recorders)
 
     @property

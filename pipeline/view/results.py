@@ -69,14 +69,16 @@ def find_target(out: Path, sign_id: str | None, frame: int | None) -> Target:
         There is no such sign or frame; both are given.
     """
     if sign_id is not None and frame is not None:
-        raise UsageError("wanted --sign or --frame, found both; a sign has its own best frame")
+        raise UsageError(
+            "--sign and --frame are both given, but a sign has its own best frame. Leave one out."
+        )
     rows = read_rows(out, FRAMES, ["frame", "log_time_ns"])
     times = {row["frame"]: row["log_time_ns"] for row in rows}
     if sign_id is None:
         chosen = _richest(out, times) if frame is None else frame
         if chosen not in times:
             known = f"{min(times)} to {max(times)}" if times else "none"
-            raise UsageError(f"--frame {frame}: wanted a frame of {out}, which holds {known}")
+            raise UsageError(f"--frame {frame}: {out} does not hold this frame, but {known}")
         return Target(chosen, times[chosen])
     signs = read_rows(out, SIGNS, ["sign_id", "best_frame", "best_box", "ahead_m"])
     by_id = {row["sign_id"]: row for row in signs}
@@ -110,8 +112,8 @@ def recordings_of(out: Path, log: Path | None) -> Recordings:
     path = out / RECORDING
     if not path.is_file():
         raise InputError(
-            f"{path}: wanted the recording of a run, found none; "
-            f"run the log again with `wayside run LOG --view file -o {out}`"
+            f"{path}: there is no recording of the run. Run the log again with `wayside run LOG --view file -o "
+            f"{out}`."
         )
     run = read_run(out)
     recording_id = Path(run.get("log", out.name)).stem
@@ -162,7 +164,7 @@ def save_screenshot(
         There is no software Vulkan, a view could not be drawn, the file cannot be written or another stands there.
     """
     if not png.parent.is_dir():
-        raise OutputError(f"{png}: wanted a folder that is there, found none; make {png.parent}")
+        raise OutputError(f"{png}: there is no folder {png.parent}. Make it first.")
     found = recordings_of(out, log)
     with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
         layout = _layout(target, found.images, Path(scratch))

@@ -1,4 +1,4 @@
-"""Where a recording goes: a file beside the tables, or a viewer."""
+"""Where a recording goes: a file next to the tables, or a viewer."""
 
 from __future__ import annotations
 

@@ -35,13 +35,11 @@ MEMORY = ("--memory-limit", "4GB", "--server-memory-limit", "1GiB")
 
 
 def viewer_program() -> Path:
-    """The viewer's own binary; the console script beside it is a wrapper that survives its child."""
+    """The viewer's own binary. The console script next to it is a wrapper that survives its child."""
     name = "rerun.exe" if os.name == "nt" else "rerun"
     path = Path(rr.__file__).resolve().parents[1] / "rerun_cli" / name
     if not path.is_file():
-        raise InputError(
-            f"{path}: wanted the viewer of rerun-sdk, found none; install rerun-sdk again"
-        )
+        raise InputError(f"{path}: the viewer of rerun-sdk is missing. Install rerun-sdk again.")
     return path
 
 
@@ -63,14 +61,15 @@ def probe(address: str) -> str:
         host, port = None, None
     if host is None or port is None:
         raise UsageError(
-            f"--connect {address}: wanted an address such as rerun+http://127.0.0.1:9876/proxy or 127.0.0.1:9876"
+            f"--connect {address}: this is not an address. Write it as in rerun+http://127.0.0.1:9876/proxy or "
+            "127.0.0.1:9876."
         )
     try:
         socket.create_connection((host, port), PROBE_S).close()
     except OSError as error:
         raise InputError(
-            f"--connect {address}: wanted a viewer that listens there, found: {error}; "
-            f"start one with `{viewer_program().name} --bind {LOOPBACK} --port {port}`, or use --view file"
+            f"--connect {address}: no viewer listens there: {error}. Start one with `{viewer_program().name} --bind "
+            f"{LOOPBACK} --port {port}`, or use --view file."
         ) from error
     return full
 
@@ -78,8 +77,8 @@ def probe(address: str) -> str:
 def start_viewer(files: Sequence[Path] = (), recording_id: str = "", *, serve: bool = False) -> str:
     """Start a viewer with a window, or with `serve` one for the browser; its address.
 
-    It listens on loopback only and lives on when this program ends; stderr says how to reach and how to end it.
-    files: shown in this order, as parts of the recording of this id; none: the run sends what is shown.
+    It listens on loopback only and continues when this program ends. Its address, and how to end it, are printed on
+    stderr. `files`: shown in this order, as parts of the recording of this id. Without files, the run sends the data.
 
     Raises
     ------
@@ -108,8 +107,8 @@ def require_display() -> None:
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     ):
         raise InputError(
-            "wanted a display for the viewer's window, found none (DISPLAY is not set); "
-            "use --serve for a browser, `wayside picture` for a PNG, or copy the .rrd to a desktop"
+            "the viewer's window needs a display, and DISPLAY is not set. Use --serve for a browser, `wayside "
+            "picture` for a PNG, or copy the .rrd to a desktop."
         )
 
 
@@ -140,13 +139,16 @@ def headless(
 
 
 def software_vulkan() -> Path:
-    """The driver file of Mesa's software Vulkan; raises OutputError that names the packages where there is none."""
+    """The driver file of Mesa's software Vulkan.
+
+    Raises OutputError that names the packages if the driver is missing.
+    """
     for name in SOFTWARE:
         if (VULKAN_DRIVERS / name).is_file():
             return VULKAN_DRIVERS / name
     raise OutputError(
-        f"wanted a software Vulkan to draw with, found none in {VULKAN_DRIVERS}; install the Debian packages "
-        "mesa-vulkan-drivers and libvulkan1, or use `wayside evidence`, which needs neither"
+        f"there is no software Vulkan to draw with in {VULKAN_DRIVERS}. Install the Debian packages "
+        "mesa-vulkan-drivers and libvulkan1, or use `wayside evidence`, which needs neither."
     )
 
 
@@ -176,8 +178,8 @@ def save_drawn(client: ViewerClient, path: Path) -> None:
 def _answer(ask: Callable[[], T]) -> T:
     """What a viewer answers.
 
-    It gives up after fifteen seconds, which the first image takes on a busy machine without a graphics card: its
-    programs are compiled for it then, and nothing else is answered. Later ones are quick.
+    It gives up after fifteen seconds. On a busy machine without a graphics card, the first image takes this long:
+    programs are compiled for it, and nothing else is answered. Later ones are quick.
 
     Raises
     ------
@@ -188,8 +190,8 @@ def _answer(ask: Callable[[], T]) -> T:
         with contextlib.suppress(TimeoutError):
             return ask()
     raise OutputError(
-        f"wanted an answer of the viewer, found none in {ATTEMPTS} attempts of fifteen seconds; "
-        "try again when the machine has less to do, or give a smaller --size"
+        f"the viewer did not answer in {ATTEMPTS} attempts of fifteen seconds. Try again when the machine has less to "
+        "do, or give a smaller --size."
     )
 
 
@@ -228,7 +230,7 @@ def import_log(log: Path, recording_id: str, target: Path) -> None:
     if done.returncode != 0 or faults or not target.is_file():
         target.unlink(missing_ok=True)
         found = (faults or done.stderr.strip().splitlines() or ["no reason given"])[-1]
-        raise InputError(f"{log}: wanted a log that Rerun can import, found: {found}")
+        raise InputError(f"{log}: Rerun cannot import the log: {found}")
 
 
 def end(process: subprocess.Popen[bytes]) -> None:
@@ -251,8 +253,8 @@ def _start(port: int, options: Sequence[str], more: dict[str, str]) -> subproces
 def _send(files: Sequence[Path], recording_id: str, address: str) -> None:
     """Send files to a viewer, one after the other.
 
-    A viewer that is given several files reads them at the same time, and shows the layout of the one that comes last:
-    now that which is asked for, now that inside the recording.
+    A viewer that is given several files reads them at the same time, and shows the layout of the last one. This can be
+    the requested layout or the one inside the recording.
     """
     for file in files:
         stream = rr.RecordingStream(APPLICATION, recording_id=recording_id)
@@ -274,9 +276,8 @@ def _wait_for_ports(process: subprocess.Popen[bytes], ports: Sequence[int]) -> N
             return
     end(process)
     raise OutputError(
-        f"wanted the viewer to come up within {START_S:g} s, found "
-        f"{'no answer' if process.returncode is None else 'that it ended at once'}; "
-        f"try `{viewer_program()} --version`"
+        f"the viewer did not start within {START_S:g} s: "
+        f"{'no answer' if process.returncode is None else 'it ended at once'}. Try `{viewer_program()} --version`."
     )
 
 

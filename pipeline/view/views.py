@@ -70,8 +70,8 @@ class NoViewError(TypeError):
 class ViewState:
     """What is kept from frame to frame; all but the options is used by the thread of the ordered stages alone.
 
-    camera: the one that was shown last; shown: layers that the frame before left something in; measured: what signs
-    rest on, by their track.
+    `camera`: the one that was shown last. `shown`: layers that the frame before left something in. `measured`: what
+    signs rest on, by their track.
     """
 
     images: str = "all"

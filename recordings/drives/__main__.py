@@ -18,7 +18,7 @@ def _count(text: str) -> int:
     """A number of processes."""
     count = int(text)
     if count < 1:
-        raise argparse.ArgumentTypeError(f"wanted at least 1, found {text}")
+        raise argparse.ArgumentTypeError(f"{text} is less than 1")
     return count
 
 

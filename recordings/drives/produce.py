@@ -42,8 +42,8 @@ class RenderedDrive:
         end_m = float(self.road.station[-1])
         if self.poses[-1].station_m > end_m:
             raise UsageError(
-                f"{spec.name}: wanted a road as long as the drive, found {end_m:.0f} m of road for "
-                f"{self.poses[-1].station_m:.0f} m; render fewer frames or lengthen road.segments"
+                f"{spec.name}: the drive is {self.poses[-1].station_m:.0f} m long, but the road only {end_m:.0f} m. "
+                "Render fewer frames, or lengthen road.segments."
             )
         self.camera = CameraModel(spec.camera)
         self.scene = build_scene(spec, self.road, self.poses)
@@ -107,8 +107,8 @@ def _frames(drive: RenderedDrive, masks: Path | None, jobs: int) -> list[Rendere
 def render(spec: DriveSpec, output: Output, jobs: int = 1) -> None:
     """Render one drive into a folder.
 
-    Everything is made in a folder of its own and moved into place at the end, the stamp last, so that a render
-    that breaks off leaves no half drive that looks whole.
+    Everything is made in a folder of its own and moved into place at the end, the stamp last. An interrupted render
+    leaves no half drive that looks whole.
     """
     output.folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{spec.name}-", dir=output.folder) as name:

@@ -46,15 +46,15 @@ def load_spec(path: Path) -> DriveSpec:
     spec: DriveSpec = _table(DriveSpec, table, path.name)
     _known("sign group", spec.signs.groups, GROUPS, f"{path.name}.signs.groups")
     if spec.frames < 1:
-        raise UsageError(f"{path.name}.frames: wanted at least 1, found {spec.frames}")
+        raise UsageError(f"{path.name}.frames: must be at least 1, but is {spec.frames}")
     if not spec.path.spacing_m > 0:
         raise UsageError(
-            f"{path.name}.path.spacing_m: wanted more than 0, found {spec.path.spacing_m:g}"
+            f"{path.name}.path.spacing_m: must be more than 0, but is {spec.path.spacing_m:g}"
         )
     if not any(weight > 0 for weight in spec.signs.groups.values()):
-        raise UsageError(f"{path.name}.signs.groups: wanted a group of some weight, found none")
+        raise UsageError(f"{path.name}.signs.groups: no group has a weight")
     if spec.name in ("", ".", "..") or set(spec.name) & set("/\\:"):
-        raise UsageError(f"{path.name}.name: wanted a name for files, found {spec.name!r}")
+        raise UsageError(f"{path.name}.name: {spec.name!r} cannot name files")
     return spec
 
 
@@ -72,7 +72,7 @@ def _known(
 def _table(kind: Any, table: object, where: str) -> Any:
     """Dataclass `kind` from a TOML table."""
     if not isinstance(table, dict):
-        raise UsageError(f"{where}: wanted a table, found {table!r}")
+        raise UsageError(f"{where}: must be a table, but is {table!r}")
     hints = get_type_hints(kind)
     _known("setting", table, hints, where)
     for setting in fields(kind):
@@ -89,7 +89,7 @@ def _value(kind: Any, value: object, where: str) -> Any:
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Literal:
         if value not in parts:
-            raise UsageError(f"{where}: wanted one of {', '.join(parts)}, found {value!r}")
+            raise UsageError(f"{where}: must be one of {', '.join(parts)}, but is {value!r}")
         return value
     if origin is dict and isinstance(value, dict):
         return {name: _value(parts[1], item, f"{where}.{name}") for name, item in value.items()}
@@ -101,5 +101,5 @@ def _value(kind: Any, value: object, where: str) -> Any:
         return float(value)
     if type(value) is not kind:
         name = str(kind) if origin else kind.__name__
-        raise UsageError(f"{where}: wanted {name}, found {value!r}")
+        raise UsageError(f"{where}: must be {name}, but is {value!r}")
     return value

@@ -16,7 +16,7 @@ from recordings.drives.spec import DriveSpec
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """Folder of a drive, and what is wanted there beside its log and its truth."""
+    """Folder of a drive, and the files to be made there besides its log and its truth."""
 
     folder: Path
     masks: bool = False

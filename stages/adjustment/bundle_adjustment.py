@@ -3,8 +3,8 @@
 Unknown are the poses of all frames but one, which is held fixed (the gauge), and the points. Measured are the residual
 blocks of the points; constraints state what is known of each step beforehand, above all its length, which gives the
 scale. The cost is the sum of squares in sigmas, with a Cauchy cost for the blocks. Points are eliminated by the Schur
-complement: each is a block of its own, so an iteration is linear in the number of blocks, with one Cholesky solution
-for the poses.
+complement: each is a block of its own. An iteration is linear in the number of blocks, with one Cholesky solution for
+the poses.
 
 With a quadratic cost seven iterations do. Weights of a robust cost change with the residuals, so convergence is linear:
 each iteration leaves about six tenths of what the cost is above its minimum.
@@ -43,12 +43,12 @@ WINDOW_ITERATIONS = 15
 class WindowAdjustment(NamedTuple):
     """Result of `adjust_window`.
 
-    rotations (n, 3, 3), centres (n, 3): poses, that of the held frame as given; points (p, 3): coordinates in their
-    anchors; squares (m,): of each block, in sigmas; cost and iterations; history (iterations + 1,): sum of the squares
-    at the start and after each iteration.
-    Of what is asked for, by the inverse of the normal equations: covariance (k, k), and gain (m, 2, k): its derivatives
-    by the targets of the blocks, in units of their rays. For a point k = 3: its position (3,) in the axes of the poses.
-    For a pose k = 6: rotation vector (rad) and centre, in the axes of the poses; position is the centre.
+    `rotations` (n, 3, 3), `centres` (n, 3): poses, that of the held frame as given. `points` (p, 3): coordinates in
+    their anchors. `squares` (m,): of each block, in sigmas. `cost` and `iterations`. `history` (iterations + 1,): sum
+    of the squares at the start and after each iteration. `covariance` (k, k) is taken from the inverse of the normal
+    equations. `gain` (m, 2, k) has its derivatives by the targets of the blocks, in units of their rays. For a point k
+    = 3: its position (3,) in the axes of the poses. For a pose k = 6: rotation vector (rad) and centre, in the axes of
+    the poses. `position` is the centre.
     """
 
     rotations: Array
@@ -117,8 +117,8 @@ def adjust_window(
     known = 0 <= held < n and 0 <= wanted < (n if of_pose else p)
     if not (known and ((anchors >= 0) & (anchors < n)).all()):
         raise ValueError(
-            f"wanted held and anchors below {n} frames and wanted below {n if of_pose else p}, "
-            f"found {held}, {anchors.min(initial=0)} to {anchors.max(initial=0)}, {wanted}"
+            f"held {held} and anchors {anchors.min(initial=0)} to {anchors.max(initial=0)} must be below {n} frames, "
+            f"and targets {wanted} below {n if of_pose else p}"
         )
     blocks, constraints = blocks.checked(n, p), constraints.checked(n)
     origins = PointAnchors(rotations[anchors].copy(), centres[anchors].copy())

@@ -1,6 +1,6 @@
 """Normal equations of a window of frames, in blocks, reduced to the poses; covariance and gain of one point.
 
-Each point is measured in few frames and with no other point, so its block is inverted by itself and eliminated from the
+Each point is measured in few frames and with no other point. Its block is inverted separately and eliminated from the
 equations of the poses (Schur complement; Triggs et al., Bundle Adjustment - A Modern Synthesis, 2000).
 """
 

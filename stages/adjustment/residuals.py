@@ -2,8 +2,8 @@
 
 A tie is a registered patch. It does not measure where a point is; it measures which position in one image corresponds
 to a position in another: a map, to first order an affine one. So its residual is the point's projection in the later
-frame less the map of its projection in the earlier one. That links a point over three frames, though each step is
-registered from a whole pixel and ends between pixels: the next step starts at the nearest keypoint, up to a pixel away,
+frame less the map of its projection in the earlier one. That links a point over three frames, although each step is
+registered from a whole pixel and ends between pixels. The next step starts at the nearest keypoint, up to a pixel away,
 and its map carries the difference on. The errors of a chain of ties stay those of its links, independent of each other.
 """
 
@@ -34,10 +34,10 @@ BEHIND, NEAREST = 1e12, 1e-3
 class ResidualBlocks(NamedTuple):
     """Residuals of points, two a row: ties of two frames, and observations in one frame.
 
-    frames (m, 2): earlier and later frame (observation: the same twice); point (m,); source, target (m, 2): rays
-    (x/z, y/z) of the patch in both; warp (m, 3): stretch along u, shear of u by v, stretch along v from the earlier to
-    the later image (observation: 0); sigma (m,): of the target, unit of the rays; scale (m,): sigmas where the Cauchy
-    cost starts to flatten.
+    `frames` (m, 2): earlier and later frame (observation: the same twice). `point` (m,). `source`, `target` (m, 2):
+    rays (x/z, y/z) of the patch in both. `warp` (m, 3): stretch along u, shear of u by v, stretch along v from the
+    earlier to the later image (observation: 0). `sigma` (m,): of the target, unit of the rays. `scale` (m,): sigmas
+    where the Cauchy cost starts to flatten.
     """
 
     frames: NDArray[np.int64]
@@ -87,9 +87,9 @@ class ResidualBlocks(NamedTuple):
 class StepConstraints(NamedTuple):
     """What is known of steps beforehand, as in `schemas.motion.StepPrior`.
 
-    frames (l, 2): from, to; rotation (l, 3, 3), sigma_rotation (l,) rad, inf: unknown; direction (l, 3) of travel,
-    sigma_direction (l, 2) as slopes; halfway (l,): in the axes half way through the rotation; length, sigma_length
-    (l,), m.
+    `frames` (l, 2): from, to. `rotation` (l, 3, 3), `sigma_rotation` (l,) rad, inf: unknown. `direction` (l, 3) of
+    travel, sigma_direction (l, 2) as slopes. `halfway` (l,): in the axes half way through the rotation. `length`,
+    `sigma_length` (l,), m.
     """
 
     frames: NDArray[np.int64]
@@ -138,8 +138,8 @@ class StepConstraints(NamedTuple):
 class PointAnchors(NamedTuple):
     """Frames of the points' coordinates: rotation (p, 3, 3) and centre (p, 3) of a camera that sees each point.
 
-    A point is (a, b, rho): the ray (a, b, 1) of that camera, as posed at the start, and the inverse of its depth there.
-    The anchor stays while the camera's pose is adjusted, so a point depends on no pose.
+    A point is (a, b, rho): the ray (a, b, 1) of that camera as posed at the start, and the inverse depth there. The
+    anchor stays while the camera's pose is adjusted, so a point depends on no pose.
     """
 
     rotation: Array
@@ -148,9 +148,7 @@ class PointAnchors(NamedTuple):
 
 def _require_below(numbers: NDArray[np.int64], name: str, count: int) -> None:
     if len(numbers) and not (0 <= numbers.min() and numbers.max() < count):
-        raise ValueError(
-            f"{name}: wanted numbers from 0 to {count - 1}, found {numbers.min()} to {numbers.max()}"
-        )
+        raise ValueError(f"{name}: {numbers.min()} to {numbers.max()} is outside 0 to {count - 1}")
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""Scale of errors by the residuals that they leave: stated errors are those of good light, an image may be worse."""
+"""Scale of errors by the residuals that they leave. Stated errors hold in good light, and an image may be worse."""
 
 from __future__ import annotations
 

@@ -33,10 +33,10 @@ NEAREST_DEPTH = 1e-6
 
 
 class StepTies(NamedTuple):
-    """Ties of the steps of a window, n rows: step, corners of both frames (n, 2), rays in both (n, 2), warp (n, 3).
+    """Ties of the steps of a window, in n rows: step, corners (n, 2) and rays (n, 2) in both frames, warp (n, 3).
 
-    place (n, 3): in the earlier camera, m, nan where unknown; pixel (n, 2): ideal, in the later image; displacement_px
-    (n,): in it, by translation; scatter (n,): errors over those stated, by step.
+    `place` (n, 3): in the earlier camera, m, nan where unknown. `pixel` (n, 2): ideal, in the later image.
+    `displacement_px` (n,): in it, by translation. `scatter` (n,): errors over those stated, by step.
     """
 
     step: Numbers

@@ -44,9 +44,9 @@ class FoundBoard(NamedTuple):
 def find_board(grey: NDArray[np.uint8], board: Board) -> FoundBoard:
     """Find all inner corners of a board in a grey image (height, width).
 
-    By localised Radon transform (Duda and Frese 2018), or else by its quadrangles; then refined to where the gradients
-    around a corner are orthogonal to the lines to it (Förstner and Gülch 1987). A board of which only a part is found
-    is named as such: its corners cannot be numbered.
+    By localised Radon transform (Duda and Frese 2018), or else by its quadrangles. The corners are then refined to
+    where the gradients around a corner are orthogonal to the lines to it (Förstner and Gülch 1987). A board of which
+    only a part is found is named as such: its corners cannot be numbered.
     """
     shape = (board.columns, board.rows)
     found, corners = cv2.findChessboardCornersSB(grey, shape, flags=_THOROUGH)

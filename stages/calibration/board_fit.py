@@ -43,8 +43,8 @@ class CalibrationError(ValueError):
 class Parameter(NamedTuple):
     """A parameter of the camera.
 
-    sigma: standard error for independent errors of the corners; spread: standard error by leaving out one view at a
-    time (jackknife), which contains what the corners of a view have in common.
+    `sigma`: standard error for independent errors of the corners. `spread`: standard error by leaving out one view at a
+    time (jackknife), which contains errors that the corners of a view share.
     """
 
     name: str
@@ -57,9 +57,9 @@ class Parameter(NamedTuple):
 class FittedView:
     """A view in a calibration.
 
-    `index` counts the views given. residuals (n, 2) px; rms_px of their lengths; tilt_deg of the board against the
-    image plane; distance_squares of the centre of the board. `used` is False where the view was left out of the fit;
-    its residuals then are those of a pose fitted to it.
+    `index` counts the views given. `residuals` (n, 2) px. `rms_px` of their lengths. `tilt_deg` of the board against
+    the image plane. `distance_squares` of the centre of the board. `used` is False where the view was left out of the
+    fit. Its residuals then belong to a pose fitted to it.
     """
 
     index: int
@@ -72,7 +72,7 @@ class FittedView:
 
 @dataclass(frozen=True, slots=True)
 class BoardCalibration:
-    """Camera of the used views; rms_px over all their corners; a parameter of each name in `parameters`.
+    """Camera of the used views, rms_px over all their corners, and the `parameters` by their names.
 
     by_model: rms_px of the same views with each of `LENS_MODELS`, nan where it cannot be fitted.
     """
@@ -152,8 +152,8 @@ def calibrate_boards(
 def _require_views(count: int) -> None:
     if count < FEWEST_VIEWS:
         raise CalibrationError(
-            f"wanted {FEWEST_VIEWS} views of the board or more, found {count}; "
-            "photograph it 15 to 20 times, tilted, all over the image"
+            f"{FEWEST_VIEWS} views of the board are needed, and there are {count}. Photograph it 15 to 20 times, "
+            "tilted, all over the image."
         )
 
 
@@ -170,8 +170,8 @@ def _fit(views: list[Array], board: Board, size: tuple[int, int], model: str) ->
         )
     except cv2.error as error:
         raise CalibrationError(
-            f"wanted views that determine a camera, found {len(views)} that OpenCV cannot fit "
-            f"({error.err}); photograph the board tilted and all over the image"
+            f"the {len(views)} views do not determine a camera: OpenCV cannot fit them ({error.err}). Photograph the "
+            "board tilted and all over the image."
         ) from error
     count = LENS_MODELS[model]
     return _Fit(
@@ -232,9 +232,9 @@ def _require_focal_length(
         if not error <= largest:
             tilt = max(view.tilt_deg for view in views if view.used)
             raise CalibrationError(
-                f"wanted views that determine the focal length, found {one.name} = {one.value:.0f} px with a "
-                f"standard error of {100 * error:.1f} % from {sum(v.used for v in views)} boards tilted by "
-                f"{tilt:.0f} degrees at most; photograph the board tilted by 30 to 45 degrees to both sides, "
-                "upwards and downwards, near and large; residuals by lens model: "
-                f"{format_residuals(by_model)}; where another one leaves far less (a wide lens), give it by --model"
+                f"the views do not determine the focal length: {one.name} = {one.value:.0f} px has a standard error "
+                f"of {100 * error:.1f} % from {sum(v.used for v in views)} boards tilted by {tilt:.0f} degrees at "
+                "most. Photograph the board tilted by 30 to 45 degrees to both sides, upwards and downwards, near "
+                f"and large. Residuals by lens model: {format_residuals(by_model)}. Where another model leaves far "
+                "less (a wide lens), give it by --model."
             )

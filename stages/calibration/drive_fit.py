@@ -1,8 +1,8 @@
 """Focal length and radial distortion by the point tracks of a drive (self-calibration).
 
-Where the camera only moves straight ahead, a longer focal length and farther points give the same images: the focal
-length is known by rotation alone, by curves and by pitching. The standard error tells. Besides the errors of single
-ties it contains those that neighbouring ties share, and is no smaller than the scatter between segments says.
+Where the camera only moves straight ahead, a longer focal length and farther points give the same images. The focal
+length is known by rotation alone: by curves and pitching. The standard error tells. Besides the errors of single ties
+it contains those that neighbouring ties share, and is no smaller than the scatter between segments says.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ _SMALLEST_DAMPING, _LARGEST_DAMPING = 1e-9, 1e3
 class DriveCalibration:
     """Camera by a drive.
 
-    covariance (5, 5) of the changes in `LENS`; residual: median residual over that of the errors of ties as stated;
-    cost: per tie; segments, ties: numbers of them.
+    `covariance` (5, 5) of the changes in `LENS`. `residual`: median residual over that of the errors of ties as stated.
+    `cost`: per tie. `segments`, `ties`: numbers of them.
     """
 
     camera: Camera
@@ -81,7 +81,7 @@ def calibrate_drive(
 ) -> DriveCalibration:
     """Estimate the lens of a camera from the segments of a drive.
 
-    Gauss-Newton on the lens; poses and points are settled after each step, so that the cost is that of the lens alone.
+    Gauss-Newton on the lens. Poses and points are solved again after each step, and the cost depends on the lens alone.
 
     Parameters
     ----------

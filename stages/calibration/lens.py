@@ -57,7 +57,7 @@ def displacement(camera: Camera, lens: Array) -> float:
 class Projection(NamedTuple):
     """Recorded pixels (n, 2), and their Jacobians.
 
-    by_turn (n, 2, 3): by a rotation of the camera (rad, its axes); by_ray (n, 2, 3); by_lens (n, 2, 5).
+    `by_turn` (n, 2, 3): by a rotation of the camera (rad, its axes). `by_ray` (n, 2, 3). `by_lens` (n, 2, 5).
     """
 
     pixels: Array

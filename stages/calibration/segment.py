@@ -38,15 +38,16 @@ _SHORTEST_M = 1e-3
 class Segment(NamedTuple):
     """Images of a part of a drive, the first at the origin, and the tracks in them.
 
-    rotations (m, 3, 3), centres (m, 3): world from camera, world that of the first camera. turns (m - 1, 3, 3): of each
-    image in the one before, as the log has them, with turn_sigma (m - 1,) rad (inf: unknown); lengths (m - 1,) m.
+    `rotations` (m, 3, 3), `centres` (m, 3): world from camera, world that of the first camera. `turns` (m - 1, 3, 3):
+    rotation of each image in the axes of the one before, by the log. `turn_sigma` (m - 1,): its standard deviation,
+    rad, inf where unknown. `lengths` (m - 1,) m.
 
-    Of each tie, those of a track together and in order: frames (n, 2) that it joins; track (n,); start, end (n, 2):
-    recorded pixels; warp (n, 3): map of the surroundings of `start` to those of `end`; sigma_px (n,) of a coordinate;
-    shared_px (n,): sigma of the error common to neighbouring ties. head (p,): first tie of each track.
+    Of each tie, those of a track together and in order: frames (n, 2) that it joins. `track` (n,). `start`, `end` (n,
+    2): recorded pixels. `warp` (n, 3): map of the surroundings of `start` to those of `end`. `sigma_px` (n,) of a
+    coordinate. `shared_px` (n,): sigma of the error common to neighbouring ties. `head` (p,): first tie of each track.
 
-    A point is origin + (ray + offset @ basis) / w, with origin, ray (p, 3) and basis (p, 2, 3) constant; points (p, 3)
-    are offset and w, the inverse distance.
+    A point is origin + (ray + offset @ basis) / w, with origin, ray (p, 3) and basis (p, 2, 3) constant. The rows of
+    `points` (p, 3) are offset and w, the inverse distance.
     """
 
     rotations: Array
@@ -141,7 +142,7 @@ def make_segment(motions: Sequence[Motion], camera: Camera) -> Segment | None:
 
 
 def _turns(motions: Sequence[Motion]) -> tuple[Array, Array]:
-    """Rotations (m - 1, 3, 3) of the steps by the log, and their sigmas (m - 1,), inf where it has none."""
+    """Rotations (m - 1, 3, 3) of the steps by the log, and their sigmas (m - 1,), inf where unknown."""
     turns, sigmas = [], []
     for motion in motions[1:]:
         prior = motion.prior if motion.source in KNOWN_TURNS else None

@@ -1,9 +1,9 @@
 """Bundle adjustment of a segment with the lens among its unknowns.
 
-Poses and points are eliminated (Schur complement), which leaves normal equations of the lens; those of all segments
-are added. The residual of a tie is the projection of its point into the later image minus the mapped projection into
-the earlier one, as in the adjustment of landmarks, so that errors along a track stay independent. The pose of the first
-image is held: it is the gauge.
+Poses and points are eliminated (Schur complement), which leaves normal equations of the lens; those of all segments are
+added. The residual of a tie is the projection of its point into the later image minus the mapped projection into the
+earlier one. As in the adjustment of landmarks, errors along a track stay independent. The pose of the first image is
+held: it is the gauge.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ _FLOOR = 1e-9
 class Weights(NamedTuple):
     """Weights of residuals.
 
-    factor: on the sigmas of ties; scale: where their robust cost (Cauchy) flattens, in sigmas; anchor_px: sigma of the
-    pixel that defines a point in its first image; length: relative sigma of the lengths of the steps.
+    `factor`: on the sigmas of ties. `scale`: where their robust cost (Cauchy) flattens, in sigmas. `anchor_px`: sigma
+    of the pixel that defines a point in its first image. `length`: relative sigma of the lengths of the steps.
     """
 
     factor: float
@@ -38,8 +38,8 @@ class Weights(NamedTuple):
 class Linear(NamedTuple):
     """Normal equations of the lens, matrix (5, 5) and right (5,), and what the other unknowns follow from.
 
-    gain (n, 2, 5): part of the right side by each pixel of the residual of each tie. poses: their change by the lens
-    (6 m - 6, 5) and alone (6 m - 6,). points: inverse blocks (p, 3, 3), cross terms (p, 6 m + 5, 3), right sides
+    `gain` (n, 2, 5): part of the right side by each pixel of the residual of each tie. `poses`: their change by the
+    lens (6 m - 6, 5) and alone (6 m - 6,). `points`: inverse blocks (p, 3, 3), cross terms (p, 6 m + 5, 3), right sides
     (p, 3).
     """
 

@@ -45,8 +45,8 @@ def check_calibration(watches: Iterator[CalibrationWatch]) -> Iterator[LensCheck
 class LensCheck(NamedTuple):
     """What a drive says of the lens it was processed with.
 
-    correction: relative change of the focal length that it asks for, to first order, and its standard error sigma
-    (None: it says nothing); found: the camera by the drive, with k1 and k2, where the one given cannot be right.
+    `correction`: relative change of the focal length that the drive implies, to first order, and its standard error
+    `sigma` (None: unknown). `found`: the camera by the drive, with k1 and k2, where the given one cannot be right.
     """
 
     correction: float | None
@@ -86,8 +86,8 @@ class CalibrationWatch:
     def check(self) -> LensCheck:
         """Compare the lens with that of the segments kept.
 
-        It cannot be right where the adjustment of `calibrate_drive` exceeds both limits: a chi-square
-        test of focal length, k1 and k2 together, since their errors are correlated, and the displacement of points.
+        It cannot be right where the adjustment of `calibrate_drive` exceeds both limits: a chi-square test and the
+        displacement of points. The test is of focal length, k1 and k2 together, because their errors are correlated.
         """
         parts = [motions for _, motions in self.kept] or [self.current]
         camera = self.camera

@@ -28,24 +28,24 @@ def require_gaussian_model(
     Raises
     ------
     InputError
-        Saying what was wanted and found.
+        The model has another space, class or number of dimensions.
     """
     if model.space not in spaces:
         raise InputError(
-            f"model: wanted a space among {', '.join(spaces)}, found {model.space!r}; learn it again"
+            f"model: there is no space {model.space!r} among {', '.join(spaces)}. Learn it again."
         )
     if not model.classes:
-        raise InputError("model: wanted at least one class, found none; choose another")
+        raise InputError("model: it has no class. Choose another.")
     dimensions = spaces[model.space]
     for one in model.classes:
         if one.name not in names:
             raise InputError(
-                f"model: wanted classes among {', '.join(names)}, found {one.name!r}; correct its name"
+                f"model: there is no class {one.name!r} among {', '.join(names)}. Correct its name."
             )
         if one.mean.shape != (dimensions,) or one.covariance.shape != (dimensions, dimensions):
             raise InputError(
-                f"model: wanted {dimensions} numbers a class in space {model.space!r}, found mean "
-                f"{one.mean.shape} and covariance {one.covariance.shape} in {one.name!r}; learn it again"
+                f"model: a class has {dimensions} numbers in space {model.space!r}, but {one.name!r} has a mean "
+                f"{one.mean.shape} and covariance {one.covariance.shape}. Learn it again."
             )
 
 

@@ -23,7 +23,7 @@ def most_powerful(curve: Sequence[OperatingPoint], alpha: float) -> OperatingPoi
     if not allowed:
         rates = ", ".join(f"{one.false_alarm:g}" for one in curve) or "none"
         raise ValueError(
-            f"wanted operating points of a false-alarm rate of at most {alpha:g}, found {rates}"
+            f"no operating point has a false-alarm rate of at most {alpha:g}; the rates are {rates}"
         )
     return max(allowed, key=lambda one: one.power)
 

@@ -1,7 +1,8 @@
 """The box network: what a box shows, by its pixels and those around it.
 
-A small convolutional network on a patch of each box: log odds that it is the front and that it is the back of a panel,
-how far its sides are off (box regression; Girshick et al. 2014, appendix C), the colour and the shape of the face.
+A small convolutional network on a patch of each box. Outputs are the log odds of the front and of the back of a panel,
+and the colour and shape of the face. They also give the offsets of its sides (box regression; Girshick et al. 2014,
+appendix C).
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ TOGETHER = 64
 class BoxScores:
     """What the network says of boxes, n rows.
 
-    front, back (n,): log odds of a face, and of a panel seen from behind; offset (n, 4): how far each side of the panel
-    lies right of or below that of the box, in box sizes; color (n, colours), shape (n, shapes): log probabilities
-    but for a constant a row.
+    `front`, `back` (n,): log odds of a face, and of a panel seen from behind. `offset` (n, 4): how far each side of the
+    panel lies right of or below that of the box, in box sizes. `color` (n, colours), `shape` (n, shapes): log
+    probabilities but for a constant a row.
     """
 
     front: NDArray[np.float32]
@@ -61,13 +62,15 @@ class BoxScores:
 
 
 class BoxNetwork:
-    """A network from an ONNX file; threads may share it. Raises ValueError where it is none that can be run."""
+    """A network from an ONNX file; threads may share it. Raises ValueError if it cannot be run."""
 
     def __init__(self, path: str) -> None:
         self._network = OnnxNetwork(path, (BOX_OUTPUT,))
         found = self._values(np.zeros((1, SIDE, SIDE, 3), np.uint8), np.ones((1, 2), np.float32))
         if found.shape != (1, BOX_VALUES):
-            raise ValueError(f"wanted {BOX_VALUES} values of a box, found an output {found.shape}")
+            raise ValueError(
+                f"a box has {BOX_VALUES} values, but the output has shape {found.shape}"
+            )
 
     def scores(self, levels: Pyramid, box: NDArray[np.float32]) -> BoxScores:
         """Of boxes (n, 4) of an image at full, half and quarter size."""

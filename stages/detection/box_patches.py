@@ -43,11 +43,11 @@ def drawn_patches(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.uint8
 def _checked(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.float32]:
     """The boxes as the kernels want them; raises ValueError."""
     if len(levels) != 3:
-        raise ValueError(f"levels: wanted full, half and quarter size, found {len(levels)} images")
+        raise ValueError(f"levels: {len(levels)} images instead of full, half and quarter size")
     for level in levels:
         require_image(level, "levels")
         if level.size == 0:
-            raise ValueError("levels: wanted images with pixels, found an empty one")
+            raise ValueError("levels: an image has no pixels")
     box = np.ascontiguousarray(box, np.float32)
     require_array(box, "box", np.float32, (None, 4))
     return box

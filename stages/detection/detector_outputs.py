@@ -28,7 +28,7 @@ SUPPRESSED = ("yolov5", "yolov8")
 
 
 class RawBoxes(NamedTuple):
-    """Boxes as a network gives them: box (n, 4) x0, y0, x1, y1; score (n,) 0 to 1; number (n,) of the class.
+    """Boxes as a network gives them: box (n, 4) x0, y0, x1, y1. `score` (n,) 0 to 1. `number` (n,) of the class.
 
     The boxes of `WHOLE_IMAGE` are fractions of the image, except those of `detr_pixels`, which are pixels of the image;
     the others are pixels of the network's input.

@@ -1,7 +1,7 @@
 """Boxes of another detector as candidates: it takes the place of proposals and box classifier.
 
-Its boxes are the detections and its scores theirs. Colour and shape are those of its classes where these say so; else
-the box network names them.
+Its boxes are the detections and its scores theirs. Its classes give colour and shape where they name them; otherwise
+the box network does.
 """
 
 from __future__ import annotations

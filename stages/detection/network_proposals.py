@@ -41,8 +41,8 @@ ODDS = 2
 class Maps:
     """The maps of a network: log odds of every cell, the others as the inputs and the weights of the last layer.
 
-    heat (2, rows, columns): log odds; features (rows, columns, c): inputs of the last layer, of any type; weight
-    (`MAPS` - 2, c), bias (`MAPS` - 2,): of that layer; None where the features are the other maps themselves.
+    `heat` (2, rows, columns): log odds. `features` (rows, columns, c): inputs of the last layer, of any type. `weight`
+    (`MAPS` - 2, c), `bias` (`MAPS` - 2,): of that layer; None where the features are the other maps themselves.
     """
 
     heat: NDArray[np.float32]
@@ -77,7 +77,9 @@ class DetectionNetwork:
         self._network = OnnxNetwork(path)
         found = self.maps(np.zeros((MULTIPLE, MULTIPLE, 3), np.uint8)).all().shape
         if found != (MAPS, MULTIPLE // STRIDE, MULTIPLE // STRIDE):
-            raise ValueError(f"wanted {MAPS} maps of a quarter of the image's size, found {found}")
+            raise ValueError(
+                f"the output has shape {found} instead of {MAPS} maps of a quarter of the image's size"
+            )
 
     def maps(self, rgb: NDArray[np.uint8]) -> Maps:
         """Maps of an image, padded at the right and below to whole multiples of 32."""
@@ -85,7 +87,7 @@ class DetectionNetwork:
         if OUTPUT in found:
             return Maps.of(found[OUTPUT][0])
         if not set(SPLIT_OUTPUTS) <= set(found):
-            raise ValueError(f"wanted an output {OUTPUT!r}, found {sorted(found)}")
+            raise ValueError(f"there is no output {OUTPUT!r} among {sorted(found)}")
         heat, features, scale, weight, bias = (found[name] for name in SPLIT_OUTPUTS)
         heat = heat[0] + bias[:ODDS, None, None]
         return Maps(heat, features[0], weight[ODDS:] * scale, bias[ODDS:])

@@ -69,8 +69,8 @@ class OnnxDetector:
             raw = read_outputs(self._network.run(inputs), file.format)
         except ValueError as error:
             raise InputError(
-                f"models.detector: wanted boxes of format {file.format} from {file.onnx.path}, found {error}; "
-                "see docs/detectors.md for the formats, or --set models.detector_format"
+                f"models.detector: the outputs of {file.onnx.path} are not boxes of format {file.format}: {error}. "
+                "See docs/detectors.md for the formats, and set one with --set models.detector_format."
             ) from error
         if file.format in WHOLE_IMAGE:
             unit = 1 if file.format == "detr_pixels" else np.array([width, height] * 2)
@@ -90,7 +90,7 @@ class OnnxDetector:
 def fitted(
     rgb: NDArray[np.uint8], size: tuple[int, int], *, whole: bool
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
-    """The image at a size (height, width), the scale (2,) of x and y, and the border (2,) left of and above it.
+    """The image at a size (height, width), the scale (2,) of x and y, and the border (2,) left and above.
 
     whole: stretched to all of it; else as large as fits with its aspect, in the middle of a grey border.
     """

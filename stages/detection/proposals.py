@@ -119,8 +119,8 @@ class Band:
 def network_bands(network: DetectionNetwork, levels: Pyramid, camera: Camera) -> list[Band]:
     """What the network sees of an image: far faces near the horizon at full size, all rows with faces at half size.
 
-    Of an image of short focal length full size is twice its own, and half size its own: a face is as large then as in
-    the images that the network has learned from.
+    For an image of short focal length, full size is twice its own size, and half size is its own. A face is then as
+    large as in the images that the network has learned from.
     """
     times = enlargement(camera)
     far = FULL_SIZE_PX / times
@@ -162,7 +162,7 @@ def boxes_of_bands(bands: Sequence[Band], height: int) -> NetworkBoxes:
 
 
 def network_regions(found: NetworkBoxes, rgb: NDArray[np.uint8]) -> Regions:
-    """Boxes of the network as regions, best first; their area is that of the most probable shape."""
+    """Boxes of the network as regions, best first. Their area assumes the most probable shape."""
     return Regions(
         found.box,
         filled_area(found.box, found.shape.argmax(axis=1)),

@@ -46,8 +46,8 @@ def non_maximum_suppression(box: NDArray[np.float32], max_iou: float) -> NDArray
     """Rows of the boxes (n, 4) float32, given best first, that no better kept box overlaps by more than `max_iou`.
 
     Greedy, as usual. Boxes that overlap by more than `max_iou` are about equally wide, and their centres lie within a
-    fraction of the width of each other: only boxes of such widths in the neighbouring vertical strips are compared,
-    found by a hash of width class and strip.
+    fraction of the width of each other. Only boxes of such widths in the neighbouring vertical strips are compared. A
+    hash of width class and strip finds them.
 
     Raises ValueError where the boxes are not (n, 4).
     """

@@ -18,9 +18,9 @@ Estimate = TypeVar("Estimate")
 class Schedule(NamedTuple):
     """When to stop, and how strongly steps are damped.
 
-    iterations: at most this many linearisations; gain: stop when an accepted step lowers the cost by a smaller fraction
-    of the cost plus `offset`; damping: at the start, relative to the diagonal of the normal equations; least_damping:
-    its lower limit; tries: damping is multiplied by ten at most this often in one iteration.
+    `iterations`: at most this many linearisations. `gain`: stop when an accepted step lowers the cost by a smaller
+    fraction of the cost plus `offset`. `damping`: at the start, relative to the diagonal of the normal equations.
+    `least_damping`: its lower limit. `tries`: damping is multiplied by ten at most this often in one iteration.
 
     `iterations`, `gain` and `offset` decide how near to the minimum a fit ends: callers take them from settings. The
     damping and the tries are numerical guards: they lead to the same minimum and stay here.

@@ -16,8 +16,8 @@ SMALLEST_SINE = 1e-6
 class Midpoints(NamedTuple):
     """Midpoints of ray pairs.
 
-    point (n, 3), nan where the rays are parallel; gap (n,): length of the shortest segment between the rays, same unit;
-    along (n, 2): distances of its ends along the two rays, not positive where the point lies behind the camera.
+    `point` (n, 3), nan where the rays are parallel. `gap` (n,): length of the shortest segment between the rays, same
+    unit. `along` (n, 2): distances of its ends along the two rays, not positive where the point lies behind the camera.
     """
 
     point: Array
@@ -58,7 +58,7 @@ def midpoint(
     """
     first, second = shaped(d0, (-1, 3)), shaped(d1, (-1, 3))
     if len(first) != len(second):
-        raise ValueError(f"wanted as many rays of both views, found {len(first)} and {len(second)}")
+        raise ValueError(f"{len(first)} rays of the first view, but {len(second)} of the second")
     point, along = np.empty_like(first), np.empty((len(first), 2))
     gap = np.empty(len(first))
     meet_rays(shaped(c0, (3,)), shaped(c1, (3,)), first, second, point, gap, along)

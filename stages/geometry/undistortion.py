@@ -69,5 +69,5 @@ def _undistort(pixels: NDArray[np.float64], camera: Camera) -> NDArray[np.float6
 def _columns(points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     array = np.array(points, np.float64)
     if array.ndim != 2 or array.shape[1] != 2:
-        raise ValueError(f"wanted points of shape (n, 2), found {array.shape}")
+        raise ValueError(f"points of shape {array.shape} instead of (n, 2)")
     return array

@@ -36,9 +36,9 @@ def measure_along_route(
 ) -> Iterator[Sign]:
     """Signs with the route and its measure abreast of them.
 
-    With a milepost that is the measure at the start plus, or minus, the distance along the path. With route lines it is
-    that of the line which the path follows, not of the line nearest to the sign, so that a sign near a crossing keeps
-    the route of the drive: of the point nearest to the path abreast of the sign.
+    With a milepost that is the measure at the start plus, or minus, the distance along the path. With route lines, the
+    measure is taken at the point of the followed line that is nearest to the path abreast of the sign. A sign near a
+    crossing keeps the route of the drive, also where another line is nearer.
 
     Parameters
     ----------
@@ -99,11 +99,11 @@ def _by_lines(listed: list[Sign], path: DrivePath, segments: RouteSegments) -> I
 def nearest_on_routes(
     points: Array, directions: Array, segments: RouteSegments
 ) -> tuple[Array, Array]:
-    """Distance (p, r), metres, of each point to each route, and the measure (p, r) of the nearest point of the route.
+    """Distance (p, r), metres, of each point to each route, and the measure (p, r) of the nearest point on it.
 
-    A point is compared with the pieces that lie within `ROUTE_REACH_M` and run along the travel; infinite, nan
-    where there is none. Distances are those on the plane that touches the sphere at the point: exact to 1e-5 within the
-    reach.
+    A point is compared with the pieces that lie within `ROUTE_REACH_M` and run along the travel. Without such a piece,
+    the distance is infinite and the measure nan. Distances are those on the plane that touches the sphere at the point:
+    exact to 1e-5 within the reach.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def follow_routes(distance: Array) -> np.ndarray[Any, np.dtype[np.int64]]:
 def _along(places: Array, stations: Array, wanted: Array) -> tuple[Array, Array]:
     """Longitude, latitude (n, 2) and direction of travel (n, 2) at stations; beyond its ends the path goes on straight.
 
-    places (p, 2), stations (p,): of the frames. Where the vehicle stands, the direction is that of before.
+    places (p, 2), stations (p,): of the frames. Where the vehicle stands, the last direction is kept.
     """
     moving = np.concatenate([[True], np.diff(stations) > 0])
     places, stations = places[moving], stations[moving]

@@ -37,10 +37,10 @@ LengthRatios = tuple[NDArray[np.int64], Array, Array]
 class RelativeMotionChain:
     """Frames in order, each with the step from the one before; row 0 of the steps is not used.
 
-    time_s (n,): capture times. rotation (n, 3, 3), translation (n, 3): of the camera in the axes of the one before,
-    metres. covariance (n, 6, 6): of rotation vector (rad) and translation (m). free_length (n,): the length is known
-    against that of the step before only; length_ratio (n, 2): to it, by common points alone, and its scatter, nan where
-    unknown.
+    `time_s` (n,): capture times. `rotation` (n, 3, 3), `translation` (n, 3): of the camera in the axes of the one
+    before, metres. `covariance` (n, 6, 6): of rotation vector (rad) and translation (m). `free_length` (n,): the length
+    is known against that of the step before only. `length_ratio` (n, 2): to it, by common points alone, and its
+    scatter, nan where unknown.
     """
 
     time_s: Array
@@ -116,10 +116,10 @@ class RelativeMotionChain:
 class AbsoluteMeasurements:
     """Positions of the frames `row` (m,), or of an antenna on their cameras, and rotations where they are known too.
 
-    position (m, 3), sigma_m (m, 3): metres, errors independent of each other; correlated_sigma_m (n, 3): standard
-    deviation at each frame of the error that is correlated over correlation_s. rotation (m, 3, 3), sigma_rad (m,), or
-    None. lever_arm_m (3,): the antenna in the camera's axes. first_sigma_rad (3,): prior of the rotation of the first
-    frame about each axis; roll_sigma_rad: prior of every camera's roll (inf: none).
+    `position` (m, 3), `sigma_m` (m, 3): metres, errors independent of each other. `correlated_sigma_m` (n, 3): standard
+    deviation at each frame of the error that is correlated over correlation_s. `rotation` (m, 3, 3), `sigma_rad` (m,),
+    or None. `lever_arm_m` (3,): the antenna in the camera's axes. `first_sigma_rad` (3,): prior of the rotation of the
+    first frame about each axis. `roll_sigma_rad`: prior of every camera's roll (inf: none).
     """
 
     row: NDArray[np.int64]

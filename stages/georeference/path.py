@@ -58,10 +58,10 @@ class StepScale:
 class DrivePath:
     """The camera's path in its world frame, by used frame in the order of travel.
 
-    world: "log" (that of the log's poses), "enu" (east, north, up at the first fix) or "drive_start"; stations,
-    baselines: final, metres; given_stations (n,): as first taken; globe: the path on WGS 84, where there are fixes;
-    scales: of the steps whose length was first taken from fixes, points or the last speed; notes: faults of the poses
-    and fixes, in words.
+    `world`: "log" (that of the log's poses), "enu" (east, north, up at the first fix) or "drive_start". `stations`,
+    `baselines`: final, metres. `given_stations` (n,): as first taken. `globe`: the path on WGS 84, where there are
+    fixes. `scales`: of the steps whose length was first taken from fixes, points or the last speed. `notes`: faults of
+    the poses and fixes, in words.
     """
 
     world: str
@@ -75,7 +75,7 @@ class DrivePath:
     notes: tuple[str, ...]
 
     def station_of(self, given_m: float) -> float:
-        """Final station of what stands at a station as first taken; before and past its ends the path goes on."""
+        """Final station of a station as first taken. Before and past the ends, the path goes on."""
         if not self.scales:
             return given_m
         before, after = self.given_stations, np.array(list(self.stations.values()))

@@ -90,7 +90,7 @@ def _sign(
 def _on_globe(
     globe: Globe | None, frame: int, position: Array, covariance: Array
 ) -> GlobePosition | None:
-    """The place on WGS 84 and how sure it is."""
+    """The place on WGS 84 and its uncertainty."""
     if globe is None:
         return None
     point = globe.pose(frame).to_world(position)

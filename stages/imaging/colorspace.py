@@ -20,7 +20,7 @@ def log_chromaticity(rgb: NDArray[Any]) -> NDArray[np.float64]:
     colour along the first axis only. Raises ValueError if the colours are not (n, 3).
     """
     if rgb.ndim != 2 or rgb.shape[1] != 3:
-        raise ValueError(f"colours: wanted shape (n, 3), found {rgb.shape}; pass one colour a row")
+        raise ValueError(f"colours: shape {rgb.shape} instead of (n, 3). Pass one colour a row.")
     colors = np.asarray(rgb, np.float64)
     raised = np.log(colors + DARK_LEVEL)
     brightness = np.log(colors.mean(axis=1) + DARK_LEVEL)
@@ -30,8 +30,9 @@ def log_chromaticity(rgb: NDArray[Any]) -> NDArray[np.float64]:
 def colorfulness(rgb: NDArray[np.uint8]) -> float:
     """How far the colour of an image (h, w, 3) varies, as a fraction of how far its brightness does; 0 of an even one.
 
-    Larger of the deviations of log R/G and log B/G, over that of the log brightness, between the means of 64 x 32 parts
-    of the image: a cast is the same everywhere, noise averages out, and fog takes as much of colour as of contrast.
+    Larger of the deviations of log R/G and log B/G, over the deviation of the log brightness, between the means of 64 x
+    32 parts of the image. A cast is the same everywhere, noise averages out, and fog takes as much of colour as of
+    contrast.
     """
     parts = cv2.resize(rgb, (64, 32), interpolation=cv2.INTER_AREA)
     bright, red, blue = log_chromaticity(parts.reshape(-1, 3)).std(axis=0).tolist()

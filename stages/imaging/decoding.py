@@ -58,10 +58,10 @@ _FILLING = re.compile(r"\b[1-8] extraneous bytes before marker 0xd9")
 def decode(frames: Iterator[Frame], balance: BalanceSettings | None = None) -> Iterator[Image]:
     """Decode the pixels of every used frame; pass the others on without.
 
-    An image that cannot be decoded comes out with status `undecodable`, one that decodes in part only with `damaged`,
-    one whose size is not the camera's with `wrong_size`, since no point of it could be placed. Size and scans are
-    looked at before anything is decoded; a compressed image whose header does not tell its size is not. Orientation
-    tags are ignored. OpenCV's own threads are left as the process has set them.
+    Status `undecodable`: an image that cannot be decoded. Status `damaged`: one that decodes in part. Status
+    `wrong_size`: one whose size differs from the camera's, which leaves its points without a place. Size and scans are
+    checked before anything is decoded. A compressed image whose header does not state its size is not decoded.
+    Orientation tags are ignored. OpenCV's own threads are left as the process has set them.
 
     Parameters
     ----------
@@ -173,8 +173,8 @@ def raw_samples(frame: Frame) -> NDArray[np.uint8 | np.uint16]:
     deep = _DEEP.fullmatch(name)
     if (known := _RAW_CHANNELS.get(f"{deep[1]}8" if deep else name)) is None:
         raise ValueError(
-            f"its encoding {frame.encoding!r} is not understood; rgb8, bgr8, rgba8, bgra8, mono8 and bayer_* (also "
-            "with 16 bits), uyvy, yuyv, nv12 and nv21 are"
+            f"its encoding {frame.encoding!r} is not understood. Known are rgb8, bgr8, rgba8, bgra8, mono8 and "
+            "bayer_* (also with 16 bits), uyvy, yuyv, nv12 and nv21"
         )
     data = np.frombuffer(frame.data, np.uint8)
     used = width * known[0] * (2 if deep else 1)

@@ -1,6 +1,6 @@
-"""White balance by the road: asphalt is grey, so that its colour is that of the light and of the camera.
+"""White balance by the road. Asphalt is grey: its colour is the colour of the light and of the camera.
 
-The classes of colour are those of signs in neutral light, and so are the images that the networks have learned from.
+The colour classes assume signs in neutral light, as do the images that the networks have learned from.
 """
 
 from __future__ import annotations

@@ -109,8 +109,9 @@ def faces_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSetti
 def miss_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettings) -> Floats:
     """Log-likelihood ratio (m,) of what is not there: if rows i and j are two panels, each drive missed one of them.
 
-    A drive that saw the front of its panel would have seen that of a neighbour which faces the same way, unless it
-    missed it or the neighbour did not stand there at the time. What is seen from behind is missed too often to tell.
+    A drive that saw the front of its panel would also have seen a neighbour that faces the same way. The exceptions are
+    that it missed the neighbour, or that the neighbour did not exist at the time. What is seen from behind is missed
+    too often to tell.
     """
     replaced = changed_share(_years(sightings, i, j), settings)
     absent = np.minimum(settings.missed + replaced, 1.0)
@@ -123,8 +124,8 @@ def gone_probability(
 ) -> Floats:
     """Probability (n,) that panels which one survey saw were not there in another, that looked and saw none.
 
-    Else they stood there and each drive that looked missed them, by a vehicle in front or by its own fault, or they are
-    no panels at all: what other drives of the survey that saw them should have seen, and did not, speaks for that.
+    Otherwise either each of these drives missed them, by a vehicle in front or by its own fault, or they are no panels
+    at all. The second is supported by other drives of the survey that should have seen them and did not.
 
     Parameters
     ----------
@@ -157,8 +158,9 @@ def _years(sightings: Sightings, i: Ints, j: Ints) -> Floats:
 def place_log_ratio(apart: Floats, spread: Floats) -> Floats:
     """Log-likelihood ratio (m,) of the places of two sightings: of one panel, against of one and its neighbour.
 
-    The difference of two measurements of one panel has a multivariate Student distribution, since some are farther off
-    than they state (Lange, Little and Taylor 1989); neighbours that face the same way stand anywhere with one density.
+    The difference of two measurements of one panel has a multivariate Student distribution, because some errors are
+    larger than stated (Lange, Little and Taylor 1989). Neighbours that face the same way stand anywhere with one
+    density.
 
     Parameters
     ----------
@@ -205,7 +207,8 @@ def mahalanobis2(difference: Floats, covariance: Floats) -> Floats:
 def responsibilities(sightings: Sightings, i: Ints, j: Ints, score: Floats) -> Floats:
     """Probability (m,) that each pair is right among the pairs of its rows with the same two drives: one to one.
 
-    The product of the shares of a pair among those of row i and among those of row j; a pair without a rival has 1.
+    The product of the two shares of a pair: among the pairs of row i, and among the pairs of row j. A pair without a
+    rival has 1.
     """
     drives = int(sightings.drive.max(initial=0)) + 1
     result = np.ones(len(i))

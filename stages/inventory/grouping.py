@@ -34,14 +34,14 @@ Ints = NDArray[np.int64]
 def merge_sightings(sightings: Sightings, settings: MergeSettings) -> MergedPanels:
     """The panels and supports of an area.
 
-    First the offsets between the drives are taken out. A place gathers at most one sighting of each drive: pairs in
-    order of their log-likelihood ratio (place and face) join the groups they belong to, unless both hold a sighting of
-    one drive, or the groups' positions are likelier those of two panels. Faces at a place follow each other in time: a
-    face that differs for good is another panel (`face_runs`).
+    First the offsets between the drives are taken out. A place gathers at most one sighting of each drive. Pairs join
+    groups in order of their log-likelihood ratio (place and face), unless both hold a sighting of one drive, or the
+    groups' positions are more likely two panels. Faces at a place follow each other in time: a face that differs for
+    good is another panel (`face_runs`).
 
-    A panel's position is the mean of its corrected sightings by the inverse of their covariances. Its covariance is
-    that of the mean of as many independent drives as saw it, with the whole common error of each: relative offsets are
-    known well, their common level only as well as the mean of the drives' fixes.
+    A panel's position is the mean of its corrected sightings by the inverse of their covariances. Its covariance is the
+    covariance of the mean of as many independent drives as saw it, with the whole common error of each. Relative
+    offsets are known well, their common level only as well as the mean of the drives' fixes.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def join_groups(
     require_array(weighted, "weighted", np.float64, (rows, 3))
     require_array(information, "information", np.float64, (rows, 3, 3))
     if len(pairs) and (pairs.min() < 0 or pairs.max() >= rows):
-        raise ValueError(f"pairs name rows 0 to {rows - 1}, found {pairs.min()} to {pairs.max()}")
+        raise ValueError(f"pairs name rows {pairs.min()} to {pairs.max()}, outside 0 to {rows - 1}")
     groups = weighted.copy(), information.copy()
     return _join(pairs, relative, face, drive, *groups, *place_terms())
 
@@ -182,9 +182,9 @@ def _join(
 def face_runs(sightings: Sightings, place: Ints, settings: MergeSettings) -> Ints:
     """Number of the panel (n,) of each sighting: at each place, runs in time of one face.
 
-    The most probable sequence of faces (Viterbi 1967), where a drive misreads a face with one probability and a face is
-    replaced with another one a year: a face that differs once among others of the same month is a misreading, one that
-    differs from then on is another panel. Panels are numbered by place, then time.
+    The most probable sequence of faces (Viterbi 1967). A drive misreads a face with one probability, and a face is
+    replaced with a probability per year. A face that differs once among others of the same month is a misreading. A
+    face that differs from then on is another panel. Panels are numbered by place, then time.
     """
     order = np.lexsort((sightings.drive, sightings.time_ns, place))
     run = np.zeros(len(place), np.int64)
@@ -219,7 +219,7 @@ def _differ(sightings: Sightings, place: Ints) -> NDArray[np.bool_]:
 
 
 def _viterbi(sightings: Sightings, rows: Ints, settings: MergeSettings) -> Ints:
-    """Number of the run of each row, in order of time; the possible faces are those of the rows themselves."""
+    """Number of the run of each row, in order of time. The possible faces are those that the rows have."""
     count = len(rows)
     seen, face = (side.ravel() for side in np.meshgrid(rows, rows, indexing="ij"))
     fit = size_log_ratio(sightings, seen, face)

@@ -35,8 +35,8 @@ _NEAREST = 0.25
 class PlaceImage:
     """An image with its camera relative to a place.
 
-    grey (height, width); rotation (3, 3): camera to level axes; centre (3,): of the camera in these axes, metres, the
-    place being their origin.
+    `grey` (height, width). `rotation` (3, 3): camera to level axes. `centre` (3,): of the camera in these axes, metres,
+    the place being their origin.
     """
 
     grey: NDArray[np.uint8]
@@ -59,10 +59,10 @@ def measure_occlusion(
 ) -> OcclusionCounts:
     """Measure the distance of what shows where a panel stood, by the images before and after each.
 
-    A window of the panel's size, and larger ones as long as it does not tell, is compared with the other
-    images as if it lay at each of many distances. What stands just beside a place counts in none but the smallest
-    window, as it hides nothing.
-    Something that moves with the camera looks farther away than it is: a vehicle ahead hides a place unnoticed.
+    A window of the panel's size is compared with the other images as if it lay at each of many distances. Larger
+    windows follow as long as the result is undecided. Objects next to a place count only in the smallest window,
+    because they hide nothing. Something that moves with the camera looks farther away than it is: a vehicle ahead hides
+    a place unnoticed.
 
     Parameters
     ----------

@@ -2,10 +2,10 @@
 
 Along a drive this error is a first-order Gauss-Markov process: it has the standard deviation that the drive states for
 its fixes, and the correlation time of their errors. Its value at every sighting is an unknown of one sparse
-least-squares problem over all drives of an area. Pairs of sightings of one panel measure the difference of two of
-them. Which pairs are right is weighed anew in every iteration (expectation maximisation; Granger and Pennec 2002) while
-the kernel becomes narrower (graduated non-convexity with Geman and McClure weights; Blake and Zisserman 1987): signs
-without a like beside them decide first, and the prior decides between arrangements that fit equally well.
+least-squares problem over all drives of an area. Pairs of sightings of one panel measure the difference of two of them.
+The pairs are weighted again in every iteration (expectation maximisation, Granger and Pennec 2002). The kernel becomes
+narrower meanwhile (graduated non-convexity with Geman and McClure weights, Blake and Zisserman 1987). Signs without a
+similar neighbour decide first. The prior decides between arrangements that fit equally well.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ def solve_offsets(sightings: Sightings, settings: MergeSettings) -> DriveOffsets
 def relative_variance(sightings: Sightings, offsets: DriveOffsets, pairs: Ints) -> Floats:
     """Variance (m, 2), level and up, of the difference of two drives' common errors after their adjustment.
 
-    Of the other pairs of the same two drives only the nearest before and behind count, with the change of both errors
-    up to there, so that a pair is not judged by itself; more pairs would only lower it.
+    Of the other pairs of the same two drives, only the nearest before and after count, with the change of both errors
+    over this distance. A pair is thus not judged by its own error, and more pairs would only lower it.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def relative_variance(sightings: Sightings, offsets: DriveOffsets, pairs: Ints) 
     order = np.lexsort((known[:, 1], known[:, 0], of))
     known, of = known[order], of[order]
     result = np.zeros((len(pairs), 2))
-    # rows are in order of station: the place of a pair among those of its drives is that of its first row
+    # rows are in order of station: a pair has the place of its first row
     rank = len(sightings) + 1
     at = np.searchsorted(of * rank + known[:, 0], asked * rank + pairs[:, 0])
     same = np.zeros(len(pairs), bool)

@@ -39,10 +39,10 @@ _TRIED = 64
 class Differences(Rows):
     """Pairs of sightings that may be of one panel; m rows.
 
-    drive (m, 2): the lower first; support (m,): assembly of the first; alone_m (m,): longest of the `VECTOR_REACH_M`
-    within which no other pair of these drives holds one of the two, 0: none; apart_m (m, 3): second less first, east,
-    north, up; own, stated (m, 3): variances of that, of the panels relative to the cameras nearby and of the errors
-    common to neighbouring panels.
+    `drive` (m, 2): the lower first. `support` (m,): assembly of the first. `alone_m` (m,): longest of the
+    `VECTOR_REACH_M` within which no other pair of these drives holds one of the two, 0: none. `apart_m` (m, 3): second
+    less first, east, north, up. `own`, `stated` (m, 3): variances of that, of the panels relative to the cameras nearby
+    and of the errors common to neighbouring panels.
     """
 
     drive: Ints
@@ -57,8 +57,8 @@ class Differences(Rows):
 class Agreement:
     """What the panels of two drives agree on.
 
-    vector_m, sigma_m (3,): the second drive less the first, east, north, up; zero where the errors that both state
-    explain it. supports: how many agree. clear: False where only equal panels beside each other do.
+    `vector_m`, `sigma_m` (3,): the second drive less the first, east, north, up; zero where the errors that both state
+    explain it. `supports`: how many agree. `clear`: False where only equal panels that are next to one another do.
     """
 
     vector_m: Floats

@@ -27,8 +27,8 @@ _FORBIDDEN = 1e9
 class PanelPlaces:
     """Where panels are: n rows, metres and radians, nan where unknown.
 
-    position (n, 3): east, north, up; bearing_rad (n,): compass direction that the face looks in; size_m (n, 2): width
-    and height.
+    `position` (n, 3): east, north, up. `bearing_rad` (n,): compass direction that the face looks in. `size_m` (n, 2):
+    width and height.
     """
 
     position: Floats
@@ -40,7 +40,7 @@ class PanelPlaces:
 class PanelViews:
     """What k images show of n places.
 
-    height (n, k): of the panel in each, pixels, 0 where it does not show; box (n, k, 4): where it would, pixels.
+    `height` (n, k): of the panel in each, pixels, 0 where it does not show. `box` (n, k, 4): where it would, pixels.
     """
 
     height: Floats
@@ -52,8 +52,8 @@ def views_of(
 ) -> PanelViews:
     """Images in which a panel would show whole, at least so high, and from the front.
 
-    What stands between the camera and the place is not considered (`measure_occlusion` is for that), nor the
-    distortion of the lens.
+    Objects between the camera and the place are not considered (see `measure_occlusion`), nor is the distortion of the
+    lens.
 
     Parameters
     ----------

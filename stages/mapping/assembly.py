@@ -63,7 +63,7 @@ def _revised(
 
 
 def same_support(one: Landmark, other: Landmark) -> bool:
-    """Whether two panels hang on one support: above or beside each other without much between."""
+    """Whether two panels hang on one support: one above the other or side by side, without much between."""
     right, above = abs(one.right_m - other.right_m), abs(one.above_m - other.above_m)
     between = max(
         right - (one.width_m + other.width_m) / 2, above - (one.height_m + other.height_m) / 2

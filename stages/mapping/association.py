@@ -75,9 +75,7 @@ class WindowCandidates:
         require_array(self.whole, "whole", np.bool_, (rows,))
         require_array(self.seeds, "seeds", np.bool_, (rows,))
         if self.first[0] != 0 or self.first[-1] != rows or (np.diff(self.first) < 0).any():
-            raise ValueError(
-                "WindowCandidates.first: wanted ascending from 0 to the number of rows"
-            )
+            raise ValueError("WindowCandidates.first must ascend from 0 to the number of rows")
 
 
 class Association(NamedTuple):
@@ -122,8 +120,8 @@ def associate(
     m, n = len(points), len(candidates.rotation)
     if points.shape != (m, 3) or sizes.shape != (m, 2) or usable.shape != candidates.score.shape:
         raise ValueError(
-            f"wanted (m, 3), (m, 2), ({len(candidates.score)},), "
-            f"found {points.shape}, {sizes.shape}, {usable.shape}"
+            f"points, sizes and usable have shapes {points.shape}, {sizes.shape}, {usable.shape} instead of (m, 3), "
+            f"(m, 2), ({len(candidates.score)},)"
         )
     row, state = np.full((m, n), -1, np.int32), np.zeros((m, n), np.uint8)
     value = np.zeros(m)

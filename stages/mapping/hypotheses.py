@@ -80,7 +80,7 @@ def pair_hypotheses(
     """
     n = len(candidates.rotation)
     if not (0 <= older < n and 0 <= newer < n):
-        raise ValueError(f"wanted frames below {n}, found {older}, {newer}")
+        raise ValueError(f"frames {older}, {newer} are not below {n}")
     c = candidates
     rows = [
         c.first[f] + np.flatnonzero(c.seeds[c.first[f] : c.first[f + 1]]) for f in (older, newer)

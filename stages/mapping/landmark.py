@@ -94,9 +94,9 @@ def point_covariance(
 ) -> NDArray[np.float64]:
     """Covariance (3, 3) of a point relative to the camera of frame `best`, in world axes, square metres.
 
-    First-order propagation (report chapter 8's projection, eq. 7.6): the estimate moves by the gain
-    (J' W J)^-1 J' W times the error of the rays; an error of the step between two frames moves all views on the far
-    side of it, seen from `best`, together.
+    First-order propagation (report chapter 8's projection, eq. 7.6). The estimate moves by the gain (J' W J)^-1 J' W
+    times the error of the rays. An error of the step between two frames moves all views on the far side of it, seen
+    from `best`, together.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def build_landmark(
 ) -> Landmark:
     """The landmark in the camera frame of the image that shows it largest and whole.
 
-    A back bears no colour of a sign, and its shape is that of the outline of its panel, where one is known.
+    A back has no colour of a sign. Its shape is the shape of the outline of its panel, where this is known.
     """
     best, panel = best_view(fit, window), measured.panel
     views = tuple(observation(fit, window, i) for i in range(len(fit.rows)))

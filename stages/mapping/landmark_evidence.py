@@ -1,8 +1,8 @@
 """Whether a landmark is a sign: the sum of log-likelihood ratios (report chapter 9, for a whole track).
 
-Each term of evidence (appearance, views, size, place, rigidity, surroundings) is a sum of monotone curves over a few
-numbers on all views of a landmark together. What its images show counts over the whole range that was learned from; the
-other terms count by what they were worth on real drives.
+The terms of evidence are appearance, views, size, place, rigidity and surroundings. Each is a sum of monotone curves
+over a few numbers on all views of a landmark together. What its images show counts over the whole range that was
+learned from; the other terms count by what they were worth on real drives.
 """
 
 from __future__ import annotations

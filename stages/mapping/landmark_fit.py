@@ -81,7 +81,7 @@ def fit_hypothesis(
     fewest: int,
     box_sigma: tuple[float, float] = BOX_SIGMA,
 ) -> LandmarkFit | None:
-    """Fit a landmark to its views and associate anew, in turn, until the views stay the same.
+    """Fit a landmark to its views and associate again, in turn, until the views stay the same.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ def classify_location(
         Where the model is not of that space.
     """
     if model is not None and model.space != "right_up_m":
-        raise ValueError(f"wanted a location model of space right_up_m, found {model.space}")
+        raise ValueError(f"a location model of space {model.space} instead of right_up_m")
     for frame in tracked:
         landmarks = (
             replace(one, verdict=location_verdict(one, model, settings))

@@ -1,7 +1,7 @@
 """The panel of a landmark measured as a plane, from the images of all its views together.
 
 The images are rectified on one plane across the path and registered to a few hundredths of a pixel; together they show
-the outer outline of the face. Its centre in each view gives the position, seven times as exact as boxes; the change of
+the outer outline of the face. Its centre in each view gives the position, seven times as exact as boxes. The change of
 its width and height from view to view gives the size and the facing.
 """
 

@@ -1,8 +1,8 @@
-"""Where the signs of a drive stand: beside the carriageway, whatever its width, and over it.
+"""Where the signs of a drive stand: along the carriageway, whatever its width, and over it.
 
 How far from the path depends on the road and on the lane: 3 m on a village street, 20 m on the left lane of a freeway.
-So what is expected before the first sign is broad and the same on both sides; each sign that its own images show
-sharpens it for those that follow on the same drive.
+The expectation before the first sign is broad and the same on both sides. Each sign that its own images show sharpens
+it for later ones on the same drive.
 """
 
 from __future__ import annotations

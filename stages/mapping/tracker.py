@@ -1,7 +1,7 @@
 """Tracking: hypotheses from pairs, association, greedy acceptance, classification, verdict, measurement.
 
 A panel that stands still is one point that all its views agree on. Every pair of candidates up to a few frames apart
-that may show one panel makes a hypothesis; hypotheses are associated with candidates in all frames held and accepted
+that may show one panel makes a hypothesis. Hypotheses are associated with candidates in all frames held and accepted
 greedily, best first. A landmark is finished when the vehicle has passed it (report chapters 5, 7 and 8).
 """
 

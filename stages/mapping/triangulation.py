@@ -52,8 +52,8 @@ def triangulate_views(
 ) -> tuple[Array, Array]:
     """Point with the lowest robust reprojection cost over all views.
 
-    The start is the midpoint of that pair of views which has the lowest cost over all of them; then
-    Levenberg-Marquardt on the residuals with a Cauchy cost, which bounds the influence of a wrong view.
+    The start is the midpoint of the pair of views with the lowest cost over all views. Levenberg-Marquardt follows on
+    the residuals with a Cauchy cost, which bounds the influence of a wrong view.
 
     Parameters
     ----------
@@ -84,11 +84,11 @@ def triangulate_views(
     seen, spread = shaped(rays, (-1, 2)), shaped(sigma, (-1,))
     if not len(turns) == len(origins) == len(seen) == len(spread):
         raise ValueError(
-            "wanted as many rotations, centres, rays and sigmas, "
-            f"found {len(turns)}, {len(origins)}, {len(seen)}, {len(spread)}"
+            f"rotations, centres, rays and sigmas differ in number: {len(turns)}, {len(origins)}, {len(seen)}, "
+            f"{len(spread)}"
         )
     if not (spread > 0).all():
-        raise ValueError(f"wanted positive sigmas, found {spread.min()}")
+        raise ValueError(f"a sigma is not positive: {spread.min()}")
     point, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
     schedule = Schedule(iterations, POINT_GAIN, damping=1e-4, offset=1.0)
     _triangulate(turns, origins, seen, spread, CAUCHY_SIGMAS, schedule, point, covariance)

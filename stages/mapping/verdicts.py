@@ -1,9 +1,9 @@
 """Verdicts on landmarks, and on candidates that no landmark has.
 
-While it is tracked (`tracker`): `moving` where the vehicle drove, the verdict of the weakest term of evidence
-(`VERDICT_OF_TERM`) where the sum of all is below the threshold, `duplicate` of a landmark of higher sum. Afterwards
-(`location_verdict`, `same_panel`): `location`, `panel_size`, `duplicate`. A landmark that passes all is a `sign`.
-Verdicts of single candidates in one image are the detection's.
+While it is tracked (`tracker`): `moving` where the vehicle drove, or `duplicate` of a landmark of higher sum. Where the
+sum of all terms of evidence is below the threshold, it is the verdict of the weakest term (`VERDICT_OF_TERM`).
+Afterwards (`location_verdict`, `same_panel`): `location`, `panel_size`, `duplicate`. A landmark that passes all is a
+`sign`. Verdicts of single candidates in one image are the detection's.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _NOWHERE = np.zeros(4)
 
 
 def in_swept_volume(fit: LandmarkFit, offset: FrenetOffset) -> bool:
-    """Whether it stands where the vehicle drove: nothing stands there, so it moves (at a constant pace)."""
+    """Whether it lies where the vehicle drove: it then moves (at a constant pace)."""
     bottom = offset.above - fit.metric[1] / 2
     return bool(abs(offset.right) < SWEPT_HALF_WIDTH_M and bottom < SWEPT_HEIGHT_M)
 

@@ -129,7 +129,7 @@ class WindowFrame:
         )
 
     def image_pyramid(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """The image at full, half and quarter size, made when first asked for; None where there is none."""
+        """The image at full, half and quarter size, made when first requested, or None."""
         if self._pyramid is None and self.rgb is not None:
             self._pyramid = pyramid(self.rgb)
         return self._pyramid

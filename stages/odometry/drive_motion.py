@@ -21,10 +21,10 @@ def estimate_motion(
 ) -> Iterator[PosedDetections]:
     """Add the camera's motion to each image.
 
-    Frames that are not used pass with motion None. The first used frame is the origin of the drive's own frame.
-    An image that shows no motion since the last used one becomes a frame with the status `duplicate`, without
-    candidates: rays of both have no baseline, and a panel would get the same measurement twice. Slow motion adds up,
-    since images are compared with the one that was used last.
+    Frames that are not used pass with motion None. The first used frame is the origin of the drive's own frame. An
+    image that shows no motion since the last used one becomes a frame with the status `duplicate`, without candidates.
+    Rays of both have no baseline, and a panel would get the same measurement twice. Slow motion adds up, since images
+    are compared with the one that was used last.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def estimate_motion(
 def shows_no_motion(
     before: KeypointImage | None, now: KeypointImage | None, settings: MotionSettings
 ) -> bool:
-    """Whether so many corners of an image are found again at the same place that the camera cannot have moved.
+    """Whether enough corners of an image are found again at the same place to show that the camera stands.
 
     This needs no prior: a wrong pose or spacing does not hide a copy. Travel moves most corners, and leaves only those
     that are far away, or on the vehicle itself; corners on other vehicles move while the camera stands. False where an

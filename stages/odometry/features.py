@@ -51,9 +51,9 @@ def tie_corners(
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Corners (n, 2) of a grey image, recorded pixels, sorted by row, and descriptors (n, 32).
 
-    FAST corners of a pyramid (Rosten and Drummond 2006), the strongest of each cell, so that weak ones on road and
-    verge are kept beside strong ones against the sky; upright ORB descriptors (Rublee et al. 2011), as cameras on the
-    road hardly roll. The pyramid starts at half size: the blur of lens and JPEG lies below that scale.
+    FAST corners of a pyramid (Rosten and Drummond 2006), the strongest of each cell: weak ones on road and verge are
+    kept as well as strong ones against the sky. ORB descriptors (Rublee et al. 2011) are upright, because cameras on
+    the road hardly roll. The pyramid starts at half size: the blur of lens and JPEG lies below that scale.
     """
     fast = cv2.FastFeatureDetector.create(CORNER_CONTRAST)
     orb = cv2.ORB.create(100_000, nlevels=1)

@@ -1,4 +1,4 @@
-"""Whether recorded poses are those of the camera: they are compared with the motion that the images show by themselves.
+"""Whether recorded poses belong to the camera. They are compared with the motion in the images.
 
 Two images give the rotation between them and the direction of travel, without its length (report chapter 7; Nistér
 2004). Poses in other axes, of the vehicle instead of the camera, or inverted, contradict them by a right angle or more.
@@ -158,8 +158,8 @@ AXES = {
 def upright(path: CameraPath) -> tuple[CameraPath, str]:
     """The poses in a world whose z axis points up, and which way up was; "z" where it was that, "" where none is.
 
-    The camera is upright on its vehicle, so its own up is that of the world. About the centre of the earth ("earth"),
-    up is outward; such poses come as east, north, up at the first.
+    The camera is upright on its vehicle: its own up is the up of the world. About the centre of the earth ("earth"), up
+    is outward; such poses come as east, north, up at the first.
     """
     rows = np.flatnonzero(path.known)
     if not len(rows):

@@ -41,10 +41,9 @@ DOUBT_SIGMAS = 3.0
 class MotionPrior:
     """What is expected of a step before its images are compared.
 
-    prior: of rotation, direction and length; straight: rotation and direction to fall back on;
-    search: rotation (3, 3) by which corners are predicted, slack_px: half width of the band they are matched in;
-    source: "straight", "points", "odometry", "poses", "fixes" or "speed"; spacing_m: the stated one of the first two,
-    else nan.
+    `prior`: of rotation, direction and length. `straight`: rotation and direction to fall back on. `search`: rotation
+    (3, 3) by which corners are predicted. `slack_px`: half width of the band they are matched in. `source`: "straight",
+    "points", "odometry", "poses", "fixes" or "speed". `spacing_m`: the stated one of the first two, else nan.
     """
 
     prior: StepPrior
@@ -119,8 +118,8 @@ def predict_motion(
         source = "speed"
     else:
         raise InputError(
-            f"frame {now.index}: wanted the distance from the image before it, found no pose, spacing or fix; "
-            "give the distance between images (--spacing 26.4ft)"
+            f"frame {now.index}: there is no pose, spacing or fix that states the distance from the image before it. "
+            "Give the distance between images (--spacing 26.4ft)."
         )
     length_m = max(baseline, SHORTEST_M)
     prior = StepPrior(np.eye(3), inf, travel.direction, travel.sigma, True, length_m, sigma)

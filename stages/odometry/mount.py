@@ -43,8 +43,9 @@ FEWEST_HEIGHTS = 8
 class Mount:
     """Running medians over the last steps.
 
-    slopes (2,) of the direction of travel, heights (n,) of points, metres; by these, travel: direction as learnt so
-    far, straight ahead before the mount is known, and height_m of the camera above the road, nan while unknown.
+    `slopes` (2,) of the direction of travel, `heights` (n,) of points, metres. They give `travel`, the direction as
+    learnt so far (straight ahead before the mount is known), and `height_m` of the camera above the road, nan while
+    unknown.
     """
 
     slopes: deque[Array] = field(default_factory=lambda: deque(maxlen=MOUNT_MEMORY))

@@ -1,6 +1,6 @@
 """Motion and points of two images adjusted together, with the length of the baseline held (report chapter 8).
 
-This is the adjustment of a window of two frames: the first one is held, a tie is two observations of one point, and the
+This is the adjustment of a window of two frames. The first one is held, a tie is two observations of one point, and the
 length of the step is known. Only the prior measures that length, so inverse depths are in units of the baseline: its
 length drops out and only scales the result.
 """
@@ -37,11 +37,11 @@ LENGTH_SIGMA = 1e-3
 class PairAdjustment(NamedTuple):
     """Result of `adjust_pair`.
 
-    rotation (3, 3), direction (3,): pose of the second camera in the first one's frame, up to its length;
-    points (n, 3): ray (x/z, y/z) in the first image, and baseline over depth; displacement_px (n,): of each tie in the
-    image by travel alone; covariance (6, 6) of rotation vector (rad) and direction in the first camera's axes, errors
-    that neighbouring ties share included; iterations;
-    history_px (iterations + 1,): RMS of eq. 7.5 per coordinate over the points at the start and after each iteration.
+    `rotation` (3, 3), `direction` (3,): pose of the second camera in the first one's frame, up to its length. `points`
+    (n, 3): ray (x/z, y/z) in the first image, and baseline over depth. `displacement_px` (n,): of each tie in the image
+    by travel alone. `covariance` (6, 6) of rotation vector (rad) and direction in the first camera's axes, errors that
+    neighbouring ties share included. `iterations`. `history_px` (iterations + 1,): RMS of eq. 7.5 per coordinate over
+    the points at the start and after each iteration.
     """
 
     rotation: Array
@@ -135,7 +135,7 @@ def adjust_pair(
     direction = found.centres[1] / np.linalg.norm(found.centres[1])
     offset = found.points[:, :2] - direction[:2] / direction[2]
     displacement = focal_px * np.maximum(found.points[:, 2], 0) * np.linalg.norm(offset, axis=1)
-    # Weights stay those of the stated errors: larger ones change what is said of the motion, not the motion.
+    # Weights use the stated errors: larger ones change the stated covariance, not the motion.
     alone = np.sqrt(scatter**2 - 1) * errors.sigma_px / focal_px * found.gain
     shared_px = scatter * correlated_sigma_px(displacement, errors)
     effect = shared_px[:, None, None] * found.gain[n:] / focal_px

@@ -1,8 +1,8 @@
 """Sub-pixel registration of small patches between two images.
 
-The patch of the farther view is the template; translation, scale, gain and bias in the nearer one are solved by
-inverse-compositional Gauss-Newton (Baker and Matthews, 2004): the template's gradients serve all iterations. The error
-is a seventh of that of the corners (measured).
+The patch of the farther view is the template. Translation, scale, gain and bias in the nearer one are solved by
+inverse-compositional Gauss-Newton (Baker and Matthews, 2004), with the template's gradients in all iterations. The
+error is a seventh of that of the corners (measured).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class PatchRegistration(NamedTuple):
     """Registered patches: point (n, 2) px, scale (n,) on top of the warp, zncc (n,) correlation, 0 where it is low.
 
     sigma (n,): standard deviation of the point along its worst direction, px of the far image, by the residual noise
-    between the patches: large along an edge, where only its ends fix the position.
+    between the patches. It is large along an edge, where only the ends fix the position.
     """
 
     point: Array

@@ -1,7 +1,8 @@
 """Length of a step: what the log says of it, and what points say that were seen in the step before, too.
 
-Points give the ratio of two lengths. Images a stated spacing apart are taken as exactly that, as the report does, until
-points show for several steps that the spacing changes: a camera that is released by time, on a vehicle that brakes.
+Points give the ratio of two lengths. Images a stated spacing apart are taken as exactly that, as in the report, until
+points show for several steps that the spacing changes. An example is a camera that is released by time, on a vehicle
+that brakes.
 """
 
 from __future__ import annotations
@@ -28,10 +29,10 @@ MOST_DOUBTS = 2
 class SpacingCheck:
     """Whether steps of a stated spacing are all of that length, by points.
 
-    spacing_m as stated; length_m with its sigma_m: of the step by points, each from the one before, about the spacing;
-    change: logarithm of the length by points over the spacing, where the step before was held at its own, 0 where there
-    are too few points; scatter: of changes about those before them, the mean of `counted` ones; evidence: for lengths
-    that change steadily; varies: the spacing does, from here on.
+    `spacing_m` as stated. `length_m` with its sigma_m: of the step by points, each from the one before, about the
+    spacing. `change`: logarithm of the length by points over the spacing, where the step before was held at its own, 0
+    where there are too few points. `scatter`: of changes about those before them, the mean of `counted` ones.
+    `evidence`: for lengths that change steadily. `varies`: the spacing does, from here on.
     """
 
     spacing_m: float
@@ -48,8 +49,8 @@ class SpacingCheck:
 class StepLength:
     """Length of a step and what the next one needs of it.
 
-    length_m with its sigma_m, as used; dropped, doubts: steps in a row up to this one that lost triggers, and in which
-    points contradict what was expected; check: of a stated spacing.
+    `length_m` with its sigma_m, as used. `dropped`, `doubts`: steps in a row up to this one that lost triggers, and in
+    which points contradict what was expected. `check`: of a stated spacing.
     """
 
     length_m: float = nan

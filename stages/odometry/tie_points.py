@@ -98,7 +98,7 @@ class KeypointImage:
 
 
 class GroundPlane(NamedTuple):
-    """The road plane in the axes of the first camera of a pair: down (3,), unit; height_m of the camera; baseline_m."""
+    """The road plane in the axes of the first camera of a pair: down (3,), height of the camera, baseline."""
 
     down: Array
     height_m: float
@@ -108,9 +108,9 @@ class GroundPlane(NamedTuple):
 class RegisteredTies(NamedTuple):
     """Registered tie points of a pair.
 
-    previous, current (n, 2): ideal pixels; rows (n, 2): rows of their corners in both images (-1: no match); warp
-    (n, 3) and sigma (n,) of the patch in the second image, as of `register_patches`; tried: all rows that were
-    registered, with position, warp and sigma (n, 6) (nan: failed).
+    `previous`, `current` (n, 2): ideal pixels. `rows` (n, 2): rows of their corners in both images (-1: no match).
+    `warp` (n, 3) and `sigma` (n,) of the patch in the second image, as of `register_patches`. `tried`: all rows that
+    were registered, with position, warp and sigma (n, 6) (nan: failed).
     """
 
     previous: Array

@@ -1,7 +1,7 @@
 """Visual odometry: motion of the camera from image to image (report chapters 7 and 8).
 
-Each used image is compared with the used one before it. A straight line of known length, odometry, poses or fixes give
-the prior; tie points over the whole image measure the motion; a two-view adjustment with the baseline held joins both.
+Each used image is compared with the used one before it. The prior is a straight line of known length, odometry, poses
+or fixes. Tie points over the whole image measure the motion. A two-view adjustment with the baseline held joins both.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ TRIMMED = 0.9
 class OdometryStep:
     """A step and what it leaves behind for the next one.
 
-    motion: None before the first image. depths (n,), metres, of the corners of the image; rotation (3, 3) or None where
-    unknown; length and speed_mps of the step.
+    `motion`: None before the first image. `depths` (n,), metres, of the corners of the image. `rotation` (3, 3) or None
+    where unknown. `length` and `speed_mps` of the step.
     """
 
     motion: Motion | None
@@ -180,7 +180,8 @@ class VisualOdometry:
     def _root_mean(self, squares: Array) -> float:
         """Eq. 7.5 of each tie (n,) as RMS per coordinate over the smallest of them (`TRIMMED`).
 
-        Midpoints near the focus of expansion can lie beside the camera; a few such ties would dominate the mean.
+        Midpoints near the focus of expansion can lie to the side of the camera; a few such ties would dominate the
+        mean.
         """
         best = np.sort(squares)[: max(1, int(TRIMMED * len(squares)))]
         return float(np.sqrt(best.mean() / 4)) if np.isfinite(best).all() and len(best) else inf

@@ -1,9 +1,9 @@
 """The outer outline of a face: chosen among nested candidates by a linear model.
 
 A face has several outlines one within the other: legend, inner field, border line, rim. The strongest of each shape is
-found first. The edges parallel to it are the candidates; a conditional logit (McFadden 1974) over 11 features chooses
-the outer one: strength of the edge, evenness of the strip inside it (a rim has one colour all round, the background has
-not), and difference from the detected box. Lengths are in samples of the template.
+found first. The edges parallel to it are the candidates. A conditional logit (McFadden 1974) over 11 features chooses
+the outer one. The features are strength of the edge, evenness of the strip inside it (a rim has one colour all round,
+the background has not), and difference from the detected box. Lengths are in samples of the template.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ def fit_face_outline(
         The model is of other features, or the views are another kind of array.
     """
     if model.features != OUTLINE_FEATURES:
-        raise ValueError(f"wanted a model of {OUTLINE_FEATURES}, found {model.features}")
+        raise ValueError(f"a model of {model.features} instead of {OUTLINE_FEATURES}")
     gradients = gradients_of(views)
     candidates = outline_candidates(views, gradients, box)
     if not candidates:

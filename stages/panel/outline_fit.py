@@ -120,7 +120,7 @@ def _by_strength(outlines: list[Outline]) -> list[Outline]:
 
 
 def _in_proportion(shape: str, box: Array) -> Array:
-    """The box of the shape's own proportion about a box, or that itself where it has none."""
+    """The box of the shape's own proportion about a box, or the box itself."""
     if shape not in ASPECT:
         return box
     centre, tall = (box[:2] + box[2:]) / 2, np.sqrt(box_size(box).prod() / ASPECT[shape])
@@ -243,7 +243,7 @@ def side_variances(gradients: Gradients, outline: Outline) -> Array:
 
 
 def nearest_edges(profiles: Array, search: float) -> tuple[Array, Array]:
-    """Offset (k,) of each segment's edge, interpolated, and its weight; 0 and 0 where there is none."""
+    """Offset (k,) of each segment's edge, interpolated, and its weight. Both are 0 without an edge."""
     centre, step = (profiles.shape[1] - 1) // 2, OFFSET_STEP
     inner = profiles[:, 1:-1]
     peak = (inner >= profiles[:, :-2]) & (inner > profiles[:, 2:])

@@ -1,6 +1,6 @@
 """Registration of the rectified views of a panel, and the outline that they show together.
 
-The background of a panel moves from view to view and fills half of the box of a diamond: where boxes do not correlate,
+The background of a panel moves from view to view and fills half of the box of a diamond. Where boxes do not correlate,
 the face inside its outline is compared alone.
 """
 
@@ -113,7 +113,7 @@ def register_views(
 
 
 def outline_of(registered: RegisteredViews, size: Array, method: PanelMethod) -> FaceOutline | None:
-    """The outline of the face in samples of the template; None where there is none strong enough."""
+    """The outline of the face in samples of the template, or None if it is weak."""
     views, box = registered.stacked(), registered.box(size)
     outline = fit_face_outline(views, box, method.outline_model)
     strong = outline is not None and outline.strength >= SMALLEST_STRENGTH

@@ -36,7 +36,7 @@ def match_by_descriptors(
 ) -> Iterator[TrackedFrame]:
     """Chain candidates from frame to frame by their key points; the midpoint of the two nearest rays is its landmark.
 
-    How sure a landmark is and which way it faces is not known: score and facing are nan.
+    The confidence of a landmark and its facing are not known: score and facing are nan.
 
     Frames come out in order, each once, when no open chain holds them, at most `track.longest` used frames late;
     candidates that a chain had before that are left `unmatched`.

@@ -23,8 +23,8 @@ def classify_shape(
 ) -> Iterator[Detections]:
     """Give the open candidates the shape class of their outline by Mahalanobis distance.
 
-    The outline is that of the region's own pixels in the label image of its pass. A candidate without an accepted shape
-    gets the verdict `shape`.
+    The outline is traced on the region's own pixels in the label image of its pass. A candidate without an accepted
+    shape gets the verdict `shape`.
 
     Parameters
     ----------
@@ -54,12 +54,12 @@ def classify_shape(
 
 
 def region_descriptors(segmentation: Segmentation, regions: Regions) -> NDArray[np.float64]:
-    """Fourier descriptors (n, 6) of the outlines of regions in the label images; nan where there is none."""
+    """Fourier descriptors (n, 6) of the outlines of regions in the label images, nan without an outline."""
     return fourier_descriptors(outlines_of(segmentation, regions))
 
 
 def outlines_of(segmentation: Segmentation, regions: Regions) -> NDArray[np.complex128]:
-    """Resampled outline of each region, (n, samples) in pixels of the label image; nan where there is none."""
+    """Resampled outline of each region, (n, samples) in pixels of the label image, nan without an outline."""
     sequences = np.full((len(regions), SAMPLES), complex(np.nan, np.nan))
     if segmentation.labels is not None:
         top = segmentation.rows[0]

@@ -37,7 +37,7 @@ def sign_features(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
     """SIFT points on open candidates: points (m, 2) in recorded pixels, descriptors (m, 128), candidate rows (m,).
 
-    Each point belongs to one candidate only, the smallest whose box contains it: regions of both passes overlap the
+    Each point belongs to one candidate only, the smallest whose box contains it. Regions of both passes overlap the
     same face, and a point listed twice would fail the ratio test against itself.
     """
     none, rows = Features.empty(), candidates.open_rows()

@@ -25,11 +25,11 @@ STEP_M = 8.04672
 def trajectory_of(rays: NDArray[np.float64], motions: Sequence[Motion]) -> NDArray[np.float64]:
     """The trajectory of a feature: (u, v, du, dv) of each step between consecutive views, in both forms.
 
-    Coordinates are those of a camera of focal length 1 without distortion (x/z right, y/z down), so that one model
-    serves all cameras; du, dv are scaled to a step of 26.4 ft. In the form "image" the coordinates are taken as they
-    are, as in the report. In the form "compensated" both views are turned into the axes half way through the camera's
-    rotation: there a vehicle that drives an arc travels in a constant direction, and a sign moves as on a straight
-    road.
+    Coordinates assume a camera of focal length 1 without distortion (x/z right, y/z down), and one model serves all
+    cameras. The components du, dv are scaled to a step of 26.4 ft. In the form "image" the coordinates are taken as
+    they are, as in the report. In the form "compensated" both views are turned into the axes half way through the
+    camera's rotation. In these axes a vehicle that drives an arc travels in a constant direction, and a sign moves as
+    on a straight road.
 
     Parameters
     ----------
@@ -88,8 +88,8 @@ def classify_trajectory(
     """
     if model.space not in TRAJECTORY_FORMS or model.mean.shape[1] != 4:
         raise InputError(
-            f"trajectory model: wanted 4 numbers in a space among {', '.join(TRAJECTORY_FORMS)}, found "
-            f"{model.mean.shape[1]} in {model.space!r}; learn it again"
+            f"trajectory model: it has {model.mean.shape[1]} numbers in {model.space!r} instead of 4 in a space among "
+            f"{', '.join(TRAJECTORY_FORMS)}. Learn it again."
         )
     for frame in tracked:
         landmarks = (

@@ -22,8 +22,8 @@ WIDEST = 65535
 class ConnectedRegions:
     """Regions between the two sizes, m parallel rows in reading order of their first pixel.
 
-    box (m, 4) int32 [x0, y0, x1, y1] half open, area (m,) int32 pixels, rgb (m, 3) float32 mean colour; total: how many
-    regions the image has before the gate.
+    `box` (m, 4) int32 [x0, y0, x1, y1] half open, area (m,) int32 pixels, rgb (m, 3) float32 mean colour. `total`: how
+    many regions the image has before the gate.
     """
 
     box: NDArray[np.int32]
@@ -58,9 +58,9 @@ def connected_regions(
     height, width = labels.shape
     require_array(rgb, "rgb", np.uint8, (height, width, 3))
     if width > WIDEST:
-        raise ValueError(f"labels: wanted at most {WIDEST} columns, found {width}; tile it")
+        raise ValueError(f"labels: {width} columns are more than {WIDEST}. Tile the image.")
     if smallest_px < 1:
-        raise ValueError(f"smallest_px: wanted at least 1, found {smallest_px}")
+        raise ValueError(f"smallest_px: {smallest_px} is less than 1")
     if width == 0:
         labels, rgb, height = labels[:0], rgb[:0], 0
     runs = height * width

@@ -1,9 +1,9 @@
 """Nearest palette colour of every pixel, exactly: the label image of pass one and the difference image.
 
-Distances are packed with labels: s_j = 16 (|m_j|^2 - 2 m_j.x) + j is an integer below 2^24 in size for integer colours
-and at most 16 centres, thus exact in single precision, fused or not. min_j s_j + 16 |x|^2 = 16 d^2 + label, so one
-minimum gives the nearest centre (the lower label on a tie) and the squared distance, the same on every machine. More
-centres are compared in groups of 16, whose minima are packed as 256 d^2 + label in whole numbers.
+Distances are packed with labels: s_j = 16 (|m_j|^2 - 2 m_j.x) + j. This is an integer below 2^24 in size for integer
+colours and at most 16 centres, and exact in single precision, fused or not. As min_j s_j + 16 |x|^2 = 16 d^2 + label,
+one minimum gives the nearest centre (the lower label on a tie) and the squared distance. Both are the same on every
+machine. More centres are compared in groups of 16, whose minima are packed as 256 d^2 + label in whole numbers.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ def packed_centers(centers: NDArray[Any]) -> NDArray[np.float32]:
     colors = np.asarray(centers, np.float64)
     if colors.ndim != 2 or colors.shape[1] != 3 or not 1 <= len(colors) <= MOST_CENTERS:
         raise ValueError(
-            f"centres: wanted (k, 3) with k from 1 to {MOST_CENTERS}, found {colors.shape}"
+            f"centres: shape {colors.shape} instead of (k, 3) with k from 1 to {MOST_CENTERS}"
         )
     if not np.array_equal(colors, np.clip(np.rint(colors), 0, 255)):
-        raise ValueError("centres: wanted whole numbers from 0 to 255; round and clip them first")
+        raise ValueError("centres: not whole numbers from 0 to 255. Round and clip them first.")
     packed = np.zeros((-(-len(colors) // 4) * 4, 4), np.float32)
     packed[:, 0] = _FAR
     packed[: len(colors), 0] = 16 * (colors**2).sum(axis=1) + np.arange(len(colors)) % _GROUP
@@ -95,7 +95,7 @@ def difference_image(rgb: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[n
 
 
 def mean_of_labels(colors: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[np.float64]:
-    """Mean of the colours (n, 3) nearest to each centre, (k, 3); the centre itself where it has none.
+    """Mean of the colours (n, 3) nearest to each centre, (k, 3), or the centre itself.
 
     One Lloyd step of K-means in full colours.
     """

@@ -13,10 +13,10 @@ from wayside.stages.kernels import compiled
 def optimal_breaks(histogram: NDArray[Any], classes: int) -> NDArray[np.int64]:
     """First value of each class in the K-means optimum of whole numbers 0, 1, ... given how often each occurs.
 
-    The best classes are intervals, so that dynamic programming finds them without a start or a seed: the cost of the
-    first i values in j classes is D[j, i] = min over t of D[j-1, t] + cost(t, i), where cost is the sum of squared
-    distances to the mean, from prefix sums. The best t never falls as i grows, which divide and conquer uses:
-    O(classes n log n). (Lloyd steps from quantiles end at two to three times this optimum.)
+    The best classes are intervals. Dynamic programming finds them without a start or a seed. The cost of the first i
+    values in j classes is D[j, i] = min over t of D[j-1, t] + cost(t, i). Here cost is the sum of squared distances to
+    the mean, from prefix sums. The best t never falls as i grows, which divide and conquer uses: O(classes n log n).
+    (Lloyd steps from quantiles end at two to three times this optimum.)
 
     Parameters
     ----------
@@ -36,11 +36,9 @@ def optimal_breaks(histogram: NDArray[Any], classes: int) -> NDArray[np.int64]:
     """
     counts = np.ascontiguousarray(histogram, np.float64)
     if counts.ndim != 1 or not 1 <= classes <= counts.size:
-        raise ValueError(
-            f"classes: wanted 1 to the number of values, found {classes} of {counts.shape}"
-        )
+        raise ValueError(f"classes: {classes} is outside 1 to the number of values, {counts.shape}")
     if not np.all(counts >= 0):
-        raise ValueError("histogram: wanted counts of at least 0; found smaller ones or nan")
+        raise ValueError("histogram: a count is negative or nan")
     cost = np.empty((classes + 1, counts.size + 1))
     start = np.zeros((classes + 1, counts.size + 1), np.int64)
     _fill_costs(counts, cost, start)

@@ -1,9 +1,9 @@
 """K-means on a histogram of colours: the palette of pass one (report chapter 2.1).
 
 Every n-th pixel falls into one of 64^3 bins that keep count and colour sums, so that a bin stands at its true mean.
-Weighted Lloyd steps on the few thousand bins in use cost little; one step on the sample in full colours
-follows, then the centres are rounded, which makes all later arithmetic exact. The start is k-means++ from a fixed seed:
-the same image has the same palette, whatever came before it.
+Weighted Lloyd steps on the few thousand bins in use cost little. One step on the sample in full colours follows, then
+the centres are rounded, which makes all later arithmetic exact. The start is k-means++ from a fixed seed: the same
+image has the same palette, whatever came before it.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def sample_colors(rgb: NDArray[np.uint8], at_least: int) -> ColorBins:
     require_image(rgb)
     height, width = rgb.shape[:2]
     if height * width == 0:
-        raise ValueError(f"rgb: wanted at least one pixel, found {width} x {height}")
+        raise ValueError(f"rgb: an image of {width} x {height} has no pixel")
     step = max(1, min(isqrt(height * width // at_least), height, width))
     pixels = rgb[step // 2 :: step, step // 2 :: step].reshape(-1, 3)
     sums = np.zeros((len(pixels), 4), np.float64)
@@ -85,7 +85,7 @@ def palette(sample: ColorBins, settings: SegmentSettings) -> NDArray[np.uint8]:
     """
     clusters = settings.clusters
     if not 2 <= clusters <= MOST_CENTERS:
-        raise ValueError(f"clusters: wanted 2 to {MOST_CENTERS}, found {clusters}; set another k")
+        raise ValueError(f"clusters: {clusters} is outside 2 to {MOST_CENTERS}. Set another k.")
     best, least = np.zeros((clusters, 3), np.float32), np.inf
     for seed in range(SEED, SEED + STARTS):
         centers = np.empty((clusters, 3), np.float32)

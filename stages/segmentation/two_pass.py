@@ -43,9 +43,9 @@ def segment(
 ) -> Iterator[Segmentation]:
     """Divide every image into connected regions of one colour class and of one difference class.
 
-    Pass one is K-means on colour; the difference image holds each pixel's distance to the colour it was given; pass two
-    is K-means on that (exact, in one dimension). Regions of both label images that pass the size gate make the table:
-    those of pass one first, each pass in reading order. `region_count` counts the regions of both before the gate.
+    Pass one is K-means on colour. The difference image holds each pixel's distance to its centre. Pass two is K-means
+    on that (exact, in one dimension). Regions of both label images that pass the size gate make the table: those of
+    pass one first, each pass in reading order. `region_count` counts the regions of both before the gate.
 
     Parameters
     ----------
@@ -76,8 +76,8 @@ def segment(
 def band_of(camera: Camera | None, height: int) -> tuple[int, int]:
     """First and one past the last image row in which the face of a sign can stand.
 
-    Signs stand beside or over the road up to a known height, and the nearest view that is needed is some 12 m away:
-    that bounds the angle above and below the horizon, which lies at the principal point for a level camera, give or
+    Signs stand next to the road or over it up to a known height, and the nearest view that is needed is some 12 m away.
+    That bounds the angle above and below the horizon, which lies at the principal point for a level camera, give or
     take the pitch margin. Lens distortion moves these rows by a few pixels at most and is left out.
 
     Parameters
@@ -180,11 +180,9 @@ def _check(settings: SegmentSettings, gate: GateSettings) -> None:
         ("segment.difference_clusters", settings.difference_clusters),
     ):
         if not 2 <= value <= MOST_CENTERS:
-            raise UsageError(
-                f"{name}: wanted 2 to {MOST_CENTERS}, found {value}; set it within these"
-            )
+            raise UsageError(f"{name}: {value} is outside 2 to {MOST_CENTERS}")
     if not 1 <= gate.smallest_px <= gate.largest_px:
         raise UsageError(
-            f"gate: wanted 1 <= smallest_px <= largest_px, found {gate.smallest_px} and "
-            f"{gate.largest_px}; set them so"
+            f"gate: smallest_px {gate.smallest_px} and largest_px {gate.largest_px} must satisfy 1 <= smallest_px <= "
+            "largest_px"
         )

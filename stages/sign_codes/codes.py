@@ -1,9 +1,9 @@
 """The stage that says what code each sign of a drive bears, by Bayes' theorem over the catalogue.
 
-The probability of a code given colour, shape, size and the pixels of the face is in proportion to how common it is and
-to the probability of each of these given the code; they are taken as independent. The system, US or Vienna, is one
-unknown of the whole drive: what all signs say of it together is the prior of each. What is settled is stated: the code
-with its legend, else the code, else the series, else nothing.
+The probability of a code given colour, shape, size and the pixels of the face is in proportion to its frequency, and to
+the probability of each of these given the code. They are taken as independent. The system, US or Vienna, is one unknown
+of the whole drive: what all signs say of it together is the prior of each. The narrowest certain statement is made: the
+code with its legend, else the code, else the series, else nothing.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ Floats = NDArray[np.float64]
 class _Leaf(NamedTuple):
     """One legend of a catalogue sign, by its number in `_SIGNS`.
 
-    face: its class of the face classifier; nodes: what may be stated of it, from the widest to the narrowest; share: of
-    the signs of its system.
+    `face`: its class of the face classifier. `nodes`: what may be stated of it, from the widest to the narrowest.
+    `share`: of the signs of its system.
     """
 
     sign: int
@@ -118,7 +118,7 @@ _LEAF_SHARES = {
 def assign_codes(
     signs: Iterator[Sign], *, settings: CodeSettings, classes: tuple[str, ...] = ()
 ) -> Iterator[Sign]:
-    """Give every sign its code as far as it is settled, and the probability that the drive is of the US system.
+    """Give every sign its code as far as it is certain, and the probability that the drive is of the US system.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def assign_codes(
 
 
 def system_probabilities(likelihoods: Sequence[Floats], settings: CodeSettings) -> dict[str, float]:
-    """Probability of each system by all signs of a drive together; both alike where there is none."""
+    """Probability of each system by all signs of a drive together, equal without signs."""
     if settings.system != "auto":
         return {system: float(system == settings.system) for system in SYSTEMS}
     odds = np.zeros(len(SYSTEMS))
@@ -217,7 +217,7 @@ def _off_standard(sign: Sign) -> tuple[Floats, Floats]:
 def _settled(
     sign: Sign, likelihood: Floats, prior: dict[str, float], settings: CodeSettings
 ) -> SignCode | None:
-    """The narrowest statement whose probability is large enough; None where there is none."""
+    """The narrowest statement whose probability is large enough, or None."""
     foreign = FOREIGN if settings.system == "auto" else 0.0
     # what each leaf of both systems explains, and what nothing in the catalogue does
     shares = sum((foreign + (1 - 2 * foreign) * prior[s]) * _LEAF_SHARES[s] for s in SYSTEMS)

@@ -23,7 +23,7 @@ FACES, FACE_OUTPUT, CLASSES = "faces", "scores", "classes"
 
 
 class FaceClassifier:
-    """A network that says which of its `classes` a face is, from an ONNX file; raises ValueError where it is none."""
+    """A network that decides which of its `classes` a face is, from an ONNX file. Raises ValueError for other files."""
 
     def __init__(self, path: str) -> None:
         self._network = OnnxNetwork(path, (FACE_OUTPUT,))
@@ -31,7 +31,7 @@ class FaceClassifier:
         found = self.log_probabilities(np.zeros((1, PATCH_SIDE, PATCH_SIDE, 3), np.uint8)).shape
         if found != (1, len(self.classes)):
             raise ValueError(
-                f"wanted a score for each of {len(self.classes)} classes, found {found[1:]}"
+                f"scores of shape {found[1:]} instead of one for each of {len(self.classes)} classes"
             )
 
     def log_probabilities(self, patches: NDArray[np.uint8]) -> NDArray[np.float64]:

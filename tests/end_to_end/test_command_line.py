@@ -138,8 +138,8 @@ def test_5_a_folder_that_cannot_be_written_is_named(command, tmp_path):
     file.write_text("in the way")
     done = command("run", DEMO, "-o", file / "out")
     assert done.returncode == 5
-    assert f"wayside: {file / 'out'}: wanted a folder" in done.stderr
-    assert "choose another folder with -o" in done.stderr
+    assert f"wayside: {file / 'out'}: the result cannot be written" in done.stderr
+    assert "Choose another folder with -o" in done.stderr
     assert file.read_text() == "in the way"
 
 

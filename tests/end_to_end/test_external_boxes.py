@@ -131,5 +131,5 @@ def test_a_detector_is_run_from_the_command_line(tmp_path, capsys):
 
 def test_one_file_of_boxes_belongs_to_one_log(tmp_path):
     arguments = ["run", "a.mcap", "b.mcap", "-o", str(tmp_path), "--detections", "c.parquet"]
-    with pytest.raises(UsageError, match="wanted one log, found 2"):
+    with pytest.raises(UsageError, match="2 logs are given"):
         app(arguments, standalone_mode=False)

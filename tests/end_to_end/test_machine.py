@@ -158,7 +158,7 @@ def test_words_that_do_not_fit_on_the_disk_are_an_output_error():
         line = [str(WAYSIDE), "settings"]
         done = subprocess.run(line, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 5
-    assert done.stderr.startswith("wayside: output: wanted to write here, found: No space left")
+    assert done.stderr.startswith("wayside: output: the output cannot be written: No space left")
     assert "Traceback" not in done.stderr
 
 
@@ -171,7 +171,7 @@ def test_a_full_disk_leaves_the_old_result(old, tmp_path, free_kb):
         shutil.copytree(old, out)
         done = run(out, "--observations", "all")
         assert done.returncode == 5
-        assert "free some space" in done.stderr
+        assert "Free some space" in done.stderr
         assert "Traceback" not in done.stderr
         assert digests(out) == digests(old)
         assert sorted(os.listdir(out)) == sorted(FILES)
@@ -268,4 +268,4 @@ def test_a_pickle_in_the_place_of_the_journal_is_not_read(with_journal, tmp_path
 def test_resuming_and_viewing_exclude_each_other(command, tmp_path):
     done = command("run", DEMO, "-o", tmp_path / "out", "--resume", "--view", "file")
     assert done.returncode == 2
-    assert "leave one out" in done.stderr
+    assert "Leave one out" in done.stderr

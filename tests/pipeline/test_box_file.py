@@ -82,7 +82,7 @@ def test_names_of_images_are_matched_in_their_natural_order(tmp_path):
 @pytest.mark.parametrize("count", [1, 3])
 def test_names_of_more_or_fewer_images_than_the_log_has_are_refused(tmp_path, count):
     path = parquet(tmp_path, image_name=["a1", "a2"], **corners(*[(1, 2, 3, 4)] * 2))
-    with pytest.raises(InputError, match=f"found {count}: the log does not name its images"):
+    with pytest.raises(InputError, match=f"has {count}. The log does not name its images"):
         found_in(load(path), frames_of(count))
     assert found_in(load(path), frames_of(2)) == [1, 1]
 
@@ -138,15 +138,21 @@ def test_classes_say_which_boxes_are_signs_and_rows_what_they_look_like(tmp_path
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
-        ({"frame": [0]}, "wanted the columns x_min"),
+        ({"frame": [0]}, "must have the columns x_min"),
         (corners((1, 2, 3, 4)), "one of frame, log_time_ns"),
         ({"frame": [0], "log_time_ns": [0], **corners((1, 2, 3, 4))}, "one of frame"),
-        ({"frame": ["a"], **corners((1, 2, 3, 4))}, "column frame of type int64"),
-        ({"frame": [None], **corners((1, 2, 3, 4))}, "column frame in every row"),
-        ({"frame": [0], "score": [90.0], **corners((1, 2, 3, 4))}, "scores from 0 to 1.*90"),
-        ({"frame": [0], "score": [-2.0], **corners((1, 2, 3, 4))}, "scores from 0 to 1.*-2"),
-        ({"frame": [0], "color": ["pink"], **corners((1, 2, 3, 4))}, "column color.*'pink'"),
-        ({"frame": [0], "shape": [3], **corners((1, 2, 3, 4))}, "column shape.*'3'"),
+        ({"frame": ["a"], **corners((1, 2, 3, 4))}, "column frame of type string instead of int64"),
+        ({"frame": [None], **corners((1, 2, 3, 4))}, "no value in 1 rows of column frame"),
+        (
+            {"frame": [0], "score": [90.0], **corners((1, 2, 3, 4))},
+            "scores from 90 to 90 instead of 0 to 1",
+        ),
+        (
+            {"frame": [0], "score": [-2.0], **corners((1, 2, 3, 4))},
+            "scores from -2 to -2 instead of 0 to 1",
+        ),
+        ({"frame": [0], "color": ["pink"], **corners((1, 2, 3, 4))}, "'pink' in column color"),
+        ({"frame": [0], "shape": [3], **corners((1, 2, 3, 4))}, "'3' in column shape"),
     ],
 )
 def test_columns_that_are_missing_or_wrong_are_refused(tmp_path, columns, words):
@@ -158,9 +164,9 @@ def test_columns_that_are_missing_or_wrong_are_refused(tmp_path, columns, words)
 def test_a_file_that_is_no_parquet_is_refused(tmp_path, content):
     path = tmp_path / "boxes.parquet"
     path.write_bytes(content)
-    with pytest.raises(InputError, match=r"models\.detections: wanted a Parquet file"):
+    with pytest.raises(InputError, match=r"models\.detections: .* is neither a Parquet file"):
         load(path)
-    with pytest.raises(InputError, match="correct the path"):
+    with pytest.raises(InputError, match="Correct the path"):
         load(tmp_path / "none.parquet")
 
 
@@ -216,7 +222,7 @@ def test_images_of_a_coco_data_set_may_say_their_frame(tmp_path):
     ],
 )
 def test_what_is_no_coco_is_refused(tmp_path, content):
-    with pytest.raises(InputError, match="wanted COCO JSON"):
+    with pytest.raises(InputError, match="is not COCO JSON"):
         load(coco(tmp_path, content))
 
 
@@ -288,7 +294,7 @@ def test_names_that_contradict_each_other_are_refused(tmp_path):
     with pytest.raises(InputError, match="two images of the log have the name a"):
         found_in(found, frames_of(2, ["x/a.jpg", "y/a.jpg"]))
     none = BoxAccounting(load(coco(tmp_path, results("elsewhere"))))
-    with pytest.raises(InputError, match="it has elsewhere"):
+    with pytest.raises(InputError, match=r"\(elsewhere \.\.\.\)"):
         none.report()
 
 
@@ -306,7 +312,7 @@ def test_a_result_that_cannot_be_read_is_left_out_and_named(tmp_path, change):
 
 def test_a_file_without_any_box_of_the_log_is_refused(tmp_path):
     found = load(parquet(tmp_path, frame=[900], **corners((1, 2, 3, 4))))
-    with pytest.raises(InputError, match=r"found none in .*it has 900"):
+    with pytest.raises(InputError, match=r"no frame in .*\(900 \.\.\.\) belongs"):
         BoxAccounting(found).report()
     empty = load(parquet(tmp_path, frame=pa.array([], pa.int64()), **corners()))
     assert BoxAccounting(empty).report().counts["given"] == 0

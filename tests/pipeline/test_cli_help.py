@@ -64,7 +64,7 @@ def test_debug_may_stand_anywhere(line, command):
     done = command(*line)
     assert done.returncode == 3
     assert "Traceback" in done.stderr
-    assert "none.mcap: wanted a log to read" in done.stderr
+    assert "none.mcap: the log cannot be read" in done.stderr
 
 
 def python(code, *words, **env):

@@ -112,5 +112,5 @@ def test_ctrl_c_ends_all_logs(drives):
 
 
 def test_two_logs_of_one_name_are_refused_before_any_is_run(tmp_path):
-    with pytest.raises(UsageError, match="different names"):
+    with pytest.raises(UsageError, match="two logs are named"):
         process_all([tmp_path / "a.mcap"] * 2, [tmp_path] * 2, SETTINGS, None, RunOptions())

@@ -39,7 +39,7 @@ def test_the_digest_of_a_detector_is_that_of_its_file():
 
 
 def refused(path, **settings):
-    with pytest.raises(InputError, match=r"models\.detector: wanted") as caught:
+    with pytest.raises(InputError, match=r"models\.detector: ") as caught:
         load_detector(ModelSettings(detector=str(path), **settings))
     return str(caught.value)
 
@@ -51,19 +51,19 @@ def test_what_is_no_onnx_file_is_refused(tmp_path):
     assert "an ONNX file" in refused(tmp_path / "missing.onnx")
     cut = tmp_path / "cut.onnx"
     cut.write_bytes(YOLO.read_bytes()[:-400])
-    assert "wanted" in refused(cut)
+    assert "an ONNX file" in refused(cut)
 
 
 def test_a_network_with_other_outputs_is_refused_with_them():
     words = refused(DETECTORS.parent / "other_outputs.onnx")
-    assert "wanted outputs of the YOLO or RT-DETR family" in words
+    assert "does not have the outputs of the YOLO or RT-DETR family" in words
     assert "heat [1, 2, 64, 64]" in words
     assert "docs/detectors.md" in words
 
 
 def test_a_network_that_takes_no_floating_point_is_refused_with_what_it_takes():
     words = refused(Path(str(shipped_models())) / "network.onnx")
-    assert "wanted an input of one RGB image, float32" in words
+    assert "instead of one RGB image, float32" in words
     assert "[1, 0, 0, 3]" in words
 
 
@@ -85,7 +85,7 @@ def with_header(monkeypatch, **changes):
         ({"inputs": (NetworkInput("a", FLOAT32, (4, 3, 64, 64)),)}, r"float32 [4, 3, 64, 64]"),
         ({"inputs": (NetworkInput("a", FLOAT32, (1, 1, 64, 64)),)}, r"[1, 1, 64, 64]"),
         ({"inputs": (NetworkInput("a", "tensor(float16)", (1, 3, 64, 64)),)}, "float16"),
-        ({"inputs": (NetworkInput("a", FLOAT32, (1, 3, 0, 64)),)}, "both fixed or both free"),
+        ({"inputs": (NetworkInput("a", FLOAT32, (1, 3, 0, 64)),)}, "both be fixed or both free"),
         (
             {
                 "inputs": (
@@ -105,7 +105,7 @@ def test_inputs_that_wayside_does_not_make_are_refused(monkeypatch, changes, wor
 def test_a_network_that_does_not_run_is_refused_with_the_words_of_the_engine(monkeypatch):
     with_header(monkeypatch, outputs=("output7",))
     words = refused(YOLO)
-    assert "wanted a network that can be run" in words
+    assert "cannot be run" in words
     assert "output7" in words
 
 
@@ -118,7 +118,7 @@ def test_a_format_can_be_said():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"models.detector": "a.onnx", "models.detections": "b.parquet"}, "give one"),
+        ({"models.detector": "a.onnx", "models.detections": "b.parquet"}, "Give one"),
         ({"models.classes": "a.toml"}, "give --detector or --detections"),
         ({"models.detector": "a.onnx", "report.on": True}, "preset default"),
     ],
@@ -131,4 +131,4 @@ def test_options_that_exclude_each_other_are_refused(options, words):
 @pytest.mark.parametrize("side", [10**9, 2**62])
 def test_an_input_of_absurd_size_is_refused(monkeypatch, side):
     with_header(monkeypatch, inputs=(NetworkInput("images", FLOAT32, (1, 3, side, side)),))
-    assert f"found {side} x {side}" in refused(YOLO)
+    assert f"has an input of {side} x {side}" in refused(YOLO)

@@ -58,7 +58,7 @@ def test_another_log_of_the_same_path_is_another_log(out, log):
     log.write_bytes(b"b drive")
     with pytest.raises(OutputError, match="--overwrite") as caught:
         check_earlier(out, log)
-    assert f"found the result of {log} (another log)" in str(caught.value)
+    assert f"the folder holds the result of {log} (of another log)" in str(caught.value)
     assert caught.value.exit_status == 5
     check_earlier(out, log, overwrite=True)
 
@@ -76,27 +76,27 @@ def test_a_result_that_states_no_fingerprint_is_known_by_the_path_of_its_log(out
 @pytest.mark.parametrize("name", TABLES)
 def test_a_table_that_was_changed_since_is_kept(out, log, name):
     (out / name).write_text("mine")
-    with pytest.raises(OutputError, match=f"found {name} .not as the run.json there states it"):
+    with pytest.raises(OutputError, match=f"holds {name} .not as its run.json states"):
         check_earlier(out, log)
 
 
 @pytest.mark.parametrize("name", [*TABLES, "run.json"])
 def test_files_of_the_names_of_a_result_that_are_none_are_kept(tmp_path, log, name):
     (tmp_path / name).write_text('{"files": {}}')
-    with pytest.raises(OutputError, match=f"found {name} .no result of wayside"):
+    with pytest.raises(OutputError, match=f"holds {name} .not a result of wayside"):
         check_earlier(tmp_path, log)
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, '{"files":' * 100_000, "\0", "null"])
 def test_a_run_json_that_cannot_be_read_is_kept(tmp_path, log, text):
     (tmp_path / "run.json").write_text(text)
-    with pytest.raises(OutputError, match="no result of wayside"):
+    with pytest.raises(OutputError, match="not a result of wayside"):
         check_earlier(tmp_path, log)
 
 
 def test_a_link_that_leads_nowhere_is_kept(tmp_path, log):
     (tmp_path / TABLES[0]).symlink_to(tmp_path / "none")
-    with pytest.raises(OutputError, match="no result"):
+    with pytest.raises(OutputError, match="not a result"):
         check_earlier(tmp_path, log)
 
 
@@ -130,7 +130,7 @@ def test_of_several_logs_all_places_are_looked_at_before_the_first_is_run(tmp_pa
     (tmp_path / "out" / "b").mkdir(parents=True)
     (tmp_path / "out" / "b" / TABLES[0]).write_text("mine")
     line = ["run", *map(str, logs), "-o", str(tmp_path / "out")]
-    with pytest.raises(OutputError, match="b: wanted to write the result here"):
+    with pytest.raises(OutputError, match="b: the result cannot be written"):
         app(line, standalone_mode=False)
     assert not (tmp_path / "out" / "a").exists()
 

@@ -469,7 +469,7 @@ def test_a_result_without_images_is_evaluated(tmp_path):
 
 def test_figures_that_cannot_be_written_say_so(tmp_path):
     evaluation = RealEvaluation(0, (), 0, (), ())
-    with pytest.raises(OutputError, match="wanted to write a file here, found: No such file"):
+    with pytest.raises(OutputError, match="the file cannot be written: No such file"):
         write_evaluation(evaluation, tmp_path / "missing" / "figures.json")
 
 

@@ -316,7 +316,7 @@ def test_another_log_is_refused(out, tmp_path):
     frames = pq.read_table(file).to_pylist()
     frames[3]["log_time_ns"] += 1
     pq.write_table(table_of(FRAMES, frames), file)
-    with pytest.raises(InputError, match=r"found another: frame 3 .* --log"):
+    with pytest.raises(InputError, match=r"not the log .* Frame 3 .* --log"):
         write_evidence(out, tmp_path / "sheets")
 
 
@@ -340,7 +340,7 @@ def test_maps_say_where_north_is_where_the_fixes_tell(out, tmp_path, sheets, tur
 
 
 def test_an_unknown_sign_is_answered_with_the_nearest(out, tmp_path):
-    with pytest.raises(UsageError, match=f"did you mean {NEAR}"):
+    with pytest.raises(UsageError, match=f"Did you mean {NEAR}"):
         write_evidence(out, tmp_path / "sheets", sign_id=f"{STEM}-001")
     assert not (tmp_path / "sheets").exists()
 
@@ -348,19 +348,19 @@ def test_an_unknown_sign_is_answered_with_the_nearest(out, tmp_path):
 def test_a_log_that_has_moved_is_asked_for(out, tmp_path, log):
     gone = tmp_path / "gone.mcap"
     change_run(out, log_path=str(gone))
-    with pytest.raises(InputError, match=r"wanted the log .*gone\.mcap .* no such file; .* --log"):
+    with pytest.raises(InputError, match=r"the log .*gone\.mcap, .* not there\. .* --log"):
         write_evidence(out, tmp_path / "sheets")
     assert write_evidence(out, tmp_path / "sheets", log=log).lost_views == 0
 
 
 def test_a_result_that_does_not_know_its_log_asks_for_it(out, tmp_path):
     change_run(out, log_path=None)
-    with pytest.raises(InputError, match="does not say where it lies; say it with --log"):
+    with pytest.raises(InputError, match=r"does not state where it is. Name it with --log"):
         write_evidence(out, tmp_path / "sheets")
 
 
 def test_a_folder_as_log_is_refused(out, tmp_path):
-    with pytest.raises(InputError, match="found a folder; give a log with --log"):
+    with pytest.raises(InputError, match=r"which is a folder. Give a log with --log"):
         write_evidence(out, tmp_path / "sheets", log=tmp_path)
 
 
@@ -381,7 +381,7 @@ def test_a_damaged_run_file_is_named(out, tmp_path, content):
 @pytest.mark.parametrize("settings", [{}, {"read": {"spacing": 8.0}}, {"read": 3}, 4])
 def test_settings_of_another_version_are_refused(out, tmp_path, settings):
     change_run(out, settings=settings)
-    with pytest.raises(InputError, match=r"run\.json: wanted the settings .* run the log again"):
+    with pytest.raises(InputError, match=r"run\.json: the settings .* run the log again"):
         write_evidence(out, tmp_path / "sheets")
 
 
@@ -394,7 +394,7 @@ def test_a_view_in_no_known_frame_is_refused(out, tmp_path):
 
 def test_a_folder_that_cannot_be_written_is_named(out, tmp_path):
     (tmp_path / "sheets").write_text("in the way")
-    with pytest.raises(OutputError, match="choose another folder with -o"):
+    with pytest.raises(OutputError, match="Choose another folder with -o"):
         write_evidence(out, tmp_path / "sheets")
 
 
@@ -706,7 +706,7 @@ def test_an_id_that_leads_out_of_the_folder_is_refused_and_nothing_is_written(ou
     rows[0]["sign_id"] = name
     pq.write_table(table_of(SIGNS, rows), out / SIGNS.file)
     before = {path for path in tmp_path.rglob("*")}
-    with pytest.raises(InputError, match="can name a file"):
+    with pytest.raises(InputError, match="cannot name a file"):
         write_evidence(out, out / "evidence")
     assert {path for path in tmp_path.rglob("*")} == before
 
@@ -718,7 +718,7 @@ def test_links_in_a_strangers_folder_are_not_followed(out, tmp_path):
     sheets.mkdir()
     for name in (f"{NEAR}.html", f".{NEAR}.html.part", "index.html", ".index.html.part"):
         (sheets / name).symlink_to(mine)
-    with pytest.raises(OutputError, match="no evidence of this log"):
+    with pytest.raises(OutputError, match="not evidence of this log"):
         write_evidence(out, sheets)
     write_evidence(out, sheets, overwrite=True)
     assert mine.read_text() == "precious"

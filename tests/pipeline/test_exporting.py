@@ -160,16 +160,16 @@ def test_signs_without_fixes_lie_in_the_frame_of_the_drive(local, tmp_path):
     ("options", "words"),
     [
         (["-f", "kml"], "no satellite fixes"),
-        (["-f", "gpkg", "--crs", UTM], "leave --crs out"),
+        (["-f", "gpkg", "--crs", UTM], "Leave --crs out"),
         (["-f", "geojson", "--crs", UTM], "WGS 84 by its standard"),
         (["-f", "gpkg", "--crs", "EPSG:1"], "EPSG:26914"),
         (["-f", "gpkg", "--crs", "EPSG:5703"], "horizontal"),
         (["-f", "gpkg", "--crs", "EPSG:26914+5703"], "horizontal"),
         (["-f", "gpkg", "--crs", "EPSG:4979"], "horizontal"),
         (["-f", "mcap", "--units", "us"], "in metres"),
-        (["-f", "shp", "-o", "signs.zip"], "ends with .shp"),
+        (["-f", "shp", "-o", "signs.zip"], "must end with .shp"),
         (["-o", "signs.dwg"], ".gpkg"),
-        ([], "wanted -f"),
+        ([], "Give -f"),
     ],
 )
 def test_what_does_not_go_together_is_refused_in_words(local, options, words):

@@ -105,7 +105,7 @@ def test_the_same_images_give_the_same_bytes(tmp_path, calibration):
 
 def test_an_image_of_another_size_is_named_and_no_log_is_left(tmp_path, calibration):
     files = [write_image(tmp_path / "1.jpg"), write_image(tmp_path / "2.jpg", width=40)]
-    with pytest.raises(InputError, match=r"2\.jpg: wanted 32 x 24 .* found 40 x 24"):
+    with pytest.raises(InputError, match=r"2\.jpg: the image has 40 x 24 .* is for 32 x 24"):
         import_images(files, calibration, 8.0, tmp_path / "drive.mcap")
     assert not list(tmp_path.glob("drive*"))
 
@@ -123,7 +123,7 @@ def test_a_missing_image_is_named(tmp_path, calibration):
 
 def test_an_empty_folder_is_refused(tmp_path, calibration):
     (tmp_path / "images").mkdir()
-    with pytest.raises(UsageError, match="found none"):
+    with pytest.raises(UsageError, match="no images to import"):
         import_images([tmp_path / "images"], calibration, 8.0, tmp_path / "drive.mcap")
 
 
@@ -135,7 +135,7 @@ def test_a_spacing_that_is_none_is_refused(tmp_path, calibration, spacing):
 
 def test_a_place_that_cannot_be_written_is_an_output_error(tmp_path, calibration):
     file = write_image(tmp_path / "1.jpg")
-    with pytest.raises(OutputError, match="wanted to write a file here, found: No such file"):
+    with pytest.raises(OutputError, match="the file cannot be written: No such file"):
         import_images([file], calibration, 8.0, tmp_path / "none" / "drive.mcap")
 
 

@@ -226,7 +226,7 @@ def test_a_drive_without_signs_gives_empty_tables(tmp_path):
 
 
 def test_a_missing_folder_is_an_output_error(tmp_path):
-    with pytest.raises(OutputError, match="choose another folder"):
+    with pytest.raises(OutputError, match="Choose another folder"):
         InventoryWriter(tmp_path / "missing", "drive")
 
 

@@ -128,7 +128,7 @@ def test_a_split_bag_is_read_in_the_order_of_its_parts(tmp_path):
     assert len(join_logs([first], tmp_path / "drive.mcap").parts) == 2
     assert_images(tmp_path / "drive.mcap", range(5))
     (first / "bag_1.mcap").unlink()
-    with pytest.raises(InputError, match=r"found no bag_1\.mcap"):
+    with pytest.raises(InputError, match=r"there is no bag_1\.mcap"):
         join_logs([first], tmp_path / "again.mcap")
 
 
@@ -173,7 +173,7 @@ def test_a_bag_of_mcap_is_no_copy_and_has_the_fingerprint_of_its_part(tmp_path):
     (part,) = bag.glob("*.mcap")
     assert log_fingerprint(bag) == log_fingerprint(part)
     (bag / "metadata.yaml").unlink()
-    with pytest.raises(InputError, match=r"wanted a ROS 2 bag directory with metadata\.yaml"):
+    with pytest.raises(InputError, match=r"metadata\.yaml of the ROS 2 bag .* cannot be read"):
         list(scan(bag, ScanReport()))
 
 
@@ -242,6 +242,6 @@ def test_a_part_that_is_no_log_is_named(tmp_path, name):
 
 
 def test_a_part_whose_name_is_too_long_is_named_and_not_the_output(tmp_path):
-    with pytest.raises(InputError, match=r"xxx\.mcap: wanted an MCAP file.*too long"):
+    with pytest.raises(InputError, match=r"xxx\.mcap: this is not an MCAP file.*too long"):
         join_logs([tmp_path / ("x" * 5000 + ".mcap")], tmp_path / "out.mcap")
     assert not list(tmp_path.iterdir())

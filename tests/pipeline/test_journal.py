@@ -246,7 +246,7 @@ def test_a_link_in_the_place_of_the_journal_is_not_followed(tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     (out / JOURNAL).symlink_to(tmp_path / "precious")
-    with pytest.raises(OutputError, match="keep the journal"):
+    with pytest.raises(OutputError, match="the journal cannot be written"):
         Journal(out, KEY)
     assert (tmp_path / "precious").read_text() == "mine"
 

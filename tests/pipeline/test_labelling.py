@@ -188,7 +188,7 @@ def test_a_file_in_the_place_of_the_folder_is_refused(marked, tmp_path):
     (tmp_path / "file").touch()
     done = CliRunner().invoke(app, ["label", str(marked[0]), "-o", str(tmp_path / "file")])
     assert isinstance(done.exception, OutputError)
-    assert "a folder to write the page to" in str(done.exception)
+    assert "the page cannot be written" in str(done.exception)
 
 
 def test_a_person_marks_by_keyboard_and_goes_on_another_day(marked, in_browser, tmp_path):

@@ -89,7 +89,7 @@ def test_what_excludes_each_other_is_refused(tmp_path):
     chosen, _ = load_settings("report")
     with pytest.raises(UsageError, match="preset"):
         wayside.run(DEMO, preset="report", settings=chosen)
-    with pytest.raises(UsageError, match="give out"):
+    with pytest.raises(UsageError, match="Give out"):
         wayside.run(DEMO, view="file")
     with pytest.raises(UsageError, match="did you mean"):
         wayside.run(DEMO, settings={"read.spacing": 8})

@@ -188,7 +188,7 @@ def test_a_list_of_files_that_leads_elsewhere_is_refused(tmp_path, content):
     (out / DONE).mkdir(parents=True)
     (out / DONE / ".files.json").write_text(content)
     (out / DONE / "precious").write_text("other")
-    with pytest.raises(InputError, match="wanted one result"):
+    with pytest.raises(InputError, match="has not replaced the old one"):
         finish_replacement(out)
     assert (tmp_path / "precious").read_text() == "mine"
 
@@ -196,7 +196,7 @@ def test_a_list_of_files_that_leads_elsewhere_is_refused(tmp_path, content):
 def test_a_folder_of_the_name_of_a_file_is_named_and_nothing_changes(tmp_path):
     write(tmp_path, "old", NAMES[:2])
     (tmp_path / NAMES[2]).mkdir()
-    with pytest.raises(OutputError, match="found a folder"):
+    with pytest.raises(OutputError, match="a folder has the name"):
         write(tmp_path, "new")
     assert contents(tmp_path) == whole("old", NAMES[:2])
 
@@ -207,6 +207,6 @@ def test_readers_wait_for_a_replacement_under_way(tmp_path, monkeypatch):
         (tmp_path / DONE).mkdir()
         monkeypatch.setattr(output_folder, "_PATIENCE_S", 0.05)
         start = time.monotonic()
-        with pytest.raises(InputError, match="replaces it now"):
+        with pytest.raises(InputError, match="is replacing the result"):
             finish_replacement(tmp_path)
         assert time.monotonic() - start >= 0.05

@@ -173,7 +173,7 @@ def test_geojson_without_fixes_is_refused_with_what_to_do(out, tmp_path):
     rows = [sign(1, lon_deg=None, lat_deg=None, alt_m=None)]
     pq.write_table(table_of(SIGNS, rows), out / SIGNS.file)
     done = CliRunner().invoke(app, ["export", str(out), "-o", str(tmp_path / "a.geojson")])
-    assert "export CSV" in str(done.exception)
+    assert "Export CSV" in str(done.exception)
     assert not (tmp_path / "a.geojson").exists()
 
 
@@ -224,7 +224,7 @@ def test_a_reviewed_result_is_read_as_labels_and_its_review_alone_is_not(out, re
     command("label", out, "-o", tmp_path / "labels.parquet", status=4)
     assert read_labels(out).labels == read_label_file(tmp_path / "labels.parquet").labels
     for file in (out / "review.csv", as_json(tmp_path / "review.json")):
-        with pytest.raises(UsageError, match=r"found a review.* give that folder"):
+        with pytest.raises(UsageError, match=r"this is a review.* give that folder"):
             read_labels(file)
     (out / "review.csv").unlink()
     with pytest.raises(UsageError, match=r"no review\.json or review\.csv"):
@@ -244,7 +244,7 @@ def test_a_review_in_the_folder_of_the_result_is_taken(out, review, tmp_path):
     shutil.copy(review, out / "review.csv")
     assert len(find_review(out, None).rows) == 3
     as_json(out / "review.json")
-    with pytest.raises(InputError, match="say which with --review"):
+    with pytest.raises(InputError, match="Choose one with --review"):
         find_review(out, None)
     assert set(FILES) <= {path.name for path in out.iterdir()}
 
@@ -252,11 +252,11 @@ def test_a_review_in_the_folder_of_the_result_is_taken(out, review, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        (RESULT, "f" * 16, "one of another run"),
+        (RESULT, "f" * 16, "of another run"),
         ("d-0001", "d-0009", "no sign d-0009"),
         ("d-0002", "d-0001", "reviewed twice"),
-        ("accepted", "good", "found 'good'"),
-        ("green", "pink", "found 'pink'"),
+        ("accepted", "good", "'good' among"),
+        ("green", "pink", "'pink' among"),
         ("31.5", "", "x and y"),
         ("31.5", "far", "far"),
         ("review", "said", "no column review"),

@@ -95,7 +95,9 @@ def test_what_is_no_network_with_measures_is_refused_in_words(tmp_path):
         return str(error.value)
 
     flat = [wkb([point[:2] for point in line], 2) for line in (LINE, OTHER)]
-    assert "measures (M), found LineString" in refusal(write(tmp_path / "flat.gpkg", flat))
+    assert "measures (M), but the file holds LineString" in refusal(
+        write(tmp_path / "flat.gpkg", flat)
+    )
     assert "no such file" in refusal(tmp_path / "none.gpkg")
     (tmp_path / "text.gpkg").write_text("no database")
     assert "cannot be read" in refusal(tmp_path / "text.gpkg")
@@ -140,9 +142,9 @@ def test_what_is_no_milepost_is_refused(text):
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        (("US-36", None, False, None), "add --milepost"),
-        ((None, "12.35", False, None), "add --route"),
-        (("US-36", "12.35", False, "a.gpkg"), "found both"),
+        (("US-36", None, False, None), "Add --milepost"),
+        ((None, "12.35", False, None), "Add --route"),
+        (("US-36", "12.35", False, "a.gpkg"), "are given. Give one"),
         (("US-36", None, True, "a.gpkg"), "need no direction"),
     ],
 )
@@ -154,5 +156,5 @@ def test_options_that_do_not_go_together_are_refused(given, words):
 
 def test_one_milepost_is_not_taken_for_several_logs(tmp_path):
     arguments = ["run", "a.mcap", "b.mcap", "-o", str(tmp_path), "--milepost", "12.35"]
-    with pytest.raises(UsageError, match="--milepost: wanted one log, found 2"):
+    with pytest.raises(UsageError, match="--milepost: 2 logs are given"):
         app(arguments, standalone_mode=False)

@@ -256,5 +256,5 @@ def test_the_antenna_may_be_behind_and_above_the_camera() -> None:
     ]
     settings, _ = load_settings(assignments=given)
     assert settings.motion.antenna_m == pytest.approx((0.2, -1.5, -1.2192))
-    with pytest.raises(UsageError, match="antenna_ahead_m wants a number"):
+    with pytest.raises(UsageError, match="antenna_ahead_m must be a number"):
         load_settings(assignments=["motion.antenna_ahead_m=-400ft"])

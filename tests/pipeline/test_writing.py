@@ -74,7 +74,7 @@ def test_figures_replace_earlier_figures_and_nothing_else(tmp_path, earlier, ref
     path = tmp_path / "figures.json"
     path.write_text(earlier)
     if refused:
-        with pytest.raises(OutputError, match="another file of that name"):
+        with pytest.raises(OutputError, match="taken by another file"):
             write_json(path, {"wanted": 3}, ("wanted",))
         assert path.read_text() == earlier
     else:
@@ -121,10 +121,10 @@ def test_what_a_killed_writer_left_is_removed_and_what_a_living_one_writes_is_no
 @pytest.mark.parametrize(
     ("number", "advice"),
     [
-        (errno.ENOSPC, "free some space"),
+        (errno.ENOSPC, "Free some space"),
         (errno.EDQUOT, "quota"),
-        (errno.EIO, "the disk reports a fault"),
-        (errno.EACCES, "name another file"),
+        (errno.EIO, "The disk reports a fault"),
+        (errno.EACCES, "Name another file"),
     ],
 )
 def test_every_reason_has_its_advice(tmp_path, monkeypatch, number, advice):
@@ -141,7 +141,7 @@ def test_every_reason_has_its_advice(tmp_path, monkeypatch, number, advice):
 def test_a_full_disk_leaves_the_file_of_before(tmp_path):
     with small_disk(tmp_path / "disk", 64) as disk:
         write_file(disk / "a.bin", bytes(20_000))
-        with pytest.raises(OutputError, match="free some space"):
+        with pytest.raises(OutputError, match="Free some space"):
             write_file(disk / "a.bin", bytes(100_000), overwrite=True)
         assert (disk / "a.bin").read_bytes() == bytes(20_000)
         assert names_in(disk) == ["a.bin"]

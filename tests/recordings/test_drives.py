@@ -268,7 +268,7 @@ def test_a_point_of_the_tangent_plane_is_where_proj_puts_it():
 
 
 def test_a_drive_longer_than_its_road_is_refused(tiny):
-    with pytest.raises(UsageError, match="wanted a road as long as the drive"):
+    with pytest.raises(UsageError, match="m long, but the road only"):
         RenderedDrive(replace(tiny, frames=300))
 
 
@@ -308,12 +308,12 @@ def test_the_specifications_cover_every_dialect_and_packing():
     [
         (("seed = 5", "seed = 5\nsede = 6"), "unknown setting sede; did you mean seed"),
         (("seed = 5", ""), "seed is missing"),
-        (("fx = 280.0", "fx = 'wide'"), r"camera\.fx: wanted float, found 'wide'"),
-        (("[road]", "[road]\nkind = 'two_lanes'"), "wanted one of two_lane, four_lane"),
+        (("fx = 280.0", "fx = 'wide'"), r"camera\.fx: must be float, but is 'wide'"),
+        (("[road]", "[road]\nkind = 'two_lanes'"), "must be one of two_lane, four_lane"),
         (("speed = 1", "sped = 1"), "unknown sign group sped; did you mean speed"),
-        (("-0.002, 0.0]", "-0.002]"), r"camera\.distortion: wanted tuple"),
-        (("frames = 3", "frames = 0"), "frames: wanted at least 1, found 0"),
-        (('"tiny"', '"../tiny"'), "wanted a name for files"),
+        (("-0.002, 0.0]", "-0.002]"), r"camera\.distortion: must be tuple"),
+        (("frames = 3", "frames = 0"), "frames: must be at least 1, but is 0"),
+        (('"tiny"', '"../tiny"'), "cannot name files"),
         (("[scene]", "[scene"), "cannot be read as TOML"),
     ],
 )

@@ -63,7 +63,7 @@ def test_of_boxes_on_one_thing_only_the_best_is_counted_as_false():
 
 def test_boxes_of_one_kind_teach_nothing():
     one = images(1)[0]
-    with pytest.raises(InputError, match="add drives"):
+    with pytest.raises(InputError, match="Add drives"):
         learn_network_sum(
             [[replace(one, label=np.full(len(one.box), NEITHER, np.int8))]], THRESHOLD
         )

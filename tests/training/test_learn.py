@@ -16,7 +16,7 @@ DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 def test_the_models_that_ship_are_not_written_over_while_they_are_in_use(tmp_path, capsys):
     shipped = str(shipped_models())
     assert main(["--drives", str(tmp_path), "-o", shipped]) == OutputError.exit_status
-    assert f"{shipped}: wanted a folder of its own" in capsys.readouterr().err
+    assert f"{shipped}: this is the folder of the models that ship" in capsys.readouterr().err
 
 
 def test_a_folder_without_learning_drives_is_refused(tmp_path, capsys):

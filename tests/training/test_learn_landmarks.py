@@ -9,7 +9,7 @@ from wayside.stages.mapping import FEATURES
 
 def test_a_folder_without_learning_drives_is_refused(tmp_path, capsys):
     assert main(["--drives", str(tmp_path), "-o", str(tmp_path)]) == 3
-    assert "render them first" in capsys.readouterr().err
+    assert "Render them first" in capsys.readouterr().err
 
 
 def test_a_truth_that_is_missing_is_named(tmp_path, capsys):

@@ -146,5 +146,5 @@ def test_the_weights_of_a_conditional_logit_come_back():
 
 
 def test_too_few_faces_are_refused_with_what_to_do():
-    with pytest.raises(InputError, match="add drives"):
+    with pytest.raises(InputError, match="Add drives"):
         learn_outlines(choices_by(np.zeros(len(OUTLINE_FEATURES)), FEWEST - 1), "made up")

@@ -58,7 +58,7 @@ def test_the_file_says_the_rule_its_rates_and_what_it_was_learned_from(model):
 
 def test_too_few_tracks_or_drives_are_refused_with_the_number_needed(tracks):
     for few in (tracks.of(tracks.drive < 4), tracks.of(tracks.label != SIGN)):
-        with pytest.raises(InputError, match="wanted 40 tracks of signs, 40 others and 5 drives"):
+        with pytest.raises(InputError, match="40 tracks of signs, 40 others and 5 drives are"):
             learn_trajectories(few, "image", "made up")
 
 
@@ -71,5 +71,5 @@ def test_too_few_tracks_or_drives_are_refused_with_the_number_needed(tracks):
     ],
 )
 def test_a_damaged_density_is_refused(model, found, put):
-    with pytest.raises(InputError, match="wanted a wayside model file"):
+    with pytest.raises(InputError, match="this is not a model file of wayside"):
         model_from_json(model_to_json(model).replace(found, put, 1))

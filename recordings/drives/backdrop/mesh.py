@@ -24,9 +24,9 @@ _FALL_BELOW_ROAD_M = 1.2
 class Facets:
     """Which facet every canvas pixel shows, and the table of equations of the facets.
 
-    With a pixel's ray (x, y, 1), row `p` of the table gives the inverse depth p[0:3] @ ray; at a depth d, the
-    offset is d * p[7:10] @ ray + p[10], and the distance from the station p[11] is d * p[3:6] @ ray + p[6] along
-    the facet, to be divided by 1 - p[12] * offset, as p[12] is the curvature of the road.
+    With a pixel's ray (x, y, 1), row `p` of the table gives the inverse depth p[0:3] @ ray. At a depth d, the offset is
+    d * p[7:10] @ ray + p[10]. The distance from the station p[11] along the facet is d * p[3:6] @ ray + p[6]. It is
+    divided by 1 - p[12] * offset, where p[12] is the curvature of the road.
     """
 
     ids: NDArray[np.int32]  # (canvas rows, canvas columns), SKY where there is none

@@ -1,4 +1,4 @@
-"""Places shops, silos, billboards, bridges and the small things that stand beside a road."""
+"""Places shops, silos, billboards, bridges and the small things along a road."""
 
 from __future__ import annotations
 

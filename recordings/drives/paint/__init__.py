@@ -1,1 +1,1 @@
-"""Procedural images of everything beside the road, in linear light."""
+"""Procedural images of everything along the road, in linear light."""

@@ -1,4 +1,4 @@
-"""Fences, rails, posts and the small things that stand beside a road."""
+"""Fences, rails, posts and the small things along a road."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def test_the_report_compares_with_the_calibration_given():
 def test_a_drive_that_does_not_determine_the_focal_length_is_told_with_its_error():
     assert not not_determined(result(0.029))
     words = not_determined(result(0.182))
-    assert "standard error is 18.20 %" in words
+    assert "standard error of 18.20 %" in words
     assert "curves" in words
 
 
@@ -55,7 +55,7 @@ def test_images_without_common_points_are_refused(tmp_path):
         cv2.imwrite(str(tmp_path / f"{i}.png"), rng.integers(0, 255, (48, 64), np.uint8))
     log = tmp_path / "drive.mcap"
     import_images([tmp_path / f"{i}.png" for i in range(4)], tmp_path / "camera.yaml", 8.0, log)
-    with pytest.raises(InputError, match=r"common points.*4 images"):
+    with pytest.raises(InputError, match=r"none of the 4 images .* points in common"):
         calibrate_log(log, Settings())
 
 
@@ -85,7 +85,7 @@ def test_a_focal_length_that_cannot_be_matched_from_leaves_the_others(monkeypatc
     [
         (["drive.mcap", "--square", "25mm"], "--board 9x6"),
         (["boards", "--board", "9x6", "--spacing", "8m"], "options of a log"),
-        (["a.mcap", "b.mcap"], "one log"),
+        (["a.mcap", "b.mcap"], "2 logs"),
         (["boards", "--board", "9x6", "--model", "fisheye"], "plumb_bob"),
     ],
 )

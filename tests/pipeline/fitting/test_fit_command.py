@@ -126,7 +126,7 @@ def test_figures_and_curves_of_foreign_labels_stand_beside_the_models(pictures, 
 def test_landmarks_need_a_log(pictures, tmp_path):
     folder, labels = pictures
     with pytest.raises(
-        InputError, match="location: not written, wanted a log, found folders of images"
+        InputError, match="location: not written, folders of images have no landmarks"
     ):
         fit(labels, "--images", folder, "--model", "location", "-o", tmp_path)
     assert not list(tmp_path.iterdir())

@@ -113,7 +113,7 @@ def test_in_light_that_stays_rgb_stays():
 def test_too_few_signs_are_refused_with_the_number_needed():
     samples = road(signs=4)
     with pytest.raises(
-        InputError, match=r"wanted 5 labelled signs of a colour, .* found 4 yellow, 4 green"
+        InputError, match=r"5 labelled signs of a colour .* there are 4 yellow, 4 green"
     ):
         fit_colors(samples, shipped(), task(), "rgb")
 
@@ -121,13 +121,13 @@ def test_too_few_signs_are_refused_with_the_number_needed():
 def test_many_views_of_few_signs_are_few_signs():
     samples = road(signs=4)
     many = samples.select(np.repeat(np.arange(len(samples)), 20))
-    with pytest.raises(InputError, match="found 4 yellow"):
+    with pytest.raises(InputError, match="there are 4 yellow"):
         enough(many, COLORS, "colour")
 
 
 def test_without_complete_images_nothing_is_known_to_be_no_sign():
     samples = road()
-    with pytest.raises(InputError, match="wanted 50 samples of what is no sign, found 0"):
+    with pytest.raises(InputError, match=r"50 samples that are not signs .* there are 0"):
         fit_colors(samples.select(samples.kind != ""), shipped(), task(), "rgb")
 
 

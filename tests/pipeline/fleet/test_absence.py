@@ -156,7 +156,7 @@ def test_without_its_log_what_hid_a_place_from_a_drive_is_said_to_be_unknown(sur
     surveyed.write_log(lambda along: view(along, covered=True)).unlink()
     report, rows = surveyed.changes()
     assert [(row["change"], row["hidden_after"]) for row in rows] == [("gone", 0)] * 2
-    assert report.unseen[0].startswith("second: wanted the log")
+    assert report.unseen[0].startswith("second: images are taken from the log")
     assert "what stood in front of a place is not known" in str(report)
 
 
@@ -167,7 +167,7 @@ def test_a_log_that_is_shorter_than_at_its_run_is_said_to_be(surveyed):
     pq.write_table(frames, surveyed.drive / "frames.parquet")
     report, rows = surveyed.changes()
     assert [row["hidden_after"] for row in rows] == [1, 0]  # the log shows the first place still
-    assert "shorter than at the run" in report.unseen[0]
+    assert "shorter than it was at the run" in report.unseen[0]
 
 
 def test_images_without_texture_tell_nothing(surveyed):

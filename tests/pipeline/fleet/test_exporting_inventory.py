@@ -113,8 +113,8 @@ def test_one_cell_is_read_at_a_time(inventory):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["-f", "mcap"], "one drive for -f mcap"),
-        (["-f", "csv", "--review", "review.csv"], "leave --review out"),
+        (["-f", "mcap"], "-f mcap takes the result of one drive"),
+        (["-f", "csv", "--review", "review.csv"], "Leave --review out"),
         (["-f", "kml", "--crs", "EPSG:26914"], "WGS 84 by its standard"),
     ],
 )
@@ -125,7 +125,7 @@ def test_what_an_inventory_has_not_is_refused(inventory, options, words):
 
 def test_a_table_of_a_drive_is_refused_and_the_drive_exported_as_before(inventory, tmp_path):
     drive = inventory / "drives" / "p0"
-    with pytest.raises(UsageError, match="leave --table out"):
+    with pytest.raises(UsageError, match="Leave --table out"):
         export(drive, "-f", "csv", "--table", "panels")
     export(drive, "-o", tmp_path / "signs.geojson")
     features = json.loads((tmp_path / "signs.geojson").read_text())["features"]
@@ -134,7 +134,7 @@ def test_a_table_of_a_drive_is_refused_and_the_drive_exported_as_before(inventor
 
 def test_what_is_no_result_is_told_as_unusable_input(tmp_path):
     for name in ("absent", "a" * 5000):
-        with pytest.raises(InputError, match="found no folder"):
+        with pytest.raises(InputError, match="there is no folder"):
             export(tmp_path / name, "-f", "csv")
     (tmp_path / "drives").mkdir()
     with pytest.raises(InputError, match="nothing is merged yet"):

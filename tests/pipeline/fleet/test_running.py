@@ -159,7 +159,7 @@ def test_copies_of_one_recording_are_counted_once(fleet):
 
 def test_changed_content_is_refused_before_anything_is_run(fleet):
     fleet({"a": "one", "b": "two"})
-    with pytest.raises(OutputError, match="other content"):
+    with pytest.raises(OutputError, match="have changed"):
         fleet({"a": "changed", "c": "three"})
     assert fleet({}, overwrite=True).began == ["a", "c"]
 

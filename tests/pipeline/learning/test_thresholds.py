@@ -145,7 +145,7 @@ def test_a_density_gets_the_knee_of_its_tracks_with_points_that_hold_their_rates
         assert (values[~on] >= one.thresholds[0]).mean() <= one.false_alarm + 1e-3
         traded = at_alpha(read, one.false_alarm).threshold
         assert (values[on] >= traded).mean() == pytest.approx(one.power, abs=0.005)
-    with pytest.raises(InputError, match="wanted signs and other things"):
+    with pytest.raises(InputError, match="signs and other things are needed"):
         with_score_threshold(before, samples(values[:300], on[:300]))
 
 
@@ -173,10 +173,10 @@ def test_a_false_alarm_rate_trades_the_thresholds_of_a_model_that_holds_its_poin
 
 
 def test_thresholds_are_not_learned_of_signs_alone():
-    with pytest.raises(InputError, match="wanted signs and other things"):
+    with pytest.raises(InputError, match="signs and other things are needed"):
         with_learned_thresholds(model((0,)), samples(np.arange(5), np.ones(5, bool)))
 
 
 def test_a_model_without_points_cannot_be_traded():
-    with pytest.raises(ValueError, match="operating points"):
+    with pytest.raises(ValueError, match="no operating point"):
         at_alpha(model((0,)), 0.1)

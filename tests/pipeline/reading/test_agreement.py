@@ -147,7 +147,7 @@ def test_a_clock_that_was_set_back_is_told_by_the_images_and_the_log_refused(tmp
             message.timestamp.FromNanoseconds(stamp - hour * (stamp >= set_ns - 10**8))
             writer.write_message(channel.topic, message, record.log_time - back, 0)
     with pytest.raises(
-        InputError, match=f"clock was set back .* image {since} .*60 minutes earlier"
+        InputError, match=f"clock was set back .* Image {since} .*60 minutes earlier"
     ):
         read(path)
 

@@ -43,7 +43,7 @@ def test_the_calibration_of_another_camera_is_refused_by_frame_or_name(new_log, 
     with pytest.raises(InputError, match=r"is of another camera.*right.*--calibration camera.yaml"):
         first_camera(path, "/left/image")
     text = format_information(describe_log(path))
-    assert "not as it is: wanted the calibration of /left/image" in text
+    assert "not as it is: there is no calibration of /left/image" in text
 
 
 @pytest.mark.parametrize(
@@ -206,7 +206,7 @@ def test_a_pinhole_has_many_names(model):
     ],
 )
 def test_a_distortion_that_folds_or_tears_the_image_is_refused(d):
-    with pytest.raises(ContentError, match="that of no lens"):
+    with pytest.raises(ContentError, match="belongs to no lens"):
         make_camera(SIZE, K, "", d)
 
 

@@ -82,13 +82,13 @@ def test_a_matrix_as_rows_is_read():
     ],
 )
 def test_what_is_no_calibration_says_why(text, found):
-    with pytest.raises(InputError, match=r"camera.yaml: wanted a camera calibration") as error:
+    with pytest.raises(InputError, match=r"camera.yaml: this is not a camera calibration") as error:
         parse_camera(text, "camera.yaml")
     assert found in str(error.value)
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"camera.yaml.*check the name"):
+    with pytest.raises(InputError, match=r"camera.yaml.*Check the name"):
         read_camera_file(tmp_path / "camera.yaml")
 
 
@@ -175,7 +175,7 @@ def test_a_camchain_of_kalibr_is_read():
         (KALIBR.replace("pinhole", "omni"), "camera model omni"),
         (KALIBR.replace("intrinsics: [", "intrinsics: [1.0, "), "with 5 numbers"),
         (KALIBR.replace("resolution", "size"), "cam0 has no resolution"),
-        (KALIBR.replace("[640, 480]", "[640]"), "a fault"),
+        (KALIBR.replace("[640, 480]", "[640]"), "not a camera calibration"),
         ("cam0: 1", "no named entries"),
         ("%YAML:1.0\n---\n" + ROS.replace("image_width", "w"), "no image_width"),
         ("%YAML:1.0\n---\nfisheye_model: 1\n" + ROS, "fisheye"),

@@ -64,7 +64,7 @@ def test_a_calibration_of_another_size_is_told(new_log):
 def test_a_log_without_images_says_what_is_needed(new_log):
     log = new_log().calibrated()
     text = format_information(describe_log(log.finish()))
-    assert "cannot be used: wanted images" in text
+    assert "cannot be used: the log has no images" in text
 
 
 def test_an_unusable_calibration_says_why(new_log):
@@ -87,7 +87,7 @@ def test_damage_is_listed_and_the_rest_described(new_log):
 
 def test_a_file_that_is_no_log_is_refused(tmp_path):
     (tmp_path / "log.mcap").write_bytes(b"something else")
-    with pytest.raises(InputError, match="wanted an MCAP log"):
+    with pytest.raises(InputError, match="not an MCAP log"):
         describe_log(tmp_path / "log.mcap")
 
 

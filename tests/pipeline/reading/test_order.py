@@ -138,7 +138,7 @@ def test_a_clock_set_back_into_what_was_recorded_leaves_no_order_and_is_refused(
     new_log, size, since
 ):
     path = write(new_log, moved(messages(), -size, since))
-    with pytest.raises(InputError, match=r"order of the images of /camera/image is not known.*cut"):
+    with pytest.raises(InputError, match=r"order of the images of /camera/image is not known.*Cut"):
         read(path)
     assert "is not known" in format_information(describe_log(path))
 

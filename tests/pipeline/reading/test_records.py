@@ -79,13 +79,13 @@ def test_all_messages_come_in_file_order_whatever_the_packing(tmp_path, packing)
 def test_what_is_no_log_is_refused_with_what_was_found(tmp_path, content, found):
     path = tmp_path / "log.mcap"
     path.write_bytes(content)
-    with pytest.raises(InputError, match="wanted an MCAP log") as error:
+    with pytest.raises(InputError, match="not an MCAP log") as error:
         read(path)
     assert found in str(error.value)
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(InputError, match="check the name"):
+    with pytest.raises(InputError, match="Check the name"):
         read(tmp_path / "none.mcap")
 
 

@@ -39,7 +39,7 @@ def test_an_absent_viewer_is_an_error_and_no_stall():
         one.bind(("127.0.0.1", 0))
         port = one.getsockname()[1]
     start = time.monotonic()
-    with pytest.raises(InputError, match="wanted a viewer that listens there"):
+    with pytest.raises(InputError, match="no viewer listens there"):
         probe(f"127.0.0.1:{port}")
     assert time.monotonic() - start < 60  # Rerun alone would wait for ever
 
@@ -54,7 +54,7 @@ def test_a_viewer_that_listens_is_taken_by_its_full_address():
 
 @pytest.mark.parametrize("address", ["nowhere", "rerun+http://host/proxy", "127.0.0.1:port"])
 def test_what_is_no_address_is_refused(address):
-    with pytest.raises(UsageError, match="wanted an address"):
+    with pytest.raises(UsageError, match="not an address"):
         probe(address)
 
 
@@ -147,8 +147,8 @@ def test_the_headless_viewer_draws_a_run_and_no_view_reports_an_error(
     ("asked", "words"),
     [
         (["--sign", "demo-9999"], "did you mean demo-"),
-        (["--frame", "999"], "which holds 0 to"),
-        (["--frame", "1", "--sign", "demo-0001"], "found both"),
+        (["--frame", "999"], "does not hold this frame, but 0 to"),
+        (["--frame", "1", "--sign", "demo-0001"], "both given"),
         (["--over", str(DEMO)], "holds images of its own"),
     ],
 )
@@ -193,7 +193,7 @@ class Busy:
 def test_a_viewer_that_is_still_compiling_is_asked_again(tmp_path):
     viewer.save_drawn(Busy(2), tmp_path / "a.png")
     assert (tmp_path / "a.png").read_bytes() == b"drawn"
-    with pytest.raises(OutputError, match="wanted an answer of the viewer"):
+    with pytest.raises(OutputError, match="the viewer did not answer"):
         viewer.save_drawn(Busy(100), tmp_path / "b.png")
 
 
@@ -221,7 +221,7 @@ def test_without_a_frame_the_one_that_shows_most_signs_is_opened(result):
 
 def test_what_rerun_cannot_import_is_refused(tmp_path):
     (tmp_path / "log.mcap").write_bytes(b"no log")
-    with pytest.raises(InputError, match="wanted a log that Rerun can import"):
+    with pytest.raises(InputError, match="Rerun cannot import the log"):
         import_log(tmp_path / "log.mcap", "demo", tmp_path / "log.rrd")
 
 

@@ -362,7 +362,7 @@ def test_what_would_be_read_beside_an_array_is_refused():
     one = scene(ties=3)
     frames = one.rows.frames.copy()
     frames[0, 1] = 9
-    with pytest.raises(ValueError, match="frames: wanted numbers from 0 to 3"):
+    with pytest.raises(ValueError, match=r"frames: .* is outside 0 to 3"):
         replace(one, rows=one.rows._replace(frames=frames)).solve()
     with pytest.raises(ValueError, match="held"):
         one.solve(held=4)

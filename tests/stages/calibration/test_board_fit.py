@@ -36,7 +36,7 @@ def views():
 
 
 def test_a_lens_of_another_kind_is_refused_with_the_residual_of_each_model(views):
-    with pytest.raises(CalibrationError, match="residuals by lens model") as refused:
+    with pytest.raises(CalibrationError, match="Residuals by lens model") as refused:
         calibrate_boards(views, BOARD, SIZE, "plumb_bob", largest_sigma=0.001)
     told = dict(re.findall(r"(plumb_bob|rational) (\d+\.\d+)", str(refused.value)))
     assert float(told["rational"]) < 1.1 * NOISE_PX * np.sqrt(2)

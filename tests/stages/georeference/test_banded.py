@@ -55,5 +55,5 @@ def test_an_undetermined_unknown_is_refused():
 
 
 def test_a_factor_of_another_size_is_refused():
-    with pytest.raises(ValueError, match="factor: wanted any x 6"):
+    with pytest.raises(ValueError, match=r"factor: .* instead of any x 6"):
         block_covariances(np.ones((4, 10)), 3)

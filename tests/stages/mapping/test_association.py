@@ -44,9 +44,9 @@ def test_a_point_outside_the_image_is_not_expected(gap_px, window):
 
 def test_shapes_that_kernels_would_run_over_are_refused(gap_px, window, standing):
     s = window(standing([(3.5, -1.0, 60.0, 0.7, 0.7, 1.0)], 3))
-    with pytest.raises(ValueError, match="wanted"):
+    with pytest.raises(ValueError, match="usable have shapes"):
         associate(s, np.zeros((1, 3)), np.zeros((1, 2)), np.ones(2, bool), gap_px)
-    with pytest.raises(ValueError, match="frames below 3"):
+    with pytest.raises(ValueError, match="not below 3"):
         pair_hypotheses(s, 0, 3, gap_px)
     with pytest.raises(ValueError, match="score"):
         replace(s, score=np.zeros(2))

@@ -81,9 +81,9 @@ def test_models_that_do_not_fit_are_refused():
     wrong_size = GaussianModel("rgb", (GaussianClass("red", np.zeros(2), np.eye(2), 1, "", 1),), "")
     for bad, message in (
         (wrong_name, "'pink'"),
-        (wrong_size, "wanted 3 numbers"),
+        (wrong_size, "has 3 numbers"),
         (GaussianModel("hsv", good.classes, ""), "'hsv'"),
-        (GaussianModel("rgb", (), ""), "at least one class"),
+        (GaussianModel("rgb", (), ""), "has no class"),
     ):
         with pytest.raises(InputError, match=message):
             next(classify_color(iter([segmented([(1, 2, 3)])]), model=bad))

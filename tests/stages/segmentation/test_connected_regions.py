@@ -124,11 +124,11 @@ def test_what_the_kernels_cannot_take_is_refused(textured):
     labels, rgb = textured
     with pytest.raises(ValueError, match="C-contiguous"):
         connected_regions(labels[:, ::2], np.ascontiguousarray(rgb[:, ::2]), 1, 10)
-    with pytest.raises(ValueError, match="rgb: wanted 211 x 317 x 3"):
+    with pytest.raises(ValueError, match=r"rgb: .* instead of 211 x 317 x 3"):
         connected_regions(labels, rgb[:50], 1, 10)
-    with pytest.raises(ValueError, match="labels: wanted any x any uint8"):
+    with pytest.raises(ValueError, match=r"labels: .* instead of any x any uint8"):
         connected_regions(labels.astype(np.int32), rgb, 1, 10)
     with pytest.raises(ValueError, match="smallest_px"):
         connected_regions(labels, rgb, 0, 10)
-    with pytest.raises(ValueError, match="at most 65535 columns"):
+    with pytest.raises(ValueError, match="65536 columns are more than 65535"):
         connected_regions(np.zeros((1, 65536), np.uint8), np.zeros((1, 65536, 3), np.uint8), 1, 9)

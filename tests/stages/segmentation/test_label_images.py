@@ -115,5 +115,5 @@ def test_images_of_another_layout_type_or_shape_are_refused(rgb, message):
     "centers", [np.zeros((257, 3)), np.zeros((0, 3)), np.full((2, 3), 0.5), np.full((2, 3), 256)]
 )
 def test_centres_that_cannot_be_packed_are_refused(centers):
-    with pytest.raises(ValueError, match="centres: wanted"):
+    with pytest.raises(ValueError, match=r"centres: .*instead of|centres: not whole"):
         label_colors(np.zeros((1, 1, 3), np.uint8), centers)

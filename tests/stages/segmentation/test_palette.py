@@ -83,9 +83,9 @@ def test_tiny_images_have_a_palette(size):
 
 
 def test_an_empty_image_or_a_k_out_of_range_is_refused():
-    with pytest.raises(ValueError, match="at least one pixel"):
+    with pytest.raises(ValueError, match="has no pixel"):
         sample_colors(np.zeros((0, 5, 3), np.uint8), SAMPLE_PX)
     sample = sample_colors(scene(), SAMPLE_PX)
     for clusters in (1, 257):
-        with pytest.raises(ValueError, match="clusters: wanted 2 to 256"):
+        with pytest.raises(ValueError, match=r"clusters: .* outside 2 to 256"):
             palette(sample, k(clusters))
