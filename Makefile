@@ -50,6 +50,7 @@ check: .venv/.ready
 	@$(RUN) ruff format --check
 	@$(RUN) mypy
 	@.venv/bin/lint-imports
+	@.venv/bin/python tests/ceilings.py
 	@! git grep -nE '^(<<<<<<<|>>>>>>>)( |$$)' || { echo 'wanted files without marks of a merge, found these; keep one side' >&2; exit 1; }
 
 accept: .venv/.ready
