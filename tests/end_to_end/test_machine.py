@@ -84,7 +84,7 @@ def test_another_log_leaves_everything_and_says_what_stands_there(out, old, tmp_
     other.write_bytes(DEMO.read_bytes()[:2_000_000])
     done = run(out, log=other)
     assert done.returncode == 5
-    assert f"found the result of {DEMO} (another log)" in done.stderr
+    assert f"the result of {DEMO} (of another log)" in done.stderr
     assert "--overwrite" in done.stderr
     assert digests(out) == digests(old)
     assert run(out, "--overwrite", log=other).returncode == 4
