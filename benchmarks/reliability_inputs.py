@@ -219,33 +219,6 @@ def inserted(record: Content) -> LogChange:
     return change
 
 
-def chunks_of(content: bytearray) -> list[tuple[int, int]]:
-    """Where each chunk begins and ends."""
-    return [(start, end) for kind, start, end in small.records_of(content) if kind == Opcode.CHUNK]
-
-
-def flipped_bit(content: bytearray, rng: random.Random) -> bytearray:
-    """A bit of the first chunk changed."""
-    start, end = chunks_of(content)[0]
-    content[rng.randrange(start + 60, end)] ^= 1 << rng.randrange(8)
-    return content
-
-
-def missing_bytes(content: bytearray, rng: random.Random) -> bytearray:
-    """Bytes missing from a chunk."""
-    start, end = rng.choice(chunks_of(content))
-    at = rng.randrange(start + 60, end)
-    del content[at : min(at + rng.randrange(1, 200), end)]
-    return content
-
-
-def other_opcode(content: bytearray, rng: random.Random) -> bytearray:
-    """The kind of a chunk changed."""
-    at, _ = rng.choice(chunks_of(content))
-    content[at] = rng.choice([0, 1, 3, 5, 7, 9, 11, 12, 15, 0x80, 0xFF])
-    return content
-
-
 def no_kind(rng: random.Random) -> bytes:
     """A record without a kind."""
     return RECORD_HEAD.pack(0, n := rng.randrange(400)) + rng.randbytes(n)
@@ -400,10 +373,10 @@ KINDS: dict[str, Prepare] = {
     # Faults at one point
     "logs cut off": of_cut_logs,
     "records without a kind (opcode 0)": of_logs(inserted(no_kind), chunked=False),
-    "a bit of the first chunk": of_logs(flipped_bit),
-    "a bit of the first chunk, no summary": of_logs(flipped_bit, summary=False),
-    "bytes missing from a chunk": of_logs(missing_bytes),
-    "the kind of a chunk changed": of_logs(other_opcode),
+    "a bit of the first chunk": of_logs(small.flipped_bit),
+    "a bit of the first chunk, no summary": of_logs(small.flipped_bit, summary=False),
+    "bytes missing from a chunk": of_logs(small.missing_bytes),
+    "the kind of a chunk changed": of_logs(small.other_opcode),
     "JPEGs that end early": of_images(half_jpeg, ("damaged", "undecodable")),
     # Always to be refused
     "settings nested without end, not text, infinite": must_refuse(

@@ -1,10 +1,10 @@
 """How many codes of signs are right on rendered drives, by the kind that the truth says.
 
-`python benchmarks/sign_codes.py OUT TRUTH [OUT TRUTH ...]` compares results of `wayside run` with their truth files.
-Right is a code or a series of the sign. The other panels that were found are wrong or have no code.
+`PYTHONPATH=. python benchmarks/sign_codes.py OUT TRUTH [OUT TRUTH ...]` compares results with their truth files. Right
+is a code or a series of the sign. The other panels that were found are wrong or have no code.
 
-`python benchmarks/sign_codes.py --crops FOLDER` names the crops of real tracks that the face classifier has not learned
-from. It lists how many are right by the stated probability and by the height of the face.
+`PYTHONPATH=. python benchmarks/sign_codes.py --crops FOLDER` names the crops of real tracks that the face classifier has
+not learned from. It lists how many are right by the stated probability and by the height of the face.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import random
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -215,3 +216,29 @@ def _some(column: pa.Field) -> Any:
     if pa.types.is_dictionary(kind) or pa.types.is_string(kind):
         return ""
     return [0.0] * kind.list_size if pa.types.is_fixed_size_list(kind) else 0
+
+
+def chunks_of(content: bytearray) -> list[tuple[int, int]]:
+    """Where each chunk begins and ends."""
+    return [(start, end) for kind, start, end in records_of(content) if kind == Opcode.CHUNK]
+
+
+def flipped_bit(content: bytearray, rng: random.Random) -> bytearray:
+    """A bit of the first chunk changed."""
+    start, end = chunks_of(content)[0]
+    content[rng.randrange(start + 60, end)] ^= 1 << rng.randrange(8)
+    return content
+
+
+def missing_bytes(content: bytearray, rng: random.Random) -> bytearray:
+    """Bytes missing from a chunk."""
+    start, end = rng.choice(chunks_of(content))
+    at = rng.randrange(start + 60, end)
+    return content[:at] + content[min(at + rng.randrange(1, 200), end) :]
+
+
+def other_opcode(content: bytearray, rng: random.Random) -> bytearray:
+    """The kind of a chunk changed."""
+    at, _ = rng.choice(chunks_of(content))
+    content[at] = rng.choice([0, 1, 3, 5, 7, 9, 11, 12, 15, 0x80, 0xFF])
+    return content
