@@ -3,7 +3,7 @@
 `PYTHONPATH=. python benchmarks/sign_codes.py OUT TRUTH [OUT TRUTH ...]` compares results with their truth files. Right
 is a code or a series of the sign. The other panels that were found are wrong or have no code.
 
-`PYTHONPATH=. python benchmarks/sign_codes.py --crops FOLDER` names the crops of real tracks that the face classifier has
+`PYTHONPATH=. python benchmarks/sign_codes.py --crops FOLDER` names crops of real tracks that the face classifier has
 not learned from. It lists how many are right by the stated probability and by the height of the face.
 """
 
