@@ -1,4 +1,4 @@
-"""The packages of `wayside`: its parts lie in folders of their own beside it, which `pyproject.toml` cannot say."""
+"""The packages of `wayside`: its parts lie in folders at the top, which `pyproject.toml` cannot say."""
 
 from setuptools import find_packages, setup
 

@@ -34,13 +34,13 @@ class RealDrive(NamedTuple):
 Drives = Sequence[RealDrive]
 
 
-def real_page(drives: Drives) -> list[str]:
-    """Tables of drives never seen, of drives that a model was learned from, of kinds, and of what was missed."""
+def real_page(drives: Drives, *, causes: bool = True) -> list[str]:
+    """Tables of drives never seen, of drives learned from, of kinds, of what was missed and of the `causes`."""
     lines: list[str] = []
     for title, own in by_source(drives).items():
         parts = share_table(own), kind_table(own), reliability_table(own), confidence_table(own)
         lines += ["", f"### {title}", "", *(line for part in parts for line in part)]
-    return [*lines, *step_table(drives), *cause_table(drives)]
+    return [*lines, *step_table(drives), *(cause_table(drives) if causes else [])]
 
 
 def by_source(drives: Drives) -> dict[str, Drives]:
@@ -178,8 +178,8 @@ def confidence_table(drives: Drives) -> list[str]:
 
 
 def step_table(drives: Drives) -> list[str]:
-    """How many signs of each drive were lost at each step."""
-    counts = {drive.name: count_steps(drive.evaluation.causes) for drive in drives}
+    """How many signs were lost at each step, of each drive that misses any."""
+    counts = {d.name: count_steps(d.evaluation.causes) for d in drives if d.evaluation.causes}
     steps = [step for step in STEPS if any(step in count for count in counts.values())]
     if not steps:
         return []

@@ -1,4 +1,4 @@
-"""The tables of an inventory of many drives; conventions are those of `wayside.schemas.tables`."""
+"""The tables of an inventory of many drives, with the conventions of `wayside.schemas.tables`."""
 
 from __future__ import annotations
 

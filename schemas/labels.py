@@ -19,7 +19,7 @@ LABEL_KINDS = {
     SIGN: "the face of a road sign",
     BACK: "a road sign seen from behind",
     NOT_A_SIGN: "something else: a sample of what no sign is",
-    UNSURE: "looked at and not decided: neither right nor wrong",
+    UNSURE: "examined, not decided: neither right nor wrong",
     COMPLETE: "no box: every sign of this image is labelled, so the rest of it shows none",
 }
 
@@ -85,11 +85,12 @@ class Label:
     def __post_init__(self) -> None:
         """Refuse what is no label: an unknown kind or class, a box without area."""
         if self.kind not in LABEL_KINDS or self.kind == COMPLETE:
-            raise ValueError(f"kind {self.kind!r} is none of {', '.join(list(LABEL_KINDS)[:-1])}")
+            known = ", ".join(kind for kind in LABEL_KINDS if kind != COMPLETE)
+            raise ValueError(f"kind {self.kind!r} is not one of {known}")
         if self.color is not None and self.color not in COLORS:
-            raise ValueError(f"colour {self.color!r} is none of {', '.join(COLORS)}")
+            raise ValueError(f"colour {self.color!r} is not one of {', '.join(COLORS)}")
         if self.shape is not None and self.shape not in SHAPES:
-            raise ValueError(f"shape {self.shape!r} is none of {', '.join(SHAPES)}")
+            raise ValueError(f"shape {self.shape!r} is not one of {', '.join(SHAPES)}")
         x0, y0, x1, y1 = self.box
         if not (-1e6 < x0 < x1 < 1e6 and -1e6 < y0 < y1 < 1e6):
             raise ValueError(f"box {self.box} has no area, or is not finite")

@@ -27,14 +27,14 @@ class GlobePosition:
 
 @dataclass(frozen=True, slots=True)
 class SignCode:
-    """The code of a sign, as far as it is settled."""
+    """The code of a sign, or the series where only that is certain."""
 
     system: str
     """One of `SYSTEMS`."""
     code: str
     """Of a sign (`R2-1`) or of a series (`R`)."""
     legend: str | None
-    """Number or direction on its face. None: it shows none, or not settled."""
+    """Number or direction on its face. None: it shows none, or uncertain."""
     probability: float
     """Of the code."""
     nominal_in: tuple[float, float] | None

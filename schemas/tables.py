@@ -100,8 +100,8 @@ SIGNS = Table(
         Column("assembly_id", _TEXT, "", "the same for panels on one support", _SURE),
         Column("log", _TEXT, "", "stem of the log's file name", _SURE),
         Column("status", _CHOICE, "", "what kind of row this is", _SURE, tuple(SIGN_STATUSES)),
-        Column("confidence", _SINGLE, "", "calibrated probability that it is a sign, 0 to 1; with boxes of another "
-               "detector its own scores, see detectors.md; null in the presets of the report, which states none"),
+        Column("confidence", _SINGLE, "", "calibrated probability that it is a sign, 0 to 1; null in the presets of "
+               "the report. With boxes of another detector: its own scores, see detectors.md"),
         Column("color", _CHOICE, "", "colour class of the face", values=COLORS),
         Column("color_distance", _SINGLE, "", "Mahalanobis distance to that class (eq. 3.1); only the presets of the "
                "report"),
@@ -150,12 +150,12 @@ SIGNS = Table(
         Column("measure", _DOUBLE, "mi, km, ft or m", "measure along `route` abreast of the sign, in the unit that "
                "`measure_unit` names; null without"),
         Column("measure_unit", _CHOICE, "", "its unit: mile, kilometre, foot or metre", values=tuple(MEASURE_UNITS)),
-        Column("mutcd", _TEXT, "", "MUTCD code, or series where the code is not settled; sign_codes.md"),
+        Column("mutcd", _TEXT, "", "MUTCD code, or its series if the code is uncertain; sign_codes.md"),
         Column("vienna", _TEXT, "", "the same of the Vienna Convention, for faces of that system"),
-        Column("legend", _TEXT, "", "number or direction on the face; null: it shows none, or not settled"),
-        Column("code_probability", _SINGLE, "", "probability of what stands in `mutcd` or `vienna`"),
-        Column("nominal_width_in", _SINGLE, "in", "standard width that the measured one can be; of a diamond the side "
-               "of its square; null: none or several"),
+        Column("legend", _TEXT, "", "number or direction on the face; null: it shows none, or uncertain"),
+        Column("code_probability", _SINGLE, "", "probability of the code in `mutcd` or `vienna`"),
+        Column("nominal_width_in", _SINGLE, "in", "standard width that agrees with the measured one, of a diamond the "
+               "side of its square; null: none or several"),
         Column("nominal_height_in", _SINGLE, "in", "the same of the height"),
     ),
 )  # fmt: skip

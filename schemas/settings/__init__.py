@@ -1,6 +1,6 @@
 """Every setting: one frozen group a stage, each leaf with unit, meaning, origin and limits.
 
-`setting(default, unit, words, ...)` keeps these beside the value, so that `wayside settings`, the TOML reader and
+`setting(default, unit, words, ...)` keeps these with the value, so that `wayside settings`, the TOML reader and
 `run.json` need no list of their own. Values of the other presets that differ stand in `REPORT`, `REPORT_2D`
 and `REPORT_SHAPE`.
 """

@@ -1,4 +1,4 @@
-"""One leaf of the settings: its default with unit, meaning, origin and limits beside it."""
+"""One leaf of the settings: its default, unit, meaning, origin and limits."""
 
 from __future__ import annotations
 
