@@ -9,30 +9,27 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from training.landmarks import NEITHER, SIGN, KnownPanels, label_in_images
+from training.learn import run, write_model
 from wayside.pipeline.files.settings_file import load_settings
-from wayside.pipeline.files.writing import write_file
 from wayside.pipeline.learning.curves import KNEE_RULE, Scores, roc_curve
 from wayside.pipeline.learning.samples import read_truth
 from wayside.pipeline.models.model_files import TRAJECTORY_FILES, load_models
-from wayside.pipeline.models.model_json import model_to_json
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.flow import Flow
 from wayside.pipeline.workers import StageClock
-from wayside.schemas.errors import InputError, WaysideError
-from wayside.schemas.landmarks import TrackedFrame
+from wayside.schemas.errors import InputError
 from wayside.schemas.models import MixtureModel
 from wayside.stages.classifiers import log_density
 from wayside.stages.report import STEP_M, TRAJECTORY_FORMS, mean_log_density
@@ -52,71 +49,34 @@ FEWEST = 40
 LEAST_SIGMA = 5e-4
 """Smallest standard deviation of a component: the centre of a box is known to about a pixel."""
 
-Notify = Callable[[str], None]
+
+class Track(NamedTuple):
+    """A track that reaches the trajectory classifier."""
+
+    steps: NDArray[np.float64]
+    """(s, 2, 4): each step in both of `TRAJECTORY_FORMS`."""
+    label: int
+    """`SIGN`, `NOTHING` or `NEITHER`."""
+    drive: int
+    """Number of its drive."""
 
 
-@dataclass(frozen=True, slots=True)
-class Tracks:
-    """Tracks that reach the trajectory classifier: steps (s, 2, 4) of each, label (n,) int8, drive (n,)."""
-
-    steps: tuple[NDArray[np.float64], ...]
-    label: NDArray[np.int8]
-    drive: NDArray[np.int64]
-
-    def of(self, rows: NDArray[np.bool_]) -> Tracks:
-        """Those rows."""
-        kept = tuple(one for one, own in zip(self.steps, rows, strict=True) if own)
-        return Tracks(kept, self.label[rows], self.drive[rows])
-
-    def in_form(self, form: str) -> NDArray[np.float64]:
-        """All steps (m, 4) in one form; those that have no numbers are left out."""
-        values = np.concatenate([np.zeros((0, 2, 4)), *self.steps])
-        values = values[:, TRAJECTORY_FORMS.index(form)]
-        return np.asarray(values[np.isfinite(values).all(axis=1)])
-
-    def scores(self, model: MixtureModel) -> NDArray[np.float64]:
-        """Mean log density of each track (n,)."""
-        return np.array([mean_log_density(one, model) for one in self.steps])
-
-
-def gather_tracks(log: Path, folder: str = "") -> Tracks:
-    """Tracks of a rendered drive by the report's chain before its trajectory gate, labelled by its truth.
-
-    folder: of the colour model, where it is not the one that ships.
-    """
+def gather_tracks(log: Path, drive: int) -> list[Track]:
+    """Tracks of a rendered drive by the report's chain before its trajectory gate, labelled by its truth."""
     truth = read_truth(log.with_suffix(".truth.json"))
-    settings, _ = load_settings(
-        "report-2d",
-        None,
-        ["report.trajectory=off"],
-        {
-            "read.spacing_m": float(truth.get("spacing_m", STEP_M)),
-            "run.workers": 1,
-            "models.folder": folder,
-        },
-    )
+    given = {"read.spacing_m": float(truth.get("spacing_m", STEP_M)), "run.workers": 1}
+    settings, _ = load_settings("report-2d", None, ["report.trajectory=off"], given)
     flow = Flow(settings, load_models(settings), StageClock())
-    return tracks_of(flow.track(read_frames(log, settings.read, ReadReport())), truth)
-
-
-def tracks_of(frames: Iterable[TrackedFrame], truth: dict[str, Any]) -> Tracks:
-    """Tracks of one drive that the trajectory gate is asked about: all that no stage before it refused."""
     known = KnownPanels.of(truth)
-    asked = [one for frame in frames for one in frame.landmarks if one.verdict in ASKED]
-    labels = np.array([label_in_images(one, known) for one in asked], np.int8)
-    return Tracks(tuple(one.trajectory for one in asked), labels, np.zeros(len(asked), np.int64))
+    return [
+        Track(one.trajectory, label_in_images(one, known), drive)
+        for frame in flow.track(read_frames(log, settings.read, ReadReport()))
+        for one in frame.landmarks
+        if one.verdict in ASKED
+    ]
 
 
-def joined(parts: Sequence[Tracks]) -> Tracks:
-    """The tracks of several drives in one; drives are numbered by the order of the parts."""
-    return Tracks(
-        tuple(one for part in parts for one in part.steps),
-        np.concatenate([part.label for part in parts]),
-        np.repeat(np.arange(len(parts)), [len(part.label) for part in parts]),
-    )
-
-
-def learn_trajectories(tracks: Tracks, form: str, provenance: str) -> MixtureModel:
+def learn_trajectories(tracks: Sequence[Track], form: str, provenance: str) -> MixtureModel:
     """The density of the steps of signs, with the threshold at the knee of the ROC of whole tracks.
 
     The number of components has the highest likelihood on drives held out in turn. The threshold and its rates are from
@@ -127,34 +87,39 @@ def learn_trajectories(tracks: Tracks, form: str, provenance: str) -> MixtureMod
     InputError
         Where there are too few tracks of signs or drives.
     """
-    tracks = tracks.of(tracks.label != NEITHER)
-    sign, drives = tracks.label == SIGN, len(np.unique(tracks.drive))
+    tracks = [one for one in tracks if one.label != NEITHER]
+    sign = np.array([one.label == SIGN for one in tracks], np.bool_)
+    drive = np.array([one.drive for one in tracks], np.int64)
+    drives = len(np.unique(drive))
     if sign.sum() < FEWEST or (~sign).sum() < FEWEST or drives < FOLDS:
         raise InputError(
             f"trajectory classifier: {FEWEST} tracks of signs, {FEWEST} others and {FOLDS} drives are needed. There "
             f"are {sign.sum()}, {(~sign).sum()} and {drives}. Add drives."
         )
-    fold = tracks.drive % FOLDS
-    best, most = 1, -np.inf
-    for components in range(1, MOST_COMPONENTS + 1):
-        held_out = 0.0
-        for part in range(FOLDS):
-            model = fitted(tracks.of(sign & (fold != part)).in_form(form), form, components)
-            held_out += log_density(tracks.of(sign & (fold == part)).in_form(form), model).sum()
-        if held_out > most:
-            best, most = components, held_out
+
+    def steps(rows: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """All steps (m, 4) of some tracks."""
+        return steps_in_form([tracks[row] for row in np.flatnonzero(rows)], form)
+
+    def folds(components: int) -> Iterator[tuple[NDArray[np.bool_], MixtureModel]]:
+        """The tracks (n,) of each fold, with a model of the signs of the others."""
+        for held_out in (drive % FOLDS == part for part in range(FOLDS)):
+            yield held_out, fitted(steps(sign & ~held_out), form, components)
+
+    def likelihood(components: int) -> float:
+        return sum(float(log_density(steps(sign & own), m).sum()) for own, m in folds(components))
+
+    best = max(range(1, MOST_COMPONENTS + 1), key=likelihood)
     scores = np.empty(len(sign))
-    for part in range(FOLDS):
-        model = fitted(tracks.of(sign & (fold != part)).in_form(form), form, best)
-        scores[fold == part] = tracks.of(fold == part).scores(model)
+    for own, model in folds(best):
+        scores[own] = [mean_log_density(tracks[row].steps, model) for row in np.flatnonzero(own)]
     ones = np.ones(len(scores), np.int64)
-    curve = roc_curve(Scores(scores, sign, ones, tracks.drive, accept_below=False))
+    curve = roc_curve(Scores(scores, sign, ones, drive, accept_below=False))
     assert curve is not None  # there are tracks of both kinds
-    threshold = float(curve.threshold[curve.knee])
     found, wrong = curve.tpr[curve.knee], curve.fpr[curve.knee]
     return replace(
-        fitted(tracks.of(sign).in_form(form), form, best),
-        threshold=threshold,
+        fitted(steps(sign), form, best),
+        threshold=float(curve.threshold[curve.knee]),
         threshold_rule=(
             f"{KNEE_RULE}; on drives held out in turn {found:.3f} of {sign.sum()} tracks of signs and {wrong:.3f} of "
             f"{(~sign).sum()} others"
@@ -162,6 +127,13 @@ def learn_trajectories(tracks: Tracks, form: str, provenance: str) -> MixtureMod
         count=int(sign.sum()),
         provenance=provenance,
     )
+
+
+def steps_in_form(tracks: Sequence[Track], form: str) -> NDArray[np.float64]:
+    """All steps (m, 4) of tracks in one form; those without numbers are left out."""
+    values = np.concatenate([np.zeros((0, 2, 4)), *(one.steps for one in tracks)])
+    values = values[:, TRAJECTORY_FORMS.index(form)]
+    return np.asarray(values[np.isfinite(values).all(axis=1)])
 
 
 def fitted(values: NDArray[np.float64], form: str, components: int) -> MixtureModel:
@@ -185,26 +157,28 @@ def fitted(values: NDArray[np.float64], form: str, components: int) -> MixtureMo
     )
 
 
-def learn(logs: Sequence[Path], folder: str, jobs: int, notify: Notify) -> dict[str, MixtureModel]:
-    """Both densities, by the name of their file; raises InputError where a drive has no truth or there are too few.
+def learn(logs: Sequence[Path], folder: Path, jobs: int) -> None:
+    """Write both densities into a folder; `jobs`: drives side by side.
 
-    folder: as in `gather_tracks`; jobs: drives side by side.
+    Raises
+    ------
+    InputError
+        If a drive has no truth, or there are too few.
+    OutputError
+        If a file cannot be written.
     """
     with ProcessPoolExecutor(
         jobs, get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)
     ) as processes:
-        parts = []
-        found = processes.map(partial(gather_tracks, folder=folder), logs)
-        for log, part in zip(logs, found, strict=True):
-            parts.append(part)
-            notify(f"{log.stem}: {len(part.label)} tracks, {(part.label == SIGN).sum()} of signs")
-    tracks = joined(parts)
-    counts = [(tracks.drive == k).sum() for k in range(len(logs))]
-    listed = zip(logs, counts, strict=True)
-    origin = "rendered drives " + ", ".join(f"{log.stem} ({n} tracks)" for log, n in listed)
-    return {
-        name: learn_trajectories(tracks, form, origin) for form, name in TRAJECTORY_FILES.items()
-    }
+        found = list(processes.map(gather_tracks, logs, range(len(logs))))
+    tracks = [one for own in found for one in own]
+    listed = ", ".join(
+        f"{log.stem} ({len(own)} tracks)" for log, own in zip(logs, found, strict=True)
+    )
+    for form, name in TRAJECTORY_FILES.items():
+        model = learn_trajectories(tracks, form, f"rendered drives {listed}")
+        write_model(folder / name, model)
+        print(f"{name}: {len(model.weight)} components, {model.threshold_rule}")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -214,15 +188,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder for the model files")
     parser.add_argument("--jobs", type=int, default=1, help="drives side by side")
     given = parser.parse_args(arguments)
-    try:
-        models = learn(sorted(given.logs), "", given.jobs, partial(print, flush=True))
-        for name, model in models.items():
-            write_file(given.out / name, model_to_json(model).encode(), overwrite=True)
-            print(f"{name}: {len(model.weight)} components, {model.threshold_rule}")
-    except WaysideError as error:
-        print(f"wayside: {error}", file=sys.stderr)
-        return error.exit_status
-    return 0
+    return run(lambda: learn(sorted(given.logs), given.out, given.jobs))
 
 
 if __name__ == "__main__":
