@@ -120,30 +120,30 @@ def miss_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettin
 
 
 def gone_probability(
-    confidence: Floats, years: Floats, looks: Ints, misses: Ints, settings: MergeSettings
-) -> Floats:
-    """Probability (n,) that panels which one survey saw were not there in another, that looked and saw none.
+    confidence: float, years: float, looks: int, misses: int, settings: MergeSettings
+) -> float:
+    """Probability that a panel which one survey saw was not there in another, that looked and saw none.
 
-    Otherwise either each of these drives missed them, by a vehicle in front or by its own fault, or they are no panels
-    at all. The second is supported by other drives of the survey that should have seen them and did not.
+    Otherwise either each of these drives missed it, by a vehicle in front or by its own fault, or it is no panel at
+    all. The second is supported by other drives of the survey that should have seen it and did not.
 
     Parameters
     ----------
     confidence
-        (n,) that they are panels.
+        That it is a panel.
     years
-        (n,) between the surveys.
+        Between the surveys.
     looks
-        (n,) drives of the other survey that had the places in view.
+        Drives of the other survey that had the place in view.
     misses
-        (n,) drives of the survey that saw them which had the places in view and saw none.
+        Drives of the survey that saw it which had the place in view and saw none.
     settings
         How often faces are replaced, and panels missed.
     """
-    changed = changed_share(years, settings)
+    changed = float(changed_share(np.array(years), settings))
     panel = confidence * settings.missed**misses
     gone, missed = panel * changed, panel * (1 - changed) * settings.missed**looks
-    return np.asarray(gone / (gone + missed + 1 - confidence), np.float64)
+    return gone / (gone + missed + 1 - confidence)
 
 
 def changed_share(years: Floats, settings: MergeSettings) -> Floats:

@@ -11,9 +11,12 @@ import pytest
 
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.fleet import running, task
+from wayside.pipeline.fleet.engine import WorkerDeathError
+from wayside.pipeline.fleet.folders import MERGED
 from wayside.pipeline.fleet.merging import MergeReport
-from wayside.pipeline.fleet.running import FleetOptions, run_fleet
+from wayside.pipeline.fleet.running import run_fleet
 from wayside.pipeline.fleet.sources import expand_sources
+from wayside.pipeline.fleet.task import FleetOptions
 from wayside.pipeline.results.earlier_result import file_digest
 from wayside.pipeline.running.journal import result_key
 from wayside.schemas.errors import InputError, OutputError, StageError
@@ -55,9 +58,10 @@ class InProcess:
             future.set_exception(error)
         return future
 
-    def death(self, future):
-        error = future.exception()
-        return f"its worker was ended by {error}" if isinstance(error, Died) else None
+    def result(self, future):
+        if isinstance(error := future.exception(), Died):
+            raise WorkerDeathError(f"its worker was ended by {error}")
+        return future.result()
 
     def __enter__(self):
         return self
@@ -99,7 +103,7 @@ def fleet(tmp_path, monkeypatch):
     def merge(folders, out, settings, watch):
         seen.merged.append([folder.name for folder in folders])
         seen.merge_settings = settings
-        for name in running.MERGED:
+        for name in MERGED:
             (out / name).mkdir(exist_ok=True)
         return MergeReport(len(folders))
 

@@ -10,10 +10,9 @@ import pytest
 from mcap.writer import Writer
 
 from wayside.pipeline.files.settings_file import load_settings
-from wayside.pipeline.fleet.changes import find_changes
+from wayside.pipeline.fleet.changes import find_changes, parse_survey
 from wayside.pipeline.fleet.changes_page import write_page
 from wayside.pipeline.fleet.merging import merge_inventory
-from wayside.pipeline.fleet.surveys import parse_survey
 
 PLACES = np.array([[70.0, -5.0, 2.2], [104.0, -5.0, 2.2]])  # along the road, to its left, up
 COVER = 62.0, (-7.5, -3.0), (0.0, 4.0)

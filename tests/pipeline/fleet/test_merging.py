@@ -17,14 +17,13 @@ import pytest
 from wayside.pipeline.cli import app
 from wayside.pipeline.exporting.export import export
 from wayside.pipeline.files import output_folder
-from wayside.pipeline.fleet.changes import find_changes
+from wayside.pipeline.fleet.changes import find_changes, parse_survey
 from wayside.pipeline.fleet.changes_page import write_page
+from wayside.pipeline.fleet.folders import locked_inventory, merge_settings_of
 from wayside.pipeline.fleet.inventory_data import cell_name, cells
 from wayside.pipeline.fleet.manifest import DONE, QUARANTINED, Entry, Manifest, write_manifest
 from wayside.pipeline.fleet.merging import MergeReport, merge_inventory
-from wayside.pipeline.fleet.recorded_settings import merge_settings_of
-from wayside.pipeline.fleet.status import format_status, locked_inventory
-from wayside.pipeline.fleet.surveys import parse_survey
+from wayside.pipeline.fleet.status import format_status
 from wayside.pipeline.reviewing.review import NO_REVIEW
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS

@@ -7,14 +7,12 @@ from dataclasses import replace
 import pytest
 
 from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.fleet.folders import locked_inventory
 from wayside.pipeline.fleet.manifest import Entry, Manifest, read_manifest, write_manifest
-from wayside.pipeline.fleet.status import (
-    describe_duration,
-    figures_of,
-    format_status,
-    locked_inventory,
-)
+from wayside.pipeline.fleet.status import describe_duration, figures_of, format_status
 from wayside.schemas.errors import InputError, InterruptionError, OutputError
+
+from .conftest import Died
 
 DONE = ("done", 0)
 
@@ -83,7 +81,7 @@ def test_deaths_are_counted_that_only_the_log_itself_tells_of(fleet, in_process)
         """Gives the task of a dead worker to the next one and says nothing, as Dask does."""
 
         def submit(self, given):
-            while self.death(future := super().submit(given)) is not None:
+            while isinstance((future := super().submit(given)).exception(), Died):
                 pass
             return future
 

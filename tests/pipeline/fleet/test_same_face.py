@@ -2,7 +2,7 @@
 
 import pytest
 
-from wayside.pipeline.fleet.changes_rows import same_face
+from wayside.pipeline.fleet.changes import same_face
 
 PANEL = {
     "color": "red",
