@@ -1,4 +1,4 @@
-"""Picture of where in the image a board was seen, and how well its corners fit."""
+"""Where in the image a board was seen, and how well its corners fit: as a picture, and in words."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.calibration.boards import CalibratedImages
 from wayside.schemas.frame import Camera
+from wayside.stages.calibration import format_residuals
+from wayside.stages.geometry import distort_points, ideal_points
 from wayside.stages.kernels import Array
 
 _CELLS = 16
@@ -17,6 +19,9 @@ _CELLS = 16
 _WIDTH, _LEGEND = 1200, 40
 _GROUND, _EMPTY, _LINE, _INK = (255, 255, 255), (222, 226, 240), (190, 190, 190), (40, 40, 40)
 _UNUSED = (150, 150, 150)
+_LARGEST_GAP_PX = 0.5
+_FAR = 0.8
+_BORDER_POINTS = 41
 
 
 class Coverage(NamedTuple):
@@ -45,11 +50,11 @@ def coverage_of(found: CalibratedImages) -> Coverage:
     np.add.at(counts, (row, column), 1)
     centre = np.array([camera.cx, camera.cy])
     outermost = np.linalg.norm(corners - centre, axis=1).max()
-    farthest = np.linalg.norm(image_corners(camera) - centre, axis=1).max()
+    farthest = np.linalg.norm(_image_corners(camera) - centre, axis=1).max()
     return Coverage(counts, float(outermost / farthest))
 
 
-def image_corners(camera: Camera) -> Array:
+def _image_corners(camera: Camera) -> Array:
     """Pixels (4, 2) in the corners of the image."""
     right, bottom = camera.width - 1.0, camera.height - 1.0
     return np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]])
@@ -90,6 +95,37 @@ def draw_coverage(found: CalibratedImages) -> NDArray[np.uint8]:
     origin = (10, height + _LEGEND - 14)
     cv2.putText(picture, words, origin, cv2.FONT_HERSHEY_SIMPLEX, 0.55, _INK, 1, cv2.LINE_AA)
     return picture
+
+
+def format_boards(found: CalibratedImages) -> str:
+    """Every image with its residual or the reason why it was not used, the parameters, and what to beware of."""
+    coverage = coverage_of(found)
+    lines = [
+        found.headline,
+        f"corners in {100 * (1 - coverage.empty):.0f} % of the cells of the image, out to "
+        f"{100 * coverage.reach:.0f} % of the distance of its corners",
+        f"residuals by lens model: {format_residuals(found.calibration.by_model)}",
+    ]
+    if coverage.reach < _FAR:
+        lines.append(
+            "beware: the distortion farther out is extrapolated; photograph the board there"
+        )
+    if not _largest_gap(found.calibration.camera) < _LARGEST_GAP_PX:
+        lines.append(
+            "beware: near the border the distortion is not invertible, so points there have no direction; "
+            "photograph the board there, or use a simpler --model"
+        )
+    return "\n".join([*found.image_lines(), "", *found.parameter_lines(), "", *lines])
+
+
+def _largest_gap(camera: Camera) -> float:
+    """Largest distance, px, between points of the border and themselves after undistortion and distortion."""
+    corners = _image_corners(camera)
+    steps = np.linspace(0.0, 1.0, _BORDER_POINTS)[:, None]
+    sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    border = np.concatenate([a + steps * (b - a) for a, b in sides])
+    back = distort_points(camera, ideal_points(camera, border))
+    return float(np.linalg.norm(back - border, axis=1).max())
 
 
 def _corners(found: CalibratedImages, *, used: bool) -> Array:
