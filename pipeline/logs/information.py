@@ -23,18 +23,18 @@ _SOME_CAMERA = Camera(1, 1, 1.0, 1.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """One camera of the log and how to use it: what is missing, and the command that gives it (empty: none).
-
-    notes: what clocks, order and positions of the log lack, and what is done about it.
-    """
+    """One camera of the log and how to use it."""
 
     camera: Topic
     command: str
+    """Empty: none helps."""
     hindrances: tuple[str, ...] = ()
+    """What is missing; the command gives it."""
     calibration: Camera | None = None
     calibration_source: str = ""
     motion: str = ""
     notes: tuple[str, ...] = ()
+    """What clocks, order and positions of the log lack, and what is done about it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,35 +55,18 @@ class LogInformation:
 def describe_log(
     path: Path, settings: ReadSettings | None = None, *, shown: Path | None = None
 ) -> LogInformation:
-    """Read a whole log, in bounded memory, and say what it holds.
+    """Read a whole log, in bounded memory, and say what it holds; raises InputError where it cannot be read.
 
-    Parameters
-    ----------
-    path
-        The MCAP file, or a ROS 2 bag directory of such.
-    settings
-        Calibration and spacing given from outside, if any.
-    shown
-        What is named as the log: the bag that it was made of. None: the path.
-
-    Raises
-    ------
-    InputError
-        The file is no MCAP log or cannot be read.
+    settings: calibration and spacing given from outside. shown: what is named as the log, the bag that it was made of.
     """
     settings = settings or ReadSettings()
     given = read_camera_file(Path(settings.calibration)) if settings.calibration else None
     survey = survey_log(path)
     survey.path = path = shown or path
-    cameras = survey.cameras
-    hindrance = ""
-    ways = []
-    for camera in sorted(_most(cameras, _MOST_CAMERAS_SHOWN), key=lambda t: t.name):
-        chosen = ReadSettings(
-            camera=camera.name, calibration=settings.calibration, spacing_m=settings.spacing_m
-        )
-        ways.append(_way(survey, camera, chosen, given, several=len(cameras) > 1))
-    if not cameras:
+    ways, hindrance = [], ""
+    for camera in sorted(_most(survey.cameras, _MOST_CAMERAS_SHOWN), key=lambda t: t.name):
+        ways.append(_way(survey, camera, replace(settings, camera=camera.name), given))
+    if not ways:
         try:
             make_plan(survey, settings, given)
         except WaysideError as error:
@@ -96,10 +79,8 @@ def _most(topics: Iterable[Topic], count: int) -> list[Topic]:
     return sorted(topics, key=lambda t: (-t.count, t.name))[:count]
 
 
-def _way(
-    survey: LogSurvey, camera: Topic, settings: ReadSettings, given: Camera | None, *, several: bool
-) -> Way:
-    choice = ["--camera", camera.name] if several else []
+def _way(survey: LogSurvey, camera: Topic, settings: ReadSettings, given: Camera | None) -> Way:
+    choice = ["--camera", camera.name] if len(survey.cameras) > 1 else []
     command = ["wayside", "run", str(survey.path), *choice, "-o", "out"]
     hindrances: list[str] = []
     timeline = None
@@ -123,14 +104,13 @@ def _way(
             f"the calibration {plan.calibration_source} is of {calibration.width} x {calibration.height} pixels"
         )
         command += ["--calibration", "camera.yaml"]
-    motion = _motion_words(plan, timeline)
     return Way(
         camera,
         shlex.join(command),
         tuple(hindrances),
         calibration,
         plan.calibration_source,
-        motion,
+        _motion_words(plan, timeline),
         (*plan.notes, *timeline.notes),
     )
 

@@ -13,8 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
-from wayside.pipeline.logs.bags import readable_log
-from wayside.pipeline.logs.joining import join_logs
+from wayside.pipeline.logs.joining import join_logs, readable_log
 from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.parts import log_parts
