@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent
 from wayside.pipeline.reading.plan import Plan, make_plan
 from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
@@ -52,26 +51,21 @@ class LogInformation:
         return 0.0 if first is None or last is None else (last - first) / 1e9
 
 
-def describe_log(
-    path: Path, settings: ReadSettings | None = None, *, shown: Path | None = None
-) -> LogInformation:
+def describe_log(path: Path, *, shown: Path | None = None) -> LogInformation:
     """Read a whole log, in bounded memory, and say what it holds; raises InputError where it cannot be read.
 
-    settings: calibration and spacing given from outside. shown: what is named as the log, the bag that it was made of.
+    shown: what is named as the log, the bag that it was made of.
     """
-    settings = settings or ReadSettings()
-    given = read_camera_file(Path(settings.calibration)) if settings.calibration else None
     survey = survey_log(path)
     survey.path = path = shown or path
-    ways, hindrance = [], ""
-    for camera in sorted(_most(survey.cameras, _MOST_CAMERAS_SHOWN), key=lambda t: t.name):
-        ways.append(_way(survey, camera, replace(settings, camera=camera.name), given))
-    if not ways:
+    cameras = sorted(_most(survey.cameras, _MOST_CAMERAS_SHOWN), key=lambda t: t.name)
+    hindrance = ""
+    if not cameras:
         try:
-            make_plan(survey, settings, given)
+            make_plan(survey, ReadSettings(), None)
         except WaysideError as error:
             hindrance = str(error).removeprefix(f"{path}: ")
-    return LogInformation(survey, tuple(ways), hindrance)
+    return LogInformation(survey, tuple(_way(survey, camera) for camera in cameras), hindrance)
 
 
 def _most(topics: Iterable[Topic], count: int) -> list[Topic]:
@@ -79,7 +73,8 @@ def _most(topics: Iterable[Topic], count: int) -> list[Topic]:
     return sorted(topics, key=lambda t: (-t.count, t.name))[:count]
 
 
-def _way(survey: LogSurvey, camera: Topic, settings: ReadSettings, given: Camera | None) -> Way:
+def _way(survey: LogSurvey, camera: Topic) -> Way:
+    settings, given = ReadSettings(camera=camera.name), None
     choice = ["--camera", camera.name] if len(survey.cameras) > 1 else []
     command = ["wayside", "run", str(survey.path), *choice, "-o", "out"]
     hindrances: list[str] = []
