@@ -114,26 +114,12 @@ def parse_board(text: str, square_m: float) -> Board:
 def calibrate_images(
     paths: list[Path], board: Board, model: str, watch: Watcher = lambda done, total: None
 ) -> CalibratedImages:
-    """Calibrate a camera by images of a chessboard.
+    """Calibrate a camera by images of a chessboard: files, and folders of them.
 
-    Images of another size than most are refused by name, as they are of another camera, or cut or scaled.
-
-    Parameters
-    ----------
-    paths
-        Image files, and folders of them.
-    board, model
-        The board and a lens model.
-    watch
-        Told after each image how many of how many are done.
-
-    Raises
-    ------
-    UsageError
-        An unknown lens model, or no image among the paths.
-    InputError
-        The images do not determine a camera (the message names each image that was not used and why), or one is to
-        be shown otherwise than it is stored.
+    Images of another size than most are left out by name, as they are of another camera, or cut or scaled. watch: told
+    after each image how many of how many are done. Raises UsageError for an unknown lens model, or where there is no
+    image, and InputError where the images do not determine a camera (the message names each image that was not used and
+    why), or one is to be shown otherwise than it is stored.
     """
     if model not in LENS_MODELS:
         raise UsageError(

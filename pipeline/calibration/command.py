@@ -29,12 +29,8 @@ def calibrate_by_boards(
 ) -> str:
     """Calibrate by images of a board, write the camera and its coverage picture, and give the report.
 
-    The picture is written next to the camera file (`camera.coverage.png`) unless `coverage` names another place.
-
-    Raises
-    ------
-    UsageError, InputError, OutputError
-        As the options, the images and the files are.
+    The picture is written next to the camera file (`camera.coverage.png`) unless `coverage` names another place. Raises
+    UsageError, InputError and OutputError as the options, the images and the files are.
     """
     if out is not None and out.is_dir():
         raise OutputError(f"{out}: this is a folder. Name a file in it.")
@@ -59,10 +55,7 @@ def calibrate_by_drive(
 ) -> str:
     """Calibrate by a drive, write the camera, and give the report.
 
-    Raises
-    ------
-    UsageError, InputError, OutputError
-        As the log and the files are; InputError where the drive does not determine the focal length.
+    Raises UsageError and OutputError, and InputError where the drive does not determine the focal length.
     """
     _require_free(out, overwrite=overwrite)
     found = calibrate_log(log, settings)

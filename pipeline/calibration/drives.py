@@ -118,20 +118,8 @@ def calibrate_log(log: Path, settings: Settings) -> CalibratedDrive:
     """Estimate the lens of a log's camera from its images and its poses, where it has them.
 
     Matching starts from the calibration that is given, or from several focal lengths where none is; it is repeated with
-    the result while that changes much.
-
-    Parameters
-    ----------
-    log
-        The MCAP file.
-    settings
-        Which images are read and how they are matched, as of a run; `calibration`: what is known beforehand, and how
-        many images are used.
-
-    Raises
-    ------
-    UsageError, InputError
-        The log cannot be read, or too few of its images could be matched.
+    the result while that changes much. settings: which images are read and how they are matched, as of a run. Raises
+    UsageError and InputError where the log cannot be read, or too few of its images could be matched.
     """
     read, given, source, size = _plan(log, settings.read)
     settings = replace(settings, read=read)

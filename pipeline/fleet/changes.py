@@ -133,27 +133,10 @@ def find_changes(
     The settings of the comparison, and those that the inventory was merged with, are in the metadata of the file. A
     panel counts as gone, or as new, only where a drive of the other survey had its place in view. This takes enough
     images in which the panel would show whole, from the front, and as high as the lowest panels that this drive
-    measures. Where the log exists, most of the images must also see past the place (`measure_occlusion`).
-
-    Parameters
-    ----------
-    inventory
-        Folder with `panels/`, `sightings/` and the results of the drives in `drives/`.
-    before, after
-        The surveys.
-    settings
-        When a place was in view, and when a panel has moved; None: the defaults.
-    overwrite
-        Replace whatever stands there as `changes.parquet`; else only an earlier comparison.
-
-    Raises
-    ------
-    UsageError
-        A survey has no drive, or the surveys overlap.
-    InputError
-        The folder is no inventory, its tables are not merged of its results as they are now, or one is damaged.
-    OutputError
-        The file cannot be written, or something else stands there.
+    measures. Where the log exists, most of the images must also see past the place (`measure_occlusion`). An earlier
+    comparison is replaced, with `overwrite` any file. Raises UsageError where a survey has no drive, or they overlap,
+    InputError where the folder is no inventory, damaged, or its tables are not of its results as they are now, and
+    OutputError.
     """
     manifest = open_inventory(inventory, by_fleet=False)
     if not (inventory / PANELS.name).is_dir():

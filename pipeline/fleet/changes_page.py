@@ -48,25 +48,9 @@ def write_page(
 ) -> Page:
     """Write `changes.parquet` of an inventory as a page, with images from the logs of its drives.
 
-    Parameters
-    ----------
-    inventory, file
-        The folder, and the page to write.
-    names
-        Of the surveys before and after.
-    every
-        Show unchanged panels, and those not looked at that nothing hides, as well.
-    overwrite
-        Replace whatever stands there; else only such a page.
-    watch
-        Called with the number of drives done and to do.
-
-    Raises
-    ------
-    InputError
-        There is no comparison, or it is damaged.
-    OutputError
-        The page cannot be written, or something else stands there.
+    names: of the surveys before and after. every: show unchanged panels, and those not looked at that nothing hides, as
+    well. overwrite: replace whatever stands there; else only such a page. watch: called with the number of drives done
+    and to do. Raises InputError where there is no comparison, or it is damaged, and OutputError.
     """
     table = inventory / CHANGES.file
     if not table.is_file():

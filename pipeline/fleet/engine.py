@@ -143,25 +143,12 @@ def _end_with_parent() -> None:
 
 
 class DaskEngine(AbstractContextManager["DaskEngine"]):
-    """Tasks on the workers of a Dask scheduler.
+    """Tasks on the workers of a Dask scheduler, an address such as `tcp://host:8786`.
 
-    Parameters
-    ----------
-    run
-        A function that the workers can import.
-    scheduler
-        Address such as `tcp://host:8786`, or `local`: workers on this machine that listen on the loopback address.
-    jobs
-        Workers of `local`; of another scheduler at most so many tasks at a time, None: one for each of its threads.
-    shared
-        A file that all workers must see where it is.
-
-    Raises
-    ------
-    UsageError
-        Dask distributed is not installed, or there is no scheduler with workers at that address.
-    OutputError
-        A worker does not see the shared file.
+    With `local` they are workers on this machine that listen on the loopback address. jobs: workers of `local`; of
+    another scheduler at most so many tasks at a time, None: one for each of its threads. Raises UsageError where there
+    is no Dask distributed, or no scheduler with workers at that address, and OutputError where a worker does not see
+    the file shared.
     """
 
     def __init__(self, run: Run, scheduler: str, jobs: int | None, shared: Path) -> None:

@@ -36,13 +36,7 @@ _PART, _DONE = ".wayside-merge-part", ".wayside-merge-done"
 
 @contextmanager
 def locked_inventory(inventory: Path) -> Iterator[None]:
-    """One fleet at a time in a block; the folder is made where it is missing.
-
-    Raises
-    ------
-    OutputError
-        Another fleet writes to it, or it cannot be written.
-    """
+    """One fleet at a time in a block; the folder is made where it is missing. Raises OutputError."""
     try:
         inventory.mkdir(parents=True, exist_ok=True)
         lock = take_lock(inventory / _LOCK)
@@ -76,10 +70,7 @@ def is_under_way(inventory: Path) -> bool:
 def replaced_tables(inventory: Path) -> Iterator[Path]:
     """A scratch folder with empty folders of the merged tables; they replace the others if the block ends well.
 
-    Raises
-    ------
-    OutputError
-        They cannot be written, or something stands there that no merging wrote.
+    Raises OutputError where they cannot be written, or something stands there that no merging wrote.
     """
     part = inventory / _PART
     try:
@@ -104,12 +95,8 @@ def replaced_tables(inventory: Path) -> Iterator[Path]:
 def open_inventory(inventory: Path, *, by_fleet: bool = True) -> Manifest:
     """Make an inventory whole, if a merging was killed when it moved its tables to their place, to read it.
 
-    by_fleet: whether only a fleet's will do; else one that was merged without has an empty manifest.
-
-    Raises
-    ------
-    InputError
-        It is no inventory, its manifest is damaged, or the tables cannot be moved.
+    by_fleet: whether only a fleet's will do; else one that was merged without has an empty manifest. Raises InputError
+    where it is no inventory, its manifest is damaged, or the tables cannot be moved.
     """
     finish_under_lock(inventory, _DONE, _LOCK, _move_into_place)
     if by_fleet or (inventory / MANIFEST).exists():

@@ -94,27 +94,10 @@ def merge_inventory(
     """Merge the results of drives and write `panels/`, `supports/` and `sightings/` of an inventory.
 
     They replace those of an earlier merging together. The same results and settings give the same bytes, in whatever
-    order the results are given. Every part holds the settings in its metadata.
-
-    Parameters
-    ----------
-    results
-        Folders that `wayside run` wrote, each with a name of its own.
-    out
-        Folder of the inventory, made where it is missing.
-    settings
-        Gates and error model; None: the defaults.
-    watch
-        Called with the number of cells done and to do.
-
-    Raises
-    ------
-    UsageError
-        Two results have one name.
-    InputError
-        One of them is no result, or damaged.
-    OutputError
-        The inventory cannot be written, or something stands there that no merging wrote.
+    order the results are given. Every part holds the settings in its metadata. results: folders that `wayside run`
+    wrote, each with a name of its own. watch: called with the number of cells done and to do. Raises UsageError where
+    two results have one name, InputError where one is no result, and OutputError where the inventory cannot be written
+    or something stands there that no merging wrote.
     """
     folders = sorted(results, key=lambda folder: folder.name)
     for one, other in pairwise(folders):

@@ -68,31 +68,11 @@ def run_fleet(
 ) -> FleetReport:
     """Run logs into an inventory, those whose results stand excepted, and merge all results of the inventory.
 
-    Parameters
-    ----------
-    uris
-        As `expand_sources` gives them.
-    inventory
-        The folder; logs that it holds already stay in it.
-    settings, options
-        Of the runs; of the fleet.
-    watch
-        Called every few seconds with the given logs.
-    watch_merging
-        Called with the number of cells merged and to merge.
-    open_engine
-        Another engine than the options name.
-
-    Raises
-    ------
-    UsageError
-        The scheduler or a setting cannot be used.
-    InputError
-        A model file or the manifest of the inventory cannot be used.
-    OutputError
-        The inventory cannot be written, another fleet does so, or the content of logs has changed.
-    InterruptionError
-        Somebody ended the fleet; done is done.
+    uris: as `expand_sources` gives them. inventory: the folder; logs that it holds already stay in it. watch: called
+    every few seconds with the given logs; watch_merging: with the number of cells merged and to merge. open_engine:
+    another engine than the options name. Raises UsageError for the scheduler or a setting, InputError for a model file
+    or the manifest, OutputError where the inventory cannot be written, another fleet does so, or the content of logs
+    has changed, and InterruptionError where somebody ended the fleet; done is done.
     """
     inventory = inventory.absolute()
     key_of = result_keys(settings, load_models(settings).digests(), every_region=False)

@@ -33,12 +33,8 @@ def expand_sources(given: Iterable[str]) -> list[str]:
     """The logs that are meant, each once, in order: absolute paths and URLs.
 
     given: files, folders (every `.mcap` below), patterns with `*`, `?`, `[...]` and `**`, URLs of these, or `@FILE`, a
-    list of all this, one a line, with comments behind `#`. Relative paths are relative to the working folder.
-
-    Raises
-    ------
-    UsageError
-        A list cannot be read, a folder or pattern holds no log, or a URL needs a package that is not installed.
+    list of all this, one a line, with comments behind `#`. Relative paths are relative to the working folder. Raises
+    UsageError where there is no log, a list cannot be read, or a URL needs a package that is not installed.
     """
     return list(dict.fromkeys(uri for text in given for uri in _expanded(text)))
 
@@ -92,12 +88,7 @@ def fingerprint_source(uri: str) -> tuple[str, int]:
 def fetched(uri: str) -> Iterator[Path]:
     """A log as a local file; that of a URL is loaded into a scratch folder, which goes with the block.
 
-    Raises
-    ------
-    UnreachableError
-        It cannot be read.
-    OutputError
-        The scratch folder (`TMPDIR`) cannot take it.
+    Raises UnreachableError where it cannot be read, and OutputError where the scratch folder (`TMPDIR`) cannot take it.
     """
     if not _is_url(uri):
         yield Path(uri)

@@ -121,12 +121,7 @@ def run_task(task: Task) -> Entry:
 
     A log that cannot be used goes into quarantine at once, because it will be the same the next time. Every other
     failure, also the death of a worker, is tried again until the attempts are used up. An output that cannot be written
-    is no fault of the log: that attempt does not count.
-
-    Raises
-    ------
-    OutputError
-        The inventory cannot be written, or something stands in the place of the result.
+    is no fault of the log: OutputError is raised, and that attempt does not count.
     """
     finish_replacement(task.folder)
     begun = task.begun()

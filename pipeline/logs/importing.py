@@ -60,34 +60,13 @@ def import_images(
     gap is the larger. Copies of an image are imported, too; a run leaves them out. Files that are no images or cannot
     be read are left out.
 
-    Parameters
-    ----------
-    images
-        JPEG and PNG files, and folders of them.
-    calibration
-        YAML of ROS camera_info, OpenCV or Kalibr.
-    spacing_m
-        Distance between images of neighbouring numbers, metres.
-    out
-        The MCAP file to write; it appears when it is complete.
-    order
-        "name" or "date" decides the order where they contradict each other; empty: that is refused.
-    overwrite
-        Replace a file of that name that is not this very log.
-    warn
-        Called with what is amiss with the images, in words: files left out, copies, missing numbers.
-    watch
-        Called with how many images are written, and of how many.
-
-    Raises
-    ------
-    UsageError
-        The spacing is not positive, or there is no image among the paths.
-    InputError
-        The calibration or none of the files can be used, an image is of another size or to be shown otherwise than it
-        is stored, or nothing tells the order.
-    OutputError
-        The log cannot be written, or another file of that name stands there.
+    images: JPEG and PNG files, and folders of them. calibration: YAML of ROS camera_info, OpenCV or Kalibr. spacing_m:
+    distance between images of neighbouring numbers. order: "name" or "date" decides the order where they contradict
+    each other; empty: that is refused. overwrite: replace a file of that name that is not this very log. warn: called
+    with what is amiss with the images, in words. watch: called with how many images are written, and of how many.
+    Raises UsageError where the spacing is not positive, or there is no image, InputError where the calibration or none
+    of the files can be used, an image is of another size or to be shown otherwise than it is stored, or nothing tells
+    the order, and OutputError.
     """
     if not spacing_m > 0:
         raise UsageError(

@@ -39,27 +39,13 @@ class JoinedLog:
 
 
 def join_logs(paths: list[Path], out: Path, *, overwrite: bool = False) -> JoinedLog:
-    """Write the messages of several parts, one after the other, to one MCAP log.
+    """Write the messages of several parts, in the order of the drive, to one MCAP log.
 
-    Parameters
-    ----------
-    paths
-        MCAP files in the order of the drive; ROS 2 bag directories (`metadata.yaml` with MCAP or SQLite parts, split or
-        compressed); ROS 1 bags. Of MCAP every message is kept as it is, with metadata and attachments. Of other bags
-        the message types that are understood are kept, those of ROS 1 as their ROS 2 counterparts (cdr).
-    out
-        The MCAP file to write; it appears when it is complete.
-    overwrite
-        Replace a file of that name that is not this very log.
-
-    Raises
-    ------
-    UsageError
-        There is no path.
-    InputError
-        A part cannot be read, or holds no message.
-    OutputError
-        The log cannot be written, or another file of that name stands there.
+    paths: MCAP files, of which every message is kept as it is, with metadata and attachments; ROS 2 bag directories
+    (`metadata.yaml` with MCAP or SQLite parts, split or compressed) and ROS 1 bags, of which the message types that are
+    understood are kept, those of ROS 1 as their ROS 2 counterparts (cdr). overwrite: replace a file of that name that
+    is not this very log. Raises UsageError where there is no path, InputError where a part cannot be read or holds no
+    message, and OutputError.
     """
     if not paths:
         raise UsageError("no parts to join are given. Give MCAP files or ROS bags.")
@@ -104,14 +90,8 @@ def joined_log(path: Path) -> Path | None:
 def readable_log(path: Path, tell: Callable[[str], None]) -> Path:
     """What is to be read of a recording: itself, or the log that a ROS bag was joined to, now or before.
 
-    tell: called with where the log of a bag lies, and what of the bag was lost on the way.
-
-    Raises
-    ------
-    InputError
-        A bag cannot be read.
-    OutputError
-        The log of a bag cannot be written.
+    tell: called with where the log of a bag lies, and what of the bag was lost on the way. Raises InputError where a
+    bag cannot be read, and OutputError where its log cannot be written.
     """
     log = joined_log(path)
     if log is None:

@@ -60,24 +60,10 @@ def point_bound(
     """Smallest covariance (3, 3) of a point in the camera frame of frame `best`, square metres.
 
     Inverse of the Fisher information of all poses and the point together (projection: report eq. 7.6), poses
-    eliminated.
-
-    Parameters
-    ----------
-    rotations, centres
-        World from camera (n, 3, 3) and centres (n, 3) of consecutive frames, true.
-    point
-        (3,) in the world.
-    views
-        Frames (v,) that show it.
-    sigma
-        Of the rays (x/z, y/z) of these views, (v,).
-    steps
-        Covariance (n, 6, 6) of the step from the frame before, as `step_bound` gives it; row 0 is not used.
-    best
-        The frame the point is reported in.
-    pose_sigma
-        Standard deviations of given poses, metres and radians; None where no pose is given.
+    eliminated. rotations, centres: world from camera (n, 3, 3) and centres (n, 3) of consecutive frames, true. point
+    (3,): in the world. views (v,): frames that show it; sigma (v,): of their rays (x/z, y/z). steps (n, 6, 6):
+    covariance of the step from the frame before, as of `step_bound`; row 0 is not used. pose_sigma: of given poses,
+    metres and radians; None: none given.
     """
     n = len(rotations)
     # unknowns: rotation vector and shift of each camera, world axes; then the point
