@@ -7,6 +7,8 @@ from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from wayside.pipeline.files.settings_file import load_settings
@@ -23,6 +25,7 @@ from wayside.schemas.errors import InputError, OutputError, StageError
 
 SETTINGS, _ = load_settings()
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
+FINDS_ALL = {"recall": 1.0, "outliers": 0.0, "false": 0.0, "misread": 0.0}
 
 
 @pytest.fixture(scope="session")
@@ -31,6 +34,33 @@ def simulation():
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(BENCHMARKS))
         return importlib.import_module("merging_simulation")
+
+
+@pytest.fixture(scope="session")
+def drive(simulation):
+    """Writes the result of a drive along a road into an inventory; the true panel of each of its signs."""
+
+    def write(inventory, name, road, rng, *, year=0, day=0, quality=FINDS_ALL, **more):
+        start = simulation.START_NS + year * simulation.YEAR_NS + day * simulation.DAY_NS
+        told = simulation.Quality(**quality)
+        folder = inventory / "drives" / name
+        return simulation.write_drive(folder, road, start, True, told, rng, **more)
+
+    return write
+
+
+def drives_of(inventory):
+    """The results in an inventory."""
+    return sorted((inventory / "drives").iterdir())
+
+
+def rewrite(file, alter):
+    """Change every row of a table."""
+    table = pq.read_table(file)
+    rows = table.to_pylist()
+    for row in rows:
+        row.update(alter(row))
+    pq.write_table(pa.Table.from_pylist(rows, table.schema), file)
 
 
 class NoModels:
