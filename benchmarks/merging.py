@@ -30,9 +30,8 @@ from merging_simulation import (
     write_drive,
 )
 
-from wayside.pipeline.fleet.changes import find_changes
+from wayside.pipeline.fleet.changes import find_changes, parse_survey
 from wayside.pipeline.fleet.merging import merge_inventory
-from wayside.pipeline.fleet.surveys import parse_survey
 from wayside.pipeline.statistics import rate_interval, share_interval
 
 Identities = dict[str, list[int]]

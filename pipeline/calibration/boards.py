@@ -1,15 +1,15 @@
-"""Images of a chessboard to a camera: which images are used, and which not and why."""
+"""Images of a chessboard to a camera: which images are used, which not and why, and the result in words."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.pipeline.files.input_files import read_input
 from wayside.pipeline.reading.calibrations import OTHER_LENSES
@@ -27,7 +27,6 @@ from wayside.stages.calibration import (
 )
 from wayside.stages.kernels import Array
 
-Size = tuple[int, int]
 Watcher = Callable[[int, int], None]
 
 _AS_STORED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
@@ -36,11 +35,15 @@ _AS_STORED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
 
 @dataclass(frozen=True, slots=True)
 class BoardImage:
-    """An image given: corners (n, 2) or None, and why it has none."""
+    """An image given."""
 
     path: Path
+    size: tuple[int, int] | None
+    """Width and height; None: it cannot be decoded."""
     corners: Array | None
+    """(n, 2); None: it has none."""
     why: str = ""
+    """Why it has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +66,39 @@ class CalibratedImages:
         """Images without corners."""
         return [image for image in self.images if image.corners is None]
 
+    @property
+    def headline(self) -> str:
+        """Images used, board, lens model and residual, in a line."""
+        used = sum(view.used for view in self.calibration.views)
+        return (
+            f"{used} of {len(self.images)} images, board of {self.board.columns} x {self.board.rows} "
+            f"inner corners, {self.model}, residual {self.calibration.rms_px:.3f} px RMS"
+        )
+
+    def parameter_lines(self) -> list[str]:
+        """Each parameter with both standard errors."""
+        lines = [f"{'parameter':<10}{'value':>14}{'standard error':>18}{'by views':>14}"]
+        for one in self.calibration.parameters:
+            spread = f"{one.spread:14.4g}" if isfinite(one.spread) else f"{'-':>14}"
+            lines.append(f"{one.name:<10}{one.value:14.6g}{one.sigma:18.4g}{spread}")
+        return lines
+
+    def image_lines(self) -> list[str]:
+        """Every image with its residual or the reason why it was not used."""
+        known = isfinite(self.board.square_m)
+        square = self.board.square_m if known else 1.0
+        width = max(5, *(len(image.path.name) for image in self.images)) + 2
+        heading = "distance m" if known else "distance squares"
+        lines = [f"{'image':<{width}}{'residual px':>11}{'tilt deg':>10}{heading:>18}"]
+        for image, view in self.seen:
+            far = view.distance_squares * square
+            note = "" if view.used else "  left out: its residual is far above that of the others"
+            lines.append(
+                f"{image.path.name:<{width}}{view.rms_px:11.3f}{view.tilt_deg:10.0f}{far:18.2f}{note}"
+            )
+        lines += [f"{image.path.name:<{width}}not used: {image.why}" for image in self.failed]
+        return lines
+
 
 def parse_board(text: str, square_m: float) -> Board:
     """The board of "9x6": inner corners along both sides. Raises UsageError."""
@@ -78,26 +114,12 @@ def parse_board(text: str, square_m: float) -> Board:
 def calibrate_images(
     paths: list[Path], board: Board, model: str, watch: Watcher = lambda done, total: None
 ) -> CalibratedImages:
-    """Calibrate a camera by images of a chessboard.
+    """Calibrate a camera by images of a chessboard: files, and folders of them.
 
-    Images of another size than most are refused by name, as they are of another camera, or cut or scaled.
-
-    Parameters
-    ----------
-    paths
-        Image files, and folders of them.
-    board, model
-        The board, a lens model and what decides about views.
-    watch
-        Told after each image how many of how many are done.
-
-    Raises
-    ------
-    UsageError
-        An unknown lens model, or no image among the paths.
-    InputError
-        The images do not determine a camera (the message names each image that was not used and why), or one is to
-        be shown otherwise than it is stored.
+    Images of another size than most are left out by name, as they are of another camera, or cut or scaled. watch: told
+    after each image how many of how many are done. Raises UsageError for an unknown lens model, or where there is no
+    image, and InputError where the images do not determine a camera (the message names each image that was not used and
+    why), or one is to be shown otherwise than it is stored.
     """
     if model not in LENS_MODELS:
         raise UsageError(
@@ -106,32 +128,35 @@ def calibrate_images(
     files = sorted(set(image_files(paths)), key=natural_key)
     if not files:
         raise UsageError("no images of a board are given. Give image files or a folder.")
-    decoded = [_size_of(file) for file in files]
-    wanted = _common_size(files, decoded)
     images = []
-    for file, size in zip(files, decoded, strict=True):
-        images.append(_look(file, size, wanted, board))
+    for file in files:
+        images.append(_look(file, board))
         watch(len(images), len(files))
+    width, height = size = _common_size(images)
+    for k, image in enumerate(images):
+        if image.size not in (None, size):
+            words = "{} x {} pixels, while most have ".format(*image.size or ())
+            images[k] = replace(image, corners=None, why=f"{words}{width} x {height}")
     views = [image.corners for image in images if image.corners is not None]
     try:
-        calibration = calibrate_boards(views, board, wanted, model)
+        calibration = calibrate_boards(views, board, size, model)
     except CalibrationError as error:
         reasons = "".join(f"\n  {i.path}: {i.why}" for i in images if i.corners is None)
         raise InputError(f"{error}{reasons}") from error
     return CalibratedImages(board, model, tuple(images), calibration)
 
 
-def _common_size(files: list[Path], sizes: list[Size | str]) -> Size:
-    counts = Counter(size for size in sizes if not isinstance(size, str))
+def _common_size(images: list[BoardImage]) -> tuple[int, int]:
+    counts = Counter(image.size for image in images if image.size is not None)
     if not counts:
         raise InputError(
-            f"{files[0]}: none of the {len(files)} images of a board can be decoded. Give JPEG or PNG files."
+            f"{images[0].path}: none of the {len(images)} images of a board can be decoded. Give JPEG or PNG files."
         )
     size, count = counts.most_common(1)[0]
     if 2 * count <= sum(counts.values()):
         listed = "; ".join(
-            f"{w} x {h}: {', '.join(f.name for f, s in zip(files, sizes, strict=True) if s == (w, h))}"
-            for w, h in counts
+            f"{one[0]} x {one[1]}: {', '.join(i.path.name for i in images if i.size == one)}"
+            for one in counts
         )
         raise InputError(
             f"the images have {len(counts)} sizes ({listed}), but a camera has one. Calibrate each camera separately."
@@ -139,36 +164,17 @@ def _common_size(files: list[Path], sizes: list[Size | str]) -> Size:
     return size
 
 
-def _size_of(file: Path) -> Size | str:
-    grey = _read(file)
-    return grey if isinstance(grey, str) else (grey.shape[1], grey.shape[0])
-
-
-def _look(file: Path, size: Size | str, wanted: Size, board: Board) -> BoardImage:
-    if isinstance(size, str):
-        return BoardImage(file, None, size)
-    if size != wanted:
-        words = f"{size[0]} x {size[1]} pixels, while most have {wanted[0]} x {wanted[1]}"
-        return BoardImage(file, None, words)
-    grey = _read(file)
-    if isinstance(grey, str) or (grey.shape[1], grey.shape[0]) != size:
-        raise InputError(
-            f"{file}: the image has changed since it was first read. Leave the images alone during calibration."
-        )
-    found = find_board(grey, board)
-    return BoardImage(file, found.corners, found.why)
-
-
-def _read(file: Path) -> NDArray[np.uint8] | str:
-    """Grey values of an image, or in words why there are none; raises InputError for one that Exif turns."""
+def _look(file: Path, board: Board) -> BoardImage:
+    """An image with its corners, or in words why there are none; raises InputError for one that Exif turns."""
     try:
         data = read_input(file)
         decoded = cv2.imdecode(np.frombuffer(data, np.uint8), _AS_STORED) if data else None
     except OSError as error:
-        return f"cannot be read: {error.strerror or error}"
+        return BoardImage(file, None, None, f"cannot be read: {error.strerror or error}")
     except cv2.error:
         decoded = None
     if decoded is None:
-        return "no image that can be decoded"
+        return BoardImage(file, None, None, "no image that can be decoded")
     refuse_turned(str(file), read_exif(data))
-    return np.asarray(decoded, np.uint8)
+    found = find_board(np.asarray(decoded, np.uint8), board)
+    return BoardImage(file, (decoded.shape[1], decoded.shape[0]), found.corners, found.why)

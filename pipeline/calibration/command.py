@@ -6,16 +6,12 @@ from pathlib import Path
 
 import cv2
 
-from wayside.pipeline.calibration.board_report import format_boards, headline, parameter_lines
-from wayside.pipeline.calibration.boards import Watcher, calibrate_images
-from wayside.pipeline.calibration.coverage import coverage_of, draw_coverage
-from wayside.pipeline.calibration.drive_report import format_drive, not_determined
-from wayside.pipeline.calibration.drive_report import headline as drive_headline
-from wayside.pipeline.calibration.drive_report import parameter_lines as drive_lines
-from wayside.pipeline.calibration.drives import calibrate_log
+from wayside.pipeline.calibration.boards import CalibratedImages, Watcher, calibrate_images
+from wayside.pipeline.calibration.coverage import draw_coverage, format_boards
+from wayside.pipeline.calibration.drives import CalibratedDrive, calibrate_log, format_drive
 from wayside.pipeline.files.writing import refuse, write_file
 from wayside.pipeline.reading.camera_file import format_camera
-from wayside.schemas.errors import InputError, OutputError
+from wayside.schemas.errors import OutputError
 from wayside.schemas.settings import Settings
 from wayside.stages.calibration import Board
 
@@ -33,29 +29,20 @@ def calibrate_by_boards(
 ) -> str:
     """Calibrate by images of a board, write the camera and its coverage picture, and give the report.
 
-    The picture is written next to the camera file (`camera.coverage.png`) unless `coverage` names another place.
-
-    Raises
-    ------
-    UsageError, InputError, OutputError
-        As the options, the images and the files are.
+    The picture is written next to the camera file (`camera.coverage.png`) unless `coverage` names another place. Raises
+    UsageError, InputError and OutputError as the options, the images and the files are.
     """
     if out is not None and out.is_dir():
         raise OutputError(f"{out}: this is a folder. Name a file in it.")
     picture = coverage or (None if out is None else out.with_suffix(".coverage.png"))
-    files = [path for path in (out, picture) if path is not None]
-    _require_free(files, overwrite=overwrite)
+    _require_free(out, picture, overwrite=overwrite)
     found = calibrate_images(paths, board, model, watch)
-    if out is not None:
-        comments = [f"wayside calibrate: {headline(found)}", *parameter_lines(found)]
-        text = format_camera(found.calibration.camera, name, comments)
-        write_file(out, text.encode(), overwrite=overwrite)
+    written = _write_camera(out, found, name, overwrite=overwrite)
     if picture is not None:
         drawn = cv2.imencode(".png", draw_coverage(found))[1]
         write_file(picture, drawn.tobytes(), overwrite=overwrite)
-    report = format_boards(found, coverage_of(found))
-    written = "".join(f"\nwritten: {path}" for path in files)
-    return report + written
+        written += f"\nwritten: {picture}"
+    return format_boards(found) + written
 
 
 def calibrate_by_drive(
@@ -68,28 +55,30 @@ def calibrate_by_drive(
 ) -> str:
     """Calibrate by a drive, write the camera, and give the report.
 
-    Raises
-    ------
-    UsageError, InputError, OutputError
-        As the log and the files are; InputError where the drive does not determine the focal length.
+    Raises UsageError and OutputError, and InputError where the drive does not determine the focal length.
     """
-    _require_free([] if out is None else [out], overwrite=overwrite)
+    _require_free(out, overwrite=overwrite)
     found = calibrate_log(log, settings)
-    if refusal := not_determined(found):
-        raise InputError(refusal)
-    report = format_drive(found)
+    found.require_determined()
+    return format_drive(found) + _write_camera(out, found, name, overwrite=overwrite)
+
+
+def _write_camera(
+    out: Path | None, found: CalibratedImages | CalibratedDrive, name: str, *, overwrite: bool
+) -> str:
+    """Write the camera with its parameters as comments; what was written, in words."""
     if out is None:
-        return report
-    comments = [f"wayside calibrate: {drive_headline(found)}", *drive_lines(found)]
+        return ""
+    comments = [f"wayside calibrate: {found.headline}", *found.parameter_lines()]
     text = format_camera(found.calibration.camera, name, comments)
     write_file(out, text.encode(), overwrite=overwrite)
-    return f"{report}\nwritten: {out}"
+    return f"\nwritten: {out}"
 
 
-def _require_free(paths: list[Path], *, overwrite: bool) -> None:
+def _require_free(*paths: Path | None, overwrite: bool) -> None:
     """Refuse, before any work is done, files that are there or whose folder is not. Raises OutputError."""
     for path in paths:
-        if not path.parent.is_dir():
+        if path is not None and not path.parent.is_dir():
             raise OutputError(f"{path}: there is no folder {path.parent}. Make it first.")
-        if path.exists() and not overwrite:
+        if path is not None and path.exists() and not overwrite:
             raise refuse(path, "another file")

@@ -1,4 +1,7 @@
-"""The log of a drive to a camera: images are matched as in a run, and the lens adjusted to their tracks."""
+"""The log of a drive to a camera: images are matched as in a run, and the lens adjusted to their tracks.
+
+The result in words says what it makes of the calibration that was given.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +22,11 @@ from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion
 from wayside.schemas.settings import ReadSettings, Settings
 from wayside.stages.calibration import (
+    LENS,
     PRINCIPAL_POINT_SIGMA,
     DriveCalibration,
     calibrate_drive,
+    changed_camera,
     cut_segments,
 )
 from wayside.stages.geometry import ideal_points
@@ -38,41 +43,83 @@ ROUNDS = 3
 """Rounds of matching anew with the result at most."""
 SETTLED = 0.02
 """Matching is repeated where the focal length changed by more."""
+LARGEST_SIGMA = 0.03
+"""A focal length with a larger relative standard error is not determined: so large is that of positions."""
 _SOME_CAMERA = Camera(1, 1, 1.0, 1.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class CalibratedDrive:
-    """A calibration by a log; given: the camera that the log or the user names, with its source, or None.
-
-    images: those that were matched.
-    """
+    """A calibration by a log."""
 
     log: Path
     given: Camera | None
+    """The camera that the log or the user names, if any."""
     source: str
+    """Of that."""
     images: int
+    """Those that were matched."""
     calibration: DriveCalibration
+
+    @property
+    def headline(self) -> str:
+        """What the calibration was made of, in a line."""
+        c = self.calibration
+        return (
+            f"{self.log.name}: {self.images} images, {c.ties} ties in {c.segments} segments; "
+            f"residual {c.residual:.2f} times that expected of sharp images"
+        )
+
+    def parameter_lines(self) -> list[str]:
+        """Each parameter with its standard error, and what was given."""
+        values = _parameters(self.calibration.camera)
+        was = ["-"] * len(values)
+        if self.given is not None:
+            old = changed_camera(self.given, np.zeros(len(LENS)))
+            was = [f"{value:.6g}" for value in _parameters(old)]
+        errors = np.sqrt(np.diag(self.calibration.covariance))[[0, 0, 1, 2, 3, 4]]
+        lines = [f"{'parameter':<10}{'value':>12}{'standard error':>18}{'given':>12}"]
+        for k, name in enumerate(("fx", "fy", "cx", "cy", "k1", "k2")):
+            error = errors[k] * (values[k] if k < 2 else 1.0)  # of a focal length it is relative
+            lines.append(f"{name:<10}{values[k]:12.6g}{error:18.3g}{was[k]:>12}")
+        return lines
+
+    def require_determined(self) -> None:
+        """Raise InputError where the drive does not determine the focal length."""
+        sigma = self.calibration.focal_sigma
+        if sigma > LARGEST_SIGMA:
+            raise InputError(
+                f"{self.log}: the focal length has a standard error of {100 * sigma:.2f} % ({self.headline}), which "
+                f"must be at most {100 * LARGEST_SIGMA:g} %. Straight driving does not determine the focal length. "
+                "Take a drive with curves, with poses if there are any, or photograph a board (wayside calibrate "
+                "IMAGES --board 9x6)."
+            )
+
+
+def _parameters(camera: Camera) -> list[float]:
+    return [camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion[:2]]
+
+
+def format_drive(found: CalibratedDrive) -> str:
+    """Parameters with standard errors, and whether the camera given agrees."""
+    words = "no calibration was given; centre of the image taken as principal point"
+    if found.given is not None:
+        off = found.given.fx / found.calibration.camera.fx - 1
+        sigmas = abs(off) / found.calibration.focal_sigma
+        words = (
+            f"the focal length given ({found.source}) is {100 * abs(off):.1f} % "
+            f"{'longer' if off > 0 else 'shorter'}, {sigmas:.1f} standard errors: "
+            f"{'it agrees' if sigmas <= 2 else 'it does not agree'}"
+        )
+    return "\n".join([found.headline, "", *found.parameter_lines(), "", words])
 
 
 def calibrate_log(log: Path, settings: Settings) -> CalibratedDrive:
     """Estimate the lens of a log's camera from its images and its poses, where it has them.
 
     Matching starts from the calibration that is given, or from several focal lengths where none is; it is repeated with
-    the result while that changes much.
-
-    Parameters
-    ----------
-    log
-        The MCAP file.
-    settings
-        Which images are read and how they are matched, as of a run; `calibration`: what is known beforehand, and how
-        many images are used.
-
-    Raises
-    ------
-    UsageError, InputError
-        The log cannot be read, or too few of its images could be matched.
+    the result while that changes much. settings: which images are read and how they are matched, as of a run. Raises
+    UsageError and InputError where the log cannot be read, or too few of its images could be matched.
     """
     read, given, source, size = _plan(log, settings.read)
     settings = replace(settings, read=read)

@@ -116,8 +116,9 @@ def fleet(
     where it was ended. A log that ends its worker is tried again, and put aside with its own log after three attempts.
     """
     from wayside.pipeline.cli.progress import FleetProgress
-    from wayside.pipeline.fleet.running import FleetOptions, run_fleet
+    from wayside.pipeline.fleet.running import run_fleet
     from wayside.pipeline.fleet.sources import expand_sources
+    from wayside.pipeline.fleet.task import FleetOptions
 
     for name, value in given.items():
         if isinstance(value, Path):  # workers may have other working folders
@@ -250,9 +251,8 @@ def changes(
 ) -> None:
     """Compare two surveys: which signs are unchanged, moved, of another face, new, gone, or not covered."""
     from wayside.pipeline.files.settings_file import load_settings
-    from wayside.pipeline.fleet.changes import find_changes
+    from wayside.pipeline.fleet.changes import find_changes, parse_survey
     from wayside.pipeline.fleet.changes_page import write_page
-    from wayside.pipeline.fleet.surveys import parse_survey
 
     chosen, origins = load_settings(file=given["settings"], assignments=given["assignments"] or [])
     if alien := [n for n, o in origins.items() if o == "--set" and not n.startswith("changes.")]:

@@ -279,14 +279,14 @@ def _check_places(logs: Sequence[Path], folders: Sequence[Path], *, overwrite: b
 
 def read_as_log(path: Path) -> Path:
     """What is to be read of a recording; says on stderr where the log of a ROS bag lies. Raises as `readable_log`."""
-    from wayside.pipeline.logs.bags import readable_log
+    from wayside.pipeline.logs.joining import readable_log
 
     return readable_log(path, lambda words: typer.echo(visible(words), err=True))
 
 
 def _standing_log(path: Path) -> Path | None:
     """The result of `read_as_log` if it exists already; None for a bag that is not joined or has a fault."""
-    from wayside.pipeline.logs.bags import joined_log
+    from wayside.pipeline.logs.joining import joined_log
 
     try:
         log = joined_log(path)

@@ -6,93 +6,169 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.evidence.crops import read_images
-from wayside.pipeline.fleet.changes_rows import Row
+from wayside.pipeline.files.json_text import CONTENT_FAULTS
+from wayside.pipeline.fleet.inventory_data import DriveFrames, read_frames, read_signs
 from wayside.pipeline.fleet.manifest import DRIVES
-from wayside.pipeline.fleet.visibility import DriveView
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.results.result import find_log, read_rows, read_run, read_settings
 from wayside.schemas.errors import InputError
+from wayside.schemas.frame import Camera
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.tables import FRAMES
-from wayside.stages.inventory import YEAR_NS, PanelViews, gone_probability, measure_occlusion
+from wayside.stages.georeference import LocalOrigin
+from wayside.stages.inventory import (
+    YEAR_NS,
+    PanelPlaces,
+    PanelViews,
+    PlaceImage,
+    gone_probability,
+    measure_occlusion,
+    views_of,
+)
 
 VIEWS = 3
 """A place was in view if a panel there would show in so many images, one more than make a landmark."""
+SEEN_SHARE = 0.75
+"""Share of a drive's panels first measured at the visible height, or less: its own detection range."""
+FEWEST_SIGNS = 5
+"""A drive with fewer panels takes `VISIBLE_PX` (estimate)."""
+VISIBLE_PX = 25.0
+"""Height of a visible face, where the drive does not tell: nearly all of it are found on rendered drives."""
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Row = dict[str, Any]
 Side = Literal["before", "after"]
-_OTHER: dict[Side, Side] = {"before": "after", "after": "before"}
+SIDES: tuple[Side, Side] = ("before", "after")
+
+
+@dataclass(frozen=True, slots=True)
+class DriveView:
+    """A drive that can say what it had in view."""
+
+    name: str
+    """Folder of the result."""
+    frames: DriveFrames
+    camera: Camera
+    smallest_px: float
+    """Height of a face from which on it measures them."""
+
+    def views(
+        self, places: PanelPlaces, origin: LocalOrigin, offset_m: Floats, settings: ChangeSettings
+    ) -> tuple[Ints, PanelViews]:
+        """Rows of its frames near places about an origin, and what these show.
+
+        offset_m (3,): error of the drive's positions there.
+        """
+        centre = self.centres(origin, offset_m, slice(None))
+        low, high = places.position[:, :2].min(axis=0), places.position[:, :2].max(axis=0)
+        low, high = low - settings.farthest_m, high + settings.farthest_m
+        rows = np.flatnonzero(((centre[:, :2] > low) & (centre[:, :2] < high)).all(axis=1))
+        turned = self.frames.rotation[rows]
+        return rows, views_of(places, centre[rows], turned, self.camera, self.smallest_px)
+
+    def centres(self, origin: LocalOrigin, offset_m: Floats, rows: Ints | slice) -> Floats:
+        """Positions of its cameras about an origin, (k, 3)."""
+        return np.asarray(origin.topocentric(self.frames.geodetic[rows]) - offset_m, np.float64)
+
+
+def read_view(folder: Path) -> DriveView | None:
+    """The cameras of a drive; None where its result does not hold their places, headings and calibration.
+
+    Raises InputError where the folder is no result, or damaged.
+    """
+    frames, about = read_frames(folder), read_run(folder).get("camera")
+    if about is None or not len(frames.frame):
+        return None
+    try:
+        camera = Camera(**(about | {"distortion": tuple(about["distortion"])}))
+    except CONTENT_FAULTS as error:
+        raise InputError(
+            f"{folder}: the calibration in run.json cannot be used: {error}. Run the log again."
+        ) from error
+    return DriveView(folder.name, frames, camera, _smallest_px(folder, frames, camera))
+
+
+def _smallest_px(folder: Path, frames: DriveFrames, camera: Camera) -> float:
+    """Height of face from which on the drive measured most of its panels."""
+    signs = read_signs(folder, frames, MergeSettings())
+    if len(signs.table) < FEWEST_SIGNS:
+        return VISIBLE_PX
+    origin = LocalOrigin(float(frames.geodetic[0, 1]), float(frames.geodetic[0, 0]), 0.0)
+    at = np.searchsorted(frames.frame, signs.table["first_frame"].to_numpy())
+    at = np.minimum(at, len(frames.frame) - 1)
+    away = origin.topocentric(signs.geodetic) - origin.topocentric(frames.geodetic)[at]
+    height = camera.fy * signs.sightings.size_m[:, 1] / np.linalg.norm(away, axis=1)
+    return float(np.nanquantile(height, SEEN_SHARE))
 
 
 @dataclass(slots=True)
 class Coverage:
-    """A drive that had a place in view and did not see the panel.
-
-    `rows`: of its frames, in order, that show the place largest. `best`: row of the largest, box (4,) there. `offset_m`
-    (3,): error of the drive there. `time_ns`: of the drive. `hidden`: something nearer stands before the place.
-    """
+    """A drive that had a place in view and did not see the panel."""
 
     drive: str
     side: Side
     time_ns: int
-    rows: Ints
-    best: int
-    box: Floats
     offset_m: Floats
+    """Error of the drive there, (3,)."""
+    rows: Ints
+    """Of its frames, in order, that show the place largest."""
+    best: int
+    """Row of the largest."""
+    box: Floats
+    """The place in that, (4,)."""
     hidden: bool = False
+    """Something nearer stands before the place."""
 
 
 @dataclass(slots=True)
 class Absence:
-    """A panel that one survey saw and the other did not, and the drives that had its place in view.
-
-    `row`: of the table, so far `not_looked_at`. `side`: the survey that saw it, with this confidence, at times_ns.
-    `place` (3,): longitude, latitude, height. `size_m` (2,).
-    """
+    """A panel that one survey saw and the other did not, and the drives that had its place in view."""
 
     row: Row
+    """Of the table, so far `not_looked_at`."""
     side: Side
-    confidence: float
+    """The survey that saw it."""
     times_ns: Sequence[int]
+    """Of the drives that saw it."""
+    confidences: Sequence[float | None]
+    """Of their sightings; the presets of the report state none."""
     place: Floats
+    """Longitude, latitude, height, (3,)."""
     size_m: Floats
+    """Width and height, (2,)."""
     coverages: list[Coverage] = field(default_factory=list)
 
-    def settle(self, settings: MergeSettings, frame_of: Callable[[str, int], int]) -> None:
-        """Fill the row from the coverages: gone or new where a drive of the other survey saw past the place."""
-        row, other = self.row, _OTHER[self.side]
-        for coverage in self.coverages:
-            row[f"{'hidden' if coverage.hidden else 'drives'}_{coverage.side}"] += 1
-        coverages = [coverage for coverage in self.coverages if coverage.side == other]
-        clear = [coverage for coverage in coverages if not coverage.hidden]
-        if coverages:
-            shown = max(
-                clear or coverages, key=lambda coverage: float(coverage.box[3] - coverage.box[1])
-            )
-            frame = frame_of(shown.drive, shown.best)
+    def settled(self, settings: MergeSettings, view_of: Callable[[str], DriveView | None]) -> Row:
+        """The row, filled from the coverages: gone or new where a drive of the other survey saw past the place."""
+        row, other = self.row, SIDES[self.side == "before"]
+        for one in self.coverages:
+            row[f"{'hidden' if one.hidden else 'drives'}_{one.side}"] += 1
+        looked = [one for one in self.coverages if one.side == other]
+        clear = [one for one in looked if not one.hidden]
+        if looked:
+            shown = max(clear or looked, key=lambda one: float(one.box[3] - one.box[1]))
+            view = view_of(shown.drive)
+            frame = -1 if view is None else int(view.frames.frame[shown.best])
             row |= {f"drive_{other}": shown.drive, f"frame_{other}": frame}
             row[f"box_{other}"] = shown.box.tolist()
-        if not clear:
-            return
-        row["change"] = "gone" if self.side == "before" else "new"
-        between = min(abs(coverage.time_ns - time) for coverage in clear for time in self.times_ns)
-        misses = row[f"drives_{self.side}"] - row[f"seen_{self.side}"]
-        row["probability"] = float(
-            gone_probability(
-                np.array([self.confidence]),
-                np.array([between / YEAR_NS]),
-                np.array([len(clear)]),
-                np.array([misses]),
-                settings,
-            )[0]
-        )
+        if clear:
+            row["change"] = "gone" if self.side == "before" else "new"
+            between = min(abs(one.time_ns - time) for one in clear for time in self.times_ns)
+            misses = row[f"drives_{self.side}"] - row[f"seen_{self.side}"]
+            # that at least one of the sightings is right
+            wrong = [1.0 if one is None else 1 - one for one in self.confidences]
+            confidence = float(1 - np.prod(wrong))
+            row["probability"] = gone_probability(
+                confidence, between / YEAR_NS, len(clear), misses, settings
+            )
+        return row
 
 
 def coverage_of(
@@ -141,37 +217,38 @@ def _mark_hidden_of_drive(
 ) -> None:
     """Read the images of one drive once, each kept as long as a coverage needs it."""
     waiting = sorted(coverages, key=lambda one: int(one[1].rows[-1]))
-    row_of = {
-        int(view.frames.frame[row]): int(row) for _, coverage in coverages for row in coverage.rows
-    }
+    row_of = {int(view.frames.frame[row]): int(row) for _, one in coverages for row in one.rows}
     run = read_run(folder)
-    times = {
-        row["frame"]: row["log_time_ns"]
-        for row in read_rows(folder, FRAMES, ("frame", "log_time_ns"))
-    }
+    frames = read_rows(folder, FRAMES, ("frame", "log_time_ns"))
+    times = {row["frame"]: row["log_time_ns"] for row in frames}
     log, read = find_log(run, None), read_settings(folder, run)
     kept: dict[int, NDArray[np.uint8]] = {}
     for image in read_images(log, read, row_of.keys(), times, ReadReport()):
         row = row_of[image.frame.index]
         if image.grey is not None:
             kept[row] = image.grey
-        done = 0
-        for absence, coverage in waiting:
-            if coverage.rows[-1] > row:
-                break
-            rows = np.array([r for r in coverage.rows.tolist() if r in kept], np.int64)
-            grey = [kept[r] for r in rows.tolist()]
-            images = view.place_images(absence.place, coverage.offset_m, rows, grey)
+        while waiting and waiting[0][1].rows[-1] <= row:
+            absence, coverage = waiting.pop(0)
+            images = _images_of(absence, coverage, view, kept)
             width, height = absence.size_m.tolist()
             past, hidden = measure_occlusion(images, view.camera, (width, height), settings)
             coverage.hidden = hidden > 0 and hidden >= past
-            done += 1
-        del waiting[:done]
-        first = min((int(coverage.rows[0]) for _, coverage in waiting), default=row + 1)
-        for old in [r for r in kept if r < first]:
-            del kept[old]
+        first = min((int(one.rows[0]) for _, one in waiting), default=row + 1)
+        kept = {old: grey for old, grey in kept.items() if old >= first}
     if waiting:
         last = int(view.frames.frame[waiting[-1][1].rows[-1]])
         raise InputError(
             f"{log}: the log ends before image {last}: it is shorter than it was at the run"
         )
+
+
+def _images_of(
+    absence: Absence, coverage: Coverage, view: DriveView, kept: dict[int, NDArray[np.uint8]]
+) -> list[PlaceImage]:
+    """The images of a coverage that were decoded, relative to the place."""
+    rows = np.array([row for row in coverage.rows.tolist() if row in kept], np.int64)
+    lon, lat, up = absence.place.tolist()
+    centre = view.centres(LocalOrigin(lat, lon, up), coverage.offset_m, rows)
+    turned = view.frames.rotation[rows]
+    grey = [kept[row] for row in rows.tolist()]
+    return [PlaceImage(*one) for one in zip(grey, turned, centre, strict=True)]

@@ -14,16 +14,16 @@ from wayside.pipeline.files.file_marks import is_marked
 from wayside.pipeline.files.input_files import read_parquet
 from wayside.pipeline.files.webp import data_address, encode_webp
 from wayside.pipeline.files.writing import write_file
+from wayside.pipeline.fleet.absence import SIDES, Row
 from wayside.pipeline.fleet.manifest import DRIVES
 from wayside.pipeline.pages import render_page
 from wayside.schemas.errors import InputError
 from wayside.schemas.inventory_tables import CHANGES, CHANGES_OF_PANELS
 from wayside.schemas.labels import Box
 
-Row = dict[str, Any]
 QUIET = ("unchanged", "not_looked_at")
 """Changes that a page shows only where all are asked for, or where something hides the place."""
-_SIDES = "before", "after"
+_KINDS = list(CHANGES_OF_PANELS)
 _SIZE = 480, 360
 _MARK = "wayside changes"
 
@@ -48,25 +48,9 @@ def write_page(
 ) -> Page:
     """Write `changes.parquet` of an inventory as a page, with images from the logs of its drives.
 
-    Parameters
-    ----------
-    inventory, file
-        The folder, and the page to write.
-    names
-        Of the surveys before and after.
-    every
-        Show unchanged panels, and those not looked at that nothing hides, as well.
-    overwrite
-        Replace whatever stands there; else only such a page.
-    watch
-        Called with the number of drives done and to do.
-
-    Raises
-    ------
-    InputError
-        There is no comparison, or it is damaged.
-    OutputError
-        The page cannot be written, or something else stands there.
+    names: of the surveys before and after. every: show unchanged panels, and those not looked at that nothing hides, as
+    well. overwrite: replace whatever stands there; else only such a page. watch: called with the number of drives done
+    and to do. Raises InputError where there is no comparison, or it is damaged, and OutputError.
     """
     table = inventory / CHANGES.file
     if not table.is_file():
@@ -80,92 +64,65 @@ def write_page(
     rows.sort(key=_order)
     images, faults = _images(inventory, rows, watch)
     counts = Counter(row["change"] for row in everything)
-    kinds = list(CHANGES_OF_PANELS)
-    shown = [kind for kind in kinds if any(row["change"] == kind for row in rows)]
     page = render_page(
         "changes.html",
         _MARK,
         names=names,
-        counts={kind: counts[kind] for kind in kinds},
-        shown=shown,
+        counts={kind: counts[kind] for kind in _KINDS},
+        shown=[kind for kind in _KINDS if any(row["change"] == kind for row in rows)],
         cards=[
-            _card(row, names, [images.get((number, side)) for side in _SIDES])
-            for number, row in enumerate(rows)
+            (row, [_figure(row, side, images.get((k, side))) for side in SIDES])
+            for k, row in enumerate(rows)
         ],
     )
     write_file(file, page.encode(), is_own=lambda path: is_marked(path, _MARK), overwrite=overwrite)
-    wanted = sum(row[f"drive_{side}"] is not None for row in rows for side in _SIDES)
+    wanted = sum(row[f"drive_{side}"] is not None for row in rows for side in SIDES)
     return Page(len(rows), wanted - len(images), tuple(faults))
 
 
 def _order(row: Row) -> tuple[int, float, str, str]:
     """By kind of change, the surest first."""
     names = row["panel_before"] or "", row["panel_after"] or ""
-    return list(CHANGES_OF_PANELS).index(row["change"]), -(row["probability"] or 0.0), *names
+    return _KINDS.index(row["change"]), -(row["probability"] or 0.0), *names
 
 
 def _images(
     inventory: Path, rows: list[Row], watch: Callable[[int, int], None]
-) -> tuple[dict[tuple[int, str], bytes], list[str]]:
-    """WebP images by row and side; faults of the logs that give none, in words."""
+) -> tuple[dict[tuple[int, str], str], list[str]]:
+    """Addresses of WebP images by row and side; faults of the logs that give none, in words."""
     wanted: defaultdict[str, list[tuple[tuple[int, str], int, Box]]] = defaultdict(list)
     for number, row in enumerate(rows):
-        for side in _SIDES:
+        for side in SIDES:
             if row[f"drive_{side}"] is not None:
                 box = tuple(row[f"box_{side}"])
                 wanted[row[f"drive_{side}"]].append(((number, side), row[f"frame_{side}"], box))
-    images: dict[tuple[int, str], bytes] = {}
+    images: dict[tuple[int, str], str] = {}
     faults = []
     for done, (drive, boxes) in enumerate(sorted(wanted.items())):
         watch(done, len(wanted))
         try:
-            for key, crop in read_crops(
-                inventory / DRIVES / drive, None, boxes, _SIZE[0] / _SIZE[1]
-            ):
+            crops = read_crops(inventory / DRIVES / drive, None, boxes, _SIZE[0] / _SIZE[1])
+            for key, crop in crops:
                 if crop is not None:
-                    images[key] = encode_webp(draw_crop(crop, _SIZE))
+                    images[key] = data_address(encode_webp(draw_crop(crop, _SIZE)))
         except InputError as error:
             faults.append(str(error))
     watch(len(wanted), len(wanted))
     return images, faults
 
 
-def _card(row: Row, names: tuple[str, str], images: list[bytes | None]) -> dict[str, Any]:
-    name = row["panel_before"] or row["panel_after"]
-    facts = [f"{row['lat_deg']:.6f}°, {row['lon_deg']:.6f}°"]
-    if row["probability"] is not None:
-        facts.insert(0, f"probability {row['probability']:.2f}")
-    if row["distance_m"] is not None:
-        facts.append(f"moved {row['distance_m']:.1f} m")
-    if row["route"] is not None and row["measure"] is not None:
-        facts.append(f"{row['route']} {row['measure']:.3f} {row['measure_unit']}")
-    return {
-        "change": row["change"],
-        "name": name,
-        "facts": facts,
-        "figures": [_figure(row, *of) for of in zip(_SIDES, names, images, strict=True)],
-    }
-
-
-def _figure(row: Row, side: str, survey: str, image: bytes | None) -> dict[str, Any]:
+def _figure(row: Row, side: str, source: str | None) -> dict[str, Any]:
     """The image of one survey; where nothing was seen, the place."""
-    seen, looked, hidden = (row[f"{count}_{side}"] for count in ("seen", "drives", "hidden"))
-    if not looked:
+    of = {name: row[f"{name}_{side}"] for name in ("seen", "drives", "hidden", "drive", "frame")}
+    if not of["drives"]:
         face = "not looked at"
-        by = f"hidden from {hidden} drives" if hidden else "not in view of any drive"
+        by = f"hidden from {of['hidden']} drives" if of["hidden"] else "not in view of any drive"
     else:
-        face = (
-            appearance_of(row[f"color_{side}"], row[f"shape_{side}"]) if seen else "no panel found"
-        )
-        of = "" if row["change"] in ("unchanged", "changed_face") else f" of {looked}"
-        by = f"seen by {seen}{of} drives" + (f", hidden from {hidden}" if hidden else "")
-    where = (
-        ""
-        if row[f"drive_{side}"] is None
-        else f", {row[f'drive_{side}']} frame {row[f'frame_{side}']}"
-    )
-    return {
-        "face": face,
-        "caption": f"{survey}: {face}; {by}{where}",
-        "source": None if image is None else data_address(image),
-    }
+        appearance = appearance_of(row[f"color_{side}"], row[f"shape_{side}"])
+        face = appearance if of["seen"] else "no panel found"
+        looked = "" if row["change"] in ("unchanged", "changed_face") else f" of {of['drives']}"
+        hidden = f", hidden from {of['hidden']}" if of["hidden"] else ""
+        by = f"seen by {of['seen']}{looked} drives{hidden}"
+    if of["drive"] is not None:
+        by += f", {of['drive']} frame {of['frame']}"
+    return {"face": face, "words": f"{face}; {by}", "source": source}

@@ -12,20 +12,25 @@ import signal
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, suppress
+from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, Protocol
 
-from wayside.pipeline.fleet.task import Outcome, Task
+from wayside.pipeline.fleet.manifest import Entry
+from wayside.pipeline.fleet.task import Task
 from wayside.pipeline.running.process import interrupt_on_signals
-from wayside.schemas.errors import OutputError, UsageError
+from wayside.schemas.errors import OutputError, UsageError, WaysideError
 
-Run = Callable[[Task], Outcome]
+Run = Callable[[Task], Entry]
 LOCAL = "local"
 _PATIENCE_S, _CONNECT_S = 10.0, 30
+
+
+class WorkerDeathError(WaysideError):
+    """How the worker of a task died, in words."""
 
 
 class Engine(Protocol):
@@ -34,84 +39,97 @@ class Engine(Protocol):
     def places(self) -> int:
         """How many tasks it takes at a time, now."""
 
-    def submit(self, task: Task) -> Future[Outcome]:
+    def submit(self, task: Task) -> Future[Entry]:
         """Begin a task; to be called while fewer than `places` are under way."""
 
-    def death(self, future: Future[Outcome]) -> str | None:
-        """How the worker of a future that is done died, in words; None: it did not."""
+    def result(self, future: Future[Entry]) -> Entry:
+        """What became of the task of a future that is done; raises WorkerDeathError where its worker died."""
 
 
 class ProcessEngine(AbstractContextManager["ProcessEngine"]):
     """Worker processes on this machine, each for many tasks one after the other; a dead one is replaced.
 
-    Each is a pool of its own, as a pool breaks as a whole where one of its processes dies.
-
-    Parameters
-    ----------
-    run
-        A function that another process can import.
-    jobs
-        Processes side by side.
+    run: a function that another process can import. jobs: processes side by side.
     """
 
     def __init__(self, run: Run, jobs: int) -> None:
         self._run, self._jobs = run, jobs
-        self._pools: dict[ProcessPoolExecutor, tuple[set[BaseProcess], Future[Outcome]]] = {}
+        self._threads = ThreadPoolExecutor(jobs)
+        self.workers: dict[BaseProcess, Connection] = {}
+        self._idle: list[BaseProcess] = []
 
     def places(self) -> int:
         """As of `Engine`."""
         return self._jobs
 
-    def submit(self, task: Task) -> Future[Outcome]:
+    def submit(self, task: Task) -> Future[Entry]:
         """As of `Engine`; a worker is started where none waits."""
-        for pool in [pool for pool, (_, last) in self._pools.items() if last.done()]:
-            processes, _ = self._pools.pop(pool)
-            with suppress(BrokenProcessPool):
-                self._pools[pool] = processes, pool.submit(self._run, task)
-                return self._pools[pool][1]
-        others = set(multiprocessing.active_children())
-        # nothing of this process is shared
-        pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _prepare)
-        future = pool.submit(self._run, task)
-        self._pools[pool] = set(multiprocessing.active_children()) - others, future
-        return future
+        worker = self._idle.pop() if self._idle else self._start()
+        return self._threads.submit(self._ask, worker, task)
 
-    def death(self, future: Future[Outcome]) -> str | None:
+    def result(self, future: Future[Entry]) -> Entry:
         """As of `Engine`."""
-        error = future.exception()
+        return future.result()
+
+    def _start(self) -> BaseProcess:
+        context = multiprocessing.get_context("spawn")  # nothing of this process is shared
+        ours, theirs = context.Pipe()
+        worker = context.Process(target=_serve, args=(self._run, theirs))
+        worker.start()
+        theirs.close()
+        self.workers[worker] = ours
+        return worker
+
+    def _ask(self, worker: BaseProcess, task: Task) -> Entry:
+        """Let a worker carry a task out, and wait for it."""
+        try:
+            self.workers[worker].send(task)
+            outcome, error = self.workers[worker].recv()
+        except (EOFError, OSError) as end:
+            worker.join()
+            del self.workers[worker]
+            raise WorkerDeathError(_death(worker.exitcode)) from end
+        self._idle.append(worker)
         if isinstance(error, KeyboardInterrupt):
-            return "its worker was asked to end"
-        if not isinstance(error, BrokenProcessPool):
-            return None
-        pool = next(pool for pool, (_, last) in self._pools.items() if last is future)
-        processes, _ = self._pools.pop(pool)
-        pool.shutdown()  # it waits for the process; two threads that do are not both told how it ended
-        code = next((process.exitcode for process in processes), None)
-        if code is None or code >= 0:
-            return (
-                "its worker died" if code is None else f"its worker ended with exit status {code}"
-            )
-        with suppress(ValueError):
-            return f"its worker was ended by {signal.Signals(-code).name}"
-        return f"its worker was ended by signal {-code}"
+            raise WorkerDeathError("its worker was asked to end")
+        if error is not None:
+            raise error
+        entry: Entry = outcome
+        return entry
 
     def __exit__(self, *_: object) -> None:
         """Ask all workers to end, and wait until they have."""
-        busy = {last: processes for processes, last in self._pools.values() if not last.done()}
-        for process in (one for processes in busy.values() for one in processes):
-            process.terminate()
-        for future in wait(busy, _PATIENCE_S).not_done:
-            for process in busy[future]:
-                process.kill()
-        for pool in self._pools:
-            pool.shutdown()
+        late = time.monotonic() + _PATIENCE_S
+        for worker in (workers := list(self.workers)):
+            worker.terminate()
+        for worker in workers:
+            worker.join(max(late - time.monotonic(), 0))
+            worker.kill()
+        self._threads.shutdown()
 
 
-def _prepare() -> None:
-    """Make a new worker process end as the fleet wants it to."""
+def _death(code: int | None) -> str:
+    """How a process ended, in words, by its exit code."""
+    if code is None or code >= 0:
+        return f"its worker ended with exit status {code}"
+    with suppress(ValueError):
+        return f"its worker was ended by {signal.Signals(-code).name}"
+    return f"its worker was ended by signal {-code}"
+
+
+def _serve(run: Run, tasks: Connection) -> None:
+    """Carry out the tasks that come through a pipe, until it is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that gave the tasks
     interrupt_on_signals()
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    with suppress(EOFError, KeyboardInterrupt):
+        while True:
+            task = tasks.recv()
+            try:
+                answer: tuple[Any, BaseException | None] = run(task), None
+            except BaseException as error:
+                answer = None, error
+            tasks.send(answer)
 
 
 def _end_with_parent() -> None:
@@ -121,29 +139,16 @@ def _end_with_parent() -> None:
         multiprocessing.connection.wait([parent.sentinel])
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(_PATIENCE_S)
-        os._exit(1)  # a worker of a pool would wait for its next task for ever
+        os._exit(1)
 
 
 class DaskEngine(AbstractContextManager["DaskEngine"]):
-    """Tasks on the workers of a Dask scheduler.
+    """Tasks on the workers of a Dask scheduler, an address such as `tcp://host:8786`.
 
-    Parameters
-    ----------
-    run
-        A function that the workers can import.
-    scheduler
-        Address such as `tcp://host:8786`, or `local`: workers on this machine that listen on the loopback address.
-    jobs
-        Workers of `local`; of another scheduler at most so many tasks at a time, None: one for each of its threads.
-    shared
-        A file that all workers must see where it is.
-
-    Raises
-    ------
-    UsageError
-        Dask distributed is not installed, or there is no scheduler with workers at that address.
-    OutputError
-        A worker does not see the shared file.
+    With `local` they are workers on this machine that listen on the loopback address. jobs: workers of `local`; of
+    another scheduler at most so many tasks at a time, None: one for each of its threads. Raises UsageError where there
+    is no Dask distributed, or no scheduler with workers at that address, and OutputError where a worker does not see
+    the file shared.
     """
 
     def __init__(self, run: Run, scheduler: str, jobs: int | None, shared: Path) -> None:
@@ -183,17 +188,19 @@ class DaskEngine(AbstractContextManager["DaskEngine"]):
         threads: int = sum(self._client.nthreads().values())
         return threads if self._jobs is None else min(threads, self._jobs)
 
-    def submit(self, task: Task) -> Future[Outcome]:
+    def submit(self, task: Task) -> Future[Entry]:
         """As of `Engine`."""
-        future: Future[Outcome] = self._executor.submit(self._run, task)
+        future: Future[Entry] = self._executor.submit(self._run, task)
         return future
 
-    def death(self, future: Future[Outcome]) -> str | None:
+    def result(self, future: Future[Entry]) -> Entry:
         """As of `Engine`. Dask gives a task to another worker by itself; it ends here when it has done so too often."""
         if future.cancelled():
-            return "its workers died: the scheduler lost it"
-        error = future.exception()
-        return f"its workers died: {error}" if isinstance(error, self._dask.KilledWorker) else None
+            raise WorkerDeathError("its workers died: the scheduler lost it")
+        try:
+            return future.result()
+        except self._dask.KilledWorker as error:
+            raise WorkerDeathError(f"its workers died: {error}") from error
 
     def __exit__(self, *_: object) -> None:
         """Take back what has not begun; what runs on another machine goes to its end."""

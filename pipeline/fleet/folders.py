@@ -1,47 +1,84 @@
-"""Folders of the merged tables of an inventory. They replace the earlier ones together, whenever the process ends.
+"""An inventory on disk: its lock, and the merged tables, which replace the earlier ones together.
 
-They are written into a scratch folder. From the moment when it is renamed, the new tables count. They are then moved
-into place, which the next `open_inventory` continues after an interruption.
+The tables are written into a scratch folder. From the moment when it is renamed, the new ones count. They are then
+moved into place, which the next `open_inventory` continues after an interruption.
 """
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict, fields
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from wayside.pipeline.files.input_files import read_parquet
 from wayside.pipeline.files.output_folder import finish_under_lock
-from wayside.pipeline.files.writing import not_written, refuse, sync
+from wayside.pipeline.files.writing import give_back, not_written, refuse, sync, take_lock
 from wayside.pipeline.fleet.manifest import MANIFEST, Manifest, read_manifest
-from wayside.schemas.errors import InputError
+from wayside.schemas.errors import InputError, OutputError
+from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
+from wayside.schemas.settings import ChangeSettings, MergeSettings
+from wayside.schemas.tables import Table
 
-LOCK = ".wayside-fleet-lock"
+MERGED = (PANELS.name, SUPPORTS.name, SIGHTINGS.name)
+"""Folders of an inventory that a merging writes."""
 CELL = "cell="
 """What the names of the folders of a table begin with; a quadkey follows."""
+_ABOUT = b"wayside"
+_LOCK = ".wayside-fleet-lock"
 _PART, _DONE = ".wayside-merge-part", ".wayside-merge-done"
 
 
 @contextmanager
-def replaced_folders(inventory: Path, names: tuple[str, ...]) -> Iterator[Path]:
-    """A scratch folder with empty folders of the names; they replace those of the inventory if the block ends well.
+def locked_inventory(inventory: Path) -> Iterator[None]:
+    """One fleet at a time in a block; the folder is made where it is missing. Raises OutputError."""
+    try:
+        inventory.mkdir(parents=True, exist_ok=True)
+        lock = take_lock(inventory / _LOCK)
+    except OSError as error:
+        raise not_written(inventory, error, "the inventory") from error
+    if lock is None:
+        raise OutputError(
+            f"{inventory}: another fleet is writing an inventory here. Wait until it is done (`wayside fleet status "
+            f"{inventory}`), or choose another folder with -o."
+        )
+    try:
+        yield
+    finally:
+        give_back(lock)
 
-    Raises
-    ------
-    OutputError
-        They cannot be written, or something stands there that no merging wrote.
+
+def is_under_way(inventory: Path) -> bool:
+    """Whether a fleet writes to an inventory now."""
+    if not (inventory / _LOCK).exists():
+        return False
+    try:
+        lock = take_lock(inventory / _LOCK)
+    except OSError:  # not ours to write: nobody here can tell
+        return False
+    if lock is not None:
+        lock.release()
+    return lock is None
+
+
+@contextmanager
+def replaced_tables(inventory: Path) -> Iterator[Path]:
+    """A scratch folder with empty folders of the merged tables; they replace the others if the block ends well.
+
+    Raises OutputError where they cannot be written, or something stands there that no merging wrote.
     """
     part = inventory / _PART
     try:
         inventory.mkdir(parents=True, exist_ok=True)
         _move_into_place(inventory)
-        for name in names:
-            _require_own(inventory / name)
         shutil.rmtree(part, ignore_errors=True)
-        for name in names:
+        for name in MERGED:
+            _require_own(inventory / name)
             (part / name).mkdir(parents=True)
         yield part
         for folder in sorted(part.rglob("*")):
@@ -58,22 +95,49 @@ def replaced_folders(inventory: Path, names: tuple[str, ...]) -> Iterator[Path]:
 def open_inventory(inventory: Path, *, by_fleet: bool = True) -> Manifest:
     """Make an inventory whole, if a merging was killed when it moved its tables to their place, to read it.
 
-    Parameters
-    ----------
-    inventory
-        The folder.
-    by_fleet
-        Whether only a fleet's will do; else one that was merged without has an empty manifest.
-
-    Raises
-    ------
-    InputError
-        It is no inventory, its manifest is damaged, or the tables cannot be moved.
+    by_fleet: whether only a fleet's will do; else one that was merged without has an empty manifest. Raises InputError
+    where it is no inventory, its manifest is damaged, or the tables cannot be moved.
     """
-    finish_under_lock(inventory, _DONE, LOCK, _move_into_place)
+    finish_under_lock(inventory, _DONE, _LOCK, _move_into_place)
     if by_fleet or (inventory / MANIFEST).exists():
         return read_manifest(inventory)
     return Manifest()
+
+
+def is_merged(inventory: Path) -> bool:
+    """Whether all merged tables are there."""
+    return all((inventory / name).is_dir() for name in MERGED)
+
+
+def merged_parts(inventory: Path, name: str) -> list[Path]:
+    """The files of a merged table, one a cell, in order."""
+    return sorted((inventory / name).glob(f"{CELL}*/part-0.parquet"))
+
+
+def read_part(part: Path, columns: Sequence[str]) -> pa.Table:
+    """Columns of one file of a merged table; raises InputError where it is damaged, or lacks a column."""
+    try:
+        return read_parquet(part, columns)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise InputError(
+            f"{part} cannot be read: {error}; it is damaged or of an earlier version: remove {part.parent.parent} and "
+            "run the fleet once more, which merges its drives again"
+        ) from error
+
+
+def schema_with_settings(table: Table, **groups: MergeSettings | ChangeSettings) -> pa.Schema:
+    """The schema of a table with groups of settings, by name, in its metadata under the key `wayside`."""
+    about = json.loads((table.schema.metadata or {})[_ABOUT])
+    about["settings"] = {name: asdict(group) for name, group in groups.items()}
+    return table.schema.with_metadata({_ABOUT: json.dumps(about).encode()})
+
+
+def merge_settings_of(part: Path) -> MergeSettings:
+    """The settings that a part was merged with, defaults where an earlier version did not say; raises OSError."""
+    about = json.loads((pq.read_schema(part).metadata or {}).get(_ABOUT, b"{}"))
+    said = about.get("settings", {}).get("merge", {})
+    known = {each.name for each in fields(MergeSettings)}
+    return MergeSettings(**{name: value for name, value in said.items() if name in known})
 
 
 def _move_into_place(inventory: Path) -> None:
@@ -95,32 +159,8 @@ def _require_own(folder: Path) -> None:
     if not folder.exists() and not folder.is_symlink():
         return
     own = folder.is_dir() and not folder.is_symlink()
-    if own:
-        own = all(
-            path.name == "part-0.parquet" or (path.is_dir() and path.name.startswith(CELL))
-            for path in folder.rglob("*")
-        )
-    if not own:
+    if not own or not all(
+        path.name == "part-0.parquet" or (path.is_dir() and path.name.startswith(CELL))
+        for path in folder.rglob("*")
+    ):
         raise refuse(folder, "something that is not a table of an inventory")
-
-
-def merged_parts(inventory: Path, name: str) -> list[Path]:
-    """The files of a merged table, one a cell, in order."""
-    return sorted((inventory / name).glob(f"{CELL}*/part-0.parquet"))
-
-
-def read_part(part: Path, columns: Sequence[str]) -> pa.Table:
-    """Columns of one file of a merged table.
-
-    Raises
-    ------
-    InputError
-        It is damaged, or lacks a column.
-    """
-    try:
-        return read_parquet(part, columns)
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise InputError(
-            f"{part} cannot be read: {error}; it is damaged or of an earlier version: remove {part.parent.parent} and "
-            "run the fleet once more, which merges its drives again"
-        ) from error

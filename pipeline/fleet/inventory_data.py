@@ -31,68 +31,61 @@ METRES_PER_DEGREE = 111_320.0
 _SIGNS = (
     "sign_id", "assembly_id", "status", "confidence", "color", "shape", "covariance", "station_m", "up_m",
     "panel_width_m", "panel_height_m", "sigma_width_m", "sigma_height_m", "facing_deg", "lon_deg", "lat_deg", "alt_m",
-    "sigma_east_m", "sigma_north_m", "sigma_alt_m", "best_frame", "best_time_ns", "best_box", "right_m", "down_m",
-    "ahead_m", "first_frame", "route", "measure",
+    "sigma_east_m", "sigma_north_m", "sigma_alt_m", "best_frame", "best_time_ns", "best_box",
+    "first_frame", "route", "measure",
     "measure_unit", "mutcd", "vienna",
 )  # fmt: skip
-_FRAMES = ("frame", "log_time_ns", "header_time_ns", "station_m", "qx", "qy", "qz", "qw",
-           "lon_deg", "lat_deg", "alt_m", "heading_deg")  # fmt: skip
+_PLACE = ("lon_deg", "lat_deg", "alt_m")
+_FRAMES = ("frame", "log_time_ns", "header_time_ns", "qx", "qy", "qz", "qw", *_PLACE, "heading_deg")
 _SYMMETRIC = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])
 _SHORTEST_STEP_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class DriveFrames:
-    """Cameras of a drive with a place on WGS 84, in order; k rows.
-
-    `frame` (k,). `time_ns` (k,). `geodetic` (k, 3): longitude, latitude (deg), height (m). `rotation` (k, 3, 3): camera
-    to east, north, up. `turn` (k, 3, 3): world frame to east, north, up. `station_m` (k,). `travel_rad` (k,): compass
-    direction of travel.
-    """
+    """Cameras of a drive with a place on WGS 84, in order; k rows."""
 
     frame: Ints
+    """(k,)."""
     time_ns: Ints
+    """(k,)."""
     geodetic: Floats
+    """Longitude, latitude (deg), height (m), (k, 3)."""
     rotation: Floats
+    """Camera to east, north, up, (k, 3, 3)."""
     turn: Floats
-    station_m: Floats
+    """World frame to east, north, up, (k, 3, 3)."""
     travel_rad: Floats
+    """Compass direction of travel, (k,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class DriveSigns:
-    """The signs of a drive with a place on WGS 84.
-
-    `name`: folder of the result. `table`: rows of `signs.parquet` in order of station, with those that older results
-    lack. `geodetic` (n, 3). `sightings`: with positions still zero, `drive` 0. `cell` (n, 2): x, y of the tile.
-    """
+    """The signs of a drive with a place on WGS 84; n rows, in order of station."""
 
     name: str
+    """Folder of the result."""
     table: pa.Table
+    """Rows of `signs.parquet`."""
     geodetic: Floats
+    """As of `DriveFrames`, (n, 3)."""
     sightings: Sightings
+    """With positions still zero, `drive` 0."""
     cell: Ints
+    """Tile x, y, (n, 2)."""
 
 
 def read_frames(folder: Path) -> DriveFrames:
     """Where the cameras of a drive stood and looked; no rows without fixes, or if an earlier version wrote the result.
 
-    Raises
-    ------
-    InputError
-        The folder is no result folder, or damaged.
+    Raises InputError where the folder is no result folder, or damaged.
     """
     table = read_table(folder, FRAMES, _FRAMES)
     table = table.filter(pc.is_valid(table["heading_deg"]))
-    columns = {
-        name: _numbers(table, name)
-        for name in _FRAMES
-        if name not in ("frame", "log_time_ns", "header_time_ns")
-    }
-    geodetic = np.column_stack([columns[n] for n in ("lon_deg", "lat_deg", "alt_m")])
-    quaternions = np.column_stack([columns[n] for n in ("qx", "qy", "qz", "qw")])
+    geodetic, heading = _matrix(table, *_PLACE), _matrix(table, "heading_deg")[:, 0]
+    quaternions = _matrix(table, "qx", "qy", "qz", "qw")
     world = Rotation.from_quat(quaternions).as_matrix() if len(table) else np.zeros((0, 3, 3))
-    turn = _turns(world, columns["heading_deg"])
+    turn = _turns(world, heading)
     time = pc.coalesce(table["header_time_ns"], table["log_time_ns"])
     return DriveFrames(
         np.asarray(table["frame"], np.int64),
@@ -100,55 +93,42 @@ def read_frames(folder: Path) -> DriveFrames:
         geodetic,
         turn @ world,
         turn,
-        columns["station_m"],
-        _travel(geodetic, columns["heading_deg"]),
+        _travel(geodetic, heading),
     )
 
 
 def read_tiles(folder: Path, settings: MergeSettings) -> tuple[Ints, int]:
     """Tiles x, y (n, 2) of a drive's signs that have a place on WGS 84, and the number of those without.
 
-    Raises
-    ------
-    InputError
-        The folder is no result folder, or damaged.
+    Raises as `read_frames`.
     """
     table = read_table(folder, SIGNS, ("lon_deg", "lat_deg", "sigma_east_m"))
     placed = table.filter(_is_placed(table))
-    geodetic = np.column_stack([_numbers(placed, n) for n in ("lon_deg", "lat_deg")])
-    return cells(geodetic, settings.cell_zoom), len(table) - len(placed)
+    found = cells(_matrix(placed, "lon_deg", "lat_deg"), settings.cell_zoom)
+    return found, len(table) - len(placed)
 
 
 def read_signs(folder: Path, frames: DriveFrames, settings: MergeSettings) -> DriveSigns:
-    """The signs of a drive that have a place on WGS 84.
-
-    Raises
-    ------
-    InputError
-        The folder is no result folder, or damaged.
-    """
+    """The signs of a drive that have a place on WGS 84. Raises as `read_frames`."""
     table = read_table(folder, SIGNS, _SIGNS)
     table = table.append_column("row", pa.array(np.arange(len(table))))
     table = table.filter(_is_placed(table))
     table = table.sort_by([("station_m", "ascending"), ("row", "ascending")]).combine_chunks()
-    geodetic = np.column_stack([_numbers(table, n) for n in ("lon_deg", "lat_deg", "alt_m")])
+    geodetic = _matrix(table, *_PLACE)
     back = np.asarray(table["status"].cast(pa.string()), object) == "back"
-    at = np.searchsorted(frames.frame, _numbers(table, "best_frame"))
+    best, facing = _matrix(table, "best_frame", "facing_deg").T
+    at = np.searchsorted(frames.frame, best)
     placed = np.flatnonzero(at < len(frames.frame))
     travel, turn = np.full(len(table), np.nan), np.tile(np.eye(3), (len(table), 1, 1))
     travel[placed] = frames.travel_rad[at[placed]]
     turn[placed] = frames.turn[at[placed]]
-    facing = np.radians(_numbers(table, "facing_deg"))
-    six = np.array(
-        [c or [np.nan] * 6 for c in table["covariance"].to_pylist()], np.float64
-    ).reshape(-1, 6)
-    world = np.nan_to_num(six[:, _SYMMETRIC].reshape(-1, 3, 3), nan=0.0)
+    six = [one or [np.nan] * 6 for one in table["covariance"].to_pylist()]
+    world = np.nan_to_num(np.array(six, np.float64).reshape(-1, 6)[:, _SYMMETRIC], nan=0.0)
+    world = world.reshape(-1, 3, 3)
     covariance = turn @ world @ turn.transpose(0, 2, 1) + POSITION_FLOOR_M**2 * np.eye(3)
-    total = (
-        np.column_stack([_numbers(table, f"sigma_{axis}_m") for axis in ("east", "north", "alt")])
-        ** 2
-    )
+    total = np.square(_matrix(table, "sigma_east_m", "sigma_north_m", "sigma_alt_m"))
     shared = np.maximum(total - covariance[:, [0, 1, 2], [0, 1, 2]], COMMON_FLOOR_M**2)
+    assemblies = np.asarray(table["assembly_id"].to_pylist(), dtype=np.str_)
     sightings = Sightings(
         drive=np.zeros(len(table), np.int64),
         row=np.asarray(table["row"], np.int64),
@@ -156,24 +136,17 @@ def read_signs(folder: Path, frames: DriveFrames, settings: MergeSettings) -> Dr
         position=np.zeros((len(table), 3)),
         covariance=covariance,
         common_sigma_m=np.sqrt(np.column_stack([shared[:, :2].mean(axis=1), shared[:, 2]])),
-        assembly=_codes(table, "assembly_id"),
+        assembly=np.unique(assemblies, return_inverse=True)[1].ravel().astype(np.int64),
         color=_class(table, "color", COLORS),
         shape=_class(table, "shape", SHAPES),
         front=~back,
         # the visible side looks against the travel; of a back, the face looks along with it
-        bearing_rad=travel + facing + np.where(back, 0.0, np.pi),
-        size_m=np.column_stack([_numbers(table, f"panel_{n}_m") for n in ("width", "height")]),
-        size_sigma_m=np.column_stack(
-            [_numbers(table, f"sigma_{n}_m") for n in ("width", "height")]
-        ),
+        bearing_rad=travel + np.radians(facing) + np.where(back, 0.0, np.pi),
+        size_m=_matrix(table, "panel_width_m", "panel_height_m"),
+        size_sigma_m=_matrix(table, "sigma_width_m", "sigma_height_m"),
     )
-    return DriveSigns(
-        folder.name,
-        table,
-        geodetic,
-        sightings,
-        cells(geodetic, settings.cell_zoom),
-    )
+    cell = cells(geodetic, settings.cell_zoom)
+    return DriveSigns(folder.name, table, geodetic, sightings, cell)
 
 
 def cells(geodetic: Floats, zoom: int) -> Ints:
@@ -229,9 +202,10 @@ def _travel(geodetic: Floats, heading_deg: Floats) -> Floats:
     return np.where(moved, np.arctan2(step[:, 0], step[:, 1]), np.radians(heading_deg))
 
 
-def _numbers(table: pa.Table, name: str) -> Floats:
-    """A column as numbers, null as nan."""
-    return np.asarray(table[name].cast(pa.float64()).to_numpy(zero_copy_only=False), np.float64)
+def _matrix(table: pa.Table, *names: str) -> Floats:
+    """Columns as numbers (n, names), null as nan."""
+    columns = [table[n].cast(pa.float64()).to_numpy(zero_copy_only=False) for n in names]
+    return np.column_stack(columns).astype(np.float64)
 
 
 def _class(table: pa.Table, name: str, known: tuple[str, ...]) -> Ints:
@@ -239,12 +213,6 @@ def _class(table: pa.Table, name: str, known: tuple[str, ...]) -> Ints:
     codes = {text: code for code, text in enumerate(known)}
     found = [codes.get(str(text), -1) for text in table[name].cast(pa.string()).to_pylist()]
     return np.array(found, np.int64)
-
-
-def _codes(table: pa.Table, name: str) -> Ints:
-    """A number for each text of a column."""
-    texts = np.asarray(table[name].to_pylist(), dtype=np.str_)
-    return np.asarray(np.unique(texts, return_inverse=True)[1], np.int64).ravel()
 
 
 def _is_placed(table: pa.Table) -> pa.BooleanArray:

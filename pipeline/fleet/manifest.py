@@ -1,10 +1,11 @@
-"""`fleet.json`: every log of an inventory, what it is, what became of it."""
+"""`fleet.json`: every log of an inventory, what it is, what became of it, and in which state a fleet begins with it."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, fields, replace
 from importlib.metadata import version
 from itertools import chain, count
@@ -12,14 +13,26 @@ from pathlib import Path
 
 from wayside.pipeline.files.input_files import read_input_text
 from wayside.pipeline.files.json_text import CONTENT_FAULTS, parse_json
+from wayside.pipeline.files.output_folder import finish_replacement
 from wayside.pipeline.files.writing import write_file
-from wayside.pipeline.fleet.sources import folder_name, is_folder_name, source_name
-from wayside.schemas.errors import InputError
+from wayside.pipeline.fleet.sources import (
+    UnreachableError,
+    fingerprint_source,
+    folder_name,
+    is_folder_name,
+    source_name,
+)
+from wayside.pipeline.results.earlier_result import is_finished
+from wayside.pipeline.results.result import read_run
+from wayside.schemas.errors import PARTS_LOST, InputError, OutputError
+from wayside.schemas.tables import SIGNS
 
 MANIFEST, DRIVES, LOGS, QUARANTINE = "fleet.json", "drives", "logs", "quarantine"
 WAITING, RUNNING, DONE, QUARANTINED = "waiting", "running", "done", "quarantined"
 ENDED = (DONE, QUARANTINED)
 STATES = (WAITING, RUNNING, *ENDED)
+_READERS = 8
+"""Logs and results that are looked at side by side: it is waiting for disks and networks, not computing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +91,7 @@ class Manifest:
 
     def done(self) -> list[Entry]:
         """Logs whose results are part of the inventory, by name."""
-        return sorted(
-            (entry for entry in self.logs.values() if entry.state == DONE),
-            key=lambda entry: entry.name,
-        )
+        return [entry for _, entry in sorted(self.logs.items()) if entry.state == DONE]
 
     def results(self) -> str:
         """Digest that says which results are part of the inventory now."""
@@ -90,13 +100,7 @@ class Manifest:
 
 
 def read_manifest(inventory: Path) -> Manifest:
-    """Content of `fleet.json`.
-
-    Raises
-    ------
-    InputError
-        There is none, or it is damaged.
-    """
+    """Content of `fleet.json`; raises InputError where there is none, or it is damaged."""
     file = inventory / MANIFEST
     try:
         content = parse_json(read_input_text(file))
@@ -105,13 +109,14 @@ def read_manifest(inventory: Path) -> Manifest:
             name: Entry(**{k: v for k, v in entry.items() if k in known})
             for name, entry in content["logs"].items()
         }
-        if any(e.state not in STATES or name != e.name for name, e in logs.items()):
-            raise ValueError("a log of an unknown state or another name")
-        if strays := [name for name in logs if not is_folder_name(name)]:
-            raise ValueError(f"the log {strays[0]!r} has no name of a folder in the inventory")
-        told = {k: content[k] for k in ("started", "updated", "where", "merged")}
-        vectors = [str(line) for line in content.get("vectors", ())]
-        return Manifest(logs, **told, merged_by=content.get("merged_by", ""), vectors=vectors)
+        for name, entry in logs.items():
+            if entry.state not in STATES or name != entry.name:
+                raise ValueError("a log of an unknown state or another name")
+            if not is_folder_name(name):
+                raise ValueError(f"the log {name!r} has no name of a folder in the inventory")
+        told = {each.name: content[each.name] for each in fields(Manifest) if each.name in content}
+        vectors = [str(line) for line in told.get("vectors", ())]
+        return Manifest(**told | {"logs": logs, "vectors": vectors})
     except FileNotFoundError as error:
         raise InputError(
             f"{inventory} is no inventory: it has no {MANIFEST}; `wayside fleet LOGS -o {inventory}` makes one"
@@ -131,13 +136,125 @@ def write_manifest(inventory: Path, manifest: Manifest) -> None:
 
 
 def free_name(uri: str, taken: Collection[str]) -> str:
-    """A name for a new log: its stem, else with that of its folder before it, else with a number behind it.
+    """A folder name for a new log: its stem, else with that of its folder before it, else with a number behind it.
 
-    What no file system, terminal or shell takes for anything but a name is kept; a digest ends what is too long.
-
-    taken: names that are in use, `str.casefold` of each, as some file systems do not tell them apart otherwise.
+    taken: names in use, `str.casefold` of each, as some file systems do not tell them apart otherwise.
     """
     stem, parent = source_name(uri)
     first = [stem, f"{parent}_{stem}"] if parent else [stem]
     names = map(folder_name, chain(first, (f"{stem}_{number}" for number in count(2))))
     return next(name for name in names if name.casefold() not in taken)
+
+
+def finished(folder: Path, entry: Entry) -> Entry:
+    """The entry with what `run.json` says of the result in a folder. Raises InputError if it is not a result."""
+    run = read_run(folder)
+    try:
+        counts = run["accounting"]
+        return replace(
+            entry,
+            state=DONE,
+            status=PARTS_LOST if counts["lost"] else 0,
+            seconds=round(float(run["times"]["wall_s"]), 3),
+            images=int(counts["frames_read"]),
+            rows=int(run["files"][SIGNS.file]["rows"]),
+            words="",
+        )
+    except CONTENT_FAULTS as error:
+        raise InputError(
+            f"{folder}: the folder does not hold a result of wayside: {error!r}"
+        ) from error
+
+
+def earlier_logs(inventory: Path) -> tuple[Manifest, list[str]]:
+    """What the inventory holds, and logs that it held before: somebody took their results away."""
+    if not (inventory / MANIFEST).exists():
+        return Manifest(), []
+    manifest = read_manifest(inventory)
+    left = [e.name for e in manifest.done() if not (inventory / DRIVES / e.name).exists()]
+    kept = {name: entry for name, entry in manifest.logs.items() if name not in left}
+    return replace(manifest, logs=kept), left
+
+
+def planned_logs(
+    uris: Sequence[str],
+    earlier: Manifest,
+    key_of: Callable[[str], str],
+    inventory: Path,
+    *,
+    retry: bool,
+    overwrite: bool,
+) -> tuple[dict[str, Entry], list[tuple[str, str]]]:
+    """The given logs by name with the states in which the fleet begins, and those that are copies of others.
+
+    A log is known by its source, or by its content where it has moved. Raises OutputError where the content of logs
+    has changed and their results are not to be replaced.
+    """
+    by_source = {entry.source: entry for entry in earlier.logs.values()}
+    by_content = {e.fingerprint: e for e in earlier.logs.values() if e.fingerprint}
+    taken = {name.casefold() for name in earlier.logs}
+    planned: dict[str, Entry] = {}
+    copies: list[tuple[str, str]] = []
+    changed: list[str] = []
+    with ThreadPoolExecutor(_READERS) as readers:
+        looked = list(zip(uris, readers.map(_looked_at, uris), strict=True))
+        for uri, found in sorted(looked, key=lambda pair: isinstance(pair[1], str)):
+            known = by_source.get(uri)
+            if not isinstance(found, str):
+                if known is not None and known.fingerprint not in ("", found[0]):
+                    changed.append(uri)
+                known = known or by_content.get(found[0])
+            name = free_name(uri, taken) if known is None else known.name
+            if name in planned:
+                copies.append((uri, name))
+                continue
+            taken.add(name.casefold())
+            planned[name] = _begun_with(name, uri, known, found, key_of)
+            by_content[planned[name].fingerprint] = planned[name]
+        if changed and not overwrite:
+            some = ", ".join(changed[:3]) + (", ..." if len(changed) > 3 else "")
+            raise OutputError(
+                f"{len(changed)} of the logs that {inventory} holds have changed: {some}. Give them other names to "
+                "add them, or replace their results with --overwrite."
+            )
+        standing = readers.map(
+            lambda entry: _standing(inventory, entry, earlier.logs.get(entry.name), retry=retry),
+            planned.values(),
+        )
+        return {entry.name: entry for entry in standing}, copies
+
+
+def _looked_at(uri: str) -> tuple[str, int] | str:
+    try:
+        return fingerprint_source(uri)
+    except UnreachableError as error:
+        return str(error)
+
+
+def _begun_with(
+    name: str,
+    uri: str,
+    known: Entry | None,
+    found: tuple[str, int] | str,
+    key_of: Callable[[str], str],
+) -> Entry:
+    """A log as waiting, or in quarantine because it cannot be read (`found`)."""
+    if not isinstance(found, str):
+        return Entry(name, uri, *found, key_of(found[0]))
+    content, size = ("", 0) if known is None else (known.fingerprint, known.bytes)
+    key = key_of(content) if content else None
+    return Entry(name, uri, content, size, key, QUARANTINED, InputError.exit_status, words=found)
+
+
+def _standing(inventory: Path, entry: Entry, known: Entry | None, *, retry: bool) -> Entry:
+    """The entry as done where its result stands, as in quarantine where it was put there, else as it is."""
+    folder = inventory / DRIVES / entry.name
+    finish_replacement(folder)
+    same = known is not None and known.key == entry.key
+    if is_finished(folder, entry.key):
+        if known is not None and same and known.state == DONE:
+            return replace(known, source=entry.source)
+        return finished(folder, entry)
+    if known is not None and same and known.state == QUARANTINED and known.attempts and not retry:
+        return replace(known, source=entry.source) if entry.state == WAITING else entry
+    return entry

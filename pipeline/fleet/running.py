@@ -13,7 +13,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.fleet.engine import DaskEngine, Engine, ProcessEngine
+from wayside.pipeline.fleet.engine import DaskEngine, Engine, ProcessEngine, WorkerDeathError
+from wayside.pipeline.fleet.folders import is_merged, locked_inventory
 from wayside.pipeline.fleet.manifest import (
     DONE,
     DRIVES,
@@ -22,53 +23,22 @@ from wayside.pipeline.fleet.manifest import (
     WAITING,
     Entry,
     Manifest,
+    earlier_logs,
+    planned_logs,
     write_manifest,
 )
-from wayside.pipeline.fleet.merging import MERGED, merge_inventory
-from wayside.pipeline.fleet.planning import earlier_logs, planned_logs
-from wayside.pipeline.fleet.status import locked_inventory
-from wayside.pipeline.fleet.task import (
-    Outcome,
-    Task,
-    begun_attempts,
-    here,
-    note_end,
-    run_task,
-)
+from wayside.pipeline.fleet.merging import merge_inventory
+from wayside.pipeline.fleet.task import FleetOptions, Task, here, run_task
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.running.journal import result_keys
-from wayside.schemas.errors import (
-    InterruptionError,
-    StageError,
-    WaysideError,
-)
+from wayside.schemas.errors import InterruptionError, StageError, WaysideError
 from wayside.schemas.settings import MergeSettings, Settings
 
 _POLL_S, _SAVE_S = 0.5, 2.0
 
 OpenEngine = Callable[[], AbstractContextManager[Engine]]
-UnderWay = dict[Future[Outcome], tuple[Task, int]]
-"""Tasks, each with its attempts before this one."""
 Watch = Callable[[Manifest], None]
 WatchMerging = Callable[[int, int], None]
-
-
-@dataclass(frozen=True, slots=True)
-class FleetOptions:
-    """How a fleet is carried out; nothing here changes a result."""
-
-    jobs: int | None = None
-    """Logs side by side. None: one, or the threads of the scheduler."""
-    scheduler: str | None = None
-    """Address of a Dask scheduler, or `local`. None: processes without Dask."""
-    attempts: int = 3
-    """How often a log is begun before it goes into quarantine."""
-    retry: bool = False
-    """Try the logs in quarantine again."""
-    overwrite: bool = False
-    """Replace results of logs whose content has changed since."""
-    arguments: tuple[str, ...] = ()
-    """The command line, for `run.json`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +57,6 @@ class FleetReport:
     """What was merged, in words. None: nothing has changed since the last time, or no log is done."""
 
 
-class _WorkersError(WaysideError):
-    """Workers end before they begin their tasks."""
-
-
 def run_fleet(
     uris: Sequence[str],
     inventory: Path,
@@ -102,31 +68,11 @@ def run_fleet(
 ) -> FleetReport:
     """Run logs into an inventory, those whose results stand excepted, and merge all results of the inventory.
 
-    Parameters
-    ----------
-    uris
-        As `expand_sources` gives them.
-    inventory
-        The folder; logs that it holds already stay in it.
-    settings, options
-        Of the runs; of the fleet.
-    watch
-        Called every few seconds with the given logs.
-    watch_merging
-        Called with the number of cells merged and to merge.
-    open_engine
-        Another engine than the options name.
-
-    Raises
-    ------
-    UsageError
-        The scheduler or a setting cannot be used.
-    InputError
-        A model file or the manifest of the inventory cannot be used.
-    OutputError
-        The inventory cannot be written, another fleet does so, or the content of logs has changed.
-    InterruptionError
-        Somebody ended the fleet; done is done.
+    uris: as `expand_sources` gives them. inventory: the folder; logs that it holds already stay in it. watch: called
+    every few seconds with the given logs; watch_merging: with the number of cells merged and to merge. open_engine:
+    another engine than the options name. Raises UsageError for the scheduler or a setting, InputError for a model file
+    or the manifest, OutputError where the inventory cannot be written, another fleet does so, or the content of logs
+    has changed, and InterruptionError where somebody ended the fleet; done is done.
     """
     inventory = inventory.absolute()
     key_of = result_keys(settings, load_models(settings).digests(), every_region=False)
@@ -136,11 +82,10 @@ def run_fleet(
             uris, earlier, key_of, inventory, retry=options.retry, overwrite=options.overwrite
         )
         book = _Book(inventory, replace(earlier, started=time.time(), where=here()), planned, watch)
-        how = settings, options.attempts, options.arguments, options.overwrite
         tasks = [
-            Task(entry.name, entry.source, entry.fingerprint, entry.key, str(inventory), *how)
+            Task(entry, inventory, settings, options)
             for entry in planned.values()
-            if entry.state == WAITING and entry.key is not None
+            if entry.state == WAITING
         ]
         if tasks:
             _carry_out(tasks, open_engine or _engine_of(options, inventory, len(tasks)), book)
@@ -168,21 +113,16 @@ class _Book:
         """The given logs, in order."""
         return [self.manifest.logs[name] for name in self._names]
 
-    def note(self, name: str, outcome: Outcome | None) -> None:
-        """An attempt has begun (None), or this became of it."""
-        now = time.time()
-        entry = replace(self.manifest.logs[name], state=RUNNING, since=now)
-        if outcome is not None:
-            entry = replace(entry, **asdict(outcome) | {"seconds": round(outcome.seconds, 3)})
-        self.manifest = self.manifest.with_entries([entry])
+    def note(self, entry: Entry) -> None:
+        """What became of a log just now."""
+        self.manifest = self.manifest.with_entries([replace(entry, since=time.time())])
         self._unsaved = True
 
     def show(self) -> None:
         """Write what is new, if it is time to, and tell who watches how far it is."""
         if self._unsaved and time.time() > self.manifest.updated + _SAVE_S:
             self.save()
-        logs = {entry.name: entry for entry in self.given()}
-        self._watch(replace(self.manifest, logs=logs))
+        self._watch(replace(self.manifest, logs={entry.name: entry for entry in self.given()}))
 
     def save(self, **changes: Any) -> None:
         """Write the manifest, with changes of its fields; raises OutputError."""
@@ -193,15 +133,15 @@ class _Book:
 
 def _carry_out(tasks: Sequence[Task], open_engine: OpenEngine, book: _Book) -> None:
     """Open an engine for tasks. Tasks that an early end interrupts do not count as attempts."""
-    under_way: UnderWay = {}
+    under_way: dict[Future[Entry], tuple[Task, int]] = {}
     try:
         with open_engine() as engine:
             _work(engine, tasks, under_way, book)
     except BaseException as error:
         for task, before in under_way.values():
-            if begun_attempts(task) > before:
-                note_end(task)
-            book.note(task.name, Outcome(WAITING, 0, before))
+            if task.begun() > before:
+                task.note_end()
+            book.note(replace(task.entry, attempts=before))
         if isinstance(error, KeyboardInterrupt):
             done, total = sum(entry.state == DONE for entry in book.given()), len(book.given())
             raise InterruptionError(
@@ -212,30 +152,37 @@ def _carry_out(tasks: Sequence[Task], open_engine: OpenEngine, book: _Book) -> N
         book.save()
 
 
-def _work(engine: Engine, tasks: Sequence[Task], under_way: UnderWay, book: _Book) -> None:
-    """Carry tasks out until each is done or in quarantine; `under_way` is kept up to date."""
+def _work(
+    engine: Engine,
+    tasks: Sequence[Task],
+    under_way: dict[Future[Entry], tuple[Task, int]],
+    book: _Book,
+) -> None:
+    """Carry tasks out until each is done or in quarantine; `under_way` holds them with their attempts before."""
     waiting, unbegun = deque(tasks), Counter[str]()
     while waiting or under_way:
         while waiting and len(under_way) < engine.places():
             task = waiting.popleft()
-            before = begun_attempts(task)
-            under_way[engine.submit(task)] = task, before
-            book.note(task.name, None)
+            under_way[engine.submit(task)] = task, task.begun()
+            book.note(replace(task.entry, state=RUNNING))
         wait(under_way, _POLL_S, FIRST_COMPLETED)
         for future in [one for one in under_way if one.done()]:
-            death = engine.death(future)
-            outcome = future.result() if death is None else None
-            task, before = under_way.pop(future)
-            if death is not None:
-                unbegun[task.name] += begun_attempts(task) <= before
-                if unbegun[task.name] >= task.attempts:
-                    raise _WorkersError(
-                        f"{task.source}: each worker died before it began this log: {death}"
-                    )
-                note_end(task, death)
-                outcome = Outcome(WAITING, StageError.exit_status, before + 1, words=death)
-            book.note(task.name, outcome)
-            if outcome is not None and outcome.state == WAITING:
+            task, before = under_way[future]
+            try:
+                entry = engine.result(future)
+            except WorkerDeathError as death:
+                unbegun[task.entry.name] += task.begun() <= before
+                if unbegun[task.entry.name] >= task.options.attempts:
+                    raise WaysideError(
+                        f"{task.entry.source}: each worker died before it began this log: {death}"
+                    ) from death
+                task.note_end(str(death))
+                entry = replace(
+                    task.entry, status=StageError.exit_status, attempts=before + 1, words=str(death)
+                )
+            del under_way[future]
+            book.note(entry)
+            if entry.state == WAITING:
                 waiting.append(task)
         book.show()
 
@@ -255,8 +202,8 @@ def _merge(
     by = hashlib.sha256(json.dumps(asdict(settings)).encode()).hexdigest()
     folders = [inventory / DRIVES / entry.name for entry in book.manifest.done()]
     nothing = not folders and not book.manifest.merged
-    kept = all((inventory / name).is_dir() for name in MERGED)
-    if nothing or (kept and (book.manifest.merged, book.manifest.merged_by) == (merged, by)):
+    same = (book.manifest.merged, book.manifest.merged_by) == (merged, by)
+    if nothing or (same and is_merged(inventory)):
         return None
     book.save(merged="")
     report = merge_inventory(folders, inventory, settings, watch)

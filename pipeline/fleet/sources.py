@@ -17,7 +17,7 @@ from wayside.pipeline.files.input_files import files_below, read_input_text
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.files.writing import UNWRITABLE, not_written
 from wayside.pipeline.results.earlier_result import stream_fingerprint
-from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.errors import InputError, UsageError, WaysideError
 
 _SUFFIX = ".mcap"
 _PATTERN = "*?["
@@ -32,17 +32,9 @@ class UnreachableError(InputError):
 def expand_sources(given: Iterable[str]) -> list[str]:
     """The logs that are meant, each once, in order: absolute paths and URLs.
 
-    Parameters
-    ----------
-    given
-        Files, folders (every `.mcap` below), patterns with `*`, `?`, `[...]` and `**`, URLs of these, or `@FILE`: a
-        list of all this, one a line; empty lines and those that begin with `#` are left out. Relative paths are
-        relative to the working folder, those in lists, too.
-
-    Raises
-    ------
-    UsageError
-        A list cannot be read, a folder or pattern holds no log, or a URL needs a package that is not installed.
+    given: files, folders (every `.mcap` below), patterns with `*`, `?`, `[...]` and `**`, URLs of these, or `@FILE`, a
+    list of all this, one a line, with comments behind `#`. Relative paths are relative to the working folder. Raises
+    UsageError where there is no log, a list cannot be read, or a URL needs a package that is not installed.
     """
     return list(dict.fromkeys(uri for text in given for uri in _expanded(text)))
 
@@ -75,72 +67,63 @@ def is_folder_name(name: str) -> bool:
 def fingerprint_source(uri: str) -> tuple[str, int]:
     """Which recording a log is (`log_fingerprint`) and its length in bytes; of a URL, 2 MiB are read.
 
-    Raises
-    ------
-    UnreachableError
-        It cannot be read.
+    Raises UnreachableError where it cannot be read.
     """
-    try:
+    path = Path(uri)
+    if not _is_url(uri) and not path.is_file():
+        found = "this is a folder, not a log" if path.is_dir() else "there is no such log"
+        raise UnreachableError(f"{uri}: {found}")
+    with _reading(uri):
         if not _is_url(uri):
-            path = Path(uri)
-            if not path.is_file():
-                found = "this is a folder, not a log" if path.is_dir() else "there is no such log"
-                raise UnreachableError(f"{uri}: {found}")
+            size = path.stat().st_size
             with path.open("rb") as stream:
-                size = path.stat().st_size
                 return stream_fingerprint(stream, size), size
         system, inner = _file_system(uri)
         size = int(system.size(inner))
         with system.open(inner, "rb", cache_type="none") as stream:
             return stream_fingerprint(stream, size), size
-    except (InputError, UsageError):
-        raise
-    except Exception as error:  # every storage raises errors of its own
-        raise _unreachable(uri, error) from error
 
 
 @contextmanager
 def fetched(uri: str) -> Iterator[Path]:
     """A log as a local file; that of a URL is loaded into a scratch folder, which goes with the block.
 
-    Raises
-    ------
-    UnreachableError
-        It cannot be read.
-    OutputError
-        The scratch folder (`TMPDIR`) cannot take it.
+    Raises UnreachableError where it cannot be read, and OutputError where the scratch folder (`TMPDIR`) cannot take it.
     """
     if not _is_url(uri):
         yield Path(uri)
         return
     with TemporaryDirectory(prefix="wayside-") as scratch:
         path = Path(scratch) / f"{folder_name(source_name(uri)[0])}{_SUFFIX}"
-        try:
+        with _reading(uri):
             system, inner = _file_system(uri)
-            system.get_file(inner, str(path))
-        except UsageError:
-            raise
-        except Exception as error:  # as above
-            if isinstance(error, OSError) and error.errno in UNWRITABLE:
+            try:
+                system.get_file(inner, str(path))
+            except OSError as error:
+                if error.errno not in UNWRITABLE:
+                    raise
                 instead = "point TMPDIR to another folder"
                 raise not_written(path.parent, error, "a loaded log", instead) from error
-            raise _unreachable(uri, error) from error
         yield path
 
 
 def _expanded(text: str) -> list[str]:
-    if text.startswith("@"):
-        return _listed(Path(text[1:]))
-    if _is_url(text):
-        return _stored(text)
     path = Path(text)
-    if os.path.isdir(path):  # no error where it lies in a folder that cannot be searched
-        found = (p for p in files_below(path) if p.suffix.lower() == _SUFFIX and p.is_file())
+    if text.startswith("@"):
+        found = _listed(Path(text[1:]))
+    elif _is_url(text):
+        found = _stored(text)
+    elif os.path.isdir(path):  # no error where it lies in a folder that cannot be searched
+        logs = [p for p in files_below(path) if p.suffix.lower() == _SUFFIX and p.is_file()]
+        found = sorted(str(p.absolute()) for p in logs)
     elif not os.path.exists(path) and any(c in text for c in _PATTERN):
-        found = (Path(name) for name in glob.glob(text, recursive=True) if Path(name).is_file())
+        names = glob.glob(text, recursive=True)
+        found = sorted(str(Path(name).absolute()) for name in names if os.path.isfile(name))
     else:
-        return [str(path.absolute())]
-    return _some(text, sorted(str(p.absolute()) for p in found))
+        found = [str(path.absolute())]
+    if not found:
+        raise UsageError(f"{text}: there are no logs ({_SUFFIX}) here")
+    return found
 
 
 def _listed(file: Path) -> list[str]:
@@ -151,10 +134,9 @@ def _listed(file: Path) -> list[str]:
             f"@{file}: the list of logs cannot be read: {error}. Write one log a line."
         ) from error
     entries = [line for line in lines if line and not line.startswith("#")]
-    nested = next((line for line in entries if line.startswith("@")), None)
-    if nested is not None:
-        raise UsageError(f"@{file}: the list names another list, {nested}. Name logs only.")
-    return _some(f"@{file}", [uri for line in entries for uri in _expanded(line)])
+    if nested := [line for line in entries if line.startswith("@")]:
+        raise UsageError(f"@{file}: the list names another list, {nested[0]}. Name logs only.")
+    return [uri for line in entries for uri in _expanded(line)]
 
 
 def _unquoted(text: str) -> str:
@@ -163,7 +145,7 @@ def _unquoted(text: str) -> str:
 
 
 def _stored(url: str) -> list[str]:
-    try:
+    with _reading(url):
         system, inner = _file_system(url)
         if any(c in inner for c in _PATTERN):
             found = system.glob(inner)
@@ -171,19 +153,22 @@ def _stored(url: str) -> list[str]:
             found = [p for p in system.find(inner) if p.lower().endswith(_SUFFIX)]
         else:
             return [url]
-        chain = url.partition("::")[1:]  # what contains the files that were found
-        names = sorted(str(system.unstrip_protocol(p)) for p in found)
-    except UsageError:
+        container = "".join(url.partition("::")[1:])  # of the files that were found
+        return [name + container for name in sorted(map(str, map(system.unstrip_protocol, found)))]
+
+
+@contextmanager
+def _reading(uri: str) -> Iterator[None]:
+    """Turn what a storage raises, errors of its own, into UnreachableError."""
+    try:
+        yield
+    except WaysideError:
         raise
-    except Exception as error:  # every storage raises errors of its own
-        raise _unreachable(url, error) from error
-    return _some(url, [name + "".join(chain) for name in names])
-
-
-def _some(text: str, found: list[str]) -> list[str]:
-    if not found:
-        raise UsageError(f"{text}: there are no logs ({_SUFFIX}) here")
-    return found
+    except Exception as error:
+        raise UnreachableError(
+            f"{uri}: the log cannot be read: {type(error).__name__}: {error}. Try again, or check the address and "
+            "access."
+        ) from error
 
 
 def _file_system(url: str) -> tuple[Any, str]:
@@ -204,9 +189,3 @@ def _file_system(url: str) -> tuple[Any, str]:
 
 def _is_url(text: str) -> bool:
     return "://" in text
-
-
-def _unreachable(uri: str, error: Exception) -> UnreachableError:
-    return UnreachableError(
-        f"{uri}: the log cannot be read: {type(error).__name__}: {error}. Try again, or check the address and access."
-    )

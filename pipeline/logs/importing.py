@@ -60,34 +60,13 @@ def import_images(
     gap is the larger. Copies of an image are imported, too; a run leaves them out. Files that are no images or cannot
     be read are left out.
 
-    Parameters
-    ----------
-    images
-        JPEG and PNG files, and folders of them.
-    calibration
-        YAML of ROS camera_info, OpenCV or Kalibr.
-    spacing_m
-        Distance between images of neighbouring numbers, metres.
-    out
-        The MCAP file to write; it appears when it is complete.
-    order
-        "name" or "date" decides the order where they contradict each other; empty: that is refused.
-    overwrite
-        Replace a file of that name that is not this very log.
-    warn
-        Called with what is amiss with the images, in words: files left out, copies, missing numbers.
-    watch
-        Called with how many images are written, and of how many.
-
-    Raises
-    ------
-    UsageError
-        The spacing is not positive, or there is no image among the paths.
-    InputError
-        The calibration or none of the files can be used, an image is of another size or to be shown otherwise than it
-        is stored, or nothing tells the order.
-    OutputError
-        The log cannot be written, or another file of that name stands there.
+    images: JPEG and PNG files, and folders of them. calibration: YAML of ROS camera_info, OpenCV or Kalibr. spacing_m:
+    distance between images of neighbouring numbers. order: "name" or "date" decides the order where they contradict
+    each other; empty: that is refused. overwrite: replace a file of that name that is not this very log. warn: called
+    with what is amiss with the images, in words. watch: called with how many images are written, and of how many.
+    Raises UsageError where the spacing is not positive, or there is no image, InputError where the calibration or none
+    of the files can be used, an image is of another size or to be shown otherwise than it is stored, or nothing tells
+    the order, and OutputError.
     """
     if not spacing_m > 0:
         raise UsageError(
@@ -108,7 +87,17 @@ def import_images(
         warn(words)
     with whole_file(out, overwrite=overwrite) as stream:
         writer = Writer(stream, compression=CompressionType.NONE)
-        _write(writer, ordered, counts, camera, spacing_m, watch)
+        writer.add_metadata(METADATA_NAME, {SPACING_KEY: repr(spacing_m), BY_NUMBER_KEY: "yes"})
+        times = _times_of(counts)
+        timed = list(zip(map(str, times), ordered, strict=True))
+        writer.add_metadata(NAMES_METADATA, {time: image.path.name for time, image in timed})
+        if dates := {time: image.exif.date for time, image in timed if image.exif.date}:
+            writer.add_metadata(DATES_METADATA, dates)
+        writer.write_message("/camera/calibration", _calibration(camera), 0, 0, 1)
+        for done, (image, count, time_ns) in enumerate(zip(ordered, counts, times, strict=True), 1):
+            writer.write_message("/camera/image", _message(image), time_ns, time_ns, count)
+            watch(done, len(ordered))
+        writer.finish()  # type: ignore[no-untyped-call]
     return len(ordered), len(left_out)
 
 
@@ -148,9 +137,9 @@ def _numbered(
 
 
 def _warnings(files: list[Path], counts: list[int], copies: dict[Path, Path]) -> Iterator[str]:
-    folders = list(dict.fromkeys(file.parent for file in files))
+    folders = list(dict.fromkeys(str(file.parent) for file in files))
     if len(folders) > 1:
-        yield f"folders are taken in this order: {_listed([str(folder) for folder in folders])}"
+        yield f"folders are taken in this order: {_listed(folders)}"
     if copies:
         pairs = [f"{copy.name} of {original.name}" for copy, original in copies.items()]
         yield (
@@ -170,43 +159,18 @@ def _warnings(files: list[Path], counts: list[int], copies: dict[Path, Path]) ->
     ]
     if back:
         yield f"numbers start again or go back: {_listed(back)}"
-    gaps = [(b - a - 1, before) for (a, b), before in zip(pairwise(counts), files, strict=False)]
-    gaps = [(missing, before) for missing, before in gaps if missing > 0]
-    if gaps:
-        places = [f"{missing} after {before.name}" for missing, before in gaps]
+    gaps = [(b - a - 1, file) for (a, b), file in zip(pairwise(counts), files, strict=False)]
+    places = [f"{missing} after {before.name}" for missing, before in gaps if missing > 0]
+    if places:
         yield (
-            f"missing numbers: {sum(missing for missing, _ in gaps)} ({_listed(places)}); the distance across a gap "
-            "is taken to be longer by one spacing for each"
+            f"missing numbers: {sum(max(missing, 0) for missing, _ in gaps)} ({_listed(places)}); the distance across "
+            "a gap is taken to be longer by one spacing for each"
         )
 
 
 def _listed(words: list[str]) -> str:
     more = len(words) - _MOST_LISTED
     return ", ".join(words[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
-
-
-def _write(
-    writer: Writer,
-    images: list[ImageFile],
-    counts: list[int],
-    camera: Camera,
-    spacing_m: float,
-    watch: Callable[[int, int], None],
-) -> None:
-    writer.add_metadata(METADATA_NAME, {SPACING_KEY: repr(spacing_m), BY_NUMBER_KEY: "yes"})
-    times = _times_of(counts)
-    timed = list(zip(map(str, times), images, strict=True))
-    writer.add_metadata(NAMES_METADATA, {time: image.path.name for time, image in timed})
-    if dates := {time: image.exif.date for time, image in timed if image.exif.date}:
-        writer.add_metadata(DATES_METADATA, dates)
-    writer.write_message("/camera/calibration", _calibration(camera), 0, 0, 1)
-    for done, (image, count, time_ns) in enumerate(zip(images, counts, times, strict=True), 1):
-        content = CompressedImage(
-            data=_bytes_of(image), format=image.header.encoding, frame_id=_CAMERA_FRAME
-        )
-        writer.write_message("/camera/image", content, time_ns, time_ns, count)
-        watch(done, len(images))
-    writer.finish()  # type: ignore[no-untyped-call]
 
 
 def _times_of(counts: list[int]) -> list[int]:
@@ -217,13 +181,14 @@ def _times_of(counts: list[int]) -> list[int]:
     return times
 
 
-def _bytes_of(image: ImageFile) -> bytes:
+def _message(image: ImageFile) -> CompressedImage:
     try:
-        return read_input(image.path)
+        data = read_input(image.path)
     except OSError as error:
         raise InputError(
             f"{image.path}: it could be read before, and now: {error.strerror or error}; check the file"
         ) from error
+    return CompressedImage(data=data, format=image.header.encoding, frame_id=_CAMERA_FRAME)
 
 
 def _calibration(camera: Camera) -> CameraCalibration:

@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent
 from wayside.pipeline.reading.plan import Plan, make_plan
 from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
@@ -23,18 +22,18 @@ _SOME_CAMERA = Camera(1, 1, 1.0, 1.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """One camera of the log and how to use it: what is missing, and the command that gives it (empty: none).
-
-    notes: what clocks, order and positions of the log lack, and what is done about it.
-    """
+    """One camera of the log and how to use it."""
 
     camera: Topic
     command: str
+    """Empty: none helps."""
     hindrances: tuple[str, ...] = ()
+    """What is missing; the command gives it."""
     calibration: Camera | None = None
     calibration_source: str = ""
     motion: str = ""
     notes: tuple[str, ...] = ()
+    """What clocks, order and positions of the log lack, and what is done about it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,43 +51,21 @@ class LogInformation:
         return 0.0 if first is None or last is None else (last - first) / 1e9
 
 
-def describe_log(
-    path: Path, settings: ReadSettings | None = None, *, shown: Path | None = None
-) -> LogInformation:
-    """Read a whole log, in bounded memory, and say what it holds.
+def describe_log(path: Path, *, shown: Path | None = None) -> LogInformation:
+    """Read a whole log, in bounded memory, and say what it holds; raises InputError where it cannot be read.
 
-    Parameters
-    ----------
-    path
-        The MCAP file, or a ROS 2 bag directory of such.
-    settings
-        Calibration and spacing given from outside, if any.
-    shown
-        What is named as the log: the bag that it was made of. None: the path.
-
-    Raises
-    ------
-    InputError
-        The file is no MCAP log or cannot be read.
+    shown: what is named as the log, the bag that it was made of.
     """
-    settings = settings or ReadSettings()
-    given = read_camera_file(Path(settings.calibration)) if settings.calibration else None
     survey = survey_log(path)
     survey.path = path = shown or path
-    cameras = survey.cameras
+    cameras = sorted(_most(survey.cameras, _MOST_CAMERAS_SHOWN), key=lambda t: t.name)
     hindrance = ""
-    ways = []
-    for camera in sorted(_most(cameras, _MOST_CAMERAS_SHOWN), key=lambda t: t.name):
-        chosen = ReadSettings(
-            camera=camera.name, calibration=settings.calibration, spacing_m=settings.spacing_m
-        )
-        ways.append(_way(survey, camera, chosen, given, several=len(cameras) > 1))
     if not cameras:
         try:
-            make_plan(survey, settings, given)
+            make_plan(survey, ReadSettings(), None)
         except WaysideError as error:
             hindrance = str(error).removeprefix(f"{path}: ")
-    return LogInformation(survey, tuple(ways), hindrance)
+    return LogInformation(survey, tuple(_way(survey, camera) for camera in cameras), hindrance)
 
 
 def _most(topics: Iterable[Topic], count: int) -> list[Topic]:
@@ -96,10 +73,9 @@ def _most(topics: Iterable[Topic], count: int) -> list[Topic]:
     return sorted(topics, key=lambda t: (-t.count, t.name))[:count]
 
 
-def _way(
-    survey: LogSurvey, camera: Topic, settings: ReadSettings, given: Camera | None, *, several: bool
-) -> Way:
-    choice = ["--camera", camera.name] if several else []
+def _way(survey: LogSurvey, camera: Topic) -> Way:
+    settings, given = ReadSettings(camera=camera.name), None
+    choice = ["--camera", camera.name] if len(survey.cameras) > 1 else []
     command = ["wayside", "run", str(survey.path), *choice, "-o", "out"]
     hindrances: list[str] = []
     timeline = None
@@ -123,14 +99,13 @@ def _way(
             f"the calibration {plan.calibration_source} is of {calibration.width} x {calibration.height} pixels"
         )
         command += ["--calibration", "camera.yaml"]
-    motion = _motion_words(plan, timeline)
     return Way(
         camera,
         shlex.join(command),
         tuple(hindrances),
         calibration,
         plan.calibration_source,
-        motion,
+        _motion_words(plan, timeline),
         (*plan.notes, *timeline.notes),
     )
 

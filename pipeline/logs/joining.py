@@ -1,113 +1,141 @@
-"""Parts of one drive, and ROS bags, to one log (`wayside join`)."""
+"""Parts of one drive, and ROS bags, to one log (`wayside join`), also unasked where a bag cannot be read as it is."""
 
 from __future__ import annotations
 
+import hashlib
+import os
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
 from mcap.writer import CompressionType, Writer
-from rosbags.convert import ConverterError
-from rosbags.convert.converter import convert
-from rosbags.typesys import Stores, get_typestore
 
 from wayside.pipeline.files.writing import whole_file
 from wayside.pipeline.reading.layout import Channel
 from wayside.pipeline.reading.messages import ROS_TYPES
-from wayside.pipeline.reading.parts import bag_parts, is_mcap
+from wayside.pipeline.reading.parts import bag_parts, is_bag, is_mcap
 from wayside.pipeline.reading.records import Attachment, Metadata, scan
 from wayside.pipeline.reading.scan_report import ScanReport
-from wayside.schemas.errors import InputError, UsageError
+from wayside.pipeline.results.earlier_result import log_fingerprint
+from wayside.schemas.errors import InputError, OutputError, UsageError
 
 _BAG_VERSION = 9
+_LAYOUT = "1"
+"""Of the joined logs in the cache: other ones have other names."""
 
 
 @dataclass(frozen=True, slots=True)
 class JoinedLog:
-    """What became one log: its parts in order, messages and topics; `lost`: what of the parts was not readable."""
+    """What became one log."""
 
     parts: tuple[Path, ...]
+    """In order."""
     messages: int
     topics: int
     lost: tuple[str, ...]
+    """What of the parts was not readable."""
 
 
 def join_logs(paths: list[Path], out: Path, *, overwrite: bool = False) -> JoinedLog:
-    """Write the messages of several parts, one after the other, to one MCAP log.
+    """Write the messages of several parts, in the order of the drive, to one MCAP log.
 
-    Parameters
-    ----------
-    paths
-        MCAP files in the order of the drive; ROS 2 bag directories (`metadata.yaml` with MCAP or SQLite parts, split or
-        compressed); ROS 1 bags. Of MCAP every message is kept as it is, with metadata and attachments. Of other bags
-        the message types that are understood are kept, those of ROS 1 as their ROS 2 counterparts (cdr).
-    out
-        The MCAP file to write; it appears when it is complete.
-    overwrite
-        Replace a file of that name that is not this very log.
-
-    Raises
-    ------
-    UsageError
-        There is no path.
-    InputError
-        A part cannot be read, or holds no message.
-    OutputError
-        The log cannot be written, or another file of that name stands there.
+    paths: MCAP files, of which every message is kept as it is, with metadata and attachments; ROS 2 bag directories
+    (`metadata.yaml` with MCAP or SQLite parts, split or compressed) and ROS 1 bags, of which the message types that are
+    understood are kept, those of ROS 1 as their ROS 2 counterparts (cdr). overwrite: replace a file of that name that
+    is not this very log. Raises UsageError where there is no path, InputError where a part cannot be read or holds no
+    message, and OutputError.
     """
     if not paths:
         raise UsageError("no parts to join are given. Give MCAP files or ROS bags.")
     beside = out.parent if out.parent.is_dir() else None  # it has room for the result
+    parts: list[Path] = []
+    lost: list[str] = []
     with (
         tempfile.TemporaryDirectory(prefix=".wayside-join-", dir=beside) as scratch,
         whole_file(out, overwrite=overwrite) as stream,
     ):
-        return _join(paths, stream, Path(scratch))
-
-
-def _join(paths: list[Path], stream: BinaryIO, scratch: Path) -> JoinedLog:
-    parts: list[Path] = []
-    lost: list[str] = []
-    writer = _Joiner(stream)
-    for number, path in enumerate(paths):
-        with _as_mcap(path, scratch / str(number)) as files:
-            for file in files:
-                shown = file if file in (path, *path.glob("*.mcap")) else path
-                report = ScanReport()
-                before = writer.messages
+        writer = _Joiner(stream)
+        for number, path in enumerate(paths):
+            for file in _as_mcap(path, Path(scratch) / str(number)):
+                made = file.is_relative_to(scratch)
+                shown, report, before = path if made else file, ScanReport(), writer.messages
                 writer.add(file, report)
                 if writer.messages == before:
                     raise InputError(f"{shown}: no message can be used. Leave it out.")
                 parts.append(shown)
                 lost += [f"{shown.name}: {problem}" for problem in report.problems]
-    writer.finish()
+                if made:
+                    file.unlink()
+        writer.finish()
     return JoinedLog(tuple(parts), writer.messages, len(writer.channels), tuple(lost))
 
 
-def _no_part(path: Path, found: str) -> InputError:
-    return InputError(
-        f"{path}: this is not an MCAP file, a ROS 2 bag directory or a ROS 1 bag{found}. Of a ROS 2 bag, give the "
-        "directory."
+def joined_log(path: Path) -> Path | None:
+    """Where the log of a ROS bag that is not of MCAP is kept: in the user's cache, named by the bag's content.
+
+    None for all else, which is read as it is.
+    """
+    if path.is_dir():
+        if not is_bag(path) or all(is_mcap(part) for part in bag_parts(path)):
+            return None
+    elif path.suffix != ".bag" or not path.is_file():
+        return None
+    digest = hashlib.sha256(f"{_LAYOUT} {log_fingerprint(path)}".encode()).hexdigest()
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return cache / "wayside" / "bags" / digest[:16] / f"{path.stem}.mcap"
+
+
+def readable_log(path: Path, tell: Callable[[str], None]) -> Path:
+    """What is to be read of a recording: itself, or the log that a ROS bag was joined to, now or before.
+
+    tell: called with where the log of a bag lies, and what of the bag was lost on the way. Raises InputError where a
+    bag cannot be read, and OutputError where its log cannot be written.
+    """
+    log = joined_log(path)
+    if log is None:
+        return path
+    if log.is_file():
+        tell(f"{path}: read from {log}, which was made of it before")
+        return log
+    tell(
+        f"{path}: joined first to {log}, which later commands read, too; "
+        f"`wayside join {path} -o drive.mcap` puts it where you want it"
     )
+    try:
+        log.parent.mkdir(parents=True, exist_ok=True)
+        joined = join_logs([path], log)
+    except (OSError, OutputError) as error:
+        raise OutputError(
+            f"{path}: joining it to {log} failed ({error}). Join it elsewhere with `wayside join {path} -o "
+            "drive.mcap`, or set XDG_CACHE_HOME."
+        ) from error
+    except InputError:
+        log.parent.rmdir()
+        raise
+    for words in joined.lost:
+        tell(f"lost: {words}")
+    return log
 
 
-@contextmanager
-def _as_mcap(path: Path, scratch: Path) -> Iterator[list[Path]]:
-    """The MCAP files of a part: itself, those of its bag, or what it was converted to (removed at the end)."""
+def _as_mcap(path: Path, scratch: Path) -> list[Path]:
+    """The MCAP files of a part: itself, those of its bag, or what it was converted to in a scratch folder."""
     try:
         path.stat()
     except OSError as error:
         raise _no_part(path, f": {error.strerror}") from error
     parts = bag_parts(path) if path.is_dir() else [path]
     if all(is_mcap(part) for part in parts):
-        yield parts
-        return
+        return parts
     ros1 = path.suffix == ".bag"
     if not path.is_dir() and not (ros1 and path.is_file()):
         raise _no_part(path, "")
+    from rosbags.convert import ConverterError
+    from rosbags.convert.converter import convert
+    from rosbags.typesys import Stores, get_typestore
+
+    ros2_types = get_typestore(Stores.ROS2_HUMBLE)
     try:
         convert(
             [path],
@@ -116,8 +144,8 @@ def _as_mcap(path: Path, scratch: Path) -> Iterator[list[Path]]:
             dst_version=_BAG_VERSION,
             compress=None,
             compress_mode="file",
-            default_typestore=None if ros1 else get_typestore(Stores.ROS2_HUMBLE),
-            typestore=get_typestore(Stores.ROS2_HUMBLE) if ros1 else None,
+            default_typestore=None if ros1 else ros2_types,
+            typestore=ros2_types if ros1 else None,
             exclude_topics=(),
             include_topics=(),
             exclude_msgtypes=(),
@@ -128,10 +156,14 @@ def _as_mcap(path: Path, scratch: Path) -> Iterator[list[Path]]:
             f"{path}: the ROS bag cannot be read: {error}. Repair it with "
             f"`{'rosbag reindex' if ros1 else 'ros2 bag reindex'}`."
         ) from error
-    made = sorted(scratch.glob("*.mcap"))
-    yield made
-    for file in made:
-        file.unlink()
+    return sorted(scratch.glob("*.mcap"))
+
+
+def _no_part(path: Path, found: str) -> InputError:
+    return InputError(
+        f"{path}: this is not an MCAP file, a ROS 2 bag directory or a ROS 1 bag{found}. Of a ROS 2 bag, give the "
+        "directory."
+    )
 
 
 class _Joiner:
@@ -146,23 +178,15 @@ class _Joiner:
 
     def add(self, part: Path, report: ScanReport) -> None:
         """Append all of a log, in the order of its file."""
-        known: dict[int, tuple[Channel, int]] = {}
+        writer = self._writer
         for record in scan(part, report):
             if isinstance(record, Metadata):
-                self._writer.add_metadata(record.name, record.metadata)
+                writer.add_metadata(record.name, record.metadata)
             elif isinstance(record, Attachment):
-                self._writer.add_attachment(0, 0, record.name, record.media_type, record.data)
+                writer.add_attachment(0, 0, record.name, record.media_type, record.data)
             else:
-                channel = record.channel
-                if channel.id not in known or known[channel.id][0] is not channel:
-                    known[channel.id] = channel, self._channel(channel)
-                self._writer.add_message(
-                    known[channel.id][1],
-                    record.log_time_ns,
-                    bytes(record.data),
-                    record.log_time_ns,
-                    record.sequence,
-                )
+                channel, time = self._channel(record.channel), record.log_time_ns
+                writer.add_message(channel, time, bytes(record.data), time, record.sequence)
                 self.messages += 1
 
     def finish(self) -> None:
@@ -171,8 +195,7 @@ class _Joiner:
 
     def _channel(self, channel: Channel) -> int:
         number = 0
-        if channel.schema is not None:
-            schema = channel.schema
+        if (schema := channel.schema) is not None:
             kind = schema.name, schema.encoding, schema.data
             if kind not in self._schemas:
                 self._schemas[kind] = self._writer.register_schema(*kind)

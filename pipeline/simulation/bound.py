@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.stages.geometry import cross_matrices, rotation_from_vector, tangent_basis
-from wayside.stages.kernels import Array, compiled, require_array
+from wayside.stages.kernels import Array
 from wayside.stages.odometry import sampson_px
 
 DIFFERENCE_STEP = 1e-6
@@ -35,22 +35,10 @@ def step_bound(
 ) -> Array:
     """Smallest covariance (6, 6) of a step by ties: rotation vector, then translation, in the first camera's axes.
 
-    Parameters
-    ----------
-    jacobian
-        Derivatives (n, 5) of the ties' Sampson distances, px, as of `motion_jacobian`.
-    covariance
-        Of these distances, (n, n), px squared.
-    direction
-        Of travel, (3,), unit.
-    baseline_m, sigma_m
-        Length of the step and its standard deviation beforehand.
+    jacobian (n, 5): of the ties' Sampson distances, px, as of `motion_jacobian`; covariance (n, n): of these distances.
+    direction (3,): of travel, unit. baseline_m, sigma_m: length of the step and its standard deviation beforehand.
     """
-    require_array(jacobian, "jacobian", np.float64, (len(covariance), 5))
-    require_array(covariance, "covariance", np.float64, (len(jacobian), len(jacobian)))
-    white = jacobian.copy()
-    _whiten(covariance.copy(), white)
-    motion = np.linalg.inv(white.T @ white)
+    motion = np.linalg.inv(jacobian.T @ np.linalg.solve(covariance, jacobian))
     spread = np.zeros((6, 5))
     spread[:3, :3] = np.eye(3)
     spread[3:, 3:] = baseline_m * tangent_basis(direction).T
@@ -72,24 +60,10 @@ def point_bound(
     """Smallest covariance (3, 3) of a point in the camera frame of frame `best`, square metres.
 
     Inverse of the Fisher information of all poses and the point together (projection: report eq. 7.6), poses
-    eliminated.
-
-    Parameters
-    ----------
-    rotations, centres
-        World from camera (n, 3, 3) and centres (n, 3) of consecutive frames, true.
-    point
-        (3,) in the world.
-    views
-        Frames (v,) that show it.
-    sigma
-        Of the rays (x/z, y/z) of these views, (v,).
-    steps
-        Covariance (n, 6, 6) of the step from the frame before, as `step_bound` gives it; row 0 is not used.
-    best
-        The frame the point is reported in.
-    pose_sigma
-        Standard deviations of given poses, metres and radians; None where no pose is given.
+    eliminated. rotations, centres: world from camera (n, 3, 3) and centres (n, 3) of consecutive frames, true. point
+    (3,): in the world. views (v,): frames that show it; sigma (v,): of their rays (x/z, y/z). steps (n, 6, 6):
+    covariance of the step from the frame before, as of `step_bound`; row 0 is not used. pose_sigma: of given poses,
+    metres and radians; None: none given.
     """
     n = len(rotations)
     # unknowns: rotation vector and shift of each camera, world axes; then the point
@@ -115,26 +89,6 @@ def point_bound(
     report = _local_rows(rotations[best], centres[best], point, best, n)[:, keep]
     solved = np.linalg.solve(information[np.ix_(keep, keep)], report.T)
     return np.asarray(report @ solved)
-
-
-@compiled
-def _whiten(covariance: Array, rows: Array) -> None:
-    # By Cholesky, in place. With hundreds of ties a step, threads of a linear algebra library would slow the workers.
-    n = covariance.shape[0]
-    for j in range(n):
-        for i in range(j, n):
-            rest = covariance[i, j]
-            for k in range(j):
-                rest -= covariance[i, k] * covariance[j, k]
-            if i == j:
-                covariance[j, j] = np.sqrt(max(rest, 1e-30))
-            else:
-                covariance[i, j] = rest / covariance[j, j]
-        for m in range(rows.shape[1]):
-            rest = rows[j, m]
-            for k in range(j):
-                rest -= covariance[j, k] * rows[k, m]
-            rows[j, m] = rest / covariance[j, j]
 
 
 def _local_rows(rotation: Array, centre: Array, point: Array, frame: int, n: int) -> Array:

@@ -111,6 +111,19 @@ class PanelObservations:
     box: Array
     centre: Array
 
+    def candidates(self) -> Candidates:
+        """As a detector would give them."""
+        count = len(self.sign)
+        regions = Regions(
+            self.box.astype(np.float32),
+            np.full(count, 100, np.int32),
+            np.zeros((count, 3), np.float32),
+            np.zeros(count, np.uint8),
+        )
+        score = np.full(count, SURE, np.float32)
+        found = Candidates.of(regions)
+        return replace(found, center=self.centre, ideal=self.centre, score=score)
+
 
 class SimulatedDrive:
     """Truth and observations of one survey; the same survey gives the same drive."""
@@ -137,7 +150,7 @@ class SimulatedDrive:
         self.seen: list[PanelObservations] = []
         self._visible: dict[int, NDArray[np.int64]] = {}
         self._face = rng.normal(0, survey.face_share * survey.panel_m, (survey.signs, 2))
-        self._points, self._point_station = self._scatter_points(station[-1] + TIE_REACH_M)
+        self.points, self._point_station = self._scatter_points(station[-1] + TIE_REACH_M)
 
     def posed(self, settings: MotionSettings) -> Iterator[PosedDetections]:
         """Every frame with its candidates and the motion that the odometry of `wayside run` estimates."""
@@ -148,18 +161,16 @@ class SimulatedDrive:
             seen = self._observe(index, pose)
             self.seen.append(seen)
             image = Image(frame, None, None)
-            yield PosedDetections(Detections(unsegmented(image), _table(seen)), motion)
+            yield PosedDetections(Detections(unsegmented(image), seen.candidates()), motion)
 
     def visible(self, index: int) -> NDArray[np.int64]:
         """Points that could be ties in an image, ascending."""
-        if index in self._visible:
-            return self._visible[index]
-        station = self.station[index]
-        low, high = np.searchsorted(self._point_station, [station, station + TIE_REACH_M])
-        local = self.poses[index].to_camera(self._points[low:high])
-        rows = np.asarray(low + np.flatnonzero(self._inside(local, LEAST_DEPTH_M)), np.int64)
-        self._visible[index] = rows
-        return rows
+        if index not in self._visible:
+            station = self.station[index]
+            low, high = np.searchsorted(self._point_station, [station, station + TIE_REACH_M])
+            shown = self._inside(self.poses[index].to_camera(self.points[low:high]))
+            self._visible[index] = np.asarray(low + np.flatnonzero(shown), np.int64)
+        return self._visible[index]
 
     def common(self, before: int, now: int) -> NDArray[np.int64]:
         """Points that tie two images: the first of those that both show, in a fixed order without meaning."""
@@ -172,13 +183,9 @@ class SimulatedDrive:
         local = self.poses[index].to_camera(points)
         return np.asarray(local[:, :2] / local[:, 2:] * self.camera.fx + self._middle)
 
-    def tie_points(self, rows: NDArray[np.int64]) -> Array:
-        """Where points that could be ties are, (n, 3)."""
-        return self._points[rows]
-
-    def depth(self, sign: int, frames: NDArray[np.int64]) -> Array:
-        """Distance of a sign ahead of the camera in some images, (n,)."""
-        return np.array([self.poses[f].to_camera(self.signs[sign])[2] for f in frames])
+    def depth(self, index: int, points: Array) -> Array:
+        """Distance (n,) of points of the world (n, 3) ahead of the camera of an image."""
+        return np.asarray(self.poses[index].to_camera(points)[:, 2])
 
     @property
     def _middle(self) -> Array:
@@ -209,13 +216,10 @@ class SimulatedDrive:
     def _beside(self, station: Array, lateral: Array, above: Array) -> Array:
         """World points (n, 3) along the road's line and above its surface."""
         radius, hill = self.survey.curve_radius_m, self.survey.hill_m / 2
+        across, along = np.zeros_like(station), station
         if np.isfinite(radius):
-            across, along = (
-                radius * (1 - np.cos(station / radius)),
-                radius * np.sin(station / radius),
-            )
-        else:
-            across, along = np.zeros_like(station), station
+            across = radius * (1 - np.cos(station / radius))
+            along = radius * np.sin(station / radius)
         height = hill * np.sin(2 * np.pi / HILL_M * station)
         line = np.column_stack([across, -height - above, along])
         return np.asarray(line + lateral[:, None] * self._axes(station)[0])
@@ -230,13 +234,12 @@ class SimulatedDrive:
         above = np.where(road, 0.0, rng.gamma(1.0, 2.0, count))
         return self._beside(station, lateral, above), station
 
-    def _inside(self, local: Array, nearest: float) -> NDArray[np.bool_]:
+    def _inside(self, local: Array) -> NDArray[np.bool_]:
+        """Whether points in the camera's frame (n, 3) are far enough ahead and in the image."""
         z = np.maximum(local[:, 2], 1e-3)
         uv = local[:, :2] / z[:, None] * self.camera.fx + self._middle
-        limit = np.array([self.survey.width - 1, self.survey.height - 1])
-        return np.asarray(
-            (local[:, 2] > nearest) & (uv >= 0).all(axis=1) & (uv <= limit).all(axis=1)
-        )
+        within = (uv >= 0) & (uv <= [self.survey.width - 1, self.survey.height - 1])
+        return np.asarray((local[:, 2] > LEAST_DEPTH_M) & within.all(axis=1))
 
     def _frame(self, index: int) -> Frame:
         s, prior = self.survey, None
@@ -253,9 +256,10 @@ class SimulatedDrive:
     def _keypoint_image(self, index: int) -> KeypointImage:
         """An image whose corners are true projections and whose descriptors are the numbers of the points."""
         rows = self.visible(index)
-        uv = self.project(index, self._points[rows])
+        uv = self.project(index, self.points[rows])
         codes = np.append(rows, index).astype(np.int64)[:, None].view(np.uint8)
-        return KeypointImage(self.camera, _NO_PIXELS, uv.astype(np.float32), codes, uv)
+        pixels = np.zeros((0, 0), np.uint8)
+        return KeypointImage(self.camera, pixels, uv.astype(np.float32), codes, uv)
 
     def _estimate(
         self,
@@ -271,18 +275,18 @@ class SimulatedDrive:
         if len(shared) < max(fewest, 8):
             return None
         rows = np.column_stack([np.searchsorted(old, shared), np.searchsorted(new, shared)])
-        previous = before.ideal[rows[:, 0]] + self._rng.normal(
-            0, self.survey.tie_px, (len(rows), 2)
-        )
-        current = now.ideal[rows[:, 1]] + self._rng.normal(0, self.survey.tie_px, (len(rows), 2))
+        rng, tie_px = self._rng, self.survey.tie_px
+        previous = before.ideal[rows[:, 0]] + rng.normal(0, tie_px, (len(rows), 2))
+        current = now.ideal[rows[:, 1]] + rng.normal(0, tie_px, (len(rows), 2))
         true = self.poses[int(second)].relative_to(self.poses[int(first)])
         size = self.survey.drift_of(self.camera, true, previous, current)
         current += size[:, None] * self._drift(current)
-        gross = self._rng.random(len(rows)) < self.survey.outliers
-        current[gross] += self._rng.normal(0, GROSS_TIE_PX, (int(gross.sum()), 2))
+        gross = rng.random(len(rows)) < self.survey.outliers
+        current[gross] += rng.normal(0, GROSS_TIE_PX, (int(gross.sum()), 2))
         rays = rays_of_ideal(before.camera, previous), rays_of_ideal(now.camera, current)
         coarse, _ = fit_coarse_motion(*rays, expected.prior, expected.search, now.focal_px)
-        growth = self._depths(int(first), shared) / self._depths(int(second), shared)
+        points = self.points[shared]
+        growth = self.depth(int(first), points) / self.depth(int(second), points)
         warp = np.column_stack([growth, np.zeros(len(rows)), growth])
         sigma = np.zeros(len(rows))  # no patch slides along an edge
         tied = RegisteredTies(
@@ -292,10 +296,6 @@ class SimulatedDrive:
             before, now, tied, (coarse.rotation, coarse.direction), expected.prior
         )
         return pose if pose.inliers >= fewest else None
-
-    def _depths(self, index: int, points: NDArray[np.int64]) -> Array:
-        """Depth (n,) of points that could be ties in an image."""
-        return np.asarray(self.poses[index].to_camera(self._points[points])[:, 2])
 
     def _drift(self, uv: Array) -> Array:
         """A smooth random field at pixels (n, 2): Gaussian in its values, of unit scatter, and in its correlation."""
@@ -325,22 +325,3 @@ class SimulatedDrive:
         centre[gross] += rng.normal(0, GROSS_SIGN_PX, (int(gross.sum()), 2))
         box = np.column_stack([centre - half, centre + half]) + 0.5
         return PanelObservations(np.asarray(sign, np.int64), box, centre)
-
-
-def _table(seen: PanelObservations) -> Candidates:
-    count = len(seen.sign)
-    regions = Regions(
-        seen.box.astype(np.float32),
-        np.full(count, 100, np.int32),
-        np.zeros((count, 3), np.float32),
-        np.zeros(count, np.uint8),
-    )
-    return replace(
-        Candidates.of(regions),
-        center=seen.centre,
-        ideal=seen.centre,
-        score=np.full(count, SURE, np.float32),
-    )
-
-
-_NO_PIXELS = np.zeros((0, 0), np.uint8)

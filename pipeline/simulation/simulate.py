@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import atan, degrees, isfinite, radians, tan
+from math import atan, degrees, inf, isfinite, radians, tan
 from pathlib import Path
 from typing import Any
 
@@ -38,18 +38,19 @@ BOUNDED = 16
 
 @dataclass(frozen=True, slots=True)
 class SimulationResult:
-    """Errors of the signs that were found, in the camera of the closest whole view: along, lateral, up, metres.
-
-    `error`, `sigma` (n, 3): reported minus true, and as stated. `bound` (m, 3): Cramér-Rao, of some of them. `nearest`
-    (n,): distance of the closest view. `wanted`: signs that three or more images show.
-    """
+    """Errors of the n signs that were found, in the camera of the closest whole view: along, lateral, up, metres."""
 
     survey: Survey
     wanted: int
+    """Signs that three or more images show."""
     error: Array
+    """Reported minus true, (n, 3)."""
     sigma: Array
+    """As stated, (n, 3)."""
     bound: Array
+    """Cramér-Rao, of m of them, (m, 3)."""
     nearest: Array
+    """Distance of the closest view, (n,)."""
 
     @property
     def total(self) -> Array:
@@ -83,26 +84,16 @@ class SimulationResult:
 def simulate(
     survey: Survey, watch: Callable[[int, int], None] = lambda done, total: None
 ) -> SimulationResult:
-    """Simulate a survey and compare the located signs with the truth.
+    """Simulate a survey and compare the located signs with the truth; watch: how many of all images are done.
 
-    Parameters
-    ----------
-    survey
-        What is planned.
-    watch
-        Called with how many of all images are done.
-
-    Raises
-    ------
-    UsageError
-        An option is out of range, or no sign is seen often enough.
+    Raises UsageError where an option is out of range, or no sign is seen often enough.
     """
     check(survey)
     drive = SimulatedDrive(survey)
     settings = TrackSettings(fewest_views=FEWEST_VIEWS)
     # the stated sigmas include the errors that the survey has
     noise = (max(survey.noise_px, LEAST_SIGMA_PX), survey.noise_share)
-    found: dict[int, tuple[Array, Array, float, int]] = {}
+    found: dict[int, Landmark] = {}
     posed = drive.posed(MotionSettings())
     settled_frames = track(posed, settings, jointly=True, box_sigma=noise)
     for done, settled in enumerate(settled_frames, 1):
@@ -112,71 +103,54 @@ def simulate(
                 continue
             seen = [drive.seen[view.frame].sign[view.row] for view in place.views]
             sign = int(np.bincount(seen).argmax())
-            if sign not in found or len(place.views) > found[sign][3]:
-                found[sign] = _errors_of(drive, place, sign)
-    shown = np.bincount(
-        np.concatenate([s.sign for s in drive.seen] + [np.zeros(0, np.int64)]),
-        minlength=survey.signs,
-    )
+            if sign not in found or len(place.views) > len(found[sign].views):
+                found[sign] = place
+    shown = np.bincount(np.concatenate([s.sign for s in drive.seen]), minlength=survey.signs)
     wanted = int((shown >= settings.fewest_views).sum())
     if not found:
         raise UsageError(
             f"no sign was seen in {settings.fewest_views} images and located: shorten --spacing, or widen the view "
             "by a shorter focal length"
         )
+    places = [found[sign] for sign in sorted(found)]
+    true = np.array(
+        [drive.poses[found[k].best_frame].to_camera(drive.signs[k]) for k in sorted(found)]
+    )
+    error = (np.array([place.position for place in places]) - true)[:, _ORDER] * [1, 1, -1]
+    sigma = np.sqrt([np.diag(place.covariance)[_ORDER] for place in places])
     bounds = _bounds(drive, sorted(found)[:: -(-len(found) // BOUNDED)])
-    error, sigma = (np.array([found[i][k] for i in sorted(found)]) for k in (0, 1))
-    nearest = np.array([found[i][2] for i in sorted(found)])
-    return SimulationResult(survey, wanted, error, sigma, bounds, nearest)
+    return SimulationResult(survey, wanted, error, sigma, bounds, np.linalg.norm(true, axis=1))
 
 
 def check(survey: Survey) -> None:
-    """Refuse a survey whose options are out of range.
-
-    Raises
-    ------
-    UsageError
-        With the option and what it may be.
-    """
+    """Refuse a survey whose options are out of range: UsageError with the option and what it may be."""
     s = survey
-    mount = f"{s.mount_yaw_deg:g}, {s.mount_pitch_deg:g}"
-    limits: list[tuple[str, bool, str, float | str]] = [
-        ("--spacing", 0.2 <= s.spacing_m <= 100, "0.2 m to 100 m", s.spacing_m),
-        ("--focal-px", 100 <= s.focal_px <= 20_000, "100 to 20000", s.focal_px),
-        ("--noise-px", 0 <= s.noise_px <= 20, "0 to 20", s.noise_px),
-        ("--lateral", 0.1 <= abs(s.lateral_m) <= 50, "0.1 m to 50 m", s.lateral_m),
-        ("--curve-radius", s.curve_radius_m >= 30, "30 m or more", s.curve_radius_m),
-        ("--hill", 0 <= s.hill_m <= 40, "0 m to 40 m", s.hill_m),
-        ("--drop-rate", 0 <= s.drop_rate <= 0.5, "0 to 0.5", s.drop_rate),
-        ("--outliers", 0 <= s.outliers <= 0.5, "0 to 0.5", s.outliers),
-        ("--mount-yaw, --mount-pitch", _mount_fits(s), "-10 to 10 degrees", mount),
-        ("--signs", 1 <= s.signs <= 20_000, "1 to 20000", s.signs),
-        ("--seed", s.seed >= 0, "0 or more", s.seed),
-        ("--jitter", 0 <= s.jitter_deg <= 10, "0 to 10 degrees", s.jitter_deg),
-        (
-            "--trigger-sigma",
-            s.trigger_m <= s.spacing_m / 4,
-            "a quarter of --spacing at most",
-            s.trigger_m,
-        ),
-        ("--pose-sigma", s.pose_m is None or s.pose_m >= 0.001, "1 mm or more", s.pose_m or 0.0),
+    turned = max(abs(s.mount_yaw_deg), abs(s.mount_pitch_deg), key=lambda one: (one != one, one))
+    limits: list[tuple[str, float, float, float, str]] = [
+        ("--spacing", s.spacing_m, 0.2, 100, "0.2 m to 100 m"),
+        ("--focal-px", s.focal_px, 100, 20_000, "100 to 20000"),
+        ("--noise-px", s.noise_px, 0, 20, "0 to 20"),
+        ("--lateral", abs(s.lateral_m), 0.1, 50, "0.1 m to 50 m"),
+        ("--curve-radius", s.curve_radius_m, 30, inf, "30 m or more"),
+        ("--hill", s.hill_m, 0, 40, "0 m to 40 m"),
+        ("--drop-rate", s.drop_rate, 0, 0.5, "0 to 0.5"),
+        ("--outliers", s.outliers, 0, 0.5, "0 to 0.5"),
+        ("--mount-yaw, --mount-pitch", turned, 0, 10, "-10 to 10 degrees"),
+        ("--signs", s.signs, 1, 20_000, "1 to 20000"),
+        ("--seed", s.seed, 0, inf, "0 or more"),
+        ("--jitter", s.jitter_deg, 0, 10, "0 to 10 degrees"),
+        ("--trigger-sigma", s.trigger_m, 0, s.spacing_m / 4, "a quarter of --spacing at most"),
+        ("--pose-sigma", inf if s.pose_m is None else s.pose_m, 0.001, inf, "1 mm or more"),
     ]
-    for option, fits, words, value in limits:
-        if not fits:
-            found = value if isinstance(value, str) else f"{value:g}"
+    for option, value, low, high, words in limits:
+        if not low <= value <= high:
             raise UsageError(
-                f"{option} must be {words}, not {found}. See `wayside simulate --help`."
+                f"{option} must be {words}, not {value:g}. See `wayside simulate --help`."
             )
 
 
 def focal_of_view(hfov_deg: float, width: int) -> float:
-    """Focal length in pixels of an image of this width and horizontal angle of view.
-
-    Raises
-    ------
-    UsageError
-        For an angle that no pinhole camera has.
-    """
+    """Focal length in pixels of an image of this width and horizontal angle of view; raises UsageError."""
     if not 1 < hfov_deg < 170:
         raise UsageError(f"--hfov: {hfov_deg:g} is outside 1 to 170 degrees")
     return width / 2 / tan(radians(hfov_deg) / 2)
@@ -208,14 +182,9 @@ OWN_KEYS = ("schema_version", "surveys")
 def write_simulation(
     tried: Sequence[SimulationResult], file: Path, *, overwrite: bool = False
 ) -> None:
-    """Write the figures of one survey, or of all that a sweep tried, as JSON.
+    """Write the figures of one survey, or of all that a sweep tried, as JSON; raises OutputError.
 
     They replace those of an earlier simulation or, with `overwrite`, any file.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written, or something else stands there.
     """
     content = {"schema_version": 1, "surveys": [one.to_json() for one in tried]}
     write_json(file, content, OWN_KEYS, overwrite=overwrite)
@@ -267,19 +236,9 @@ def sweep_row(one: SimulationResult, target_m: float) -> str:
 
 def sweep_conclusion(tried: Sequence[SimulationResult], target_m: float) -> str:
     """Lines below the rows of a sweep."""
-    good = [one.survey.spacing_m for one in tried if reaches(one, target_m)]
-    if good:
+    if good := [one.survey.spacing_m for one in tried if reaches(one, target_m)]:
         return f"\nwidest spacing that reaches it: {max(good):.2f} m"
     return "\nnone of these reaches it: closer signs, less noise or given poses would help"
-
-
-def _errors_of(
-    drive: SimulatedDrive, place: Landmark, sign: int
-) -> tuple[Array, Array, float, int]:
-    true = drive.poses[place.best_frame].to_camera(drive.signs[sign])
-    error = (place.position - true)[_ORDER] * [1, 1, -1]
-    sigma = np.sqrt(np.diag(place.covariance))[_ORDER]
-    return error, sigma, float(np.linalg.norm(true)), len(place.views)
 
 
 def _bounds(drive: SimulatedDrive, signs: Sequence[int]) -> Array:
@@ -300,7 +259,8 @@ def _bounds(drive: SimulatedDrive, signs: Sequence[int]) -> Array:
         for frame in span[1:]:
             if np.isnan(steps[frame, 0, 0]):
                 steps[frame] = _step_bound(drive, int(frame))
-        tall = survey.panel_m / drive.depth(sign, frames)
+        depth = [drive.depth(int(f), drive.signs[[sign]])[0] for f in frames]
+        tall = survey.panel_m / np.array(depth)
         covariance = point_bound(
             np.stack([drive.poses[f].rotation for f in span]),
             np.stack([drive.poses[f].centre for f in span]),
@@ -341,15 +301,11 @@ def bound_of_step(
 
 def _step_bound(drive: SimulatedDrive, frame: int) -> Array:
     survey = drive.survey
-    points = drive.tie_points(drive.common(frame - 1, frame))
+    points = drive.points[drive.common(frame - 1, frame)]
     pixels = drive.project(frame - 1, points), drive.project(frame, points)
     step = drive.poses[frame].relative_to(drive.poses[frame - 1])
     known = survey.trigger_m if survey.pose_m is None else UNKNOWN_LENGTH_M
     return bound_of_step(survey, drive.camera, step, pixels, known)
-
-
-def _mount_fits(survey: Survey) -> bool:
-    return abs(survey.mount_yaw_deg) <= 10 and abs(survey.mount_pitch_deg) <= 10
 
 
 def _figures(errors: Array) -> dict[str, float]:

@@ -2,7 +2,6 @@
 
 from wayside.stages.inventory.association import FACING_DEG, YEAR_NS, gone_probability
 from wayside.stages.inventory.grouping import merge_sightings
-from wayside.stages.inventory.occlusion import PlaceImage, measure_occlusion
 from wayside.stages.inventory.vectors import (
     VECTOR_REACH_M,
     Agreement,
@@ -11,7 +10,14 @@ from wayside.stages.inventory.vectors import (
     measure_differences,
     reference_vectors,
 )
-from wayside.stages.inventory.visibility import PanelPlaces, PanelViews, match_moved, views_of
+from wayside.stages.inventory.visibility import (
+    PanelPlaces,
+    PanelViews,
+    PlaceImage,
+    match_moved,
+    measure_occlusion,
+    views_of,
+)
 
 __all__ = [
     "FACING_DEG",

@@ -10,7 +10,6 @@ from scipy.spatial import cKDTree
 
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import Sightings
-from wayside.stages.kernels import compiled, compiled_within, require_array
 
 NEAR_SIGMAS = 4.0
 """Sightings farther apart, by their errors, are two: of normal errors one pair in 16,000 lies beyond."""
@@ -42,13 +41,7 @@ def candidate_pairs(
     """Pairs (m, 2) of rows of different drives, the lower first, near each other and facing the same way.
 
     Near: within `NEAR_SIGMAS` standard deviations of the errors of both, level, and at most within `reach_m`.
-
-    Parameters
-    ----------
-    sightings, settings
-        What is compared, and the gates.
-    position
-        (n, 3) to compare instead of that measured.
+    position (n, 3): to compare instead of that measured.
     """
     where = sightings.position if position is None else position
     spread = sightings.common_sigma_m[:, 0]
@@ -120,30 +113,20 @@ def miss_log_ratio(sightings: Sightings, i: Ints, j: Ints, settings: MergeSettin
 
 
 def gone_probability(
-    confidence: Floats, years: Floats, looks: Ints, misses: Ints, settings: MergeSettings
-) -> Floats:
-    """Probability (n,) that panels which one survey saw were not there in another, that looked and saw none.
+    confidence: float, years: float, looks: int, misses: int, settings: MergeSettings
+) -> float:
+    """Probability that a panel which one survey saw was not there in another, that looked and saw none.
 
-    Otherwise either each of these drives missed them, by a vehicle in front or by its own fault, or they are no panels
-    at all. The second is supported by other drives of the survey that should have seen them and did not.
+    Otherwise either each of these drives missed it, by a vehicle in front or by its own fault, or it is no panel at
+    all. The second is supported by other drives of the survey that should have seen it and did not.
 
-    Parameters
-    ----------
-    confidence
-        (n,) that they are panels.
-    years
-        (n,) between the surveys.
-    looks
-        (n,) drives of the other survey that had the places in view.
-    misses
-        (n,) drives of the survey that saw them which had the places in view and saw none.
-    settings
-        How often faces are replaced, and panels missed.
+    confidence: that it is a panel. years: between the surveys. looks: drives of the other survey that had the place in
+    view. misses: drives of the survey that saw it which had the place in view and saw none.
     """
-    changed = changed_share(years, settings)
+    changed = float(changed_share(np.array(years), settings))
     panel = confidence * settings.missed**misses
     gone, missed = panel * changed, panel * (1 - changed) * settings.missed**looks
-    return np.asarray(gone / (gone + missed + 1 - confidence), np.float64)
+    return gone / (gone + missed + 1 - confidence)
 
 
 def changed_share(years: Floats, settings: MergeSettings) -> Floats:
@@ -158,44 +141,20 @@ def _years(sightings: Sightings, i: Ints, j: Ints) -> Floats:
 def place_log_ratio(apart: Floats, spread: Floats) -> Floats:
     """Log-likelihood ratio (m,) of the places of two sightings: of one panel, against of one and its neighbour.
 
-    The difference of two measurements of one panel has a multivariate Student distribution, because some errors are
-    larger than stated (Lange, Little and Taylor 1989). Neighbours that face the same way stand anywhere with one
-    density.
-
-    Parameters
-    ----------
-    apart
-        Differences (m, 3), metres.
-    spread
-        Their covariances (m, 3, 3), square metres.
+    The difference of two measurements of one panel, apart (m, 3) with covariance spread (m, 3, 3), metres, has a
+    multivariate Student distribution, because some errors are larger than stated (Lange, Little and Taylor 1989).
+    Neighbours that face the same way stand anywhere with one density.
     """
-    apart, spread = np.ascontiguousarray(apart), np.ascontiguousarray(spread)
-    require_array(apart, "apart", np.float64, (None, 3))
-    require_array(spread, "spread", np.float64, (len(apart), 3, 3))
-    return _place_ratios(apart, spread, *place_terms())
+    freedom, constant = place_terms()
+    tail = np.log1p(mahalanobis2(apart, spread) / freedom)
+    return np.asarray(constant - 0.5 * (np.log(np.linalg.det(spread)) + (freedom + 3) * tail))
 
 
 def place_terms() -> tuple[float, float]:
-    """What `place_ratio` needs besides: degrees of freedom, and the term that no measurement changes."""
+    """Degrees of freedom of `place_log_ratio`, and its term that no measurement changes."""
     freedom = TAIL_FREEDOM
     constant = lgamma((freedom + 3) / 2) - lgamma(freedom / 2) - 1.5 * log(freedom * pi)
     return freedom, constant - log(DENSITY)
-
-
-@compiled_within
-def place_ratio(apart: Floats, spread: Floats, freedom: float, constant: float) -> float:
-    """`place_log_ratio` of one difference (3,) with its covariance (3, 3)."""
-    distance2 = np.dot(apart, np.linalg.solve(spread, apart))
-    volume = np.log(np.linalg.det(spread))
-    return float(constant - 0.5 * (volume + (freedom + 3) * np.log1p(distance2 / freedom)))
-
-
-@compiled
-def _place_ratios(apart: Floats, spread: Floats, freedom: float, constant: float) -> Floats:
-    ratio = np.empty(len(apart))
-    for k in range(len(apart)):
-        ratio[k] = place_ratio(apart[k], spread[k], freedom, constant)
-    return ratio
 
 
 def mahalanobis2(difference: Floats, covariance: Floats) -> Floats:

@@ -20,12 +20,11 @@ from wayside.stages.inventory.association import (
     faces_log_ratio,
     miss_log_ratio,
     place_log_ratio,
-    place_ratio,
     place_terms,
     size_log_ratio,
 )
 from wayside.stages.inventory.offsets import relative_variance, solve_offsets
-from wayside.stages.kernels import compiled, require_array
+from wayside.stages.kernels import compiled
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -40,15 +39,8 @@ def merge_sightings(sightings: Sightings, settings: MergeSettings) -> MergedPane
     good is another panel (`face_runs`).
 
     A panel's position is the mean of its corrected sightings by the inverse of their covariances. Its covariance is the
-    covariance of the mean of as many independent drives as saw it, with the whole common error of each. Relative
+    covariance of the mean of as many independent drives as saw it, with the whole common error of each: relative
     offsets are known well, their common level only as well as the mean of the drives' fixes.
-
-    Parameters
-    ----------
-    sightings
-        At least one; rows in order of drive, then station.
-    settings
-        Gates and error model.
     """
     offsets = solve_offsets(sightings, settings)
     corrected = sightings.position - offsets.offset_m
@@ -87,45 +79,10 @@ def _places(
     order = np.lexsort((j, i, -score))
     order = order[score[order] > 0]
     information = np.asarray(np.linalg.inv(sightings.covariance), np.float64)
-    group = join_groups(
-        pairs[order],
-        relative[order],
-        face[order],
-        sightings.drive,
-        np.einsum("nij,nj->ni", information, corrected),
-        information,
-    )
+    weighted = np.einsum("nij,nj->ni", information, corrected)
+    kept = pairs[order], relative[order], face[order]
+    group = _join(*kept, sightings.drive, weighted, information, *place_terms())
     return np.asarray(np.unique(group, return_inverse=True)[1], np.int64)
-
-
-def join_groups(
-    pairs: Ints, relative: Floats, face: Floats, drive: Ints, weighted: Floats, information: Floats
-) -> Ints:
-    """Group of each of n rows, named by its lowest row; no group holds two rows of one drive.
-
-    Parameters
-    ----------
-    pairs, relative
-        Rows (m, 2) to join, best first, with the variance (m, 2), level and up, of the drives' relative offset.
-    face
-        Log-likelihood ratio (m,) of their faces.
-    drive
-        (n,) of the rows.
-    weighted, information
-        Position times information (n, 3), and information (n, 3, 3), of the rows.
-    """
-    rows = len(drive)
-    require_array(pairs, "pairs", np.int64, (None, 2))
-    require_array(relative, "relative", np.float64, (len(pairs), 2))
-    require_array(face, "face", np.float64, (len(pairs),))
-    require_array(drive, "drive", np.int64, (rows,))
-    weighted, information = np.ascontiguousarray(weighted), np.ascontiguousarray(information)
-    require_array(weighted, "weighted", np.float64, (rows, 3))
-    require_array(information, "information", np.float64, (rows, 3, 3))
-    if len(pairs) and (pairs.min() < 0 or pairs.max() >= rows):
-        raise ValueError(f"pairs name rows {pairs.min()} to {pairs.max()}, outside 0 to {rows - 1}")
-    groups = weighted.copy(), information.copy()
-    return _join(pairs, relative, face, drive, *groups, *place_terms())
 
 
 @compiled
@@ -139,35 +96,35 @@ def _join(
     freedom: float,
     constant: float,
 ) -> Ints:
-    rows = len(drive)
-    group = np.arange(rows)
-    following = np.full(
-        rows, -1, np.int64
-    )  # the members of a group as a list that starts with its lowest row
+    """Group of each of n rows, named by its lowest row; no group holds two rows of one drive.
+
+    pairs, relative, face: rows (m, 2) to join, best first, with the variance (m, 2), level and up, of the drives'
+    relative offset, and the log-likelihood ratio (m,) of their faces. weighted, information: position times information
+    (n, 3), and information (n, 3, 3), of the rows; those of the groups take their place.
+    """
+    group, following = np.arange(len(drive)), np.full(len(drive), -1)  # members are linked lists
     for k in range(len(pairs)):
-        a, b = group[pairs[k, 0]], group[pairs[k, 1]]
+        a, b = np.sort(group[pairs[k]])
         if a == b:
             continue
-        if b < a:
-            a, b = b, a
-        shared, last = False, a
-        one = a
+        shared, last, one = False, a, a
         while one >= 0:
             other = b
             while other >= 0:
                 shared |= drive[one] == drive[other]
                 other = following[other]
-            last = one
-            one = following[one]
+            last, one = one, following[one]
         if shared:
             continue
         spread = np.linalg.inv(information[a]) + np.linalg.inv(information[b])
         for axis in range(3):
             spread[axis, axis] += relative[k, axis // 2]
-        apart = np.linalg.solve(information[a], weighted[a]) - np.linalg.solve(
-            information[b], weighted[b]
-        )
-        if face[k] + place_ratio(apart, spread, freedom, constant) <= 0:
+        ours = np.linalg.solve(information[a], weighted[a])
+        apart = ours - np.linalg.solve(information[b], weighted[b])
+        distance2 = np.dot(apart, np.linalg.solve(spread, apart))
+        tail = (freedom + 3) * np.log1p(distance2 / freedom)
+        # the place as in `place_log_ratio`
+        if face[k] + constant - 0.5 * (np.log(np.linalg.det(spread)) + tail) <= 0:
             continue
         following[last] = b
         one = b
@@ -210,9 +167,7 @@ def _differ(sightings: Sightings, place: Ints) -> NDArray[np.bool_]:
         differ[place[known[code[known] != any_code[place[known]]]]] = True
     first, sized = np.zeros(count, np.int64), np.isfinite(sightings.size_m).all(axis=1)
     known = np.flatnonzero(sized)[::-1]
-    first[place[known]] = (
-        known  # the first one whose size is known; of several the last written stays
-    )
+    first[place[known]] = known  # of several the last written stays, the first in order
     ratio = size_log_ratio(sightings, np.arange(len(place)), first[place])
     differ[place[ratio < -1]] = True
     return differ
@@ -223,19 +178,17 @@ def _viterbi(sightings: Sightings, rows: Ints, settings: MergeSettings) -> Ints:
     count = len(rows)
     seen, face = (side.ravel() for side in np.meshgrid(rows, rows, indexing="ij"))
     fit = size_log_ratio(sightings, seen, face)
+    right, wrong = log(1 - MISREAD), log(MISREAD)
     for code in (sightings.color, sightings.shape):
         known = (code[seen] >= 0) & (code[face] >= 0)
-        right, wrong = log(1 - MISREAD), log(MISREAD)
         fit += np.where(known, np.where(code[seen] == code[face], right, wrong), 0.0)
     fit = fit.reshape(count, count)
     changes = changed_share(np.diff(sightings.time_ns[rows]) / YEAR_NS, settings)
     best, back = fit[0], np.zeros((count, count), np.int64)
     for k in range(1, count):
         changed = max(float(changes[k - 1]), 1e-9)
-        move = np.where(
-            np.eye(count, dtype=bool), log(1 - changed), log(changed / max(count - 1, 1))
-        )
-        total = best[:, None] + move
+        stay, move = log(1 - changed), log(changed / max(count - 1, 1))
+        total = best[:, None] + np.where(np.eye(count, dtype=bool), stay, move)
         back[k] = total.argmax(axis=0)
         best = total.max(axis=0) + fit[k]
     face_of = np.empty(count, np.int64)

@@ -63,10 +63,7 @@ def solve_offsets(sightings: Sightings, settings: MergeSettings) -> DriveOffsets
     own = sightings.covariance[i] + sightings.covariance[j]
     common = np.square(sightings.common_sigma_m)[:, [0, 0, 1]]
     kept = np.zeros(len(pairs), bool)
-    processes = [
-        _process(sightings, sightings.common_sigma_m[:, column], CORRELATION_S)
-        for column, _ in _AXES
-    ]
+    processes = [_process(sightings, sightings.common_sigma_m[:, column]) for column, _ in _AXES]
     for width in KERNEL:
         spread = own + width**2 * np.eye(3) * (common[i] + common[j])[:, None]
         apart = sightings.position[i] - sightings.position[j] - offset[i] + offset[j]
@@ -85,22 +82,12 @@ def relative_variance(sightings: Sightings, offsets: DriveOffsets, pairs: Ints) 
     """Variance (m, 2), level and up, of the difference of two drives' common errors after their adjustment.
 
     Of the other pairs of the same two drives, only the nearest before and after count, with the change of both errors
-    over this distance. A pair is thus not judged by its own error, and more pairs would only lower it.
-
-    Parameters
-    ----------
-    sightings, offsets
-        What was adjusted, and its result.
-    pairs
-        Rows (m, 2) of different drives, the lower first.
+    over this distance. A pair is thus not judged by its own error, and more pairs would only lower it. offsets: result
+    of the adjustment. pairs: rows (m, 2) of different drives, the lower first.
     """
     drives = int(sightings.drive.max(initial=0)) + 1
-
-    def by_drives(rows: Ints) -> Ints:
-        return np.asarray(sightings.drive[rows[:, 0]] * drives + sightings.drive[rows[:, 1]])
-
-    known, asked = offsets.pairs, by_drives(pairs)
-    of = by_drives(known)
+    known = offsets.pairs
+    of, asked = (sightings.drive[rows] @ [drives, 1] for rows in (known, pairs))
     order = np.lexsort((known[:, 1], known[:, 0], of))
     known, of = known[order], of[order]
     result = np.zeros((len(pairs), 2))
@@ -134,16 +121,12 @@ def _adjust(
     weight: Floats,
     processes: Sequence[csc_array],
 ) -> Floats:
-    """One solution of the least squares: offsets (n, 3), east and north with the same weights.
-
-    `processes` are the precisions (n, n) of the prior, for each of `_AXES`.
-    """
+    """Offsets (n, 3) of one least squares; processes: precisions (n, n) of the prior, for each of `_AXES`."""
     i, j = pairs.T
     count = len(sightings)
     partners = 1.0 + np.bincount(pairs.ravel(), np.repeat(weight, 2), minlength=count)
-    shared = 4 / (
-        partners[i] + partners[j]
-    )  # k rows of one panel are k - 1 measurements, not k (k - 1) / 2
+    # k rows of one panel are k - 1 measurements, not k (k - 1) / 2
+    shared = 4 / (partners[i] + partners[j])
     apart = sightings.position[i] - sightings.position[j]
     offset = np.zeros((count, 3))
     for process, (_, axes) in zip(processes, _AXES, strict=True):
@@ -156,7 +139,7 @@ def _adjust(
     return offset
 
 
-def _process(sightings: Sightings, sigma: Floats, correlation_s: float) -> csc_array:
+def _process(sightings: Sightings, sigma: Floats) -> csc_array:
     """Precision (n, n) of the Gauss-Markov processes of all drives, sampled at their sightings."""
     count = len(sightings)
     diagonal = 1 / np.square(sigma)
@@ -165,7 +148,7 @@ def _process(sightings: Sightings, sigma: Floats, correlation_s: float) -> csc_a
     a, b = a[same], b[same]
     variance = sigma[a] * sigma[b]
     step_s = np.maximum((sightings.time_ns[b] - sightings.time_ns[a]) * 1e-9, _SHORTEST_S)
-    keep = np.exp(-step_s / correlation_s)
+    keep = np.exp(-step_s / CORRELATION_S)
     lost = 1 - keep**2
     # precision of the bridge between neighbours; the ends keep the stationary precision
     np.add.at(diagonal, a, keep**2 / lost / variance)

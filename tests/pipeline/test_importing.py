@@ -35,7 +35,10 @@ def test_images_become_a_log_that_needs_no_spacing(tmp_path, calibration):
     files = [write_image(folder / f"P{n}.jpg") for n in (9, 10, 11, 100)]
     (folder / "notes.txt").write_text("no image")
     out = tmp_path / "drive.mcap"
-    assert import_images([folder], calibration, 8.04672, out) == (4, 0)
+    told = []
+    done = import_images([folder], calibration, 8.04672, out, watch=lambda *of: told.append(of))
+    assert done == (4, 0)
+    assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
     frames = frames_of(out)
     assert [bytes(f.data) for f in frames] == [f.read_bytes() for f in files]
     assert [f.spacing_m for f in frames] == [None, 8.04672, 8.04672, 8.04672]
@@ -43,13 +46,6 @@ def test_images_become_a_log_that_needs_no_spacing(tmp_path, calibration):
     assert frames[0].camera.distortion == (-0.2, 0.1, 0.0, 0.0, 0.5)
     assert all(f.header_time_ns is None for f in frames)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["camera.yaml", "drive.mcap", "images"]
-
-
-def test_it_is_told_how_many_images_are_written(tmp_path, calibration):
-    images = [write_image(tmp_path / f"{n}.png") for n in range(3)]
-    told = []
-    import_images(images, calibration, 8.0, tmp_path / "d.mcap", watch=lambda *of: told.append(of))
-    assert told == [(1, 3), (2, 3), (3, 3)]
 
 
 def test_missing_numbers_are_missing_distances(tmp_path, calibration):
@@ -103,40 +99,36 @@ def test_the_same_images_give_the_same_bytes(tmp_path, calibration):
     assert logs[0].read_bytes() == logs[1].read_bytes()
 
 
-def test_an_image_of_another_size_is_named_and_no_log_is_left(tmp_path, calibration):
-    files = [write_image(tmp_path / "1.jpg"), write_image(tmp_path / "2.jpg", width=40)]
-    with pytest.raises(InputError, match=r"2\.jpg: the image has 40 x 24 .* is for 32 x 24"):
-        import_images(files, calibration, 8.0, tmp_path / "drive.mcap")
+@pytest.mark.parametrize(
+    ("names", "spacing", "error", "words"),
+    [
+        (
+            ["1.jpg", "wide.jpg"],
+            8.0,
+            InputError,
+            r"wide\.jpg: the image has 40 x 24 .* is for 32 x 24",
+        ),
+        (["words.jpg"], 8.0, InputError, r"none of 1 files .* words\.jpg: no JPEG or PNG"),
+        (["none.jpg"], 8.0, InputError, r"none\.jpg: no such file"),
+        (["empty"], 8.0, UsageError, "no images to import"),
+        (["1.jpg"], 0.0, UsageError, "--spacing"),
+        (["1.jpg"], -1.0, UsageError, "--spacing"),
+        (["1.jpg"], float("nan"), UsageError, "--spacing"),
+    ],
+)
+def test_what_cannot_be_imported_is_refused_and_no_log_is_left(
+    tmp_path, calibration, names, spacing, error, words
+):
+    write_image(tmp_path / "1.jpg")
+    write_image(tmp_path / "wide.jpg", width=40)
+    (tmp_path / "words.jpg").write_text("no image")
+    (tmp_path / "empty").mkdir()
+    files = [tmp_path / name for name in names]
+    with pytest.raises(error, match=words):
+        import_images(files, calibration, spacing, tmp_path / "drive.mcap")
     assert not list(tmp_path.glob("drive*"))
-
-
-def test_what_is_no_image_is_named(tmp_path, calibration):
-    (tmp_path / "1.jpg").write_text("no image")
-    with pytest.raises(InputError, match=r"none of 1 files .* 1\.jpg: no JPEG or PNG"):
-        import_images([tmp_path / "1.jpg"], calibration, 8.0, tmp_path / "drive.mcap")
-
-
-def test_a_missing_image_is_named(tmp_path, calibration):
-    with pytest.raises(InputError, match=r"1\.jpg: no such file"):
-        import_images([tmp_path / "1.jpg"], calibration, 8.0, tmp_path / "drive.mcap")
-
-
-def test_an_empty_folder_is_refused(tmp_path, calibration):
-    (tmp_path / "images").mkdir()
-    with pytest.raises(UsageError, match="no images to import"):
-        import_images([tmp_path / "images"], calibration, 8.0, tmp_path / "drive.mcap")
-
-
-@pytest.mark.parametrize("spacing", [0.0, -1.0, float("nan")])
-def test_a_spacing_that_is_none_is_refused(tmp_path, calibration, spacing):
-    with pytest.raises(UsageError, match="--spacing"):
-        import_images([tmp_path], calibration, spacing, tmp_path / "drive.mcap")
-
-
-def test_a_place_that_cannot_be_written_is_an_output_error(tmp_path, calibration):
-    file = write_image(tmp_path / "1.jpg")
     with pytest.raises(OutputError, match="the file cannot be written: No such file"):
-        import_images([file], calibration, 8.0, tmp_path / "none" / "drive.mcap")
+        import_images([tmp_path / "1.jpg"], calibration, 8.0, tmp_path / "none" / "drive.mcap")
 
 
 def imported(files, calibration, out):
@@ -203,14 +195,9 @@ def test_missing_numbers_are_said_by_import_and_by_a_run(tmp_path, calibration):
         assert "missing numbers" in words
         assert "1 after P12.jpg, 2 after P15.jpg" in words
     assert (len(said), len(report.notes)) == (1, 1)
-
-
-def test_numbers_that_tell_nothing_are_said(tmp_path, calibration):
-    files = [write_image(tmp_path / f"P{n}.jpg") for n in (10, 25, 31)]
-    _, said = imported(files, calibration, tmp_path / "drive.mcap")
-    assert [words.split(":")[0] for words in said] == [
-        "the numbers in the names do not rise evenly"
-    ]
+    uneven = [write_image(tmp_path / f"P{n}.jpg") for n in (110, 125, 131)]
+    _, (words,) = imported(uneven, calibration, tmp_path / "uneven.mcap")
+    assert words.startswith("the numbers in the names do not rise evenly")
 
 
 def test_what_cannot_be_imported_is_left_out_and_named(tmp_path, calibration, command):

@@ -13,8 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
-from wayside.pipeline.logs.bags import readable_log
-from wayside.pipeline.logs.joining import join_logs
+from wayside.pipeline.logs.joining import join_logs, readable_log
 from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.parts import log_parts
@@ -56,27 +55,27 @@ def messages(store, indices):
         yield "/words", "std_msgs/msg/String", time, words
 
 
-def write_ros2(folder, indices, plugin, parts=1):
-    """A bag directory; rosbags writes no split bags, so its only file is divided by hand where it is of MCAP."""
+def write_ros2(folder, indices, plugin):
+    """A bag directory."""
     store = get_typestore(Stores.ROS2_HUMBLE)
-    with Ros2Writer(folder, version=9, storage_plugin=plugin) as writer:
-        known = {}
-        for topic, kind, time, message in messages(store, indices):
-            if topic not in known:
-                known[topic] = writer.add_connection(topic, kind, typestore=store)
-            writer.write(known[topic], time, store.serialize_cdr(message, kind))
-    return folder
+    return _write(
+        Ros2Writer(folder, version=9, storage_plugin=plugin), store, store.serialize_cdr, indices
+    )
 
 
 def write_ros1(path, indices):
     store = get_typestore(Stores.ROS1_NOETIC)
-    with Ros1Writer(path) as writer:
+    return _write(Ros1Writer(path), store, store.serialize_ros1, indices)
+
+
+def _write(writer, store, serialized, indices):
+    with writer:
         known = {}
         for topic, kind, time, message in messages(store, indices):
             if topic not in known:
                 known[topic] = writer.add_connection(topic, kind, typestore=store)
-            writer.write(known[topic], time, store.serialize_ros1(message, kind))
-    return path
+            writer.write(known[topic], time, serialized(message, kind))
+    return writer.path
 
 
 def assert_images(log, indices):
@@ -87,13 +86,18 @@ def assert_images(log, indices):
     assert {f.status for f in frames} == {"used"}
 
 
-@pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
-def test_a_ros2_bag_directory_becomes_a_log(tmp_path, plugin):
-    bag = write_ros2(tmp_path / "bag", range(5), plugin)
-    joined = join_logs([bag], tmp_path / "drive.mcap")
-    assert joined.topics == (3 if plugin is StoragePlugin.MCAP else 2)
-    assert_images(tmp_path / "drive.mcap", range(5))
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["bag", "drive.mcap"]
+@pytest.mark.parametrize("kind", [StoragePlugin.MCAP, StoragePlugin.SQLITE3, "ros1"])
+def test_bags_become_a_log(tmp_path, kind):
+    if kind == "ros1":
+        bags = [write_ros1(tmp_path / f"{i}.bag", range(2 * i, 2 * i + 2)) for i in range(3)]
+    else:
+        bags = [write_ros2(tmp_path / "bag", range(6), kind)]
+    before = sorted(p.name for p in tmp_path.iterdir())
+    joined = join_logs(bags, tmp_path / "drive.mcap")
+    assert len(joined.parts) == len(bags)
+    assert joined.topics == (3 if kind is StoragePlugin.MCAP else 2)
+    assert_images(tmp_path / "drive.mcap", range(6))
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([*before, "drive.mcap"])
 
 
 def write_split(folder, first_indices, second_indices):
@@ -186,12 +190,6 @@ def test_the_command_names_the_bag_it_was_given_and_not_the_copy(tmp_path, monke
     assert "joined first" in done.stderr
 
 
-def test_ros1_bags_of_one_drive_become_a_log(tmp_path):
-    bags = [write_ros1(tmp_path / f"{i}.bag", range(2 * i, 2 * i + 2)) for i in range(3)]
-    assert len(join_logs(bags, tmp_path / "drive.mcap").parts) == 3
-    assert_images(tmp_path / "drive.mcap", range(6))
-
-
 def test_parts_of_mcap_keep_every_message_metadata_and_attachment(tmp_path):
     parts = []
     for number in range(2):
@@ -238,10 +236,6 @@ def test_a_part_that_is_no_log_is_named(tmp_path, name):
     path.mkdir() if name == "bag" else path.write_text("no log")
     with pytest.raises(InputError, match=name):
         join_logs([path], tmp_path / "out.mcap")
-    assert [p.name for p in tmp_path.iterdir()] == [name]
-
-
-def test_a_part_whose_name_is_too_long_is_named_and_not_the_output(tmp_path):
     with pytest.raises(InputError, match=r"xxx\.mcap: this is not an MCAP file.*too long"):
         join_logs([tmp_path / ("x" * 5000 + ".mcap")], tmp_path / "out.mcap")
-    assert not list(tmp_path.iterdir())
+    assert [p.name for p in tmp_path.iterdir()] == [name]

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from wayside.pipeline.calibration.board_report import format_boards
 from wayside.pipeline.calibration.boards import calibrate_images, parse_board
 from wayside.pipeline.calibration.command import calibrate_by_boards
-from wayside.pipeline.calibration.coverage import coverage_of
+from wayside.pipeline.calibration.coverage import format_boards
 from wayside.pipeline.cli import app
 from wayside.pipeline.logs.importing import import_images
 from wayside.pipeline.reading.camera_file import read_camera_file
@@ -70,7 +69,7 @@ def test_images_that_are_not_used_are_named_with_the_reason(found):
     assert "cut off" in why["cut.png"]
     assert "no board of 9 x 6" in why["empty.png"]
     assert "320 x 240 pixels, while most have 480 x 360" in why["small.png"]
-    report = format_boards(found, coverage_of(found))
+    report = format_boards(found)
     assert all(f"{name}" in report and words in report for name, words in why.items())
 
 
@@ -101,7 +100,7 @@ def test_a_view_with_wrong_corners_is_left_out(renderer, boards, tmp_path):
     found = calibrate_images([tmp_path], BOARD, "plumb_bob")
     assert [image.path.name for image, view in found.seen if not view.used] == ["board3.png"]
     assert found.calibration.camera.fx == pytest.approx(renderer.camera.fx, rel=0.005)
-    assert "left out" in format_boards(found, coverage_of(found))
+    assert "left out" in format_boards(found)
 
 
 def test_boards_parallel_to_the_image_are_refused(renderer, poses, tmp_path):

@@ -9,8 +9,12 @@ import pytest
 from typer.testing import CliRunner
 
 from wayside.pipeline.calibration import drives
-from wayside.pipeline.calibration.drive_report import format_drive, not_determined
-from wayside.pipeline.calibration.drives import FOCAL_GUESSES, CalibratedDrive, calibrate_log
+from wayside.pipeline.calibration.drives import (
+    FOCAL_GUESSES,
+    CalibratedDrive,
+    calibrate_log,
+    format_drive,
+)
 from wayside.pipeline.cli import app
 from wayside.pipeline.logs.importing import import_images
 from wayside.pipeline.reading.camera_file import format_camera, read_camera_file
@@ -41,10 +45,9 @@ def test_the_report_compares_with_the_calibration_given():
 
 
 def test_a_drive_that_does_not_determine_the_focal_length_is_told_with_its_error():
-    assert not not_determined(result(0.029))
-    words = not_determined(result(0.182))
-    assert "standard error of 18.20 %" in words
-    assert "curves" in words
+    result(0.029).require_determined()
+    with pytest.raises(InputError, match=r"standard error of 18.20 %.*curves"):
+        result(0.182).require_determined()
 
 
 def test_images_without_common_points_are_refused(tmp_path):

@@ -7,19 +7,25 @@ from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.fleet import running, task
+from wayside.pipeline.fleet.engine import WorkerDeathError
+from wayside.pipeline.fleet.folders import MERGED
 from wayside.pipeline.fleet.merging import MergeReport
-from wayside.pipeline.fleet.running import FleetOptions, run_fleet
+from wayside.pipeline.fleet.running import run_fleet
 from wayside.pipeline.fleet.sources import expand_sources
+from wayside.pipeline.fleet.task import FleetOptions
 from wayside.pipeline.results.earlier_result import file_digest
 from wayside.pipeline.running.journal import result_key
 from wayside.schemas.errors import InputError, OutputError, StageError
 
 SETTINGS, _ = load_settings()
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
+FINDS_ALL = {"recall": 1.0, "outliers": 0.0, "false": 0.0, "misread": 0.0}
 
 
 @pytest.fixture(scope="session")
@@ -28,6 +34,33 @@ def simulation():
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(BENCHMARKS))
         return importlib.import_module("merging_simulation")
+
+
+@pytest.fixture(scope="session")
+def drive(simulation):
+    """Writes the result of a drive along a road into an inventory; the true panel of each of its signs."""
+
+    def write(inventory, name, road, rng, *, year=0, day=0, quality=FINDS_ALL, **more):
+        start = simulation.START_NS + year * simulation.YEAR_NS + day * simulation.DAY_NS
+        told = simulation.Quality(**quality)
+        folder = inventory / "drives" / name
+        return simulation.write_drive(folder, road, start, True, told, rng, **more)
+
+    return write
+
+
+def drives_of(inventory):
+    """The results in an inventory."""
+    return sorted((inventory / "drives").iterdir())
+
+
+def rewrite(file, alter):
+    """Change every row of a table."""
+    table = pq.read_table(file)
+    rows = table.to_pylist()
+    for row in rows:
+        row.update(alter(row))
+    pq.write_table(pa.Table.from_pylist(rows, table.schema), file)
 
 
 class NoModels:
@@ -44,6 +77,8 @@ class Died(BaseException):
 class InProcess:
     """An engine of two places that carries a task out at once."""
 
+    death = Died
+
     def places(self):
         return 2
 
@@ -55,9 +90,10 @@ class InProcess:
             future.set_exception(error)
         return future
 
-    def death(self, future):
-        error = future.exception()
-        return f"its worker was ended by {error}" if isinstance(error, Died) else None
+    def result(self, future):
+        if isinstance(error := future.exception(), Died):
+            raise WorkerDeathError(f"its worker was ended by {error}")
+        return future.result()
 
     def __enter__(self):
         return self
@@ -99,7 +135,7 @@ def fleet(tmp_path, monkeypatch):
     def merge(folders, out, settings, watch):
         seen.merged.append([folder.name for folder in folders])
         seen.merge_settings = settings
-        for name in running.MERGED:
+        for name in MERGED:
             (out / name).mkdir(exist_ok=True)
         return MergeReport(len(folders))
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from wayside.pipeline.fleet.engine import DaskEngine, ProcessEngine
+from wayside.pipeline.fleet.engine import DaskEngine, ProcessEngine, WorkerDeathError
 from wayside.schemas.errors import OutputError, UsageError
 
 
@@ -15,7 +15,14 @@ def ended(engine, *tasks):
     """What became of tasks that are begun together: results or deaths."""
     futures = [engine.submit(task) for task in tasks]
     assert not wait(futures, 60.0).not_done
-    return [engine.death(future) or future.result() for future in futures]
+    return [outcome(engine, future) for future in futures]
+
+
+def outcome(engine, future):
+    try:
+        return engine.result(future)
+    except WorkerDeathError as death:
+        return str(death)
 
 
 def test_a_dead_worker_takes_only_its_own_task_along_and_is_replaced():
@@ -30,7 +37,7 @@ def test_a_dead_worker_takes_only_its_own_task_along_and_is_replaced():
 def test_leaving_ends_what_is_under_way():
     with ProcessEngine(signal.sigwait, jobs=1) as engine:
         engine.submit({signal.SIGUSR1})  # it would wait for ever
-        workers = [one for processes, _ in engine._pools.values() for one in processes]
+        workers = list(engine.workers)
     assert len(workers) == 1
     assert not any(worker.is_alive() for worker in workers)
 

@@ -17,23 +17,20 @@ from wayside.pipeline.fleet.merging import merge_inventory
 from wayside.schemas.errors import InputError, UsageError
 
 from ..results import invoke, read_by_gdal
+from .conftest import drives_of
 
 Row = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
-def inventory(simulation, tmp_path_factory):
+def inventory(simulation, drive, tmp_path_factory):
     """A road of 3 km seen by two drives: panels in several cells."""
     folder = tmp_path_factory.mktemp("exported")
     rng = np.random.default_rng(4)
     road = simulation.make_road(0, 3000.0, 60.0, rng)
-    for k in range(2):
-        start = simulation.START_NS + k * simulation.DAY_NS
-        simulation.write_drive(
-            folder / "drives" / f"p{k}", road, start, True, simulation.Quality(), rng
-        )
-    report = merge_inventory(sorted((folder / "drives").iterdir()), folder)
-    assert report.cells > 1
+    for day in range(2):
+        drive(folder, f"p{day}", road, rng, day=day, quality={})
+    assert merge_inventory(drives_of(folder), folder).cells > 1
     return folder
 
 

@@ -7,13 +7,9 @@ from dataclasses import replace
 import pytest
 
 from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.fleet.folders import locked_inventory
 from wayside.pipeline.fleet.manifest import Entry, Manifest, read_manifest, write_manifest
-from wayside.pipeline.fleet.status import (
-    describe_duration,
-    figures_of,
-    format_status,
-    locked_inventory,
-)
+from wayside.pipeline.fleet.status import describe_duration, figures_of, format_status
 from wayside.schemas.errors import InputError, InterruptionError, OutputError
 
 DONE = ("done", 0)
@@ -22,32 +18,25 @@ DONE = ("done", 0)
 @pytest.mark.parametrize("name", ["../../outside", "/outside", "", "..", ".x", "a/b", "x" * 300])
 def test_a_manifest_whose_log_is_no_folder_of_the_inventory_is_refused(fleet, tmp_path, name):
     seen = fleet({"a": "one"})
-    log = tmp_path / "logs" / "a.mcap"
     entry = replace(read_manifest(seen.inventory).logs["a"], name=name, state="waiting")
     write_manifest(seen.inventory, Manifest({name: entry}))
     before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(InputError, match="no name of a folder"):
-        fleet({}, given=[str(log)])
-    with pytest.raises(InputError, match="no name of a folder"):
-        format_status(seen.inventory)
+    for read in (fleet, lambda _: format_status(seen.inventory)):
+        with pytest.raises(InputError, match="no name of a folder"):
+            read({})
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_a_log_of_a_very_long_name_is_a_log_like_others(fleet, tmp_path):
-    seen = fleet({"a": "one"})
-    log = tmp_path / "logs" / ("x" * 252)
-    log.write_text("two")
-    fleet({}, given=[str(log)])
-    assert [state for state, _ in seen.states.values()] == ["done"]
-
-
-def test_every_log_is_done_although_a_worker_dies(fleet):
+def test_every_log_is_done_although_a_worker_dies(fleet, tmp_path):
     seen = fleet({"a": "one", "b": "die then two", "c": "three"})
     assert seen.states == {"a": DONE, "b": DONE, "c": DONE}
     assert sorted(seen.began) == ["a", "b", "b", "c"]
     assert seen.merged == [["a", "b", "c"]]
     assert read_manifest(seen.inventory).logs["b"].attempts == 2
     assert "SIGKILL" in (seen.inventory / "logs" / "b.txt").read_text()
+    long = tmp_path / "logs" / ("x" * 252)  # a log like others
+    long.write_text("four")
+    assert list(fleet({}, given=[str(long)]).states.values()) == [DONE]
 
 
 def test_a_log_that_always_kills_its_worker_is_put_aside_with_its_own_log(fleet):
@@ -62,8 +51,7 @@ def test_a_log_that_always_kills_its_worker_is_put_aside_with_its_own_log(fleet)
 
 
 def test_what_is_in_quarantine_stays_there_until_a_retry(fleet):
-    seen = fleet({"a": "die"}, attempts=1)
-    assert seen.began == ["a"]
+    assert fleet({"a": "die"}, attempts=1).began == ["a"]
     assert fleet({}).began == []  # still in quarantine
     assert sorted(fleet({}, retry=True).began) == ["a", "a", "a"]
 
@@ -83,9 +71,12 @@ def test_deaths_are_counted_that_only_the_log_itself_tells_of(fleet, in_process)
         """Gives the task of a dead worker to the next one and says nothing, as Dask does."""
 
         def submit(self, given):
-            while self.death(future := super().submit(given)) is not None:
+            while isinstance((future := super().submit(given)).exception(), self.death):
                 pass
             return future
+
+        def result(self, future):
+            return future.result()
 
     seen = fleet({"a": "die"}, engine=Rescheduling)
     assert seen.states == {"a": ("quarantined", 1)}
@@ -109,26 +100,26 @@ def test_finished_logs_are_not_run_again_until_something_changes(fleet):
     assert sorted(fleet({}, other).began) == ["a", "b"]
     (seen.inventory / "drives" / "a" / "signs.parquet").unlink()
     assert fleet({}, other).began == ["a"]
-
-
-def test_results_count_also_where_the_manifest_is_lost(fleet):
-    seen = fleet({"a": "one"})
-    (seen.inventory / "fleet.json").unlink()
-    assert fleet({}).began == []
+    (seen.inventory / "fleet.json").unlink()  # results count without it
+    assert fleet({}, other).began == []
     assert read_manifest(seen.inventory).logs["a"].images == 8
 
 
-def test_other_settings_of_merging_merge_anew_and_run_no_log_again(fleet):
+def test_other_settings_of_merging_and_lost_tables_merge_anew_and_run_no_log_again(fleet):
     fleet({"a": "one"})
     other, _ = load_settings(assignments=["merge.support_m=0.9"])
     seen = fleet({}, settings=other)
     assert (seen.began, seen.merged) == ([], [["a"]])
     assert seen.merge_settings.support_m == 0.9
     assert fleet({}, settings=other).merged == []
+    (seen.inventory / "panels").rmdir()
+    assert "panels: not merged yet" in format_status(seen.inventory)
+    assert fleet({}, settings=other).merged == [["a"]]
 
 
-def test_logs_are_added_and_all_of_the_inventory_are_merged(fleet, tmp_path):
-    fleet({"a": "one"})
+def test_logs_are_added_once_and_all_of_the_inventory_are_merged(fleet, tmp_path):
+    seen = fleet({"a": "one", "b": "one"})
+    assert (list(seen.states), [name for _, name in seen.report.copies]) == (["a"], ["a"])
     (tmp_path / "later").mkdir()
     shutil.copy(tmp_path / "logs" / "a.mcap", tmp_path / "later" / "copy.mcap")
     (tmp_path / "later" / "a.mcap").write_text("another of that name")
@@ -151,12 +142,6 @@ def test_a_log_leaves_the_inventory_with_its_result(fleet, tmp_path):
     assert (seen.began, seen.report.left) == (["b"], ())
 
 
-def test_copies_of_one_recording_are_counted_once(fleet):
-    seen = fleet({"a": "one", "b": "one"})
-    assert list(seen.states) == ["a"]
-    assert [name for _, name in seen.report.copies] == ["a"]
-
-
 def test_changed_content_is_refused_before_anything_is_run(fleet):
     fleet({"a": "one", "b": "two"})
     with pytest.raises(OutputError, match="have changed"):
@@ -164,18 +149,17 @@ def test_changed_content_is_refused_before_anything_is_run(fleet):
     assert fleet({}, overwrite=True).began == ["a", "c"]
 
 
-def test_a_full_disk_ends_the_fleet_and_blames_no_log(fleet, seen_inventory):
-    with pytest.raises(OutputError, match="full"):
-        fleet({"a": "full then one", "b": "two"})
-    logs = read_manifest(seen_inventory).logs
-    assert {entry.state for entry in logs.values()} == {"waiting"}
-    assert fleet({}, attempts=1).states == {"a": DONE, "b": DONE}
-
-
-def test_an_interruption_is_no_attempt_and_the_same_command_goes_on(fleet, seen_inventory):
-    with pytest.raises(InterruptionError, match="1 of 2"):
-        fleet({"a": "one", "b": "ctrl-c then two"})
-    assert read_manifest(seen_inventory).logs["b"].attempts == 0
+@pytest.mark.parametrize(
+    ("content", "error", "words"),
+    [("full then one", OutputError, "full"), ("ctrl-c then one", InterruptionError, "1 of 2")],
+)
+def test_what_ends_the_fleet_is_no_attempt_and_the_same_command_goes_on(
+    fleet, seen_inventory, content, error, words
+):
+    with pytest.raises(error, match=words):
+        fleet({"a": "two", "b": content})
+    entry = read_manifest(seen_inventory).logs["b"]
+    assert (entry.state, entry.attempts) == ("waiting", 0)
     seen = fleet({}, attempts=1)
     assert seen.states == {"a": DONE, "b": DONE}
     assert seen.began == ["b"]
@@ -188,38 +172,31 @@ def test_a_log_that_is_not_there_is_told_and_the_others_are_done(fleet, tmp_path
     assert fleet({}, given=[str(tmp_path / "none.mcap")]).states == {"none": DONE}
 
 
-def test_one_fleet_at_a_time(fleet, seen_inventory):
-    with locked_inventory(seen_inventory), pytest.raises(OutputError, match="another fleet"):
-        fleet({"a": "one"})
-
-
-def test_status_lists_what_is_in_quarantine_and_reads_only_its_own_files(fleet, tmp_path):
-    seen = fleet({"a": "input", "b": "two"})
-    told = format_status(seen.inventory)
+def test_status_says_what_each_log_and_the_fleet_is_at(fleet, seen_inventory, tmp_path):
+    with locked_inventory(seen_inventory):
+        assert "looks at its logs" in format_status(seen_inventory)
+        with pytest.raises(OutputError, match="another fleet"):
+            fleet({"a": "input", "b": "two"})
+    fleet({})
+    told = format_status(seen_inventory)
     assert "1 of 2 logs done, 1 in quarantine" in told
     assert "a: exit status 3, attempts 1: no images" in told
-    with locked_inventory(seen.inventory):
-        assert "a fleet is under way" in format_status(seen.inventory)
+    assert "panels: merged" in told
+    manifest = read_manifest(seen_inventory)
+    write_manifest(seen_inventory, replace(manifest, merged=""))
+    assert "panels: not merged yet" in format_status(seen_inventory)
+    with locked_inventory(seen_inventory):
+        told = format_status(seen_inventory)
+        assert "a fleet is under way" in told
+        assert "panels: being merged now" in told
+    again = replace(manifest.logs["b"], key="of another run")
+    write_manifest(seen_inventory, manifest.with_entries([again]))
+    assert "panels: of earlier results" in format_status(seen_inventory)
     with pytest.raises(InputError, match="no inventory"):
         format_status(tmp_path)
-    (seen.inventory / "fleet.json").write_text(json.dumps({"logs": {"a": 1}}))
+    (seen_inventory / "fleet.json").write_text(json.dumps({"logs": {"a": 1}}))
     with pytest.raises(InputError, match="cannot be read"):
-        format_status(seen.inventory)
-
-
-def test_status_says_what_a_fleet_does_besides_running_logs(fleet, tmp_path):
-    with locked_inventory(tmp_path / "inventory"):
-        assert "looks at its logs" in format_status(tmp_path / "inventory")
-    seen = fleet({"a": "one"})
-    assert "panels: merged" in format_status(seen.inventory)
-    manifest = read_manifest(seen.inventory)
-    write_manifest(seen.inventory, replace(manifest, merged=""))
-    assert "panels: not merged yet" in format_status(seen.inventory)
-    with locked_inventory(seen.inventory):
-        assert "panels: being merged now" in format_status(seen.inventory)
-    again = replace(manifest.logs["a"], key="of another run")
-    write_manifest(seen.inventory, manifest.with_entries([again]))
-    assert "panels: of earlier results" in format_status(seen.inventory)
+        format_status(seen_inventory)
 
 
 def test_time_left_is_by_bytes_at_the_rate_of_this_fleet():
@@ -241,11 +218,3 @@ def test_time_left_is_by_bytes_at_the_rate_of_this_fleet():
 )
 def test_durations_are_told_in_two_units_at_most(seconds, words):
     assert describe_duration(seconds) == words
-
-
-def test_merged_tables_that_are_gone_are_made_again(fleet):
-    seen = fleet({"a": "one"})
-    (seen.inventory / "panels").rmdir()
-    assert "panels: not merged yet" in format_status(seen.inventory)
-    assert fleet({}).merged == [["a"]]
-    assert fleet({}).merged == []

@@ -19,7 +19,7 @@ from wayside.stages.inventory.association import (
     miss_log_ratio,
     place_log_ratio,
 )
-from wayside.stages.inventory.grouping import combine, face_runs, join_groups
+from wayside.stages.inventory.grouping import combine, face_runs
 from wayside.stages.inventory.offsets import CORRELATION_S, relative_variance, solve_offsets
 
 SETTINGS = MergeSettings()
@@ -239,14 +239,6 @@ def test_a_spurious_sighting_near_a_panel_does_not_join_it():
         merged = merge_sightings(sightings, SETTINGS)
         assert merged.place[merged.panel[50]] != merged.place[merged.panel[10]]
         assert merged.panel[10] == merged.panel[30]
-
-
-def test_groups_refuse_rows_out_of_range():
-    with pytest.raises(ValueError, match="pairs name rows"):
-        join_groups(
-            np.array([[0, 5]]), np.zeros((1, 2)), np.zeros(1), np.zeros(2, np.int64), np.zeros((2, 3)),
-            np.tile(np.eye(3), (2, 1, 1))
-        )  # fmt: skip
 
 
 def test_moved_panels_are_paired_one_to_one_as_many_as_can():

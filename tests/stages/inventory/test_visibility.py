@@ -37,11 +37,9 @@ def test_a_place_is_in_view_where_its_panel_would_show_whole_large_and_from_the_
 
 def test_a_panel_is_gone_the_surer_the_more_drives_looked_and_the_surer_it_was_one():
     settings = MergeSettings(missed=0.1, change_per_year=0.08)
-    looks, sure, one, none = np.arange(4), np.ones(4), np.ones(4), np.zeros(4, np.int64)
-    found = gone_probability(sure, one, looks, none, settings)
-    expected = [0.08 / (0.08 + 0.92 * 0.1**k) for k in range(4)]
-    assert found == pytest.approx(expected)
-    unsure = gone_probability(0.9 * sure, one, looks, none, settings)
-    assert (unsure < found).all()
-    assert (gone_probability(0.9 * sure, one, looks, none + 1, settings) < unsure).all()
-    assert (gone_probability(sure, 0 * one, looks, none, settings) == 0).all()
+    found = [gone_probability(1.0, 1.0, looks, 0, settings) for looks in range(4)]
+    assert found == pytest.approx([0.08 / (0.08 + 0.92 * 0.1**looks) for looks in range(4)])
+    for looks in range(4):
+        unsure = gone_probability(0.9, 1.0, looks, 0, settings)
+        assert gone_probability(0.9, 1.0, looks, 1, settings) < unsure < found[looks]
+        assert gone_probability(1.0, 0.0, looks, 0, settings) == 0
