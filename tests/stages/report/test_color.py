@@ -69,10 +69,6 @@ def test_a_class_that_accepts_wins_over_a_nearer_one_that_does_not():
     assert COLORS[other.color[0]] == "red"
 
 
-def test_no_regions_are_no_candidates():
-    assert len(classify(np.zeros((0, 3)))) == 0
-
-
 def test_models_that_do_not_fit_are_refused():
     good = model()
     wrong_name = GaussianModel(

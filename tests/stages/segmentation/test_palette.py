@@ -74,15 +74,6 @@ def test_more_clusters_leave_less_unexplained_and_stand_darkest_first():
     assert (np.diff([inertia(rgb, one) for one in found]) < 0).all()
 
 
-def test_bins_stand_at_the_mean_of_the_sample():
-    sample = sample_colors(scene(), SAMPLE_PX)
-    np.testing.assert_allclose(
-        (sample.mean * sample.weight).sum(axis=1) / sample.weight.sum(),
-        sample.pixels.mean(axis=0),
-        rtol=1e-5,
-    )
-
-
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 2), (7, 1), (3, 5)])
 def test_tiny_images_have_a_palette(size):
     rgb = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
