@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.labels.read import FrameLabels, LogImages, labels_by_frame
-from wayside.pipeline.learning.labelled import Faces, labelled_faces
-from wayside.pipeline.learning.samples import NEITHER, ON
+from wayside.pipeline.learning.labelled import NEITHER, ON, Faces, labelled_faces
 from wayside.pipeline.models.model_files import TRAJECTORY_FILES, Models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.flow import Flow, Observer
@@ -147,28 +146,11 @@ def gather_samples(
 ) -> dict[str, ClassifierSamples]:
     """What every classifier is asked about when a log is run, by the classifier's name, in the order of the chain.
 
-    Parameters
-    ----------
-    log
-        The MCAP file.
-    labels
-        Of its images, and perhaps of those of other logs.
-    settings, models
-        What the run works with.
-    also
-        Sees every item of the run, too.
-    undecided
-        Densities of trajectories, one a form, that are asked about every track but decide nothing in this run; their
-        samples bear the names of their files.
-    only
-        Classifiers that are asked; None: all. The size gate takes half of the time.
-
-    Raises
-    ------
-    InputError
-        The log cannot be used, or none of the labels is of it.
-    StageError
-        A stage failed.
+    `labels`: of its images, and perhaps of those of other logs. `also`: sees every item of the run, too. `undecided`:
+    densities of trajectories, one a form, that are asked about every track but decide nothing in this run; their
+    samples bear the names of their files. `only`: classifiers that are asked, None: all; the size gate takes half of
+    the time. Raises InputError where the log cannot be used or none of the labels is of it, StageError where a stage
+    fails.
     """
     faces = labelled_faces(labels_of_log(log, labels, settings.read))
     densities = {TRAJECTORIES[density.space]: density for density in undecided}
@@ -199,21 +181,21 @@ class _Collector:
     def __post_init__(self) -> None:
         self._asked: dict[str, list[ClassifierSamples]] = {}
         self._by_stage: dict[str, Callable[[Any], Iterable[ClassifierSamples]]] = {
-            "segment": self._size,
             "color": self._color,
             "shape": self._shape,
             "detect": self._boxes,
             "track": self._tracked,
             "location": self._located,
         }
+        if "size" in self.only:
+            self._by_stage["segment"] = self._size
 
     def see(self, stage: str, item: Item) -> None:
         """Keep what the classifier of this stage was asked; other stages have none."""
         if self.also is not None:
             self.also.see(stage, item)
-        if stage in self._by_stage and (stage != "segment" or "size" in self.only):
-            for asked in self._by_stage[stage](item):
-                self._asked.setdefault(asked.classifier, []).append(asked)
+        for asked in self._by_stage[stage](item) if stage in self._by_stage else ():
+            self._asked.setdefault(asked.classifier, []).append(asked)
 
     def see_sign(self, sign: Sign) -> None:
         """Keep what the threshold of the confidence was asked; preset `report` gives none."""

@@ -7,10 +7,10 @@ from sklearn import metrics
 
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.fitting.models import Task, fit_confidence
-from wayside.pipeline.learning.gaussians import Samples
-from wayside.pipeline.learning.score_calibration import (
+from wayside.pipeline.learning.fits import (
     SHIFT_SIGMA,
     SLOPE_SIGMA,
+    Samples,
     brier_score,
     calibrated,
     log_loss,

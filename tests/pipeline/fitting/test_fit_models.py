@@ -5,7 +5,7 @@ import pytest
 
 from wayside.pipeline.fitting import models
 from wayside.pipeline.fitting.models import Task, enough, fit_colors, model_rates
-from wayside.pipeline.learning.gaussians import Samples
+from wayside.pipeline.learning.fits import Samples
 from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.schemas.detections import COLORS
 from wayside.schemas.errors import InputError

@@ -5,12 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wayside.pipeline.fitting.gathering import by_side, landmark_samples, run_drives
-from wayside.pipeline.fitting.sources import LabelledDrive
+from wayside.pipeline.fitting.samples import LabelledDrive, by_side, landmark_samples, run_drives
 from wayside.pipeline.labels.read import FrameLabels
 from wayside.pipeline.learning.asked import ClassifierSamples
-from wayside.pipeline.learning.labelled import labelled_faces
-from wayside.pipeline.learning.samples import NEITHER, OFF, ON
+from wayside.pipeline.learning.labelled import NEITHER, OFF, ON, labelled_faces
 from wayside.schemas.errors import InputError
 from wayside.schemas.labels import SIGN, Label, LabelledImage
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from wayside.pipeline.report_figures.command import PAGE, write_figures
-from wayside.pipeline.report_figures.gather import labels_beside
+from wayside.pipeline.report_figures.drive import labels_beside
 from wayside.schemas.errors import InputError, OutputError
 
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"

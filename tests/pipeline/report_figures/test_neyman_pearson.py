@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from wayside.pipeline.report_figures.neyman_pearson import (
+from wayside.pipeline.report_figures.decisions import (
     Densities,
     fitted_densities,
     most_powerful_test,

@@ -9,10 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wayside.pipeline.files.file_marks import is_marked, marked_head
-from wayside.pipeline.learning.page import Figure, Picture, format_page
-from wayside.pipeline.learning.plots import new_axes, png, svg
+from wayside.pipeline.learning.page import Figure, Picture, format_page, new_axes, png, svg
 from wayside.pipeline.report_figures.command import MARK
-from wayside.pipeline.report_figures.drawing import around, beside, cut, photo
+from wayside.pipeline.report_figures.drive import around, beside, cut, photo
 from wayside.pipeline.statistics import rate_words, share_words
 
 

@@ -19,7 +19,7 @@ from wayside.pipeline.learning.asked import (
 )
 from wayside.pipeline.learning.curves import questions
 from wayside.pipeline.learning.gates import learn_gates, trajectory_densities
-from wayside.pipeline.learning.samples import NEITHER, OFF, ON
+from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.roc.command import (
     _write,
