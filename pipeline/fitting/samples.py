@@ -136,7 +136,11 @@ def _by_frame(labels: Labels, path: Path, settings: ReadSettings) -> tuple[bool,
         files = _files(path)
         if not files:
             raise InputError(f"{path}: the folder holds no JPEG or PNG images")
-        names = {k: _name(path, file, labels) for k, file in enumerate(files)}
+        listed = (*(one.image for one in labels.labels), *labels.complete)
+        known_names = {image.image_name for image in listed}
+        below = [(file, file.relative_to(path).as_posix()) for file in files]
+        # labels name a file by its path below the folder, or by its name alone
+        names = {k: one if one in known_names else file.name for k, (file, one) in enumerate(below)}
         found = labels_by_frame(labels, path.resolve().name, {k: -1 - k for k in names}, names)
         used = set(names)
     else:
@@ -163,15 +167,6 @@ def _files(folder: Path) -> list[Path]:
     """Images of a folder and of the folders in it, in their natural order."""
     folders = [folder, *sorted(part for part in folder.rglob("*") if part.is_dir())]
     return sorted(image_files(folders), key=natural_key)
-
-
-def _name(folder: Path, file: Path, labels: Labels) -> str:
-    """How the labels name a file: its path below the folder, or its name alone."""
-    known = {
-        image.image_name for image in (*(one.image for one in labels.labels), *labels.complete)
-    }
-    path = file.relative_to(folder).as_posix()
-    return path if path in known else file.name
 
 
 def _folder_images(folder: Path, wanted: Mapping[int, int]) -> Iterator[Image]:
@@ -274,10 +269,9 @@ def landmark_samples(
         sign[missing] = unnamed - 1 - np.arange(missing.sum())
         unnamed -= int(missing.sum())
         parts.append(part)
-    if not parts:
-        none = np.zeros(0, np.int64)
-        return Samples(np.zeros((0, 1)), np.zeros(0, np.str_), none, none, none)
-    return Samples.joined(parts)
+    none = np.zeros(0, np.int64)
+    empty = Samples(np.zeros((0, 1)), np.zeros(0, np.str_), none, none, none)
+    return Samples.joined(parts) if parts else empty
 
 
 def by_side(samples: Samples) -> Samples:

@@ -11,7 +11,7 @@ from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.files.writing import not_written, write_file
 from wayside.pipeline.learning.page import Figure, format_page
 from wayside.pipeline.report_figures.decisions import neyman_pearson_figures, roc_figures
-from wayside.pipeline.report_figures.drive import PRESET, Drive, gather_drive, labels_beside
+from wayside.pipeline.report_figures.drive import PRESET, REPORT, Drive, gather_drive, labels_beside
 from wayside.pipeline.report_figures.segments import (
     color_figures,
     segmentation_figures,
@@ -68,16 +68,17 @@ def write_figures(
 def chapters_of(
     drive: Drive, boards: list[Path], board: str | None
 ) -> list[tuple[str, list[Figure]]]:
-    """All figures by chapter."""
-    return [
-        ("2, 3.1 Segmentation", list(segmentation_figures(drive))),
-        ("3.2 Colour", list(color_figures(drive))),
-        ("4 Shape", list(shape_figures(drive))),
-        ("5 Trajectory", list(track_figures(drive))),
-        ("6 Calibration", [board_figure(boards, board)]),
-        ("7 Triangulation", [residual_figure(drive)]),
-        ("8 Adjustment", list(scene_figures(drive))),
-        ("9 Neyman-Pearson", list(neyman_pearson_figures(drive))),
-        ("10 ROC", list(roc_figures(drive))),
-        ("11 Results", list(result_figures(drive))),
-    ]
+    """All figures by chapter of the report."""
+    draw = (
+        segmentation_figures,
+        color_figures,
+        shape_figures,
+        track_figures,
+        lambda _: [board_figure(boards, board)],
+        lambda drive: [residual_figure(drive)],
+        scene_figures,
+        neyman_pearson_figures,
+        roc_figures,
+        result_figures,
+    )
+    return [(chapter, list(one(drive))) for chapter, one in zip(REPORT, draw, strict=True)]

@@ -19,10 +19,10 @@ from wayside.pipeline.learning.asked import ClassifierSamples
 from wayside.pipeline.learning.curves import ALL, questions, roc_curve
 from wayside.pipeline.learning.labelled import ON
 from wayside.pipeline.learning.page import INKS, RATES, TEXT, Figure, draw_roc, new_axes, svg
-from wayside.pipeline.report_figures.drive import Drive, photo
+from wayside.pipeline.report_figures.drive import Drive, figure, photo
 from wayside.pipeline.statistics import share_words
 from wayside.schemas.detections import COLOR_RGB
-from wayside.schemas.errors import UsageError
+from wayside.stages.geometry import box_areas
 
 REPORT_MEAN, REPORT_VARIANCE, REPORT_OFF = 118.337, 1489.0, (20.0, 252.6)
 """Eq. 9.1: red of pixels of no white sign, N(118.337, 1489) on 20 to 252.6. It is cut, not scaled: its integral is
@@ -73,18 +73,12 @@ class PowerfulTest:
 def fitted_densities(on: NDArray[np.floating], off: NDArray[np.floating]) -> Densities:
     """Kernel densities (Gaussian, bandwidth by Scott's rule) of the values of signs (m,) and of everything else (n,).
 
-    Raises
-    ------
-    ValueError
-        Fewer than two different values of either kind.
+    Each kind has two different values at least.
     """
-    kinds = [np.asarray(values, np.float64) for values in (off, on)]
-    if any(len(np.unique(values)) < 2 for values in kinds):
-        raise ValueError("densities: each kind needs two different values")
-    together = np.concatenate(kinds)
+    together = np.concatenate([off, on])
     margin = 0.1 * float(np.ptp(together))
     grid = np.linspace(together.min() - margin, together.max() + margin, GRID)
-    return Densities(grid, *(gaussian_kde(values)(grid) for values in kinds))
+    return Densities(grid, gaussian_kde(off)(grid), gaussian_kde(on)(grid))
 
 
 def report_densities() -> Densities:
@@ -101,14 +95,7 @@ def report_densities() -> Densities:
 
 
 def most_powerful_test(densities: Densities, alpha: float) -> PowerfulTest:
-    """The test of largest power among those of false-alarm rate at most `alpha` (eq. 9.4 to 9.6).
-
-    Raises
-    ------
-    UsageError
-        `alpha` is not from 0 to 1.
-    """
-    _check(alpha)
+    """The test of largest power among those of false-alarm rate at most `alpha`, 0 to 1 (eq. 9.4 to 9.6)."""
     ratio, step = densities.likelihood_ratio, densities.step
     order = np.argsort(-ratio, kind="stable")
     alarm = np.cumsum(densities.off[order]) * step
@@ -130,19 +117,12 @@ def most_powerful_test(densities: Densities, alpha: float) -> PowerfulTest:
 
 
 def report_threshold(alpha: float) -> float:
-    """Red from which a pixel belongs to a white sign, by eq. 9.7.
+    """Red from which a pixel belongs to a white sign, by eq. 9.7, which has a value for alpha from 0 to 0.99975.
 
     167.73 at alpha 0.1 and 190.77 at 0.03. The captions of figures 9.5 and 9.6 say 172 and 207 for these, which are the
     thresholds of alpha 0.0819 and 0.0105. The constant 0.9995 is the error function at the upper end of eq. 9.1 alone;
     the exact tail gives 167.79 and 190.91.
-
-    Raises
-    ------
-    UsageError
-        `alpha` is not from 0 to 0.99975, for which the equation has a value.
     """
-    if not 0 <= alpha < 0.99975:
-        raise UsageError(f"alpha: {alpha:g} is outside 0 to 0.99975 (eq. 9.7)")
     return float(REPORT_MEAN - 54.57 * erfinv(2 * alpha - 0.9995))
 
 
@@ -150,11 +130,6 @@ def report_power(threshold: float) -> float:
     """Power of a threshold on the red, by eq. 9.8, cut to 0 to 1: 0.9967 at 167.73."""
     power = 6.4555e-8 * (15495907.18 - np.exp(threshold / REPORT_GROWTH))
     return float(np.clip(power, 0.0, 1.0))
-
-
-def _check(alpha: float) -> None:
-    if not 0 <= alpha <= 1:
-        raise UsageError(f"alpha: {alpha:g} is not a false-alarm rate from 0 to 1")
 
 
 CAPTIONS = {0.1: 172, 0.03: 207}
@@ -183,9 +158,6 @@ def neyman_pearson_figures(drive: Drive) -> Iterator[Figure]:
 def roc_figures(drive: Drive) -> Iterator[Figure]:
     """Figure 10.1 for each colour, and the report's claim for green."""
     samples = drive.samples["color"].known()
-    report = (
-        "50 labelled images; green: all signs found while 1.8 % of the segments of no sign pass"
-    )
     axes = new_axes((0, 1), (0, 1), RATES)
     shipped = "at the shipped distance: TPR"
     rows: list[Sequence[str]] = [
@@ -207,12 +179,11 @@ def roc_figures(drive: Drive) -> Iterator[Figure]:
         rows.append((name, str(on.sum()), str((~on).sum()), f"{curve.area:.4f}", *shares))
         if name == "green":
             green = f"green: all signs pass with FPR {shares[2]}"
-    figure = Figure("10.1", "ROC of the colour classifier", report)
     if len(rows) == 1:
         needs = "labelled signs of a colour that the report's classifier has"
-        yield figure.left_out(needs)
+        yield figure("10.1").left_out(needs)
         return
-    yield figure.shown(green, svg(axes), table=rows)
+    yield figure("10.1").shown(green, svg(axes), table=rows)
     yield _confusion(samples)
 
 
@@ -226,23 +197,16 @@ def _confusion(samples: ClassifierSamples) -> Figure:
         rows.append((name, *(str(counts.get((kind, other), 0)) for other in given)))
     right = sum(counts.get((kind, kind), 0) for kind in labelled)
     words = share_words(right, int((samples.label == ON).sum()))
-    title, report = (
-        "confusion matrix of the colour classifier",
-        "one matrix of a colour, with TP, FN, FP and TN",
-    )
     ours = f"segments on signs that are named right: {words}"
-    return Figure("10.1 (matrix)", title, report).shown(ours, table=rows)
-
-
-def _box_area(box: NDArray[np.float64]) -> float:
-    return float(np.prod(box[2:] - box[:2]))
+    return figure("10.1 (matrix)").shown(ours, table=rows)
 
 
 def _frames_with_white(drive: Drive) -> list[int]:
     """Frames with a white face, those of the largest faces first."""
     faces = drive.faces
     used = faces.example & np.isin(faces.frame, list(drive.frames)) & (faces.color == "white")
-    rows = sorted(np.flatnonzero(used), key=lambda row: -_box_area(faces.box[row]))
+    area = box_areas(faces.box)
+    rows = sorted(np.flatnonzero(used), key=lambda row: -area[row])
     return list(dict.fromkeys(int(faces.frame[row]) for row in rows))[:_IMAGES]
 
 
@@ -277,8 +241,7 @@ def _pixels(
 
 def _white_area(drive: Drive, frame: int) -> float:
     faces = drive.faces
-    own = (faces.frame == frame) & (faces.color == "white")
-    return sum(_box_area(box) for box in faces.box[own])
+    return float(box_areas(faces.box[(faces.frame == frame) & (faces.color == "white")]).sum())
 
 
 def _densities(densities: Sequence[tuple[str, Densities]], ours: str) -> Figure:
@@ -288,9 +251,7 @@ def _densities(densities: Sequence[tuple[str, Densities]], ours: str) -> Figure:
         style = "--" if i else "-"
         axes.plot(d.values, d.off, style, color=INKS[2 * i], label=f"{name}: no sign, p0")
         axes.plot(d.values, d.on, style, color=INKS[2 * i + 1], label=f"{name}: white sign, p1")
-    title = "densities of the red of white signs and of the rest"
-    report = "p0 = N(118.337, 1489) on 20 to 252.6; p1 = 4.211e-9 exp(y / sqrt 235) on 136.2 to 253.8; 50 images"
-    return Figure("9.1", title, report).shown(ours, svg(axes))
+    return figure("9.1").shown(ours, svg(axes))
 
 
 def _ratio(densities: Sequence[tuple[str, Densities]]) -> Figure:
@@ -304,8 +265,7 @@ def _ratio(densities: Sequence[tuple[str, Densities]]) -> Figure:
         below = np.flatnonzero(inside & (d.likelihood_ratio < 1) & (d.off > 0))
         if len(below) and below[-1] + 1 < len(d.values):
             words.append(f"{name}: L is above 1 from {d.values[below[-1] + 1]:.1f} on")
-    report = "L = p1 / p0 rises with the red"
-    return Figure("9.2", "likelihood ratio", report).shown("; ".join(words), svg(axes))
+    return figure("9.2").shown("; ".join(words), svg(axes))
 
 
 def _power(densities: Sequence[tuple[str, Densities]]) -> Figure:
@@ -329,10 +289,8 @@ def _power(densities: Sequence[tuple[str, Densities]]) -> Figure:
         test = most_powerful_test(own, alpha)
         reds = "several ranges" if test.threshold is None else f"{test.threshold:.1f}"
         rows.append((*cells, reds, f"{test.power:.4f}"))
-    report = "its curve for white signs; the captions of figures 9.5 and 9.6 say 172 at alpha 0.1 and 207 at 0.03"
     ours = "the equations give 167.73 and 190.77: 172 and 207 are the thresholds of alpha 0.082 and 0.0105"
-    figure = Figure("9.3", "power of the most powerful test", report)
-    return figure.shown(ours, svg(axes), table=rows)
+    return figure("9.3").shown(ours, svg(axes), table=rows)
 
 
 def _image(
@@ -343,15 +301,11 @@ def _image(
     on: NDArray[np.float64],
     off: NDArray[np.float64],
 ) -> Figure:
-    figure = Figure(number, "the image", "white signs")
-    if alpha is not None:
-        report = f"red, green and blue above {CAPTIONS[alpha]}; alpha is that of red alone"
-        figure = Figure(number, f"decided with alpha {alpha:g}", report)
     if frame is None:
-        return figure.left_out("a labelled white sign")
+        return figure(number).left_out("a labelled white sign")
     rgb = images[frame]
     if alpha is None:
-        return figure.shown(f"frame {frame}", photo(rgb, scale=0.5))
+        return figure(number).shown(f"frame {frame}", photo(rgb, scale=0.5))
     y = report_threshold(alpha)
     shown = np.where((rgb > y).all(axis=2, keepdims=True), rgb, 0).astype(np.uint8)
     words = [
@@ -360,4 +314,4 @@ def _image(
         for name, pixels in (("of pixels of white signs pass", on), ("of other pixels", off))
     ]
     ours = f"threshold {y:.2f} by eq. 9.7; {'; '.join(words)}"
-    return figure.shown(ours, photo(shown, f"frame {frame}, what passes", scale=0.5))
+    return figure(number).shown(ours, photo(shown, f"frame {frame}, what passes", scale=0.5))

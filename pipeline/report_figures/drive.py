@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -17,7 +18,7 @@ from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.labels.read import FrameLabels, read_labels
 from wayside.pipeline.learning.asked import ClassifierSamples, gather_samples, labels_of_log
 from wayside.pipeline.learning.labelled import ON, Faces, labelled_faces
-from wayside.pipeline.learning.page import Picture
+from wayside.pipeline.learning.page import Figure, Picture
 from wayside.pipeline.models.model_files import Models, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.workers import Item
@@ -35,6 +36,10 @@ from wayside.stages.segmentation import segment
 
 PRESET, SHAPE_PRESET, TRAJECTORY_PRESET = "report", "report-shape", "report-2d"
 """The report's last chain, and the one with its shape classifier."""
+REPORT: dict[str, dict[str, tuple[str, str]]] = tomllib.loads(
+    Path(__file__).with_name("report.toml").read_text(encoding="utf-8")
+)
+"""What the report shows: by chapter and number, the title and the words of a figure."""
 T = TypeVar("T")
 LABELS_BESIDE = (".truth.json", ".labels.json", ".labels.parquet")
 """Endings of a log's labels beside it, in the order in which they are looked for."""
@@ -164,6 +169,12 @@ class Drive:
             )
 
 
+def figure(number: str) -> Figure:
+    """A figure with what the report shows, and still without this drive."""
+    own = next(figures for figures in REPORT.values() if number in figures)
+    return Figure(number, *own[number])
+
+
 def evenly(values: Sequence[T], count: int) -> list[T]:
     """At most so many of them, evenly spread."""
     at = np.unique(np.linspace(0, len(values) - 1, min(len(values), count)).round().astype(int))
@@ -278,11 +289,6 @@ def lined(
         fixed = np.rint((at - 0.5) * (1 << _SHIFT)).astype(np.int32)[:, None]
         cv2.polylines(page, [fixed], True, ink, 2, cv2.LINE_AA, _SHIFT)
     return page
-
-
-def grey_of(values: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Values as grey levels, 255 at most."""
-    return np.asarray(np.minimum(np.rint(values), 255), np.uint8)
 
 
 def photo(rgb: NDArray[np.uint8], words: str = "", *, scale: float = 1.0) -> Picture:

@@ -22,7 +22,7 @@ from wayside.pipeline.report_figures.drive import (
     boxed,
     cut,
     evenly,
-    grey_of,
+    figure,
     lined,
     photo,
 )
@@ -47,11 +47,8 @@ def segmentation_figures(drive: Drive) -> Iterator[Figure]:
     def scene_of(row: int | None) -> Scene | None:
         return None if row is None else scenes.get(int(faces.frame[row]))
 
-    large = "keeps its own cluster"
-    figure = Figure("2.1", f"a large sign {large}", f"a yellow sign {large} (k = 16)")
-    yield _clustered(drive, figure, scene_of(near), near)
-    small = "a small green sign is lost in vegetation (k = 16)"
-    yield _clustered(drive, Figure("2.2", "a small sign is lost", small), scene_of(far), far)
+    yield _clustered(drive, figure("2.1"), scene_of(near), near)
+    yield _clustered(drive, figure("2.2"), scene_of(far), far)
     yield _difference(drive, scene_of(far), far)
     yield _size_gate(drive, scene_of(near))
 
@@ -61,32 +58,26 @@ def color_figures(drive: Drive) -> Iterator[Figure]:
     samples = drive.samples["color"].known()
     named = {color: samples.named == color for color in ("yellow", "green")}
     right = np.flatnonzero((samples.kind == "yellow") & named["yellow"])
-    off, title = samples.label == OFF, "what is taken for a {} sign"
+    off = samples.label == OFF
     size = (samples.box[:, 2:] - samples.box[:, :2]).prod(axis=1)
     wrong = {
         color: (rows := np.flatnonzero(off & own))[np.argsort(-size[rows], kind="stable")]
         for color, own in named.items()
     }
     chosen = (
-        ("3.2", "yellow signs by mean colour", "yellow", right),
-        ("3.3", title.format("green"), "green", wrong["green"]),
-        ("3.4", title.format("yellow"), "yellow", wrong["yellow"]),
-    )
-    reports = (
-        "the classifier of yellow signs is near perfect on 25 images",
-        "segments that look like green signs are taken for them",
-        "road stripes are taken for yellow signs",
+        ("3.2", "yellow", right),
+        ("3.3", "green", wrong["green"]),
+        ("3.4", "yellow", wrong["yellow"]),
     )
     crops = [evenly(rows.tolist(), _MOST_CROPS) for *_, rows in chosen]
     images = drive.images({int(samples.frame[row]) for own in crops for row in own})
-    for (number, words, color, rows), report, own in zip(chosen, reports, crops, strict=True):
+    for (number, color, rows), own in zip(chosen, crops, strict=True):
         found, signs, false, others = rates_of(samples, color)
         ours = (
             f"at the shipped distance: TPR {share_words(found, signs)} of the segments on {color} signs, "
             f"FPR {share_words(false, others)} of the segments on no sign"
         )
-        pictures = _crops(images, samples, own, len(rows))
-        yield Figure(number, words, report).shown(ours, *pictures)
+        yield figure(number).shown(ours, *_crops(images, samples, own, len(rows)))
 
 
 def rates_of(samples: ClassifierSamples, color: str) -> tuple[int, int, int, int]:
@@ -108,9 +99,9 @@ def _face(drive: Drive, color: str, *, largest: bool) -> int | None:
     return int(own[int(np.argmax(tall) if largest else np.argmin(tall))])
 
 
-def _clustered(drive: Drive, figure: Figure, scene: Scene | None, row: int | None) -> Figure:
+def _clustered(drive: Drive, blank: Figure, scene: Scene | None, row: int | None) -> Figure:
     if row is None or scene is None:
-        return figure.left_out("labels of a whole sign face")
+        return blank.left_out("labels of a whole sign face")
     box = drive.faces.box[row]
     x0, y0, x1, y1 = _inside(box, scene.rgb.shape)
     own = scene.difference[y0:y1, x0:x1]
@@ -124,20 +115,18 @@ def _clustered(drive: Drive, figure: Figure, scene: Scene | None, row: int | Non
         f"pixels are of one cluster, whose colour is {color}; its pixels lie {np.median(own):.0f} levels from the "
         f"colours of their clusters (median; whole image {np.median(scene.difference):.0f})"
     )
-    return figure.shown(ours, photo(pictures, "the image, and in the colours of its clusters"))
+    return blank.shown(ours, photo(pictures, "the image, and in the colours of its clusters"))
 
 
 def _difference(drive: Drive, scene: Scene | None, row: int | None) -> Figure:
-    report = "small objects stand out in the difference image"
-    figure = Figure("2.3", "difference image and second pass", report)
     if row is None or scene is None:
-        return figure.left_out("labels of a whole sign face")
-    grey = grey_of(3 * scene.difference)
+        return figure("2.3").left_out("labels of a whole sign face")
+    grey = np.minimum(np.rint(3 * scene.difference), 255).astype(np.uint8)
     by_source = _found_by_source(drive)
     corners = around(drive.faces.box[row], scene.rgb.shape[:2])
     counts = ", ".join(f"{count} {words}" for words, count in by_source.items())
     whole = f"frame {scene.frame}: distance of each pixel to its cluster, three times as bright"
-    return figure.shown(
+    return figure("2.3").shown(
         f"of {sum(by_source.values())} labelled views of signs, by the connected regions that pass the size gate: "
         f"{counts}",
         photo(grey, whole, scale=0.5),
@@ -159,10 +148,8 @@ def _found_by_source(drive: Drive) -> dict[str, int]:
 
 def _size_gate(drive: Drive, scene: Scene | None) -> Figure:
     low, high = REPORT_GATE_PX
-    report = f"segments of less than {low} px or more than {high} px are dropped"
-    figure = Figure("3.1", "the size gate", report)
     if "size" not in drive.samples:
-        return figure.left_out("segments counted before the gate")
+        return figure("3.1").left_out("segments counted before the gate")
     samples, gate = drive.samples["size"], drive.settings.gate
     area, count, on = samples.values[:, 0], samples.count, samples.label == ON
     edges = np.logspace(0, 6, 37)
@@ -182,7 +169,7 @@ def _size_gate(drive: Drive, scene: Scene | None) -> Figure:
     def counted(rows: NDArray[np.bool_]) -> int:
         return int(count[rows].sum())
 
-    return figure.shown(
+    return figure("3.1").shown(
         f"{count.sum():,} segments: {100 * counted(area < low) / count.sum():.1f} % below {low} px, "
         f"{counted(area > high)} above {high} px; of {counted(on)} on labelled signs the report's gate drops "
         f"{counted(on & ((area < low) | (area > high)))}, the gate here ({gate.smallest_px} to {gate.largest_px} px) "
@@ -231,7 +218,7 @@ def _crops(
     return (photo(beside(crops, 8), f"{len(crops)} of {total} segments"),) if crops else ()
 
 
-REPORT_IMAGES, REPORT_FOUND = 50, 0.92
+REPORT_IMAGES = 50
 _TALL, _MOST = 300, 4
 
 View = list[FaceOutline]
@@ -297,32 +284,28 @@ def _drawn(
 
 
 def _curves(drive: Drive, images: Images, shown: Sequence[FaceOutline]) -> Figure:
-    title = "circle, ellipse and curve of six terms fitted to outlines"
-    report = "an outline is described by its first Fourier terms; six descriptors are used"
-    figure = Figure("4.1", title, report)
     drawn = _drawn(images, shown, tuple(CURVES))
     if drawn is None:
-        return figure.left_out("a labelled sign whose outline is recognised")
+        return figure("4.1").left_out("a labelled sign whose outline is recognised")
     rows = [("shape", *(name.replace("_", " ") for name in CURVES))]
     for one in shown:
         errors = [f"{100 * misfit(one.sequence, terms):.1f} %" for terms in CURVES.values()]
         rows.append((drive.faces.shape[one.face], *errors))
     words = "white: traced; orange: circle; blue: ellipse; pink: six terms"
     ours = "distance of the outline from each curve, RMS, as a share of its mean radius:"
-    return figure.shown(ours, photo(drawn, words), table=rows)
+    return figure("4.1").shown(ours, photo(drawn, words), table=rows)
 
 
 def _false_negatives(drive: Drive, images: Images, worst: Sequence[FaceOutline]) -> Figure:
-    title, report = "signs whose shape is missed", "8 % are missed: boundaries are irregular"
-    figure, drawn = Figure("4.2", title, report), _drawn(images, worst, ())
+    drawn = _drawn(images, worst, ())
     if drawn is None:
-        return figure.shown("none of the labelled signs is missed")
+        return figure("4.2").shown("none of the labelled signs is missed")
     told = [
         f"{drive.faces.shape[one.face]} taken for {one.named} at {one.distance:.1f}"
         + ("" if one.accepted else ", too far")
         for one in worst
     ]
-    return figure.shown("; ".join(told), photo(drawn, "traced outlines"))
+    return figure("4.2").shown("; ".join(told), photo(drawn, "traced outlines"))
 
 
 def _claim(drive: Drive, views: Sequence[View]) -> Figure:
@@ -330,8 +313,7 @@ def _claim(drive: Drive, views: Sequence[View]) -> Figure:
     hits = sum(right(drive, view) for view in sample)
     found = sum(any(one.accepted for one in view) for view in sample)
     every = sum(right(drive, view) for view in views)
-    report = f"{100 * REPORT_FOUND:.0f} % found of {REPORT_IMAGES}, 8 % missed"
-    return Figure("4 (claim)", "the shape is right on 50 images", report).shown(
+    return figure("4 (claim)").shown(
         f"views of labelled signs that reach the classifier, evenly along the drive: right "
         f"{share_words(hits, len(sample))}; some sign shape {share_words(found, len(sample))}; right on all "
         f"{share_words(every, len(views))}. The intervals take views as independent, which those of one sign are not"

@@ -8,7 +8,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from wayside.pipeline.learning.asked import ClassifierSamples
 from wayside.pipeline.learning.labelled import OFF, ON
 from wayside.pipeline.learning.thresholds import (
     RATES,
@@ -25,22 +24,12 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianClass, GaussianModel, MixtureModel
 from wayside.stages.classifiers import at_alpha, class_distances
 
+from ..asked import asked
 
-def samples(values, on, kind=None, drives=5):
-    n = len(values)
-    return ClassifierSamples(
-        "location" if kind is None else "color",
-        "right_up_m",
-        np.asarray(values, np.float64).reshape(n, -1),
-        np.where(on, ON, OFF).astype(np.int8),
-        np.array([""] * n if kind is None else kind),
-        np.zeros(n, bool),
-        np.array([""] * n),
-        np.array([f"d{i % drives}" for i in range(n)]),
-        np.arange(n, dtype=np.int32),
-        np.zeros((n, 4), np.float32),
-        np.ones(n, np.int64),
-    )
+
+def samples(values, on, kind=None):
+    columns = {} if kind is None else {"kind": kind}
+    return asked(np.where(on, ON, OFF), values, "color", "right_up_m", **columns)
 
 
 def gate(distance, on, own=None, *, count=None):
@@ -73,10 +62,10 @@ def test_no_pair_of_radii_accepts_more_signs_for_as_many_others_as_the_knee(seed
     on = draw.random(40) < 0.4
     if not on.any() or on.all():
         return
-    asked = gate(distance, on)
-    best = max(p.power - p.false_alarm for p in asked.points())
+    one_gate = gate(distance, on)
+    best = max(p.power - p.false_alarm for p in one_gate.points())
     for radii in product(range(7), repeat=2):
-        false_alarm, power = asked.rates(np.array(radii))
+        false_alarm, power = one_gate.rates(np.array(radii))
         assert power - false_alarm <= best + 1e-9
 
 
@@ -88,10 +77,10 @@ def test_the_points_hold_the_rates_of_the_gate_and_both_rise(seed):
     on[:2] = True, False
     own = on[:, None] & (draw.integers(0, 3, 60)[:, None] == np.arange(3))
     count = draw.integers(1, 4, 60)
-    for asked in (gate(distance, on, count=count), gate(distance, on, own, count=count)):
-        points = asked.points()
+    for one_gate in (gate(distance, on, count=count), gate(distance, on, own, count=count)):
+        points = one_gate.points()
         for one in points:
-            assert (one.false_alarm, one.power) == asked.rates(np.array(one.thresholds))
+            assert (one.false_alarm, one.power) == one_gate.rates(np.array(one.thresholds))
         assert (np.diff([one.false_alarm for one in points]) >= 0).all()
 
 

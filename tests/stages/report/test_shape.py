@@ -21,7 +21,6 @@ from wayside.stages.report.shape import (
     fourier_descriptors,
     resample_outline,
     trace_region,
-    traced_sequences,
 )
 from wayside.stages.segmentation.two_pass import segment
 
@@ -68,12 +67,6 @@ def test_regular_polygons_have_the_upper_terms_of_theory():
         assert features[TERMS.index(at)] == pytest.approx(1 / (corners - 1) ** 2, rel=0.05)
         others = [f for f, k in zip(features, TERMS, strict=True) if k != at]
         np.testing.assert_allclose(others, 0, atol=5e-3)
-
-
-def test_an_outline_without_length_has_no_finite_features_and_no_warning():
-    features = shape_features(np.ones((5, 2)))
-    assert features.shape == (len(TERMS),)
-    assert not np.isfinite(features).any()
 
 
 def box_of(slices):
@@ -126,23 +119,10 @@ def test_a_box_that_no_region_fills_has_no_outline():
         assert trace_region(labels, np.array(box)) is None
 
 
-def test_holes_do_not_show():
-    labels = np.zeros((30, 30), np.uint8)
-    labels[5:25, 5:25] = 1
-    solid = trace_region(labels, np.array([5, 5, 25, 25]))
-    labels[10:20, 10:20] = 2
-    np.testing.assert_array_equal(trace_region(labels, np.array([5, 5, 25, 25])), solid)
-
-
 def test_resampled_points_lie_at_equal_steps_on_the_outline():
     sequence = resample_outline(np.array([[0, 0], [0, 8], [8, 8], [8, 0.0]]), samples=16)
     np.testing.assert_allclose(np.abs(np.diff(sequence, append=sequence[:1])), 2)
     assert np.linalg.norm(sequence.mean() - (4 + 4j)) < 1e-12
-
-
-def test_other_layouts_are_refused():
-    with pytest.raises(ValueError, match=r"labels: .* instead of"):
-        traced_sequences(np.zeros((9, 9, 3), np.uint8), np.array([[1, 1, 9, 9]]))
 
 
 OUTLINES = {
@@ -207,15 +187,6 @@ def test_candidates_that_stopped_before_are_left_alone():
     assert candidates.verdict.tolist() == stopped.tolist()
     assert candidates.shape[0] == -1
     assert np.isnan(candidates.shape_distance[0])
-
-
-def test_a_box_that_no_region_fills_has_no_shape():
-    item = candidates_of(drawn(["diamond"]))
-    moved = item.candidates.regions.box + np.float32(1)
-    regions = replace(item.candidates.regions, box=moved)
-    candidates = classify(replace(item, candidates=Candidates.of(regions)))
-    assert candidates.shape[0] == -1
-    assert VERDICTS[candidates.verdict[0]] == "shape"
 
 
 def test_models_of_unknown_shapes_are_refused():

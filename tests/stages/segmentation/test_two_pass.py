@@ -65,13 +65,6 @@ def test_labels_are_nearest_colours_and_classes_of_the_distance_to_them():
     )
 
 
-def test_a_bright_sign_is_a_region_of_its_own():
-    found = rows_of(one(image()), "pass1")
-    middle = (found.box[:, :2] + found.box[:, 2:]) / 2
-    at = np.flatnonzero(np.abs(middle - [100, 70]).max(axis=1) < 2)
-    assert any(np.abs(found.rgb[i] - [230, 190, 30]).max() < 6 for i in at)
-
-
 @pytest.mark.parametrize("clusters", [2, 3, 7, 16, 40])
 def test_k_of_both_passes_is_as_set(clusters):
     settings = replace(WHOLE, clusters=clusters, difference_clusters=42 - clusters)
@@ -128,13 +121,6 @@ def test_tiny_and_odd_images_are_segmented(size):
     result = one(image(*size, signs=False), gate=GateSettings(smallest_px=1))
     areas = [rows_of(result, source).area_px.sum() for source in ("pass1", "pass2")]
     assert areas == [size[0] * size[1]] * 2
-
-
-def test_images_of_changing_size_share_one_generator():
-    sizes = [(40, 60), (150, 200), (60, 40), (150, 210)]
-    given = [image(*size, seed=i, signs=False) for i, size in enumerate(sizes)]
-    for together, alone in zip(segment(iter(given), WHOLE, GATE), given, strict=True):
-        assert_same(together, one(alone))
 
 
 def assert_same(a, b):
