@@ -25,12 +25,11 @@ def compiled(function: Kernel) -> Kernel:
     Compiled code checks no bounds: a wrong shape, type or layout crashes the process. Call a kernel only through a
     plain function that checks its arrays first (`require_array`, `shaped`).
     """
-    return _compile(function)
-
-
-def compiled_exact(function: Kernel) -> Kernel:
-    """Like `compiled`, with fused multiply-adds allowed: for kernels whose results do not depend on it."""
-    return _compile(function, {"contract"})
+    try:
+        return cast(Kernel, numba.njit(cache=True, **_OPTIONS)(function))
+    except RuntimeError:
+        # The cache has no folder: a read-only installation compiles in every process.
+        return cast(Kernel, numba.njit(**_OPTIONS)(function))
 
 
 def compiled_within(function: Kernel) -> Kernel:
@@ -39,15 +38,6 @@ def compiled_within(function: Kernel) -> Kernel:
     Their machine code is part of each kernel that calls them and is cached there, so they have no cache of their own.
     """
     return cast(Kernel, numba.njit(inline="always", **_OPTIONS)(function))
-
-
-def _compile(function: Kernel, fastmath: bool | set[str] = False) -> Kernel:
-    options = {**_OPTIONS, "fastmath": fastmath}
-    try:
-        return cast(Kernel, numba.njit(cache=True, **options)(function))
-    except RuntimeError:
-        # The cache has no folder: a read-only installation compiles in every process.
-        return cast(Kernel, numba.njit(**options)(function))
 
 
 def require_array(

@@ -1,23 +1,56 @@
-"""What `wayside fit` does: read labels, fit models, write them with what they rest on."""
+"""What `wayside fit` does: fit every model that labels suffice for, write those that do better, and report."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
+
+import numpy as np
 
 from wayside import __version__
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.files.writing import not_written, refuse, write_file, write_json
-from wayside.pipeline.fitting.fit import FILES, Outcome, fit_models
-from wayside.pipeline.fitting.models import Task
-from wayside.pipeline.fitting.report import FIT_KEYS, fit_json, fit_page, format_fit, outcome_lines
-from wayside.pipeline.fitting.sources import LabelledDrive, labelled_drives
+from wayside.pipeline.fitting.models import (
+    FittedConfidence,
+    FittedModel,
+    Task,
+    fit_colors,
+    fit_confidence,
+    fit_gaussians,
+)
+from wayside.pipeline.fitting.report import (
+    COLOR,
+    CONFIDENCE,
+    FILES,
+    FIT_KEYS,
+    LOCATION,
+    SHAPE,
+    Outcome,
+    fit_json,
+    fit_page,
+    format_fit,
+    outcome_lines,
+)
+from wayside.pipeline.fitting.samples import (
+    Gathered,
+    LabelledDrive,
+    by_side,
+    labelled_drives,
+    landmark_samples,
+    region_samples,
+    run_drives,
+)
 from wayside.pipeline.labels.read import read_labels
+from wayside.pipeline.learning.fits import PLACE_FLOOR, SHAPE_FLOOR, SIDES
+from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.models.model_json import model_to_json
+from wayside.schemas.detections import SHAPES
 from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.settings import Settings
 
 _SAYING = (".xml", ".txt", ".yaml", ".json", ".csv")
 FIGURES, PAGE = "fit.json", "fit.html"
@@ -65,7 +98,9 @@ def fit_labels(
             f"{len(options.labels)} files of labels are given. Give one, or one for each of the {len(options.images)} "
             "--images in their order."
         )
-    _require_free(out, overwrite=overwrite)
+    for name in (*FILES.values(), FIGURES, PAGE):
+        if (out / name).exists() and not overwrite:
+            raise refuse(out / name, "an earlier model or other figures")
     presets = {
         name: load_settings(name, None, [], options.read)[0]
         for name in ("report-shape", "report", "default")
@@ -73,13 +108,12 @@ def fit_labels(
     labels = [read_labels(path, options.classes) for path in options.labels]
     read = presets["report"].read
     drives = labelled_drives(labels, options.images, read, complete=options.complete)
-    origin = provenance(options, drives)
-    task = Task(options.alpha, options.only_labelled, origin)
+    task = Task(options.alpha, options.only_labelled, provenance(options, drives))
     outcomes = fit_models(drives, presets, task, options.wanted, options.space, notify)
     if not any(one.written for one in outcomes):
         lines = [line for one in outcomes for line in outcome_lines(one)]
         raise InputError("\n".join(["no model is written", *lines]))
-    _write(out, outcomes, drives, origin, options.alpha)
+    _write(out, outcomes, drives, task)
     return format_fit(outcomes, drives, out)
 
 
@@ -89,14 +123,12 @@ def provenance(options: FitOptions, drives: Sequence[LabelledDrive]) -> str:
         f"{path.resolve().name} (SHA-256 {digest_of(path)})" for path in options.labels
     )
     images = ", ".join(
-        f"{one.name} ({len(one.stretch)} labelled images, {len(one.faces.sign)} boxes of "
-        f"{len(set(one.faces.sign.tolist()))} signs)"
-        for one in drives
+        f"{one.name} ({len(one.stretch)} labelled images, {one.boxes_of_signs})" for one in drives
     )
-    said = [f"labels {files} on {images}"]
-    said.append(f"source: {options.source or 'not stated'}")
-    said.append(f"licence: {options.licence or 'not stated'}")
-    return visible("; ".join([*said, f"wayside fit {__version__}"]))
+    return visible(
+        f"labels {files} on {images}; source: {options.source or 'not stated'}; "
+        f"licence: {options.licence or 'not stated'}; wayside fit {__version__}"
+    )
 
 
 def digest_of(path: Path) -> str:
@@ -112,18 +144,80 @@ def digest_of(path: Path) -> str:
     return digest.hexdigest()
 
 
-def _require_free(out: Path, *, overwrite: bool) -> None:
-    for name in (*FILES.values(), FIGURES, PAGE):
-        if (out / name).exists() and not overwrite:
-            raise refuse(out / name, "an earlier model or other figures")
+def fit_models(
+    drives: Sequence[LabelledDrive],
+    presets: Mapping[str, Settings],
+    task: Task,
+    wanted: Sequence[str],
+    space: str | None,
+    notify: Callable[[str], None],
+) -> list[Outcome]:
+    """Fit those of `FILES` that are wanted, in the order of the chain; each is asked about what those before accept.
+
+    `presets`: settings of `report-shape`, `report` and `default`. `space`: of the colours. `notify`: is called with
+    what comes next.
+    """
+    report = presets["report"]
+    models, default = load_models(report), load_models(presets["default"])
+    shapes = load_models(presets["report-shape"]).shape_classes
+    colors, evidence = models.color_classes, default.landmark_classifier
+    if colors is None or shapes is None or evidence is None:
+        raise InputError("models that ship with wayside are missing. Install wayside again.")
+    outcomes: list[Outcome] = []
+    if COLOR in wanted:
+        notify("colours: segmenting the labelled images")
+        found = region_samples(drives, report)
+        outcomes.append(
+            _tried(COLOR, partial(fit_colors, found.samples, colors, task, space), found)
+        )
+        fitted = outcomes[0].fitted
+        if outcomes[0].written and isinstance(fitted, FittedModel):
+            colors = fitted.model
+    if SHAPE in wanted:
+        notify("shapes: segmenting the labelled images")
+        found = region_samples(drives, report, colors)
+        floor = np.full(shapes.classes[0].mean.shape, SHAPE_FLOOR)
+        asked = {shapes.space: (found.samples, lambda mean: floor)}
+        fit = partial(fit_gaussians, found.samples, asked, SHAPES, "shape", shapes, task)
+        outcomes.append(_tried(SHAPE, fit, found))
+    if LOCATION in wanted:
+        notify("location: running the logs with preset report")
+        gates = replace(models, color_classes=colors)
+
+        def fit_location() -> FittedModel:
+            samples = by_side(landmark_samples(run_drives(drives, report, gates), LOCATION))
+            shipped = models.location_classes
+            places = {shipped.space: (samples, lambda mean: np.array(PLACE_FLOOR))}
+            return fit_gaussians(samples, places, SIDES, "side of the road", shipped, task)
+
+        outcomes.append(_tried(LOCATION, fit_location))
+    if CONFIDENCE in wanted:
+        notify("confidence: running the logs with preset default")
+
+        def fit_evidence() -> FittedConfidence:
+            runs = run_drives(drives, presets["default"], default)
+            return fit_confidence(landmark_samples(runs, "landmark"), evidence, task)
+
+        outcomes.append(_tried(CONFIDENCE, fit_evidence))
+    return outcomes
+
+
+def _tried(
+    what: str, fit: Callable[[], FittedModel | FittedConfidence], gathered: Gathered | None = None
+) -> Outcome:
+    """The outcome of a fit: refused where it raises, or where the shipped model does better on what was held out."""
+    faces, met = (None, None) if gathered is None else (gathered.faces, gathered.met)
+    try:
+        fitted = fit()
+    except InputError as error:
+        return Outcome(what, None, str(error), faces, met)
+    margin = " by a standard error" if isinstance(fitted, FittedModel) else ""
+    worse = f"on what was held out it is not better than the shipped one{margin}"
+    return Outcome(what, fitted, "" if fitted.better else worse, faces, met)
 
 
 def _write(
-    out: Path,
-    outcomes: Sequence[Outcome],
-    drives: Sequence[LabelledDrive],
-    origin: str,
-    alpha: float | None,
+    out: Path, outcomes: Sequence[Outcome], drives: Sequence[LabelledDrive], task: Task
 ) -> None:
     """Write models, figures and curves; remove earlier models, which have other figures."""
     try:
@@ -136,5 +230,5 @@ def _write(
         if one.fitted is not None and one.written:
             text = model_to_json(one.fitted.model)
             write_file(out / FILES[one.what], text.encode(), overwrite=True)
-    write_json(out / FIGURES, fit_json(outcomes, drives, origin, alpha), FIT_KEYS, overwrite=True)
-    write_file(out / PAGE, fit_page(outcomes, origin).encode(), overwrite=True)
+    write_json(out / FIGURES, fit_json(outcomes, drives, task), FIT_KEYS, overwrite=True)
+    write_file(out / PAGE, fit_page(outcomes, task.provenance).encode(), overwrite=True)

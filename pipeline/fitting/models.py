@@ -9,25 +9,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.curves import KNEE_RULE
-from wayside.pipeline.learning.gaussians import COLOR_FLOOR, Floor, Samples, fit_classes
-from wayside.pipeline.learning.held_out import (
+from wayside.pipeline.learning.fits import (
     BEYOND,
+    COLOR_FLOOR,
     SEED,
     VIEWS,
     Fit,
+    Floor,
     Held,
     Rates,
     Resampled,
+    Samples,
+    brier_score,
+    calibrated,
     counts_of,
     exceeds,
+    fit_classes,
     held_out_distances,
     held_out_log_density,
+    log_loss,
     score_held_out,
 )
-from wayside.pipeline.learning.score_calibration import brier_score, calibrated, log_loss
 from wayside.pipeline.learning.thresholds import (
-    Points,
-    component_points,
+    Gate,
     normal_tail,
     rates_of,
     score_points,
@@ -153,24 +157,10 @@ def fit_gaussians(
 ) -> FittedModel:
     """The classes among `known` that have enough signs, in the space that does best on what is held out.
 
-    Parameters
-    ----------
-    samples
-        In the space of the shipped model.
-    spaces
-        The same samples in each space that is tried, and the smallest scatter there. The first stays where no other is
-        better by more than one standard error.
-    known, what
-        All classes there can be, and a word for one.
-    shipped
-        Classes that stand in for those of too few signs.
-    task
-        As above.
-
-    Raises
-    ------
-    InputError
-        Not one class has enough signs, or too little is known to be no sign.
+    `samples`: in the space of the shipped model. `spaces`: the same in each space that is tried; the first stays where
+    no other is better by more than one standard error. `what`: a word for a class. `shipped`: classes that stand in for
+    those of too few signs. Raises InputError where not one class has enough signs, or too little is known to be no
+    sign.
     """
     names = enough(samples, known, what)
     tried = {one: _validated(*asked, names, task) for one, asked in spaces.items()}
@@ -201,13 +191,7 @@ def model_rates(model: GaussianModel, samples: Samples, names: tuple[str, ...]) 
 
 
 def enough(samples: Samples, known: Sequence[str], what: str) -> tuple[str, ...]:
-    """The classes that can be fitted and held out: enough signs, in two folds at least.
-
-    Raises
-    ------
-    InputError
-        There is none, or too little is known to be no sign.
-    """
+    """The classes that can be fitted and held out: enough signs, in two folds at least; InputError without one."""
     others = int((samples.kind == "").sum())
     if others < FEWEST_OTHERS:
         raise InputError(
@@ -301,16 +285,9 @@ def _model(
     count = np.concatenate([counts_of(samples), np.full(stand_in, VIEWS // DRAWS)])
     group = np.concatenate([samples.stretch, np.arange(stand_in) % (samples.stretch.max() + 1)])
     every = np.minimum(np.concatenate(parts), BEYOND)
-
-    def points_of(rows: NDArray[np.bool_], counted: NDArray[np.int64]) -> Points:
-        return component_points(every[rows], on[rows], counted[rows])
-
-    alpha, draws = task.alpha, RESAMPLINGS
-    rule = KNEE_WORDS if alpha is None else f"alpha {alpha:g}: {ALPHA_WORDS}"
-    learned = with_joint_thresholds(
-        model, points_of, on, count, group, rule, alpha=alpha, draws=draws, seed=SEED
-    )
-    return learned, tuple(kept)
+    rule = KNEE_WORDS if task.alpha is None else f"alpha {task.alpha:g}: {ALPHA_WORDS}"
+    gate = Gate(every, on, count, group)
+    return with_joint_thresholds(model, gate, rule, task.alpha, RESAMPLINGS), tuple(kept)
 
 
 def _drawn(one: GaussianClass, space: str) -> NDArray[np.float64]:
@@ -329,12 +306,8 @@ def fit_confidence(samples: Samples, shipped: EvidenceModel, task: Task) -> Fitt
     """Fit slope and shift of the log odds (n, 1) of labelled landmarks, held out fold by fold (Platt 1999).
 
     The model decides where a sign is as likely as anything else, or at a false-alarm rate. Its operating points are
-    computed from the held-out log odds.
-
-    Raises
-    ------
-    InputError
-        There are too few landmarks of signs, or of others, for the false-alarm rate too, or all are of one fold.
+    computed from the held-out log odds. Raises InputError where landmarks of signs, or of others, are too few, for the
+    false-alarm rate too, or all of one fold.
     """
     score, on = samples.values[:, 0], np.asarray(samples.kind != "")
     signs, others, folds = int(on.sum()), int((~on).sum()), np.unique(samples.fold)

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.labels.read import FrameLabels, LogImages, labels_by_frame
-from wayside.pipeline.learning.labelled import Faces, labelled_faces
-from wayside.pipeline.learning.samples import NEITHER, ON
+from wayside.pipeline.learning.labelled import NEITHER, ON, Faces, labelled_faces
 from wayside.pipeline.models.model_files import TRAJECTORY_FILES, Models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.flow import Flow, Observer
@@ -44,6 +43,17 @@ CLASSIFIERS = (*_BEFORE, *TRAJECTORIES.values(), *_AFTER)
 """Every classifier of the presets, in the order of the chain."""
 
 _LABELS = 3
+_KINDS: dict[str, tuple[Any, ...]] = {
+    "label": (np.int8,),
+    "kind": (np.str_,),
+    "accepted": (np.bool_,),
+    "named": (np.str_,),
+    "drive": (np.str_,),
+    "frame": (np.int32,),
+    "box": (np.float32, 4),
+    "count": (np.int64,),
+}
+_REST: dict[str, Any] = {"kind": NO_CLASS, "named": NO_CLASS, "box": np.nan, "count": 1}
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,28 +157,11 @@ def gather_samples(
 ) -> dict[str, ClassifierSamples]:
     """What every classifier is asked about when a log is run, by the classifier's name, in the order of the chain.
 
-    Parameters
-    ----------
-    log
-        The MCAP file.
-    labels
-        Of its images, and perhaps of those of other logs.
-    settings, models
-        What the run works with.
-    also
-        Sees every item of the run, too.
-    undecided
-        Densities of trajectories, one a form, that are asked about every track but decide nothing in this run; their
-        samples bear the names of their files.
-    only
-        Classifiers that are asked; None: all. The size gate takes half of the time.
-
-    Raises
-    ------
-    InputError
-        The log cannot be used, or none of the labels is of it.
-    StageError
-        A stage failed.
+    `labels`: of its images, and perhaps of those of other logs. `also`: sees every item of the run, too. `undecided`:
+    densities of trajectories, one a form, that are asked about every track but decide nothing in this run; their
+    samples bear the names of their files. `only`: classifiers that are asked, None: all; the size gate takes half of
+    the time. Raises InputError where the log cannot be used or none of the labels is of it, StageError where a stage
+    fails.
     """
     faces = labelled_faces(labels_of_log(log, labels, settings.read))
     densities = {TRAJECTORIES[density.space]: density for density in undecided}
@@ -199,21 +192,21 @@ class _Collector:
     def __post_init__(self) -> None:
         self._asked: dict[str, list[ClassifierSamples]] = {}
         self._by_stage: dict[str, Callable[[Any], Iterable[ClassifierSamples]]] = {
-            "segment": self._size,
             "color": self._color,
             "shape": self._shape,
             "detect": self._boxes,
             "track": self._tracked,
             "location": self._located,
         }
+        if "size" in self.only:
+            self._by_stage["segment"] = self._size
 
     def see(self, stage: str, item: Item) -> None:
         """Keep what the classifier of this stage was asked; other stages have none."""
         if self.also is not None:
             self.also.see(stage, item)
-        if stage in self._by_stage and (stage != "segment" or "size" in self.only):
-            for asked in self._by_stage[stage](item):
-                self._asked.setdefault(asked.classifier, []).append(asked)
+        for asked in self._by_stage[stage](item) if stage in self._by_stage else ():
+            self._asked.setdefault(asked.classifier, []).append(asked)
 
     def see_sign(self, sign: Sign) -> None:
         """Keep what the threshold of the confidence was asked; preset `report` gives none."""
@@ -224,43 +217,19 @@ class _Collector:
 
     def samples(self) -> dict[str, ClassifierSamples]:
         """All that was asked, by classifier, in the order of the chain and of the frames."""
-        found = {}
-        for name in (one for one in CLASSIFIERS if one in self.only and one in self._asked):
-            own = ClassifierSamples.joined(self._asked[name])
-            found[name] = own.select(np.argsort(own.frame, kind="stable"))
-        return found
+        names = (one for one in CLASSIFIERS if one in self.only and one in self._asked)
+        joined = {name: ClassifierSamples.joined(self._asked[name]) for name in names}
+        return {k: own.select(np.argsort(own.frame, kind="stable")) for k, own in joined.items()}
 
-    def _ask(
-        self,
-        classifier: str,
-        space: str,
-        frame: Any,
-        values: Any,
-        label: Any,
-        accepted: Any,
-        box: Any = np.nan,
-        kind: Any = NO_CLASS,
-        named: Any = NO_CLASS,
-        count: Any = 1,
-    ) -> ClassifierSamples:
-        """Columns of the right kinds, as long as `label`; one value stands for all rows."""
-
-        def column(given: Any, dtype: Any, *width: int) -> NDArray[Any]:
-            return np.broadcast_to(np.asarray(given, dtype), (len(label), *width))
-
-        return ClassifierSamples(
-            classifier,
-            space,
-            np.asarray(values, np.float64),
-            column(label, np.int8),
-            column(kind, np.str_),
-            column(accepted, np.bool_),
-            column(named, np.str_),
-            column(self.drive, np.str_),
-            column(frame, np.int32),
-            column(box, np.float32, 4),
-            column(count, np.int64),
-        )
+    def _ask(self, classifier: str, space: str, values: Any, **columns: Any) -> ClassifierSamples:
+        """A table; of the other columns one value stands for all rows."""
+        values = np.asarray(values, np.float64)
+        given = _REST | {"drive": self.drive} | columns
+        rest = {
+            name: np.broadcast_to(np.asarray(given[name], kind), (len(values), *width))
+            for name, (kind, *width) in _KINDS.items()
+        }
+        return ClassifierSamples(classifier, space, values, **rest)
 
     def _size(self, item: Segmentation) -> Iterator[ClassifierSamples]:
         """Areas of all connected regions, equal ones of a frame counted in one row."""
@@ -274,7 +243,8 @@ class _Collector:
         )
         area, label = pairs // _LABELS, pairs % _LABELS + NEITHER
         accepted = (area >= self.gate.smallest_px) & (area <= self.gate.largest_px)
-        yield self._ask("size", "area_px", frame, area[:, None], label, accepted, count=count)
+        columns = {"frame": frame, "label": label, "accepted": accepted, "count": count}
+        yield self._ask("size", "area_px", area[:, None], **columns)
 
     def _color(self, item: Detections) -> Iterator[ClassifierSamples]:
         every, colors = item.candidates, self.models.color_classes
@@ -312,14 +282,13 @@ class _Collector:
         """Candidates of one image; names: of the faces, of the classes, and the class (rows,) that each was given."""
         frame, box = item.frame.index, item.candidates.regions.box[rows]
         label, face = self.faces.label_regions(frame, box)
-        kind: Any = NO_CLASS
-        named: Any = NO_CLASS
+        columns = {"frame": frame, "label": label, "accepted": accepted, "box": box}
         if names is not None:
             of_face, classes, code = names
-            kind = [NO_CLASS if i < 0 else of_face[i] for i in face]
+            columns["kind"] = [NO_CLASS if i < 0 else of_face[i] for i in face]
             given = zip(code, accepted, strict=True)
-            named = [classes[c] if c >= 0 and ok else NO_CLASS for c, ok in given]
-        return self._ask(classifier, space, frame, values, label, accepted, box, kind, named)
+            columns["named"] = [classes[c] if c >= 0 and ok else NO_CLASS for c, ok in given]
+        return self._ask(classifier, space, values, **columns)
 
     def _tracked(self, frame: TrackedFrame) -> Iterator[ClassifierSamples]:
         """Landmarks before the gates of landmarks: of faces what the landmark classifier scores, and trajectories."""
@@ -363,7 +332,12 @@ class _Collector:
         accepted: Sequence[bool],
     ) -> ClassifierSamples:
         views = [[(view.frame, view.box) for view in one.views] for one in landmarks]
-        label = [self.faces.label_views(own) for own in views]
-        frames = [one.best_frame for one in landmarks]
-        boxes = [one.best_box for one in landmarks]
-        return self._ask(classifier, space, frames, values, label, accepted, boxes)
+        return self._ask(
+            classifier,
+            space,
+            values,
+            frame=[one.best_frame for one in landmarks],
+            label=[self.faces.label_views(own) for own in views],
+            accepted=accepted,
+            box=[one.best_box for one in landmarks],
+        )

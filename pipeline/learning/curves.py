@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.asked import NO_CLASS, ClassifierSamples
-from wayside.pipeline.learning.samples import ON
+from wayside.pipeline.learning.labelled import ON
 from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.statistics import TAILS, Interval, resamplings
 from wayside.schemas.models import EvidenceModel
@@ -93,22 +93,18 @@ class RocCurve:
         return int(np.argmax(looser)) - 1 if looser.any() else len(looser) - 1
 
 
-def roc_curve(scores: Scores, seed: int = 1) -> RocCurve | None:
-    """The curve of a classifier; None where there is no sign, or nothing else.
-
-    Parameters
-    ----------
-    scores
-        The samples.
-    seed
-        Of the resampling: same samples, same bands.
-    """
+def roc_curve(scores: Scores) -> RocCurve | None:
+    """The curve of a classifier; None where there is no sign, or nothing else."""
     positives = int(scores.count[scores.on].sum())
     negatives = int(scores.count[~scores.on].sum())
     if not positives or not negatives:
         return None
     likeness = scores.likeness
-    cuts = _cuts(likeness)
+    cuts = np.unique(likeness[np.isfinite(likeness)])
+    if len(cuts) > MOST_THRESHOLDS:
+        cuts = cuts[np.linspace(0, len(cuts) - 1, MOST_THRESHOLDS).round().astype(int)]
+    # least accepted likeness, from inf, which accepts nothing
+    cuts = np.append(np.inf, cuts[::-1])
     threshold = -cuts if scores.accept_below else cuts
     groups, group = np.unique(scores.group, return_inverse=True)
     row = np.searchsorted(-cuts, -likeness, side="left")  # strictest cut that accepts it
@@ -127,7 +123,7 @@ def roc_curve(scores: Scores, seed: int = 1) -> RocCurve | None:
         float(area_under(fpr, tpr)),
         int(np.argmax(tpr - fpr)),
         len(groups),
-        *(_bands(accepted, every, threshold, seed) if min((every > 0).sum(axis=1)) > 1 else ()),
+        *(_bands(accepted, every, threshold) if min((every > 0).sum(axis=1)) > 1 else ()),
     )
 
 
@@ -135,10 +131,9 @@ def _bands(
     accepted: NDArray[np.float64],
     every: NDArray[np.float64],
     threshold: NDArray[np.float64],
-    seed: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], Interval, Interval | None]:
     """Bands of both rates, intervals of area and knee; by others and signs accepted, (2, groups, k), of (2, groups)."""
-    weight = resamplings(every.shape[1], seed=seed)
+    weight = resamplings(every.shape[1])
     totals = np.stack([weight @ every[kind] for kind in (0, 1)])
     usable = (totals > 0).all(axis=0)  # a resampling may have no sign, or nothing else
     rates = np.stack(
@@ -166,15 +161,6 @@ def resampled_groups(
     if len(names) > 1:
         return group.astype(np.int64), "drive"
     return frame.astype(np.int64) // STRETCH_FRAMES, "stretch"
-
-
-def _cuts(likeness: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Least accepted likeness (k,), from inf, which accepts nothing, to the smallest."""
-    cuts = np.unique(likeness[np.isfinite(likeness)])
-    if len(cuts) > MOST_THRESHOLDS:
-        at = np.unique(np.linspace(0, len(cuts) - 1, MOST_THRESHOLDS).round().astype(int))
-        cuts = cuts[at]
-    return np.concatenate([[np.inf], cuts[::-1]])
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,8 +27,8 @@ from wayside.pipeline.learning.asked import (
     gather_samples,
     join_drives,
 )
-from wayside.pipeline.learning.gaussians import SIDES, sides
-from wayside.pipeline.learning.samples import ANY_SPACING_M, ON
+from wayside.pipeline.learning.fits import SIDES, sides
+from wayside.pipeline.learning.labelled import ANY_SPACING_M, ON
 from wayside.pipeline.learning.thresholds import with_learned_thresholds, with_score_threshold
 from wayside.pipeline.models.model_files import (
     REPORT_LOCATION,
@@ -61,21 +61,9 @@ SIGMA_PER_MAD = 1.4826
 def learn_gates(
     samples: Mapping[str, ClassifierSamples], models: Models, densities: Sequence[MixtureModel] = ()
 ) -> dict[str, GaussianModel | MixtureModel]:
-    """The models of the gates that were asked, by the name of their file.
+    """The models of the gates that were asked, by the name of their file; raises InputError where too few signs were.
 
-    Parameters
-    ----------
-    samples
-        Of labelled drives, by classifier.
-    models
-        Those that were asked; means and covariances of colours and shapes stay.
-    densities
-        Of trajectories, one a form; they stay, too.
-
-    Raises
-    ------
-    InputError
-        Too few signs reached a gate.
+    `samples`: by classifier. `densities`: of trajectories, one a form.
     """
     learned: dict[str, GaussianModel | MixtureModel] = {}
     # nine knees, one a shape, together accept half of all regions
@@ -122,12 +110,8 @@ def location_components(places: NDArray[np.float64], provenance: str) -> Gaussia
     """Where signs stand, places (n, 2) right and up in metres: a component each right, left of and above the road.
 
     Mean and scatter are the median and the median absolute deviation: a few landmarks stand far from their sign. One
-    mean cannot hold the signs on both sides (chapter 8 has it at +10 ft). Thresholds are still to be learned.
-
-    Raises
-    ------
-    InputError
-        No component has `FEWEST` signs.
+    mean cannot hold the signs on both sides (chapter 8 has it at +10 ft). Thresholds are still to be learned. Raises
+    InputError where no component has `FEWEST` signs.
     """
     side, classes = sides(places, OVERHEAD_M), []
     for name in SIDES:

@@ -11,17 +11,19 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.labels.box_matching import overlap
 from wayside.pipeline.labels.read import FrameLabels
-from wayside.pipeline.learning.samples import (
-    FACE_FRACTION,
-    FACE_PX,
-    NEAR_FACE,
-    NEITHER,
-    OFF,
-    ON,
-    ON_FACE,
-)
 from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, UNSURE
 from wayside.stages.geometry import box_areas, intersection_areas, iou_matrix
+
+OFF, ON, NEITHER = 0, 1, -1
+
+FACE_FRACTION, FACE_PX = 0.4, 8
+"""Visible fraction and height of a face, pixels, from which boxes on it are examples; else they count as neither."""
+
+ON_FACE, NEAR_FACE = 0.5, 0.3
+"""Overlap (IoU) from which a box is on a face, and below which it is off it; between them it counts as neither."""
+
+ANY_SPACING_M = 8.0
+"""Distance between the images of logs without poses, where no position is learned from it: about that of the report."""
 
 NEAREST = 3
 """Views of a landmark, the nearest ones, by which it is on a face or not."""

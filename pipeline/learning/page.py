@@ -1,11 +1,23 @@
-"""Figures and the page that shows them: one HTML file without script, that needs nothing but itself."""
+"""Plots by matplotlib, and the page that shows them: one HTML file without script, that needs nothing but itself.
+
+The same values give the same bytes.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from io import BytesIO, StringIO
+from typing import Any
 
+import matplotlib
+import numpy as np
 from jinja2 import Environment, PackageLoader
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Sheet
+
+from wayside.pipeline.learning.curves import RocCurve
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,3 +63,93 @@ def format_page(
     templates = Environment(loader=PackageLoader("wayside.pipeline.learning", ""), autoescape=True)
     page = templates.get_template("page.html")
     return page.render(title=title, intro=intro, chapters=chapters, head=head)
+
+
+INKS = ("#0b61a4", "#c4500a", "#2a8c4a", "#8b2fa3", "#a08000", "#c8102e", "#5a4632", "#119da4")
+TEXT, FAINT, GRID, BAND = "#161b22", "#606a76", "#d9dee4", "#dfe7f1"
+RATES = ("false positive rate (10.2)", "true positive rate (10.1)")
+"""Axes of a ROC curve."""
+_PER_INCH = 96
+_STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "wayside",
+    "font.size": 9,
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": FAINT,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": GRID,
+    "xtick.color": FAINT,
+    "ytick.color": FAINT,
+    "legend.frameon": False,
+}
+_PLAIN: dict[str, Any] = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+"""No date, and no address of a description of the format."""
+
+
+def new_axes(
+    x: tuple[float, float],
+    y: tuple[float, float],
+    labels: tuple[str, str],
+    size: tuple[float, float] = (540, 340),
+    *,
+    equal: bool = False,
+) -> Axes:
+    """Empty axes over ranges of x and y in a figure of a size in pixels; equal: both in one scale."""
+    with matplotlib.rc_context(_STYLE):
+        sheet = Sheet((size[0] / _PER_INCH, size[1] / _PER_INCH), layout="constrained")
+        axes = sheet.subplots()
+        axes.set(xlim=x, ylim=y, xlabel=labels[0], ylabel=labels[1])
+        if equal:
+            axes.set_aspect("equal", adjustable="box")
+    return axes
+
+
+def draw_roc(
+    axes: Axes, curve: RocCurve, ink: str, name: str, *, used: int | None = None, width: float = 1.6
+) -> None:
+    """A curve with its knee as a ring, and the row that a run uses as a dot."""
+    x, y = np.append(curve.fpr, 1.0), np.append(curve.tpr, 1.0)
+    axes.plot(x, y, color=ink, linewidth=width, label=name)
+    ring, dot = {"markerfacecolor": "white", "markersize": 8}, {"markersize": 6}
+    for row, mark in ((curve.knee, ring), (used, dot)):
+        if row is not None:
+            axes.plot(x[row], y[row], "o", color=ink, clip_on=False, zorder=3, **mark)
+
+
+def draw_band(axes: Axes, curve: RocCurve) -> None:
+    """The 95 % band of the true positive rate, where there is one."""
+    if curve.tpr_band is not None:
+        axes.fill_between(curve.fpr, *curve.tpr_band.T, color=BAND, linewidth=0)
+
+
+def legend_beside(axes: Axes, words: str) -> None:
+    """The names of all lines at the right of the axes."""
+    _sheet(axes).legend(
+        loc="outside right upper", title=words, alignment="left", frameon=False, labelspacing=0.8
+    )
+
+
+def svg(axes: Axes, words: str = "") -> Picture:
+    """The figure of these axes for a page."""
+    text = StringIO()
+    with matplotlib.rc_context(_STYLE):
+        if axes.get_legend_handles_labels()[1] and axes.get_legend() is None:
+            axes.legend(loc="best", labelcolor="linecolor")
+        _sheet(axes).savefig(text, format="svg", metadata=_PLAIN)
+    drawn = text.getvalue()
+    return Picture(re.sub(r' xmlns(:\w+)?="[^"]*"', "", drawn[drawn.index("<svg") :]), words)
+
+
+def png(axes: Axes) -> bytes:
+    """The figure of these axes for a file."""
+    image = BytesIO()
+    with matplotlib.rc_context(_STYLE):
+        _sheet(axes).savefig(image, format="png", dpi=_PER_INCH, metadata={"Software": None})
+    return image.getvalue()
+
+
+def _sheet(axes: Axes) -> Sheet:
+    sheet = axes.figure
+    assert isinstance(sheet, Sheet)
+    return sheet

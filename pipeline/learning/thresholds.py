@@ -16,16 +16,16 @@ Its threshold leaves this share of everything that is not a sign above it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 from scipy.stats import norm
 
-from wayside.pipeline.learning.asked import NO_CLASS, ClassifierSamples
+from wayside.pipeline.learning.asked import NO_CLASS, ClassifierSamples, Rows
 from wayside.pipeline.learning.curves import KNEE_RULE, Scores, resampled_groups, roc_curve
-from wayside.pipeline.learning.samples import ON
+from wayside.pipeline.learning.labelled import ON
 from wayside.pipeline.statistics import TAILS, resamplings
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianModel, MixtureModel, OperatingPoint
@@ -65,29 +65,91 @@ def best_point(points: Sequence[OperatingPoint], alpha: float | None = None) -> 
     return max(points, key=lambda one: one.power - one.false_alarm)
 
 
+@dataclass(frozen=True, slots=True)
+class Gate(Rows):
+    """What a gate of several classes is asked about, n samples, signs and others.
+
+    `distance` (n, classes): rows with nan are never accepted. `on` (n,): whether a sample is a sign. `count` (n,): how
+    many samples it stands for. `group` (n,): number of its drive, or stretch of road. `own` (n, classes): whether it is
+    a sign of the class; None where labels do not tell the classes apart.
+    """
+
+    distance: Values
+    on: Flags
+    count: Counts
+    group: Counts
+    own: Flags | None = None
+
+    def rates(self, thresholds: Values) -> tuple[float, float]:
+        """False and true positive rate (eq. 10.2, 10.1) where what is within any threshold (classes,) is accepted."""
+        accepted, total = (self.distance <= thresholds).any(axis=1), self.count.sum()
+        signs = self.count[self.on].sum()
+        true, every = self.count[accepted & self.on].sum(), self.count[accepted].sum()
+        return float((every - true) / (total - signs)), float(true / signs)
+
+    def points(self) -> Points:
+        """At most `MOST_POINTS` operating points, by rising rates: from nothing to every sign."""
+        thresholds = self._radii() if self.own is None else self._levels(self.own)
+        some = np.linspace(0, len(thresholds) - 1, min(len(thresholds), 4 * MOST_POINTS))
+        thresholds = thresholds[some.astype(int)]
+        rates = np.array([self.rates(row) for row in thresholds])
+        order = np.lexsort((rates[:, 1], rates[:, 0]))
+        order = order[_spread(rates[order])]
+        return tuple(
+            OperatingPoint(float(rates[i, 0]), float(rates[i, 1]), tuple(thresholds[i].tolist()))
+            for i in order
+        )
+
+    def _radii(self) -> Values:
+        """Thresholds (m, classes) of components of one class, by the slopes of their hulls."""
+        distance, on = self.distance, self.on
+        known = np.asarray(np.isfinite(distance).all(axis=1))
+        share = self.count / np.where(on, self.count[on].sum(), self.count[~on].sum())
+        nearest = np.asarray(np.where(known[:, None], distance, np.inf).argmin(axis=1))
+        steps: list[tuple[float, int, float]] = []
+        for j in range(distance.shape[1]):
+            own = np.asarray(known & (nearest == j))
+            steps += [(slope, j, at) for slope, at in _hull(distance[own, j], on[own], share[own])]
+        steps.sort(key=lambda one: -one[0])
+        thresholds = np.zeros((len(steps) + 1, distance.shape[1]))
+        for row, (_, j, reach) in enumerate(steps, 1):
+            thresholds[row] = thresholds[row - 1]
+            # of steps of one slope, rounding may sort the farther before the nearer
+            thresholds[row, j] = max(thresholds[row - 1, j], reach)
+        return thresholds
+
+    def _levels(self, own: Flags) -> Values:
+        """Thresholds (m, classes) at which all classes have one false positive rate.
+
+        A class without a sign gets the distance within which that share of the others is.
+        """
+        levels = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 4 * MOST_POINTS)])
+        thresholds = np.zeros((len(levels), own.shape[1]))
+        others, weight = self.distance[~self.on], self.count[~self.on]
+        for j in range(own.shape[1]):
+            order = np.argsort(others[:, j])
+            reach, accepted = others[order, j], np.cumsum(weight[order]) / weight.sum()
+            signs = np.sort(self.distance[own[:, j], j])
+            signs = signs[np.isfinite(signs)]
+            rows = np.searchsorted(accepted, levels, side="right")
+            if len(signs) == 0:
+                thresholds[:, j] = np.append(0.0, reach)[rows]
+                continue
+            # the farthest sign before more others than the level come in
+            nearer = np.searchsorted(signs, np.append(reach, np.inf)[rows], side="left")
+            thresholds[:, j] = np.where(nearer > 0, signs[nearer - 1], 0.0)
+        return np.unique(thresholds, axis=0)
+
+
 def with_learned_thresholds(
-    model: GaussianModel, samples: ClassifierSamples, seed: int = 1, *, one_knee: bool = False
+    model: GaussianModel, samples: ClassifierSamples, *, one_knee: bool = False
 ) -> GaussianModel:
     """The model with the thresholds of its knees, their 95 % intervals, and its operating points.
 
-    Parameters
-    ----------
-    model
-        Its classes; their thresholds are replaced. A class without a sign keeps its own, and its rule; with one knee it
-        gets the false positive rate of the others.
-    samples
-        What the classifier was asked about on labelled drives; the intervals resample the drives, or the stretches of a
-        single one.
-    seed
-        Of the resampling.
-    one_knee
-        Of classes that the labels tell apart: the thresholds of the operating point with the largest true minus false
-        positive rate of the gate as a whole, not the knee of each class.
-
-    Raises
-    ------
-    InputError
-        There is no sign among the samples, or nothing else.
+    A class without a sign keeps its threshold, and its rule. With `one_knee`, classes that labels tell apart get the
+    operating point with the largest true minus false positive rate of the gate, not the knee of each; one without a
+    sign gets the false positive rate of the others. Intervals resample drives, or the stretches of a single one. Raises
+    InputError where there is no sign among the samples, or nothing else.
     """
     own = samples.known()
     on, group = own.label == ON, resampled_groups(own.drive, own.frame)[0]
@@ -96,21 +158,14 @@ def with_learned_thresholds(
         raise _one_sided(samples, on)
     of_class = on[:, None] & (own.kind[:, None] == np.array([one.name for one in model.classes]))
     labelled = bool((own.kind != NO_CLASS).any())
-
-    def points_of(rows: Flags, count: Counts) -> Points:
-        if labelled:
-            return class_points(distance[rows], of_class[rows], on[rows], count[rows])
-        return component_points(distance[rows], on[rows], count[rows])
-
+    gate = Gate(distance, on, own.count, group, of_class if labelled else None)
     if not labelled or one_knee:
         several = GATE_RULE if labelled else JOINT_RULE
-        rule = several if len(model.classes) > 1 else KNEE_RULE
-        return with_joint_thresholds(model, points_of, on, own.count, group, rule, seed=seed)
+        return with_joint_thresholds(model, gate, several if len(model.classes) > 1 else KNEE_RULE)
     classes = []
     for j, one in enumerate(model.classes):
         rows = ~on | of_class[:, j]
-        scores = Scores(distance[rows, j], on[rows], own.count[rows], group[rows], True)
-        curve = roc_curve(scores, seed)
+        curve = roc_curve(Scores(distance[rows, j], on[rows], own.count[rows], group[rows], True))
         if curve is not None:
             one = replace(
                 one,
@@ -119,49 +174,26 @@ def with_learned_thresholds(
                 threshold_interval=curve.knee_interval,
             )
         classes.append(one)
-    points = points_of(np.ones(len(on), np.bool_), own.count)
-    return replace(model, classes=tuple(classes), curve=points)
+    return replace(model, classes=tuple(classes), curve=gate.points())
 
 
 def with_joint_thresholds(
-    model: GaussianModel,
-    points_of: Callable[[Flags, Counts], Points],
-    on: Flags,
-    count: Counts,
-    group: NDArray[np.int64],
-    rule: str,
-    *,
-    alpha: float | None = None,
-    draws: int = DRAWS,
-    seed: int = 1,
+    model: GaussianModel, gate: Gate, rule: str, alpha: float | None = None, draws: int = DRAWS
 ) -> GaussianModel:
     """The model with thresholds of all classes together, their 95 % intervals, their rule and all operating points.
 
-    Parameters
-    ----------
-    model
-        Its classes; their thresholds are replaced.
-    points_of
-        The operating points of some of the samples (n,) that count (n,) times.
-    on, count, group
-        Whether a sample is a sign, (n,); how many samples it stands for, (n,); number of its drive or stretch, (n,).
-        The intervals are percentiles over resamplings of these groups, and absent where there is only one.
-    rule
-        What the model says of how they were chosen.
-    alpha
-        Most false alarms; None: the knee.
-    draws, seed
-        Of the resampling.
+    The knee, or the point of at most `alpha` false alarms. The intervals are percentiles over `draws` resamplings of
+    the groups, and absent where there is only one.
     """
-    points = points_of(np.ones(len(on), np.bool_), count)
+    points = gate.points()
     chosen = np.array(best_point(points, alpha).thresholds)
-    groups, member = np.unique(group, return_inverse=True)
+    groups, member = np.unique(gate.group, return_inverse=True)
     drawn = []
-    for drawn_groups in resamplings(len(groups), draws, seed) if len(groups) > 1 else ():
+    for drawn_groups in resamplings(len(groups), draws) if len(groups) > 1 else ():
         weight = drawn_groups[member]
-        kept = weight > 0
-        if (on & kept).any() and (~on & kept).any():
-            drawn.append(best_point(points_of(kept, count * weight), alpha).thresholds)
+        part = replace(gate, count=gate.count * weight).select(weight > 0)
+        if part.on.any() and not part.on.all():
+            drawn.append(best_point(part.points(), alpha).thresholds)
     intervals: list[tuple[float, float] | None] = [None] * len(model.classes)
     if drawn:
         low, high = np.quantile(drawn, TAILS, axis=0)
@@ -177,18 +209,8 @@ def with_joint_thresholds(
 def with_score_threshold(model: MixtureModel, samples: ClassifierSamples) -> MixtureModel:
     """The density with the threshold at the knee of its ROC, the interval of that, and its operating points.
 
-    Parameters
-    ----------
-    model
-        Density of what is typical.
-    samples
-        What the gate was asked about on labelled drives that it was not learned from, with the mean log density under
-        this model as value; what has none (-inf) is never accepted.
-
-    Raises
-    ------
-    InputError
-        There is no sign among the samples, or nothing else.
+    `samples`: of labelled drives that it was not learned from; what has no mean log density (-inf) is never accepted.
+    Raises InputError where there is no sign among them, or nothing else.
     """
     own = samples.known()
     value, on = own.values[:, 0], own.label == ON
@@ -213,88 +235,6 @@ def _one_sided(samples: ClassifierSamples, on: Flags) -> InputError:
     return InputError(
         f"thresholds of {samples.classifier}: signs and other things are needed, and there are {int(on.sum())} signs "
         f"among {len(on)} samples. Label more images."
-    )
-
-
-def component_points(distance: Values, on: Flags, count: Counts) -> Points:
-    """Operating points of the components of one class, from one that accepts nothing to one that accepts every sign.
-
-    Parameters
-    ----------
-    distance
-        From each component, (n, components); rows with nan are never accepted.
-    on, count
-        Whether a sample is a sign, (n,); how many samples it stands for, (n,). There are signs and others.
-    """
-    known = np.asarray(np.isfinite(distance).all(axis=1))
-    share = count / np.where(on, count[on].sum(), count[~on].sum())
-    nearest = np.asarray(np.where(known[:, None], distance, np.inf).argmin(axis=1))
-    steps: list[tuple[float, int, float]] = []
-    for j in range(distance.shape[1]):
-        own = np.asarray(known & (nearest == j))
-        steps += [(slope, j, at) for slope, at in _hull(distance[own, j], on[own], share[own])]
-    steps.sort(key=lambda one: -one[0])
-    thresholds = np.zeros((len(steps) + 1, distance.shape[1]))
-    for row, (_, j, reach) in enumerate(steps, 1):
-        thresholds[row] = thresholds[row - 1]
-        # of steps of one slope, rounding may sort the farther before the nearer
-        thresholds[row, j] = max(thresholds[row - 1, j], reach)
-    return _points(distance, on, count, thresholds)
-
-
-def class_points(distance: Values, own: Flags, on: Flags, count: Counts) -> Points:
-    """Operating points of classes that labels tell apart: at each, all have one false positive rate.
-
-    A class without a sign gets the distance within which that share of the others is.
-
-    Parameters
-    ----------
-    distance
-        From each class, (n, classes); rows with nan are never accepted.
-    own
-        Whether a sample is a sign of the class, (n, classes).
-    on, count
-        As in `component_points`.
-    """
-    levels = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 4 * MOST_POINTS)])
-    thresholds = np.zeros((len(levels), distance.shape[1]))
-    weight = count[~on]
-    for j in range(distance.shape[1]):
-        order = np.argsort(distance[~on, j])
-        reach, accepted = distance[~on, j][order], np.cumsum(weight[order]) / weight.sum()
-        signs = np.sort(distance[own[:, j], j])
-        signs = signs[np.isfinite(signs)]
-        rows = np.searchsorted(accepted, levels, side="right")
-        if len(signs) == 0:
-            thresholds[:, j] = np.append(0.0, reach)[rows]
-            continue
-        # the farthest sign before more others than the level come in
-        nearer = np.searchsorted(signs, np.append(reach, np.inf)[rows], side="left")
-        thresholds[:, j] = np.where(nearer > 0, signs[nearer - 1], 0.0)
-    return _points(distance, on, count, np.unique(thresholds, axis=0))
-
-
-def gate_rates(
-    distance: Values, on: Flags, count: Counts, thresholds: Values
-) -> tuple[float, float]:
-    """False and true positive rate (eq. 10.2, 10.1) of a gate that accepts what is within any threshold (classes,)."""
-    accepted = (distance <= thresholds).any(axis=1)
-    return (
-        float(count[accepted & ~on].sum() / count[~on].sum()),
-        float(count[accepted & on].sum() / count[on].sum()),
-    )
-
-
-def _points(distance: Values, on: Flags, count: Counts, thresholds: Values) -> Points:
-    """Some of these thresholds (m, classes) with the rates of the gate there, by rising rates."""
-    some = np.linspace(0, len(thresholds) - 1, min(len(thresholds), 4 * MOST_POINTS)).astype(int)
-    thresholds = thresholds[some]
-    rates = np.array([gate_rates(distance, on, count, row) for row in thresholds])
-    order = np.lexsort((rates[:, 1], rates[:, 0]))
-    order = order[_spread(rates[order])]
-    return tuple(
-        OperatingPoint(float(rates[i, 0]), float(rates[i, 1]), tuple(thresholds[i].tolist()))
-        for i in order
     )
 
 
@@ -357,23 +297,12 @@ def score_points(
     group: NDArray[np.int64],
     tail: Tail,
     rates: Iterable[float],
-    seed: int = 1,
 ) -> Points:
-    """Operating points of a gate that accepts scores from a threshold on, by rising false-alarm rate.
+    """Operating points of a gate that accepts scores (n,) from a threshold on, by rising false-alarm rate.
 
-    Parameters
-    ----------
-    score
-        Of signs and of others, (n,); held out, if the gate was learned.
-    on, group
-        Whether it is a sign, (n,), there are both; number of the drive or stretch of road that it is from, (n,):
-        intervals are percentiles over resamplings of these, and absent where there is only one.
-    tail
-        How a threshold follows from the scores of what is no sign.
-    rates
-        Shares of what is no sign that the points accept.
-    seed
-        Of the resampling: same scores, same intervals.
+    `score`: held out, if the gate was learned. `on` (n,): whether it is a sign; there are both. `group` (n,): drive or
+    stretch of road; intervals are percentiles over resamplings of these, and absent where there is only one. `tail`:
+    how a threshold follows from the scores of what is no sign. `rates`: shares of what is no sign that are accepted.
     """
     others = score[~on]
     wanted = np.array(sorted(rates))
@@ -382,7 +311,7 @@ def score_points(
     groups, member = np.unique(group[~on], return_inverse=True)
     intervals: list[tuple[tuple[float, float], ...]] = [()] * len(wanted)
     if len(groups) > 1:
-        weights = resamplings(len(groups), seed=seed).astype(np.float64)
+        weights = resamplings(len(groups)).astype(np.float64)
         drawn = np.array([tail(others, weight[member], wanted) for weight in weights])
         drawn = drawn[np.isfinite(drawn).all(axis=1)]  # no density is fitted to one value
         if len(drawn):

@@ -11,13 +11,16 @@ from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.files.writing import not_written, write_file
 from wayside.pipeline.learning.page import Figure, format_page
 from wayside.pipeline.report_figures.decisions import neyman_pearson_figures, roc_figures
-from wayside.pipeline.report_figures.gather import PRESET, Drive, gather_drive, labels_beside
-from wayside.pipeline.report_figures.results import result_figures
-from wayside.pipeline.report_figures.segments import color_figures, segmentation_figures
-from wayside.pipeline.report_figures.shapes import shape_figures
+from wayside.pipeline.report_figures.drive import PRESET, REPORT, Drive, gather_drive, labels_beside
+from wayside.pipeline.report_figures.segments import (
+    color_figures,
+    segmentation_figures,
+    shape_figures,
+)
 from wayside.pipeline.report_figures.tracks import (
     board_figure,
     residual_figure,
+    result_figures,
     scene_figures,
     track_figures,
 )
@@ -38,27 +41,10 @@ def write_figures(
 ) -> tuple[Path, list[Figure]]:
     """Run the report's chain over a log with labels, and write the page; the page and its figures.
 
-    Parameters
-    ----------
-    log
-        The MCAP file.
-    folder
-        Where the page goes, made where it is missing.
-    labels
-        Of its images, in any format that is read; None: those that stand beside the log.
-    boards, board
-        Images of a chessboard and its inner corners (9x6), for figure 6.1.
-    assignments, options
-        Settings GROUP.NAME=VALUE, and by their names.
-    overwrite
-        Replace a file of the user's; a page of before is replaced always.
-
-    Raises
-    ------
-    InputError, UsageError, StageError
-        As in `gather_drive` and `calibrate_images`.
-    OutputError
-        The page cannot be written.
+    `labels`: in any format that is read; None: those that stand beside the log. `boards`, `board`: images of a
+    chessboard and its inner corners (9x6), for figure 6.1. `assignments`, `options`: settings GROUP.NAME=VALUE, and by
+    their names. `overwrite`: replace a file of the user's; a page of before is replaced always. Raises InputError,
+    UsageError, StageError as in `gather_drive` and `calibrate_images`, OutputError where the page cannot be written.
     """
     page = folder / PAGE
     labelled = labels_beside(log) if labels is None else labels
@@ -82,16 +68,17 @@ def write_figures(
 def chapters_of(
     drive: Drive, boards: list[Path], board: str | None
 ) -> list[tuple[str, list[Figure]]]:
-    """All figures by chapter."""
-    return [
-        ("2, 3.1 Segmentation", list(segmentation_figures(drive))),
-        ("3.2 Colour", list(color_figures(drive))),
-        ("4 Shape", list(shape_figures(drive))),
-        ("5 Trajectory", list(track_figures(drive))),
-        ("6 Calibration", [board_figure(boards, board)]),
-        ("7 Triangulation", [residual_figure(drive)]),
-        ("8 Adjustment", list(scene_figures(drive))),
-        ("9 Neyman-Pearson", list(neyman_pearson_figures(drive))),
-        ("10 ROC", list(roc_figures(drive))),
-        ("11 Results", list(result_figures(drive))),
-    ]
+    """All figures by chapter of the report."""
+    draw = (
+        segmentation_figures,
+        color_figures,
+        shape_figures,
+        track_figures,
+        lambda _: [board_figure(boards, board)],
+        lambda drive: [residual_figure(drive)],
+        scene_figures,
+        neyman_pearson_figures,
+        roc_figures,
+        result_figures,
+    )
+    return [(chapter, list(one(drive))) for chapter, one in zip(REPORT, draw, strict=True)]

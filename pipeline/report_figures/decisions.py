@@ -1,29 +1,136 @@
-"""Chapters 9 and 10: the test of Neyman and Pearson on the red of white signs, and ROC curves of the colours."""
+"""Chapters 9 and 10: the most powerful test of a stated false-alarm rate, and ROC curves of the colours.
+
+Two hypotheses on a value y: no sign, with density p0, or a sign, with density p1. No test of false-alarm rate alpha has
+more power than the one that accepts where p1 / p0 is at least eta (Neyman and Pearson 1933). The value of eta accepts
+whatever is not a sign with probability alpha (report eq. 9.3 to 9.6).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import erfinv
+from scipy.stats import gaussian_kde
 
 from wayside.pipeline.learning.asked import ClassifierSamples
 from wayside.pipeline.learning.curves import ALL, questions, roc_curve
-from wayside.pipeline.learning.page import Figure
-from wayside.pipeline.learning.plots import INKS, RATES, TEXT, draw_roc, new_axes, svg
-from wayside.pipeline.learning.samples import ON
-from wayside.pipeline.report_figures.drawing import photo
-from wayside.pipeline.report_figures.gather import Drive
-from wayside.pipeline.report_figures.neyman_pearson import (
-    Densities,
-    fitted_densities,
-    most_powerful_test,
-    report_densities,
-    report_power,
-    report_threshold,
-)
+from wayside.pipeline.learning.labelled import ON
+from wayside.pipeline.learning.page import INKS, RATES, TEXT, Figure, draw_roc, new_axes, svg
+from wayside.pipeline.report_figures.drive import Drive, figure, photo
 from wayside.pipeline.statistics import share_words
 from wayside.schemas.detections import COLOR_RGB
+from wayside.stages.geometry import box_areas
+
+REPORT_MEAN, REPORT_VARIANCE, REPORT_OFF = 118.337, 1489.0, (20.0, 252.6)
+"""Eq. 9.1: red of pixels of no white sign, N(118.337, 1489) on 20 to 252.6. It is cut, not scaled: its integral is
+0.99434."""
+
+REPORT_GROWTH, REPORT_FACTOR, REPORT_ON = 235.0**0.5, 4.211e-9, (136.2, 253.8)
+"""Eq. 9.2: red of pixels of white signs, 4.211e-9 exp(y / sqrt 235) on 136.2 to 253.8."""
+
+GRID = 2048
+"""Values at which fitted densities are compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class Densities:
+    """Both densities on equally spaced values (n,): `off` of what is no sign (p0), `on` of signs (p1)."""
+
+    values: NDArray[np.float64]
+    off: NDArray[np.float64]
+    on: NDArray[np.float64]
+
+    @property
+    def step(self) -> float:
+        """Distance of the values."""
+        return float(self.values[1] - self.values[0])
+
+    @property
+    def likelihood_ratio(self) -> NDArray[np.float64]:
+        """p1 / p0 (n,), eq. 9.3: inf where only signs have a density, 0 where neither has one."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = self.on / self.off
+        return np.where(self.on > 0, ratio, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class PowerfulTest:
+    """The most powerful test of a false-alarm rate.
+
+    `accepted` (n,) bool by value. `false_alarm`, `power`: probabilities that it accepts what is no sign, and a sign.
+    `threshold`: the least accepted value where all larger ones are accepted too, None where these have gaps.
+    """
+
+    accepted: NDArray[np.bool_]
+    false_alarm: float
+    power: float
+    threshold: float | None
+
+
+def fitted_densities(on: NDArray[np.floating], off: NDArray[np.floating]) -> Densities:
+    """Kernel densities (Gaussian, bandwidth by Scott's rule) of the values of signs (m,) and of everything else (n,).
+
+    Each kind has two different values at least.
+    """
+    together = np.concatenate([off, on])
+    margin = 0.1 * float(np.ptp(together))
+    grid = np.linspace(together.min() - margin, together.max() + margin, GRID)
+    return Densities(grid, gaussian_kde(off)(grid), gaussian_kde(on)(grid))
+
+
+def report_densities() -> Densities:
+    """The report's densities of the red of white signs (eq. 9.1 and 9.2), as printed."""
+    values = np.linspace(0.0, 256.0, 2**16 + 1)
+    off = np.exp(-((values - REPORT_MEAN) ** 2) / (2 * REPORT_VARIANCE))
+    off /= np.sqrt(2 * np.pi * REPORT_VARIANCE)
+    on = REPORT_FACTOR * np.exp(values / REPORT_GROWTH)
+    return Densities(
+        values,
+        np.where((values >= REPORT_OFF[0]) & (values <= REPORT_OFF[1]), off, 0.0),
+        np.where((values >= REPORT_ON[0]) & (values <= REPORT_ON[1]), on, 0.0),
+    )
+
+
+def most_powerful_test(densities: Densities, alpha: float) -> PowerfulTest:
+    """The test of largest power among those of false-alarm rate at most `alpha`, 0 to 1 (eq. 9.4 to 9.6)."""
+    ratio, step = densities.likelihood_ratio, densities.step
+    order = np.argsort(-ratio, kind="stable")
+    alarm = np.cumsum(densities.off[order]) * step
+    # of equal ratios all are accepted or none: a set of positive probability is not cut
+    ends = np.append(ratio[order][1:] < ratio[order][:-1], True)
+    allowed = np.flatnonzero(ends & (alarm <= alpha))
+    last = int(allowed[-1]) if len(allowed) else -1
+    accepted = np.zeros(len(ratio), np.bool_)
+    accepted[order[: last + 1]] = True
+    accepted &= densities.on > 0
+    first = int(np.argmax(accepted)) if accepted.any() else len(accepted)
+    whole = bool(accepted.any()) and bool((accepted | (densities.on <= 0))[first:].all())
+    return PowerfulTest(
+        accepted,
+        float(densities.off[accepted].sum() * step),
+        min(1.0, float(densities.on[accepted].sum() * step)),
+        float(densities.values[first]) if whole else None,
+    )
+
+
+def report_threshold(alpha: float) -> float:
+    """Red from which a pixel belongs to a white sign, by eq. 9.7, which has a value for alpha from 0 to 0.99975.
+
+    167.73 at alpha 0.1 and 190.77 at 0.03. The captions of figures 9.5 and 9.6 say 172 and 207 for these, which are the
+    thresholds of alpha 0.0819 and 0.0105. The constant 0.9995 is the error function at the upper end of eq. 9.1 alone;
+    the exact tail gives 167.79 and 190.91.
+    """
+    return float(REPORT_MEAN - 54.57 * erfinv(2 * alpha - 0.9995))
+
+
+def report_power(threshold: float) -> float:
+    """Power of a threshold on the red, by eq. 9.8, cut to 0 to 1: 0.9967 at 167.73."""
+    power = 6.4555e-8 * (15495907.18 - np.exp(threshold / REPORT_GROWTH))
+    return float(np.clip(power, 0.0, 1.0))
+
 
 CAPTIONS = {0.1: 172, 0.03: 207}
 """Thresholds that the captions of figures 9.5 and 9.6 give for their alpha."""
@@ -51,9 +158,6 @@ def neyman_pearson_figures(drive: Drive) -> Iterator[Figure]:
 def roc_figures(drive: Drive) -> Iterator[Figure]:
     """Figure 10.1 for each colour, and the report's claim for green."""
     samples = drive.samples["color"].known()
-    report = (
-        "50 labelled images; green: all signs found while 1.8 % of the segments of no sign pass"
-    )
     axes = new_axes((0, 1), (0, 1), RATES)
     shipped = "at the shipped distance: TPR"
     rows: list[Sequence[str]] = [
@@ -75,12 +179,11 @@ def roc_figures(drive: Drive) -> Iterator[Figure]:
         rows.append((name, str(on.sum()), str((~on).sum()), f"{curve.area:.4f}", *shares))
         if name == "green":
             green = f"green: all signs pass with FPR {shares[2]}"
-    figure = Figure("10.1", "ROC of the colour classifier", report)
     if len(rows) == 1:
         needs = "labelled signs of a colour that the report's classifier has"
-        yield figure.left_out(needs)
+        yield figure("10.1").left_out(needs)
         return
-    yield figure.shown(green, svg(axes), table=rows)
+    yield figure("10.1").shown(green, svg(axes), table=rows)
     yield _confusion(samples)
 
 
@@ -94,23 +197,16 @@ def _confusion(samples: ClassifierSamples) -> Figure:
         rows.append((name, *(str(counts.get((kind, other), 0)) for other in given)))
     right = sum(counts.get((kind, kind), 0) for kind in labelled)
     words = share_words(right, int((samples.label == ON).sum()))
-    title, report = (
-        "confusion matrix of the colour classifier",
-        "one matrix of a colour, with TP, FN, FP and TN",
-    )
     ours = f"segments on signs that are named right: {words}"
-    return Figure("10.1 (matrix)", title, report).shown(ours, table=rows)
-
-
-def _box_area(box: NDArray[np.float64]) -> float:
-    return float(np.prod(box[2:] - box[:2]))
+    return figure("10.1 (matrix)").shown(ours, table=rows)
 
 
 def _frames_with_white(drive: Drive) -> list[int]:
     """Frames with a white face, those of the largest faces first."""
     faces = drive.faces
     used = faces.example & np.isin(faces.frame, list(drive.frames)) & (faces.color == "white")
-    rows = sorted(np.flatnonzero(used), key=lambda row: -_box_area(faces.box[row]))
+    area = box_areas(faces.box)
+    rows = sorted(np.flatnonzero(used), key=lambda row: -area[row])
     return list(dict.fromkeys(int(faces.frame[row]) for row in rows))[:_IMAGES]
 
 
@@ -145,8 +241,7 @@ def _pixels(
 
 def _white_area(drive: Drive, frame: int) -> float:
     faces = drive.faces
-    own = (faces.frame == frame) & (faces.color == "white")
-    return sum(_box_area(box) for box in faces.box[own])
+    return float(box_areas(faces.box[(faces.frame == frame) & (faces.color == "white")]).sum())
 
 
 def _densities(densities: Sequence[tuple[str, Densities]], ours: str) -> Figure:
@@ -156,9 +251,7 @@ def _densities(densities: Sequence[tuple[str, Densities]], ours: str) -> Figure:
         style = "--" if i else "-"
         axes.plot(d.values, d.off, style, color=INKS[2 * i], label=f"{name}: no sign, p0")
         axes.plot(d.values, d.on, style, color=INKS[2 * i + 1], label=f"{name}: white sign, p1")
-    title = "densities of the red of white signs and of the rest"
-    report = "p0 = N(118.337, 1489) on 20 to 252.6; p1 = 4.211e-9 exp(y / sqrt 235) on 136.2 to 253.8; 50 images"
-    return Figure("9.1", title, report).shown(ours, svg(axes))
+    return figure("9.1").shown(ours, svg(axes))
 
 
 def _ratio(densities: Sequence[tuple[str, Densities]]) -> Figure:
@@ -172,8 +265,7 @@ def _ratio(densities: Sequence[tuple[str, Densities]]) -> Figure:
         below = np.flatnonzero(inside & (d.likelihood_ratio < 1) & (d.off > 0))
         if len(below) and below[-1] + 1 < len(d.values):
             words.append(f"{name}: L is above 1 from {d.values[below[-1] + 1]:.1f} on")
-    report = "L = p1 / p0 rises with the red"
-    return Figure("9.2", "likelihood ratio", report).shown("; ".join(words), svg(axes))
+    return figure("9.2").shown("; ".join(words), svg(axes))
 
 
 def _power(densities: Sequence[tuple[str, Densities]]) -> Figure:
@@ -197,10 +289,8 @@ def _power(densities: Sequence[tuple[str, Densities]]) -> Figure:
         test = most_powerful_test(own, alpha)
         reds = "several ranges" if test.threshold is None else f"{test.threshold:.1f}"
         rows.append((*cells, reds, f"{test.power:.4f}"))
-    report = "its curve for white signs; the captions of figures 9.5 and 9.6 say 172 at alpha 0.1 and 207 at 0.03"
     ours = "the equations give 167.73 and 190.77: 172 and 207 are the thresholds of alpha 0.082 and 0.0105"
-    figure = Figure("9.3", "power of the most powerful test", report)
-    return figure.shown(ours, svg(axes), table=rows)
+    return figure("9.3").shown(ours, svg(axes), table=rows)
 
 
 def _image(
@@ -211,15 +301,11 @@ def _image(
     on: NDArray[np.float64],
     off: NDArray[np.float64],
 ) -> Figure:
-    figure = Figure(number, "the image", "white signs")
-    if alpha is not None:
-        report = f"red, green and blue above {CAPTIONS[alpha]}; alpha is that of red alone"
-        figure = Figure(number, f"decided with alpha {alpha:g}", report)
     if frame is None:
-        return figure.left_out("a labelled white sign")
+        return figure(number).left_out("a labelled white sign")
     rgb = images[frame]
     if alpha is None:
-        return figure.shown(f"frame {frame}", photo(rgb, scale=0.5))
+        return figure(number).shown(f"frame {frame}", photo(rgb, scale=0.5))
     y = report_threshold(alpha)
     shown = np.where((rgb > y).all(axis=2, keepdims=True), rgb, 0).astype(np.uint8)
     words = [
@@ -228,4 +314,4 @@ def _image(
         for name, pixels in (("of pixels of white signs pass", on), ("of other pixels", off))
     ]
     ours = f"threshold {y:.2f} by eq. 9.7; {'; '.join(words)}"
-    return figure.shown(ours, photo(shown, f"frame {frame}, what passes", scale=0.5))
+    return figure(number).shown(ours, photo(shown, f"frame {frame}, what passes", scale=0.5))

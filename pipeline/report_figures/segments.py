@@ -1,21 +1,34 @@
-"""Chapters 2 and 3: segmentation by K-means in two passes, the size gate, the colour classifier."""
+"""Chapters 2 to 4: segmentation by K-means in two passes, the size gate, the colour and the shape classifier."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import groupby
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.asked import ClassifierSamples
-from wayside.pipeline.learning.page import Figure, Picture
-from wayside.pipeline.learning.plots import INKS, TEXT, new_axes, svg
-from wayside.pipeline.learning.samples import OFF, ON
-from wayside.pipeline.report_figures.drawing import around, beside, boxed, cut, grey_of, photo
-from wayside.pipeline.report_figures.gather import Drive, Scene, evenly
+from wayside.pipeline.learning.labelled import OFF, ON
+from wayside.pipeline.learning.page import INKS, TEXT, Figure, Picture, new_axes, svg
+from wayside.pipeline.report_figures.drive import (
+    Drive,
+    FaceOutline,
+    Scene,
+    around,
+    beside,
+    boxed,
+    cut,
+    evenly,
+    figure,
+    lined,
+    photo,
+)
 from wayside.pipeline.statistics import share_words
+from wayside.pipeline.view.outlines import CURVES, curve_of_terms
+from wayside.pipeline.view.outlines import INKS as OUTLINE_INKS
 from wayside.schemas.detections import SOURCES
 
 REPORT_GATE_PX = (50, 20_000)
@@ -34,11 +47,8 @@ def segmentation_figures(drive: Drive) -> Iterator[Figure]:
     def scene_of(row: int | None) -> Scene | None:
         return None if row is None else scenes.get(int(faces.frame[row]))
 
-    large = "keeps its own cluster"
-    figure = Figure("2.1", f"a large sign {large}", f"a yellow sign {large} (k = 16)")
-    yield _clustered(drive, figure, scene_of(near), near)
-    small = "a small green sign is lost in vegetation (k = 16)"
-    yield _clustered(drive, Figure("2.2", "a small sign is lost", small), scene_of(far), far)
+    yield _clustered(drive, figure("2.1"), scene_of(near), near)
+    yield _clustered(drive, figure("2.2"), scene_of(far), far)
     yield _difference(drive, scene_of(far), far)
     yield _size_gate(drive, scene_of(near))
 
@@ -48,32 +58,26 @@ def color_figures(drive: Drive) -> Iterator[Figure]:
     samples = drive.samples["color"].known()
     named = {color: samples.named == color for color in ("yellow", "green")}
     right = np.flatnonzero((samples.kind == "yellow") & named["yellow"])
-    off, title = samples.label == OFF, "what is taken for a {} sign"
+    off = samples.label == OFF
     size = (samples.box[:, 2:] - samples.box[:, :2]).prod(axis=1)
     wrong = {
         color: (rows := np.flatnonzero(off & own))[np.argsort(-size[rows], kind="stable")]
         for color, own in named.items()
     }
     chosen = (
-        ("3.2", "yellow signs by mean colour", "yellow", right),
-        ("3.3", title.format("green"), "green", wrong["green"]),
-        ("3.4", title.format("yellow"), "yellow", wrong["yellow"]),
-    )
-    reports = (
-        "the classifier of yellow signs is near perfect on 25 images",
-        "segments that look like green signs are taken for them",
-        "road stripes are taken for yellow signs",
+        ("3.2", "yellow", right),
+        ("3.3", "green", wrong["green"]),
+        ("3.4", "yellow", wrong["yellow"]),
     )
     crops = [evenly(rows.tolist(), _MOST_CROPS) for *_, rows in chosen]
     images = drive.images({int(samples.frame[row]) for own in crops for row in own})
-    for (number, words, color, rows), report, own in zip(chosen, reports, crops, strict=True):
+    for (number, color, rows), own in zip(chosen, crops, strict=True):
         found, signs, false, others = rates_of(samples, color)
         ours = (
             f"at the shipped distance: TPR {share_words(found, signs)} of the segments on {color} signs, "
             f"FPR {share_words(false, others)} of the segments on no sign"
         )
-        pictures = _crops(images, samples, own, len(rows))
-        yield Figure(number, words, report).shown(ours, *pictures)
+        yield figure(number).shown(ours, *_crops(images, samples, own, len(rows)))
 
 
 def rates_of(samples: ClassifierSamples, color: str) -> tuple[int, int, int, int]:
@@ -95,9 +99,9 @@ def _face(drive: Drive, color: str, *, largest: bool) -> int | None:
     return int(own[int(np.argmax(tall) if largest else np.argmin(tall))])
 
 
-def _clustered(drive: Drive, figure: Figure, scene: Scene | None, row: int | None) -> Figure:
+def _clustered(drive: Drive, blank: Figure, scene: Scene | None, row: int | None) -> Figure:
     if row is None or scene is None:
-        return figure.left_out("labels of a whole sign face")
+        return blank.left_out("labels of a whole sign face")
     box = drive.faces.box[row]
     x0, y0, x1, y1 = _inside(box, scene.rgb.shape)
     own = scene.difference[y0:y1, x0:x1]
@@ -111,20 +115,18 @@ def _clustered(drive: Drive, figure: Figure, scene: Scene | None, row: int | Non
         f"pixels are of one cluster, whose colour is {color}; its pixels lie {np.median(own):.0f} levels from the "
         f"colours of their clusters (median; whole image {np.median(scene.difference):.0f})"
     )
-    return figure.shown(ours, photo(pictures, "the image, and in the colours of its clusters"))
+    return blank.shown(ours, photo(pictures, "the image, and in the colours of its clusters"))
 
 
 def _difference(drive: Drive, scene: Scene | None, row: int | None) -> Figure:
-    report = "small objects stand out in the difference image"
-    figure = Figure("2.3", "difference image and second pass", report)
     if row is None or scene is None:
-        return figure.left_out("labels of a whole sign face")
-    grey = grey_of(3 * scene.difference)
+        return figure("2.3").left_out("labels of a whole sign face")
+    grey = np.minimum(np.rint(3 * scene.difference), 255).astype(np.uint8)
     by_source = _found_by_source(drive)
     corners = around(drive.faces.box[row], scene.rgb.shape[:2])
     counts = ", ".join(f"{count} {words}" for words, count in by_source.items())
     whole = f"frame {scene.frame}: distance of each pixel to its cluster, three times as bright"
-    return figure.shown(
+    return figure("2.3").shown(
         f"of {sum(by_source.values())} labelled views of signs, by the connected regions that pass the size gate: "
         f"{counts}",
         photo(grey, whole, scale=0.5),
@@ -146,10 +148,8 @@ def _found_by_source(drive: Drive) -> dict[str, int]:
 
 def _size_gate(drive: Drive, scene: Scene | None) -> Figure:
     low, high = REPORT_GATE_PX
-    report = f"segments of less than {low} px or more than {high} px are dropped"
-    figure = Figure("3.1", "the size gate", report)
     if "size" not in drive.samples:
-        return figure.left_out("segments counted before the gate")
+        return figure("3.1").left_out("segments counted before the gate")
     samples, gate = drive.samples["size"], drive.settings.gate
     area, count, on = samples.values[:, 0], samples.count, samples.label == ON
     edges = np.logspace(0, 6, 37)
@@ -169,7 +169,7 @@ def _size_gate(drive: Drive, scene: Scene | None) -> Figure:
     def counted(rows: NDArray[np.bool_]) -> int:
         return int(count[rows].sum())
 
-    return figure.shown(
+    return figure("3.1").shown(
         f"{count.sum():,} segments: {100 * counted(area < low) / count.sum():.1f} % below {low} px, "
         f"{counted(area > high)} above {high} px; of {counted(on)} on labelled signs the report's gate drops "
         f"{counted(on & ((area < low) | (area > high)))}, the gate here ({gate.smallest_px} to {gate.largest_px} px) "
@@ -216,3 +216,105 @@ def _crops(
             corners = around(box, rgb.shape[:2], least=48)
             crops.append(cut(boxed(rgb, [box], width=1), corners, 120))
     return (photo(beside(crops, 8), f"{len(crops)} of {total} segments"),) if crops else ()
+
+
+REPORT_IMAGES = 50
+_TALL, _MOST = 300, 4
+
+View = list[FaceOutline]
+"""The outlines on one face in one image."""
+Images = dict[int, NDArray[np.uint8]]
+
+
+def shape_figures(drive: Drive) -> Iterator[Figure]:
+    """Figures 4.1 and 4.2, and the claim."""
+    views = views_with_shape(drive)
+    by_size = sorted(views, key=lambda view: -_area(_largest(view)))
+    found = [view for view in by_size if right(drive, view)]
+    # the largest of each shape
+    shown = list({drive.faces.shape[view[0].face]: view for view in reversed(found)}.values())
+    shown = sorted(shown, key=lambda view: -_area(_largest(view)))[:_MOST]
+    worst = [view for view in by_size if not right(drive, view)][:_MOST]
+    images = drive.images({view[0].frame for view in (*shown, *worst)})
+    yield _curves(drive, images, [_largest(view) for view in shown])
+    yield _false_negatives(drive, images, [_largest(view) for view in worst])
+    yield _claim(drive, views)
+
+
+def views_with_shape(drive: Drive) -> list[View]:
+    """The outlines of each labelled face of a known shape in each image, in order."""
+    known = [one for one in drive.outlines if drive.faces.shape[one.face]]
+    return [list(own) for _, own in groupby(known, key=lambda one: (one.frame, one.face))]
+
+
+def right(drive: Drive, view: View) -> bool:
+    """Whether one of its outlines is accepted with the right shape."""
+    return any(one.accepted and one.named == drive.faces.shape[one.face] for one in view)
+
+
+def misfit(sequence: NDArray[np.complex128], terms: tuple[int, ...]) -> float:
+    """RMS distance of an outline from the curve of its terms, as a share of its mean radius."""
+    curve = curve_of_terms(sequence[None], terms)[0]
+    radius = np.abs(sequence - sequence.mean()).mean()
+    return float(np.sqrt((np.abs(sequence - curve) ** 2).mean()) / radius)
+
+
+def _area(one: FaceOutline) -> float:
+    return float(np.prod(one.box[2:] - one.box[:2]))
+
+
+def _largest(view: View) -> FaceOutline:
+    return max(view, key=_area)
+
+
+def _drawn(
+    images: Images, outlines: Sequence[FaceOutline], curves: Sequence[str]
+) -> NDArray[np.uint8] | None:
+    crops = []
+    for one in outlines:
+        if (rgb := images.get(one.frame)) is not None:
+            corners = around(one.box, rgb.shape[:2], times=1.5, least=24)
+            terms = [
+                (curve_of_terms(one.sequence[None], CURVES[k])[0], OUTLINE_INKS[k]) for k in curves
+            ]
+            crops.append(
+                lined(rgb, corners, _TALL, [(one.sequence, OUTLINE_INKS["traced"]), *terms])
+            )
+    return beside(crops) if crops else None
+
+
+def _curves(drive: Drive, images: Images, shown: Sequence[FaceOutline]) -> Figure:
+    drawn = _drawn(images, shown, tuple(CURVES))
+    if drawn is None:
+        return figure("4.1").left_out("a labelled sign whose outline is recognised")
+    rows = [("shape", *(name.replace("_", " ") for name in CURVES))]
+    for one in shown:
+        errors = [f"{100 * misfit(one.sequence, terms):.1f} %" for terms in CURVES.values()]
+        rows.append((drive.faces.shape[one.face], *errors))
+    words = "white: traced; orange: circle; blue: ellipse; pink: six terms"
+    ours = "distance of the outline from each curve, RMS, as a share of its mean radius:"
+    return figure("4.1").shown(ours, photo(drawn, words), table=rows)
+
+
+def _false_negatives(drive: Drive, images: Images, worst: Sequence[FaceOutline]) -> Figure:
+    drawn = _drawn(images, worst, ())
+    if drawn is None:
+        return figure("4.2").shown("none of the labelled signs is missed")
+    told = [
+        f"{drive.faces.shape[one.face]} taken for {one.named} at {one.distance:.1f}"
+        + ("" if one.accepted else ", too far")
+        for one in worst
+    ]
+    return figure("4.2").shown("; ".join(told), photo(drawn, "traced outlines"))
+
+
+def _claim(drive: Drive, views: Sequence[View]) -> Figure:
+    sample = evenly(views, REPORT_IMAGES)
+    hits = sum(right(drive, view) for view in sample)
+    found = sum(any(one.accepted for one in view) for view in sample)
+    every = sum(right(drive, view) for view in views)
+    return figure("4 (claim)").shown(
+        f"views of labelled signs that reach the classifier, evenly along the drive: right "
+        f"{share_words(hits, len(sample))}; some sign shape {share_words(found, len(sample))}; right on all "
+        f"{share_words(every, len(views))}. The intervals take views as independent, which those of one sign are not"
+    )

@@ -1,8 +1,8 @@
-"""Chapters 5 to 8: the track of a sign, calibration, residuals of the motion, the scene in three dimensions."""
+"""Chapters 5 to 8 and 11: tracks, calibration, residuals of the motion, the scene, and what is found."""
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -12,14 +12,26 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.calibration.boards import calibrate_images, parse_board
 from wayside.pipeline.calibration.coverage import draw_coverage
+from wayside.pipeline.evaluation import FEWEST_FRAMES
+from wayside.pipeline.labels.box_matching import overlap
 from wayside.pipeline.learning.gates import KANSAS_MEAN
-from wayside.pipeline.learning.page import Figure
-from wayside.pipeline.learning.plots import FAINT, INKS, TEXT, new_axes, svg
-from wayside.pipeline.learning.samples import NEITHER, OFF, ON
-from wayside.pipeline.report_figures.drawing import SIGN_INK, around, beside, boxed, cut, photo
-from wayside.pipeline.report_figures.gather import Drive, evenly
-from wayside.pipeline.statistics import share_words
+from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
+from wayside.pipeline.learning.page import FAINT, INKS, TEXT, Figure, new_axes, svg
+from wayside.pipeline.report_figures.drive import (
+    ACCENT,
+    SIGN_INK,
+    Drive,
+    around,
+    beside,
+    boxed,
+    cut,
+    evenly,
+    figure,
+    photo,
+)
+from wayside.pipeline.statistics import rate_words, share_words
 from wayside.schemas.detections import COLOR_RGB
+from wayside.schemas.labels import SIGN
 from wayside.schemas.landmarks import Landmark
 from wayside.stages.report import mean_log_density
 
@@ -32,27 +44,23 @@ SCENE_M = 25.0
 
 def track_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 5.2 to 5.4."""
-    title = "the track of a sign through four images"
-    figure = Figure("5.2", title, "SIFT points are followed from image to image")
     labelled = [one for one in drive.signs if drive.judge(one) == ON]
     longest = max(labelled or drive.signs, key=lambda one: len(one.views), default=None)
     if longest is None:
-        yield figure.left_out("a sign that is followed over several images")
+        yield figure("5.2").left_out("a sign that is followed over several images")
     else:
-        yield _track(drive, longest, figure)
+        yield _track(drive, longest)
     yield _trajectories(drive)
 
 
 def board_figure(boards: list[Path], board: str | None) -> Figure:
     """Figure 6.1, by images of a chessboard where some are given."""
-    report = "a chessboard on a foam sheet of 4 x 8 ft; no residual is given"
-    figure = Figure("6.1", "calibration by a chessboard", report)
     if not boards or board is None:
-        return figure.left_out("images of a chessboard: --boards FOLDER --board 9x6")
+        return figure("6.1").left_out("images of a chessboard: --boards FOLDER --board 9x6")
     found = calibrate_images(boards, parse_board(board, float("nan")), "plumb_bob")
     one = found.calibration
     drawn = np.asarray(cv2.cvtColor(draw_coverage(found), cv2.COLOR_BGR2RGB), np.uint8)
-    return figure.shown(
+    return figure("6.1").shown(
         f"{sum(view.used for view in one.views)} of {len(found.images)} images used, {one.rms_px:.2f} px RMS, fx "
         f"{one.camera.fx:.1f} px, fy {one.camera.fy:.1f} px, centre {one.camera.cx:.1f}, {one.camera.cy:.1f} px",
         photo(drawn, "corners of all images", scale=0.7),
@@ -61,12 +69,9 @@ def board_figure(boards: list[Path], board: str | None) -> Figure:
 
 def _trajectories(drive: Drive) -> Figure:
     """Figures 5.3 and 5.4: one image with all tracks on it, and with those that move as signs do."""
-    title = "segments before and after the trajectory classifier"
-    report = 'typically all false segments are removed, except on curves: "typically all" colour false positives'
-    figure = Figure("5.3, 5.4", title, report)
     asked = [one for one in drive.landmarks if one.verdict in ("sign", "location", "duplicate")]
     if not asked:
-        return figure.left_out("tracks of candidates that pass the colours")
+        return figure("5.3, 5.4").left_out("tracks of candidates that pass the colours")
     density = drive.density
     typical = [mean_log_density(one.trajectory, density) >= density.threshold for one in asked]
     words = []
@@ -84,7 +89,7 @@ def _trajectories(drive: Drive) -> Figure:
     for shown in (asked, [one for one, keeps in zip(asked, typical, strict=True) if keeps]):
         boxes = [view.box for one in shown for view in one.views if view.frame == frame]
         pages.append(photo(boxed(rgb, boxes, SIGN_INK), f"image {frame}: {len(boxes)} segments"))
-    return figure.shown("; ".join(words), *pages)
+    return figure("5.3, 5.4").shown("; ".join(words), *pages)
 
 
 def residual_figure(drive: Drive) -> Figure:
@@ -94,12 +99,8 @@ def residual_figure(drive: Drive) -> Figure:
     adjusted = np.array([m.residual_px for m in steps])
     turns = np.array([0.0 if m.step is None else _turn_deg(m.step.rotation) for m in steps])
     good = np.isfinite(straight)
-    report = (
-        "low on straight road, high in curves, where two views are adjusted; no number is given"
-    )
-    figure = Figure("7.2", "residual of straight motion", report)
     if not good.any():
-        return figure.left_out("two images that follow each other")
+        return figure("7.2").left_out("two images that follow each other")
     top = 1.1 * float(np.nanmax([straight, adjusted]))
     span = (float(frames[0]), float(frames[-1]))
     axes = new_axes(span, (0, top), ("image", "residual per coordinate, px"))
@@ -113,28 +114,19 @@ def residual_figure(drive: Drive) -> Figure:
     )
     median = float(np.nanmedian(adjusted[good]))
     ours = f"median of straight motion {words}; of the motion that is used {median:.2f} px"
-    return figure.shown(ours, svg(axes))
+    return figure("7.2").shown(ours, svg(axes))
 
 
 def scene_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 8.3 to 8.6."""
-    signs = drive.signs
-    scene = (
-        "stripes lie between the yellow signs at the left and the green and white ones at the right"
-    )
-    size = f"about {REPORT_SIZE_FT[0]} ft wide and {REPORT_SIZE_FT[1]:.0f} ft high, read from points of the adjustment"
-    figures = (
-        Figure("8.3 to 8.5", "the scene from above and across the road", scene),
-        Figure("8.6", "size of a sign on a grid of feet", size),
-    )
-    for figure, show in zip(figures, (_scene, _size), strict=True):
-        if signs and drive.frames:
-            yield show(drive, signs, figure)
+    for number, show in (("8.3 to 8.5", _scene), ("8.6", _size)):
+        if drive.signs and drive.frames:
+            yield show(drive, drive.signs)
         else:
-            yield figure.left_out("signs in three dimensions")
+            yield figure(number).left_out("signs in three dimensions")
 
 
-def _track(drive: Drive, sign: Landmark, figure: Figure) -> Figure:
+def _track(drive: Drive, sign: Landmark) -> Figure:
     views = sorted(sign.views, key=lambda view: view.frame)
     some = evenly(views, 4)
     images = drive.images({view.frame for view in some})
@@ -150,7 +142,7 @@ def _track(drive: Drive, sign: Landmark, figure: Figure) -> Figure:
         cv2.circle(page, (round(u), round(v)), 7, SIGN_INK, -1, cv2.LINE_AA)
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     lengths = ", ".join(f"{length:.0f}" for length in steps)
-    return figure.shown(
+    return figure("5.2").shown(
         f"{len(views)} images, frames {views[0].frame} to {views[-1].frame}; "
         f"it moves by {lengths} px from image to image",
         photo(beside(crops)),
@@ -167,7 +159,7 @@ def _turn_deg(rotation: NDArray[np.float64]) -> float:
     return float(np.degrees(np.arctan2(rotation[0, 2], rotation[2, 2])))
 
 
-def _scene(drive: Drive, signs: list[Landmark], figure: Figure) -> Figure:
+def _scene(drive: Drive, signs: list[Landmark]) -> Figure:
     places = np.array([one.best_pose.to_world(one.position) for one in signs])
     path = np.array([m.pose.centre for _, m in sorted(drive.frames.items())])
     far = max(float(path[:, 2].max()), float(places[:, 2].max()))
@@ -193,7 +185,7 @@ def _scene(drive: Drive, signs: list[Landmark], figure: Figure) -> Figure:
         if drive.judge(one) == ON:
             above.annotate(_named(one), (z, -x), (5, 4), textcoords="offset points", color=FAINT)
     across.plot(*KANSAS_MEAN, "o", color=TEXT, label="report's mean sign")
-    return figure.shown(
+    return figure("8.3 to 8.5").shown(
         f"{len(signs)} signs, {(right < 0).sum()} left and {(right >= 0).sum()} right of the path, at "
         f"{np.median(np.abs(right)):.1f} m from it (median); "
         "the report's mean sign is 3.1 m right, 0.6 m above the camera",
@@ -202,7 +194,7 @@ def _scene(drive: Drive, signs: list[Landmark], figure: Figure) -> Figure:
     )
 
 
-def _size(drive: Drive, signs: list[Landmark], figure: Figure) -> Figure:
+def _size(drive: Drive, signs: list[Landmark]) -> Figure:
     listed = [sign for sign in signs if drive.judge(sign) == ON] or signs
     # that of the report is one whose size the adjustment gave well
     one = min(listed, key=lambda sign: sign.sigma_width_m / sign.width_m)
@@ -221,10 +213,72 @@ def _size(drive: Drive, signs: list[Landmark], figure: Figure) -> Figure:
         width, height = (f"{size:.2f}" for size, _ in pairs)
         name = f"{_named(sign)}, frame {sign.best_frame}"
         sizes.append((name, _JUDGED[drive.judge(sign)], *feet, width, height))
-    return figure.shown(
+    return figure("8.6").shown(
         f"the sign of the surest width, {_named(one)}: {wide:.1f} ± {one.sigma_width_m / FEET:.1f} ft wide, "
         f"{tall:.1f} ± {one.sigma_height_m / FEET:.1f} ft high, by its boxes in {len(one.views)} images; "
         f"{len(signs) - len(listed)} rows that are on no labelled sign are not listed",
         svg(axes),
         table=sizes,
+    )
+
+
+REPORT_IMAGES = 100
+_KEY = "yellow: on a labelled sign; pink: on none; grey: not known"
+_INKS = {ON: SIGN_INK, OFF: ACCENT, NEITHER: (170, 170, 170)}
+
+Boxes = list[tuple[int, tuple[float, ...]]]
+"""Frames and boxes of one panel."""
+
+
+def result_figures(drive: Drive) -> Iterator[Figure]:
+    """Figures 11.1 and 11.2, and the claim."""
+    signs = drive.signs
+    judged = {one.track_id: drive.judge(one) for one in signs}
+    busiest = [k for k, _ in Counter(v.frame for one in signs for v in one.views).most_common()]
+    # the busiest, and the next one some way from it
+    frames = busiest[:1] + [k for k in busiest if abs(k - busiest[0]) > 5][:1]
+    images = drive.images(frames)
+    if not images:
+        yield figure("11.1").left_out("a sign that is found")
+    for number, frame in zip(("11.1", "11.2"), sorted(images), strict=False):
+        page = images[frame]
+        for kind, ink in _INKS.items():
+            own = [one for one in signs if judged[one.track_id] == kind]
+            boxes = [view.box for one in own for view in one.views if view.frame == frame]
+            page = boxed(page, boxes, ink, 4)
+        here = [one for one in signs if any(view.frame == frame for view in one.views)]
+        right = sum(judged[one.track_id] == ON for one in here)
+        words = f"frame {frame}: {len(here)} found, {right} of them on labelled signs"
+        yield figure(number).shown(words, photo(page, _KEY, scale=0.6))
+    yield _claim(drive, judged)
+
+
+def wanted_panels(drive: Drive) -> dict[str, Boxes]:
+    """Boxes of the labelled panels that should be found: seen large and whole in enough images."""
+    views: defaultdict[str, Boxes] = defaultdict(list)
+    for frame, own in drive.labels.labels.items():
+        for one in own:
+            clear = one.visible is None or one.visible >= 0.5
+            if one.kind == SIGN and one.wanted and one.panel and clear and one.height_px >= 10:
+                views[one.panel].append((frame, one.box))
+    return {name: boxes for name, boxes in views.items() if len(boxes) >= FEWEST_FRAMES}
+
+
+def _claim(drive: Drive, judged: dict[int, int]) -> Figure:
+    wanted, images = wanted_panels(drive), len(drive.frames)
+    found = sum(_is_found(drive, boxes) for boxes in wanted.values())
+    false = sum(kind == OFF for kind in judged.values())
+    few = "" if images >= REPORT_IMAGES else f"; the drive has fewer than {REPORT_IMAGES} images"
+    return figure("11 (claim)").shown(
+        f"labelled signs of {FEWEST_FRAMES} images or more that are found: {share_words(found, len(wanted))}; reported "
+        f"places on no sign: {rate_words(false, images)}{few}"
+    )
+
+
+def _is_found(drive: Drive, boxes: Boxes) -> bool:
+    by_frame = dict(boxes)
+    return any(
+        view.frame in by_frame and overlap(np.array([view.box]), by_frame[view.frame])[0] > 0
+        for one in drive.signs
+        for view in one.views
     )

@@ -9,17 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 
-from wayside.pipeline.files.input_files import read_parquet
 from wayside.pipeline.files.output_folder import OutputFolder
 from wayside.pipeline.files.parquet import ParquetFile, record_batch
 from wayside.pipeline.files.writing import create, not_written, refuse
 from wayside.pipeline.labels.read import joined, read_labels
+from wayside.pipeline.learning.asked import CLASSIFIERS as EVERY_CLASSIFIER
 from wayside.pipeline.learning.asked import ClassifierSamples, gather_samples, join_drives
 from wayside.pipeline.learning.curves import ALL, Question, RocCurve, questions, roc_curve
-from wayside.pipeline.learning.plots import (
+from wayside.pipeline.learning.page import (
     FAINT,
     INKS,
     RATES,
@@ -31,6 +30,7 @@ from wayside.pipeline.learning.plots import (
     png,
 )
 from wayside.pipeline.models.model_files import Models
+from wayside.pipeline.statistics import Interval
 
 # before rerun itself: it says what to install where that is absent
 from wayside.pipeline.view.entities import APPLICATION
@@ -82,22 +82,10 @@ def measure_roc(
     *,
     overwrite: bool = False,
 ) -> Characteristics:
-    """Run the logs, and write the curves of their classifiers into `folder`.
+    """Run logs, and write `roc.parquet`, `classifiers.parquet`, `confusion.parquet`, `roc.rrd` and a PNG a classifier.
 
-    Parameters
-    ----------
-    logs
-        Drives with labels.
-    labels
-        Files or folders of labels, of any format; each log takes those of its images.
-    folder
-        Output: `roc.parquet`, `classifiers.parquet`, `confusion.parquet`, `roc.rrd` and a picture a classifier.
-    settings, models
-        What the runs work with.
-    notify
-        Called with a line about each log.
-    overwrite
-        Replace whatever stands there under these names; else only those of an earlier measurement.
+    `labels`: files or folders, of any format; each log takes those of its images. `notify`: is called with a line about
+    each log. `overwrite`: replace whatever stands there under these names; else only an earlier measurement.
 
     Raises
     ------
@@ -164,21 +152,22 @@ def _write(folder: Path, measured: Characteristics) -> None:
     ]
     with OutputFolder(folder) as output:
         try:
-            curves = [columns for own in drawn.values() for columns in map(_curve_columns, own)]
+            curves = [_curve_columns(*one) for own in drawn.values() for one in own]
             _write_table(output.part, CURVES, curves)
-            _write_table(output.part, CLASSIFIERS, [_columns(CLASSIFIERS, summaries)])
-            _write_table(output.part, CONFUSION, [_columns(CONFUSION, counts)])
+            for table, rows in ((CLASSIFIERS, summaries), (CONFUSION, counts)):
+                columns = {one.name: [row[one.name] for row in rows] for one in table.columns}
+                _write_table(output.part, table, [columns])
             for name, own in drawn.items():
                 with create(output.part / f"roc_{name}.png") as stream:
                     stream.write(draw_curves(name, own))
         except OSError as error:
             raise not_written(folder, error) from error
         record_curves(output.part / RECORDING_FILE, drawn, format_characteristics(measured))
-        output.commit(_pictures_of_before(folder))
+        before = EVERY_CLASSIFIER if (folder / CURVES.file).exists() else ()
+        output.commit([f"roc_{name}.png" for name in before])
 
 
-def _curve_columns(drawn: tuple[Question, RocCurve]) -> dict[str, Any]:
-    question, curve = drawn
+def _curve_columns(question: Question, curve: RocCurve) -> dict[str, Any]:
     n = len(curve.threshold)
     columns = {
         "classifier": [question.classifier] * n,
@@ -193,8 +182,7 @@ def _curve_columns(drawn: tuple[Question, RocCurve]) -> dict[str, Any]:
 
 def _summary(question: Question, curve: RocCurve | None) -> dict[str, Any]:
     scores = question.scores
-    row: dict[str, Any] = dict.fromkeys(column.name for column in CLASSIFIERS.columns)
-    row |= {
+    row: dict[str, Any] = dict.fromkeys(column.name for column in CLASSIFIERS.columns) | {
         "classifier": question.classifier,
         "class": question.name,
         "unit": question.unit,
@@ -215,22 +203,15 @@ def _summary(question: Question, curve: RocCurve | None) -> dict[str, Any]:
         "full_tpr_fpr": float(curve.fpr[full]) if full < len(curve.tp) else None,
         "groups": curve.groups,
     }
-    intervals: dict[str, Sequence[float] | None] = {
-        "area": curve.area_interval,
-        "knee": curve.knee_interval,
-    }
+    intervals = {"area": curve.area_interval, "knee": curve.knee_interval}
     if (at := question.used_row(curve)) is not None:
         row |= {"tpr": float(curve.tpr[at]), "fpr": float(curve.fpr[at])}
         for name, band in (("tpr", curve.tpr_band), ("fpr", curve.fpr_band)):
-            intervals[name] = None if band is None else band[at].tolist()
+            intervals[name] = None if band is None else Interval(*band[at].tolist())
     for name, interval in intervals.items():
         if interval is not None:
             row[f"{name}_low"], row[f"{name}_high"] = interval
     return row
-
-
-def _columns(table: Table, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    return {column.name: [row[column.name] for row in rows] for column in table.columns}
 
 
 def _write_table(folder: Path, table: Table, parts: Sequence[dict[str, Any]]) -> None:
@@ -272,17 +253,7 @@ def ink_of(name: str, row: int) -> str:
 
 
 def record_curves(path: Path, drawn: Mapping[str, Drawn], page: str) -> None:
-    """Write a recording: TPR upwards against FPR of each classifier, knees and thresholds as points; `page` as text.
-
-    Parameters
-    ----------
-    path
-        The .rrd file to make.
-    drawn
-        Curves by classifier.
-    page
-        All figures, Markdown.
-    """
+    """Write a .rrd: TPR upwards against FPR of each classifier, knees and thresholds as points; `page` is Markdown."""
     import rerun as rr
     import rerun.blueprint as rrb
 
@@ -319,27 +290,12 @@ def record_curves(path: Path, drawn: Mapping[str, Drawn], page: str) -> None:
     stream.disconnect()
 
 
-def _pictures_of_before(folder: Path) -> list[str]:
-    """Pictures of the classifiers of an earlier measurement that is there: those of others go away with it."""
-    try:
-        rows = read_parquet(folder / CLASSIFIERS.file, ["classifier"]).to_pylist()
-    except (OSError, ValueError, pa.ArrowException):
-        return []
-    names = {f"roc_{row['classifier']}.png" for row in rows}
-    return sorted(name for name in names if Path(name).name == name)  # no file elsewhere
-
-
 def _check_free(folder: Path) -> None:
     """Make sure that what is replaced is an earlier measurement."""
-    present = [
-        folder / name
-        for name in (CURVES.file, CLASSIFIERS.file, CONFUSION.file, RECORDING_FILE)
-        if (folder / name).exists()
-    ]
-    if present:
-        try:
-            own = pq.read_schema(folder / CURVES.file).equals(CURVES.schema, check_metadata=True)
-        except (OSError, ValueError):
-            own = False
-        if not own:
-            raise refuse(present[0], "a file that is not an earlier measurement")
+    names = (CURVES.file, CLASSIFIERS.file, CONFUSION.file, RECORDING_FILE)
+    try:
+        own = pq.read_schema(folder / CURVES.file).equals(CURVES.schema, check_metadata=True)
+    except (OSError, ValueError):
+        own = False
+    for present in (folder / name for name in names if (folder / name).exists() and not own):
+        raise refuse(present, "a file that is not an earlier measurement")

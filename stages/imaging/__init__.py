@@ -1,8 +1,7 @@
 """Bytes of a message to pixels, and the spaces in which colours are compared."""
 
-from wayside.stages.imaging.colorspace import colorfulness, log_chromaticity
 from wayside.stages.imaging.decoding import decode, decode_pixels, raw_samples, used_bits
-from wayside.stages.imaging.pyramids import Pyramid, enlarged, pyramid
+from wayside.stages.imaging.pixels import Pyramid, colorfulness, enlarged, log_chromaticity, pyramid
 
 __all__ = [
     "Pyramid",

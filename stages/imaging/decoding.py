@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import DAMAGED, UNDECODABLE, USED, WRONG_SIZE, Frame, Image
 from wayside.schemas.settings import BalanceSettings
-from wayside.stages.imaging.white_balance import balanced
+from wayside.stages.imaging.pixels import balanced
 
 _AS_STORED = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
 """The calibration belongs to the pixels as the sensor gave them, so a rotation noted in EXIF is not applied."""
@@ -61,28 +61,20 @@ def decode(frames: Iterator[Frame], balance: BalanceSettings | None = None) -> I
     Status `undecodable`: an image that cannot be decoded. Status `damaged`: one that decodes in part. Status
     `wrong_size`: one whose size differs from the camera's, which leaves its points without a place. Size and scans are
     checked before anything is decoded. A compressed image whose header does not state its size is not decoded.
-    Orientation tags are ignored. OpenCV's own threads are left as the process has set them.
+    Orientation tags are ignored.
 
-    Parameters
-    ----------
-    frames
-        Frames in any state; used ones hold a compressed image, its size in `width` and `height`, or raw rows.
-    balance
-        Of the white balance of `rgb` by the road, where there is a calibration; None: as recorded. `grey` stays as
-        recorded; of a camera that sees no colour it is each channel of `rgb`, too.
-
-    Yields
-    ------
-    One image a frame, in order: `rgb` (height, width, 3) uint8, C-contiguous, and `grey` (height, width) uint8;
-    both None where the frame is not used, and then its recorded bytes are gone, too.
+    `rgb` (height, width, 3) uint8, C-contiguous, is balanced by the road where there is a calibration and `balance` is
+    given; `grey` (height, width) uint8 stays as recorded, and of a camera that sees no colour it is each channel of
+    `rgb`, too. Both are None where the frame is not used, and then its recorded bytes are gone.
     """
     for frame in frames:
         if not frame.used:
             yield Image(frame, None, None)
             continue
-        status, rgb = USED if _fits(frame) else WRONG_SIZE, None
-        if status == USED:
-            status, rgb = decode_pixels(frame)
+        # where the header does not state the size, decoding refuses the image
+        camera, size = frame.camera, (frame.width, frame.height)
+        fits = camera is None or 0 in size or size == (camera.width, camera.height)
+        status, rgb = decode_pixels(frame) if fits else (WRONG_SIZE, None)
         if rgb is not None and rgb.shape[:2] != (frame.height, frame.width):
             status, rgb = WRONG_SIZE, None
         if rgb is None:
@@ -94,12 +86,6 @@ def decode(frames: Iterator[Frame], balance: BalanceSettings | None = None) -> I
             elif balance is not None and balance.on and frame.camera is not None:
                 rgb = balanced(rgb, frame.camera)
             yield Image(frame, rgb, grey)
-
-
-def _fits(frame: Frame) -> bool:
-    """Whether an image has the size of its camera, by its header; where this is not known, decoding refuses it."""
-    camera, size = frame.camera, (frame.width, frame.height)
-    return camera is None or 0 in size or size == (camera.width, camera.height)
 
 
 def decode_pixels(frame: Frame) -> tuple[str, NDArray[np.uint8] | None]:
@@ -134,7 +120,10 @@ def _jpeg_pixels(data: NDArray[np.uint8]) -> tuple[str, NDArray[np.uint8] | None
     except ValueError:
         return UNDECODABLE, None
     if str(colors).upper() in ("CMYK", "YCCK"):
-        decoded = None if _is_cut_short(data) else cv2.imdecode(data, _AS_STORED)
+        content = data.tobytes()
+        # without an end after its last scan, a decoder fills the rest with grey without an error
+        cut_short = content.rfind(_END_OF_JPEG) < content.rfind(_START_OF_SCAN)
+        decoded = None if cut_short else cv2.imdecode(data, _AS_STORED)
         return (DAMAGED, None) if decoded is None else (USED, np.ascontiguousarray(decoded))
     try:
         return USED, simplejpeg.decode_jpeg(data, "RGB")
@@ -164,10 +153,7 @@ def _is_whole_tiff(data: NDArray[np.uint8]) -> bool:
 def raw_samples(frame: Frame) -> NDArray[np.uint8 | np.uint16]:
     """Samples of a raw image, one row of it each (of NV12 and NV21 followed by half as many rows of colours).
 
-    Raises
-    ------
-    ValueError
-        The encoding is unknown, or size, step and bytes contradict each other.
+    Raises ValueError where the encoding is unknown, or size, step and bytes contradict each other.
     """
     name, width, height = frame.encoding.lower(), frame.width, frame.height
     deep = _DEEP.fullmatch(name)
@@ -217,9 +203,3 @@ def _raw_pixels(frame: Frame) -> NDArray[np.uint8]:
     if conversion is None:
         return pixels.copy()
     return np.ascontiguousarray(cv2.cvtColor(pixels, conversion), np.uint8)
-
-
-def _is_cut_short(data: NDArray[np.uint8]) -> bool:
-    """Whether a JPEG has no end after its last scan: a decoder fills the rest with grey without an error."""
-    content = data.tobytes()  # padding or other bytes may follow the end
-    return content.rfind(_END_OF_JPEG) < content.rfind(_START_OF_SCAN)

@@ -1,15 +1,14 @@
 """What only the report's own chains need: colour, shape and trajectory gates, SIFT matching (chapters 3 to 5)."""
 
 from wayside.stages.report.color import COLOR_SPACES, classify_color, color_features
-from wayside.stages.report.match import match_by_descriptors
-from wayside.stages.report.outline import (
-    SAMPLES,
+from wayside.stages.report.match import extract_sift, match_by_descriptors
+from wayside.stages.report.shape import (
     TERMS,
+    classify_shape,
     fourier_descriptors,
-    traced_sequences,
+    outlines_of,
+    region_descriptors,
 )
-from wayside.stages.report.shape import classify_shape, outlines_of, region_descriptors
-from wayside.stages.report.sift import extract_sift
 from wayside.stages.report.trajectory import (
     STEP_M,
     TRAJECTORY_FORMS,
@@ -19,7 +18,6 @@ from wayside.stages.report.trajectory import (
 
 __all__ = [
     "COLOR_SPACES",
-    "SAMPLES",
     "STEP_M",
     "TERMS",
     "TRAJECTORY_FORMS",
@@ -33,5 +31,4 @@ __all__ = [
     "mean_log_density",
     "outlines_of",
     "region_descriptors",
-    "traced_sequences",
 ]

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import COLORS, Candidates, Detections, Segmentation, verdict_code
+from wayside.schemas.detections import COLORS, Candidates, Detections, Segmentation
 from wayside.schemas.models import GaussianModel
 from wayside.stages.classifiers import nearest_class, require_gaussian_model
 from wayside.stages.imaging import log_chromaticity
@@ -25,26 +25,10 @@ moves a colour along one axis of the fourth."""
 def classify_color(
     segmentations: Iterator[Segmentation], *, model: GaussianModel
 ) -> Iterator[Detections]:
-    """Give every region the colour class of its mean colour by Mahalanobis distance (report eq. 3.1).
+    """Make all regions candidates with the colour class of their mean colour, by Mahalanobis distance (eq. 3.1).
 
     The class is the nearest of those whose threshold holds; where none holds, the nearest of all, and the verdict is
-    `color`.
-
-    Parameters
-    ----------
-    segmentations
-        Images with their regions.
-    model
-        Mean, covariance and threshold of each colour, in space "rgb" (as in the report) or another of `COLOR_SPACES`.
-
-    Yields
-    ------
-    One item an image, in order; all regions are candidates.
-
-    Raises
-    ------
-    InputError
-        If the model names a colour or a space that does not exist.
+    `color`. Raises InputError where the model names a colour or a space that does not exist.
     """
     require_gaussian_model(model, COLORS, COLOR_SPACES)
     for one in segmentations:
@@ -54,16 +38,8 @@ def classify_color(
         )
         if one.frame.grey:  # the gate goes by brightness, and names nothing
             color, distance = candidates.color, candidates.color_distance
-        verdict = np.where(accepted, candidates.verdict, verdict_code("color"))
-        yield Detections(
-            one,
-            replace(
-                candidates,
-                color=color,
-                color_distance=distance,
-                verdict=verdict.astype(np.uint8),
-            ),
-        )
+        named = replace(candidates, color=color, color_distance=distance)
+        yield Detections(one, named.with_verdict(np.flatnonzero(~accepted), "color"))
 
 
 def color_features(rgb: NDArray[np.floating[Any]], space: str) -> NDArray[np.float64]:

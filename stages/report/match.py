@@ -1,14 +1,15 @@
-"""The report's matching: by SIFT from frame to frame, the midpoint of two rays (chapters 5 and 7)."""
+"""The report's matching: SIFT points on the candidates, the midpoint of two rays (chapters 5 and 7)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import Features
+from wayside.schemas.detections import Detections, Features
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
@@ -25,6 +26,46 @@ from wayside.stages.mapping import (
 )
 from wayside.stages.report.trajectory import trajectory_of
 
+MARGIN_PX = 3
+"""Points so far outside the box of a candidate belong to it: a face's own corners lie on its border."""
+
+
+def extract_sift(images: Iterator[Detections]) -> Iterator[Detections]:
+    """Find SIFT points on the open candidates of each image; other key points stay as they are.
+
+    Each point belongs to one candidate only, the smallest whose box contains it. Regions of both passes overlap the
+    same face, and a point listed twice would fail the ratio test against itself.
+    """
+    sift, none = cv2.SIFT.create(), Features.empty()
+    for item in images:
+        if item.image.grey is None:
+            yield item
+            continue
+        rows = item.candidates.open_rows()
+        found, described = sift.detectAndCompute(item.image.grey, None) if len(rows) else ((), None)
+        points, descriptors, owner = none.sign_points, none.sign_descriptors, none.sign_rows
+        if described is not None:
+            points = np.asarray(cv2.KeyPoint.convert(found), np.float32).reshape(-1, 2)
+            number = _smallest_around(points, item.candidates.regions.box[rows])
+            kept = number >= 0
+            points, descriptors = points[kept], np.asarray(described, np.float32)[kept]
+            owner = rows[number[kept]].astype(np.int32)
+        features = replace(
+            item.features, sign_points=points, sign_descriptors=descriptors, sign_rows=owner
+        )
+        yield replace(item, features=features)
+
+
+def _smallest_around(points: NDArray[np.float32], box: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Number (m,) of the smallest box (n, 4) that contains each point with a margin, the first of equals; -1: none."""
+    low, high = box[:, :2] - MARGIN_PX, box[:, 2:] - 1 + MARGIN_PX
+    owner = np.full(len(points), -1)
+    # the largest box first: smaller ones overwrite it
+    for k in np.argsort((box[:, 2:] - box[:, :2]).prod(axis=1), kind="stable")[::-1]:
+        owner[((points >= low[k]) & (points <= high[k])).all(axis=1)] = k
+    return owner
+
+
 SIFT_VIEWS = 2
 """Nearest views that place a chain of descriptors, as in report chapter 7."""
 RATIO = 0.8
@@ -36,17 +77,9 @@ def match_by_descriptors(
 ) -> Iterator[TrackedFrame]:
     """Chain candidates from frame to frame by their key points; the midpoint of the two nearest rays is its landmark.
 
-    The confidence of a landmark and its facing are not known: score and facing are nan.
-
-    Frames come out in order, each once, when no open chain holds them, at most `track.longest` used frames late;
-    candidates that a chain had before that are left `unmatched`.
-
-    Parameters
-    ----------
-    posed
-        Frames with their candidates, key points and motion.
-    settings
-        How long signs are followed, and by how many views.
+    The confidence of a landmark and its facing are not known: score and facing are nan. Frames come out in order, each
+    once, when no open chain holds them, at most `track.longest` used frames late; candidates that a chain had before
+    that are left `unmatched`.
     """
     yield from through_window(posed, _Matcher(settings))
 
@@ -160,15 +193,7 @@ def _faces(frame: WindowFrame) -> dict[int, int]:
 def match_points(
     first: NDArray[np.float32], second: NDArray[np.float32], ratio: float
 ) -> NDArray[np.int64]:
-    """Pairs (k, 2) of descriptors that are each other's nearest and clearly nearer than the second (Lowe's ratio test).
-
-    Parameters
-    ----------
-    first, second
-        Descriptors (n, d) and (m, d).
-    ratio
-        Largest distance to the nearest over that to the second nearest.
-    """
+    """Pairs (k, 2) of descriptors, (n, d) and (m, d), that are each other's nearest and pass Lowe's ratio test."""
     if len(first) < 1 or len(second) < 2:
         return np.zeros((0, 2), np.int64)
     squares = (first**2).sum(axis=1)[:, None] + (second**2).sum(axis=1)[None]
@@ -188,12 +213,7 @@ def vote_regions(
 ) -> NDArray[np.int64]:
     """Pairs of regions (k, 2) for which most of both regions' matched points vote, by second region ascending.
 
-    Parameters
-    ----------
-    pairs
-        Matched points (n, 2).
-    first_region, second_region
-        Region of each point of either image.
+    `pairs` (n, 2): matched points; the others: region of each point of either image.
     """
     if len(pairs) == 0:
         return np.zeros((0, 2), np.int64)

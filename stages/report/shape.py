@@ -1,17 +1,101 @@
-"""Shape class of candidates from Fourier descriptors of their outlines (report chapter 4)."""
+"""Shape class of candidates by the Fourier descriptors of their outlines (report chapter 4).
+
+An outline is the closed polygon through the middles of the pixel edges between a region and the rest, in order,
+clockwise as seen. Along rows, columns and diagonals it is straight, and it encloses the pixels, not their centres.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import SHAPES, SOURCES, Detections, Regions, Segmentation
 from wayside.schemas.models import GaussianModel
 from wayside.stages.classifiers import nearest_class, require_gaussian_model
-from wayside.stages.report.outline import SAMPLES, TERMS, fourier_descriptors, traced_sequences
+from wayside.stages.kernels import Array, require_array
+
+SAMPLES = 64
+"""Points at equal steps of arc length that stand for an outline."""
+TERMS = (-1, 2, -2, 3, -3, -4)
+"""Terms behind the six descriptors. The report says "magnitude of upper terms / first term" and gives no list.
+
+These are the six lowest at which the outlines of signs differ: a regular n-gon has term 1-n as its first upper one
+(triangle -2, square -3, pentagon -4), an elongated outline has -1, one without symmetry has 2 and 3.
+"""
+
+
+def traced_sequences(labels: NDArray[np.uint8], boxes: NDArray[Any]) -> NDArray[np.complex128]:
+    """Resampled outlines (n, SAMPLES) of the connected regions (4 neighbours) that fill boxes (n, 4) exactly.
+
+    u + iv in pixels of the label image (height, width) uint8, clockwise as seen; nan where no region has this box. No
+    two regions fill the same box: where both touched all four sides they would have to cross. Raises ValueError where
+    the label image is of another type, shape or layout.
+    """
+    require_array(labels, "labels", np.uint8, (None, None))
+    sequences = np.full((len(boxes), SAMPLES), complex(np.nan, np.nan))
+    for i, box in enumerate(np.rint(boxes).astype(np.int64)):
+        outline = trace_region(labels, box)
+        if outline is not None:
+            sequences[i] = resample_outline(outline)
+    return sequences
+
+
+def trace_region(labels: NDArray[np.uint8], box: NDArray[np.int64]) -> Array | None:
+    """Middles (n, 2) of the outer pixel edges of the region that fills a box, in order; None where none does."""
+    left, top, right, bottom = box
+    if not (0 <= left < right <= labels.shape[1] and 0 <= top < bottom <= labels.shape[0]):
+        return None
+    x, y = max(left - 1, 0), max(top - 1, 0)
+    around = labels[y : bottom + 1, x : right + 1]  # what leaves the box does not fill it
+    wanted = (left - x, top - y, right - left, bottom - top)
+    for label in np.unique(labels[top, left:right]):
+        _, parts, found, _ = cv2.connectedComponentsWithStats(
+            (around == label).astype(np.uint8), connectivity=4
+        )
+        filling = np.flatnonzero((found[1:, :4] == wanted).all(axis=1))
+        if len(filling):
+            return np.asarray(_outer_edges(parts == 1 + filling[0]) + np.array([x, y]))
+    return None
+
+
+def _outer_edges(region: NDArray[np.bool_]) -> Array:
+    # On a grid of half pixels, centres are at odd numbers. The region is a hole (4 neighbours) in all the rest
+    # (8 neighbours), whose border runs along the edges and corners of the region.
+    rest = np.pad(~region, 1, constant_values=True)
+    grid = np.zeros(2 * np.array(rest.shape) + 1, np.uint8)
+    grid[1::2, 1::2] = rest
+    grid = np.asarray(cv2.dilate(grid, np.ones((3, 3), np.uint8)), np.uint8)
+    contours, tree = cv2.findContours(grid, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    border = contours[int(np.argmax(tree[0, :, 3] >= 0))][:, 0]
+    return np.asarray((border[border.sum(axis=1) % 2 == 1] - 3) / 2)
+
+
+def resample_outline(outline: Array, samples: int = SAMPLES) -> NDArray[np.complex128]:
+    """Points (samples,) at equal steps along the closed polygon (n, 2), clockwise as seen (v points down)."""
+    if cv2.contourArea(outline.astype(np.float32), oriented=True) < 0:
+        outline = outline[::-1]
+    closed = np.concatenate([outline, outline[:1]])
+    passed = np.concatenate([[0.0], np.hypot(*np.diff(closed, axis=0).T).cumsum()])
+    at = np.arange(samples) * passed[-1] / samples
+    u, v = (np.interp(at, passed, column) for column in closed.T)
+    return np.asarray(u + 1j * v, np.complex128)
+
+
+def fourier_descriptors(sequences: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Six descriptors |Z_k| / |Z_1| of each sequence, k in `TERMS`: (n, samples) to (n, 6).
+
+    A shift changes only Z_0, a scale multiplies all terms alike, a rotation or another start point changes phases only,
+    so none of them changes a descriptor (report chapter 4). Degenerate outlines give rows that are not finite.
+    """
+    magnitude = np.abs(np.fft.fft(sequences, axis=-1) / sequences.shape[-1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(magnitude[:, TERMS] / magnitude[:, 1:2])
+
 
 _PASSES = (SOURCES.index("pass1"), SOURCES.index("pass2"))
 
@@ -21,26 +105,11 @@ def classify_shape(
     *,
     model: GaussianModel,
 ) -> Iterator[Detections]:
-    """Give the open candidates the shape class of their outline by Mahalanobis distance.
+    """Give the open candidates the shape class of their outline by Mahalanobis distance, in space "fourier6".
 
     The outline is traced on the region's own pixels in the label image of its pass. A candidate without an accepted
-    shape gets the verdict `shape`.
-
-    Parameters
-    ----------
-    detections
-        Candidates from pass one and two.
-    model
-        Mean, covariance and threshold of each shape in space "fourier6".
-
-    Yields
-    ------
-    One item an image, in order.
-
-    Raises
-    ------
-    InputError
-        If the model names a shape that does not exist or has another dimension than its space.
+    shape gets the verdict `shape`. Raises InputError where the model names a shape that does not exist or has another
+    dimension than its space.
     """
     require_gaussian_model(model, SHAPES, {"fourier6": len(TERMS)})
     for one in detections:

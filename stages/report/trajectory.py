@@ -23,24 +23,16 @@ STEP_M = 8.04672
 
 
 def trajectory_of(rays: NDArray[np.float64], motions: Sequence[Motion]) -> NDArray[np.float64]:
-    """The trajectory of a feature: (u, v, du, dv) of each step between consecutive views, in both forms.
+    """The trajectory (n - 1, 2, 4) of a feature: (u, v, du, dv) of each step between its views, in both forms.
 
-    Coordinates assume a camera of focal length 1 without distortion (x/z right, y/z down), and one model serves all
+    `rays` (n, 2): the feature in each view, oldest first; `motions`: camera of each. Values are nan where a ray lies
+    behind the camera.
+
+    Coordinates assume a camera of focal length 1 without distortion (x/z right, y/z down): one model serves all
     cameras. The components du, dv are scaled to a step of 26.4 ft. In the form "image" the coordinates are taken as
     they are, as in the report. In the form "compensated" both views are turned into the axes half way through the
     camera's rotation. In these axes a vehicle that drives an arc travels in a constant direction, and a sign moves as
     on a straight road.
-
-    Parameters
-    ----------
-    rays
-        The feature in each view, (n, 2), oldest first.
-    motions
-        Camera of each view; they follow each other.
-
-    Returns
-    -------
-    (n - 1, 2, 4), by step, form (`TRAJECTORY_FORMS`) and number; nan where a ray lies behind the camera.
     """
     steps = np.empty((max(len(rays) - 1, 0), len(TRAJECTORY_FORMS), 4))
     for k in range(len(steps)):
@@ -73,18 +65,8 @@ def classify_trajectory(
     """Refuse what does not move in the image as signs do (`trajectory`).
 
     The report holds each (u, v, du, dv) against a density of signs; a track is as typical as its steps are on average.
-
-    Parameters
-    ----------
-    tracked
-        Frames with the landmarks seen first in them; those still accepted are asked about.
-    model
-        Density of the steps of signs, in a space of `TRAJECTORY_FORMS`, and the least mean log density of a sign.
-
-    Raises
-    ------
-    InputError
-        Where the model is of another space.
+    Landmarks that are still accepted are asked about. Raises InputError where the model is of a space that is not among
+    `TRAJECTORY_FORMS`.
     """
     if model.space not in TRAJECTORY_FORMS or model.mean.shape[1] != 4:
         raise InputError(

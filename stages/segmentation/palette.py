@@ -1,23 +1,27 @@
-"""K-means on a histogram of colours: the palette of pass one (report chapter 2.1).
+"""K-means of the colours of an image, and the nearest centre of every pixel (report chapters 2.1 and 2.3).
 
 Every n-th pixel falls into one of 64^3 bins that keep count and colour sums, so that a bin stands at its true mean.
 Weighted Lloyd steps on the few thousand bins in use cost little. One step on the sample in full colours follows, then
-the centres are rounded, which makes all later arithmetic exact. The start is k-means++ from a fixed seed: the same
-image has the same palette, whatever came before it.
+the centres are rounded, which makes all later arithmetic exact: squared distances of whole colours fit single
+precision. The start is k-means++ from a fixed seed, and every machine draws the same: the same image has the same
+palette, whatever came before it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import isqrt
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.settings import SegmentSettings
-from wayside.stages.kernels import compiled, require_image
-from wayside.stages.segmentation.label_images import MOST_CENTERS, mean_of_labels
+from wayside.stages.kernels import compiled, require_array, require_image
 
+MOST_CENTERS = 256
+"""A label image holds bytes."""
+DIFFERENCES = 443
+"""Rounded distances between colours: 0 to 442 = round(255 sqrt 3)."""
 SEED = 1
 """Seed of the first start of k-means++; further starts count on."""
 STARTS = 2
@@ -28,7 +32,12 @@ LLOYD_STEPS = 20
 """Lloyd steps of a start at most."""
 SETTLED = 0.5
 """Colour levels: Lloyd steps end when no centre moves further; centres are rounded to whole levels."""
-_BINS = 1 << 18
+_ROUNDED = np.arange(DIFFERENCES, dtype=np.uint16)
+_CHUNK = 1024
+_WORD = 2**64 - 1
+
+Number = TypeVar("Number", bound=np.integer)
+Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,152 +45,183 @@ class ColorBins:
     """A sample of an image: its pixels (n, 3) uint8 and its bins, `mean` (3, m) float32 and `weight` (m,) float32."""
 
     pixels: NDArray[np.uint8]
-    mean: NDArray[np.float32]
-    weight: NDArray[np.float32]
+    mean: Floats
+    weight: Floats
 
 
 def sample_colors(rgb: NDArray[np.uint8], at_least: int) -> ColorBins:
     """Colours of a regular sample of `at_least` so many pixels, where there are, as pixels and as 6-bit bins.
 
-    Parameters
-    ----------
-    rgb
-        Image or whole rows of one, (height, width, 3) uint8, C-contiguous, not empty.
-    at_least
-        Pixels.
-
-    Raises
-    ------
-    ValueError
-        If the image is of another type or layout, or empty.
+    `rgb`: image or whole rows of one, (height, width, 3) uint8, C-contiguous. Raises ValueError where it is of another
+    type or layout, or empty.
     """
     require_image(rgb)
     height, width = rgb.shape[:2]
     if height * width == 0:
         raise ValueError(f"rgb: an image of {width} x {height} has no pixel")
     step = max(1, min(isqrt(height * width // at_least), height, width))
-    pixels = rgb[step // 2 :: step, step // 2 :: step].reshape(-1, 3)
-    sums = np.zeros((len(pixels), 4), np.float64)
-    used = _fill_bins(np.ascontiguousarray(pixels), np.full(_BINS, -1, np.int32), sums)
-    weight = sums[:used, 3].astype(np.float32)
-    mean = (sums[:used, :3] * (np.float32(1) / weight)[:, None]).astype(np.float32)
-    return ColorBins(pixels, np.ascontiguousarray(mean.T), weight)
+    pixels = np.ascontiguousarray(rgb[step // 2 :: step, step // 2 :: step].reshape(-1, 3))
+    code = (pixels.astype(np.int32) >> 2) @ (1 << 12, 1 << 6, 1)
+    _, first, number = np.unique(code, return_index=True, return_inverse=True)
+    met = np.empty(len(first), np.int64)  # bins in the order in which the sample meets them
+    met[np.argsort(first)] = np.arange(len(first))
+    number = met[number]
+    weight = np.bincount(number).astype(np.float32)
+    sums = np.stack([np.bincount(number, channel) for channel in pixels.T])
+    return ColorBins(pixels, (sums * (np.float32(1) / weight)).astype(np.float32), weight)
 
 
-def palette(sample: ColorBins, settings: SegmentSettings) -> NDArray[np.uint8]:
+def palette(sample: ColorBins, clusters: int) -> NDArray[np.uint8]:
     """K-means of the sampled colours: whole-numbered centres, darkest first, shape (clusters, 3).
 
-    Parameters
-    ----------
-    sample
-        Colours of the image.
-    settings
-        k (centres repeat where there are fewer colours), starts and Lloyd steps.
-
-    Raises
-    ------
-    ValueError
-        If k is not from 2 to 256.
+    Centres repeat where there are fewer colours. Raises ValueError where `clusters` is not from 2 to 256.
     """
-    clusters = settings.clusters
     if not 2 <= clusters <= MOST_CENTERS:
         raise ValueError(f"clusters: {clusters} is outside 2 to {MOST_CENTERS}. Set another k.")
-    best, least = np.zeros((clusters, 3), np.float32), np.inf
-    for seed in range(SEED, SEED + STARTS):
-        centers = np.empty((clusters, 3), np.float32)
-        _spread_start(sample.mean, sample.weight, seed, TRIALS, centers)
-        inertia = _lloyd(sample.mean, sample.weight, centers, LLOYD_STEPS, SETTLED)
-        if inertia < least:
-            best, least = centers, inertia
-    polished = mean_of_labels(sample.pixels, np.rint(best))
-    rounded = np.rint(polished).astype(np.uint8)
+    starts = (_lloyd(sample, _spread_start(sample, clusters, SEED + k)) for k in range(STARTS))
+    _, best = min(starts, key=lambda one: one[0])
+    rounded = np.rint(mean_of_labels(sample.pixels, np.rint(best))).astype(np.uint8)
     brightness = rounded.sum(axis=1, dtype=np.int64)
     order = np.lexsort((rounded[:, 2], rounded[:, 1], rounded[:, 0], brightness))
     return np.asarray(rounded[order])
 
 
-@compiled
-def _fill_bins(
-    pixels: NDArray[np.uint8], number: NDArray[np.int32], sums: NDArray[np.float64]
-) -> int:
-    """Colour sums and count of each bin, in the order in which the sample meets them; how many bins there are.
+def label_both_passes(
+    rgb: NDArray[np.uint8], centers: NDArray[Any], difference_class: NDArray[np.uint8]
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Nearest centre of each pixel, and the class of its rounded distance to it: the label images of both passes.
 
-    `number` (-1 everywhere) becomes the row of each bin.
+    The distance is the difference image of the report (chapter 2.3).
+
+    Parameters
+    ----------
+    rgb
+        Image, (height, width, 3) uint8, C-contiguous; whole rows of a larger one may be given.
+    centers
+        Whole-numbered colours, (k, 3), k from 1 to 256.
+    difference_class
+        Class of pass two of each rounded distance, shape (443,) uint8.
+
+    Returns
+    -------
+    Labels of pass one (the lower one on a tie) and of pass two, each (height, width) uint8.
+
+    Raises
+    ------
+    ValueError
+        If an array is of another type, shape or layout.
     """
-    used = 0
-    for i in range(pixels.shape[0]):
-        red, green, blue = np.int32(pixels[i, 0]), np.int32(pixels[i, 1]), np.int32(pixels[i, 2])
-        colour = (red >> 2) << 12 | (green >> 2) << 6 | blue >> 2
-        row = number[colour]
-        if row < 0:
-            row = used
-            number[colour] = row
-            used += 1
-        sums[row, 0] += red
-        sums[row, 1] += green
-        sums[row, 2] += blue
-        sums[row, 3] += 1
-    return used
+    require_image(rgb)
+    require_array(difference_class, "difference_class", np.uint8, (DIFFERENCES,))
+    first, second = _nearest_centers(rgb.reshape(-1, 3), centers, difference_class)
+    return first.reshape(rgb.shape[:2]), second.reshape(rgb.shape[:2])
 
 
-@compiled
-def _spread_start(
-    mean: NDArray[np.float32],
-    weight: NDArray[np.float32],
-    seed: int,
-    trials: int,
-    centers: NDArray[np.float32],
-) -> None:
-    """Greedy k-means++ (Arthur and Vassilvitskii 2007) on weighted bins: the best of some `trials` for each centre.
+def difference_image(rgb: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[np.uint16]:
+    """The grey difference image (report chapter 2.3): distance of each pixel to its nearest centre, rounded, 0 to 442.
+
+    `label_both_passes` keeps the class of each of these numbers alone. Arguments and errors are the same.
+    """
+    require_image(rgb)
+    return _nearest_centers(rgb.reshape(-1, 3), centers, _ROUNDED)[1].reshape(rgb.shape[:2])
+
+
+def mean_of_labels(colors: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[np.float64]:
+    """Mean of the colours (n, 3) nearest to each centre, (k, 3), or the centre itself: one Lloyd step."""
+    label, _ = _nearest_centers(colors, centers, _ROUNDED)
+    k = len(centers)
+    count = np.bincount(label, minlength=k)[:, None]
+    sums = np.stack([np.bincount(label, channel, k) for channel in colors.T], axis=1)
+    return np.where(count > 0, sums / np.maximum(count, 1), np.asarray(centers, np.float64))
+
+
+def difference_histogram(colors: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[np.int64]:
+    """How many of the colours (n, 3) lie at each rounded distance from their nearest centre: shape (443,)."""
+    return np.bincount(_nearest_centers(colors, centers, _ROUNDED)[1], minlength=DIFFERENCES)
+
+
+def _nearest_centers(
+    colors: NDArray[np.uint8], centers: NDArray[Any], of_distance: NDArray[Number]
+) -> tuple[NDArray[np.uint8], NDArray[Number]]:
+    """Nearest centre of each colour (n, 3), and the entry (443,) of its rounded distance to it."""
+    require_array(colors, "colors", np.uint8, (None, 3))
+    whole = np.ascontiguousarray(centers, np.float32)
+    if whole.ndim != 2 or whole.shape[1] != 3 or not 1 <= len(whole) <= MOST_CENTERS:
+        raise ValueError(
+            f"centres: shape {whole.shape} instead of (k, 3) with k from 1 to {MOST_CENTERS}"
+        )
+    if not np.array_equal(whole, np.clip(np.rint(whole), 0, 255)):
+        raise ValueError("centres: not whole numbers from 0 to 255. Round and clip them first.")
+    label, entry = np.empty(len(colors), np.uint8), np.empty(len(colors), of_distance.dtype)
+    _fill_nearest(colors, whole, of_distance, label, entry)
+    return label, entry
+
+
+def _spread_start(sample: ColorBins, clusters: int, seed: int) -> Floats:
+    """Greedy k-means++ (Arthur and Vassilvitskii 2007) on weighted bins, (clusters, 3): the best of some draws each.
 
     The generator (xorshift64) is its own, so that every machine draws the same.
     """
-    n = weight.size
-    squared = np.ones(n, np.float32)
-    trial_squared, best_squared = np.empty(n, np.float32), np.empty(n, np.float32)
-    cost = weight.copy()
-    state = np.uint64(seed * 2 + 1) * np.uint64(0x9E3779B97F4A7C15)
-    for j in range(centers.shape[0]):
+    mean, weight = sample.mean, sample.weight
+    centers = np.empty((clusters, 3), np.float32)
+    squared, cost = np.full(len(weight), np.inf, np.float32), weight
+    state = (seed * 2 + 1) * 0x9E3779B97F4A7C15 & _WORD
+    for j in range(clusters):
         total = np.cumsum(cost)
-        least = np.inf
-        for _ in range(trials if j > 0 else 1):
-            state ^= state << np.uint64(13)
-            state ^= state >> np.uint64(7)
-            state ^= state << np.uint64(17)
-            target = np.float64(state >> np.uint64(11)) / 9007199254740992.0 * total[-1]
-            drawn = min(np.searchsorted(total, target), n - 1)
-            red, green, blue = mean[0, drawn], mean[1, drawn], mean[2, drawn]
-            for i in range(n):
-                r, g, b = mean[0, i] - red, mean[1, i] - green, mean[2, i] - blue
-                d = r * r + g * g + b * b
-                trial_squared[i] = d if j == 0 or d < squared[i] else squared[i]
-            left = np.float64(0)
-            for i in range(n):
-                left += weight[i] * trial_squared[i]
-            if left < least:
-                least = left
-                for c in range(3):
-                    centers[j, c] = mean[c, drawn]
-                trial_squared, best_squared = best_squared, trial_squared
-        squared, best_squared = best_squared, squared
-        for i in range(n):
-            cost[i] = weight[i] * squared[i]
+        trials = []
+        for _ in range(TRIALS if j else 1):
+            state ^= state << 13 & _WORD
+            state ^= state >> 7
+            state ^= state << 17 & _WORD
+            target = (state >> 11) / 2**53 * float(total[-1])
+            drawn = min(int(np.searchsorted(total, np.float64(target))), len(weight) - 1)
+            red, green, blue = (mean - mean[:, drawn, None]) ** 2
+            left = np.minimum(red + green + blue, squared)
+            trials.append((float((weight * left).sum(dtype=np.float64)), drawn, left))
+        _, drawn, squared = min(trials, key=lambda one: one[0])
+        centers[j], cost = mean[:, drawn], weight * squared
+    return centers
+
+
+def _lloyd(sample: ColorBins, centers: Floats) -> tuple[float, Floats]:
+    """Move centres (k, 3) to the means of their bins until they settle: weighted sum of squared distances, centres.
+
+    A centre without bins moves to the bin that costs most.
+    """
+    mean, weight, k = sample.mean, sample.weight, len(centers)
+    label, squared = np.zeros(len(weight), np.int32), np.empty(len(weight), np.float32)
+    for _ in range(LLOYD_STEPS):
+        _nearest(mean, centers, label, squared)
+        count = np.bincount(label, weight, k)
+        sums = np.stack([np.bincount(label, weight * channel, k) for channel in mean], axis=1)
+        used = count > 0
+        new = sums[used] / count[used, None]
+        moved = float(((new - centers[used]) ** 2).sum(axis=1).max())
+        centers[used] = new
+        for j in np.flatnonzero(~used):
+            worst = int(np.argmax(weight * squared))
+            if squared[worst] > 0:
+                centers[j], squared[worst], moved = mean[:, worst], 0, np.inf
+        if moved <= SETTLED * SETTLED:
+            break
+    _nearest(mean, centers, label, squared)
+    return float((weight * squared).sum(dtype=np.float64)), centers
 
 
 @compiled
 def _nearest(
-    mean: NDArray[np.float32],
-    centers: NDArray[np.float32],
-    label: NDArray[np.int32],
-    squared: NDArray[np.float32],
+    colors: Floats, centers: Floats, label: NDArray[np.int32], squared: NDArray[np.float32]
 ) -> None:
-    """Nearest centre of each bin; the loop over bins is the inner one, so that it runs in vector registers."""
+    """Nearest centre (k, 3) of each colour (3, n), the lower one on a tie, and the squared distance to it.
+
+    The loop over colours is the inner one, so that it runs in vector registers.
+    """
     squared[:] = np.float32(1e30)
     for j in range(centers.shape[0]):
         red, green, blue = centers[j, 0], centers[j, 1], centers[j, 2]
         number = np.int32(j)
         for i in range(squared.size):
-            r, g, b = mean[0, i] - red, mean[1, i] - green, mean[2, i] - blue
+            r, g, b = colors[0, i] - red, colors[1, i] - green, colors[2, i] - blue
             d = r * r + g * g + b * b
             nearer = d < squared[i]
             squared[i] = d if nearer else squared[i]
@@ -189,49 +229,22 @@ def _nearest(
 
 
 @compiled
-def _lloyd(
-    mean: NDArray[np.float32],
-    weight: NDArray[np.float32],
-    centers: NDArray[np.float32],
-    steps: int,
-    settled: float,
-) -> float:
-    """Move the centres to the weighted means of their bins until they settle; the weighted sum of squared distances.
-
-    A centre without bins moves to the bin that costs most.
-    """
-    k = centers.shape[0]
-    label = np.zeros(weight.size, np.int32)
-    squared = np.empty(weight.size, np.float32)
-    sums = np.empty((k, 4), np.float64)
-    for _ in range(steps):
-        _nearest(mean, centers, label, squared)
-        sums[:] = 0
-        for i in range(weight.size):
-            w = weight[i]
+def _fill_nearest(
+    colors: NDArray[np.uint8],
+    centers: Floats,
+    of_distance: NDArray[Number],
+    label: NDArray[np.uint8],
+    entry: NDArray[Number],
+) -> None:
+    planes, squared = np.empty((3, _CHUNK), np.float32), np.empty(_CHUNK, np.float32)
+    nearest = np.empty(_CHUNK, np.int32)
+    for start in range(0, colors.shape[0], _CHUNK):
+        part = colors[start : start + _CHUNK]
+        for x in range(part.shape[0]):
             for c in range(3):
-                sums[label[i], c] += w * mean[c, i]
-            sums[label[i], 3] += w
-        moved = 0.0
-        for j in range(k):
-            if sums[j, 3] > 0:
-                step_squared = 0.0
-                for c in range(3):
-                    value = sums[j, c] / sums[j, 3]
-                    step_squared += (value - centers[j, c]) ** 2
-                    centers[j, c] = value
-                moved = max(moved, step_squared)
-            else:
-                worst = np.argmax(weight * squared)
-                if squared[worst] > 0:
-                    for c in range(3):
-                        centers[j, c] = mean[c, worst]
-                    squared[worst] = 0
-                    moved = np.inf
-        if moved <= settled * settled:
-            break
-    _nearest(mean, centers, label, squared)
-    inertia = 0.0
-    for i in range(weight.size):
-        inertia += weight[i] * squared[i]
-    return inertia
+                planes[c, x] = np.float32(part[x, c])
+        # a rest of the last chunk is measured once more, and not read
+        _nearest(planes, centers, nearest, squared)
+        for x in range(part.shape[0]):
+            label[start + x] = nearest[x]
+            entry[start + x] = of_distance[np.int32(np.sqrt(squared[x]) + np.float32(0.5))]

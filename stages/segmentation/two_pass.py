@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from math import atan2, ceil, floor, radians, tan
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +13,15 @@ from wayside.schemas.detections import SOURCES, Dropped, Regions, Segmentation
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Camera, Image
 from wayside.schemas.settings import GateSettings, SegmentSettings
-from wayside.stages.segmentation.connected_regions import ConnectedRegions, connected_regions
-from wayside.stages.segmentation.label_images import (
+from wayside.stages.kernels import compiled, require_array
+from wayside.stages.segmentation.palette import (
     DIFFERENCES,
     MOST_CENTERS,
     difference_histogram,
     label_both_passes,
+    palette,
+    sample_colors,
 )
-from wayside.stages.segmentation.natural_breaks import classes_of_values, optimal_breaks
-from wayside.stages.segmentation.palette import palette, sample_colors
 
 SAMPLE_PX = 80_000
 """The palette is made from at least so many pixels of an image."""
@@ -107,13 +108,12 @@ def _segment_rows(
 ) -> Segmentation:
     band = rgb[rows[0] : rows[1]]
     sample = sample_colors(band, SAMPLE_PX)
-    centers = palette(sample, settings)
+    centers = palette(sample, settings.clusters)
     breaks = optimal_breaks(
         difference_histogram(sample.pixels, centers), settings.difference_clusters
     )
     labels = label_both_passes(band, centers, classes_of_values(breaks, DIFFERENCES))
-    passes = _connected(labels, band, gate)
-    table, count = _table(passes, rows[0]), sum(one.total for one in passes)
+    table, count = _regions_of(labels, band, rows[0], gate)
     return Segmentation(
         image,
         table,
@@ -135,31 +135,140 @@ def regions_before_gate(segmentation: Segmentation) -> Regions:
     if image is None or labels is None:
         return Regions.empty()
     first, last = segmentation.rows
-    every = GateSettings(1, labels[0].size)
-    return _table(_connected(labels, image[first:last], every), first)
+    return _regions_of(labels, image[first:last], first, GateSettings(1, labels[0].size))[0]
 
 
-def _connected(
+def optimal_breaks(histogram: NDArray[Any], classes: int) -> NDArray[np.int64]:
+    """First value of each class in the K-means optimum of whole numbers 0, 1, ... given how often each occurs.
+
+    The best classes are intervals, found by dynamic programming without a start or a seed: the cost of the first i
+    values in j classes is D[j, i] = min over t of D[j-1, t] + cost(t, i), the sum of squared distances to the mean.
+    (Lloyd steps from quantiles end at two to three times this optimum.)
+
+    Parameters
+    ----------
+    histogram
+        How often each value occurs, shape (n,), none negative.
+    classes
+        k, 1 to n. Some classes are empty where fewer values occur.
+
+    Returns
+    -------
+    Shape (classes,), rising (equal where a class is empty), the first is 0.
+
+    Raises
+    ------
+    ValueError
+        If the histogram is empty, not one-dimensional or negative somewhere, or k is not from 1 to n.
+    """
+    counts = np.ascontiguousarray(histogram, np.float64)
+    if counts.ndim != 1 or not 1 <= classes <= counts.size:
+        raise ValueError(f"classes: {classes} is outside 1 to the number of values, {counts.shape}")
+    if not np.all(counts >= 0):
+        raise ValueError("histogram: a count is negative or nan")
+    values = np.arange(counts.size)
+    weight, first, second = (
+        np.append(0.0, np.cumsum(counts * part)) for part in (1, values, values**2)
+    )
+    w, s, q = (one[:, None] - one for one in (weight, first, second))  # of the values t to i
+    cost = np.maximum(0.0, q - s * s / np.where(w > 0, w, 1.0))
+    cost[np.triu_indices(len(cost), 1)] = np.inf
+    best, starts = cost[:, 0], []
+    for _ in range(classes - 1):
+        every = best + cost
+        starts.append(every.argmin(axis=1))
+        best = every.min(axis=1)
+    breaks = [counts.size]
+    for start in reversed(starts):
+        breaks.append(int(start[breaks[-1]]))
+    return np.array([0, *reversed(breaks[1:])], np.int64)
+
+
+def classes_of_values(breaks: NDArray[np.int64], values: int) -> NDArray[np.uint8]:
+    """Class of each of the values 0 to values - 1, from the first value of each class: shape (values,)."""
+    return np.searchsorted(breaks[1:], np.arange(values), side="right").astype(np.uint8)
+
+
+def connected_regions(
+    labels: NDArray[np.uint8], rgb: NDArray[np.uint8], gate: GateSettings, source: str = "pass1"
+) -> tuple[Regions, int]:
+    """Regions of equal label (4 neighbours) within the size gate, in reading order, and how many there are before it.
+
+    `labels` (height, width) and `rgb` (height, width, 3) uint8, C-contiguous; ValueError where they are not.
+    """
+    require_array(labels, "labels", np.uint8, (None, None))
+    height, width = labels.shape
+    require_array(rgb, "rgb", np.uint8, (height, width, 3))
+    if labels.size == 0:
+        return Regions.empty(), 0
+    number = np.empty(labels.size, np.int32)
+    total = _number_regions(labels.ravel(), width, number)
+    area = np.bincount(number)
+    kept = np.flatnonzero((area >= gate.smallest_px) & (area <= gate.largest_px))
+    row = np.full(total, -1)
+    row[kept] = np.arange(len(kept))
+    pixel = np.flatnonzero(row[number] >= 0)
+    region = row[number[pixel]]
+    box = np.tile((width, height, 0, 0), (len(kept), 1))
+    for column, at in enumerate((pixel % width, pixel // width)):
+        np.minimum.at(box[:, column], region, at)
+        np.maximum.at(box[:, column + 2], region, at + 1)
+    colors = rgb.reshape(-1, 3)[pixel].T
+    sums = np.stack([np.bincount(region, one, len(kept)) for one in colors], axis=1)
+    return Regions(
+        box.astype(np.float32),
+        area[kept].astype(np.int32),
+        (sums / area[kept, None]).astype(np.float32),
+        np.full(len(kept), SOURCES.index(source), np.uint8),
+    ), total
+
+
+@compiled
+def _number_regions(labels: NDArray[np.uint8], width: int, number: NDArray[np.int32]) -> int:
+    """Number (n,) of the region of each pixel, from 0 on in reading order of their first pixels; how many there are.
+
+    Union-find: the root of a region is its first pixel.
+    """
+    parent = np.empty(labels.size, np.int32)
+    for i in range(labels.size):
+        parent[i] = i
+        if i % width > 0 and labels[i - 1] == labels[i]:
+            parent[i] = _root(parent, i - 1)
+        if i >= width and labels[i - width] == labels[i]:
+            above, own = _root(parent, i - width), parent[i]
+            parent[max(above, own)] = min(above, own)
+    total = np.int32(0)
+    for i in range(labels.size):
+        if parent[i] == i:
+            number[i] = total
+            total += 1
+        else:
+            number[i] = number[parent[i]]
+    return int(total)
+
+
+@compiled
+def _root(parent: NDArray[np.int32], i: int) -> int:
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+def _regions_of(
     labels: tuple[NDArray[np.uint8], NDArray[np.uint8]],
     band: NDArray[np.uint8],
+    first_row: int,
     gate: GateSettings,
-) -> list[ConnectedRegions]:
-    return [connected_regions(image, band, gate.smallest_px, gate.largest_px) for image in labels]
-
-
-def _table(passes: list[ConnectedRegions], first_row: int) -> Regions:
-    box = np.concatenate([one.box for one in passes]).astype(np.float32)
-    box[:, [1, 3]] += first_row
-    source = [
-        np.full(len(one.area), SOURCES.index(name), np.uint8)
-        for one, name in zip(passes, ("pass1", "pass2"), strict=True)
-    ]
-    return Regions(
-        box,
-        np.concatenate([one.area for one in passes]),
-        np.concatenate([one.rgb for one in passes]),
-        np.concatenate(source),
+) -> tuple[Regions, int]:
+    """Regions of both label images, with boxes in the whole image, and how many there are before the gate."""
+    first, second = (
+        connected_regions(image, band, gate, source)
+        for image, source in zip(labels, ("pass1", "pass2"), strict=True)
     )
+    regions = first[0].joined(second[0])
+    regions.box[:, [1, 3]] += first_row
+    return regions, first[1] + second[1]
 
 
 def unsegmented(image: Image) -> Segmentation:

@@ -11,7 +11,7 @@ from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.flow import Flow
 from wayside.pipeline.workers import StageClock
-from wayside.stages.imaging.white_balance import road_chromaticity
+from wayside.stages.imaging.pixels import road_chromaticity
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 UNTIL_S = 2.0

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sklearn.linear_model import LogisticRegression
 
 from training import box_thresholds
 from training.box_thresholds import (
@@ -15,10 +16,11 @@ from training.box_thresholds import (
     false_scores,
     learn_network_sum,
     main,
+    platt,
     rule_threshold,
     scored_boxes,
 )
-from wayside.pipeline.learning.samples import NEITHER, OFF, ON
+from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
 from wayside.pipeline.models.model_files import shipped_models
 from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.pipeline.statistics import resampled_interval
@@ -177,3 +179,16 @@ def test_a_folder_whose_networks_cannot_be_used_is_refused(of_demo, capsys):
     assert main(["--drives", str(of_demo), "-o", str(of_demo)]) == 3
     assert "box.onnx" in capsys.readouterr().err
     assert not (of_demo / "front.json").exists()
+
+
+def test_with_many_samples_the_log_odds_are_those_of_scikit_learn_and_always_finite():
+    random = np.random.default_rng(3)
+    scores = random.normal(0, 2, (5000, 2))
+    positive = random.random(5000) < 1 / (1 + np.exp(-(scores @ [0.5, 1.5] - 1)))
+    slopes, shift = platt(scores, positive)
+    wanted = LogisticRegression(C=np.inf, tol=1e-8).fit(scores, positive)
+    assert (*slopes, shift) == pytest.approx((*wanted.coef_[0], *wanted.intercept_), abs=0.01)
+    apart = np.array([[-2.0], [-1.0], [1.0], [2.0]])
+    (slope,), shift = platt(apart, apart[:, 0] > 0)
+    assert 0 < slope < 10
+    assert shift == pytest.approx(0, abs=1e-6)

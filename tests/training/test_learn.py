@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from training.learn import main
+from training.learn import location_model, main
 from training.outlines import FEWEST
 from wayside.pipeline.models.model_files import shipped_models
 from wayside.pipeline.models.model_json import model_from_json
@@ -22,6 +23,15 @@ def test_the_models_that_ship_are_not_written_over_while_they_are_in_use(tmp_pat
 def test_a_folder_without_learning_drives_is_refused(tmp_path, capsys):
     assert main(["--drives", str(tmp_path), "-o", str(tmp_path)]) == 3
     assert "learn_*.mcap" in capsys.readouterr().err
+
+
+def test_signs_stand_right_left_and_above_of_the_road():
+    random = np.random.default_rng(2)
+    right, left = random.normal((6, 0.5), 0.5, (50, 2)), random.normal((-8, 0.5), 0.5, (20, 2))
+    above = [(0, 4.5), (1, 4.6), (3, 4.4), (-1, 4.5)]
+    model = location_model(np.concatenate([right, left, above]), "made by hand")
+    assert [one.name for one in model.classes] == ["right", "left", "overhead"]
+    assert model.classes[0].mean == pytest.approx([6, 0.5], abs=0.3)
 
 
 @pytest.mark.slow

@@ -1,11 +1,13 @@
 """Colour classes fitted to samples of a road, beside the shipped ones."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from wayside.pipeline.fitting import models
-from wayside.pipeline.fitting.models import Task, enough, fit_colors, model_rates
-from wayside.pipeline.learning.gaussians import Samples
+from wayside.pipeline.fitting.models import Task, fit_colors, model_rates
+from wayside.pipeline.learning.fits import Samples
 from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.schemas.detections import COLORS
 from wayside.schemas.errors import InputError
@@ -51,13 +53,16 @@ def road(signs=6, light=0.0, seed=0, others=240):
     )
 
 
-def task(**changes):
-    given = {"alpha": None, "only_labelled": False} | changes
-    return Task(given["alpha"], given["only_labelled"], "labels of a test")
+def task(alpha=None, *, only_labelled=False):
+    return Task(alpha, only_labelled, "labels of a test")
 
 
-def test_fitted_colours_know_their_road_better_than_shipped_ones():
-    fitted = fit_colors(road(), shipped(), task(), "rgb")
+@pytest.fixture(scope="module")
+def fitted():
+    return fit_colors(road(), shipped(), task(), "rgb")
+
+
+def test_fitted_colours_know_their_road_better_than_shipped_ones(fitted):
     assert fitted.better
     assert fitted.held.named.value > 0.9
     assert fitted.held.false_rate.value < 0.05 < fitted.shipped.false_rate.value
@@ -79,8 +84,7 @@ def test_a_model_names_its_rule_interval_and_origin_and_is_read_back():
     assert [one.name for one in again.classes] == ["yellow", "green", "red"]
 
 
-def test_without_labels_a_class_stays_as_shipped_but_for_its_threshold():
-    fitted = fit_colors(road(), shipped(), task(), "rgb")
+def test_without_labels_a_class_stays_as_shipped_but_for_its_threshold(fitted):
     assert fitted.kept == ("red",)
     red = next(one for one in fitted.model.classes if one.name == "red")
     assert red.mean == pytest.approx((180, 40, 40), abs=10)
@@ -106,23 +110,14 @@ def test_light_that_varies_leads_to_a_space_that_does_not_follow_it():
     assert model_rates(fitted.model, in_space, COLORS).named.value > 0.8
 
 
-def test_in_light_that_stays_rgb_stays():
-    assert fit_colors(road(), shipped(), task(), None).model.space == "rgb"
-
-
-def test_too_few_signs_are_refused_with_the_number_needed():
-    samples = road(signs=4)
-    with pytest.raises(
-        InputError, match=r"5 labelled signs of a colour .* there are 4 yellow, 4 green"
-    ):
-        fit_colors(samples, shipped(), task(), "rgb")
-
-
-def test_many_views_of_few_signs_are_few_signs():
+def test_too_few_signs_are_refused_however_many_views_they_have():
     samples = road(signs=4)
     many = samples.select(np.repeat(np.arange(len(samples)), 20))
-    with pytest.raises(InputError, match="there are 4 yellow"):
-        enough(many, COLORS, "colour")
+    for few in (samples, many):
+        with pytest.raises(
+            InputError, match=r"5 labelled signs of a colour .* there are 4 yellow, 4 green"
+        ):
+            fit_colors(few, shipped(), task(), "rgb")
 
 
 def test_without_complete_images_nothing_is_known_to_be_no_sign():
@@ -133,13 +128,10 @@ def test_without_complete_images_nothing_is_known_to_be_no_sign():
 
 def test_signs_of_one_stretch_cannot_be_held_out():
     samples = road()
-    stretch = np.where(samples.kind == "", samples.stretch, 0)
-    alone = Samples(samples.values, samples.kind, samples.sign, stretch, stretch)
+    alone = replace(samples, fold=np.where(samples.kind == "", samples.fold, 0))
     with pytest.raises(InputError, match="two stretches"):
         fit_colors(alone, shipped(), task(), "rgb")
 
 
-def test_a_model_that_is_not_clearly_better_than_the_shipped_one_says_so():
-    once = fit_colors(road(), shipped(), task(), "rgb")
-    again = fit_colors(road(), once.model, task(), "rgb")
-    assert not again.better
+def test_a_model_that_is_not_clearly_better_than_the_shipped_one_says_so(fitted):
+    assert not fit_colors(road(), fitted.model, task(), "rgb").better

@@ -2,17 +2,15 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from wayside.pipeline.fitting.gathering import by_side, landmark_samples, run_drives
-from wayside.pipeline.fitting.sources import LabelledDrive
+from wayside.pipeline.fitting.samples import LabelledDrive, by_side, landmark_samples, run_drives
 from wayside.pipeline.labels.read import FrameLabels
-from wayside.pipeline.learning.asked import ClassifierSamples
-from wayside.pipeline.learning.labelled import labelled_faces
-from wayside.pipeline.learning.samples import NEITHER, OFF, ON
+from wayside.pipeline.learning.labelled import NEITHER, OFF, ON, labelled_faces
 from wayside.schemas.errors import InputError
 from wayside.schemas.labels import SIGN, Label, LabelledImage
+
+from ..asked import asked
 
 BOX = (100.0, 50.0, 130.0, 80.0)
 
@@ -30,26 +28,12 @@ def drive(*, is_log=True, fold=None):
     return LabelledDrive(Path("road.mcap"), is_log, found, labelled_faces(found), stretch, fold)
 
 
-def asked(*rows):
-    """Landmarks (label, best frame, box, right, up) that a classifier was asked about."""
-    n = len(rows)
-    return ClassifierSamples(
-        "location",
-        "right_up_m",
-        np.array([row[3:] for row in rows], np.float64),
-        np.array([row[0] for row in rows], np.int8),
-        np.full(n, ""),
-        np.ones(n, bool),
-        np.full(n, ""),
-        np.full(n, "road"),
-        np.array([row[1] for row in rows], np.int32),
-        np.array([row[2] for row in rows], np.float32),
-        np.ones(n, np.int64),
-    )
-
-
 def samples(*rows, **how):
-    return by_side(landmark_samples([(drive(**how), {"location": asked(*rows)})], "location"))
+    """Landmarks (label, best frame, box, right, up) that the location was asked about."""
+    columns = dict(zip(("frame", "box"), list(zip(*rows, strict=True))[1:3], strict=True))
+    values = [row[3:] for row in rows]
+    found = asked([row[0] for row in rows], values, "location", "right_up_m", **columns)
+    return by_side(landmark_samples([(drive(**how), {"location": found})], "location"))
 
 
 AWAY = (300.0, 50.0, 330.0, 80.0)

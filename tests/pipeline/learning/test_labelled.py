@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from wayside.pipeline.labels.read import FrameLabels
-from wayside.pipeline.learning.labelled import labelled_faces
-from wayside.pipeline.learning.samples import NEITHER, OFF, ON
+from wayside.pipeline.learning.labelled import NEITHER, OFF, ON, labelled_faces
 from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, UNSURE, Label, LabelledImage
 
 FACE = (100.0, 100.0, 140.0, 140.0)

@@ -13,13 +13,11 @@ from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.learning.asked import (
     TRAJECTORIES,
-    ClassifierSamples,
     gather_samples,
-    join_drives,
 )
 from wayside.pipeline.learning.curves import questions
 from wayside.pipeline.learning.gates import learn_gates, trajectory_densities
-from wayside.pipeline.learning.samples import NEITHER, OFF, ON
+from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.roc.command import (
     _write,
@@ -33,26 +31,10 @@ from wayside.schemas.landmarks import EVIDENCE_TERMS
 from wayside.schemas.roc import CLASSIFIERS, CONFUSION, CURVES
 from wayside.stages.classifiers import at_alpha, class_distances
 
+from ..asked import asked as samples
+
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
 REPORT = load_settings("report")[0]
-
-
-def samples(classifier, space, values, label, kind, named=None):
-    n = len(label)
-    names = np.array([""] * n if named is None else named)
-    return ClassifierSamples(
-        classifier,
-        space,
-        np.asarray(values, np.float64).reshape(n, -1),
-        np.array(label, np.int8),
-        np.array(kind),
-        names != "",
-        names,
-        np.array([f"d{i % 4}" for i in range(n)]),
-        np.arange(n, dtype=np.int32),
-        np.zeros((n, 4), np.float32),
-        np.ones(n, np.int64),
-    )
 
 
 @pytest.fixture(scope="module")
@@ -77,21 +59,21 @@ def asked(models):
         ]
     )
     colors = samples(
-        "color",
-        "rgb",
-        rgb,
         [ON] * 80 + [OFF] * 200 + [NEITHER],
-        ["green"] * 40 + ["blue"] * 40 + [""] * 201,
-        ["green"] * 79 + [""] + ["blue"] * 10 + [""] * 191,
+        rgb,
+        kind=["green"] * 40 + ["blue"] * 40 + [""] * 201,
+        named=["green"] * 79 + [""] + ["blue"] * 10 + [""] * 191,
     )
     places = np.concatenate([draw.normal((7, 0.5), 0.5, (30, 2)), draw.uniform(-30, 30, (90, 2))])
-    located = samples("location", "right_up_m", places, [ON] * 30 + [OFF] * 90, [""] * 120)
+    located = samples([ON] * 30 + [OFF] * 90, places, "location", "right_up_m")
     return {"color": colors, "location": located}
 
 
 def test_a_measurement_is_written_as_tables_pictures_and_a_recording(tmp_path, asked, models):
-    _write(tmp_path / "roc", characteristics(asked, REPORT, models))
+    for name in ("roc", "same"):
+        _write(tmp_path / name, characteristics(asked, REPORT, models))
     for table in (CURVES, CLASSIFIERS, CONFUSION):
+        assert len({(tmp_path / name / table.file).read_bytes() for name in ("roc", "same")}) == 1
         read = pq.read_table(tmp_path / "roc" / table.file)
         assert read.schema.equals(table.schema, check_metadata=True)
         assert len(read)
@@ -119,16 +101,9 @@ def test_a_measurement_is_written_as_tables_pictures_and_a_recording(tmp_path, a
 def test_the_sum_of_evidence_and_each_term_have_a_curve_but_no_term_a_threshold(tmp_path):
     used = load_models(load_settings()[0])
     draw = np.random.default_rng(2)
-    ratios = np.concatenate(
-        [
-            draw.normal(1, 1, (60, len(EVIDENCE_TERMS))),
-            draw.normal(-1, 1, (60, len(EVIDENCE_TERMS))),
-        ]
-    )
+    ratios = np.concatenate([draw.normal(k, 1, (60, len(EVIDENCE_TERMS))) for k in (1, -1)])
     values = np.column_stack([ratios.sum(axis=1), ratios])
-    asked = {
-        "landmark": samples("landmark", "log_odds", values, [ON] * 60 + [OFF] * 60, [""] * 120)
-    }
+    asked = {"landmark": samples([ON] * 60 + [OFF] * 60, values, "landmark", "log_odds")}
     measured = characteristics(asked, load_settings()[0], used)
     _write(tmp_path / "roc", measured)
     rows = {
@@ -141,13 +116,6 @@ def test_the_sum_of_evidence_and_each_term_have_a_curve_but_no_term_a_threshold(
     assert "| landmark | size | 60 | 60 |" in format_characteristics(measured)
 
 
-def test_the_same_samples_give_the_same_tables(tmp_path, asked, models):
-    for name in ("a", "b"):
-        _write(tmp_path / name, characteristics(asked, REPORT, models))
-    for table in (CURVES, CLASSIFIERS, CONFUSION):
-        assert len({(tmp_path / name / table.file).read_bytes() for name in ("a", "b")}) == 1
-
-
 def test_the_confusion_counts_what_the_run_decided_and_leaves_out_what_is_neither(asked):
     assert asked["color"].confusion() == {
         ("blue", "green"): 39,
@@ -156,12 +124,6 @@ def test_the_confusion_counts_what_the_run_decided_and_leaves_out_what_is_neithe
         ("none", "blue"): 10,
         ("none", "refused"): 190,
     }
-
-
-def test_drives_are_joined_by_classifier(asked):
-    joined = join_drives([asked, {"location": asked["location"]}])
-    assert len(joined["location"]) == 240
-    assert len(joined["color"]) == 281
 
 
 def test_gates_are_learned_with_their_rule_and_what_they_rest_on(asked, models):

@@ -1,12 +1,85 @@
+"""SIFT points on candidates, matched from frame to frame, and the midpoint of two rays."""
+
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from wayside.schemas.detections import VERDICTS
+from wayside.schemas.frame import THINNED
 from wayside.schemas.settings import TrackSettings
-from wayside.stages.mapping.tracker import track
-from wayside.stages.report.match import match_by_descriptors
+from wayside.stages.report.match import (
+    extract_sift,
+    match_by_descriptors,
+    match_points,
+    vote_regions,
+)
+
+
+def with_sift(item):
+    (found,) = extract_sift(iter([item]))
+    return found
+
+
+def test_sift_is_found_inside_the_open_candidates_only(texture, detections_of):
+    boxes = [(100, 100, 160, 160), (300, 200, 360, 260)]
+    found = with_sift(detections_of(texture(), boxes, ["open", "color"]))
+    features = found.features
+    assert len(features.sign_points) > 3
+    assert features.sign_descriptors.shape == (len(features.sign_points), 128)
+    assert (features.sign_rows == 0).all()
+    assert (features.sign_points > 100 - 16 - 1).all()
+    assert (features.sign_points < 160 + 16).all()
+
+
+def test_a_point_belongs_to_the_smallest_candidate_around_it_and_to_no_other(
+    texture, detections_of
+):
+    boxes = [(100, 100, 200, 200), (120, 120, 180, 180)]
+    features = with_sift(detections_of(texture(), boxes, ["open", "open"])).features
+    # SIFT gives a place with two main directions twice, with different descriptors
+    told_apart = np.hstack([features.sign_points, features.sign_descriptors])
+    assert len(np.unique(told_apart, axis=0)) == len(features.sign_points)
+    inner = ((features.sign_points > 120) & (features.sign_points < 179)).all(axis=1)
+    assert (features.sign_rows[inner] == 1).all()
+    assert (features.sign_rows == 0).any()
+
+
+def test_an_image_without_pixels_passes_without_points(detections_of):
+    found = with_sift(detections_of(None, status=THINNED))
+    assert len(found.features.sign_points) == 0
+
+
+def test_matches_are_those_of_a_brute_force_matcher_with_ratio_test():
+    rng = np.random.default_rng(3)
+    first = rng.random((60, 128)).astype(np.float32)
+    second = np.concatenate([first[20:] + rng.normal(0, 0.05, (40, 128)), rng.random((30, 128))])
+    second = second.astype(np.float32)
+    matcher = cv2.BFMatcher(cv2.NORM_L2)
+    forward = matcher.knnMatch(first, second, k=2)
+    back = {m.queryIdx: m.trainIdx for m in matcher.match(second, first)}
+    wanted = [
+        (a.queryIdx, a.trainIdx)
+        for a, b in forward
+        if a.distance < 0.8 * b.distance and back[a.trainIdx] == a.queryIdx
+    ]
+    assert [tuple(pair) for pair in match_points(first, second, 0.8)] == wanted
+    assert len(wanted) == 40
+
+
+def test_too_few_descriptors_match_nothing():
+    none, one = np.zeros((0, 128), np.float32), np.ones((1, 128), np.float32)
+    assert match_points(none, one, 0.8).shape == (0, 2)
+    assert match_points(one, one, 0.8).shape == (0, 2)
+
+
+def test_the_majority_of_points_decides_on_regions():
+    pairs = np.array([[0, 0], [1, 1], [2, 2], [3, 3]])
+    first = np.array([7, 7, 8, 7], np.int32)
+    second = np.array([1, 1, 1, 2], np.int32)
+    assert vote_regions(pairs, first, second).tolist() == [[7, 1]]
+
 
 REPORT = TrackSettings(fewest_views=2)
 
@@ -26,6 +99,8 @@ def test_a_panel_is_chained_by_its_key_points_and_placed_by_two_views(panel, dri
     )
     assert place.verdict == "sign"
     assert len(place.views) > 5
+    assert np.isnan([place.score, place.facing_deg, place.sigma_facing_deg]).all()
+    assert place.trajectory.shape == (len(place.views) - 1, 2, 4)
 
 
 def test_a_landmark_is_the_midpoint_of_its_two_nearest_rays(panel, drive):
@@ -54,18 +129,6 @@ def test_a_landmark_is_the_midpoint_of_its_two_nearest_rays(panel, drive):
     assert 2 * place.residual_px**2 == pytest.approx(e, rel=1e-6)
 
 
-def test_confidence_and_facing_are_unknown_and_a_trajectory_is_kept(panel, drive):
-    (place,) = landmarks_of(run(drive([panel(3.5, 1.2, 90.0)], 14)))
-    assert np.isnan([place.score, place.facing_deg, place.sigma_facing_deg]).all()
-    assert place.trajectory.shape == (len(place.views) - 1, 2, 4)
-    assert np.isfinite(place.trajectory).all()
-
-
-def test_two_views_suffice(panel, drive):
-    (place,) = landmarks_of(run(drive([panel(3.5, 1.2, 90.0, only_in=(6, 7))], 14)))
-    assert len(place.views) == 2
-
-
 def test_a_chain_ends_where_the_next_frame_does_not_show_it(panel, drive):
     tracked = run(drive([panel(3.5, 1.2, 90.0, hidden_in=(5,))], 14))
     assert len(landmarks_of(tracked)) == 2
@@ -91,15 +154,3 @@ def test_what_does_not_fit_one_point_is_refused_by_its_residual(panel, drive):
     even, odd = drive([low], 7), drive([high], 7)
     mixed = [(even if i % 2 else odd)[i] for i in range(7)]
     assert {place.verdict for place in landmarks_of(run(mixed))} == {"residual"}
-
-
-def test_frames_come_out_once_in_order(panel, drive):
-    frames = drive([panel(3.5, 1.2, 90.0), panel(-4.0, 1.0, 150.0)], 30, unused=(3, 4, 29))
-    assert [item.frame.index for item in run(frames)] == list(range(30))
-
-
-@pytest.mark.parametrize("follow", [track, match_by_descriptors])
-def test_both_ways_of_matching_agree_on_a_clear_panel(panel, drive, follow):
-    frames = drive([panel(3.5, 1.2, 90.0)], 14)
-    (place,) = landmarks_of(list(follow(iter(frames), REPORT)))
-    assert place.station_m == pytest.approx(90.0, abs=0.05)

@@ -1,21 +1,129 @@
-"""Shape classes of drawn and segmented faces."""
+"""Outlines against SciPy's labels, their Fourier descriptors, and shape classes of drawn faces."""
 
 from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy import ndimage
 
 from wayside.schemas.detections import SHAPES, VERDICTS, Candidates, Detections
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Frame, Image
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.schemas.settings import GateSettings, SegmentSettings
-from wayside.stages.report.outline import TERMS
-from wayside.stages.report.shape import classify_shape
+from wayside.stages.report.shape import (
+    TERMS,
+    classify_shape,
+    fourier_descriptors,
+    resample_outline,
+    trace_region,
+)
 from wayside.stages.segmentation.two_pass import segment
 
-from .test_fourier import polygon, shape_features
+
+def shape_features(outline):
+    """Features of one outline given by its corners."""
+    return fourier_descriptors(resample_outline(np.asarray(outline, np.float64))[None])[0]
+
+
+def polygon(corners, turn=0.0, radius=20.0):
+    angle = turn + np.arange(corners) * 2 * np.pi / corners
+    return radius * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+HOUSE = np.array([[0.0, 30], [0, 12], [15, 0], [30, 12], [30, 30]])
+
+
+def turned(outline, angle):
+    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return outline @ rotation.T
+
+
+@given(
+    st.sampled_from([HOUSE, polygon(3), polygon(4), polygon(8), HOUSE * [3, 1]]),
+    st.floats(0, 2 * np.pi),
+    st.floats(0.1, 50),
+    st.integers(0, 7),
+    st.booleans(),
+)
+def test_descriptors_are_free_of_scale_rotation_place_and_start(
+    outline, angle, scale, start, backwards
+):
+    moved = turned(np.roll(outline, start, axis=0), angle) * scale + [300, -40]
+    if backwards:
+        moved = moved[::-1]
+    # A start between the samples of the other shifts them by part of a step, hence not exactly.
+    np.testing.assert_allclose(shape_features(moved), shape_features(outline), atol=4e-3)
+
+
+def test_regular_polygons_have_the_upper_terms_of_theory():
+    # Term 1 - n of a regular n-gon is 1 / (n - 1)^2 of the first, up to the samples' own aliasing.
+    for corners, at in ((3, -2), (4, -3), (5, -4)):
+        features = shape_features(polygon(corners))
+        assert features[TERMS.index(at)] == pytest.approx(1 / (corners - 1) ** 2, rel=0.05)
+        others = [f for f, k in zip(features, TERMS, strict=True) if k != at]
+        np.testing.assert_allclose(others, 0, atol=5e-3)
+
+
+def box_of(slices):
+    ys, xs = slices
+    return np.array([xs.start, ys.start, xs.stop, ys.stop])
+
+
+@given(
+    st.tuples(st.integers(1, 9), st.integers(1, 9)).flatmap(
+        lambda size: arrays(np.uint8, size, elements=st.integers(0, 1))
+    )
+)
+def test_every_region_is_traced_by_its_box_alone(labels):
+    for label in np.unique(labels):
+        parts, _ = ndimage.label(labels == label)
+        for number, slices in enumerate(ndimage.find_objects(parts), start=1):
+            outline = trace_region(labels, box_of(slices))
+            assert outline is not None
+            filled = ndimage.binary_fill_holes(
+                np.pad(parts == number, 1), structure=np.ones((3, 3))
+            )[1:-1, 1:-1]
+            # Each middle of an edge stands between a pixel of the region and one outside it.
+            edges = edges_between(filled)
+            assert {tuple(p) for p in outline.tolist()} == edges
+            assert len(outline) == len(edges)
+
+
+def edges_between(inside):
+    ys, xs = np.nonzero(inside)
+    padded = np.pad(inside, 1)
+    edges = set()
+    for y, x in zip(ys.tolist(), xs.tolist(), strict=True):
+        for dy, dx in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+            if not padded[y + 1 + dy, x + 1 + dx]:
+                edges.add((x + dx / 2, y + dy / 2))
+    return edges
+
+
+def test_a_box_that_no_region_fills_has_no_outline():
+    labels = np.zeros((9, 9), np.uint8)
+    labels[2:5, 3:8] = 1
+    for box in (
+        [3, 2, 7, 5],
+        [2, 2, 8, 5],
+        [3, 2, 8, 6],
+        [-1, 0, 5, 5],
+        [4, 4, 4, 6],
+        [0, 0, 99, 9],
+    ):
+        assert trace_region(labels, np.array(box)) is None
+
+
+def test_resampled_points_lie_at_equal_steps_on_the_outline():
+    sequence = resample_outline(np.array([[0, 0], [0, 8], [8, 8], [8, 0.0]]), samples=16)
+    np.testing.assert_allclose(np.abs(np.diff(sequence, append=sequence[:1])), 2)
+    assert np.linalg.norm(sequence.mean() - (4 + 4j)) < 1e-12
+
 
 OUTLINES = {
     "diamond": polygon(4, radius=1),
@@ -79,21 +187,6 @@ def test_candidates_that_stopped_before_are_left_alone():
     assert candidates.verdict.tolist() == stopped.tolist()
     assert candidates.shape[0] == -1
     assert np.isnan(candidates.shape_distance[0])
-
-
-def test_a_box_that_no_region_fills_has_no_shape():
-    item = candidates_of(drawn(["diamond"]))
-    moved = item.candidates.regions.box + np.float32(1)
-    regions = replace(item.candidates.regions, box=moved)
-    candidates = classify(replace(item, candidates=Candidates.of(regions)))
-    assert candidates.shape[0] == -1
-    assert VERDICTS[candidates.verdict[0]] == "shape"
-
-
-def test_frames_without_pixels_or_regions_pass():
-    image = drawn(["diamond"])
-    empty = Image(replace(image.frame, status="thinned"), None, None)
-    assert len(classify(candidates_of(empty))) == 0
 
 
 def test_models_of_unknown_shapes_are_refused():

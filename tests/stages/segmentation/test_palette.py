@@ -1,17 +1,26 @@
-"""The palette against OpenCV's K-means on every pixel."""
+"""The palette against OpenCV's K-means on every pixel, and the nearest centre of each pixel against plain numpy."""
 
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
-from wayside.schemas.settings import SegmentSettings
-from wayside.stages.segmentation.palette import palette, sample_colors
+from wayside.stages.segmentation.palette import (
+    DIFFERENCES,
+    difference_histogram,
+    difference_image,
+    label_both_passes,
+    mean_of_labels,
+    palette,
+    sample_colors,
+)
 from wayside.stages.segmentation.two_pass import SAMPLE_PX
 
 
-def k(clusters):
-    """Settings of so many clusters."""
-    return SegmentSettings(clusters=clusters)
+def palette_of(rgb, clusters=16):
+    return palette(sample_colors(rgb, SAMPLE_PX), clusters)
 
 
 def scene(height=240, width=320, seed=0):
@@ -28,6 +37,13 @@ def scene(height=240, width=320, seed=0):
     return np.clip(rgb + rng.normal(0, 5, rgb.shape), 0, 255).astype(np.uint8)
 
 
+def plain(rgb, centers):
+    """Nearest centres and rounded distances."""
+    gap = rgb.astype(np.int64)[..., None, :] - np.asarray(centers, np.int64)
+    squared = (gap**2).sum(axis=-1)
+    return squared.argmin(axis=-1), np.floor(np.sqrt(squared.min(axis=-1)) + 0.5).astype(int)
+
+
 def inertia(rgb, centers):
     squared = ((rgb[:, :, None].astype(float) - centers) ** 2).sum(axis=-1)
     return squared.min(axis=-1).mean()
@@ -41,51 +57,98 @@ def test_the_palette_explains_an_image_nearly_as_well_as_full_kmeans(seed):
     reference = cv2.kmeans(
         rgb.reshape(-1, 3).astype(np.float32), 16, None, criteria, 3, cv2.KMEANS_PP_CENTERS
     )[2]
-    ours = palette(sample_colors(rgb, SAMPLE_PX), k(16))
-    assert inertia(rgb, ours) <= 1.2 * inertia(rgb, np.clip(np.rint(reference), 0, 255))
+    assert inertia(rgb, palette_of(rgb)) <= 1.2 * inertia(rgb, np.clip(np.rint(reference), 0, 255))
 
 
 def test_an_image_of_few_colours_gets_exactly_these():
     wanted = np.array([[10, 10, 10], [200, 30, 40], [30, 160, 60], [250, 250, 250]], np.uint8)
     rgb = wanted[np.random.default_rng(2).integers(0, 4, (90, 130))]
-    np.testing.assert_array_equal(
-        np.unique(palette(sample_colors(rgb, SAMPLE_PX), k(8)), axis=0), np.unique(wanted, axis=0)
-    )
+    np.testing.assert_array_equal(np.unique(palette_of(rgb, 8), axis=0), np.unique(wanted, axis=0))
 
 
-@pytest.mark.parametrize("clusters", range(2, 17))
-def test_every_k_gives_that_many_centres_darkest_first(clusters):
-    centers = palette(sample_colors(scene(), SAMPLE_PX), k(clusters))
-    assert centers.shape == (clusters, 3)
-    assert (np.diff(centers.sum(axis=1, dtype=int)) >= 0).all()
-
-
-def test_more_clusters_leave_less_unexplained():
+def test_more_clusters_leave_less_unexplained_and_stand_darkest_first():
     rgb = scene()
-    sample = sample_colors(rgb, SAMPLE_PX)
-    assert inertia(rgb, palette(sample, k(16))) < inertia(rgb, palette(sample, k(4)))
-
-
-def test_bins_stand_at_the_mean_of_the_sample():
-    rgb = scene()
-    sample = sample_colors(rgb, SAMPLE_PX)
-    np.testing.assert_allclose(
-        (sample.mean * sample.weight).sum(axis=1) / sample.weight.sum(),
-        sample.pixels.mean(axis=0),
-        rtol=1e-5,
-    )
+    found = [palette_of(rgb, clusters) for clusters in (2, 4, 9, 16, 40)]
+    assert [len(one) for one in found] == [2, 4, 9, 16, 40]
+    assert all((np.diff(one.sum(axis=1, dtype=int)) >= 0).all() for one in found)
+    assert (np.diff([inertia(rgb, one) for one in found]) < 0).all()
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 2), (7, 1), (3, 5)])
 def test_tiny_images_have_a_palette(size):
     rgb = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
-    assert palette(sample_colors(rgb, SAMPLE_PX), k(16)).shape == (16, 3)
+    assert palette_of(rgb).shape == (16, 3)
 
 
 def test_an_empty_image_or_a_k_out_of_range_is_refused():
     with pytest.raises(ValueError, match="has no pixel"):
-        sample_colors(np.zeros((0, 5, 3), np.uint8), SAMPLE_PX)
-    sample = sample_colors(scene(), SAMPLE_PX)
+        palette_of(np.zeros((0, 5, 3), np.uint8))
     for clusters in (1, 257):
         with pytest.raises(ValueError, match=r"clusters: .* outside 2 to 256"):
-            palette(sample, k(clusters))
+            palette_of(scene(), clusters)
+
+
+colors = st.integers(0, 255)
+images = st.tuples(st.integers(1, 7), st.integers(1, 19)).flatmap(
+    lambda size: arrays(np.uint8, (*size, 3), elements=colors)
+)
+palettes = st.sampled_from([1, 3, 15, 16, 17, 31, 33, 256]).flatmap(
+    lambda k: arrays(np.uint8, (k, 3), elements=colors)
+)
+
+
+@given(images, palettes)
+def test_labels_differences_and_their_classes_are_those_of_a_plain_argmin(rgb, centers):
+    table = (np.arange(DIFFERENCES) * 7 % 11).astype(np.uint8)
+    labels, classes = label_both_passes(rgb, centers, table)
+    wanted_labels, wanted_differences = plain(rgb, centers)
+    np.testing.assert_array_equal(labels, wanted_labels)
+    np.testing.assert_array_equal(classes, table[wanted_differences])
+    np.testing.assert_array_equal(difference_image(rgb, centers), wanted_differences)
+
+
+def test_the_extreme_colours_of_the_cube_stay_exact():
+    corners = np.array(np.meshgrid([0, 255], [0, 255], [0, 255])).reshape(3, -1).T
+    rgb = np.ascontiguousarray(corners, np.uint8)[None]
+    for center in corners:
+        found = difference_image(rgb, center[None])
+        np.testing.assert_array_equal(found, plain(rgb, center[None])[1])
+    assert difference_image(rgb, np.array([[0, 0, 0]])).max() == DIFFERENCES - 1
+
+
+def test_means_and_histogram_cover_more_colours_than_one_chunk():
+    rng = np.random.default_rng(1)
+    sample = rng.integers(0, 256, (5000, 3), dtype=np.uint8)
+    centers = rng.integers(0, 256, (9, 3))
+    labels, differences = plain(sample, centers)
+    means = [sample[labels == j].mean(axis=0) for j in range(9)]
+    np.testing.assert_allclose(mean_of_labels(sample, centers), means)
+    np.testing.assert_array_equal(
+        difference_histogram(sample, centers), np.bincount(differences, minlength=DIFFERENCES)
+    )
+
+
+def test_a_centre_without_colours_stays_where_it_is():
+    centers = np.array([[7, 7, 7], [200, 1, 2]])
+    np.testing.assert_array_equal(mean_of_labels(np.full((10, 3), 7, np.uint8), centers), centers)
+
+
+@pytest.mark.parametrize(
+    ("rgb", "message"),
+    [
+        (np.zeros((4, 8, 3), np.uint8)[:, ::2], "C-contiguous"),
+        (np.zeros((4, 8, 3), np.float32), "uint8"),
+        (np.zeros((4, 8), np.uint8), "any x any x 3"),
+    ],
+)
+def test_images_of_another_layout_type_or_shape_are_refused(rgb, message):
+    with pytest.raises(ValueError, match=message):
+        difference_image(rgb, np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize(
+    "centers", [np.zeros((257, 3)), np.zeros((0, 3)), np.full((2, 3), 0.5), np.full((2, 3), 256)]
+)
+def test_centres_that_are_no_whole_colours_are_refused(centers):
+    with pytest.raises(ValueError, match=r"centres: .*instead of|centres: not whole"):
+        difference_image(np.zeros((1, 1, 3), np.uint8), centers)

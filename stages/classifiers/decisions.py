@@ -1,35 +1,23 @@
-"""Gaussian classes, each with a threshold (report eq. 3.1), and mixtures of Gaussian components."""
+"""Learned decisions: evidence, Gaussian classes (report eq. 3.1), mixtures, and their thresholds (report chapter 9)."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import isnan
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.errors import InputError
-from wayside.schemas.models import GaussianModel, MixtureModel
+from wayside.schemas.models import EvidenceModel, GaussianModel, MixtureModel, OperatingPoint
 
 
 def require_gaussian_model(
     model: GaussianModel, names: tuple[str, ...], spaces: dict[str, int]
 ) -> None:
-    """Refuse a model with no class, an unknown name or space, or another number of dimensions than its space.
-
-    Parameters
-    ----------
-    model
-        The model.
-    names
-        Names that a class may have.
-    spaces
-        Spaces that the model may be in, with their dimensions.
-
-    Raises
-    ------
-    InputError
-        The model has another space, class or number of dimensions.
-    """
+    """Raise InputError for a model with no class, an unknown name or space, or other dimensions than its space has."""
     if model.space not in spaces:
         raise InputError(
             f"model: there is no space {model.space!r} among {', '.join(spaces)}. Learn it again."
@@ -75,18 +63,8 @@ def nearest_class(
 ) -> tuple[NDArray[np.int8], NDArray[np.float32], NDArray[np.bool_]]:
     """Class of each value (n, d): the nearest among those whose threshold holds, else the nearest of all.
 
-    Parameters
-    ----------
-    values
-        Coordinates in the model's space; rows that are not finite belong to no class.
-    model
-        Classes with thresholds, as `require_gaussian_model` demands.
-    names
-        The names that a class may have; the code of a class is its position here.
-
-    Returns
-    -------
-    Code (n,) int8, -1 for no class; Mahalanobis distance (n,) float32, nan there; whether a threshold holds (n,) bool.
+    The code (n,) int8 of a class is its position among `names`, -1 for none: rows that are not finite. The others:
+    Mahalanobis distance (n,) float32, nan there; whether a threshold holds (n,) bool.
     """
     codes = np.array([names.index(one.name) for one in model.classes], np.int8)
     code = np.full(len(values), -1, np.int8)
@@ -103,3 +81,51 @@ def nearest_class(
     distance[known] = distances[np.arange(len(known)), best]
     accepted[known] = any_holds
     return code, distance, accepted
+
+
+def evidence_ratios(model: EvidenceModel, values: Mapping[str, float]) -> dict[str, float]:
+    """Log-likelihood ratio of each term by values of the features; a value of nan adds nothing."""
+    result = dict.fromkeys(model.terms, 0.0)
+    columns = zip(model.features, model.terms, model.knots, model.curves, strict=True)
+    for name, term, knots, curve in columns:
+        if not isnan(values[name]):
+            result[term] += float(np.interp(values[name], knots, curve))
+    return result
+
+
+Gate = TypeVar("Gate", bound=GaussianModel | MixtureModel | EvidenceModel)
+
+
+def most_powerful(curve: Sequence[OperatingPoint], alpha: float) -> OperatingPoint:
+    """The operating point of the most power among those of at most this false-alarm rate; ValueError without one."""
+    allowed = [one for one in curve if one.false_alarm <= alpha]
+    if not allowed:
+        rates = ", ".join(f"{one.false_alarm:g}" for one in curve) or "none"
+        raise ValueError(
+            f"no operating point has a false-alarm rate of at most {alpha:g}; the rates are {rates}"
+        )
+    return max(allowed, key=lambda one: one.power)
+
+
+def at_alpha(model: Gate, alpha: float) -> Gate:
+    """The model with the thresholds of its most powerful operating point of at most this false-alarm rate.
+
+    A model of evidence decides there, and its range of uncertain log odds stays as wide. ValueError without such a
+    point.
+    """
+    point = most_powerful(model.curve, alpha)
+    rule = f"alpha {alpha:g}: most true positives of at most this false positive rate (report chapter 9)"
+    chosen: list[dict[str, Any]] = [
+        {"threshold": threshold, "threshold_rule": rule, "threshold_interval": interval}
+        for threshold, interval in zip(
+            point.thresholds, point.intervals or (None,) * len(point.thresholds), strict=True
+        )
+    ]
+    if isinstance(model, GaussianModel):
+        pairs = zip(model.classes, chosen, strict=True)
+        return replace(model, classes=tuple(replace(one, **new) for one, new in pairs))
+    (new,) = chosen
+    if isinstance(model, EvidenceModel):
+        decision = new["threshold"]
+        new |= {"decision": decision, "threshold": model.threshold + decision - model.decision}
+    return replace(model, **new)

@@ -3,20 +3,63 @@
 import numpy as np
 import pytest
 
-from wayside.pipeline.learning.samples import (
-    FACE_PX,
-    NEITHER,
-    OFF,
-    ON,
+from training.truth import (
     box_labels,
-    for_each,
+    face_labels,
     read_truth,
     sign_positions,
     views_by_frame,
 )
+from wayside.pipeline.learning.labelled import FACE_PX, NEITHER, OFF, ON
 from wayside.schemas.errors import InputError
 
-SIGN = [100, 100, 140, 140]
+SIGN, PLAQUE = [100, 100, 140, 140], [105, 141, 135, 156]
+
+
+def labels_of(boxes, faces=(SIGN, PLAQUE), is_example=None):
+    is_example = [True] * len(faces) if is_example is None else is_example
+    return face_labels(
+        np.array(boxes, np.float32), np.array(faces, np.float64), np.array(is_example)
+    ).tolist()
+
+
+def test_a_tight_box_is_on_and_a_far_one_off():
+    assert labels_of([SIGN, [101, 101, 139, 140], [300, 100, 340, 140]]) == [ON, ON, OFF]
+
+
+def test_beside_a_tight_box_a_loose_one_is_no_example():
+    loose = [90, 100, 145, 150]
+    assert labels_of([SIGN, loose], [SIGN]) == [ON, NEITHER]
+
+
+def test_without_a_tight_box_a_loose_one_is_on():
+    assert labels_of([[90, 100, 145, 150]], [SIGN]) == [ON]
+
+
+def test_a_part_of_a_face_is_off_where_the_whole_is_found():
+    half = [100, 100, 140, 119]
+    assert labels_of([SIGN, half], [SIGN]) == [ON, OFF]
+    assert labels_of([half], [SIGN]) == [NEITHER]
+
+
+def test_a_box_around_two_faces_is_never_on():
+    both = [100, 100, 140, 156]
+    tall_plaque = [100, 141, 140, 171]
+    assert labels_of([SIGN, both]) == [ON, OFF]
+    assert labels_of([SIGN, [100, 100, 140, 171]], [SIGN, tall_plaque])[1] == OFF
+
+
+def test_a_face_inside_another_is_no_second_face():
+    board, route = [100, 100, 300, 200], [120, 120, 150, 150]
+    assert labels_of([board], [board, route]) == [ON]
+
+
+def test_faces_too_small_to_teach_make_no_examples_of_what_is_near_them():
+    assert labels_of([SIGN, [100, 100, 140, 119], [300, 100, 340, 140]], [SIGN], [False]) == [
+        NEITHER,
+        NEITHER,
+        OFF,
+    ]
 
 
 def view(frame=0, box=SIGN, side="front", visible=1.0):
@@ -66,10 +109,6 @@ def test_signs_that_no_image_may_show_have_no_place():
     }
     assert sign_positions(truth).tolist() == [[4.0, 0.5]]
     assert sign_positions(truth | {"signs": []}).shape == (0, 2)
-
-
-def test_results_come_in_the_order_of_the_drives():
-    assert for_each(lambda drive: drive * 2, range(9)) == list(range(0, 18, 2))
 
 
 def test_a_truth_that_is_none_is_refused(tmp_path):

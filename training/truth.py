@@ -1,26 +1,27 @@
-"""What is learned from rendered drives: places of signs, labels of boxes."""
+"""What the truth of a rendered drive says of its images: faces, places of signs, labels of boxes."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.faces import height_px, visible_fraction
+from wayside.pipeline.learning.labelled import (
+    ANY_SPACING_M,
+    FACE_FRACTION,
+    FACE_PX,
+    NEAR_FACE,
+    NEITHER,
+    OFF,
+    ON,
+    ON_FACE,
+)
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.geometry import intersection_areas, iou_matrix
-
-FACE_FRACTION, FACE_PX = 0.4, 8
-"""Visible fraction and height of a face, pixels, from which boxes on it are examples; else they count as neither."""
-
-ON_FACE, NEAR_FACE = 0.5, 0.3
-"""Overlap (IoU) from which a box is on a face, and below which it is off it; between them it counts as neither."""
 
 TIGHT, INSIDE, UNION = 0.6, 0.85, 0.8
 """Overlap (IoU) from which a box is tight on a face; fraction of a box from which it lies inside one; overlap from
@@ -30,28 +31,21 @@ SHOWN, APART = 0.5, 0.3
 """Fraction of a second face in a box from which the box shows it; fraction of the smaller of two faces that both may
 share: more, and one lies on the other."""
 
-OFF, ON, NEITHER = 0, 1, -1
-
-ANY_SPACING_M = 8.0
-"""Distance between the images of logs without poses, where no position is learned from it: about that of the report."""
-
 LEARN_READ = ReadSettings(thin_m=0.0, spacing_m=ANY_SPACING_M)
 """Every image."""
-
-THREADS = 2
-"""How many drives are read at a time."""
-
-Item = TypeVar("Item")
-Result = TypeVar("Result")
 
 SignViews = list[tuple[dict[str, Any], dict[str, Any]]]
 """Signs of which an image shows the front (or the back), each with its view there (box, visible fraction)."""
 
 
-def for_each(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-    """The result for each item, in order; decoding and the kernels release the interpreter lock."""
-    with ThreadPoolExecutor(THREADS) as pool:
-        return list(pool.map(function, items))
+def visible_fraction(view: dict[str, Any]) -> float:
+    """Fraction of a face that is visible in a view."""
+    return float(view["visible_fraction"] or 0.0)
+
+
+def height_px(view: dict[str, Any]) -> float:
+    """Height of a face in a view, pixels."""
+    return float(view["box"][3] - view["box"][1])
 
 
 def read_truth(path: Path) -> dict[str, Any]:

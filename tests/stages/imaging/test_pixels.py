@@ -1,4 +1,4 @@
-"""The road is grey: what it has of colour is that of the light."""
+"""The space in which colours are compared, and the white balance by the road: what it has of colour is of the light."""
 
 from dataclasses import replace
 
@@ -11,12 +11,47 @@ from hypothesis import strategies as st
 from wayside.schemas.frame import USED, Camera, Frame
 from wayside.schemas.settings import BalanceSettings
 from wayside.stages.imaging import decode
-from wayside.stages.imaging.white_balance import (
+from wayside.stages.imaging.pixels import (
     LARGEST_CAST,
     TOLERANCE,
     balanced,
+    colorfulness,
+    log_chromaticity,
     road_chromaticity,
 )
+
+
+def test_exposure_moves_a_bright_colour_along_brightness_only():
+    bright, half = log_chromaticity(np.array([[220.0, 160, 90], [110.0, 80, 45]]))
+    assert bright[0] - half[0] == pytest.approx(np.log(2), abs=0.03)
+    np.testing.assert_allclose(bright[1:], half[1:], atol=0.04)
+
+
+def test_grey_has_no_chromaticity():
+    grey = np.repeat(np.array([[0.0], [3], [128], [255]]), 3, axis=1)
+    np.testing.assert_allclose(log_chromaticity(grey)[:, 1:], 0, atol=1e-12)
+
+
+def test_other_shapes_are_refused():
+    with pytest.raises(ValueError, match=r"colours: shape .* instead of"):
+        log_chromaticity(np.zeros(3))
+
+
+def test_colour_is_measured_against_contrast_whatever_cast_noise_and_fog():
+    random = np.random.default_rng(2)
+    scene = np.kron(random.integers(0, 256, (12, 20, 3)), np.ones((30, 30, 1)))
+    grey = scene.mean(axis=2, keepdims=True).repeat(3, axis=2)
+    noise = random.normal(0, 5, scene.shape)
+
+    def seen(image):
+        return colorfulness(np.clip(np.rint(image), 0, 255).astype(np.uint8))
+
+    assert seen(grey) == pytest.approx(0, abs=1e-9)
+    assert seen(0.8 * grey * [1.1, 1.0, 1.15] + noise) < 0.07
+    assert seen(scene) > 0.3
+    assert seen(0.1 * scene + 180 + noise) > 0.3
+    assert seen(np.full((9, 9, 3), 70)) == 0
+
 
 CAMERA = Camera(320, 240, 300.0, 300.0, 159.5, 100.0)
 SETTINGS = BalanceSettings()
@@ -47,11 +82,6 @@ def test_of_a_cast_nothing_is_left_and_less_is_no_cast(red, blue):
         beyond = max(0.0, strength - LARGEST_CAST)
         r, g, b = sign_of(rgb)
         assert np.linalg.norm(np.log([r / g, b / g])) < beyond + 0.04
-
-
-def test_an_image_without_a_cast_is_not_touched():
-    rgb = scene((1.08, 1.0, 0.92))
-    assert balanced(rgb, CAMERA) is rgb
 
 
 def test_a_road_of_earth_colours_the_image_no_more_than_is_said():
