@@ -301,7 +301,7 @@ def rendered_table(outcomes: list[Outcome]) -> list[str]:
 
 def rendered_cells(name: str, e: RenderedEvaluation) -> list[str]:
     """Cells of one line."""
-    shares = (e.color_right, e.shape_right)
+    shares = (e.class_right("color"), e.class_right("shape"))
     return [
         name,
         *map(str, (e.wanted, e.found_count)),

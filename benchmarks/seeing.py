@@ -215,8 +215,10 @@ def evaluated_at(results: Sequence[Result], confidence: float) -> RenderedEvalua
 def reliability(results: Sequence[Result]) -> Iterator[ConfidenceBin]:
     """Rows by confidence, and how many are true; a row is matched only against those of its bin and above."""
     for low, high in pairwise(BINS):
-        false = {sign.sign_id for sign in evaluated_at(results, low).false}
-        yield confidence_bin((row for rows, _ in results for row in rows), false, (low, high))
+        false = {sign["sign_id"] for sign in evaluated_at(results, low).false}
+        rows = (row for rows, _ in results for row in rows)
+        stated = ((row["confidence"], row["sign_id"] not in false) for row in rows)
+        yield confidence_bin(stated, low, high)
 
 
 def confidence_lines(lenient: Sequence[Result], shipped: Sequence[Result]) -> list[str]:

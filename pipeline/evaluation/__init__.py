@@ -7,19 +7,16 @@ from wayside.pipeline.evaluation.compare import (
     write_evaluation,
 )
 from wayside.pipeline.evaluation.figures import (
+    ConfidenceBin,
     Evaluation,
     KindCount,
     RealEvaluation,
     RenderedEvaluation,
+    confidence_bin,
     together,
 )
-from wayside.pipeline.evaluation.misses import (
-    STEPS,
-    cause_words,
-    count_steps,
-)
+from wayside.pipeline.evaluation.misses import STEPS, cause_words, count_steps
 from wayside.pipeline.evaluation.real import evaluate_against_labels
-from wayside.pipeline.evaluation.reliability import ConfidenceBin, confidence_bin
 from wayside.pipeline.evaluation.rendered import (
     FEWEST_FRAMES,
     SMALLEST_HEIGHT_PX,
