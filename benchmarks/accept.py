@@ -32,13 +32,12 @@ from common import (
 from real_counts import Counts, counts_by_confidence
 from real_tables import RealDrive, real_page
 
-from wayside.pipeline.evaluation import (
+from wayside.pipeline.evaluation.compare import evaluate, write_evaluation
+from wayside.pipeline.evaluation.figures import (
     Evaluation,
     RealEvaluation,
     RenderedEvaluation,
-    evaluate,
     together,
-    write_evaluation,
 )
 from wayside.pipeline.statistics import Spread
 from wayside.schemas.errors import WaysideError

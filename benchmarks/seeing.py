@@ -25,15 +25,17 @@ from accept import RENDERED
 from common import BENCHMARKS, DRIVES, render, table, versions
 from numpy.typing import NDArray
 
-from wayside.pipeline.evaluation import (
-    SMALLEST_HEIGHT_PX,
-    SMALLEST_VISIBLE,
+from wayside.pipeline.evaluation.figures import (
     ConfidenceBin,
     RenderedEvaluation,
     confidence_bin,
+    together,
+)
+from wayside.pipeline.evaluation.rendered import (
+    SMALLEST_HEIGHT_PX,
+    SMALLEST_VISIBLE,
     evaluate_against_truth,
     is_eligible,
-    together,
 )
 from wayside.pipeline.files.lengths import parse_length
 from wayside.pipeline.files.settings_file import load_settings

@@ -19,7 +19,8 @@ import numpy as np
 from common import table
 
 from training.face_classes import TESTED, crops, still_patches
-from wayside.pipeline.evaluation import RenderedEvaluation, evaluate
+from wayside.pipeline.evaluation.compare import evaluate
+from wayside.pipeline.evaluation.figures import RenderedEvaluation
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.results.result import read_rows

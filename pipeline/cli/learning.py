@@ -97,8 +97,8 @@ def label(
 def _convert(
     sources: list[Path], out: Path, classes: Path | None, review: Path | None, *, overwrite: bool
 ) -> None:
-    from wayside.pipeline.labels.label_file import write_labels
     from wayside.pipeline.labels.read import joined, read_labels
+    from wayside.pipeline.labels.wayside_labels import write_labels
     from wayside.pipeline.results.result import RUN_FILE
     from wayside.pipeline.reviewing.labels import review_labels
     from wayside.pipeline.reviewing.review import required_review

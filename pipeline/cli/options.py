@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import copy
 import inspect
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -60,206 +61,177 @@ Overwrite = Annotated[
     bool,
     typer.Option("--overwrite", help="Replace what stands there under the names of the output."),
 ]
-_SHARED: dict[str, Any] = {
-    "spacing": Annotated[
-        str | None,
-        typer.Option(
-            rich_help_panel=READ,
-            help="Distance between images, where the log has no poses: 26.4ft, 8m.",
-        ),
-    ],
-    "camera": Annotated[
-        str | None,
-        typer.Option(rich_help_panel=READ, help="Image topic, where the log has several."),
-    ],
-    "calibration": Annotated[
-        Path | None,
-        typer.Option(
-            rich_help_panel=READ,
-            help="YAML of ROS, OpenCV or Kalibr instead of the log's calibration.",
-        ),
-    ],
-    "start": Annotated[
-        str | None, typer.Option("--from", rich_help_panel=READ, help="Start here: 90s or 1:30.")
-    ],
-    "until": Annotated[
-        str | None, typer.Option(rich_help_panel=READ, help="Stop here: 120s or 2:00.")
-    ],
-    "every": Annotated[
-        int | None, typer.Option(rich_help_panel=READ, help="Use every n-th image.")
-    ],
-    "workers": Annotated[int | None, typer.Option(help="Images processed side by side.")],
-    "memory": Annotated[
-        str | None, typer.Option(help="Images under way take so much at most: 2GB.")
-    ],
-    "preset": Annotated[
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """An option that several commands share, or one of the many of a command."""
+
+    kind: Any
+    """Type of its value; None may stand for it where there is no default."""
+    help: str
+    panel: str | None = None
+    """Heading that it stands under in the help."""
+    sets: str = ""
+    """The setting, or field, that it is by another name."""
+    parsed: Callable[..., Any] = str
+    """Makes the value of what is given, and takes the option's name where that is a text with a unit."""
+    names: tuple[str, ...] = ()
+    metavar: str | None = None
+    default: Any = None
+
+    def parameter(self, name: str, panel: str | None) -> inspect.Parameter:
+        """As a parameter of a command."""
+        option = typer.Option(
+            *self.names, help=self.help, rich_help_panel=panel or self.panel, metavar=self.metavar
+        )
+        kind = self.kind if self.default is not None else self.kind | None
+        return inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=self.default,
+            annotation=Annotated[kind, option],
+        )
+
+
+SHARED = {
+    "spacing": Option(
+        str,
+        "Distance between images, where the log has no poses: 26.4ft, 8m.",
+        READ,
+        "read.spacing_m",
+        parse_spacing,
+    ),
+    "camera": Option(str, "Image topic, where the log has several.", READ, "read.camera"),
+    "calibration": Option(
+        Path,
+        "YAML of ROS, OpenCV or Kalibr instead of the log's calibration.",
+        READ,
+        "read.calibration",
+    ),
+    "start": Option(
+        str,
+        "Start here: 90s or 1:30.",
+        READ,
+        "read.from_s",
+        partial(parse_time, option="--from"),
+        ("--from",),
+    ),
+    "until": Option(
+        str, "Stop here: 120s or 2:00.", READ, "read.until_s", partial(parse_time, option="--until")
+    ),
+    "every": Option(int, "Use every n-th image.", READ, "read.every", int),
+    "workers": Option(int, "Images processed side by side.", None, "run.workers", int),
+    "memory": Option(
+        str, "Images under way take so much at most: 2GB.", None, "run.memory_mb", parse_memory
+    ),
+    "preset": Option(
         Preset,
-        typer.Option(
-            rich_help_panel=DETECT,
-            metavar="PRESET",
-            help="`default` finds the most; "
-            "`report`, `report-2d` and `report-shape` are the chains of KS-09-9.",
-        ),
-    ],
-    "settings": Annotated[
-        Path | None,
-        typer.Option(
-            "--settings", rich_help_panel=DETECT, help="TOML file as `wayside settings` prints it."
-        ),
-    ],
-    "assignments": Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            rich_help_panel=DETECT,
-            metavar="GROUP.NAME=VALUE",
-            help="Change one setting; may be repeated.",
-        ),
-    ],
-    "detector": Annotated[
-        Path | None,
-        typer.Option(
-            rich_help_panel=DETECT,
-            help="ONNX file of a YOLO or RT-DETR detector, instead of wayside's own.",
-        ),
-    ],
-    "detections": Annotated[
-        Path | None,
-        typer.Option(
-            rich_help_panel=DETECT,
-            help="Boxes made elsewhere, Parquet or COCO JSON, instead of wayside's own.",
-        ),
-    ],
-    "classes": Annotated[
-        Path | None,
-        typer.Option(
-            rich_help_panel=DETECT,
-            help="TOML: which classes of these are signs, and their colours and shapes.",
-        ),
-    ],
-    "models": Annotated[
-        Path | None,
-        typer.Option(
-            rich_help_panel=DETECT,
-            metavar="DIR",
-            help="Model files of your own, as `wayside fit` writes them.",
-        ),
-    ],
-    "alpha": Annotated[
-        float | None,
-        typer.Option(
-            rich_help_panel=DETECT,
-            help="False-alarm rate of every gate, instead of the thresholds of the models.",
-        ),
-    ],
-    "route": Annotated[
-        str | None,
-        typer.Option(rich_help_panel=ROUTE, metavar="NAME", help='Route of the drive: "US-36 EB".'),
-    ],
-    "milepost": Annotated[
-        str | None,
-        typer.Option(
-            rich_help_panel=ROUTE, help="Measure at the first used image: 12.35 (miles), 19.875km."
-        ),
-    ],
-    "decreasing": Annotated[
+        "`default` finds the most; `report`, `report-2d` and `report-shape` are the chains of KS-09-9.",
+        DETECT,
+        metavar="PRESET",
+        default=Preset.default,
+    ),
+    "settings": Option(Path, "TOML file as `wayside settings` prints it.", DETECT),
+    "assignments": Option(
+        list[str],
+        "Change one setting; may be repeated.",
+        DETECT,
+        names=("--set",),
+        metavar="GROUP.NAME=VALUE",
+    ),
+    "detector": Option(
+        Path,
+        "ONNX file of a YOLO or RT-DETR detector, instead of wayside's own.",
+        DETECT,
+        "models.detector",
+    ),
+    "detections": Option(
+        Path,
+        "Boxes made elsewhere, Parquet or COCO JSON, instead of wayside's own.",
+        DETECT,
+        "models.detections",
+    ),
+    "classes": Option(
+        Path,
+        "TOML: which classes of these are signs, and their colours and shapes.",
+        DETECT,
+        "models.classes",
+    ),
+    "models": Option(
+        Path,
+        "Model files of your own, as `wayside fit` writes them.",
+        DETECT,
+        "models.folder",
+        metavar="DIR",
+    ),
+    "alpha": Option(
+        float,
+        "False-alarm rate of every gate, instead of the thresholds of the models.",
+        DETECT,
+        "models.alpha",
+        float,
+    ),
+    "route": Option(str, 'Route of the drive: "US-36 EB".', ROUTE, "route.name", metavar="NAME"),
+    "milepost": Option(str, "Measure at the first used image: 12.35 (miles), 19.875km.", ROUTE),
+    "decreasing": Option(
         bool,
-        typer.Option(
-            "--decreasing", rich_help_panel=ROUTE, help="Mileposts fall in the direction of travel."
-        ),
-    ],
-    "routes": Annotated[
-        Path | None,
-        typer.Option(
-            rich_help_panel=ROUTE,
-            metavar="FILE",
-            help="Route lines with measures (M), GeoPackage or GeoParquet; needs fixes.",
-        ),
-    ],
-    "view": Annotated[
+        "Mileposts fall in the direction of travel.",
+        ROUTE,
+        "route.decreasing",
+        bool,
+        ("--decreasing",),
+        default=False,
+    ),
+    "routes": Option(
+        Path,
+        "Route lines with measures (M), GeoPackage or GeoParquet; needs fixes.",
+        ROUTE,
+        "route.file",
+        metavar="FILE",
+    ),
+    "view": Option(
         ViewMode,
-        typer.Option(
-            rich_help_panel=VIEW,
-            help="Record every step: `file` drive.rrd in the output folder, `live` a viewer's window, "
-            "`serve` a viewer in the browser.",
-        ),
-    ],
-    "connect": Annotated[
-        str | None,
-        typer.Option(
-            rich_help_panel=VIEW,
-            metavar="URL",
-            help="Also send to a viewer that runs already: 127.0.0.1:9876.",
-        ),
-    ],
-    "view_images": Annotated[
+        "Record every step: `file` drive.rrd in the output folder, `live` a viewer's window, `serve` a viewer in the "
+        "browser.",
+        VIEW,
+        default=ViewMode.none,
+    ),
+    "connect": Option(
+        str, "Also send to a viewer that runs already: 127.0.0.1:9876.", VIEW, metavar="URL"
+    ),
+    "view_images": Option(
         RecordedImages,
-        typer.Option(rich_help_panel=VIEW, help="Images to record: all, those with signs, none."),
-    ],
-    "view_detail": Annotated[
+        "Images to record: all, those with signs, none.",
+        VIEW,
+        default=RecordedImages.all,
+    ),
+    "view_detail": Option(
         bool,
-        typer.Option(
-            "--view-detail",
-            rich_help_panel=VIEW,
-            help="Presets of the report: also record the label images of both passes.",
-        ),
-    ],
+        "Presets of the report: also record the label images of both passes.",
+        VIEW,
+        names=("--view-detail",),
+        default=False,
+    ),
 }
-"""Kind and words of each shared option."""
-_DEFAULTS: dict[str, Any] = {
-    "preset": Preset.default,
-    "decreasing": False,
-    "view": ViewMode.none,
-    "view_images": RecordedImages.all,
-    "view_detail": False,
-}
-_SETTINGS: dict[str, tuple[str, Callable[[Any], Any]]] = {
-    "spacing": ("read.spacing_m", parse_spacing),
-    "camera": ("read.camera", str),
-    "calibration": ("read.calibration", str),
-    "start": ("read.from_s", lambda text: parse_time(text, "--from")),
-    "until": ("read.until_s", lambda text: parse_time(text, "--until")),
-    "every": ("read.every", int),
-    "workers": ("run.workers", int),
-    "memory": ("run.memory_mb", parse_memory),
-    "detector": ("models.detector", str),
-    "detections": ("models.detections", str),
-    "classes": ("models.classes", str),
-    "models": ("models.folder", str),
-    "alpha": ("models.alpha", float),
-    "route": ("route.name", str),
-    "decreasing": ("route.decreasing", bool),
-    "routes": ("route.file", str),
-}
-"""The options that are settings by another name: that name, and what makes the value of the text."""
+"""Options that several commands share."""
 
 
-def takes(*names: str, heading: str | None = None) -> Callable[[Command], Command]:
-    """Give a command shared options, which its parameter `given` (``**given``) holds by name.
+def takes(
+    *names: str, heading: str | None = None, options: Mapping[str, Option] = SHARED
+) -> Callable[[Command], Command]:
+    """Give a command options of a table, which its parameter `given` (``**given``) holds by name.
 
     In the help they stand behind the arguments and options that must be given, under their own headings or `heading`.
     """
 
     def declared(command: Command) -> Command:
         *own, _ = inspect.signature(command, eval_str=True).parameters.values()
-        shared = []
-        for name in names:
-            kind, option = get_args(_SHARED[name])
-            option = copy.copy(option)
-            option.rich_help_panel = heading or option.rich_help_panel
-            shared.append(
-                inspect.Parameter(
-                    name,
-                    inspect.Parameter.KEYWORD_ONLY,
-                    default=_DEFAULTS.get(name),
-                    annotation=Annotated[kind, option],
-                )
-            )
+        own = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own]
         needed = [one for one in own if one.default is one.empty]
         rest = [one for one in own if one.default is not one.empty]
-        every = [
-            one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in (*needed, *shared, *rest)
-        ]
+        shared = [options[name].parameter(name, heading) for name in names]
+        every = [*needed, *shared, *rest]
         command.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
         command.__annotations__ = {one.name: one.annotation for one in every}
         return command
@@ -275,10 +247,11 @@ def settings_of(given: Mapping[str, Any]) -> dict[str, Any]:
     UsageError
         One of them cannot be parsed.
     """
-    options: dict[str, Any] = {}
-    for name, (setting, parsed) in _SETTINGS.items():
-        if given.get(name) is not None and given[name] is not False:
-            options[setting] = parsed(given[name])
+    options = {
+        SHARED[name].sets: SHARED[name].parsed(value)
+        for name, value in given.items()
+        if value is not None and value is not False and name in SHARED and SHARED[name].sets
+    }
     if given.get("milepost") is not None:
         options |= parse_milepost(given["milepost"])
     return options

@@ -69,7 +69,9 @@ class Candidates:
 
     def of_signs(self) -> list[dict[str, Any]]:
         """Rows that belong to a reported sign."""
-        rows: list[dict[str, Any]] = self._table.filter(pc.is_valid(self._table["sign_id"])).to_pylist()
+        rows: list[dict[str, Any]] = self._table.filter(
+            pc.is_valid(self._table["sign_id"])
+        ).to_pylist()
         return rows
 
     def on(self, frame: int, box: Box) -> list[tuple[Row, float]]:

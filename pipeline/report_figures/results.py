@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from wayside.pipeline.evaluation import FEWEST_FRAMES
+from wayside.pipeline.evaluation.rendered import FEWEST_FRAMES
 from wayside.pipeline.labels.box_matching import overlap
 from wayside.pipeline.learning.page import Figure
 from wayside.pipeline.learning.samples import NEITHER, OFF, ON

@@ -5,7 +5,7 @@ import json
 import pyarrow.parquet as pq
 import pytest
 
-from wayside.pipeline.evaluation import evaluate_against_labels
+from wayside.pipeline.evaluation.real import evaluate_against_labels
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ import pytest
 
 import wayside
 from wayside.pipeline.cli import app
-from wayside.pipeline.evaluation import evaluate_against_truth
+from wayside.pipeline.evaluation.rendered import evaluate_against_truth
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.labels.box_file import load_boxes
 from wayside.schemas.errors import UsageError
