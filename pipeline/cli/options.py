@@ -7,14 +7,13 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from wayside.pipeline.cli.help import DETECT, READ, ROUTE, VIEW
-from wayside.pipeline.files.lengths import parse_memory, parse_spacing, parse_time
+from wayside.pipeline.files.lengths import parse_length, parse_memory, parse_time
 from wayside.schemas.errors import UsageError
 
 if TYPE_CHECKING:
@@ -70,20 +69,25 @@ class Option:
     kind: Any
     """Type of its value; None may stand for it where there is no default."""
     help: str
-    panel: str | None = None
-    """Heading that it stands under in the help."""
     sets: str = ""
     """The setting, or field, that it is by another name."""
-    parsed: Callable[..., Any] = str
-    """Makes the value of what is given, and takes the option's name where that is a text with a unit."""
+    default: Any = None
+    parsed: Callable[[str, str], Any] | None = None
+    """Makes the value of a text and the option's name. None: it is as given, a path as text."""
     names: tuple[str, ...] = ()
     metavar: str | None = None
-    default: Any = None
+    panel: str | None = None
+    """Heading in the help. None: that of the setting."""
 
-    def parameter(self, name: str, panel: str | None) -> inspect.Parameter:
+    def flag(self, name: str) -> str:
+        """How it is written on the command line."""
+        return self.names[0] if self.names else f"--{name.replace('_', '-')}"
+
+    def parameter(self, name: str, heading: str | None) -> inspect.Parameter:
         """As a parameter of a command."""
+        panel = heading or self.panel or _HEADINGS.get(self.sets.partition(".")[0])
         option = typer.Option(
-            *self.names, help=self.help, rich_help_panel=panel or self.panel, metavar=self.metavar
+            *self.names, help=self.help, rich_help_panel=panel, metavar=self.metavar
         )
         kind = self.kind if self.default is not None else self.kind | None
         return inspect.Parameter(
@@ -93,100 +97,89 @@ class Option:
             annotation=Annotated[kind, option],
         )
 
+    def value(self, given: Any, option: str) -> Any:
+        """What the setting or field becomes; raises UsageError for what cannot be parsed."""
+        if self.parsed is not None:
+            return self.parsed(given, option)
+        return str(given) if isinstance(given, Path) else given
 
+
+_HEADINGS = {"read": READ, "models": DETECT, "route": ROUTE}
 SHARED = {
     "spacing": Option(
         str,
         "Distance between images, where the log has no poses: 26.4ft, 8m.",
-        READ,
         "read.spacing_m",
-        parse_spacing,
+        parsed=parse_length,
     ),
-    "camera": Option(str, "Image topic, where the log has several.", READ, "read.camera"),
+    "camera": Option(str, "Image topic, where the log has several.", "read.camera"),
     "calibration": Option(
-        Path,
-        "YAML of ROS, OpenCV or Kalibr instead of the log's calibration.",
-        READ,
-        "read.calibration",
+        Path, "YAML of ROS, OpenCV or Kalibr instead of the log's calibration.", "read.calibration"
     ),
     "start": Option(
-        str,
-        "Start here: 90s or 1:30.",
-        READ,
-        "read.from_s",
-        partial(parse_time, option="--from"),
-        ("--from",),
+        str, "Start here: 90s or 1:30.", "read.from_s", parsed=parse_time, names=("--from",)
     ),
-    "until": Option(
-        str, "Stop here: 120s or 2:00.", READ, "read.until_s", partial(parse_time, option="--until")
-    ),
-    "every": Option(int, "Use every n-th image.", READ, "read.every", int),
-    "workers": Option(int, "Images processed side by side.", None, "run.workers", int),
+    "until": Option(str, "Stop here: 120s or 2:00.", "read.until_s", parsed=parse_time),
+    "every": Option(int, "Use every n-th image.", "read.every"),
+    "workers": Option(int, "Images processed side by side.", "run.workers"),
     "memory": Option(
-        str, "Images under way take so much at most: 2GB.", None, "run.memory_mb", parse_memory
+        str, "Images under way take so much at most: 2GB.", "run.memory_mb", parsed=parse_memory
     ),
     "preset": Option(
         Preset,
         "`default` finds the most; `report`, `report-2d` and `report-shape` are the chains of KS-09-9.",
-        DETECT,
-        metavar="PRESET",
         default=Preset.default,
+        metavar="PRESET",
+        panel=DETECT,
     ),
-    "settings": Option(Path, "TOML file as `wayside settings` prints it.", DETECT),
+    "settings": Option(Path, "TOML file as `wayside settings` prints it.", panel=DETECT),
     "assignments": Option(
         list[str],
         "Change one setting; may be repeated.",
-        DETECT,
         names=("--set",),
         metavar="GROUP.NAME=VALUE",
+        panel=DETECT,
     ),
     "detector": Option(
         Path,
         "ONNX file of a YOLO or RT-DETR detector, instead of wayside's own.",
-        DETECT,
         "models.detector",
     ),
     "detections": Option(
         Path,
         "Boxes made elsewhere, Parquet or COCO JSON, instead of wayside's own.",
-        DETECT,
         "models.detections",
     ),
     "classes": Option(
         Path,
         "TOML: which classes of these are signs, and their colours and shapes.",
-        DETECT,
         "models.classes",
     ),
     "models": Option(
         Path,
         "Model files of your own, as `wayside fit` writes them.",
-        DETECT,
         "models.folder",
         metavar="DIR",
     ),
     "alpha": Option(
         float,
         "False-alarm rate of every gate, instead of the thresholds of the models.",
-        DETECT,
         "models.alpha",
-        float,
     ),
-    "route": Option(str, 'Route of the drive: "US-36 EB".', ROUTE, "route.name", metavar="NAME"),
-    "milepost": Option(str, "Measure at the first used image: 12.35 (miles), 19.875km.", ROUTE),
+    "route": Option(str, 'Route of the drive: "US-36 EB".', "route.name", metavar="NAME"),
+    "milepost": Option(
+        str, "Measure at the first used image: 12.35 (miles), 19.875km.", panel=ROUTE
+    ),
     "decreasing": Option(
         bool,
         "Mileposts fall in the direction of travel.",
-        ROUTE,
         "route.decreasing",
-        bool,
-        ("--decreasing",),
         default=False,
+        names=("--decreasing",),
     ),
     "routes": Option(
         Path,
         "Route lines with measures (M), GeoPackage or GeoParquet; needs fixes.",
-        ROUTE,
         "route.file",
         metavar="FILE",
     ),
@@ -194,24 +187,24 @@ SHARED = {
         ViewMode,
         "Record every step: `file` drive.rrd in the output folder, `live` a viewer's window, `serve` a viewer in the "
         "browser.",
-        VIEW,
         default=ViewMode.none,
+        panel=VIEW,
     ),
     "connect": Option(
-        str, "Also send to a viewer that runs already: 127.0.0.1:9876.", VIEW, metavar="URL"
+        str, "Also send to a viewer that runs already: 127.0.0.1:9876.", metavar="URL", panel=VIEW
     ),
     "view_images": Option(
         RecordedImages,
         "Images to record: all, those with signs, none.",
-        VIEW,
         default=RecordedImages.all,
+        panel=VIEW,
     ),
     "view_detail": Option(
         bool,
         "Presets of the report: also record the label images of both passes.",
-        VIEW,
-        names=("--view-detail",),
         default=False,
+        names=("--view-detail",),
+        panel=VIEW,
     ),
 }
 """Options that several commands share."""
@@ -239,22 +232,19 @@ def takes(
     return declared
 
 
-def settings_of(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The options that are settings by another name, by that name, those given only.
-
-    Raises
-    ------
-    UsageError
-        One of them cannot be parsed.
-    """
-    options = {
-        SHARED[name].sets: SHARED[name].parsed(value)
+def set_by(given: Mapping[str, Any], options: Mapping[str, Option]) -> dict[str, Any]:
+    """Values of settings or fields by their names, from the options that are given; raises UsageError."""
+    return {
+        options[name].sets: options[name].value(value, options[name].flag(name))
         for name, value in given.items()
-        if value is not None and value is not False and name in SHARED and SHARED[name].sets
+        if value is not None and value is not False and name in options and options[name].sets
     }
-    if given.get("milepost") is not None:
-        options |= parse_milepost(given["milepost"])
-    return options
+
+
+def settings_of(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The options that are settings by another name, by that name, those given only; raises UsageError."""
+    milepost = given.get("milepost")
+    return set_by(given, SHARED) | ({} if milepost is None else parse_milepost(milepost))
 
 
 def chosen_settings(given: Mapping[str, Any]) -> Settings:

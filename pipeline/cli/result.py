@@ -85,13 +85,7 @@ def evidence(
         )
     with SheetProgress("evidence") as progress:
         written = write_evidence(
-            out,
-            sheets,
-            sign_id=sign,
-            log=log,
-            watch=progress.watch,
-            png=png,
-            overwrite=overwrite,
+            out, sheets, sign_id=sign, log=log, watch=progress.watch, png=png, overwrite=overwrite
         )
     count = len(written.sheets)
     if written.index is not None:
