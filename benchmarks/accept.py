@@ -32,13 +32,12 @@ from common import (
 from real_counts import Counts, counts_by_confidence
 from real_tables import RealDrive, real_page
 
-from wayside.pipeline.evaluation import (
+from wayside.pipeline.evaluation.compare import evaluate, write_evaluation
+from wayside.pipeline.evaluation.figures import (
     Evaluation,
     RealEvaluation,
     RenderedEvaluation,
-    evaluate,
     together,
-    write_evaluation,
 )
 from wayside.pipeline.statistics import Spread
 from wayside.schemas.errors import WaysideError
@@ -297,7 +296,7 @@ def rendered_table(outcomes: list[Outcome]) -> list[str]:
 
 def rendered_cells(name: str, e: RenderedEvaluation) -> list[str]:
     """Cells of one line."""
-    shares = (e.color_right, e.shape_right)
+    shares = (e.class_right("color"), e.class_right("shape"))
     return [
         name,
         *map(str, (e.wanted, e.found_count)),

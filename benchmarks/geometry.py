@@ -36,7 +36,7 @@ from geometry_runs import (
     true_poses,
 )
 
-from wayside.pipeline.evaluation import RenderedEvaluation
+from wayside.pipeline.evaluation.figures import AXES, RenderedEvaluation
 from wayside.pipeline.labels.box_matching import same_thing
 from wayside.pipeline.simulation.bound import point_bound
 from wayside.pipeline.simulation.drive import Survey
@@ -102,19 +102,19 @@ def sign_table(runs: list[Run]) -> Iterator[str]:
         cells.append(pair(total.median, total.p95, 100))
         cells += [pair(s.median, s.p95, 100) for s in (e.width_error, e.height_error)]
         cells.append(pair(bottom.median, bottom.p95, 100))
-        turned = facing_errors(one, e)
+        turned = facing_errors(e)
         cells.append(pair(*np.quantile(turned, [0.5, 0.95]), 1) if len(turned) else "-")
-        pulls = np.abs([np.divide(m.error_m, m.sigma_m) for m in e.matches])
+        pulls = np.abs(
+            [np.divide(m.error_m, [m.sign[name] for name in AXES.values()]) for m in e.found]
+        )
         cells.append(f"{100 * (pulls < 1).mean():.0f} / {100 * (pulls < 2).mean():.0f} %")
         yield row(cells)
     yield ""
 
 
-def facing_errors(one: Run, e: RenderedEvaluation) -> list[float]:
+def facing_errors(e: RenderedEvaluation) -> list[float]:
     """Absolute errors of the facing, degrees."""
-    stated = {s["sign_id"]: s["facing_deg"] for s in one.signs}
-    true = {p["id"]: p["facing_deg"] for p in one.truth["signs"]}
-    pairs = [(stated[m.sign_id], true[m.panel_id]) for m in e.matches]
+    pairs = [(m.sign["facing_deg"], m.panel["facing_deg"]) for m in e.found]
     return [abs((a - b + 180) % 360 - 180) for a, b in pairs if a is not None]
 
 
@@ -122,18 +122,16 @@ def bounds(one: Run, e: RenderedEvaluation) -> Array:
     """Median Cramér-Rao bound (3,) of the found signs as standard deviations along, lateral, up."""
     poses, camera = true_poses(one.truth), camera_of(one.truth)
     given = one.way == POSES_GIVEN
-    panels = {p["id"]: p for p in one.truth["signs"]}
-    best = {s["sign_id"]: s["best_frame"] for s in one.signs}
     steps: dict[int, Array] = {}
     found = []
-    for match in e.matches:
-        panel = panels[match.panel_id]
+    for match in e.found:
+        panel, best = match.panel, match.sign["best_frame"]
         views = [
             v["frame"]
             for v in panel["frames"]
             if v["side"] == "front" and v["visible_fraction"] >= 0.5
         ]
-        views = sorted({*views, best[match.sign_id]})
+        views = sorted({*views, best})
         span = list(range(views[0], views[-1] + 1))
         for frame in span[1:]:
             if frame not in steps:
@@ -146,7 +144,7 @@ def bounds(one: Run, e: RenderedEvaluation) -> Array:
                 np.array(views) - span[0],
                 np.full(len(views), CENTRE_PX / camera.fx),
                 np.stack([steps.get(f, np.eye(6)) for f in span]),
-                best[match.sign_id] - span[0],
+                best - span[0],
                 (POSE_M, np.radians(POSE_DEG)) if given else None,
             )
         )

@@ -16,7 +16,8 @@ from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.evaluation import RenderedEvaluation, evaluate_against_truth
+from wayside.pipeline.evaluation.figures import RenderedEvaluation
+from wayside.pipeline.evaluation.rendered import evaluate_against_truth
 from wayside.schemas.frame import Camera, Pose
 
 FOLDER = ROOT / ".cache" / "geometry"

@@ -23,7 +23,7 @@ from accept import (
 )
 from common import BENCHMARKS, render, versions
 
-from wayside.pipeline.evaluation import together
+from wayside.pipeline.evaluation.figures import together
 
 HELD_OUT = {
     "held_border": "",

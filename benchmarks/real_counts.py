@@ -7,7 +7,7 @@ from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.evaluation import evaluate_against_labels
+from wayside.pipeline.evaluation.real import evaluate_against_labels
 from wayside.pipeline.results.result import read_rows
 from wayside.schemas.tables import OBSERVATIONS, SIGNS
 

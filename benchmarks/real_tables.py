@@ -8,14 +8,8 @@ from typing import NamedTuple
 from common import table
 from real_counts import CONFIDENCES, PLATES, Counts, total
 
-from wayside.pipeline.evaluation import (
-    STEPS,
-    KindCount,
-    RealEvaluation,
-    cause_words,
-    count_steps,
-    together,
-)
+from wayside.pipeline.evaluation.figures import KindCount, RealEvaluation, together
+from wayside.pipeline.evaluation.misses import STEPS, cause_words, count_steps
 from wayside.pipeline.statistics import Interval, rate_interval, share_interval
 
 

@@ -34,7 +34,7 @@ from common import DEMO
 from mcap.opcode import Opcode
 
 from wayside.pipeline.cli import app
-from wayside.pipeline.evaluation import evaluate
+from wayside.pipeline.evaluation.compare import evaluate
 from wayside.pipeline.exporting.export import export
 from wayside.pipeline.files.settings_file import format_settings, load_settings
 from wayside.pipeline.labels.box_file import load_boxes

@@ -25,15 +25,17 @@ from accept import RENDERED
 from common import BENCHMARKS, DRIVES, render, table, versions
 from numpy.typing import NDArray
 
-from wayside.pipeline.evaluation import (
-    SMALLEST_HEIGHT_PX,
-    SMALLEST_VISIBLE,
+from wayside.pipeline.evaluation.figures import (
     ConfidenceBin,
     RenderedEvaluation,
     confidence_bin,
+    together,
+)
+from wayside.pipeline.evaluation.rendered import (
+    SMALLEST_HEIGHT_PX,
+    SMALLEST_VISIBLE,
     evaluate_against_truth,
     is_eligible,
-    together,
 )
 from wayside.pipeline.files.lengths import parse_length
 from wayside.pipeline.files.settings_file import load_settings
@@ -215,8 +217,10 @@ def evaluated_at(results: Sequence[Result], confidence: float) -> RenderedEvalua
 def reliability(results: Sequence[Result]) -> Iterator[ConfidenceBin]:
     """Rows by confidence, and how many are true; a row is matched only against those of its bin and above."""
     for low, high in pairwise(BINS):
-        false = {sign.sign_id for sign in evaluated_at(results, low).false}
-        yield confidence_bin((row for rows, _ in results for row in rows), false, (low, high))
+        false = {sign["sign_id"] for sign in evaluated_at(results, low).false}
+        rows = (row for rows, _ in results for row in rows)
+        stated = ((row["confidence"], row["sign_id"] not in false) for row in rows)
+        yield confidence_bin(stated, low, high)
 
 
 def confidence_lines(lenient: Sequence[Result], shipped: Sequence[Result]) -> list[str]:

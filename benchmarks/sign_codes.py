@@ -9,7 +9,6 @@ not learned from. It lists how many are right by the stated probability and by t
 
 from __future__ import annotations
 
-import json
 import sys
 from collections import Counter
 from itertools import pairwise
@@ -20,7 +19,8 @@ import numpy as np
 from common import table
 
 from training.face_classes import TESTED, crops, still_patches
-from wayside.pipeline.evaluation import RenderedEvaluation, evaluate
+from wayside.pipeline.evaluation.compare import evaluate
+from wayside.pipeline.evaluation.figures import RenderedEvaluation
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.results.result import read_rows
@@ -122,10 +122,9 @@ def compare(out: Path, truth: Path) -> Counter[str]:
     assert isinstance(evaluation, RenderedEvaluation)
     columns = ["sign_id", "mutcd", "vienna", "legend", "code_probability", "nominal_width_in"]
     rows = {row["sign_id"]: row for row in read_rows(out, SIGNS, columns)}
-    panels = {p["id"]: p for p in json.loads(truth.read_text("utf-8"))["signs"]}
     counts: Counter[str] = Counter()
-    for match in evaluation.matches:
-        row, panel = rows[match.sign_id], panels[match.panel_id]
+    for match in evaluation.found:
+        row, panel = rows[match.sign["sign_id"]], match.panel
         may_be = allowed(panel)
         if may_be is None:
             counts["kind without a code"] += 1
@@ -140,7 +139,7 @@ def compare(out: Path, truth: Path) -> Counter[str]:
             counts[f"right {level}"] += 1
         else:
             counts["wrong"] += 1
-            print(f"wrong: {match.sign_id} {stated or row[other]} for {panel['kind']}")
+            print(f"wrong: {row['sign_id']} {stated or row[other]} for {panel['kind']}")
     return counts
 
 

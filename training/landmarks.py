@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from wayside.pipeline.evaluation import camera_pose, match_distance
+from wayside.pipeline.evaluation.rendered import camera_pose, match_distance
 from wayside.pipeline.learning.labelled import NEAREST
 from wayside.pipeline.learning.thresholds import normal_tail, rates_of, score_points
 from wayside.schemas.errors import InputError

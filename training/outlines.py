@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import logsumexp, softmax
 
-from wayside.pipeline.evaluation import camera_pose
+from wayside.pipeline.evaluation.rendered import camera_pose
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Image, Pose
 from wayside.schemas.models import LinearModel

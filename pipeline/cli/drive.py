@@ -13,7 +13,7 @@ import typer
 from wayside.pipeline.cli.help import Application, examples
 from wayside.pipeline.cli.options import Log, Overwrite, chosen_settings, settings_of, takes
 from wayside.pipeline.cli.running import exit_with, read_as_log
-from wayside.pipeline.files.lengths import parse_length, parse_spacing
+from wayside.pipeline.files.lengths import parse_length
 from wayside.pipeline.files.visible_text import fitted, visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
@@ -65,7 +65,7 @@ def import_(
         count, left_out = import_images(
             images,
             calibration,
-            parse_spacing(spacing),
+            parse_length(spacing, "--spacing"),
             out,
             order=order or "",
             overwrite=overwrite,

@@ -105,8 +105,7 @@ def fleet(
         bool, typer.Option("--retry", help="Try the logs in quarantine again.")
     ] = False,
     overwrite: Annotated[
-        bool,
-        typer.Option("--overwrite", help="Replace results of logs whose content has changed."),
+        bool, typer.Option("--overwrite", help="Replace results of logs whose content has changed.")
     ] = False,
     **given: Any,
 ) -> None:

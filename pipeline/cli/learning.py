@@ -9,15 +9,9 @@ from typing import Annotated, Any, Literal
 import typer
 
 from wayside.pipeline.cli.help import Application, examples
-from wayside.pipeline.cli.options import (
-    MovedLog,
-    Overwrite,
-    chosen_settings,
-    settings_of,
-    takes,
-)
+from wayside.pipeline.cli.options import MovedLog, Overwrite, chosen_settings, settings_of, takes
 from wayside.pipeline.cli.running import RunOptions, process
-from wayside.pipeline.files.lengths import parse_spacing
+from wayside.pipeline.files.lengths import parse_length
 from wayside.pipeline.files.visible_text import visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
@@ -97,8 +91,8 @@ def label(
 def _convert(
     sources: list[Path], out: Path, classes: Path | None, review: Path | None, *, overwrite: bool
 ) -> None:
-    from wayside.pipeline.labels.label_file import write_labels
     from wayside.pipeline.labels.read import joined, read_labels
+    from wayside.pipeline.labels.wayside_labels import write_labels
     from wayside.pipeline.results.result import RUN_FILE
     from wayside.pipeline.reviewing.labels import review_labels
     from wayside.pipeline.reviewing.review import required_review
@@ -127,7 +121,7 @@ def _run(log: Path, folder: Path, spacing: str | None, preset: str, *, overwrite
     """Run a log first; the exit status that this asks for."""
     from wayside.pipeline.files.settings_file import load_settings
 
-    options = {} if spacing is None else {"read.spacing_m": parse_spacing(spacing)}
+    options = {} if spacing is None else {"read.spacing_m": parse_length(spacing, "--spacing")}
     settings = load_settings(preset, None, [], options)[0]
     return process(log, folder, settings, how=RunOptions(overwrite=overwrite))
 
@@ -192,8 +186,7 @@ def fit(
         Space, typer.Option(help="Space of the colours; auto: by cross-validation.")
     ] = "auto",
     complete: Annotated[
-        bool,
-        typer.Option("--complete", help="Every sign of the labelled images is labelled."),
+        bool, typer.Option("--complete", help="Every sign of the labelled images is labelled.")
     ] = False,
     only_labelled: Annotated[
         bool,
@@ -203,8 +196,7 @@ def fit(
         ),
     ] = False,
     classes: Annotated[
-        Path | None,
-        typer.Option(help="TOML: which classes of COCO, YOLO, VOC are which signs."),
+        Path | None, typer.Option(help="TOML: which classes of COCO, YOLO, VOC are which signs.")
     ] = None,
     source: Annotated[str, typer.Option(help="Who made images and labels, for the models.")] = "",
     licence: Annotated[str, typer.Option(help="Licence of the images, for the models.")] = "",

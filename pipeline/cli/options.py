@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import copy
 import inspect
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from wayside.pipeline.cli.help import DETECT, READ, ROUTE, VIEW
-from wayside.pipeline.files.lengths import parse_memory, parse_spacing, parse_time
+from wayside.pipeline.files.lengths import parse_length, parse_memory, parse_time
 from wayside.schemas.errors import UsageError
 
 if TYPE_CHECKING:
@@ -60,206 +60,171 @@ Overwrite = Annotated[
     bool,
     typer.Option("--overwrite", help="Replace what stands there under the names of the output."),
 ]
-_SHARED: dict[str, Any] = {
-    "spacing": Annotated[
-        str | None,
-        typer.Option(
-            rich_help_panel=READ,
-            help="Distance between images, where the log has no poses: 26.4ft, 8m.",
-        ),
-    ],
-    "camera": Annotated[
-        str | None,
-        typer.Option(rich_help_panel=READ, help="Image topic, where the log has several."),
-    ],
-    "calibration": Annotated[
-        Path | None,
-        typer.Option(
-            rich_help_panel=READ,
-            help="YAML of ROS, OpenCV or Kalibr instead of the log's calibration.",
-        ),
-    ],
-    "start": Annotated[
-        str | None, typer.Option("--from", rich_help_panel=READ, help="Start here: 90s or 1:30.")
-    ],
-    "until": Annotated[
-        str | None, typer.Option(rich_help_panel=READ, help="Stop here: 120s or 2:00.")
-    ],
-    "every": Annotated[
-        int | None, typer.Option(rich_help_panel=READ, help="Use every n-th image.")
-    ],
-    "workers": Annotated[int | None, typer.Option(help="Images processed side by side.")],
-    "memory": Annotated[
-        str | None, typer.Option(help="Images under way take so much at most: 2GB.")
-    ],
-    "preset": Annotated[
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """An option that several commands share, or one of the many of a command."""
+
+    kind: Any
+    """Type of its value; None may stand for it where there is no default."""
+    help: str
+    sets: str = ""
+    """The setting, or field, that it is by another name."""
+    default: Any = None
+    parsed: Callable[[str, str], Any] | None = None
+    """Makes the value of a text and the option's name. None: it is as given, a path as text."""
+    names: tuple[str, ...] = ()
+    metavar: str | None = None
+    panel: str | None = None
+    """Heading in the help. None: that of the setting."""
+
+    def flag(self, name: str) -> str:
+        """How it is written on the command line."""
+        return self.names[0] if self.names else f"--{name.replace('_', '-')}"
+
+    def parameter(self, name: str, heading: str | None) -> inspect.Parameter:
+        """As a parameter of a command."""
+        panel = heading or self.panel or _HEADINGS.get(self.sets.partition(".")[0])
+        option = typer.Option(
+            *self.names, help=self.help, rich_help_panel=panel, metavar=self.metavar
+        )
+        kind = self.kind if self.default is not None else self.kind | None
+        return inspect.Parameter(
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=self.default,
+            annotation=Annotated[kind, option],
+        )
+
+    def value(self, given: Any, option: str) -> Any:
+        """What the setting or field becomes; raises UsageError for what cannot be parsed."""
+        if self.parsed is not None:
+            return self.parsed(given, option)
+        return str(given) if isinstance(given, Path) else given
+
+
+_HEADINGS = {"read": READ, "models": DETECT, "route": ROUTE}
+SHARED = {
+    "spacing": Option(
+        str,
+        "Distance between images, where the log has no poses: 26.4ft, 8m.",
+        "read.spacing_m",
+        parsed=parse_length,
+    ),
+    "camera": Option(str, "Image topic, where the log has several.", "read.camera"),
+    "calibration": Option(
+        Path, "YAML of ROS, OpenCV or Kalibr instead of the log's calibration.", "read.calibration"
+    ),
+    "start": Option(
+        str, "Start here: 90s or 1:30.", "read.from_s", parsed=parse_time, names=("--from",)
+    ),
+    "until": Option(str, "Stop here: 120s or 2:00.", "read.until_s", parsed=parse_time),
+    "every": Option(int, "Use every n-th image.", "read.every"),
+    "workers": Option(int, "Images processed side by side.", "run.workers"),
+    "memory": Option(
+        str, "Images under way take so much at most: 2GB.", "run.memory_mb", parsed=parse_memory
+    ),
+    "preset": Option(
         Preset,
-        typer.Option(
-            rich_help_panel=DETECT,
-            metavar="PRESET",
-            help="`default` finds the most; "
-            "`report`, `report-2d` and `report-shape` are the chains of KS-09-9.",
-        ),
-    ],
-    "settings": Annotated[
-        Path | None,
-        typer.Option(
-            "--settings", rich_help_panel=DETECT, help="TOML file as `wayside settings` prints it."
-        ),
-    ],
-    "assignments": Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            rich_help_panel=DETECT,
-            metavar="GROUP.NAME=VALUE",
-            help="Change one setting; may be repeated.",
-        ),
-    ],
-    "detector": Annotated[
-        Path | None,
-        typer.Option(
-            rich_help_panel=DETECT,
-            help="ONNX file of a YOLO or RT-DETR detector, instead of wayside's own.",
-        ),
-    ],
-    "detections": Annotated[
-        Path | None,
-        typer.Option(
-            rich_help_panel=DETECT,
-            help="Boxes made elsewhere, Parquet or COCO JSON, instead of wayside's own.",
-        ),
-    ],
-    "classes": Annotated[
-        Path | None,
-        typer.Option(
-            rich_help_panel=DETECT,
-            help="TOML: which classes of these are signs, and their colours and shapes.",
-        ),
-    ],
-    "models": Annotated[
-        Path | None,
-        typer.Option(
-            rich_help_panel=DETECT,
-            metavar="DIR",
-            help="Model files of your own, as `wayside fit` writes them.",
-        ),
-    ],
-    "alpha": Annotated[
-        float | None,
-        typer.Option(
-            rich_help_panel=DETECT,
-            help="False-alarm rate of every gate, instead of the thresholds of the models.",
-        ),
-    ],
-    "route": Annotated[
-        str | None,
-        typer.Option(rich_help_panel=ROUTE, metavar="NAME", help='Route of the drive: "US-36 EB".'),
-    ],
-    "milepost": Annotated[
-        str | None,
-        typer.Option(
-            rich_help_panel=ROUTE, help="Measure at the first used image: 12.35 (miles), 19.875km."
-        ),
-    ],
-    "decreasing": Annotated[
+        "`default` finds the most; `report`, `report-2d` and `report-shape` are the chains of KS-09-9.",
+        default=Preset.default,
+        metavar="PRESET",
+        panel=DETECT,
+    ),
+    "settings": Option(Path, "TOML file as `wayside settings` prints it.", panel=DETECT),
+    "assignments": Option(
+        list[str],
+        "Change one setting; may be repeated.",
+        names=("--set",),
+        metavar="GROUP.NAME=VALUE",
+        panel=DETECT,
+    ),
+    "detector": Option(
+        Path,
+        "ONNX file of a YOLO or RT-DETR detector, instead of wayside's own.",
+        "models.detector",
+    ),
+    "detections": Option(
+        Path,
+        "Boxes made elsewhere, Parquet or COCO JSON, instead of wayside's own.",
+        "models.detections",
+    ),
+    "classes": Option(
+        Path,
+        "TOML: which classes of these are signs, and their colours and shapes.",
+        "models.classes",
+    ),
+    "models": Option(
+        Path,
+        "Model files of your own, as `wayside fit` writes them.",
+        "models.folder",
+        metavar="DIR",
+    ),
+    "alpha": Option(
+        float,
+        "False-alarm rate of every gate, instead of the thresholds of the models.",
+        "models.alpha",
+    ),
+    "route": Option(str, 'Route of the drive: "US-36 EB".', "route.name", metavar="NAME"),
+    "milepost": Option(
+        str, "Measure at the first used image: 12.35 (miles), 19.875km.", panel=ROUTE
+    ),
+    "decreasing": Option(
         bool,
-        typer.Option(
-            "--decreasing", rich_help_panel=ROUTE, help="Mileposts fall in the direction of travel."
-        ),
-    ],
-    "routes": Annotated[
-        Path | None,
-        typer.Option(
-            rich_help_panel=ROUTE,
-            metavar="FILE",
-            help="Route lines with measures (M), GeoPackage or GeoParquet; needs fixes.",
-        ),
-    ],
-    "view": Annotated[
+        "Mileposts fall in the direction of travel.",
+        "route.decreasing",
+        default=False,
+        names=("--decreasing",),
+    ),
+    "routes": Option(
+        Path,
+        "Route lines with measures (M), GeoPackage or GeoParquet; needs fixes.",
+        "route.file",
+        metavar="FILE",
+    ),
+    "view": Option(
         ViewMode,
-        typer.Option(
-            rich_help_panel=VIEW,
-            help="Record every step: `file` drive.rrd in the output folder, `live` a viewer's window, "
-            "`serve` a viewer in the browser.",
-        ),
-    ],
-    "connect": Annotated[
-        str | None,
-        typer.Option(
-            rich_help_panel=VIEW,
-            metavar="URL",
-            help="Also send to a viewer that runs already: 127.0.0.1:9876.",
-        ),
-    ],
-    "view_images": Annotated[
+        "Record every step: `file` drive.rrd in the output folder, `live` a viewer's window, `serve` a viewer in the "
+        "browser.",
+        default=ViewMode.none,
+        panel=VIEW,
+    ),
+    "connect": Option(
+        str, "Also send to a viewer that runs already: 127.0.0.1:9876.", metavar="URL", panel=VIEW
+    ),
+    "view_images": Option(
         RecordedImages,
-        typer.Option(rich_help_panel=VIEW, help="Images to record: all, those with signs, none."),
-    ],
-    "view_detail": Annotated[
+        "Images to record: all, those with signs, none.",
+        default=RecordedImages.all,
+        panel=VIEW,
+    ),
+    "view_detail": Option(
         bool,
-        typer.Option(
-            "--view-detail",
-            rich_help_panel=VIEW,
-            help="Presets of the report: also record the label images of both passes.",
-        ),
-    ],
+        "Presets of the report: also record the label images of both passes.",
+        default=False,
+        names=("--view-detail",),
+        panel=VIEW,
+    ),
 }
-"""Kind and words of each shared option."""
-_DEFAULTS: dict[str, Any] = {
-    "preset": Preset.default,
-    "decreasing": False,
-    "view": ViewMode.none,
-    "view_images": RecordedImages.all,
-    "view_detail": False,
-}
-_SETTINGS: dict[str, tuple[str, Callable[[Any], Any]]] = {
-    "spacing": ("read.spacing_m", parse_spacing),
-    "camera": ("read.camera", str),
-    "calibration": ("read.calibration", str),
-    "start": ("read.from_s", lambda text: parse_time(text, "--from")),
-    "until": ("read.until_s", lambda text: parse_time(text, "--until")),
-    "every": ("read.every", int),
-    "workers": ("run.workers", int),
-    "memory": ("run.memory_mb", parse_memory),
-    "detector": ("models.detector", str),
-    "detections": ("models.detections", str),
-    "classes": ("models.classes", str),
-    "models": ("models.folder", str),
-    "alpha": ("models.alpha", float),
-    "route": ("route.name", str),
-    "decreasing": ("route.decreasing", bool),
-    "routes": ("route.file", str),
-}
-"""The options that are settings by another name: that name, and what makes the value of the text."""
+"""Options that several commands share."""
 
 
-def takes(*names: str, heading: str | None = None) -> Callable[[Command], Command]:
-    """Give a command shared options, which its parameter `given` (``**given``) holds by name.
+def takes(
+    *names: str, heading: str | None = None, options: Mapping[str, Option] = SHARED
+) -> Callable[[Command], Command]:
+    """Give a command options of a table, which its parameter `given` (``**given``) holds by name.
 
     In the help they stand behind the arguments and options that must be given, under their own headings or `heading`.
     """
 
     def declared(command: Command) -> Command:
         *own, _ = inspect.signature(command, eval_str=True).parameters.values()
-        shared = []
-        for name in names:
-            kind, option = get_args(_SHARED[name])
-            option = copy.copy(option)
-            option.rich_help_panel = heading or option.rich_help_panel
-            shared.append(
-                inspect.Parameter(
-                    name,
-                    inspect.Parameter.KEYWORD_ONLY,
-                    default=_DEFAULTS.get(name),
-                    annotation=Annotated[kind, option],
-                )
-            )
+        own = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own]
         needed = [one for one in own if one.default is one.empty]
         rest = [one for one in own if one.default is not one.empty]
-        every = [
-            one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in (*needed, *shared, *rest)
-        ]
+        shared = [options[name].parameter(name, heading) for name in names]
+        every = [*needed, *shared, *rest]
         command.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
         command.__annotations__ = {one.name: one.annotation for one in every}
         return command
@@ -267,21 +232,19 @@ def takes(*names: str, heading: str | None = None) -> Callable[[Command], Comman
     return declared
 
 
-def settings_of(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The options that are settings by another name, by that name, those given only.
+def set_by(given: Mapping[str, Any], options: Mapping[str, Option]) -> dict[str, Any]:
+    """Values of settings or fields by their names, from the options that are given; raises UsageError."""
+    return {
+        options[name].sets: options[name].value(value, options[name].flag(name))
+        for name, value in given.items()
+        if value is not None and value is not False and name in options and options[name].sets
+    }
 
-    Raises
-    ------
-    UsageError
-        One of them cannot be parsed.
-    """
-    options: dict[str, Any] = {}
-    for name, (setting, parsed) in _SETTINGS.items():
-        if given.get(name) is not None and given[name] is not False:
-            options[setting] = parsed(given[name])
-    if given.get("milepost") is not None:
-        options |= parse_milepost(given["milepost"])
-    return options
+
+def settings_of(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The options that are settings by another name, by that name, those given only; raises UsageError."""
+    milepost = given.get("milepost")
+    return set_by(given, SHARED) | ({} if milepost is None else parse_milepost(milepost))
 
 
 def chosen_settings(given: Mapping[str, Any]) -> Settings:

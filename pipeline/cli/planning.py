@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from wayside.pipeline.cli.help import Application, examples
-from wayside.pipeline.cli.options import Overwrite, parse_size, settings_of, takes
+from wayside.pipeline.cli.options import Option, Overwrite, parse_size, set_by, settings_of, takes
 from wayside.pipeline.files.lengths import parse_length
 from wayside.pipeline.files.visible_text import visible
 from wayside.schemas.errors import UsageError
+
+if TYPE_CHECKING:
+    from wayside.pipeline.simulation.drive import Survey
+    from wayside.pipeline.simulation.simulate import SimulationResult
 
 app = Application()
 
@@ -20,10 +26,7 @@ app = Application()
 @app.command(epilog=examples("wayside settings --preset report > mine.toml"))
 @takes("preset", "settings", "assignments")
 def settings(
-    every: Annotated[
-        bool,
-        typer.Option("--all", help="Also where each default is from."),
-    ] = False,
+    every: Annotated[bool, typer.Option("--all", help="Also where each default is from.")] = False,
     **given: Any,
 ) -> None:
     """Print the settings: value, unit, default, where it comes from. The output is a settings file."""
@@ -35,6 +38,53 @@ def settings(
     typer.echo(format_settings(chosen, origins, full=every), nl=False)
 
 
+def _length(field: str, default: str | None, words: str) -> Option:
+    return Option(str, words, field, default, parse_length)
+
+
+SURVEY = {
+    "spacing": _length("spacing_m", "26.4ft", "Distance between images: 26.4ft, 8m."),
+    "focal_px": Option(float, "Focal length, pixels.  [default: 1400]", names=("--focal-px",)),
+    "hfov": Option(float, "Horizontal angle of view, degrees, instead."),
+    "picture": Option(str, "Size of an image, pixels.", default="1600x1200"),
+    "noise_px": Option(
+        float, "Error of a panel's centre in an image, a coordinate.", "noise_px", 0.3
+    ),
+    "range_min": _length("range_min_m", "0m", "Signs are not seen nearer than this."),
+    "lateral": _length("lateral_m", "3.5m", "Signs stand this far right of the camera."),
+    "panel": _length("panel_m", "30in", "Side of a panel."),
+    "curve_radius": _length("curve_radius_m", None, "Drive a curve: 250m."),
+    "hill": _length("hill_m", "0m", "Height of hills, 400 m long."),
+    "jitter": Option(float, "Scatter of the camera's pitch, degrees.", "jitter_deg", 0.1),
+    "trigger_sigma": _length("trigger_m", "2cm", "Scatter of the spacing."),
+    "drop_rate": Option(float, "Fraction of images that are missing.", "drop_rate", 0.0),
+    "outliers": Option(float, "Fraction of gross errors among ties and panels.", "outliers", 0.0),
+    "mount_yaw": Option(float, "Camera turned right, degrees.", "mount_yaw_deg", 0.0),
+    "mount_pitch": Option(float, "Camera turned up, degrees.", "mount_pitch_deg", 0.0),
+    "pose_sigma": _length(
+        "pose_m", None, "Poses are given, with this error: 2cm. Without it only the spacing is."
+    ),
+    "signs": Option(int, "How many signs.", "signs", 200),
+    "seed": Option(int, "Seed of the random numbers.", "seed", 1),
+}
+"""The options of `wayside simulate` that describe the survey, and the fields of `Survey` that they set."""
+
+
+def _survey(given: Mapping[str, Any]) -> Survey:
+    """The survey that the options describe; raises UsageError."""
+    from wayside.pipeline.simulation.drive import Survey
+    from wayside.pipeline.simulation.simulate import focal_of_view
+
+    width, height = parse_size(given["picture"], "--picture", 64, 20_000)
+    focal, view = given["focal_px"], given["hfov"]
+    if focal is not None and view is not None:
+        raise UsageError("--focal-px and --hfov state the same thing. Leave one out.")
+    if view is not None:
+        focal = focal_of_view(view, width)
+    fields = {"curve_radius_m": math.inf, "pose_m": None} | set_by(given, SURVEY)
+    return Survey(focal_px=1400.0 if focal is None else focal, width=width, height=height, **fields)
+
+
 @app.command(
     epilog=examples(
         "wayside simulate --spacing 26.4ft --hfov 60",
@@ -43,40 +93,8 @@ def settings(
         "wayside simulate --pose-sigma 2cm --json plan.json",
     )
 )
+@takes(*SURVEY, options=SURVEY)
 def simulate(
-    spacing: Annotated[str, typer.Option(help="Distance between images: 26.4ft, 8m.")] = "26.4ft",
-    focal_px: Annotated[
-        float | None, typer.Option("--focal-px", help="Focal length, pixels.  [default: 1400]")
-    ] = None,
-    hfov: Annotated[
-        float | None, typer.Option(help="Horizontal angle of view, degrees, instead.")
-    ] = None,
-    picture: Annotated[str, typer.Option(help="Size of an image, pixels.")] = "1600x1200",
-    noise_px: Annotated[
-        float,
-        typer.Option("--noise-px", help="Error of a panel's centre in an image, a coordinate."),
-    ] = 0.3,
-    range_min: Annotated[str, typer.Option(help="Signs are not seen nearer than this.")] = "0m",
-    lateral: Annotated[
-        str, typer.Option(help="Signs stand this far right of the camera.")
-    ] = "3.5m",
-    panel: Annotated[str, typer.Option(help="Side of a panel.")] = "30in",
-    curve_radius: Annotated[str | None, typer.Option(help="Drive a curve: 250m.")] = None,
-    hill: Annotated[str, typer.Option(help="Height of hills, 400 m long.")] = "0m",
-    jitter: Annotated[float, typer.Option(help="Scatter of the camera's pitch, degrees.")] = 0.1,
-    trigger_sigma: Annotated[str, typer.Option(help="Scatter of the spacing.")] = "2cm",
-    drop_rate: Annotated[float, typer.Option(help="Fraction of images that are missing.")] = 0.0,
-    outliers: Annotated[
-        float, typer.Option(help="Fraction of gross errors among ties and panels.")
-    ] = 0.0,
-    mount_yaw: Annotated[float, typer.Option(help="Camera turned right, degrees.")] = 0.0,
-    mount_pitch: Annotated[float, typer.Option(help="Camera turned up, degrees.")] = 0.0,
-    pose_sigma: Annotated[
-        str | None,
-        typer.Option(help="Poses are given, with this error: 2cm. Without it only the spacing is."),
-    ] = None,
-    signs: Annotated[int, typer.Option(help="How many signs.")] = 200,
-    seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 1,
     target: Annotated[
         str | None,
         typer.Option(
@@ -85,6 +103,7 @@ def simulate(
     ] = None,
     json: Annotated[Path | None, typer.Option(help="Also write the figures here.")] = None,
     overwrite: Overwrite = False,
+    **given: Any,
 ) -> None:
     """Plan a survey: print how accurately signs would be located, or which spacing and focal length a target takes.
 
@@ -94,52 +113,11 @@ def simulate(
     from wayside.pipeline.cli.progress import SheetProgress
     from wayside.pipeline.files.writing import holding, require_free
     from wayside.pipeline.running.tuning import watched_compilation
-    from wayside.pipeline.simulation.drive import Survey
-    from wayside.pipeline.simulation.simulate import (
-        OWN_KEYS,
-        SimulationResult,
-        check,
-        focal_of_view,
-        format_simulation,
-        simulate,
-        sweep,
-        sweep_conclusion,
-        sweep_heading,
-        sweep_row,
-        write_simulation,
-    )
+    from wayside.pipeline.simulation import simulate as planning
 
     if json is not None:
-        require_free(json, is_own=holding(OWN_KEYS), overwrite=overwrite)
-    width, height = parse_size(picture, "--picture", 64, 20_000)
-    if focal_px is not None and hfov is not None:
-        raise UsageError("--focal-px and --hfov state the same thing. Leave one out.")
-    focal = (
-        focal_of_view(hfov, width) if hfov is not None else 1400.0 if focal_px is None else focal_px
-    )
-    survey = Survey(
-        spacing_m=parse_length(spacing, "--spacing"),
-        focal_px=focal,
-        width=width,
-        height=height,
-        noise_px=noise_px,
-        range_min_m=parse_length(range_min, "--range-min"),
-        lateral_m=parse_length(lateral, "--lateral"),
-        panel_m=parse_length(panel, "--panel"),
-        curve_radius_m=float("inf")
-        if curve_radius is None
-        else parse_length(curve_radius, "--curve-radius"),
-        hill_m=parse_length(hill, "--hill"),
-        jitter_deg=jitter,
-        trigger_m=parse_length(trigger_sigma, "--trigger-sigma"),
-        drop_rate=drop_rate,
-        outliers=outliers,
-        mount_yaw_deg=mount_yaw,
-        mount_pitch_deg=mount_pitch,
-        pose_m=None if pose_sigma is None else parse_length(pose_sigma, "--pose-sigma"),
-        signs=signs,
-        seed=seed,
-    )
+        require_free(json, is_own=holding(planning.OWN_KEYS), overwrite=overwrite)
+    survey = _survey(given)
 
     def say(words: str) -> None:
         print(words, flush=True)  # above the bar, where both go to one terminal
@@ -147,19 +125,19 @@ def simulate(
     tried: list[SimulationResult] = []
     with SheetProgress("simulated", "images") as progress, watched_compilation(progress.compiling):
         if target is None:
-            tried.append(simulate(survey, progress.watch))
-            say(format_simulation(tried[0]))
+            tried.append(planning.simulate(survey, progress.watch))
+            say(planning.format_simulation(tried[0]))
         else:
             wanted = parse_length(target, "--target")
-            check(survey)
-            say(sweep_heading(wanted))
-            for one in sweep(survey):
+            planning.check(survey)
+            say(planning.sweep_heading(wanted))
+            for one in planning.sweep(survey):
                 with suppress(UsageError):  # no sign is seen
-                    tried.append(simulate(one, progress.watch))
-                    say(sweep_row(tried[-1], wanted))
-            say(sweep_conclusion(tried, wanted))
+                    tried.append(planning.simulate(one, progress.watch))
+                    say(planning.sweep_row(tried[-1], wanted))
+            say(planning.sweep_conclusion(tried, wanted))
     if json is not None:
-        write_simulation(tried, json, overwrite=overwrite)
+        planning.write_simulation(tried, json, overwrite=overwrite)
 
 
 @app.command(

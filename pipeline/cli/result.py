@@ -85,13 +85,7 @@ def evidence(
         )
     with SheetProgress("evidence") as progress:
         written = write_evidence(
-            out,
-            sheets,
-            sign_id=sign,
-            log=log,
-            watch=progress.watch,
-            png=png,
-            overwrite=overwrite,
+            out, sheets, sign_id=sign, log=log, watch=progress.watch, png=png, overwrite=overwrite
         )
     count = len(written.sheets)
     if written.index is not None:
@@ -272,8 +266,8 @@ def evaluate(
     if is_review(truth):
         _evaluate_review(out, truth, json, overwrite=overwrite)
         return
-    from wayside.pipeline.evaluation import evaluate as compare
-    from wayside.pipeline.evaluation import format_evaluation, other_log, write_evaluation
+    from wayside.pipeline.evaluation.compare import evaluate as compare
+    from wayside.pipeline.evaluation.compare import format_evaluation, other_log, write_evaluation
 
     evaluation = compare(out, truth)
     if (words := other_log(out, truth)) is not None:

@@ -8,23 +8,17 @@ from pathlib import Path
 from typing import Any
 
 from wayside.pipeline.evaluation import real, rendered
-from wayside.pipeline.evaluation.figures import (
-    Evaluation,
-    FalseSign,
-    RealEvaluation,
-    RenderedEvaluation,
-    Row,
-)
+from wayside.pipeline.evaluation.figures import Evaluation, RealEvaluation, RenderedEvaluation, Row
 from wayside.pipeline.evaluation.misses import (
     STEPS,
     Candidates,
-    Distances,
     Face,
     cause_words,
     count_steps,
     miss_causes,
 )
-from wayside.pipeline.evaluation.reliability import reliability
+from wayside.pipeline.evaluation.real import evaluate_against_labels
+from wayside.pipeline.evaluation.rendered import evaluate_against_truth
 from wayside.pipeline.files.input_files import read_input_text
 from wayside.pipeline.files.json_text import CONTENT_FAULTS, parse_json
 from wayside.pipeline.files.writing import write_json
@@ -62,56 +56,44 @@ def evaluate(out: Path, truth: Path) -> Evaluation:
     learned_by = _run_of(out).get("learned_from_log")
     try:
         compare = _on_labels if _LABEL_KEYS <= facts.keys() else _on_truth
-        evaluation, wrong, faces, candidates, distances = compare(out, rows, facts)
+        evaluation, wrong, faces, candidates = compare(out, rows, facts)
     except CONTENT_FAULTS as error:
         raise InputError(
             f"truth file {truth}: an entry is not as expected ({type(error).__name__}: {error})"
         ) from error
+    false = {row["sign_id"] for row in wrong.false}
     statuses = {row["sign_id"]: row["status"] for row in rows}
     return replace(
         evaluation,
-        causes=miss_causes(faces, candidates, frames, statuses, distances),
-        reliability=reliability(_with_confidence(rows), {row.sign_id for row in wrong}),
+        causes=miss_causes(faces, candidates, frames, statuses),
         images=len(frames),
         learned_by=None if learned_by is None else tuple(map(str, learned_by)),
+        stated=tuple(
+            (row["confidence"], row["sign_id"] not in false) for row in _with_confidence(rows)
+        ),
     )
 
 
-def other_log(out: Path, truth: Path) -> str | None:
-    """That the truth states to be of another log than the result is of, in words; None where it does not."""
-    facts = _read_truth(truth)
-    logs = facts.get("log", ""), _run_of(out).get("log", "")
-    of_truth, of_run = (Path(str(one)).stem for one in logs)
-    if not of_truth or not of_run or of_truth == of_run:
-        return None
-    return f"{truth} says that it is of {of_truth}, the result in {out} is of {of_run}"
-
-
-_Compared = tuple[Evaluation, tuple[FalseSign, ...], list[Face], Candidates, Distances]
-"""Figures; those rows with a confidence that are false; missed signs, candidates on them, and distances of rows."""
+_Compared = tuple[Evaluation, Evaluation, list[Face], Candidates]
+"""Of the signs, and of all rows with a confidence; missed signs, and the candidates on them."""
 
 
 def _on_truth(out: Path, rows: Sequence[Row], truth: Row) -> _Compared:
     signs, backs = ([row for row in rows if row["status"] == kind] for kind in ("sign", "back"))
-    evaluation = rendered.evaluate_against_truth(signs, truth, backs)
-    missed = rendered.missed_faces(evaluation, truth)
-    candidates = _candidates(out, {frame for face in missed for frame in face.views})
-    wrong = rendered.evaluate_against_truth(_with_confidence(rows), truth).false
-    return evaluation, wrong, missed, candidates, rendered.false_distances(evaluation, signs, truth)
+    evaluation = evaluate_against_truth(signs, truth, backs)
+    stated = evaluate_against_truth(_with_confidence(rows), truth)
+    missed = rendered.missed_faces(evaluation, signs, truth)
+    frames = {frame for face in missed for frame in face.views}
+    return evaluation, stated, missed, _candidates(out, frames)
 
 
 def _on_labels(out: Path, rows: Sequence[Row], labels: Row) -> _Compared:
     candidates = _candidates(out, real.labelled_frames(labels))
+    seen = candidates.of_signs()
     signs = [row for row in rows if row["status"] == "sign"]
-    evaluation, stated = (
-        real.evaluate_against_labels(some, candidates.of_signs(), labels)
-        for some in (signs, _with_confidence(rows))
-    )
-    return evaluation, stated.false, real.missed_faces(evaluation, labels), candidates, {}
-
-
-def _run_of(out: Path) -> dict[str, Any]:
-    return read_run(out) if (out / RUN_FILE).is_file() else {}
+    evaluation = evaluate_against_labels(signs, seen, labels)
+    stated = evaluate_against_labels(_with_confidence(rows), seen, labels)
+    return evaluation, stated, real.missed_faces(evaluation, labels), candidates
 
 
 def _with_confidence(rows: Sequence[Row]) -> list[Row]:
@@ -122,6 +104,20 @@ def _with_confidence(rows: Sequence[Row]) -> list[Row]:
 
 def _candidates(out: Path, frames: Collection[int]) -> Candidates:
     return Candidates(read_table(out, OBSERVATIONS, Candidates.COLUMNS, {"frame": frames}))
+
+
+def _run_of(out: Path) -> dict[str, Any]:
+    return read_run(out) if (out / RUN_FILE).is_file() else {}
+
+
+def other_log(out: Path, truth: Path) -> str | None:
+    """That the truth states to be of another log than the result is of, in words; None where it does not."""
+    facts = _read_truth(truth)
+    logs = facts.get("log", ""), _run_of(out).get("log", "")
+    of_truth, of_run = (Path(str(one)).stem for one in logs)
+    if not of_truth or not of_run or of_truth == of_run:
+        return None
+    return f"{truth} says that it is of {of_truth}, the result in {out} is of {of_run}"
 
 
 def write_evaluation(evaluation: Evaluation, file: Path, *, overwrite: bool = False) -> None:
@@ -138,120 +134,133 @@ def write_evaluation(evaluation: Evaluation, file: Path, *, overwrite: bool = Fa
 
 def format_evaluation(evaluation: Evaluation) -> str:
     """All figures as plain text."""
-    lines = list(_share_lines(evaluation))
+    sections = [_shares(evaluation)]
     if isinstance(evaluation, RenderedEvaluation):
-        lines += ["", *_error_lines(evaluation), "", *_class_lines(evaluation)]
-        seen = evaluation.backs
-        lines += ["", f"backs      {seen.right} of {seen.reported} right, {seen.in_view} in view"]
-    else:
-        lines += _kind_lines(evaluation)
-    lines += _reliability_lines(evaluation)
-    return "\n".join([*lines, *_false_lines(evaluation), *_missed_lines(evaluation)])
+        backs = evaluation.backs
+        said = f"backs      {backs.right} of {backs.reported} right, {backs.in_view} in view"
+        sections += [_errors(evaluation), _classes(evaluation), [said]]
+    elif isinstance(evaluation, RealEvaluation):
+        sections.append(_kinds(evaluation))
+    sections += [_reliability(evaluation), *_false(evaluation), *_missed(evaluation)]
+    return "\n\n".join("\n".join(lines) for lines in sections if lines)
 
 
-def _share_lines(evaluation: Evaluation) -> Iterator[str]:
-    e = evaluation
-    yield f"recall     {e.recall:.3f}   {e.found_count} of {e.wanted} found{_between(e.recall_interval)}"
-    precision, between = f"precision  {e.precision:.3f}", _between(e.precision_interval)
+def _shares(e: Evaluation) -> list[str]:
+    recall, precision = _between(e.recall_interval), _between(e.precision_interval)
+    lines = [f"recall     {e.recall:.3f}   {e.found_count} of {e.wanted} found{recall}"]
     rate = ""
     if e.false_per_100_images is not None:
         rate = f"; {e.false_per_100_images:.2f} per 100 images"
         rate += _between(e.false_per_100_images_interval, places=2)
-    twice = len(e.duplicates)
+    rows = f"precision  {e.precision:.3f}   {e.right} of {e.counted} rows"
+    count, twice = len(e.false), len(e.duplicates)
     if isinstance(e, RenderedEvaluation):
-        yield f"{precision}   {e.right} of {e.counted} rows{between}"
-        yield f"false      {len(e.false):<5}   duplicates {twice}, others {len(e.others)}{rate}"
+        others = count - twice
+        lines.append(f"{rows}{precision}")
+        lines.append(f"false      {count:<5}   duplicates {twice}, others {others}{rate}")
     else:
-        yield f"{precision}   {e.right} of {e.counted} rows on a label{between}; at least, labels are not complete"
-        yield f"false      {len(e.false):<5}   on no label{rate}"
-        yield f"duplicates {twice:<5}   of the {e.right} rows on a label: it has another, better one"
+        better = f"of the {e.right} rows on a label: it has another, better one"
+        lines.append(f"{rows} on a label{precision}; at least, labels are not complete")
+        lines.append(f"false      {count:<5}   on no label{rate}")
+        lines.append(f"duplicates {twice:<5}   {better}")
     if e.learned_by is not None:
-        yield f"learned    {', '.join(e.learned_by) or 'no model'} of this run from this log"
+        lines.append(
+            f"learned    {', '.join(e.learned_by) or 'no model'} of this run from this log"
+        )
+    return lines
 
 
-def _kind_lines(evaluation: RealEvaluation) -> Iterator[str]:
-    if evaluation.kinds:
-        yield ""
-        yield f"{'kind':<44}{'wanted':>7}{'found':>7}{'recall':>8}   95 %"
-    for kind in evaluation.kinds:
-        share, interval = kind.found / kind.wanted, share_interval(kind.found, kind.wanted)
-        counts = f"{kind.wanted:>7}{kind.found:>7}{share:>8.3f}"
-        yield f"{kind.kind:<44}{counts}   {_ends(interval)}"
-
-
-def _reliability_lines(evaluation: Evaluation) -> Iterator[str]:
-    if evaluation.reliability:
-        right = "right" if isinstance(evaluation, RenderedEvaluation) else "on a label"
-        yield ""
-        yield f"{'rows of confidence':<20}{'rows':>6}{'mean':>8}{right:>12}{'share':>8}   95 %"
-    for one in evaluation.reliability:
-        interval, share = share_interval(one.right, one.rows), one.right / one.rows
-        counts = f"{one.rows:>6}{one.mean:>8.3f}{one.right:>12}{share:>8.3f}"
-        yield f"{one.name:<20}{counts}   {_ends(interval)}"
-
-
-def _missed_lines(evaluation: Evaluation) -> Iterator[str]:
-    if not evaluation.missed:
-        return
-    yield ""
-    yield "missed"
-    causes = {cause.id: cause_words(cause) for cause in evaluation.causes}
-    if isinstance(evaluation, RealEvaluation):
-        for name in evaluation.missed:
-            yield f"  {name:<6}  {causes.get(name, '')}".rstrip()
-    else:
-        for panel in evaluation.missed:
-            face = f"{panel.kind}, {panel.color} {panel.shape}"
-            size = f"{_number(panel.width_m)} x {_number(panel.height_m)} m"
-            where = f"{_number(panel.station_m)} m along, {_number(panel.lateral_m)} m right"
-            yield f"  {panel.id:>4}  {face:<44} {size}   {where}"
-            if panel.id in causes:
-                yield f"        {causes[panel.id]}"
-    if len(evaluation.causes) > 1:
-        yield ""
-        yield "missed, by the step that lost them"
-        for step, count in count_steps(evaluation.causes).items():
-            yield f"  {count:>4}  {STEPS[step]}"
-
-
-def _error_lines(evaluation: RenderedEvaluation) -> Iterator[str]:
-    rows: list[tuple[str, Spread]] = [
-        (f"{name}, m", evaluation.error_m[name]) for name in ("along", "lateral", "up", "total")
+def _kinds(evaluation: RealEvaluation) -> list[str]:
+    rows = [
+        f"{kind.kind:<44}{kind.wanted:>7}{kind.found:>7}{_share(kind.found, kind.wanted)}"
+        for kind in evaluation.kinds
     ]
-    rows += [
-        ("width, share", evaluation.width_error),
-        ("height, share", evaluation.height_error),
-        ("bottom edge, m", evaluation.bottom_error_m),
+    return [f"{'kind':<44}{'wanted':>7}{'found':>7}{'recall':>8}   95 %", *rows] if rows else []
+
+
+def _reliability(evaluation: Evaluation) -> list[str]:
+    right = "right" if isinstance(evaluation, RenderedEvaluation) else "on a label"
+    head = f"{'rows of confidence':<20}{'rows':>6}{'mean':>8}{right:>12}{'share':>8}   95 %"
+    rows = [
+        f"{one.name:<20}{one.rows:>6}{one.mean:>8.3f}{one.right:>12}{_share(one.right, one.rows)}"
+        for one in evaluation.reliability
     ]
-    yield f"{'error of found':<18}{'n':>5}{'median':>9}{'95 %':>9}{'in 1 sigma':>12}{'in 2 sigma':>12}"
-    for name, spread in rows:
-        line = f"{name:<18}{spread.n:>5}{_number(spread.median):>9}{_number(spread.p95):>9}"
+    return [head, *rows] if rows else []
+
+
+def _errors(evaluation: RenderedEvaluation) -> list[str]:
+    rows: dict[str, Spread] = {
+        f"{axis}, m": evaluation.error_m[axis] for axis in ("along", "lateral", "up", "total")
+    }
+    rows |= {
+        "width, share": evaluation.width_error,
+        "height, share": evaluation.height_error,
+        "bottom edge, m": evaluation.bottom_error_m,
+    }
+    head = f"{'error of found':<18}{'n':>5}{'median':>9}{'95 %':>9}"
+    lines = [f"{head}{'in 1 sigma':>12}{'in 2 sigma':>12}"]
+    for name, error in rows.items():
+        line = f"{name:<18}{error.n:>5}{_number(error.median):>9}{_number(error.p95):>9}"
         sigma = evaluation.sigma_share.get(name.removesuffix(", m"))
         if sigma is not None:
             line += f"{_percent(sigma.one):>12}{_percent(sigma.two):>12}"
-        yield line
+        lines.append(line)
+    return lines
 
 
-def _class_lines(evaluation: RenderedEvaluation) -> Iterator[str]:
-    for name, right, pairs in (
-        ("colour", evaluation.color_right, evaluation.color_confusion),
-        ("shape", evaluation.shape_right, evaluation.shape_confusion),
-    ):
-        wrong = [f"{p} ({n})" for p, n in pairs.items() if len(set(p.split(" -> "))) > 1]
+def _classes(evaluation: RenderedEvaluation) -> list[str]:
+    lines = []
+    for title, name in (("colour right", "color"), ("shape right", "shape")):
+        pairs = evaluation.confusion(name).items()
+        wrong = [f"{pair} ({count})" for pair, count in pairs if len(set(pair.split(" -> "))) > 1]
         more = f"   wrong: {', '.join(wrong)}" if wrong else ""
-        yield f"{name + ' right':<14}{_percent(right):>6}{more}"
+        lines.append(f"{title:<14}{_percent(evaluation.class_right(name)):>6}{more}")
+    return lines
 
 
-def _false_lines(evaluation: Evaluation) -> Iterator[str]:
-    rows = [f"{row.sign_id}  of {row.better}, on sign {row.panel}" for row in evaluation.duplicates]
-    if rows:
-        yield from ("", "duplicates", *(f"  {row}" for row in rows))
+def _false(evaluation: Evaluation) -> Iterator[list[str]]:
+    """The duplicates, and the false rows that are none."""
+    twice = {one.sign_id: one for one in evaluation.duplicates}
+    if twice:
+        yield [
+            "duplicates",
+            *(f"  {o.sign_id}  of {o.better}, on sign {o.panel}" for o in twice.values()),
+        ]
     others = [
-        f"{one.sign_id}  frame {one.best_frame}  {one.color or '?'} {one.shape or '?'}  on: {one.cause}"
-        for one in evaluation.others
+        f"  {row['sign_id']}  frame {row['best_frame']}  {row['color'] or '?'} {row['shape'] or '?'}  "
+        f"on: {row['cause']}"
+        for row in evaluation.false
+        if row["sign_id"] not in twice
     ]
     if others:
-        yield from ("", "false", *(f"  {row}" for row in others))
+        yield ["false", *others]
+
+
+def _missed(evaluation: Evaluation) -> Iterator[list[str]]:
+    """The signs that were missed with their causes, and the steps that lost them."""
+    causes = {cause.id: cause_words(cause) for cause in evaluation.causes}
+    lines = ["missed"]
+    for one in evaluation.missed:
+        if isinstance(evaluation, RealEvaluation):
+            lines.append(f"  {one:<6}  {causes.get(one, '')}".rstrip())
+            continue
+        face = f"{one['kind']}, {one['color']} {one['shape']}"
+        size = f"{_number(one['width_m'])} x {_number(one['height_m'])} m"
+        where = f"{_number(one['station_m'])} m along, {_number(one['lateral_m'])} m right"
+        lines.append(f"  {one['id']:>4}  {face:<44} {size}   {where}")
+        if one["id"] in causes:
+            lines.append(f"        {causes[one['id']]}")
+    if evaluation.missed:
+        yield lines
+    if len(causes) > 1:
+        steps = count_steps(evaluation.causes).items()
+        counts = (f"  {count:>4}  {STEPS[step]}" for step, count in steps)
+        yield ["missed, by the step that lost them", *counts]
+
+
+def _share(count: int, total: int) -> str:
+    """A share and its interval, as the last cells of a row."""
+    return f"{count / total:>8.3f}   {_ends(share_interval(count, total))}"
 
 
 def _number(value: float | None) -> str:

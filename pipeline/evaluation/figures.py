@@ -1,16 +1,17 @@
-"""How a result compares with the truth: what was found one by one, the figures, and their JSON form."""
+"""The figures of a result beside the truth of its drive, and their JSON form."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
-from itertools import chain
+from dataclasses import asdict, dataclass, fields, replace
+from functools import reduce
+from itertools import pairwise
+from operator import add
 from typing import Any, TypeVar
 
 import numpy as np
 
-from wayside.pipeline.evaluation.reliability import ConfidenceBin, bins_together
 from wayside.pipeline.statistics import (
     Interval,
     SigmaShare,
@@ -24,64 +25,47 @@ from wayside.pipeline.statistics import (
 )
 
 Row = Mapping[str, Any]
-AXES = ("lateral", "up", "along")
+AXES = {"lateral": "sigma_lateral_m", "up": "sigma_up_m", "along": "sigma_along_m"}
+"""Axes of a position error, and the columns of their stated standard deviations."""
+CONFIDENCES = (0.0, 0.5, 0.9, 0.99, 1.0)
+"""Ends of the ranges that rows are counted in; a row at an end belongs to the range above."""
+NO_KIND = "other"
+"""Kind of a wanted sign whose label names none, where others do."""
+FALSE_COLUMNS = ("sign_id", "best_frame", "best_box", "color", "shape")
+"""What is kept of a false row, beside its cause."""
 _COMMON = (
     *("wanted", "found_count", "recall", "recall_interval", "precision", "precision_interval"),
-    *("images", "false_per_100_images", "false_per_100_images_interval"),
+    *("images", "false_per_100_images", "false_per_100_images_interval", "learned_by"),
 )
 
 
 @dataclass(frozen=True, slots=True)
-class FalseSign:
-    """A reported panel that does not exist: the known object it lies on, position right, down, ahead (m)."""
-
-    sign_id: str
-    best_frame: int
-    best_box: tuple[float, ...]
-    color: str | None
-    shape: str | None
-    position: tuple[float, float, float] | None
-    cause: str
-
-    @staticmethod
-    def of(sign: Row, cause: str, position: tuple[float, float, float] | None = None) -> FalseSign:
-        """A row of `signs.parquet` as one."""
-        box, color, shape = tuple(sign["best_box"]), sign["color"], sign["shape"]
-        return FalseSign(sign["sign_id"], sign["best_frame"], box, color, shape, position, cause)
-
-    def to_json(self) -> dict[str, Any]:
-        """As columns of `signs.parquet`, with the cause."""
-        values = asdict(self)
-        position, cause = values.pop("position"), values.pop("cause")
-        if position is not None:
-            values |= dict(zip(("right_m", "down_m", "ahead_m"), position, strict=True))
-        return values | {"best_box": list(self.best_box), "cause": cause}
-
-
-@dataclass(frozen=True, slots=True)
 class Duplicate:
-    """A reported row on a panel of the truth that a better row is on: `better` is that row, `panel` the true one."""
+    """A reported row on a panel that a better row is on."""
 
     sign_id: str
     panel: int | str
+    """The panel of the truth."""
     better: str
+    """`sign_id` of the better row."""
 
 
 @dataclass(frozen=True, slots=True)
 class MissCause:
-    """Why a wanted sign was not found.
-
-    `step`: where it was lost (see `misses.STEPS`). `reason`: verdict or status there. `views`: how many of its views
-    came to each verdict. `row`: the reported row on it, if there is one, and distance_m: how far from it that row
-    stands.
-    """
+    """Why a wanted sign was not found."""
 
     id: int | str
+    """Of the sign in the truth."""
     step: str
+    """Where it was lost: a key of `misses.STEPS`."""
     reason: str
+    """Verdict or status there."""
     views: dict[str, int]
+    """Number of its views by verdict."""
     row: str | None = None
+    """`sign_id` of the reported row on it."""
     distance_m: float | None = None
+    """How far from it that row stands."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,72 +78,86 @@ class KindCount:
 
 
 @dataclass(frozen=True, slots=True)
-class MissedPanel:
-    """A true panel that should have been found; fields of the truth file."""
+class ConfidenceBin:
+    """Rows of a range of confidence: how many, how many of them right, their mean confidence (nan: no rows)."""
 
-    id: int
-    kind: str | None
-    color: str | None
-    shape: str | None
-    width_m: float | None
-    height_m: float | None
-    lateral_m: float | None
-    station_m: float | None
+    low: float
+    high: float
+    rows: int
+    right: int
+    mean: float
+
+    @property
+    def name(self) -> str:
+        """Both ends."""
+        return f"{self.low:g} to {self.high:g}"
+
+
+def confidence_bin(stated: Iterable[tuple[float, bool]], low: float, high: float) -> ConfidenceBin:
+    """The rows between two confidences, of which `stated` has the confidence and whether they are right."""
+    own = [one for one in stated if low <= one[0] < high or one[0] == high == 1]
+    mean = float(np.mean([confidence for confidence, _ in own])) if own else float("nan")
+    return ConfidenceBin(low, high, len(own), sum(right for _, right in own), mean)
 
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """A reported panel and the wanted true one it was matched with.
+    """A reported panel and the wanted true one it was matched with."""
 
-    `error_m`: reported minus true position: lateral, up, along, in the camera frame of `best_frame`. `sigma_m`: its
-    stated standard deviations; the rest are pairs, reported then true. None where not reported.
-    """
-
-    sign_id: str
-    panel_id: int
+    sign: Row
+    """Row of `signs.parquet`."""
+    panel: Row
+    """Entry of the truth."""
     error_m: tuple[float, float, float]
-    sigma_m: tuple[float | None, float | None, float | None]
-    width_m: tuple[float | None, float]
-    height_m: tuple[float | None, float]
-    bottom_m: tuple[float | None, float]
-    color: tuple[str | None, str]
-    shape: tuple[str | None, str]
+    """Reported minus true position: lateral, up, along, in the camera frame of `best_frame`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Backs:
-    """Rows of status `back`: how many there are, and how many of them are on a panel seen from behind.
-
-    `in_view`: panels seen from behind, as tall and in as many images as a front that should be found, but however
-    much stands before them: of backs nobody knows.
-    """
+    """Rows of status `back`."""
 
     reported: int = 0
     right: int = 0
+    """Those on a panel seen from behind."""
     in_view: int = 0
+    """Panels seen from behind, as tall and in as many images as a front that should be found, hidden ones too."""
+
+    def __add__(self, other: Backs) -> Backs:
+        """Those of both."""
+        return Backs(
+            self.reported + other.reported, self.right + other.right, self.in_view + other.in_view
+        )
 
 
-class _Shares(ABC):
-    """What every evaluation counts, as shares with their intervals."""
+@dataclass(frozen=True)
+class Evaluation:
+    """What was found of what was wanted, and which rows are right."""
 
-    __slots__ = ()
-    wanted: int
-    false: tuple[FalseSign, ...]
-    duplicates: tuple[Duplicate, ...]
-    causes: tuple[MissCause, ...]
-    images: int | None
-    learned_by: tuple[str, ...] | None
-    reliability: tuple[ConfidenceBin, ...]
-
-    @property
-    @abstractmethod
-    def right(self) -> int:
-        """Reported rows that count as right in the precision."""
+    wanted: int = 0
+    """Signs that should be found."""
+    found: tuple[Any, ...] = ()
+    """Those that were: matches on a rendered drive, ids of labels on a real one."""
+    right: int = 0
+    """Reported rows that are right."""
+    false: tuple[Row, ...] = ()
+    """Reported rows that are not, each with the known object it lies on as `cause`."""
+    missed: tuple[Any, ...] = ()
+    """Wanted signs that were not found: entries of the truth, or ids of labels."""
+    duplicates: tuple[Duplicate, ...] = ()
+    """Second rows on a sign. They are false on a rendered drive, right on a real one."""
+    causes: tuple[MissCause, ...] = ()
+    """Of the missed, in their order."""
+    images: int | None = None
+    """Read by the run. None: not known."""
+    learned_by: tuple[str, ...] | None = None
+    """Models of the run that were learned from this drive. None: not known."""
+    stated: tuple[tuple[float, bool], ...] = ()
+    """Confidence of each row, uncertain ones among them, and whether it is right."""
 
     @property
     def found_count(self) -> int:
         """How many signs were found of those that should be."""
-        return self.right
+        return len(self.found)
 
     @property
     def recall(self) -> float:
@@ -187,12 +185,6 @@ class _Shares(ABC):
         return share_interval(self.right, self.counted)
 
     @property
-    def others(self) -> tuple[FalseSign, ...]:
-        """False rows that are no duplicates."""
-        twice = {duplicate.sign_id for duplicate in self.duplicates}
-        return tuple(sign for sign in self.false if sign.sign_id not in twice)
-
-    @property
     def false_per_100_images(self) -> float | None:
         """False rows per 100 images; None where the images are not known."""
         return 100 * len(self.false) / self.images if self.images else None
@@ -202,51 +194,34 @@ class _Shares(ABC):
         """95 % interval of that rate."""
         return rate_interval(len(self.false), (self.images or 0) / 100)
 
+    @property
+    def reliability(self) -> tuple[ConfidenceBin, ...]:
+        """The rows by `CONFIDENCES`; ranges without a row are left out."""
+        bins = (confidence_bin(self.stated, *ends) for ends in pairwise(CONFIDENCES))
+        return tuple(one for one in bins if one.rows)
+
     def to_json(self) -> dict[str, Any]:
         """All figures under plain keys; intervals are [low, high] at 95 %, null where nothing was counted."""
-        figures = {name: getattr(self, name) for name in _COMMON}
-        figures["learned_by"] = None if self.learned_by is None else list(self.learned_by)
-        figures["false"] = [sign.to_json() for sign in self.false]
+        figures = {name: getattr(self, name) for name in _COMMON} | {"false": list(self.false)}
         for name in ("duplicates", "causes", "reliability"):
             figures[name] = [asdict(one) for one in getattr(self, name)]
-        return figures
+        return figures | {"missed": list(self.missed)}
 
 
-@dataclass(frozen=True, slots=True)
-class RenderedEvaluation(_Shares):
+@dataclass(frozen=True)
+class RenderedEvaluation(Evaluation):
     """Figures of a rendered drive, whose truth is exact; errors are absolute, of wanted panels that were found.
 
-    `false` are all rows that no panel was matched with, duplicates among them. Panels that need not be found count in
-    the precision as neither. `images`: read by the run, None where not known. `learned_by`: models of the run that were
-    learned from this drive, None where not known. `causes`: of the missed, in their order. `reliability`: of the
-    confidence of rows that are reported, uncertain ones among them.
+    Rows on panels that need not be found count as neither right nor false.
     """
 
-    wanted: int
-    matches: tuple[Match, ...]
-    false: tuple[FalseSign, ...]
-    missed: tuple[MissedPanel, ...]
-    backs: Backs = field(default_factory=Backs)
-    duplicates: tuple[Duplicate, ...] = ()
-    causes: tuple[MissCause, ...] = ()
-    images: int | None = None
-    learned_by: tuple[str, ...] | None = None
-    reliability: tuple[ConfidenceBin, ...] = ()
-
-    @property
-    def right(self) -> int:
-        """Rows matched with a wanted panel."""
-        return len(self.matches)
-
-    @property
-    def found(self) -> tuple[tuple[str, int], ...]:
-        """Pairs of reported sign and true panel."""
-        return tuple((m.sign_id, m.panel_id) for m in self.matches)
+    found: tuple[Match, ...] = ()
+    backs: Backs = Backs()
 
     @property
     def error_m(self) -> dict[str, Spread]:
         """Position error by axis, and its length."""
-        errors = np.array([m.error_m for m in self.matches], np.float64).reshape(-1, 3)
+        errors = np.array([match.error_m for match in self.found], np.float64).reshape(-1, 3)
         by_axis = {name: spread(np.abs(errors[:, i])) for i, name in enumerate(AXES)}
         return by_axis | {"total": spread(np.linalg.norm(errors, axis=1))}
 
@@ -254,107 +229,81 @@ class RenderedEvaluation(_Shares):
     def sigma_share(self) -> dict[str, SigmaShare]:
         """How often the stated standard deviations hold, by axis."""
         return {
-            name: sigma_share(
-                [m.error_m[i] for m in self.matches], [m.sigma_m[i] for m in self.matches]
+            axis: sigma_share(
+                [match.error_m[i] for match in self.found],
+                [match.sign[column] for match in self.found],
             )
-            for i, name in enumerate(AXES)
+            for i, (axis, column) in enumerate(AXES.items())
         }
 
     @property
     def width_error(self) -> Spread:
         """Error of the width as a fraction of the true one."""
-        return spread(abs(a - b) / b for a, b in self._pairs("width_m"))
+        return spread(abs(a - b) / b for a, b in self._pairs("panel_width_m", "width_m"))
 
     @property
     def height_error(self) -> Spread:
         """Error of the height as a fraction of the true one."""
-        return spread(abs(a - b) / b for a, b in self._pairs("height_m"))
+        return spread(abs(a - b) / b for a, b in self._pairs("panel_height_m", "height_m"))
 
     @property
     def bottom_error_m(self) -> Spread:
         """Error of the lower edge above the road."""
-        return spread(abs(a - b) for a, b in self._pairs("bottom_m"))
+        return spread(abs(a - b) for a, b in self._pairs("bottom_m", "bottom_m"))
 
-    @property
-    def color_right(self) -> float | None:
-        """Fraction of the colours that are right."""
-        return fraction([a == b for a, b in (m.color for m in self.matches)])
+    def class_right(self, name: str) -> float | None:
+        """Fraction of the colours (`color`) or shapes (`shape`) that are right."""
+        return fraction([match.sign[name] == match.panel[name] for match in self.found])
 
-    @property
-    def shape_right(self) -> float | None:
-        """Fraction of the shapes that are right."""
-        return fraction([a == b for a, b in (m.shape for m in self.matches)])
+    def confusion(self, name: str) -> dict[str, int]:
+        """Counts of colours or shapes by `true -> reported`."""
+        return confusion((match.panel[name], match.sign[name]) for match in self.found)
 
-    @property
-    def color_confusion(self) -> dict[str, int]:
-        """Counts by `true -> reported`."""
-        return confusion(m.color[::-1] for m in self.matches)
-
-    @property
-    def shape_confusion(self) -> dict[str, int]:
-        """Counts by `true -> reported`."""
-        return confusion(m.shape[::-1] for m in self.matches)
-
-    def _pairs(self, name: str) -> list[tuple[float, float]]:
+    def _pairs(self, reported: str, true: str) -> list[tuple[float, float]]:
         """Reported and true lengths of the matches whose reported one is known."""
-        pairs = (getattr(match, name) for match in self.matches)
+        pairs = ((match.sign[reported], match.panel[true]) for match in self.found)
         return [(a, b) for a, b in pairs if a is not None]
 
     def to_json(self) -> dict[str, Any]:
         """All figures under plain keys."""
-        return _Shares.to_json(self) | {
-            "missed": [asdict(panel) for panel in self.missed],
+        return super().to_json() | {
             "error_m": {name: asdict(value) for name, value in self.error_m.items()},
             "width_error": asdict(self.width_error),
             "height_error": asdict(self.height_error),
             "bottom_error_m": asdict(self.bottom_error_m),
             "sigma_share": {name: value.to_json() for name, value in self.sigma_share.items()},
-            "color_right": self.color_right,
-            "shape_right": self.shape_right,
-            "color_confusion": self.color_confusion,
-            "shape_confusion": self.shape_confusion,
-            "found": [list(pair) for pair in self.found],
+            "color_right": self.class_right("color"),
+            "shape_right": self.class_right("shape"),
+            "color_confusion": self.confusion("color"),
+            "shape_confusion": self.confusion("shape"),
+            "found": [[match.sign["sign_id"], match.panel["id"]] for match in self.found],
             "backs": asdict(self.backs),
         }
 
 
-@dataclass(frozen=True, slots=True)
-class RealEvaluation(_Shares):
+@dataclass(frozen=True)
+class RealEvaluation(Evaluation):
     """Figures of a real drive with hand-made boxes.
 
-    The labels are not complete: `precision` is a lower bound, and every false sign is worth a look. `touching` counts
-    reported signs that lie on a label, wanted or not; `duplicates` are among them, not among the false ones. `kinds`:
-    the wanted by what the labels say they are, where they do. The rest as in `RenderedEvaluation`.
+    The labels are not complete: `precision` is a lower bound, and every false row is worth a look. Rows on a label
+    that is not wanted are right as well.
     """
 
-    wanted: int
-    found: tuple[str, ...]
-    touching: int
-    false: tuple[FalseSign, ...]
-    missed: tuple[str, ...]
-    duplicates: tuple[Duplicate, ...] = ()
-    kinds: tuple[KindCount, ...] = ()
-    causes: tuple[MissCause, ...] = ()
-    images: int | None = None
-    learned_by: tuple[str, ...] | None = None
-    reliability: tuple[ConfidenceBin, ...] = ()
+    by_kind: tuple[tuple[str, bool], ...] = ()
+    """Kind of each wanted label, and whether it was found. Empty: no label names its kind."""
 
     @property
-    def found_count(self) -> int:
-        """How many labels were found of those that should be."""
-        return len(self.found)
-
-    @property
-    def right(self) -> int:
-        """Rows that lie on a label."""
-        return self.touching
+    def kinds(self) -> tuple[KindCount, ...]:
+        """The wanted by their kind, the most frequent first."""
+        wanted = Counter(kind for kind, _ in self.by_kind)
+        found = Counter(kind for kind, was_found in self.by_kind if was_found)
+        return tuple(KindCount(kind, count, found[kind]) for kind, count in wanted.most_common())
 
     def to_json(self) -> dict[str, Any]:
         """All figures under plain keys."""
-        return _Shares.to_json(self) | {
-            "missed": list(self.missed),
+        return super().to_json() | {
             "found": list(self.found),
-            "touching": self.touching,
+            "touching": self.right,
             "kinds": [
                 asdict(kind) | {"recall_interval": share_interval(kind.found, kind.wanted)}
                 for kind in self.kinds
@@ -362,35 +311,16 @@ class RealEvaluation(_Shares):
         }
 
 
-Evaluation = RenderedEvaluation | RealEvaluation
-_Kind = TypeVar("_Kind", RenderedEvaluation, RealEvaluation)
+_Kind = TypeVar("_Kind", bound=Evaluation)
 
 
 def together(evaluations: Iterable[_Kind]) -> _Kind:
-    """Several drives evaluated as one, by their counts; labels are not renamed. Of none: nothing wanted or found."""
-    all_of: list[Any] = list(evaluations) or [RenderedEvaluation(0, (), (), ())]
-    joined = {name: _sum(name, [getattr(e, name) for e in all_of]) for name in _names(all_of[0])}
-    result: _Kind = replace(all_of[0], **joined)
+    """Several drives evaluated as one, by their counts. Of none: nothing wanted or found."""
+    parts: list[Any] = list(evaluations) or [RenderedEvaluation()]
+    values = {one.name: [getattr(part, one.name) for part in parts] for one in fields(parts[0])}
+    joined = {
+        name: None if name == "learned_by" or None in some else reduce(add, some)
+        for name, some in values.items()
+    }
+    result: _Kind = replace(parts[0], **joined)
     return result
-
-
-def _names(instance: Any) -> list[str]:
-    return [one.name for one in fields(instance)]
-
-
-def _sum(name: str, values: list[Any]) -> Any:
-    """One field of several drives as that of all."""
-    if name == "reliability":
-        return bins_together(values)
-    if name == "learned_by" or (name == "images" and None in values):
-        return None
-    if name == "backs":
-        return Backs(*(sum(getattr(v, one) for v in values) for one in _names(values[0])))
-    if name == "kinds":
-        every = [kind for kinds in values for kind in kinds]
-        counts = {k.kind: [o for o in every if o.kind == k.kind] for k in every}
-        return tuple(
-            KindCount(kind, sum(o.wanted for o in some), sum(o.found for o in some))
-            for kind, some in counts.items()
-        )
-    return sum(values) if isinstance(values[0], int) else tuple(chain(*values))

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from wayside.pipeline.evaluation.figures import (
+    FALSE_COLUMNS,
+    NO_KIND,
     Duplicate,
-    FalseSign,
-    KindCount,
     RealEvaluation,
     Row,
 )
 from wayside.pipeline.evaluation.misses import Face
 from wayside.pipeline.labels.box_matching import Box, overlap
 
-NO_KIND = "other"
-"""Kind of a wanted sign whose label names none, where others do."""
+Views = Mapping[int, Box]
+"""Boxes by frame."""
 
 
 def evaluate_against_labels(
@@ -41,28 +40,28 @@ def evaluate_against_labels(
     for row in observations:
         if row["sign_id"] in seen:
             seen[row["sign_id"]][row["frame"]] = row["box"]
-
-    names = list(seen)
-    boxes = [_boxes(label, labels["stride"]) for label in labels["signs"]]
+    things, stride = labels["signs"], labels["stride"]
+    boxes = [_boxes(label, stride) for label in things]
     on_label = np.array(
         [[_overlap(views, known) for known in boxes] for views in seen.values()], np.float64
-    ).reshape(len(names), len(boxes))
-    touching = {names[i] for i in np.flatnonzero(on_label.any(axis=1))}
-    wanted = [label for label in labels["signs"] if label["wanted"]]
-    seen_labels = {labels["signs"][j]["id"] for j in np.flatnonzero(on_label.any(axis=0))}
-    found = {label["id"] for label in wanted} & seen_labels
+    ).reshape(len(seen), len(things))
+    touched = {things[j]["id"] for j in np.flatnonzero(on_label.any(axis=0))}
+    wanted = [label for label in things if label["wanted"]]
+    kinds = [(label.get("kind", NO_KIND), label["id"] in touched) for label in wanted]
+    touching = [bool(own.any()) for own in on_label]
     return RealEvaluation(
         wanted=len(wanted),
-        found=tuple(sorted(found)),
-        touching=len(touching),
+        found=tuple(sorted({label["id"] for label in wanted} & touched)),
+        right=sum(touching),
         false=tuple(
-            _false(sign, seen[sign["sign_id"]], labels)
-            for sign in signs
-            if sign["sign_id"] not in touching
+            {name: sign[name] for name in FALSE_COLUMNS}
+            | {"cause": _distractor(seen[sign["sign_id"]], labels)}
+            for sign, right in zip(signs, touching, strict=True)
+            if not right
         ),
-        missed=tuple(label["id"] for label in wanted if label["id"] not in found),
-        duplicates=_duplicates(names, on_label, [label["id"] for label in labels["signs"]]),
-        kinds=_kinds(wanted, found),
+        missed=tuple(label["id"] for label in wanted if label["id"] not in touched),
+        duplicates=tuple(_duplicates(list(seen), on_label, [label["id"] for label in things])),
+        by_kind=tuple(kinds) if any(kind != NO_KIND for kind, _ in kinds) else (),
     )
 
 
@@ -75,28 +74,19 @@ def missed_faces(evaluation: RealEvaluation, labels: Row) -> list[Face]:
 def labelled_frames(labels: Row) -> set[int]:
     """Frames in which anything is boxed."""
     things = [*labels["signs"], *labels["distractors"]]
-    boxes = [_boxes(thing, labels["stride"]) for thing in things]
-    return {frame for views in boxes for frame in views}
+    return {frame for thing in things for frame in _boxes(thing, labels["stride"])}
 
 
 def _duplicates(
     names: Sequence[str], on_label: NDArray[np.float64], labels: Sequence[str]
-) -> tuple[Duplicate, ...]:
+) -> Iterator[Duplicate]:
     """Rows that are left over where each label has one row of its own, so that all overlap most (rows, labels)."""
-    rows, columns = linear_sum_assignment(on_label, maximize=True)
-    owner = {int(j): int(i) for i, j in zip(rows, columns, strict=True) if on_label[i, j] > 0}
-    left = set(range(len(names))) - set(owner.values())
-    best = {i: int(on_label[i].argmax()) for i in sorted(left) if on_label[i].any()}
-    return tuple(Duplicate(names[i], labels[j], names[owner[j]]) for i, j in best.items())
-
-
-def _kinds(wanted: Sequence[Row], found: set[str]) -> tuple[KindCount, ...]:
-    """The wanted by kind, the most frequent first; none where no label names its kind."""
-    kinds = Counter(label.get("kind", NO_KIND) for label in wanted)
-    right = Counter(label.get("kind", NO_KIND) for label in wanted if label["id"] in found)
-    if set(kinds) <= {NO_KIND}:
-        return ()
-    return tuple(KindCount(kind, count, right[kind]) for kind, count in kinds.most_common())
+    pairs = zip(*linear_sum_assignment(on_label, maximize=True), strict=True)
+    owner = {int(j): int(i) for i, j in pairs if on_label[i, j] > 0}
+    for i in range(len(names)):
+        if i not in owner.values() and on_label[i].any():
+            best = int(on_label[i].argmax())
+            yield Duplicate(names[i], labels[best], names[owner[best]])
 
 
 def _boxes(thing: Row, stride: int) -> dict[int, Box]:
@@ -107,7 +97,7 @@ def _boxes(thing: Row, stride: int) -> dict[int, Box]:
     return boxes
 
 
-def _overlap(views: Mapping[int, Box], boxes: Mapping[int, Box]) -> float:
+def _overlap(views: Views, boxes: Views) -> float:
     """Sum of the overlaps (IoU) over the frames where views and boxes show the same thing."""
     return sum(
         float(overlap(np.array([box]), boxes[frame])[0])
@@ -116,11 +106,8 @@ def _overlap(views: Mapping[int, Box], boxes: Mapping[int, Box]) -> float:
     )
 
 
-def _false(sign: Row, views: Mapping[int, Box], labels: Row) -> FalseSign:
-    """A sign on no label, with the known distractor it lies on; distractors are boxed in one source image."""
-    on = (
-        thing["what"]
-        for thing in labels["distractors"]
-        if _overlap(views, _boxes(thing, labels["stride"]))
-    )
-    return FalseSign.of(sign, next(on, "unlabelled"))
+def _distractor(views: Views, labels: Row) -> str:
+    """The known distractor that a row lies on."""
+    things = labels["distractors"]
+    on = (one["what"] for one in things if _overlap(views, _boxes(one, labels["stride"])))
+    return next(on, "unlabelled")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +10,10 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.evaluation.figures import (
+    FALSE_COLUMNS,
     Backs,
     Duplicate,
-    FalseSign,
     Match,
-    MissedPanel,
     RenderedEvaluation,
     Row,
 )
@@ -29,6 +27,8 @@ ACROSS_M, ACROSS_SHARE = 1.5, 0.05
 ALONG_M, ALONG_SHARE = 3.0, 0.10
 """A panel is matched within the larger of a distance and a fraction of its range."""
 SMALLEST_COVER = 0.3
+PLACE_COLUMNS = ("right_m", "down_m", "ahead_m")
+MISSED_KEYS = ("id", "kind", "color", "shape", "width_m", "height_m", "lateral_m", "station_m")
 _UNMATCHED = 1e6
 
 
@@ -47,59 +47,51 @@ def evaluate_against_truth(
         Rows with status `back`.
     """
     panels = [p for p in truth["signs"] if any(view["side"] == "front" for view in p["frames"])]
-    eligible = {p["id"] for p in panels if is_eligible(p)}
+    eligible = {p["id"]: p for p in panels if is_eligible(p)}
     errors, pairs = _matched(signs, panels, truth["frames"])
+    matched = dict(pairs)
+    found = tuple(
+        Match(signs[i], panels[j], tuple(errors[i, j].tolist()))
+        for i, j in pairs
+        if panels[j]["id"] in eligible
+    )
+    missed = eligible.keys() - {match.panel["id"] for match in found}
+    unmatched = [sign for i, sign in enumerate(signs) if i not in matched]
     owner = {j: signs[i]["sign_id"] for i, j in pairs}
-    matched = {i for i, _ in pairs}
-    hits = [(i, j) for i, j in pairs if panels[j]["id"] in eligible]
-    found = {panels[j]["id"] for _, j in hits}
     return RenderedEvaluation(
         wanted=len(eligible),
-        matches=tuple(_match(signs[i], panels[j], errors[i, j]) for i, j in hits),
-        false=tuple(_false(sign, truth) for i, sign in enumerate(signs) if i not in matched),
+        found=found,
+        right=len(found),
+        false=tuple(
+            {name: sign[name] for name in (*FALSE_COLUMNS, *PLACE_COLUMNS)}
+            | {"cause": _known_thing(sign, truth)}
+            for sign in unmatched
+        ),
         missed=tuple(
-            MissedPanel(**{field.name: p.get(field.name) for field in fields(MissedPanel)})
-            for p in panels
-            if p["id"] in eligible - found
+            {name: panel.get(name) for name in MISSED_KEYS}
+            for name, panel in eligible.items()
+            if name in missed
         ),
+        duplicates=tuple(_duplicates(unmatched, panels, owner)),
         backs=_evaluate_backs(backs, truth),
-        duplicates=tuple(
-            _duplicates((sign for i, sign in enumerate(signs) if i not in matched), panels, owner)
-        ),
     )
 
 
-def missed_faces(evaluation: RenderedEvaluation, truth: Row) -> list[Face]:
-    """The missed panels with their views that count: those that make a panel one that should be found."""
-    missed = {panel.id for panel in evaluation.missed}
-    by_id = {panel["id"]: panel for panel in truth["signs"] if panel["id"] in missed}
+def missed_faces(evaluation: RenderedEvaluation, signs: Sequence[Row], truth: Row) -> list[Face]:
+    """The missed panels with their views that count, and how far from them the rows stand that match no panel."""
+    unmatched = {sign["sign_id"] for sign in evaluation.false}
+    rows = [sign for sign in signs if sign["sign_id"] in unmatched]
+    missed = {panel["id"] for panel in evaluation.missed}
+    panels = [panel for panel in truth["signs"] if panel["id"] in missed]
+    gaps = np.linalg.norm(_matched(rows, panels, truth["frames"])[0], axis=2)
     return [
         Face(
-            panel.id,
-            {view["frame"]: view["box"] for view in by_id[panel.id]["frames"] if _counts(view)},
+            panel["id"],
+            {view["frame"]: view["box"] for view in panel["frames"] if _counts(view)},
+            {row["sign_id"]: float(gaps[i, j]) for i, row in enumerate(rows) if gaps[i, j] >= 0},
         )
-        for panel in evaluation.missed
-    ]
-
-
-def false_distances(
-    evaluation: RenderedEvaluation, signs: Sequence[Row], truth: Row
-) -> dict[tuple[str, int | str], float]:
-    """Distance of each row that is matched with no panel from each missed panel, metres, by their names.
-
-    Rows whose best frame the truth lacks have none.
-    """
-    unmatched = {sign.sign_id for sign in evaluation.false}
-    rows = [sign for sign in signs if sign["sign_id"] in unmatched]
-    missed = {panel.id for panel in evaluation.missed}
-    panels = [panel for panel in truth["signs"] if panel["id"] in missed]
-    lengths = np.linalg.norm(_matched(rows, panels, truth["frames"])[0], axis=2)
-    return {
-        (row["sign_id"], panel["id"]): float(lengths[i, j])
-        for i, row in enumerate(rows)
         for j, panel in enumerate(panels)
-        if np.isfinite(lengths[i, j])
-    }
+    ]
 
 
 def is_eligible(panel: Row) -> bool:
@@ -166,7 +158,7 @@ def _matched(
             continue
         rotation, origin = poses[sign["best_frame"]]
         actual = (centres - origin) @ rotation
-        errors[i] = np.array([sign["right_m"], sign["down_m"], sign["ahead_m"]]) - actual
+        errors[i] = np.array([sign[name] for name in PLACE_COLUMNS]) - actual
         cost[i] = np.minimum(match_distance(errors[i], actual), _UNMATCHED)
     rows, columns = linear_sum_assignment(cost)
     pairs = zip(rows.tolist(), columns.tolist(), strict=True)
@@ -190,31 +182,16 @@ def camera_pose(frame: Row) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return rotation, np.asarray(frame["position"], np.float64)
 
 
-def _false(sign: Row, truth: Row) -> FalseSign:
-    """A false panel with the known object that covers most of its box in its best image."""
+def _known_thing(sign: Row, truth: Row) -> str:
+    """The known object that covers most of the box of a row in its best image."""
     best, cause = SMALLEST_COVER, "unknown"
+    own = np.array([sign["best_box"]])
     for kind, objects in (("distractor", truth.get("distractors", ())), ("sign", truth["signs"])):
-        for entry in objects:
-            for view in entry["frames"]:
+        for thing in objects:
+            for view in thing["frames"]:
                 if view["frame"] != sign["best_frame"]:
                     continue
-                boxes = np.array([sign["best_box"]]), np.array([view["box"]])
-                covered = float(covered_fractions(*boxes)[0, 0])
+                covered = float(covered_fractions(own, np.array([view["box"]]))[0, 0])
                 if covered > best:
-                    best, cause = covered, f"{kind} {entry['kind']} {entry['id']}"
-    return FalseSign.of(sign, cause, (sign["right_m"], sign["down_m"], sign["ahead_m"]))
-
-
-def _match(sign: Row, panel: Row, error: NDArray[np.float64]) -> Match:
-    right, down, ahead = error.tolist()
-    return Match(
-        sign["sign_id"],
-        panel["id"],
-        (right, down, ahead),
-        (sign["sigma_lateral_m"], sign["sigma_up_m"], sign["sigma_along_m"]),
-        (sign["panel_width_m"], panel["width_m"]),
-        (sign["panel_height_m"], panel["height_m"]),
-        (sign["bottom_m"], panel["bottom_m"]),
-        (sign["color"], panel["color"]),
-        (sign["shape"], panel["shape"]),
-    )
+                    best, cause = covered, f"{kind} {thing['kind']} {thing['id']}"
+    return cause

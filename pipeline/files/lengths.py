@@ -50,17 +50,12 @@ def parse_length(text: str, option: str = "") -> float:
     return metres
 
 
-def parse_spacing(text: str) -> float:
-    """Metres of the option `--spacing`: a length with its unit; raises UsageError as `parse_length`."""
-    return parse_length(text, "--spacing")
-
-
 def _of(option: str) -> str:
     return f"{option}: " if option else ""
 
 
-def parse_memory(text: str) -> float:
-    """Megabytes of the option `--memory`: "2GB", "500 MB", "1.5 GiB".
+def parse_memory(text: str, option: str = "") -> float:
+    """Megabytes of a size: "2GB", "500 MB", "1.5 GiB"; option: as in `parse_length`.
 
     Raises
     ------
@@ -70,7 +65,7 @@ def parse_memory(text: str) -> float:
     match = _LENGTH.fullmatch(text.strip().lower())
     unit = None if match is None else _MEGABYTES.get(match[2])
     if match is None or unit is None or not 0 < float(match[1]) * unit < math.inf:
-        raise UsageError(f"--memory: {text!r} is not a size with its unit. Write 2GB or 500MB.")
+        raise UsageError(f"{_of(option)}{text!r} is not a size with its unit. Write 2GB or 500MB.")
     return float(match[1]) * unit
 
 

@@ -11,9 +11,8 @@ from xml.etree.ElementTree import ParseError
 from wayside.pipeline.files.input_files import files_below
 from wayside.pipeline.files.json_text import CONTENT_FAULTS
 from wayside.pipeline.labels.class_map import read_class_map
-from wayside.pipeline.labels.label_file import read_label_file
-from wayside.pipeline.labels.label_formats import read_json, read_voc
-from wayside.pipeline.labels.yolo_labels import read_yolo
+from wayside.pipeline.labels.formats import read_voc, read_yolo
+from wayside.pipeline.labels.wayside_labels import read_json, read_label_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.results.result import RUN_FILE
 from wayside.pipeline.reviewing.labels import review_labels
@@ -66,12 +65,8 @@ def read_labels(path: Path | str, class_map: Path | None = None) -> Labels:
     classes = None if class_map is None else read_class_map(class_map)
     try:
         if path.is_dir():
-            read = (
-                read_voc
-                if any(file.suffix.lower() == ".xml" for file in files_below(path))
-                else read_yolo
-            )
-            labels = read(path, classes)
+            xml = any(file.suffix.lower() == ".xml" for file in files_below(path))
+            labels = read_voc(path, classes) if xml else read_yolo(path, classes)
         elif path.suffix.lower() == ".json":
             labels = read_json(path, classes)
         else:

@@ -223,7 +223,6 @@ _TALL, _MOST = 300, 4
 
 View = list[FaceOutline]
 """The outlines on one face in one image."""
-Images = dict[int, NDArray[np.uint8]]
 
 
 def shape_figures(drive: Drive) -> Iterator[Figure]:

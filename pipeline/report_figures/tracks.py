@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.calibration.boards import calibrate_images, parse_board
 from wayside.pipeline.calibration.coverage import draw_coverage
-from wayside.pipeline.evaluation import FEWEST_FRAMES
+from wayside.pipeline.evaluation.rendered import FEWEST_FRAMES
 from wayside.pipeline.labels.box_matching import overlap
 from wayside.pipeline.learning.gates import KANSAS_MEAN
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON

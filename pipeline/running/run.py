@@ -15,7 +15,7 @@ from wayside.pipeline.code_words import system_notes
 from wayside.pipeline.files.output_folder import RECORDING, OutputFolder
 from wayside.pipeline.files.route_file import RouteFile, open_routes, route_notes
 from wayside.pipeline.files.visible_text import visible
-from wayside.pipeline.labels.box_accounting import BoxAccounting, BoxReport, paired
+from wayside.pipeline.labels.box_accounting import BoxAccounting, paired
 from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.selection import describe_duplicates
@@ -85,7 +85,7 @@ class RunResult:
     view_images: str | None = None
     recorded: bool | None = None
     """Whether the recording of every step is whole; None where none was asked for."""
-    boxes: BoxReport | None = None
+    boxes: BoxAccounting | None = None
     replayed: int | None = None
     """Frames whose candidates came from the journal of a run before; None where none was kept."""
     lens: LensCheck = field(default_factory=lambda: LensCheck(None, None, None))
@@ -277,6 +277,8 @@ class _Task:
                 yield settled
             if not self.statuses[USED]:
                 raise InputError(_no_image(self.log, self.statuses))
+            if accounting is not None:
+                accounting.require_known()
             drive = flow.finish()
             self.run.report.notes += self._notes(drive)
             inventory = writer.finish(drive.path, drive.signs)
@@ -293,7 +295,7 @@ class _Task:
             dict(self.statuses),
             self.clock.seconds(),
             *self._closed(observer, inventory),
-            boxes=None if accounting is None else accounting.report(),
+            boxes=accounting,
             replayed=None if self.journal is None else self.journal.replayed,
             lens=drive.lens,
             image_bytes=flow.memory.peak_bytes,

@@ -6,8 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from wayside.pipeline.evaluation import RealEvaluation, RenderedEvaluation, together
-from wayside.pipeline.evaluation.figures import Backs, Duplicate, FalseSign, Match, MissedPanel
+from wayside.pipeline.evaluation.figures import (
+    Backs,
+    Duplicate,
+    Match,
+    RealEvaluation,
+    RenderedEvaluation,
+    together,
+)
 from wayside.pipeline.models.provenance import onnx_metadata
 
 ROOT = Path(__file__).parents[2]
@@ -19,22 +25,16 @@ def accept(load):
 
 
 def found(along):
-    sizes = ((0.66, 0.6), (None, 0.6), (1.5, 1.5))
-    return Match(
-        "d-0001",
-        1,
-        (0.0, 0.0, along),
-        (0.1, 0.1, 0.1),
-        *sizes,
-        ("red", "red"),
-        ("circle", "octagon"),
-    )
+    sign = {"sign_id": "d-0001", "color": "red", "shape": "circle", "panel_height_m": None}
+    sign |= {"panel_width_m": 0.66, "bottom_m": 1.5}
+    panel = {"id": 1, "color": "red", "shape": "octagon", "width_m": 0.6, "height_m": 0.6}
+    return Match(sign, panel | {"bottom_m": 1.5}, (0.0, 0.0, along))
 
 
-FALSE = FalseSign("d-0002", 3, (0.0, 0.0, 9.0, 9.0), None, None, (0.0, 0.0, 9.0), "unknown")
-MISSED = MissedPanel(7, "stop", "red", "octagon", 0.75, 0.75, 4.0, 30.0)
-GOOD = RenderedEvaluation(2, (found(0.1), found(-0.3)), (), (), Backs(3, 2, 5))
-POOR = RenderedEvaluation(2, (found(0.8),), (FALSE,), (MISSED,))
+FALSE = {"sign_id": "d-0002", "best_frame": 3, "cause": "unknown"}
+MISSED = {"id": 7}
+GOOD = RenderedEvaluation(2, (found(0.1), found(-0.3)), 2, backs=Backs(3, 2, 5))
+POOR = RenderedEvaluation(2, (found(0.8),), 1, (FALSE,), (MISSED,))
 
 
 def test_drives_together_are_evaluated_as_one():

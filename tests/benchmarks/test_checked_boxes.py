@@ -5,7 +5,7 @@ import json
 import pyarrow.parquet as pq
 import pytest
 
-from wayside.pipeline.evaluation import evaluate_against_labels
+from wayside.pipeline.evaluation.real import evaluate_against_labels
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +35,8 @@ def test_a_row_on_a_sign_without_a_label_is_not_false_and_finds_nothing(
     ]
     plain = evaluate_against_labels(rows, [], labels)
     found = evaluate_against_labels(rows, [], checked.with_checked_boxes(labels, "road"))
-    assert [one.sign_id for one in plain.false] == ["d-0001", "d-0002"]
-    assert [one.sign_id for one in found.false] == ["d-0002"]
+    assert [one["sign_id"] for one in plain.false] == ["d-0001", "d-0002"]
+    assert [one["sign_id"] for one in found.false] == ["d-0002"]
     assert (found.wanted, found.found, found.missed) == (1, (), ("R1",))
     assert checked.with_checked_boxes(labels, "other road") == labels
 

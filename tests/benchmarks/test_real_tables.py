@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 import wayside
-from wayside.pipeline.evaluation import KindCount, RealEvaluation
-from wayside.pipeline.evaluation.figures import Duplicate, FalseSign, MissCause
+from wayside.pipeline.evaluation.figures import Duplicate, MissCause, RealEvaluation
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 
@@ -17,7 +16,7 @@ def tables(load):
     return load("real_tables")
 
 
-FALSE = FalseSign("d-0002", 3, (0.0, 0.0, 9.0, 9.0), None, None, None, "unlabelled")
+FALSE = {"sign_id": "d-0002", "best_frame": 3, "cause": "unlabelled"}
 ROAD = RealEvaluation(
     3,
     ("R1",),
@@ -38,10 +37,11 @@ CITY = RealEvaluation(
     3,
     (),
     ("P2",),
-    kinds=(
-        KindCount("parking plate", 2, 1),
-        KindCount("bus stop plate", 1, 1),
-        KindCount("guide", 1, 1),
+    by_kind=(
+        ("parking plate", True),
+        ("parking plate", False),
+        ("bus stop plate", True),
+        ("guide", True),
     ),
     causes=(MissCause("P2", "rejected", "score", {"score": 1}),),
     images=100,

@@ -11,7 +11,7 @@ import pytest
 
 import wayside
 from wayside.pipeline.cli import app
-from wayside.pipeline.evaluation import evaluate_against_truth
+from wayside.pipeline.evaluation.rendered import evaluate_against_truth
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.labels.box_file import load_boxes
 from wayside.schemas.errors import UsageError
@@ -40,16 +40,14 @@ def inventory(parquet):
 def test_boxes_of_the_truth_give_all_signs_and_no_other(inventory, truth):
     signs = inventory.signs.to_pylist()
     found = evaluate_against_truth(signs, truth)
-    assert (len(found.matches), found.wanted, len(found.false)) == (8, 8, 0)
-    assert max(abs(error) for match in found.matches for error in match.error_m) < 0.1
+    assert (len(found.found), found.wanted, len(found.false)) == (8, 8, 0)
+    assert max(abs(error) for match in found.found for error in match.error_m) < 0.1
     assert {row["status"] for row in signs} == {"sign"}
 
 
 def test_colours_and_shapes_are_named_by_the_networks(inventory, truth):
     found = evaluate_against_truth(inventory.signs.to_pylist(), truth)
-    for match in found.matches:
-        assert match.color[0] == match.color[1]
-        assert match.shape[0] == match.shape[1]
+    assert found.class_right("color") == found.class_right("shape") == 1.0
 
 
 def test_the_confidence_is_the_score_of_the_boxes(inventory):

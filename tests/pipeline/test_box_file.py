@@ -1,6 +1,5 @@
 import json
 from hashlib import sha256
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -12,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.labels.box_accounting import BoxAccounting, paired
-from wayside.pipeline.labels.box_file import CORNERS, BoxRows, boxes_by_image, load_boxes
+from wayside.pipeline.labels.box_file import CORNERS, load_boxes
 from wayside.schemas.detections import COLORS, SHAPES, Candidates, Regions
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Frame
@@ -29,6 +28,9 @@ def parquet(folder, **columns):
     path = folder / "boxes.parquet"
     pq.write_table(pa.table(columns), path)
     return path
+
+
+BOX = (1, 2, 3, 4)
 
 
 def corners(*boxes):
@@ -50,11 +52,8 @@ def test_boxes_are_found_by_the_frame_they_are_of(tmp_path):
     np.testing.assert_allclose(found.boxes[7].score, score_log_odds(np.array([0.8, 0.3])))
     assert (found.rows, found.left_out, found.key) == (3, {}, "frame")
     assert found.sha256 == sha256(path.read_bytes()).hexdigest()
-
-
-def test_boxes_without_scores_are_certain(tmp_path):
-    found = load(parquet(tmp_path, frame=[0], **corners((1, 2, 3, 4))))
-    np.testing.assert_allclose(found.boxes[0].score, score_log_odds(np.ones(1)))
+    certain = load(parquet(tmp_path, frame=[0], **corners(BOX)))
+    np.testing.assert_allclose(certain.boxes[0].score, score_log_odds(np.ones(1)))
 
 
 @pytest.mark.parametrize(
@@ -65,7 +64,7 @@ def test_boxes_without_scores_are_certain(tmp_path):
     ],
 )
 def test_times_are_exact(tmp_path, key, frame):
-    path = parquet(tmp_path, **{key: [1700000000000000001]}, **corners((1, 2, 3, 4)))
+    path = parquet(tmp_path, **{key: [1700000000000000001]}, **corners(BOX))
     assert len(boxes_of(load(path), frame)) == 1
     other = Frame(2, 1700000000000000002, 1700000000000000002, USED, "jpeg", b"", None)
     assert len(boxes_of(load(path), other)) == 0
@@ -73,7 +72,7 @@ def test_times_are_exact(tmp_path, key, frame):
 
 def test_names_of_images_are_matched_in_their_natural_order(tmp_path):
     names = ["img10.jpg", "img2.jpg", "img10.jpg"]
-    path = parquet(tmp_path, image_name=names, **corners(*[(1, 2, 3, 4)] * 3))
+    path = parquet(tmp_path, image_name=names, **corners(*[BOX] * 3))
     found = load(path)
     assert {number: len(one) for number, one in found.boxes.items()} == {0: 1, 1: 2}
     assert len(found.names) == 2
@@ -81,7 +80,7 @@ def test_names_of_images_are_matched_in_their_natural_order(tmp_path):
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_names_of_more_or_fewer_images_than_the_log_has_are_refused(tmp_path, count):
-    path = parquet(tmp_path, image_name=["a1", "a2"], **corners(*[(1, 2, 3, 4)] * 2))
+    path = parquet(tmp_path, image_name=["a1", "a2"], **corners(*[BOX] * 2))
     with pytest.raises(InputError, match=f"has {count}. The log does not name its images"):
         found_in(load(path), frames_of(count))
     assert found_in(load(path), frames_of(2)) == [1, 1]
@@ -103,12 +102,11 @@ def test_rows_that_cannot_be_used_are_counted_by_reason(tmp_path):
     box=arrays(np.float64, (5, 4), elements=st.floats(allow_nan=True, allow_infinity=True)),
     score=arrays(np.float64, 5, elements=st.floats(0, 1) | st.just(np.nan)),
 )
-def test_every_row_is_used_or_counted(box, score):
-    whole, none = np.arange(5) // 2, np.full(5, -1, np.int8)
-    rows = BoxRows("frame", whole, box, score, np.zeros(5, np.int64), {}, none, none)
-    boxes, left_out = boxes_by_image(Path("a.parquet"), rows, None, 0.25)
-    assert sum(map(len, boxes.values())) + sum(left_out.values()) == 5
-    for one in boxes.values():
+def test_every_row_is_used_or_counted(tmp_path_factory, box, score):
+    folder = tmp_path_factory.getbasetemp()
+    found = load(parquet(folder, frame=[0, 0, 1, 1, 2], score=score, **corners(*box)))
+    assert sum(map(len, found.boxes.values())) + sum(found.left_out.values()) == 5
+    for one in found.boxes.values():
         assert (one.box[:, 2:] > one.box[:, :2]).all()
 
 
@@ -118,7 +116,7 @@ def test_classes_say_which_boxes_are_signs_and_rows_what_they_look_like(tmp_path
     path = parquet(
         tmp_path,
         frame=[0, 1, 2, 3],
-        **corners(*[(1, 2, 3, 4)] * 4),
+        **corners(*[BOX] * 4),
         **{"class": ["stop", "car", "other", "stop"]},
         color=[None, "red", "blue", "white"],
         shape=pa.array([None, None, None, None], pa.string()),
@@ -127,32 +125,23 @@ def test_classes_say_which_boxes_are_signs_and_rows_what_they_look_like(tmp_path
     assert sorted(found.boxes) == [0, 2, 3]
     assert found.left_out == {"other_class": 1}
     kinds = {n: (one.color[0], one.shape[0]) for n, one in found.boxes.items()}
-    red, octagon = COLORS.index("red"), SHAPES.index("octagon")
-    assert kinds == {
-        0: (red, octagon),
-        2: (COLORS.index("blue"), -1),
-        3: (COLORS.index("white"), octagon),
-    }
+    red, blue, white = (COLORS.index(name) for name in ("red", "blue", "white"))
+    octagon = SHAPES.index("octagon")
+    assert kinds == {0: (red, octagon), 2: (blue, -1), 3: (white, octagon)}
 
 
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
         ({"frame": [0]}, "must have the columns x_min"),
-        (corners((1, 2, 3, 4)), "one of frame, log_time_ns"),
-        ({"frame": [0], "log_time_ns": [0], **corners((1, 2, 3, 4))}, "one of frame"),
-        ({"frame": ["a"], **corners((1, 2, 3, 4))}, "column frame of type string instead of int64"),
-        ({"frame": [None], **corners((1, 2, 3, 4))}, "no value in 1 rows of column frame"),
-        (
-            {"frame": [0], "score": [90.0], **corners((1, 2, 3, 4))},
-            "scores from 90 to 90 instead of 0 to 1",
-        ),
-        (
-            {"frame": [0], "score": [-2.0], **corners((1, 2, 3, 4))},
-            "scores from -2 to -2 instead of 0 to 1",
-        ),
-        ({"frame": [0], "color": ["pink"], **corners((1, 2, 3, 4))}, "'pink' in column color"),
-        ({"frame": [0], "shape": [3], **corners((1, 2, 3, 4))}, "'3' in column shape"),
+        (corners(BOX), "one of frame, log_time_ns"),
+        ({"frame": [0], "log_time_ns": [0], **corners(BOX)}, "one of frame"),
+        ({"frame": ["a"], **corners(BOX)}, "column frame of type string instead of int64"),
+        ({"frame": [None], **corners(BOX)}, "no value in 1 rows of column frame"),
+        ({"frame": [0], "score": [90.0], **corners(BOX)}, "scores from 90 to 90 instead of 0 to 1"),
+        ({"frame": [0], "score": [-2.0], **corners(BOX)}, "scores from -2 to -2 instead of 0"),
+        ({"frame": [0], "color": ["pink"], **corners(BOX)}, "'pink' in column color"),
+        ({"frame": [0], "shape": [3], **corners(BOX)}, "'3' in column shape"),
     ],
 )
 def test_columns_that_are_missing_or_wrong_are_refused(tmp_path, columns, words):
@@ -168,13 +157,6 @@ def test_a_file_that_is_no_parquet_is_refused(tmp_path, content):
         load(path)
     with pytest.raises(InputError, match="Correct the path"):
         load(tmp_path / "none.parquet")
-
-
-def test_results_of_coco_name_the_frame_and_have_width_and_height(tmp_path):
-    entry = {"image_id": 4, "category_id": 9, "bbox": [10, 20, 5, 6], "score": 0.5}
-    found = load(coco(tmp_path, [entry]))
-    assert found.boxes[4].box.tolist() == [[10, 20, 15, 26]]
-    assert (found.key, found.names) == ("image_id", ())
 
 
 def data_set(**of_second):
@@ -202,11 +184,15 @@ def test_images_of_a_coco_data_set_are_matched_by_name_in_order(tmp_path):
     assert signs.left_out == {"other_class": 1}
 
 
-def test_images_of_a_coco_data_set_may_say_their_frame(tmp_path):
+def test_images_of_coco_may_say_their_frame_and_boxes_have_width_and_height(tmp_path):
     content = data_set(frame=33)
     content["images"][0]["frame"] = 31
     found = load(coco(tmp_path, content))
     assert (found.key, found.names, sorted(found.boxes)) == ("frame", (), [31, 33])
+    entry = {"image_id": 4, "category_id": 9, "bbox": [10, 20, 5, 6], "score": 0.5}
+    found = load(coco(tmp_path, [entry]))
+    assert (found.key, found.names) == ("image_id", ())
+    assert found.boxes[4].box.tolist() == [[10, 20, 15, 26]]
 
 
 @pytest.mark.parametrize(
@@ -249,16 +235,11 @@ def results(*images):
 
 def test_results_are_found_by_the_names_of_their_files_where_the_log_knows_them(tmp_path):
     rows = [{"image_id": k, "file_name": f"shots/IMG_{k}.JPG"} for k in (1, 2, 2, 4)]
-    found = load(coco(tmp_path, results(*rows)))
-    assert found_in(found, frames_of(4, ["IMG_1.JPG", "IMG_2.JPG", "IMG_3.JPG", "IMG_4.JPG"])) == [
-        *(1, 2, 0, 1)
-    ]
-
-
-def test_an_image_id_that_is_a_text_is_the_name_of_a_file(tmp_path):
-    found = load(coco(tmp_path, results("0002", "0001", "0002")))
-    assert found_in(found, frames_of(2, ["0001.jpg", "0002.jpg"])) == [1, 2]
-    assert found_in(found, frames_of(2)) == [1, 2]  # in order, where the log knows no names
+    names = [f"IMG_{k}.JPG" for k in (1, 2, 3, 4)]
+    assert found_in(load(coco(tmp_path, results(*rows))), frames_of(4, names)) == [1, 2, 0, 1]
+    texts = load(coco(tmp_path, results("0002", "0001", "0002")))
+    assert found_in(texts, frames_of(2, ["0001.jpg", "0002.jpg"])) == [1, 2]
+    assert found_in(texts, frames_of(2)) == [1, 2]  # in order, where the log knows no names
 
 
 @pytest.mark.parametrize(
@@ -273,7 +254,7 @@ def test_an_image_id_that_is_no_frame_is_refused(tmp_path, images):
 
 
 def test_frames_from_1_to_n_are_refused_and_others_that_are_none_are_counted(tmp_path):
-    box = corners(*[(1, 2, 3, 4)] * 3)
+    box = corners(*[BOX] * 3)
     with pytest.raises(InputError, match=r"frame 3 in .* is no frame"):
         found_in(load(parquet(tmp_path, frame=[1, 2, 3], **box)), frames_of(3))
     assert found_in(load(parquet(tmp_path, frame=[0, 2, 3], **box)), frames_of(3)) == [1, 0, 1]
@@ -293,9 +274,6 @@ def test_names_that_contradict_each_other_are_refused(tmp_path):
     found = load(coco(tmp_path, results("a", "b")))
     with pytest.raises(InputError, match="two images of the log have the name a"):
         found_in(found, frames_of(2, ["x/a.jpg", "y/a.jpg"]))
-    none = BoxAccounting(load(coco(tmp_path, results("elsewhere"))))
-    with pytest.raises(InputError, match=r"\(elsewhere \.\.\.\)"):
-        none.report()
 
 
 @pytest.mark.parametrize(
@@ -311,8 +289,13 @@ def test_a_result_that_cannot_be_read_is_left_out_and_named(tmp_path, change):
 
 
 def test_a_file_without_any_box_of_the_log_is_refused(tmp_path):
-    found = load(parquet(tmp_path, frame=[900], **corners((1, 2, 3, 4))))
-    with pytest.raises(InputError, match=r"no frame in .*\(900 \.\.\.\) belongs"):
-        BoxAccounting(found).report()
-    empty = load(parquet(tmp_path, frame=pa.array([], pa.int64()), **corners()))
-    assert BoxAccounting(empty).report().counts["given"] == 0
+    strange = (
+        (parquet(tmp_path, frame=[900], **corners(BOX)), r"no frame in .*\(900 \.\.\.\) belongs"),
+        (coco(tmp_path, results("elsewhere")), r"\(elsewhere \.\.\.\)"),
+    )
+    for path, words in strange:
+        with pytest.raises(InputError, match=words):
+            BoxAccounting(load(path)).require_known()
+    empty = BoxAccounting(load(parquet(tmp_path, frame=pa.array([], pa.int64()), **corners())))
+    empty.require_known()
+    assert empty.counts["given"] == 0

@@ -3,9 +3,15 @@
 import pyarrow as pa
 import pytest
 
-from wayside.pipeline.evaluation import STEPS, cause_words, count_steps
 from wayside.pipeline.evaluation.figures import MissCause
-from wayside.pipeline.evaluation.misses import Candidates, Face, miss_causes
+from wayside.pipeline.evaluation.misses import (
+    STEPS,
+    Candidates,
+    Face,
+    cause_words,
+    count_steps,
+    miss_causes,
+)
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.tables import OBSERVATIONS
 
@@ -13,22 +19,21 @@ BOX = [10.0, 10.0, 30.0, 30.0]
 BESIDE = [60.0, 10.0, 80.0, 30.0]
 FRAMES = dict.fromkeys(range(4), "used") | {4: "thinned"}
 
-Seen = tuple[int, list[float], str, int | None, str | None]
-
 
 def cause(seen, views=(0, 1, 2), rows=None, distances=None):
     names = Candidates.COLUMNS
     schema = pa.schema([OBSERVATIONS.schema.field(name) for name in names])
     listed = [dict(zip(names, row, strict=True)) for row in sorted(seen, key=lambda row: row[0])]
     table = pa.Table.from_pylist(listed, schema=schema)
-    face = Face("R1", dict.fromkeys(views, BOX))
-    (found,) = miss_causes([face], Candidates(table), FRAMES, rows or {}, distances)
+    face = Face("R1", dict.fromkeys(views, BOX), distances or {})
+    (found,) = miss_causes([face], Candidates(table), FRAMES, rows or {})
     return found
 
 
 def test_where_nothing_lies_on_a_sign_no_candidate_is_the_cause():
     found = cause([(0, BESIDE, "sign", 1, "a"), (9, BOX, "sign", 1, "a")])
     assert (found.step, found.reason, found.views) == ("no_candidate", "none", {"none": 3})
+    assert cause([], views=(3, 4)).step == "no_candidate"
 
 
 @pytest.mark.parametrize(
@@ -51,21 +56,12 @@ def test_one_view_that_came_further_decides_against_two_that_did_not(verdict, tr
     assert found.views == {"none": 2, verdict: 1}
 
 
-def test_of_the_candidates_on_one_view_the_furthest_speaks():
-    found = cause(
-        [(0, BOX, "score", None, None), (0, [11, 10, 31, 30], "residual", 2, None)], views=(0,)
-    )
+def test_the_furthest_candidate_of_a_view_speaks_and_the_most_frequent_verdict_there():
+    nearer = [11.0, 10.0, 31.0, 30.0]
+    found = cause([(0, BOX, "score", None, None), (0, nearer, "residual", 2, None)], views=(0,))
     assert (found.step, found.views) == ("refused", {"residual": 1})
-
-
-def test_of_the_verdicts_of_the_last_step_the_most_frequent_is_the_reason():
-    found = cause(
-        [
-            (0, BOX, "location", 1, None),
-            (1, BOX, "place_score", 2, None),
-            (2, BOX, "place_score", 2, None),
-        ]
-    )
+    often = [(frame, BOX, "place_score", 2, None) for frame in (1, 2)]
+    found = cause([(0, BOX, "location", 1, None), *often])
     assert (found.step, found.reason) == ("refused", "place_score")
 
 
@@ -75,16 +71,12 @@ def test_a_sign_in_images_that_were_not_used_or_not_read_is_lost_there():
     assert cause([], views=()).step == "unused"
 
 
-def test_one_used_image_makes_the_step_there_the_cause():
-    assert cause([], views=(3, 4)).step == "no_candidate"
-
-
 @pytest.mark.parametrize(
     ("status", "distances", "reason", "words"),
     [
         ("uncertain", {}, "uncertain", "d-0007 is on it with status uncertain"),
         ("back", {}, "back", "d-0007 is on it with status back"),
-        ("sign", {("d-0007", "R1"): 10.66}, "misplaced", "d-0007 is on it but stands 10.7 m"),
+        ("sign", {"d-0007": 10.66}, "misplaced", "d-0007 is on it but stands 10.7 m"),
         ("sign", {}, "other_sign", "d-0007 is on it but is that of another sign"),
     ],
 )
@@ -103,9 +95,5 @@ def test_every_verdict_has_a_step_and_words():
 
 
 def test_causes_are_counted_in_the_order_of_the_work():
-    causes = [
-        MissCause(1, "refused", "residual", {}),
-        MissCause(2, "rejected", "score", {}),
-        MissCause(3, "refused", "location", {}),
-    ]
+    causes = [MissCause(1, step, "", {}) for step in ("refused", "rejected", "refused")]
     assert list(count_steps(causes).items()) == [("rejected", 1), ("refused", 2)]

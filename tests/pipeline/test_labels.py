@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wayside.pipeline.labels.label_file import read_label_file, write_labels
 from wayside.pipeline.labels.read import LogImages, labels_by_frame, read_labels
+from wayside.pipeline.labels.wayside_labels import read_label_file, write_labels
 from wayside.pipeline.logs.importing import import_images
 from wayside.pipeline.reading.camera_file import format_camera
 from wayside.schemas.detections import COLORS, SHAPES
@@ -63,20 +63,9 @@ def test_a_file_gives_back_what_was_written(tmp_path_factory, some, complete):
 
 def test_a_file_of_four_corners_is_enough(tmp_path):
     file = tmp_path / "mine.parquet"
-    pq.write_table(
-        pa.table(
-            {
-                "image_name": ["1.jpg", "2.jpg"],
-                "kind": ["sign", "complete"],
-                "x_min": [1, None],
-                "y_min": [2, None],
-                "x_max": [11, None],
-                "y_max": [22, None],
-                "remark": ["", ""],
-            }
-        ),
-        file,
-    )
+    corners = {"x_min": [1, None], "y_min": [2, None], "x_max": [11, None], "y_max": [22, None]}
+    rest = {"image_name": ["1.jpg", "2.jpg"], "kind": ["sign", "complete"], "remark": ["", ""]}
+    pq.write_table(pa.table(corners | rest), file)
     first, second = LabelledImage(image_name="1.jpg"), LabelledImage(image_name="2.jpg")
     assert read_label_file(file) == Labels((Label(first, "sign", (1, 2, 11, 22)),), (second,))
 
@@ -180,19 +169,16 @@ def test_formats_of_others_say_the_same(tmp_path, write):
 def test_a_class_map_says_which_are_signs(tmp_path, write):
     classes = tmp_path / "classes.toml"
     classes.write_text(MAP)
-    read = read_labels(write(tmp_path), classes)
+    path = write(tmp_path)
+    read = read_labels(path, classes)
     assert [(label.kind, label.color, label.shape) for label in read.labels] == [
         ("sign", "red", "octagon"),
         ("sign", None, None),
     ]
     assert read.left_out["other_class"] == 1
-
-
-def test_a_class_map_that_names_none_of_the_classes_is_refused(tmp_path, write):
-    classes = tmp_path / "classes.toml"
     classes.write_text('[classes]\n"stop sing" = {}\n')
     with pytest.raises(InputError, match=r"none of 'stop sing' is a class of"):
-        read_labels(write(tmp_path), classes)
+        read_labels(path, classes)
 
 
 def test_an_image_with_an_object_whose_box_cannot_be_used_is_not_complete(tmp_path):
@@ -212,14 +198,23 @@ def test_an_image_with_an_object_whose_box_cannot_be_used_is_not_complete(tmp_pa
     assert read.left_out == {"no_box": 1, "no_area": 1, "no_such_image": 1}
 
 
+def changed_coco(folder, **changes):
+    """A COCO data set with changes to its second annotation, or with one more image that has them."""
+    content = json.loads(write_coco(folder).read_text())
+    if "bbox" in changes:
+        content["annotations"][1] |= changes
+    else:
+        content["images"].append(content["images"][0] | {"id": 8, "file_name": "b.png"} | changes)
+        content["annotations"].append({"image_id": 8, "bbox": [1, 2, 3, 4]})
+    (folder / "coco.json").write_text(json.dumps(content))
+    return read_labels(folder / "coco.json")
+
+
 @pytest.mark.parametrize(
     "bbox", [[], None, [1, 2, 3], "1 2 3 4", [0, 0, 1e308, 9], [0, 0, 9, 10**30]]
 )
 def test_one_box_of_coco_that_is_none_is_left_out_and_named(tmp_path, bbox):
-    content = json.loads(write_coco(tmp_path).read_text())
-    content["annotations"][1]["bbox"] = bbox
-    (tmp_path / "coco.json").write_text(json.dumps(content))
-    read = read_labels(tmp_path / "coco.json")
+    read = changed_coco(tmp_path, bbox=bbox)
     assert [label.note for label in read.labels] == ["stop", "board"]
     assert read.left_out == {"no_box": 1}
     assert "annotation 1" in read.reasons
@@ -227,11 +222,7 @@ def test_one_box_of_coco_that_is_none_is_left_out_and_named(tmp_path, bbox):
 
 @pytest.mark.parametrize("change", [{"width": 10**30}, {"height": 0}, {"frame": 2**40}])
 def test_an_image_of_coco_of_absurd_numbers_is_left_out_with_its_boxes(tmp_path, change):
-    content = json.loads(write_coco(tmp_path).read_text())
-    content["images"].append(content["images"][0] | {"id": 8, "file_name": "b.png"} | change)
-    content["annotations"].append({"image_id": 8, "bbox": [1, 2, 3, 4]})
-    (tmp_path / "coco.json").write_text(json.dumps(content))
-    read = read_labels(tmp_path / "coco.json")
+    read = changed_coco(tmp_path, **change)
     write_labels(read, tmp_path / "labels.parquet")
     assert len(read.labels) == len(THINGS)
     assert read.left_out == {"image_not_readable": 1, "no_such_image": 1}
@@ -254,24 +245,16 @@ def test_one_file_of_voc_that_cannot_be_read_is_left_out_and_named(tmp_path, tex
     assert [image.image_name for image in read.complete] == ["a 1.png"]
 
 
-def test_polygons_of_coco_and_yolo_are_kept(tmp_path):
+def test_polygons_and_times_of_coco_are_kept(tmp_path):
     corners = [20.0, 10.0, 40.0, 10.0, 30.0, 30.0]
-    points = ((20, 10), (40, 10), (30, 30))
     content = {
         "images": [{"id": 1, "frame": 3, "log_time_ns": 30}],
         "annotations": [{"image_id": 1, "bbox": [20, 10, 20, 20], "segmentation": [corners]}],
     }
     (tmp_path / "coco.json").write_text(json.dumps(content))
     label = read_labels(tmp_path / "coco.json").labels[0]
-    assert (label.polygon, label.image.frame, label.image.log_time_ns) == (points, 3, 30)
-    folder = tmp_path / "yolo"
-    folder.mkdir()
-    cv2.imwrite(str(folder / "a.png"), np.zeros((40, 50, 3), np.uint8))
-    fractions = [value / side for value, side in zip(corners, [50, 40] * 3, strict=True)]
-    (folder / "a.txt").write_text("0 " + " ".join(map(str, fractions)))
-    label = read_labels(folder).labels[0]
-    np.testing.assert_allclose(label.polygon, points)
-    np.testing.assert_allclose(label.box, (20, 10, 40, 30))
+    assert label.polygon == ((20, 10), (40, 10), (30, 30))
+    assert (label.image.frame, label.image.log_time_ns) == (3, 30)
 
 
 def test_the_truth_of_a_drive_is_read_for_every_frame():
@@ -309,42 +292,25 @@ def test_hand_made_boxes_of_a_real_drive_are_read():
 
 
 def test_labels_find_their_frames_by_number_time_or_name():
-    times, names = {0: 100, 1: 200, 2: 300}, {0: "a.jpg", 1: "b.jpg", 2: "c.jpg"}
-    box = (0, 0, 5, 5)
-    images = {
-        "frame": LabelledImage(frame=1),
-        "time": LabelledImage("drive", log_time_ns=300),
-        "name": LabelledImage(image_name="a.jpg"),
-        "all": LabelledImage("drive", 2, 300, "c.jpg"),
+    times = {0: 100, 1: 200, 2: 300, 3: 400}
+    names = {0: "train/a.jpg", 1: "b.jpg", 2: "c.jpg", 3: "b.jpg"}
+    found = {
+        0: [LabelledImage(image_name="train/a.jpg")],
+        1: [LabelledImage(frame=1)],
+        2: [LabelledImage("drive", log_time_ns=300), LabelledImage("drive", 2, 300, "c.jpg")],
     }
     others = {
         "other_log": [LabelledImage("elsewhere", frame=1)],
-        "other_time": [LabelledImage(log_time_ns=150), LabelledImage(frame=1, log_time_ns=300)],
-        "no_such_image": [LabelledImage(frame=3), LabelledImage(image_name="d.jpg")],
+        "other_time": [LabelledImage(log_time_ns=150), LabelledImage(frame=0, log_time_ns=200)],
+        "no_such_image": [LabelledImage(frame=4), LabelledImage(frame=9, image_name="train/a.jpg")],
+        "name_of_several": [LabelledImage(image_name="b.jpg")],
     }
-    every = [*images.values(), *(image for group in others.values() for image in group)]
-    read = Labels(tuple(Label(image, "sign", box) for image in every), (images["time"],))
-    found = labels_by_frame(read, "drive", times, names)
-    assert {frame: [label.image for label in own] for frame, own in found.labels.items()} == {
-        0: [images["name"]],
-        1: [images["frame"]],
-        2: [images["time"], images["all"]],
-    }
-    assert found.complete == {2}
-    assert found.left_out == {reason: len(group) for reason, group in others.items()}
-
-
-def test_a_label_whose_names_contradict_each_other_or_that_several_images_have_is_left_out():
-    names = {0: "train/a.jpg", 1: "b.jpg", 2: "b.jpg"}
-    images = [
-        LabelledImage(frame=9, image_name="train/a.jpg"),
-        LabelledImage(frame=0, log_time_ns=200),
-        LabelledImage(image_name="b.jpg"),
-    ]
-    read = Labels(tuple(Label(image, "sign", (0, 0, 5, 5)) for image in images), ())
-    found = labels_by_frame(read, "drive", {0: 100, 1: 200, 2: 300}, names)
-    assert not found.labels
-    assert found.left_out == {"no_such_image": 1, "other_time": 1, "name_of_several": 1}
+    every = [image for group in (*found.values(), *others.values()) for image in group]
+    read = Labels(tuple(Label(image, "sign", (0, 0, 5, 5)) for image in every), (found[2][0],))
+    by_frame = labels_by_frame(read, "drive", times, names)
+    assert {k: [label.image for label in own] for k, own in by_frame.labels.items()} == found
+    assert by_frame.complete == {2}
+    assert by_frame.left_out == {reason: len(group) for reason, group in others.items()}
 
 
 def test_labels_find_the_images_of_an_imported_log_by_their_files(tmp_path):

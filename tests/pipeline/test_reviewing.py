@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
-from wayside.pipeline.labels.label_file import read_label_file
 from wayside.pipeline.labels.read import read_labels
+from wayside.pipeline.labels.wayside_labels import read_label_file
 from wayside.pipeline.reviewing.review import (
     COLUMNS,
     FILES,

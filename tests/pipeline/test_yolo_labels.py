@@ -1,4 +1,4 @@
-"""What programs write behind a box in lines of YOLO, told from polygons."""
+"""Lines of YOLO: boxes, polygons, and what programs write behind them."""
 
 import cv2
 import numpy as np
@@ -16,14 +16,12 @@ def corners(x, y, w, h):
     return [left, top, right, top, right, low, left, low]
 
 
-def data_set(folder, lines, name="a"):
+def data_set(folder, lines, name="a", points=None):
     cv2.imwrite(str(folder / f"{name}.png"), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
     texts = (" ".join(map(str, line)) for line in lines)
     (folder / f"{name}.txt").write_text("\n".join(texts) + "\n")
-
-
-def boxes_of(folder):
-    return np.array([label.box for label in read_labels(folder).labels])
+    if points is not None:
+        (folder / "data.yaml").write_text(f"names: [stop]\nkpt_shape: {points}\n")
 
 
 def pixels(boxes):
@@ -31,30 +29,30 @@ def pixels(boxes):
     return np.array([np.array(corners(*box))[[0, 1, 4, 5]] * sides for box in boxes])
 
 
+ON_IT = [0.6, 0.5, 2, 0, 0, 0]
+"""Two key points, the second not seen."""
 BEHIND = {
-    "confidence": lambda n, box: [*box, 0.91],
-    "track": lambda n, box: [*box, n + 3],
-    "confidence and track": lambda n, box: [*box, 0.91, n + 3],
-    "confidence and track 1": lambda n, box: [*box, 0.91, 1],
-    "key points": lambda n, box: [*box, *corners(*box)],
-    "seen key points": lambda n, box: [*box, box[0], box[1], 2, 0, 0, 0],
-    "key points, confidence and track": lambda n, box: [*box, box[0], box[1], 0.5, 0.9, n],
-}
-POLYGONS = {
-    "polygon": lambda n, box: corners(*box),
-    "triangle": lambda n, box: corners(*box)[:6],
-    "polygon and confidence": lambda n, box: [*corners(*box), 0.8],
-    "polygon, confidence and track": lambda n, box: [*corners(*box), 0.8, n + 1],
+    "nothing": (None, lambda n, box: [*box]),
+    "confidence": (None, lambda n, box: [*box, 0.91]),
+    "track": (None, lambda n, box: [*box, n + 3]),
+    "confidence and track": (None, lambda n, box: [*box, 0.91, n + 3]),
+    "key points": ([4, 2], lambda n, box: [*box, *corners(*box)]),
+    "seen key points": ([2, 3], lambda n, box: [*box, *ON_IT]),
+    "key points, confidence and track": ([2, 3], lambda n, box: [*box, *ON_IT, 0.9, n]),
+    "polygon": (None, lambda n, box: corners(*box)),
+    "triangle": (None, lambda n, box: corners(*box)[:6]),
+    "polygon and confidence": (None, lambda n, box: [*corners(*box), 0.8]),
 }
 
 
-@pytest.mark.parametrize("what", [*BEHIND, *POLYGONS])
+@pytest.mark.parametrize("what", BEHIND)
 def test_boxes_are_the_same_whatever_stands_behind_them(tmp_path, what):
-    line = (BEHIND | POLYGONS)[what]
-    data_set(tmp_path, [[0, *line(n, box)] for n, box in enumerate(BOXES)])
+    points, line = BEHIND[what]
+    data_set(tmp_path, [[0, *line(n, box)] for n, box in enumerate(BOXES)], points=points)
     read = read_labels(tmp_path)
     np.testing.assert_allclose([one.box for one in read.labels], pixels(BOXES), atol=1e-6)
-    assert [bool(one.polygon) for one in read.labels] == [what in POLYGONS] * len(BOXES)
+    outlined = what.startswith(("polygon", "triangle"))
+    assert [bool(one.polygon) for one in read.labels] == [outlined] * len(BOXES)
     assert not read.left_out
 
 
@@ -68,6 +66,7 @@ def test_boxes_are_the_same_whatever_stands_behind_them(tmp_path, what):
         [0, 200, 150, 30, 30],
         [0, 0.5, 0.5, 0.1, 0.1, 7.5],
         [0, 0.5, 0.5, 1e308, 0.1],
+        [0, *corners(*BOXES[0]), 0.8, 7],
     ],
 )
 def test_a_line_that_is_no_box_is_left_out_and_named(tmp_path, bad):
@@ -80,14 +79,13 @@ def test_a_line_that_is_no_box_is_left_out_and_named(tmp_path, bad):
     assert [image.image_name for image in read.complete] == ["b.png"]  # as a's sign is not known
 
 
-def test_lines_that_can_be_either_are_what_others_of_the_set_must_be(tmp_path):
-    either, polygon = corners(0.3, 0.35, 0.2, 0.2), corners(0.8, 0.8, 0.3, 0.3)
-    data_set(tmp_path, [[0, *either]])
-    with pytest.raises(InputError, match="line 1: it can be a box or a polygon"):
+@pytest.mark.parametrize(
+    "line", [[*BOXES[0], *corners(*BOXES[0])], [*BOXES[2], 0.9, 1]], ids=["key points", "triangle"]
+)
+def test_a_line_that_can_be_a_box_or_a_polygon_is_refused(tmp_path, line):
+    data_set(tmp_path, [[0, *line]])
+    with pytest.raises(InputError, match=r"line 1: .* numbers can be a box .* kpt_shape"):
         read_labels(tmp_path)
-    data_set(tmp_path, [[0, *either], [0, *polygon]])
-    wanted = pixels([(0.3, 0.35, 0.2, 0.2), (0.8, 0.8, 0.3, 0.3)])
-    np.testing.assert_allclose(boxes_of(tmp_path), wanted, atol=1e-6)
 
 
 def test_an_image_of_absurd_size_is_left_out(tmp_path):

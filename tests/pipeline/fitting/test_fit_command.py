@@ -10,8 +10,8 @@ import pytest
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.fitting.report import format_fit
 from wayside.pipeline.fitting.samples import labelled_drives
-from wayside.pipeline.labels.label_file import write_labels
 from wayside.pipeline.labels.read import FrameLabels, read_labels
+from wayside.pipeline.labels.wayside_labels import write_labels
 from wayside.pipeline.learning.labelled import labelled_faces
 from wayside.pipeline.models.model_files import load_models
 from wayside.schemas.errors import InputError, OutputError, UsageError
