@@ -21,7 +21,7 @@ from typing import Self
 
 from filelock import FileLock
 
-from wayside.pipeline.files.json_text import parse_json
+from wayside.pipeline.files.parsing import parse_json
 from wayside.pipeline.files.writing import PART, create, give_back, not_written, sync, take_lock
 from wayside.schemas.errors import InputError, OutputError
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from wayside.pipeline.files.input_files import read_input_text
 from wayside.pipeline.files.lengths import parse_length
-from wayside.pipeline.files.toml_text import parse_toml
+from wayside.pipeline.files.parsing import parse_toml
 from wayside.schemas.errors import UsageError, WaysideError
 from wayside.schemas.settings import REPORT, REPORT_2D, REPORT_SHAPE, RouteSettings, Settings
 

@@ -20,7 +20,7 @@ from typing import Any, BinaryIO
 
 from filelock import FileLock, Timeout
 
-from wayside.pipeline.files.json_text import parse_json
+from wayside.pipeline.files.parsing import parse_json
 from wayside.schemas.errors import OutputError
 
 PART = ".wayside-part"

@@ -18,8 +18,8 @@ from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 
-from wayside.pipeline.files.json_text import CONTENT_FAULTS
 from wayside.pipeline.files.output_folder import finish_replacement
+from wayside.pipeline.files.parsing import CONTENT_FAULTS
 from wayside.pipeline.files.visible_text import visible_lines
 from wayside.pipeline.files.writing import not_written, write_file
 from wayside.pipeline.fleet.manifest import DONE, DRIVES, LOGS, QUARANTINE, QUARANTINED, WAITING

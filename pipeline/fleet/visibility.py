@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.files.json_text import CONTENT_FAULTS
+from wayside.pipeline.files.parsing import CONTENT_FAULTS
 from wayside.pipeline.fleet.inventory_data import DriveFrames, read_frames, read_signs
 from wayside.pipeline.results.result import read_run
 from wayside.schemas.errors import InputError

@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import median
 
 from wayside.pipeline.files.input_files import files_below, open_input, read_input_text
-from wayside.pipeline.files.yaml_text import parse_yaml
+from wayside.pipeline.files.parsing import parse_yaml
 from wayside.pipeline.labels.label_formats import Classes, Collected
 from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.pipeline.reading.image_order import natural_key

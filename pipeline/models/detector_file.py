@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.files.input_files import read_input
-from wayside.pipeline.files.json_text import CONTENT_FAULTS
+from wayside.pipeline.files.parsing import CONTENT_FAULTS
 from wayside.pipeline.labels.class_map import numbered, read_class_map
 from wayside.schemas.detectors import DetectorFile
 from wayside.schemas.errors import InputError

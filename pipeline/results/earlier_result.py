@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from wayside.pipeline.files.input_files import read_input_text
-from wayside.pipeline.files.json_text import parse_json
 from wayside.pipeline.files.output_folder import RECORDING
+from wayside.pipeline.files.parsing import parse_json
 from wayside.pipeline.files.writing import not_written
 from wayside.pipeline.reading.parts import bag_parts
 from wayside.pipeline.results.result import RUN_FILE

@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from wayside.pipeline.files.input_files import Where, read_input_text, read_parquet
-from wayside.pipeline.files.json_text import CONTENT_FAULTS, parse_json
 from wayside.pipeline.files.output_folder import finish_replacement
+from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_json
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.reading.parts import is_bag
 from wayside.schemas.errors import InputError, UsageError

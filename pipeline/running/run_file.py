@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 from wayside.pipeline.files.output_folder import RECORDING
 from wayside.pipeline.files.settings_file import settings_digest
 from wayside.pipeline.files.writing import create, not_written
-from wayside.pipeline.models.model_files import Models
-from wayside.pipeline.models.provenance import learned_from
+from wayside.pipeline.models.model_files import Models, learned_from
 from wayside.pipeline.results.earlier_result import file_digest, log_fingerprint
 from wayside.pipeline.results.result import RUN_FILE
 from wayside.pipeline.running.journal import result_key

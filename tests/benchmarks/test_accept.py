@@ -8,7 +8,7 @@ import pytest
 
 from wayside.pipeline.evaluation import RealEvaluation, RenderedEvaluation, together
 from wayside.pipeline.evaluation.figures import Backs, Duplicate, FalseSign, Match, MissedPanel
-from wayside.pipeline.models.provenance import onnx_metadata
+from wayside.pipeline.models.model_files import onnx_metadata
 
 ROOT = Path(__file__).parents[2]
 

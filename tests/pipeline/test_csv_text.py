@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from wayside.pipeline.exporting.flat_table import FlatTable
 from wayside.pipeline.exporting.text_files import write_csv
-from wayside.pipeline.files.csv_text import guarded, read_csv, unguarded
+from wayside.pipeline.files.parsing import guarded, read_csv, unguarded
 from wayside.schemas.tables import Column
 
 

@@ -47,7 +47,7 @@ def test_a_table_is_that_of_pyarrow(tmp_path):
 @pytest.mark.parametrize(
     "column",
     [
-        pa.array(np.zeros(200_000, np.int8)),
+        pa.array(np.zeros(200_000, np.int64)),
         pa.DictionaryArray.from_arrays(pa.array(np.zeros(1000, np.int32)), ["x" * 5000]).cast(
             pa.string()
         ),

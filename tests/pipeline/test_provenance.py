@@ -5,8 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wayside.pipeline.files.settings_file import load_settings
-from wayside.pipeline.models.model_files import load_models, shipped_models
-from wayside.pipeline.models.provenance import learned_from, onnx_metadata
+from wayside.pipeline.models.model_files import (
+    learned_from,
+    load_models,
+    onnx_metadata,
+    shipped_models,
+)
 
 TEXT = (
     "rendered drives learn_alley (60 images, 197 faces), learn_town (9 images, 1 faces); seed 1; "
