@@ -28,7 +28,7 @@ from wayside.pipeline.models.model_files import Models, load_models
 from wayside.pipeline.results.earlier_result import is_finished, log_fingerprint
 from wayside.pipeline.results.result import read_run
 from wayside.pipeline.running.journal import result_keys
-from wayside.pipeline.running.run import run_log
+from wayside.pipeline.running.run import RunRequest, run_log
 from wayside.pipeline.running.tuning import tune_process
 from wayside.schemas.errors import (
     PARTS_LOST,
@@ -196,14 +196,10 @@ def _run(task: Task) -> None:
                 "the same on every worker."
             )
         tune_process()
-        run_log(
-            log,
-            task.folder,
-            task.settings,
-            models,
-            arguments=list(task.arguments),
-            overwrite=task.overwrite,
+        asked = RunRequest(
+            log, task.folder, task.settings, models, task.arguments, overwrite=task.overwrite
         )
+        run_log(asked)
 
 
 @lru_cache(maxsize=1)

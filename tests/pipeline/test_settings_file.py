@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 
 import pytest
@@ -15,7 +15,6 @@ from wayside.pipeline.files.settings_file import (
     format_settings,
     load_settings,
     settings_digest,
-    settings_values,
 )
 from wayside.schemas.errors import UsageError
 from wayside.schemas.settings import REPORT, Settings
@@ -198,7 +197,7 @@ def test_the_full_listing_shows_every_setting_with_default_origin_and_words() ->
     text = format_settings(settings, origins, full=True)
     line = next(line for line in text.splitlines() if line.startswith("clusters = 8"))
     assert "colours | 16 | --set | k of pass one" in line
-    assert tomllib.loads(text) == json.loads(json.dumps(settings_values(settings)))
+    assert tomllib.loads(text) == json.loads(json.dumps(asdict(settings)))
     for group in fields(settings):
         for leaf in fields(getattr(settings, group.name)):
             assert leaf.metadata["origin"] in text
@@ -208,7 +207,7 @@ def test_the_listing_is_a_file_of_every_setting(tmp_path: Path) -> None:
     for preset in ("default", "report"):
         settings, origins = load_settings(preset)
         text = format_settings(settings, origins)
-        assert tomllib.loads(text) == json.loads(json.dumps(settings_values(settings)))
+        assert tomllib.loads(text) == json.loads(json.dumps(asdict(settings)))
         assert load_settings(file=toml(tmp_path, text))[0] == settings
 
 
