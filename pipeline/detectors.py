@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.workers import Stage, stage
-from wayside.schemas.detectors import BoxFile, DetectorFile
+from wayside.schemas.detectors import DetectorFile
 from wayside.schemas.settings import Settings
 from wayside.stages.detection import (
     BoxClassifier,

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import pytest
 
-from wayside.pipeline import workers
 from wayside.pipeline.workers import StageClock, ordered_parallel
 from wayside.schemas.errors import StageError
 
@@ -56,9 +55,7 @@ def test_a_slow_consumer_makes_the_reader_wait():
 
 
 @pytest.mark.parametrize("way", ["exits", "returns"])
-def test_a_worker_that_ends_is_a_fault_and_not_the_end_of_the_run(way, monkeypatch):
-    monkeypatch.setattr(workers, "_LIFE_SIGN_S", 0.05)
-
+def test_a_worker_that_ends_is_a_fault_and_not_the_end_of_the_run(way):
     def ends_at_seven(items):
         for item in items:
             if item == 7 and way == "exits":
