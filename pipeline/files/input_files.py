@@ -19,33 +19,22 @@ MOST_BYTES = 1 << 30
 Where = Mapping[str, str | Collection[int]]
 """Rows to read: those that hold these texts, or one of these numbers, by column name."""
 _BATCH_ROWS = 1 << 12
-_KINDS = {
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-}
 
 
 def open_input(path: Path) -> BinaryIO:
     """A regular file, open for reading; never waits, as the opening of a pipe does.
 
-    Raises
-    ------
-    OSError
-        It cannot be read, or is a folder, pipe, socket or device.
-    ValueError
-        The name holds a NUL.
+    Raises OSError where it cannot be read, or is no regular file; ValueError where the name holds a NUL.
     """
     opened = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    kind = os.fstat(opened).st_mode
+    if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+        os.close(opened)
+        words = "a device" if stat.S_ISCHR(kind) or stat.S_ISBLK(kind) else "a pipe"
+        raise OSError(errno.EINVAL, f"{words}, not a file that can be read twice", str(path))
     try:
-        kind = stat.S_IFMT(os.fstat(opened).st_mode)
-        if kind in _KINDS:
-            raise OSError(
-                errno.EINVAL, f"{_KINDS[kind]}, not a file that can be read twice", str(path)
-            )
         return os.fdopen(opened, "rb")
-    except BaseException:
+    except BaseException:  # a folder
         os.close(opened)
         raise
 
@@ -67,18 +56,13 @@ def read_input_text(path: Path) -> str:
 def decoded(data: bytes) -> str:
     """The text of bytes in UTF-8, in UTF-16 with a byte order mark, or in the code page of Western Windows.
 
-    Raises
-    ------
-    ValueError
-        They are no text.
+    Raises ValueError where they are no text.
     """
-    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        text = data.decode("utf-16")
-    else:
-        try:
-            text = data.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            text = data.decode("cp1252")
+    try:
+        marked = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        text = data.decode("utf-16" if marked else "utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("cp1252")
     if "\0" in text:
         raise ValueError("no text: it holds a NUL")
     return text
