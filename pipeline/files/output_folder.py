@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import time
 from collections.abc import Callable, Collection
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -26,7 +25,7 @@ DONE, LOCK = ".wayside-done", ".wayside-lock"
 RECORDING = "drive.rrd"
 """The recording of every step, beside the tables where it is asked for."""
 _MANIFEST = ".files.json"
-_PATIENCE_S, _POLL_S = 10.0, 0.02
+_PATIENCE_S = 10.0
 Kind = type[BaseException] | None
 
 
@@ -134,24 +133,21 @@ def finish_replacement(folder: Path) -> None:
 
 def finish_under_lock(folder: Path, done: str, lock: str, move: Callable[[Path], None]) -> None:
     """Move what a writer left in `done` of a folder into place, under its lock; raises as `finish_replacement`."""
-    late = time.monotonic() + _PATIENCE_S
-    while _is_folder(folder / done):
-        try:
-            held = take_lock(folder / lock)
-            if held is not None:
-                try:
-                    move(folder)
-                finally:
-                    give_back(held)
-        except OSError as error:
-            raise InputError(
-                f"{folder}: a new result is here that has not replaced the old one yet: {error.strerror or error}. "
-                "Open it where the folder can be written."
-            ) from error
+    if not _is_folder(folder / done):
+        return
+    try:
+        held = take_lock(folder / lock, _PATIENCE_S)
         if held is None:
-            if time.monotonic() > late:
-                raise InputError(f"{folder}: another wayside is replacing the result. Try again.")
-            time.sleep(_POLL_S)
+            raise InputError(f"{folder}: another wayside is replacing the result. Try again.")
+        try:
+            move(folder)  # nothing, where another process has done it meanwhile
+        finally:
+            give_back(held)
+    except OSError as error:
+        raise InputError(
+            f"{folder}: a new result is here that has not replaced the old one yet: {error.strerror or error}. "
+            "Open it where the folder can be written."
+        ) from error
 
 
 def _finish_moves(folder: Path) -> None:

@@ -83,14 +83,14 @@ def sync(path: Path) -> None:
         os.close(opened)
 
 
-def take_lock(path: Path) -> FileLock | None:
-    """Lock a file, made where it is missing; None where another process holds it.
+def take_lock(path: Path, patience_s: float = 0.0) -> FileLock | None:
+    """Lock a file, made where it is missing; None where another process holds it for so long.
 
     A file system without locks keeps nobody apart. The holder removes the file before the lock is given back.
     """
     held = FileLock(path, mode=0o666, thread_local=False)
     try:
-        held.acquire(blocking=False)
+        held.acquire(timeout=patience_s)
     except Timeout:
         return None
     except OSError as error:
