@@ -84,16 +84,6 @@ def test_an_error_in_a_worker_is_raised_after_the_results_before_it_and_leaves_n
     assert not own_threads()
 
 
-def test_an_error_while_reading_leaves_no_thread():
-    def source():
-        yield 1
-        raise OSError("gone")
-
-    with pytest.raises(OSError, match="gone"):
-        list(ordered_parallel(uneven, source(), workers=2, queue=2))
-    assert not own_threads()
-
-
 def test_a_fault_names_the_stage_and_the_frame():
     def stage(items):
         for item in items:
