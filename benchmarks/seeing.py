@@ -40,7 +40,7 @@ from wayside.pipeline.evaluation.rendered import (
 from wayside.pipeline.files.lengths import parse_length
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.models.model_files import load_models
-from wayside.pipeline.running.run import run_log
+from wayside.pipeline.running.run import RunRequest, run_log
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 from wayside.stages.geometry import iou_matrix
 
@@ -107,7 +107,7 @@ def result_of(name: str, folder: Path, threshold: float | None) -> Result:
         landmark = replace(models.landmark_classifier, threshold=threshold)
         models = replace(models, landmark_classifier=landmark)
     out = folder / name
-    run_log(DRIVES / f"{name}.mcap", out, settings, models, arguments=[], every_region=True)
+    run_log(RunRequest(DRIVES / f"{name}.mcap", out, settings, models, every_region=True))
     print(name, file=sys.stderr, flush=True)
     rows = pq.read_table(out / SIGNS.file).to_pylist()
     return [row for row in rows if row["status"] != "back"], truth_of(name)

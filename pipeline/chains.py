@@ -64,33 +64,32 @@ def chain_of(settings: Settings, models: Models, routes: RouteFile | None = None
 
 def default_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
     """Preset `default`: boxes of networks or of another detector, tracks by predicted position, all evidence."""
-    record, watch = DriveRecord(), CalibrationWatch()
-    detector = detector_of(s, m)
+    record, watch, detector = DriveRecord(), CalibrationWatch(), detector_of(s, m)
     faces = FaceClassifier(m.face_network.path) if m.face_network else None
     return Chain(
         per_image=[
             stage("decode", decode, s.balance),
-            *detector.stages(),
-            stage("features", extract_features, settings=s.features),
+            *detector.stages,
+            stage("features", extract_features, s.features),
         ],
-        per_frame=[
+        per_frame=_those(
             stage("motion", estimate_motion, s.motion),
             stage("calibration", watch_calibration, watch).unseen(),
             stage(
                 "track",
                 track,
-                settings=s.track,
-                front=detector.front(),
-                back=detector.back(),
-                panel=panel_method(m),
+                s.track,
+                detector.front,
+                detector.back,
+                panel_method(m),
                 jointly=True,
             ),
-            stage("location", classify_location, model=None, settings=s.locate),
-            *([stage("face", classify_faces, model=faces)] if faces else []),
+            stage("location", classify_location, None, s.locate),
+            stage("face", classify_faces, model=faces) if faces else None,
             stage("assemble", assemble),
-            stage("collect", collect, record=record).unseen(),
-        ],
-        path=_path(s),
+            stage("collect", collect, record).unseen(),
+        ),
+        path=stage("georeference", georeference, s.motion),
         signs=lambda path: _signs(s, m, routes, path, faces.classes if faces else ()),
         lens=stage("lens", check_calibration),
         record=record,
@@ -99,30 +98,27 @@ def default_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
 
 
 def report_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
-    """Presets `report`, `report-2d` and `report-shape`: the report's chain, with the gates that its settings name."""
-    record, watch = DriveRecord(), CalibrationWatch()
-    moves = m.trajectory_density
+    """Presets `report`, `report-2d` and `report-shape`: one of the gates shape, trajectory and location each."""
+    record, watch, moves = DriveRecord(), CalibrationWatch(), m.trajectory_density
     return Chain(
         per_image=[
             stage("decode", decode, s.balance),
-            *detector_of(s, m).stages(),
+            *detector_of(s, m).stages,
             stage("sift", extract_sift),
-            stage("features", extract_features, settings=s.features),
+            stage("features", extract_features, s.features),
         ],
-        per_frame=[
+        per_frame=_those(
             stage("motion", estimate_motion, s.motion),
             stage("calibration", watch_calibration, watch).unseen(),
-            stage("track", match_by_descriptors, settings=s.track),
-            *([stage("trajectory", classify_trajectory, model=moves)] if moves else []),
-            *(
-                [stage("location", classify_location, model=m.location_classes, settings=s.locate)]
-                if s.locate.gate
-                else []
-            ),
+            stage("track", match_by_descriptors, s.track),
+            stage("trajectory", classify_trajectory, moves) if moves else None,
+            stage("location", classify_location, m.location_classes, s.locate)
+            if s.locate.gate
+            else None,
             stage("assemble", assemble),
-            stage("collect", collect, record=record).unseen(),
-        ],
-        path=_path(s),
+            stage("collect", collect, record).unseen(),
+        ),
+        path=stage("georeference", georeference, s.motion),
         signs=lambda path: _signs(s, m, routes, path),
         lens=stage("lens", check_calibration),
         record=record,
@@ -135,10 +131,6 @@ def panel_method(m: Models) -> PanelMethod:
     return PanelMethod(m.outline_weights)
 
 
-def _path(s: Settings) -> Stage[Any, DrivePath]:
-    return stage("georeference", georeference, motion=s.motion)
-
-
 def _signs(
     s: Settings,
     m: Models,
@@ -147,17 +139,19 @@ def _signs(
     classes: tuple[str, ...] = (),
 ) -> Stages:
     """Landmarks on the path, measured along a route where one is given, with their codes."""
-    confidence = m.sign_confidence(s.locate.confidence)
     segments = None
     if routes is not None and path.globe is not None:
         segments = routes.near(path.globe.route()[:, :2])
     along = s.route.milepost >= 0 or segments is not None
-    return [
-        stage("signs", place_signs, path=path, confidence=confidence),
-        *(
-            [stage("route", measure_along_route, path=path, settings=s.route, segments=segments)]
-            if along
-            else []
-        ),
+    return _those(
+        stage("signs", place_signs, path, m.sign_confidence(s.locate.confidence)),
+        stage("route", measure_along_route, path=path, settings=s.route, segments=segments)
+        if along
+        else None,
         stage("codes", assign_codes, settings=s.codes, classes=classes),
-    ]
+    )
+
+
+def _those(*stages: Stage[Any, Any] | None) -> Stages:
+    """The stages that a run has."""
+    return [one for one in stages if one is not None]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
 from wayside.schemas.errors import UsageError
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from wayside.pipeline.reading.frames import ReadReport
-    from wayside.pipeline.running.run import Run, RunObserver
+    from wayside.pipeline.running.run import RunObserver
     from wayside.schemas.landmarks import TrackedFrame
     from wayside.schemas.settings import Settings
-    from wayside.schemas.tables import Table
 
 PathLike = str | os.PathLike[str]
+_PARTS = ("signs", "observations", "frames", "about")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +41,13 @@ class Inventory:
     `run` and `open_inventory` make them.
     """
 
-    def __init__(self, frames: Iterator[TrackedFrame], result: _Result) -> None:
-        self._frames, self._result = frames, result
-        self._tables: dict[str, pa.Table] = {}
+    def __init__(
+        self, process: Callable[[Path], Iterator[TrackedFrame]], folder: Path | None
+    ) -> None:
+        self._read: dict[str, Any] = {}
         self._fault: BaseException | None = None
+        self._folder = folder
+        self._frames = self._in_memory(process) if folder is None else process(folder)
 
     def __iter__(self) -> Iterator[TrackedFrame]:
         return self
@@ -79,34 +82,40 @@ class Inventory:
     @property
     def signs(self) -> pa.Table:
         """One row a physical panel, the columns of `signs.parquet` (docs/tables.md). Raises as `finish` does."""
-        from wayside.schemas.tables import SIGNS
-
-        return self._table(SIGNS)
+        signs: pa.Table = self._part("signs")
+        return signs
 
     @property
     def observations(self) -> pa.Table:
         """One row a region of an image, the columns of `observations.parquet`. Raises as `finish` does."""
-        from wayside.schemas.tables import OBSERVATIONS
-
-        return self._table(OBSERVATIONS)
+        observations: pa.Table = self._part("observations")
+        return observations
 
     @property
     def frames(self) -> pa.Table:
         """One row a frame of the log, the columns of `frames.parquet`. Raises as `finish` does."""
-        from wayside.schemas.tables import FRAMES
-
-        return self._table(FRAMES)
+        frames: pa.Table = self._part("frames")
+        return frames
 
     @property
     def about(self) -> dict[str, Any]:
         """The content of `run.json`: versions, settings, notes, what was lost. Raises as `finish` does."""
-        return self.finish()._result.about()
+        about: dict[str, Any] = self._part("about")
+        return about
 
-    def _table(self, table: Table) -> pa.Table:
+    def _part(self, name: str) -> Any:
         self.finish()
-        if table.file not in self._tables:
-            self._tables[table.file] = self._result.table(table)
-        return self._tables[table.file]
+        if name not in self._read and self._folder is not None:
+            self._read[name] = _read(self._folder, name)
+        return self._read[name]
+
+    def _in_memory(
+        self, process: Callable[[Path], Iterator[TrackedFrame]]
+    ) -> Iterator[TrackedFrame]:
+        """Process in a scratch folder that goes with the last frame, when its tables are in memory."""
+        with TemporaryDirectory(prefix="wayside-") as scratch:
+            yield from process(Path(scratch))
+            self._read = {name: _read(Path(scratch), name) for name in _PARTS}
 
 
 def run(
@@ -191,35 +200,28 @@ def run(
     path = Path(log)
     address = _start_viewer(view)
 
-    def process(folder: Path, under_way: Run) -> Iterator[TrackedFrame]:
-        from wayside.pipeline.running.run import process_log
+    def open_observer(report: ReadReport, part: Path) -> RunObserver | None:
+        if view is None:
+            return None
+        from wayside.pipeline.view.sinks import Viewing, open_observer
 
-        def open_observer(report: ReadReport, part: Path) -> RunObserver | None:
-            if view is None:
-                return None
-            from wayside.pipeline.view.sinks import Viewing, open_observer
+        viewing = Viewing(view == "file", address)
+        return open_observer(viewing, part, path.stem, models.location_classes, report)
 
-            viewing = Viewing(view == "file", address)
-            return open_observer(viewing, part, path.stem, models.location_classes, report)
+    def process(folder: Path) -> Iterator[TrackedFrame]:
+        from wayside.pipeline.running.run import Run, RunRequest, process_log
 
-        frames = process_log(
-            path,
-            folder,
-            chosen,
-            models,
-            under_way,
-            arguments=[],
-            open_observer=open_observer,
-            overwrite=overwrite,
+        asked = RunRequest(
+            path, folder, chosen, models, open_observer=open_observer, overwrite=overwrite
         )
-        yield from _reported(frames, under_way, progress)
+        under_way = Run()
+        for count, settled in enumerate(process_log(asked, under_way), 1):
+            if progress is not None:
+                read = under_way.report
+                progress(Progress(count, min(read.bytes_read / max(read.bytes_total, 1), 1.0)))
+            yield settled
 
-    if out is not None:
-        from wayside.pipeline.running.run import Run
-
-        return Inventory(process(Path(out), Run()), _ResultFolder(Path(out)))
-    kept = _KeptResult()
-    return Inventory(_kept(process, kept), kept)
+    return Inventory(process, None if out is None else Path(out))
 
 
 def open_inventory(folder: PathLike) -> Inventory:
@@ -230,75 +232,17 @@ def open_inventory(folder: PathLike) -> Inventory:
     InputError
         The folder holds no result of a run.
     """
-    from wayside.pipeline.results.result import read_run
-
-    read_run(Path(folder))
-    return Inventory(iter(()), _ResultFolder(Path(folder)))
+    _read(Path(folder), "about")
+    return Inventory(lambda folder: iter(()), Path(folder))
 
 
-class _Result(Protocol):
-    """Where a finished run is read from."""
+def _read(folder: Path, part: str) -> Any:
+    """A part of a finished run."""
+    from wayside.pipeline.results.result import read_run, read_table
+    from wayside.schemas.tables import TABLES
 
-    def table(self, table: Table) -> pa.Table: ...
-
-    def about(self) -> dict[str, Any]: ...
-
-
-class _ResultFolder:
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-
-    def table(self, table: Table) -> pa.Table:
-        from wayside.pipeline.results.result import read_table
-
-        return read_table(self._folder, table)
-
-    def about(self) -> dict[str, Any]:
-        from wayside.pipeline.results.result import read_run
-
-        return read_run(self._folder)
-
-
-class _KeptResult:
-    def __init__(self) -> None:
-        self._tables: dict[str, pa.Table] = {}
-        self._about: dict[str, Any] = {}
-
-    def keep(self, folder: Path) -> None:
-        from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
-
-        written = _ResultFolder(folder)
-        self._tables = {table.file: written.table(table) for table in (SIGNS, OBSERVATIONS, FRAMES)}
-        self._about = written.about()
-
-    def table(self, table: Table) -> pa.Table:
-        return self._tables[table.file]
-
-    def about(self) -> dict[str, Any]:
-        return self._about
-
-
-def _kept(
-    process: Callable[[Path, Run], Iterator[TrackedFrame]], kept: _KeptResult
-) -> Iterator[TrackedFrame]:
-    """Process in a scratch folder that goes with the last frame, when its tables are in memory."""
-    from wayside.pipeline.running.run import Run
-
-    with TemporaryDirectory(prefix="wayside-") as scratch:
-        yield from process(Path(scratch), Run())
-        kept.keep(Path(scratch))
-
-
-def _reported(
-    frames: Iterator[TrackedFrame],
-    under_way: Run,
-    progress: Callable[[Progress], None] | None,
-) -> Iterator[TrackedFrame]:
-    for count, settled in enumerate(frames, 1):
-        if progress is not None:
-            read = under_way.report
-            progress(Progress(count, min(read.bytes_read / max(read.bytes_total, 1), 1.0)))
-        yield settled
+    tables = {table.name: table for table in TABLES}
+    return read_run(folder) if part == "about" else read_table(folder, tables[part])
 
 
 def _start_viewer(view: str | None) -> str | None:
@@ -315,21 +259,18 @@ def _settings(
     preset: str, settings: Settings | Mapping[str, Any] | None, options: Mapping[str, Any]
 ) -> Settings:
     """The settings of a run; options: by full name, None where not given, paths as such."""
-    from wayside.pipeline.files.settings_file import load_settings, settings_values
+    from wayside.pipeline.files.settings_file import load_settings
     from wayside.schemas.settings import Settings
 
+    overrides: dict[str, Any] = {}
     if isinstance(settings, Settings):
         if preset != "default":
             raise UsageError(f"a preset ({preset}) and all settings are given. Give one.")
-        groups = settings_values(settings)
-        overrides = {
-            f"{group}.{k}": v for group, leaves in groups.items() for k, v in leaves.items()
-        }
+        for group, leaves in asdict(settings).items():
+            overrides |= {f"{group}.{name}": value for name, value in leaves.items()}
     else:
-        overrides = dict(settings or {})
-    given = {
-        name: os.fspath(value) if isinstance(value, os.PathLike) else value
-        for name, value in options.items()
-        if value is not None
-    }
-    return load_settings(preset, options=overrides | given)[0]
+        overrides |= settings or {}
+    for name, value in options.items():
+        if value is not None:
+            overrides[name] = os.fspath(value) if isinstance(value, os.PathLike) else value
+    return load_settings(preset, options=overrides)[0]

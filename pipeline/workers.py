@@ -1,15 +1,15 @@
-"""Workers and bounded queues around a chain of stages that knows nothing of them."""
+"""Stages by name, the clock that counts their time, and workers around a chain of them that knows nothing of them."""
 
 from __future__ import annotations
 
 import threading
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from queue import Empty, Queue
 from time import thread_time
-from typing import Any, Concatenate, Generic, ParamSpec, Protocol, TypeVar
+from typing import Concatenate, Generic, ParamSpec, Protocol, TypeVar
 
 from wayside.schemas.errors import StageError, WaysideError
 from wayside.schemas.frame import Frame
@@ -131,15 +131,6 @@ class _ThreadState(threading.local):
     frame: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class _Fault:
-    error: BaseException
-
-
-_END: Any = object()
-_LIFE_SIGN_S = 1.0
-
-
 def ordered_parallel(
     chain: Callable[[Iterator[Source]], Iterator[Result]],
     items: Iterator[Source],
@@ -148,84 +139,44 @@ def ordered_parallel(
     queue: int,
     has_room: Callable[[], bool] = lambda: True,
 ) -> Iterator[Result]:
-    """Send items through `chain` in several threads; results come in the order of the items.
+    """Send items through `chain`, each by itself, in several threads; results come in the order of the items.
 
-    Every worker has its own instance of the chain and its own pair of queues; items are dealt in turn, so the result
-    does not depend on who is faster. At most `workers * queue` items are under way: a slow consumer makes the
-    reader wait; so does `has_room` where it says no, though one item is always under way. The chain must give one
-    result an item, in order. One worker means no thread at all.
+    At most `workers * queue` items are under way: a slow consumer makes the reader wait; so does `has_room` where it
+    says no, though one item is always under way. The chain must give one result an item. One worker means no thread.
 
-    A fault in a worker is raised here, after the results before it; so it is when its thread has ended for whatever
-    reason. Leaving the generator early (an error downstream, an interrupt) stops and joins all workers.
+    A fault in a worker is raised here, after the results before it. Leaving the generator early (an error downstream,
+    an interrupt) ends all workers.
 
     Raises
     ------
     StageError
-        A worker has ended without an error that could be raised here.
+        A chain ended without a result or an error that could be raised here.
     """
     if workers == 1:
         yield from chain(items)
         return
 
-    incoming: list[Queue[Any]] = [Queue(queue + 1) for _ in range(workers)]
-    outgoing: list[Queue[Any]] = [Queue(queue + 1) for _ in range(workers)]
-    stop = threading.Event()
+    def work(item: Source) -> Result:
+        for result in chain(iter([item])):
+            return result
+        raise StageError("workers", None, RuntimeError("a chain has ended without a result"))
 
-    def work(mine: Queue[Any], done: Queue[Any]) -> None:
-        def dealt() -> Iterator[Source]:
-            while (item := mine.get()) is not _END and not stop.is_set():
-                yield item
-
-        try:
-            for result in chain(dealt()):
-                done.put(result)
-        except BaseException as error:
-            done.put(_Fault(error))
-
-    threads = [
-        threading.Thread(target=work, args=pair, name=f"wayside-{n}", daemon=True)
-        for n, pair in enumerate(zip(incoming, outgoing, strict=True))
-    ]
-    for thread in threads:
-        thread.start()
-    under_way: deque[int] = deque()
-    dealt_count = 0
+    under_way: deque[Future[Result]] = deque()
+    pool = ThreadPoolExecutor(workers, "wayside-")
     try:
-        more = True
         while True:
-            while more and len(under_way) < workers * queue and (not under_way or has_room()):
-                item = next(items, _END)
-                if item is _END:
-                    more = False
+            while len(under_way) < workers * queue and (not under_way or has_room()):
+                item = next(items, None)
+                if item is None:
                     break
-                turn = dealt_count % workers
-                incoming[turn].put(item)
-                under_way.append(turn)
-                dealt_count += 1
+                under_way.append(pool.submit(work, item))
             if not under_way:
                 return
-            turn = under_way.popleft()
-            result = _next_result(outgoing[turn], threads[turn])
-            if isinstance(result, _Fault):
-                if isinstance(result.error, Exception):
-                    raise result.error
-                # SystemExit and its like end a thread; raised here they would end the run as if all were well
-                raise StageError("workers", None, result.error) from result.error
-            yield result
+            done = under_way.popleft()
+            error = done.exception()
+            if error is not None and not isinstance(error, Exception):
+                # SystemExit and its like; raised here they would end the run as if all were well
+                raise StageError("workers", None, error) from error
+            yield done.result()
     finally:
-        stop.set()
-        for mine in incoming:
-            mine.put(_END)
-        for thread in threads:
-            thread.join()
-
-
-def _next_result(done: Queue[Any], thread: threading.Thread) -> Any:
-    """The next result of a worker; a fault where it ended without one."""
-    while True:
-        try:
-            return done.get(timeout=_LIFE_SIGN_S)
-        except Empty:
-            if not thread.is_alive() and done.empty():
-                ended = RuntimeError(f"the thread {thread.name} has ended without a result")
-                return _Fault(StageError("workers", None, ended))
+        pool.shutdown(cancel_futures=True)

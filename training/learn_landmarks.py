@@ -126,7 +126,7 @@ def _landmarks_of(
         detector = detector_of(settings, own)
         settled = TrackSettings(fewest_views=FEWEST)
         panel = panel_method(own)
-        tracked = track(moved, settled, detector.front(), detector.back(), panel)
+        tracked = track(moved, settled, detector.front, detector.back, panel)
         rows += labelled_landmarks(tracked, known, usual=lower == 0)
     return rows
 

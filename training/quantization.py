@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from training.onnx_rewriting import LEVELS, rewrite
-from wayside.pipeline.models.provenance import onnx_metadata
+from wayside.pipeline.models.model_files import onnx_metadata
 from wayside.stages.detection import IMAGE, MULTIPLE, PATCHES, SIZES, padded
 
 LAST_LAYER = "/maps/Conv"

@@ -309,7 +309,7 @@ def process(
     from wayside.pipeline.cli.summary import print_summary
     from wayside.pipeline.models.model_files import load_models
     from wayside.pipeline.reading.frames import ReadReport
-    from wayside.pipeline.running.run import Run, RunObserver, run_log
+    from wayside.pipeline.running.run import Run, RunObserver, RunRequest, run_log
     from wayside.pipeline.running.tuning import tune_process, watched_compilation
 
     how = how or RunOptions()
@@ -323,25 +323,25 @@ def process(
 
         return open_observer(viewing, part, visible(log.stem), models.location_classes, report)
 
+    asked = RunRequest(
+        log,
+        folder,
+        settings,
+        models,
+        sys.argv[1:],
+        how.every_region,
+        open_observer,
+        how.rate,
+        how.overwrite,
+        how.resume,
+    )
     under_way = Run()
     try:
         with (
             FrameProgress(log.name, under_way) as progress,
             watched_compilation(progress.compiling),
         ):
-            result = run_log(
-                log,
-                folder,
-                settings,
-                models,
-                under_way,
-                arguments=sys.argv[1:],
-                every_region=how.every_region,
-                open_observer=open_observer,
-                rate=how.rate,
-                overwrite=how.overwrite,
-                resume=how.resume,
-            )
+            result = run_log(asked, under_way)
     except KeyboardInterrupt as error:
         done = "were" if under_way.committed else "were not"
         more = (

@@ -13,7 +13,7 @@ from pathlib import Path
 from wayside.pipeline.cli.progress import FrameProgress
 from wayside.pipeline.files.settings_file import PRESETS, load_settings
 from wayside.pipeline.models.model_files import load_models
-from wayside.pipeline.running.run import Run, run_log
+from wayside.pipeline.running.run import Run, RunRequest, run_log
 from wayside.pipeline.running.tuning import tune_process, watched_compilation
 from wayside.schemas.errors import WaysideError
 
@@ -36,7 +36,7 @@ def warm_up(log: Path) -> None:
             watched_compilation(progress.compiling),
         ):
             models = load_models(settings)
-            run_log(log, Path(scratch), settings, models, run, arguments=[])
+            run_log(RunRequest(log, Path(scratch), settings, models), run)
 
 
 if __name__ == "__main__":

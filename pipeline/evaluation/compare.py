@@ -20,7 +20,7 @@ from wayside.pipeline.evaluation.misses import (
 from wayside.pipeline.evaluation.real import evaluate_against_labels
 from wayside.pipeline.evaluation.rendered import evaluate_against_truth
 from wayside.pipeline.files.input_files import read_input_text
-from wayside.pipeline.files.json_text import CONTENT_FAULTS, parse_json
+from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_json
 from wayside.pipeline.files.writing import write_json
 from wayside.pipeline.results.result import RUN_FILE, read_rows, read_run, read_table
 from wayside.pipeline.statistics import Interval, Spread, share_interval

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from wayside.pipeline.exporting.flat_table import GEOMETRY, FlatTable
-from wayside.pipeline.files.csv_text import guarded
+from wayside.pipeline.files.parsing import guarded
 from wayside.schemas.tables import Column
 
 

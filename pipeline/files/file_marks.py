@@ -7,7 +7,6 @@ import zlib
 from html import escape
 from pathlib import Path
 
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _HEADER_BYTES = 33
 """Signature and image header of a PNG; text may follow."""
 
@@ -23,19 +22,10 @@ def marked_head(mark: str) -> str:
 
 
 def is_marked(path: Path, mark: str) -> bool:
-    """Whether a PNG file or a page bears a mark.
-
-    Raises
-    ------
-    OSError
-        It cannot be read.
-    """
-    chunk, head = _text_chunk(mark), marked_head(mark).encode()
+    """Whether a PNG file or a page bears a mark; raises OSError where it cannot be read."""
     with path.open("rb") as stream:
-        start = stream.read(_HEADER_BYTES + len(chunk) + 1024)
-    if start.startswith(_SIGNATURE):
-        return start[_HEADER_BYTES:].startswith(chunk)
-    return head in start
+        start = stream.read(2048)
+    return _text_chunk(mark) in start or marked_head(mark).encode() in start
 
 
 def _text_chunk(mark: str) -> bytes:

@@ -8,48 +8,33 @@ import os
 import stat
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from wayside.pipeline.files.json_text import CONTENT_FAULTS
-
 MOST_BYTES = 1 << 30
 """Of a file read into memory, and of what Parquet unpacks to: forty million boxes with their scores."""
 Where = Mapping[str, str | Collection[int]]
-_BATCH_ROWS = 1 << 14
-_WIDTH = 8
-"""Bytes of a value, as it is counted at least."""
-_TEXTS = (pa.string(), pa.binary(), pa.large_string(), pa.large_binary())
-_KINDS = {
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-}
+"""Rows to read: those that hold these texts, or one of these numbers, by column name."""
+_BATCH_ROWS = 1 << 12
 
 
 def open_input(path: Path) -> BinaryIO:
     """A regular file, open for reading; never waits, as the opening of a pipe does.
 
-    Raises
-    ------
-    OSError
-        It cannot be read, or is a folder, pipe, socket or device.
-    ValueError
-        The name holds a NUL.
+    Raises OSError where it cannot be read, or is no regular file; ValueError where the name holds a NUL.
     """
     opened = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    kind = os.fstat(opened).st_mode
+    if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+        os.close(opened)
+        words = "a device" if stat.S_ISCHR(kind) or stat.S_ISBLK(kind) else "a pipe"
+        raise OSError(errno.EINVAL, f"{words}, not a file that can be read twice", str(path))
     try:
-        kind = stat.S_IFMT(os.fstat(opened).st_mode)
-        if kind in _KINDS:
-            raise OSError(
-                errno.EINVAL, f"{_KINDS[kind]}, not a file that can be read twice", str(path)
-            )
         return os.fdopen(opened, "rb")
-    except BaseException:
+    except BaseException:  # a folder
         os.close(opened)
         raise
 
@@ -71,18 +56,13 @@ def read_input_text(path: Path) -> str:
 def decoded(data: bytes) -> str:
     """The text of bytes in UTF-8, in UTF-16 with a byte order mark, or in the code page of Western Windows.
 
-    Raises
-    ------
-    ValueError
-        They are no text.
+    Raises ValueError where they are no text.
     """
-    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        text = data.decode("utf-16")
-    else:
-        try:
-            text = data.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            text = data.decode("cp1252")
+    try:
+        marked = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        text = data.decode("utf-16" if marked else "utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("cp1252")
     if "\0" in text:
         raise ValueError("no text: it holds a NUL")
     return text
@@ -103,17 +83,16 @@ def read_parquet(
 ) -> pa.Table:
     """A table of a Parquet file that is not larger than `MOST_BYTES` when unpacked.
 
-    What is read is counted batch by batch. Texts are read as numbers of distinct ones first, and are spelt out where
-    that stays within the bound.
+    Batches are read in this thread: `pyarrow.parquet.read_table` reads in threads of Arrow's own, which sometimes abort
+    a process that ends right after them (github.com/apache/arrow/issues/34314). Filters by an expression and
+    `pre_buffer` do the same.
 
     Parameters
     ----------
-    path
-        The file.
-    columns
-        Those to read; None: all.
+    path, columns
+        The file, and the columns to read; None: all.
     where
-        Only rows that hold these texts, or one of these numbers, by column name, listed in `columns` or not.
+        The rows; its columns need not be among `columns`.
 
     Raises
     ------
@@ -126,17 +105,17 @@ def read_parquet(
             return _bounded_table(stream, columns, where or {})
         except (OSError, pa.ArrowException):
             raise
-        except CONTENT_FAULTS as error:  # names that are no text, two columns of one name
+        except (
+            LookupError,
+            TypeError,
+            ValueError,
+        ) as error:  # names that are no text or not unique
             raise pa.ArrowInvalid(f"{type(error).__name__}: {error}") from error
 
 
 def _bounded_table(stream: BinaryIO, columns: Sequence[str] | None, where: Where) -> pa.Table:
-    """All batches, read in this thread.
-
-    `pyarrow.parquet.read_table` reads in threads of Arrow's own, which sometimes abort a process that ends right after
-    them (github.com/apache/arrow/issues/34314). Filters by an expression and `pre_buffer` do the same.
-    """
-    schema = pq.ParquetFile(stream).schema_arrow
+    file = pq.ParquetFile(stream, pre_buffer=False)
+    schema = file.schema_arrow
     names = schema.names if columns is None else list(columns)
     read = list(dict.fromkeys((*names, *where)))
     missing = [name for name in read if name not in schema.names]
@@ -144,41 +123,19 @@ def _bounded_table(stream: BinaryIO, columns: Sequence[str] | None, where: Where
         raise pa.ArrowInvalid(
             f"it has no column {missing[0]}; its columns are {', '.join(schema.names)}"
         )
-    wanted = pa.schema([schema.field(name) for name in read]).with_metadata(schema.metadata)
-    texts = [field.name for field in schema if field.type in _TEXTS]
-    stream.seek(0)
-    file = pq.ParquetFile(stream, read_dictionary=texts, pre_buffer=False)
-    found, size = [wanted.empty_table()], 0
+    kept = pa.schema([schema.field(name) for name in names]).with_metadata(schema.metadata)
+    found, size = [kept.empty_table()], 0
     for batch in file.iter_batches(_BATCH_ROWS, columns=read, use_threads=False):
-        size += sum(map(_spelt_bytes, batch.columns))
+        size += batch.nbytes
         if size > MOST_BYTES:
             raise pa.ArrowInvalid(
                 f"Parquet that unpacks to more than {MOST_BYTES} bytes: leave rows or columns out"
             )
-        table = pa.Table.from_batches([batch]).select(read).cast(wanted)
-        found.append(_rows(table, where).select(names))
-    found[0] = found[0].select(names)
+        table = pa.Table.from_batches([batch])
+        for name, held in where.items():
+            values = [held] if isinstance(held, str) else sorted(held)
+            column = table.column(name)
+            kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
+            table = table.filter(pc.is_in(column.cast(kind), pa.array(values, kind)))
+        found.append(table.select(names).cast(kept))
     return pa.concat_tables(found)
-
-
-def _rows(table: pa.Table, where: Where) -> pa.Table:
-    for name, held in where.items():
-        column = table.column(name)
-        if pa.types.is_dictionary(column.type):
-            column = column.cast(column.type.value_type)
-        mask = (
-            pc.equal(column, pa.scalar(held))
-            if isinstance(held, str)
-            else pc.is_in(column, pa.array(sorted(held), column.type))
-        )
-        table = table.filter(mask)
-    return table
-
-
-def _spelt_bytes(column: pa.Array[Any]) -> int:
-    """What a column takes, every text spelt out."""
-    if isinstance(column, pa.DictionaryArray) and not pa.types.is_integer(column.type.value_type):
-        texts: Any = column.dictionary  # of one of four types
-        lengths = pc.binary_length(texts).take(column.indices)
-        return int(pc.sum(lengths.cast(pa.int64())).as_py() or 0) + _WIDTH * len(column)
-    return max(column.nbytes, _WIDTH * len(column))

@@ -10,18 +10,9 @@ from wayside.schemas.errors import UsageError
 METRES_IN_FOOT = 0.3048
 
 _UNITS = {
-    "m": 1.0,
-    "cm": 0.01,
-    "mm": 0.001,
-    "metre": 1.0,
-    "metres": 1.0,
-    "meter": 1.0,
-    "meters": 1.0,
-    "ft": METRES_IN_FOOT,
-    "foot": METRES_IN_FOOT,
-    "feet": METRES_IN_FOOT,
-    "'": METRES_IN_FOOT,
-    "in": METRES_IN_FOOT / 12,
+    **dict.fromkeys(("m", "metre", "metres", "meter", "meters"), 1.0),
+    **dict.fromkeys(("ft", "foot", "feet", "'"), METRES_IN_FOOT),
+    **{"cm": 0.01, "mm": 0.001, "in": METRES_IN_FOOT / 12},
 }
 _MEGABYTES = {"mb": 1.0, "gb": 1e3, "tb": 1e6, "mib": 2**20 / 1e6, "gib": 2**30 / 1e6}
 _LENGTH = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*([a-z']*)")
@@ -30,14 +21,9 @@ _SECONDS = re.compile(r"(\d+\.?\d*|\.\d+)\s*(?:s|sec|seconds)?")
 
 
 def parse_length(text: str, option: str = "") -> float:
-    """Metres of a length with its unit: "26.4ft", "8 m", "8.05m", "26.4'", "10cm", "25.4mm", "30in".
+    """Metres of a length with its unit: "26.4ft", "8 m", "26.4'", "10cm", "30in"; raises UsageError for another text.
 
     option: that it was given for, named in the error.
-
-    Raises
-    ------
-    UsageError
-        The text is no length, has no unit, or is negative.
     """
     match = _LENGTH.fullmatch(text.strip().lower())
     if match is None or match[2] not in _UNITS:
@@ -50,33 +36,17 @@ def parse_length(text: str, option: str = "") -> float:
     return metres
 
 
-def _of(option: str) -> str:
-    return f"{option}: " if option else ""
-
-
 def parse_memory(text: str, option: str = "") -> float:
-    """Megabytes of a size: "2GB", "500 MB", "1.5 GiB"; option: as in `parse_length`.
-
-    Raises
-    ------
-    UsageError
-        The text is no size, has no unit, or is zero.
-    """
+    """Megabytes of a size: "2GB", "500 MB", "1.5 GiB"; raises UsageError for another text. option: as above."""
     match = _LENGTH.fullmatch(text.strip().lower())
-    unit = None if match is None else _MEGABYTES.get(match[2])
-    if match is None or unit is None or not 0 < float(match[1]) * unit < math.inf:
+    megabytes = 0.0 if match is None else float(match[1]) * _MEGABYTES.get(match[2], 0.0)
+    if not 0 < megabytes < math.inf:
         raise UsageError(f"{_of(option)}{text!r} is not a size with its unit. Write 2GB or 500MB.")
-    return float(match[1]) * unit
+    return megabytes
 
 
 def parse_time(text: str, option: str = "") -> float:
-    """Seconds of a time: "90", "90s", "1:30", "1:02:03.5"; option: as in `parse_length`.
-
-    Raises
-    ------
-    UsageError
-        The text is no time.
-    """
+    """Seconds of a time: "90", "90s", "1:30", "1:02:03.5"; raises UsageError for another text."""
     bare = text.strip().lower()
     if clock := _CLOCK.fullmatch(bare):
         hours, minutes, seconds = int(clock[1] or 0), int(clock[2]), float(clock[3])
@@ -88,3 +58,7 @@ def parse_time(text: str, option: str = "") -> float:
         f"{_of(option)}{text!r} is not a time after the first image. Write seconds or minutes:seconds, as in 90s or "
         "1:30."
     )
+
+
+def _of(option: str) -> str:
+    return f"{option}: " if option else ""

@@ -11,41 +11,31 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import stat
-import time
 from collections.abc import Callable, Collection
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from filelock import FileLock
-
-from wayside.pipeline.files.json_text import parse_json
-from wayside.pipeline.files.writing import PART, create, give_back, not_written, sync, take_lock
+from wayside.pipeline.files.parsing import parse_json
+from wayside.pipeline.files.writing import PART, give_back, not_written, sync, take_lock
 from wayside.schemas.errors import InputError, OutputError
 
 DONE, LOCK = ".wayside-done", ".wayside-lock"
 RECORDING = "drive.rrd"
 """The recording of every step, beside the tables where it is asked for."""
 _MANIFEST = ".files.json"
-_PATIENCE_S, _POLL_S = 10.0, 0.02
+_PATIENCE_S = 10.0
+Kind = type[BaseException] | None
 
 
 class OutputFolder:
     """A folder that one process at a time writes a set of files to; leaving the block without `commit` changes nothing.
 
-    Attributes
-    ----------
-    folder
-        Where the files belong; made where it is missing.
-    part
-        Where they are written until `commit`.
-
     Parameters
     ----------
     folder
-        As above.
+        Where the files belong; made where it is missing.
     kept
         Files that stay in `part` where the block ends with an error that is not about the output.
 
@@ -56,42 +46,42 @@ class OutputFolder:
     """
 
     def __init__(self, folder: Path, kept: Collection[str] = ()) -> None:
-        self.folder, self.part = folder, folder / PART
-        self._kept = tuple(kept)
-        self._lock: FileLock | None = None
-        self._made = False
+        self.folder = folder
+        self.part = folder / PART
+        """Where the files are written until `commit`."""
+        self._kept, self._ended = kept, ExitStack()
 
     def __enter__(self) -> Self:
         """Take the lock and make an empty `part`; what a killed process left is finished or removed."""
-        try:
-            self._made = not self.folder.exists()
-            self.folder.mkdir(parents=True, exist_ok=True)
-            self._lock = take_lock(self.folder / LOCK)
-            if self._lock is None:
-                raise OutputError(
-                    f"{self.folder}: another wayside is writing its result here. Wait until it is done, or choose "
-                    "another folder with -o."
-                )
-            _move_into_place(self.folder)
-            for scratch in (self.folder / DONE, self.part):
-                _remove_folder(scratch)
-            self.part.mkdir(mode=0o700)
-        except BaseException as error:
-            self._release()
-            if isinstance(error, OSError):
+        with ExitStack() as ended:
+            try:
+                if not self.folder.exists():
+                    self.folder.mkdir(parents=True)
+                    ended.push(self._remove_made)
+                held = take_lock(self.folder / LOCK)
+                if held is None:
+                    raise OutputError(
+                        f"{self.folder}: another wayside is writing its result here. Wait until it is done, or choose "
+                        "another folder with -o."
+                    )
+                ended.callback(give_back, held)
+                _move_into_place(self.folder)
+                for scratch in (self.folder / DONE, self.part):
+                    _remove_folder(scratch)
+                self.part.mkdir(mode=0o700)
+            except OSError as error:
                 raise not_written(self.folder, error) from error
-            raise
+            ended.push(self._remove_part)
+            self._ended = ended.pop_all()
         return self
 
     def commit(self, drop: Collection[str] = ()) -> None:
         """Replace: the files in `part` go to `folder`, those of an earlier result that are named in `drop` go away.
 
-        On an error nothing has changed.
-
         Raises
         ------
         OutputError
-            A file cannot be brought to the disk.
+            A file cannot be brought to the disk; nothing has changed.
         """
         names = sorted(path.name for path in self.part.iterdir())
         try:
@@ -101,80 +91,72 @@ class OutputFolder:
                         f"{self.folder / name}: a folder has the name of a file to be written. Move it away."
                     )
                 sync(self.part / name)
-            with create(self.part / _MANIFEST) as stream:
-                stream.write(json.dumps([names, sorted(set(drop) - set(names))]).encode())
-                stream.flush()
-                os.fsync(stream.fileno())
+            manifest = self.part / _MANIFEST
+            manifest.write_text(json.dumps([names, sorted(set(drop) - set(names))]))
+            sync(manifest)
             sync(self.part)
             self.part.rename(self.folder / DONE)
-        except OSError as error:
-            raise not_written(self.folder, error) from error
-        try:
-            sync(self.folder)
-            _move_into_place(self.folder)
-        except KeyboardInterrupt:  # too late to keep the old result
-            _move_into_place(self.folder)
-            raise
+            try:
+                sync(self.folder)
+            finally:  # also of an interrupt: it is too late to keep the old result
+                _finish_moves(self.folder)
         except OSError as error:
             raise not_written(self.folder, error) from error
 
     def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
+        self, kind: Kind, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Remove what was not committed, and give the lock back."""
+        self._ended.__exit__(kind, error, trace)
+
+    def _remove_part(self, kind: Kind, *_: object) -> None:
         keep = self._kept if kind is not None and not issubclass(kind, OutputError) else ()
-        with suppress(OSError):
-            if self.part.is_dir():
-                for path in self.part.iterdir():
-                    if path.name not in keep:
-                        path.unlink()
-                with suppress(OSError):  # it holds what is kept
-                    self.part.rmdir()
-        self._release()
-        if self._made and kind is not None:
+        with suppress(OSError):  # what is kept keeps the folder
+            for path in self.part.iterdir():
+                if path.name not in keep:
+                    path.unlink()
+            self.part.rmdir()
+
+    def _remove_made(self, kind: Kind, *_: object) -> None:
+        if kind is not None:
             with suppress(OSError):  # it holds what is kept, or what others put there
                 self.folder.rmdir()
-
-    def _release(self) -> None:
-        if self._lock is not None:
-            give_back(self._lock)
-            self._lock = None
 
 
 def finish_replacement(folder: Path) -> None:
     """Bring a result into place whose writer was killed in the middle of it; nearly always there is nothing to do.
 
-    Raises
-    ------
-    InputError
-        It cannot be done: another process is at it for too long, or the folder cannot be written.
+    Raises InputError where another process is at it for too long, or the folder cannot be written.
     """
     finish_under_lock(folder, DONE, LOCK, _move_into_place)
 
 
 def finish_under_lock(folder: Path, done: str, lock: str, move: Callable[[Path], None]) -> None:
     """Move what a writer left in `done` of a folder into place, under its lock; raises as `finish_replacement`."""
-    late = time.monotonic() + _PATIENCE_S
-    while _is_folder(folder / done):
-        try:
-            held = take_lock(folder / lock)
-            if held is not None:
-                try:
-                    move(folder)
-                finally:
-                    give_back(held)
-        except OSError as error:
-            raise InputError(
-                f"{folder}: a new result is here that has not replaced the old one yet: {error.strerror or error}. "
-                "Open it where the folder can be written."
-            ) from error
+    if not _is_folder(folder / done):
+        return
+    try:
+        held = take_lock(folder / lock, _PATIENCE_S)
         if held is None:
-            if time.monotonic() > late:
-                raise InputError(f"{folder}: another wayside is replacing the result. Try again.")
-            time.sleep(_POLL_S)
+            raise InputError(f"{folder}: another wayside is replacing the result. Try again.")
+        try:
+            move(folder)  # nothing, where another process has done it meanwhile
+        finally:
+            give_back(held)
+    except OSError as error:
+        raise InputError(
+            f"{folder}: a new result is here that has not replaced the old one yet: {error.strerror or error}. "
+            "Open it where the folder can be written."
+        ) from error
+
+
+def _finish_moves(folder: Path) -> None:
+    """Move into place, also where the user interrupts it once."""
+    try:
+        _move_into_place(folder)
+    except KeyboardInterrupt:
+        _move_into_place(folder)
+        raise
 
 
 def _move_into_place(folder: Path) -> None:
@@ -208,10 +190,7 @@ def _read_manifest(manifest: Path) -> tuple[list[str], list[str]]:
 
 def _is_folder(path: Path) -> bool:
     """Whether a path is a folder and not a link to one."""
-    try:
-        return stat.S_ISDIR(path.lstat().st_mode)
-    except (FileNotFoundError, NotADirectoryError):
-        return False
+    return path.is_dir() and not path.is_symlink()
 
 
 def _remove_folder(path: Path) -> None:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pyproj
@@ -41,40 +40,44 @@ Bounds = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class RouteFile:
-    """A file of route lines that can be read: where, which layer ("" in Parquet), columns and reference system."""
+    """A file of route lines that can be read."""
 
     path: Path
+    """Of the file."""
     layer: str
+    """Of a file that GDAL reads; "" of Parquet."""
     column: str
+    """That names the routes."""
     geometry: str
+    """Column of the lines in Parquet."""
     crs: pyproj.CRS
+    """Their reference system."""
     settings: RouteSettings
+    """Which route, in which unit."""
 
     def near(self, places: NDArray[np.float64]) -> RouteSegments:
         """Pieces of the routes in the box about places (n, 2), degrees, and `ROUTE_REACH_M` around.
 
-        Pieces without a measure at both ends are left out.
-
-        Raises
-        ------
-        InputError
-            The file has changed and can no longer be read.
+        Pieces without a measure at both ends are left out. Raises InputError where the file can no longer be read.
         """
         margin = (
             ROUTE_REACH_M / 1e4
-        )  # degrees: a metre is at most 1e-4 of one, up to 84 degrees of latitude
-        low, high = places.min(axis=0) - margin, places.max(axis=0) + margin
-        box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+        )  # degrees: a metre is at most 1e-4, up to 84 degrees of latitude
+        low, high = (places.min(axis=0) - margin).tolist(), (places.max(axis=0) + margin).tolist()
         try:
-            names, lines = self._read(box)
+            names, lines = self._read((low[0], low[1], high[0], high[1]))
         except Exception as error:
             raise _unreadable(self.path, error) from error
-        return _segments(names, lines, self, box)
+        chosen = np.array([self.settings.name in ("", name) for name in names], bool)
+        return _segments(names[chosen], lines[chosen], self, (*low, *high))
 
-    def _read(self, box: Bounds | None, *, first: bool = False) -> tuple[list[str], NDArray[Any]]:
-        """Names and geometries of the lines in a box of WGS 84, or of the first lines only."""
+    def _read(
+        self, box: Bounds | None = None, most: int | None = None
+    ) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Names and geometries of the lines in a box of WGS 84, or of so many at most where GDAL reads them."""
         import shapely
 
+        geometry = self.geometry
         if self.layer:
             import pyogrio
 
@@ -85,17 +88,15 @@ class RouteFile:
                     layer=self.layer,
                     columns=[self.column],
                     bbox=None if box is None else to_file.transform_bounds(*box),
-                    max_features=_SAMPLE if first else None,
+                    max_features=most,
                 )
             geometry = meta["geometry_name"] or "wkb_geometry"
         else:
-            geometry = self.geometry
             table = read_parquet(self.path, [self.column, geometry])
-        if self.settings.name:
-            table = table.filter(pc.field(self.column).cast(pa.string()) == self.settings.name)
         table = table.filter(pc.is_valid(pc.field(geometry)))
+        names = [str(name) for name in table.column(self.column).to_pylist()]
         lines = shapely.from_wkb(np.array(table.column(geometry).to_pylist(), object))
-        return [str(name) for name in table.column(self.column).to_pylist()], lines
+        return np.array(names, object), lines
 
 
 def open_routes(settings: RouteSettings) -> RouteFile | None:
@@ -118,19 +119,24 @@ def open_routes(settings: RouteSettings) -> RouteFile | None:
             "--routes needs the packages pyogrio and shapely. Install them with pip install 'wayside[gis]'."
         ) from error
     path = Path(settings.file)
-    if not path.is_file() and not path.is_dir():
+    if not path.exists():
         raise InputError(f"--routes {path}: there is no such file")
     try:
-        parquet = path.suffix.lower() in _PARQUET
-        layer, columns, geometry, crs = (_parquet if parquet else _layer)(path)
+        layout = _parquet if path.suffix.lower() in _PARQUET else _layer
+        layer, columns, geometry, crs = layout(path)
         file = RouteFile(path, layer, _column(path, columns, settings), geometry, crs, settings)
-        names, lines = file._read(None, first=not settings.name)
+        names, lines = file._read(most=None if settings.name else _SAMPLE)
     except (UsageError, InputError):
         raise
     except Exception as error:  # GDAL, PROJ and Arrow have errors of their own for each damage
         raise _unreadable(path, error) from error
-    if settings.name and not names:
-        raise UsageError(f"--routes {path}: {_no_such_route(file)}")
+    known = sorted(set(names))
+    if settings.name and settings.name not in known:
+        near = difflib.get_close_matches(settings.name, known, n=_MOST_LISTED, cutoff=0.4)
+        raise UsageError(
+            f"--routes {path}: there is no route {settings.name!r} among the {len(known)} of its column {file.column}; "
+            f"the nearest: {', '.join(near or known[:_MOST_LISTED])}"
+        )
     if not any(shapely.has_m(lines)):
         kinds = sorted({str(line.geom_type) for line in lines})
         raise InputError(
@@ -205,30 +211,9 @@ def _column(path: Path, columns: Sequence[str], settings: RouteSettings) -> str:
     return found
 
 
-def _no_such_route(file: RouteFile) -> str:
-    names = sorted(set(_every_name(file)))
-    near = difflib.get_close_matches(file.settings.name, names, n=_MOST_LISTED, cutoff=0.4)
-    shown = ", ".join(near or names[:_MOST_LISTED])
-    return (
-        f"there is no route {file.settings.name!r} among the {len(names)} of its column {file.column}; the nearest: "
-        f"{shown}"
-    )
-
-
-def _every_name(file: RouteFile) -> list[str]:
-    if file.layer:
-        import pyogrio
-
-        with _with_measures():
-            _, table = pyogrio.read_arrow(
-                file.path, layer=file.layer, columns=[file.column], read_geometry=False
-            )
-    else:
-        table = read_parquet(file.path, [file.column])
-    return [str(name) for name in table.column(file.column).to_pylist()]
-
-
-def _segments(names: list[str], lines: NDArray[Any], file: RouteFile, box: Bounds) -> RouteSegments:
+def _segments(
+    names: NDArray[Any], lines: NDArray[Any], file: RouteFile, box: Bounds
+) -> RouteSegments:
     """Pieces of lines that reach into a box of WGS 84, with a measure at both ends."""
     import shapely
 
@@ -239,7 +224,7 @@ def _segments(names: list[str], lines: NDArray[Any], file: RouteFile, box: Bound
     joined = (of_part[1:] == of_part[:-1]) & np.isfinite(points[1:, 2] + points[:-1, 2])
     low, high = np.minimum(places[1:], places[:-1]), np.maximum(places[1:], places[:-1])
     kept = np.flatnonzero(joined & (high >= box[:2]).all(axis=1) & (low <= box[2:]).all(axis=1))
-    of_segment = np.array(names, object)[of_line[of_part[kept]]] if len(kept) else np.array([])
+    of_segment = names[of_line[of_part[kept]]] if len(kept) else np.array([])
     known, route = np.unique(of_segment.astype(str), return_inverse=True)
     return RouteSegments(
         tuple(known.tolist()),

@@ -9,16 +9,16 @@ import difflib
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import Field, fields, replace
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import Field, asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
 from wayside.pipeline.files.input_files import read_input_text
 from wayside.pipeline.files.lengths import parse_length
-from wayside.pipeline.files.toml_text import parse_toml
-from wayside.schemas.errors import UsageError, WaysideError
-from wayside.schemas.settings import REPORT, REPORT_2D, REPORT_SHAPE, RouteSettings, Settings
+from wayside.pipeline.files.parsing import parse_toml
+from wayside.schemas.errors import UsageError
+from wayside.schemas.settings import REPORT, REPORT_2D, REPORT_SHAPE, Settings
 
 PRESETS: dict[str, dict[str, dict[str, Any]]] = {
     "default": {},
@@ -27,11 +27,11 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
     "report": REPORT,
 }
 """Values of each preset that differ from the defaults, by group and name."""
-
 DEFAULT = "default"
 _NO_RESULT = ("run", "merge", "changes")
 """Groups of how a run is carried out, and of what is made of its result afterwards."""
-_SPOKEN_FLAGS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+_FLAGS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
+_KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
 
 
 def load_settings(
@@ -65,71 +65,60 @@ def load_settings(
         Unknown preset, group or name (with the nearest known one), a value of the wrong type or out of range, a file
         that cannot be read.
     """
-    values: dict[str, Any] = {}
-    leaves = _leaves()
+    settings = Settings()
+    leaves = {
+        f"{group.name}.{leaf.name}": leaf
+        for group in fields(settings)
+        for leaf in fields(getattr(settings, group.name))
+    }
     origins = dict.fromkeys(leaves, DEFAULT)
-    for origin, name, value in _layers(preset, file, assignments, options or {}):
-        values[name] = _convert(name, value, origin, leaves)
-        origins[name] = origin
-    settings = _assemble(values)
-    _check_together(settings)
+    for origin, full, value in _layers(preset, file, assignments, options or {}):
+        if full not in leaves:
+            raise UsageError(
+                f"unknown setting {full} ({origin}){_nearest(full, leaves)}; `wayside settings` lists all"
+            )
+        try:
+            read = _value(value, leaves[full])
+        except (ValueError, KeyError, UsageError) as error:
+            raise UsageError(
+                f"setting {full} must be {_limits(leaves[full])}, but is {value!r} ({origin})"
+            ) from error
+        group, _, name = full.partition(".")
+        changed = replace(getattr(settings, group), **{name: read})
+        settings = replace(settings, **{group: changed})
+        origins[full] = origin
+    for impossible, words in _contradictions(settings):
+        if impossible:
+            raise UsageError(words)
     return settings, origins
 
 
 def format_settings(settings: Settings, origins: Mapping[str, str], *, full: bool = False) -> str:
-    """Write settings as TOML that `load_settings` reads back to the same values.
+    """Settings as TOML that `load_settings` reads back to the same values: a table a group, what is known in comments.
 
-    Parameters
-    ----------
-    settings, origins
-        As `load_settings` gives them.
-    full
-        Of each also where its default comes from.
-
-    Returns
-    -------
-    A table a group; unit, default, origin of the value and words in comments.
+    full: of each also where its default comes from.
     """
     heads = ["value  # unit", "default", "where the value is from", "what it does"]
-    if full:
-        heads.append("where the default is from")
-    lines = ["# Settings of wayside: " + " | ".join(heads)]
+    more = ["where the default is from"] if full else []
+    lines = [f"# Settings of wayside: {' | '.join(heads + more)}"]
     for group in fields(settings):
         values = getattr(settings, group.name)
         rows = []
         for leaf in fields(values):
-            value = getattr(values, leaf.name)
-            about = [
-                leaf.metadata["unit"] or "-",
-                _toml(leaf.default),
-                origins.get(f"{group.name}.{leaf.name}", DEFAULT),
-                leaf.metadata["words"],
-            ]
-            if full:
-                about.append(leaf.metadata["origin"] or "-")
-            rows.append((f"{leaf.name} = {_toml(value)}", " | ".join(about)))
+            about = leaf.metadata
+            origin = origins.get(f"{group.name}.{leaf.name}", DEFAULT)
+            notes = [about["unit"] or "-", _toml(leaf.default), origin, about["words"]]
+            notes += [about["origin"] or "-"] if full else []
+            rows.append((f"{leaf.name} = {_toml(getattr(values, leaf.name))}", " | ".join(notes)))
         lines += ["", f"# {type(values).__doc__}", f"[{group.name}]"]
         width = max(len(left) for left, _ in rows)
         lines += [f"{left:<{width}}  # {right}" for left, right in rows]
     return "\n".join(lines) + "\n"
 
 
-def settings_values(settings: Settings) -> dict[str, dict[str, Any]]:
-    """All values by group and name, ready for JSON."""
-    return {
-        group.name: {
-            leaf.name: getattr(getattr(settings, group.name), leaf.name)
-            for leaf in fields(getattr(settings, group.name))
-        }
-        for group in fields(settings)
-    }
-
-
 def settings_digest(settings: Settings) -> str:
     """SHA-256 of every setting that can change the result of a drive; those of `_NO_RESULT` cannot."""
-    values = settings_values(settings)
-    for group in _NO_RESULT:
-        del values[group]
+    values = {group: held for group, held in asdict(settings).items() if group not in _NO_RESULT}
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
 
 
@@ -142,9 +131,17 @@ def _layers(
         raise UsageError(
             f"unknown preset {preset!r}; there are: {known}{_nearest(preset, PRESETS)}"
         )
-    yield from _tree(PRESETS[preset], f"preset {preset}")
+    yield from _tables(PRESETS[preset], f"preset {preset}")
     if file is not None:
-        yield from _tree(_read(file), file.name)
+        try:
+            content = parse_toml(read_input_text(file))
+        except OSError as error:
+            raise UsageError(f"settings file {file} cannot be read: {error.strerror}") from error
+        except ValueError as error:
+            raise UsageError(
+                f"settings file {file} is not valid TOML: {error}; `wayside settings` prints one that is"
+            ) from error
+        yield from _tables(content, file.name)
     for text in assignments:
         name, equals, value = text.partition("=")
         if not equals or not name.strip():
@@ -157,13 +154,12 @@ def _layers(
             yield "option", name, value
 
 
-def _tree(groups: Mapping[str, Any], origin: str) -> Iterator[tuple[str, str, Any]]:
+def _tables(groups: Mapping[str, Any], origin: str) -> Iterator[tuple[str, str, Any]]:
     known = [group.name for group in fields(Settings)]
     for group, values in groups.items():
         if group not in known:
             raise UsageError(
-                f"unknown group [{group}] in {origin}; there are: {', '.join(known)}"
-                f"{_nearest(group, known)}"
+                f"unknown group [{group}] in {origin}; there are: {', '.join(known)}{_nearest(group, known)}"
             )
         if not isinstance(values, Mapping):
             raise UsageError(f"{origin}: {group} must be a table [{group}], but is {values!r}")
@@ -171,172 +167,110 @@ def _tree(groups: Mapping[str, Any], origin: str) -> Iterator[tuple[str, str, An
             yield origin, f"{group}.{name}", value
 
 
-def _read(file: Path) -> dict[str, Any]:
-    try:
-        return parse_toml(read_input_text(file))
-    except OSError as error:
-        raise UsageError(f"settings file {file} cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise UsageError(
-            f"settings file {file} is not valid TOML: {error}; "
-            "`wayside settings` prints one that is"
-        ) from error
-
-
-def _leaves() -> dict[str, Field[Any]]:
-    """All settings by full name."""
-    defaults = Settings()
-    return {
-        f"{group.name}.{leaf.name}": leaf
-        for group in fields(defaults)
-        for leaf in fields(getattr(defaults, group.name))
-    }
-
-
-def _convert(name: str, value: Any, origin: str, leaves: Mapping[str, Field[Any]]) -> Any:
-    """Value of a setting in its own type, within its limits."""
-    if name not in leaves:
-        raise UsageError(
-            f"unknown setting {name} ({origin}){_nearest(name, leaves)}; "
-            "`wayside settings` lists all"
-        )
-    leaf = leaves[name]
+def _value(value: Any, leaf: Field[Any]) -> Any:
+    """A value in the type of its setting; raises ValueError, KeyError or UsageError where it is none within limits."""
     kind: type[Any] = type(leaf.default)
+    if isinstance(value, str) and kind is bool:
+        value = _FLAGS[value.lower()]
+    elif isinstance(value, str) and kind is not str:
+        value = _number(value, kind, leaf.metadata["unit"])
+    elif type(value) is int and kind is float:
+        value = float(value)
+    choices, low, high = (leaf.metadata[key] for key in ("choices", "low", "high"))
+    if type(value) is not kind or (choices and value not in choices):
+        raise ValueError(value)
+    if kind in (int, float) and not (
+        math.isfinite(value) and (low is None or low <= value) and (high is None or value <= high)
+    ):
+        raise ValueError(value)
+    return value
+
+
+def _number(text: str, kind: type[Any], unit: str) -> Any:
+    """A number, alone or with its unit; a length with any unit."""
     try:
-        converted = _from_text(value, leaf) if isinstance(value, str) else value
-    except (ValueError, WaysideError) as error:
-        raise UsageError(_refusal(name, leaf, value, origin)) from error
-    if kind is float and type(converted) is int:
-        converted = float(converted)
-    if type(converted) is not kind or not _within(converted, leaf):
-        raise UsageError(_refusal(name, leaf, value, origin))
-    return converted
-
-
-def _from_text(text: str, leaf: Field[Any]) -> Any:
-    kind: type[Any] = type(leaf.default)
-    unit = leaf.metadata["unit"]
-    if kind is bool:
-        if text.lower() not in _SPOKEN_FLAGS:
-            raise ValueError(text)
-        return _SPOKEN_FLAGS[text.lower()]
-    if kind is float and unit == "m" and not _is_number(text):
-        return -parse_length(text[1:]) if text.startswith("-") else parse_length(text)
-    if kind in (int, float):
         return kind(text.removesuffix(unit))
-    return text
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
     except ValueError:
-        return False
-    return True
+        if unit != "m":
+            raise
+        return parse_length(text.removeprefix("-")) * (-1 if text.startswith("-") else 1)
 
 
-def _within(value: Any, leaf: Field[Any]) -> bool:
-    if leaf.metadata["choices"]:
-        return value in leaf.metadata["choices"]
-    if isinstance(value, (str, bool)):
-        return True
-    low, high = leaf.metadata["low"], leaf.metadata["high"]
-    return (
-        math.isfinite(value) and (low is None or value >= low) and (high is None or value <= high)
-    )
+def _limits(leaf: Field[Any]) -> str:
+    """What a setting can be, in words."""
+    unit, low, high, choices = (leaf.metadata[key] for key in ("unit", "low", "high", "choices"))
+    words = _KINDS[type(leaf.default)] + (f" ({unit})" if unit else "")
+    if choices:
+        return " or ".join(choices)
+    if low is None:
+        return words
+    return words + (f", at least {low:g}" if high is None else f", {low:g} to {high:g}")
 
 
-def _refusal(name: str, leaf: Field[Any], value: Any, origin: str) -> str:
-    """The error for a value outside the type, range or choices of its setting."""
-    low, high, choices = (leaf.metadata[key] for key in ("low", "high", "choices"))
-    kind = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
-    wanted = " or ".join(choices) if choices else kind[type(leaf.default)]
-    if leaf.metadata["unit"] and not choices:
-        wanted += f" ({leaf.metadata['unit']})"
-    if low is not None:
-        wanted += f", at least {low:g}" if high is None else f", {low:g} to {high:g}"
-    return f"setting {name} must be {wanted}, but is {value!r} ({origin})"
-
-
-def _nearest(name: str, known: Mapping[str, Any] | Sequence[str]) -> str:
-    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
-    if not near:
-        near = [full for full in known if full.rpartition(".")[2] == name.rpartition(".")[2]][:1]
+def _nearest(name: str, known: Collection[str]) -> str:
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    near = near or [full for full in known if full.rpartition(".")[2] == name.rpartition(".")[2]]
     return f"; did you mean {near[0]}?" if near else ""
 
 
-def _assemble(values: Mapping[str, Any]) -> Settings:
-    settings = Settings()
-    for name, value in values.items():
-        group, _, leaf = name.partition(".")
-        settings = replace(settings, **{group: replace(getattr(settings, group), **{leaf: value})})
-    return settings
-
-
-def _check_together(settings: Settings) -> None:
-    """Refuse pairs of values that are fine alone and impossible together."""
-    gate, read, track = settings.gate, settings.read, settings.track
-    if gate.smallest_px > gate.largest_px:
-        raise UsageError(
-            f"gate.smallest_px ({gate.smallest_px}) is above gate.largest_px ({gate.largest_px}): "
-            "no region could pass"
-        )
-    if read.until_s and read.until_s <= read.from_s:
-        raise UsageError(
-            f"read.until_s ({read.until_s:g}) must be after read.from_s ({read.from_s:g}); 0 means to the end"
-        )
-    given = [f"models.{n}" for n in ("detector", "detections") if getattr(settings.models, n)]
-    if len(given) > 1:
-        raise UsageError(f"boxes have one source, but {' and '.join(given)} are given. Give one.")
-    report = settings.report
-    if given and report.on:
-        raise UsageError(
-            f"{given[0]} replaces the detector of preset default; the presets of the report have no other than "
-            "their own: leave one of them out"
-        )
-    if settings.models.classes and not given:
-        raise UsageError(
-            "models.classes says which classes of a detector are signs; give --detector or --detections as well"
-        )
-    if (report.shape or report.trajectory != "off") and not report.on:
-        name = "shape" if report.shape else "trajectory"
-        raise UsageError(
-            f"report.{name} is a gate of the report's own chain; choose preset report, report-2d or report-shape for it"
-        )
-    _check_route(settings.route)
-    if track.fewest_views > track.longest:
-        raise UsageError(
-            f"track.fewest_views ({track.fewest_views}) is above track.longest ({track.longest}): "
-            "no sign could be reported"
-        )
-
-
-def _check_route(route: RouteSettings) -> None:
+def _contradictions(settings: Settings) -> Iterator[tuple[bool, str]]:
+    """Pairs of values that are fine alone and impossible together: whether they are, and what to say."""
+    gate, read, track, report = settings.gate, settings.read, settings.track, settings.report
+    route, models = settings.route, settings.models
+    yield (
+        gate.smallest_px > gate.largest_px,
+        f"gate.smallest_px ({gate.smallest_px}) is above gate.largest_px ({gate.largest_px}): no region could pass",
+    )
+    yield (
+        0 < read.until_s <= read.from_s,
+        f"read.until_s ({read.until_s:g}) must be after read.from_s ({read.from_s:g}); 0 means to the end",
+    )
+    yield (
+        bool(models.detector and models.detections),
+        "boxes have one source, but models.detector and models.detections are given. Give one.",
+    )
+    yield (
+        report.on and bool(models.detector or models.detections),
+        f"models.{'detector' if models.detector else 'detections'} replaces the detector of preset default; the "
+        "presets of the report have no other than their own: leave one of them out",
+    )
+    yield (
+        bool(models.classes) and not (models.detector or models.detections),
+        "models.classes says which classes of a detector are signs; give --detector or --detections as well",
+    )
+    yield (
+        not report.on and (report.shape or report.trajectory != "off"),
+        f"report.{'shape' if report.shape else 'trajectory'} is a gate of the report's own chain; choose preset "
+        "report, report-2d or report-shape for it",
+    )
     by_milepost = route.milepost >= 0
-    if by_milepost and route.file:
-        raise UsageError(
-            "a milepost (route.milepost) and lines with measures (route.file) are given. Give one."
-        )
-    if route.name and not by_milepost and not route.file:
-        raise UsageError(
-            f"route.name ({route.name}): the measure where the drive begins is missing. Add --milepost 12.35, or "
-            "--routes FILE with its lines."
-        )
-    if by_milepost and not route.name:
-        raise UsageError(
-            f"route.milepost ({route.milepost:g}): its route is missing. Add --route 'US-36 EB'."
-        )
-    if route.decreasing and not by_milepost:
-        raise UsageError(
-            "route.decreasing: there is no milepost that this belongs to. Add --milepost 12.35; lines with measures "
-            "need no direction."
-        )
+    yield (
+        by_milepost and bool(route.file),
+        "a milepost (route.milepost) and lines with measures (route.file) are given. Give one.",
+    )
+    yield (
+        bool(route.name) and not (by_milepost or route.file),
+        f"route.name ({route.name}): the measure where the drive begins is missing. Add --milepost 12.35, or --routes "
+        "FILE with its lines.",
+    )
+    yield (
+        by_milepost and not route.name,
+        f"route.milepost ({route.milepost:g}): its route is missing. Add --route 'US-36 EB'.",
+    )
+    yield (
+        route.decreasing and not by_milepost,
+        "route.decreasing: there is no milepost that this belongs to. Add --milepost 12.35; lines with measures need "
+        "no direction.",
+    )
+    yield (
+        track.fewest_views > track.longest,
+        f"track.fewest_views ({track.fewest_views}) is above track.longest ({track.longest}): "
+        "no sign could be reported",
+    )
 
 
 def _toml(value: Any) -> str:
     """A value as TOML; JSON texts are valid TOML basic strings."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return repr(value)
+    return str(value).lower() if isinstance(value, bool) else repr(value)

@@ -8,19 +8,20 @@ from __future__ import annotations
 
 import errno
 import filecmp
+import glob
 import json
 import os
 import secrets
 import stat
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from io import BufferedWriter
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from filelock import FileLock, Timeout
 
-from wayside.pipeline.files.json_text import parse_json
+from wayside.pipeline.files.parsing import parse_json
 from wayside.schemas.errors import OutputError
 
 PART = ".wayside-part"
@@ -35,6 +36,11 @@ _ADVICE = {
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP)
 UNWRITABLE = (*_ADVICE, errno.EROFS)
 """What a system call says of an output that cannot be written, wherever it comes up."""
+IsOwn = Callable[[Path], bool]
+
+
+def _is_never_own(path: Path) -> bool:
+    return False
 
 
 def not_written(
@@ -58,24 +64,12 @@ def not_whole(path: Path) -> OutputError:
 
 
 def create(path: Path) -> BufferedWriter:
-    """A new file, open for writing; never through a link.
-
-    Raises
-    ------
-    OSError
-        Something stands there already, a symbolic link included, or the file cannot be made.
-    """
+    """A new file, open for writing; raises OSError where something stands there, a symbolic link included."""
     return os.fdopen(os.open(path, os.O_RDWR | _NEW_FILE, 0o666), "wb")
 
 
 def sync(path: Path) -> None:
-    """Return when a file, or the names in a folder, are on the disk.
-
-    Raises
-    ------
-    OSError
-        The disk did not take them.
-    """
+    """Return when a file, or the names in a folder, are on the disk; raises OSError where it did not take them."""
     is_folder = path.is_dir()
     if is_folder and os.name == "nt":
         return  # Windows opens no folder
@@ -89,14 +83,14 @@ def sync(path: Path) -> None:
         os.close(opened)
 
 
-def take_lock(path: Path) -> FileLock | None:
-    """Lock a file, made where it is missing; None where another process holds it.
+def take_lock(path: Path, patience_s: float = 0.0) -> FileLock | None:
+    """Lock a file, made where it is missing; None where another process holds it for so long.
 
     A file system without locks keeps nobody apart. The holder removes the file before the lock is given back.
     """
     held = FileLock(path, mode=0o666, thread_local=False)
     try:
-        held.acquire(blocking=False)
+        held.acquire(timeout=patience_s)
     except Timeout:
         return None
     except OSError as error:
@@ -119,9 +113,7 @@ def refuse(path: Path, found: str) -> OutputError:
     )
 
 
-def require_free(
-    path: Path, *, is_own: Callable[[Path], bool] = lambda path: False, overwrite: bool = False
-) -> None:
+def require_free(path: Path, *, is_own: IsOwn = _is_never_own, overwrite: bool = False) -> None:
     """Refuse before long work what `whole_file` would refuse after it (OutputError): a file of the user's."""
     if path.is_file() and not is_stream(path) and not overwrite and not is_own(path):
         raise refuse(path, "another file")
@@ -131,7 +123,7 @@ def require_free(
 def whole_file(
     path: Path,
     *,
-    is_own: Callable[[Path], bool] = lambda path: False,
+    is_own: IsOwn = _is_never_own,
     overwrite: bool = False,
     read_back: Callable[[Path], None] = lambda path: None,
 ) -> Iterator[BinaryIO]:
@@ -166,36 +158,40 @@ def whole_file(
         replaced = overwrite or not target.exists() or is_own(target)
         _sweep(target)
         scratch = target.with_name(f".{target.name}.{secrets.token_hex(4)}{PART}")
-        with create(scratch) as stream:
-            held = take_lock(scratch)
-            try:
-                yield stream
-                stream.flush()
-                os.fsync(stream.fileno())
-                read_back(scratch)
-                if not replaced and not filecmp.cmp(scratch, target, shallow=False):
-                    raise refuse(path, "another file")
-                os.replace(scratch, target)
-            except BaseException:
-                with suppress(OSError):
-                    scratch.unlink()
-                with suppress(OSError):
-                    stream.close()  # what waits in its buffer may not fit, either
-                raise
-            finally:
-                if held is not None:
-                    held.release()
+        with ExitStack() as ended:
+            stream = create(scratch)
+            ended.callback(_remove, stream, scratch)
+            if held := take_lock(scratch):
+                ended.callback(held.release)
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+            read_back(scratch)
+            if not replaced and not filecmp.cmp(scratch, target, shallow=False):
+                raise refuse(path, "another file")
+            os.replace(scratch, target)
         sync(target.parent)
     except OSError as error:
         raise not_written(path, error, "the file", "name another file") from error
 
 
+def _remove(stream: BinaryIO, scratch: Path) -> None:
+    """Remove a scratch file that is still there, then close it: what waits in its buffer may not fit on the disk."""
+    scratch.unlink(missing_ok=True)
+    with suppress(OSError):
+        stream.close()
+
+
+def _sweep(target: Path) -> None:
+    """Remove scratch files of the same name whose writers were killed: nobody holds their locks."""
+    for left in target.parent.glob(f".{glob.escape(target.name)}.*{PART}"):
+        with suppress(OSError):
+            if left.is_file() and (held := take_lock(left)) is not None:
+                give_back(held)
+
+
 def write_file(
-    path: Path,
-    content: bytes,
-    *,
-    is_own: Callable[[Path], bool] = lambda path: False,
-    overwrite: bool = False,
+    path: Path, content: bytes, *, is_own: IsOwn = _is_never_own, overwrite: bool = False
 ) -> None:
     """Write a file at once. Takes and raises the same as `whole_file`."""
     with whole_file(path, is_own=is_own, overwrite=overwrite) as stream:
@@ -205,18 +201,12 @@ def write_file(
 def write_json(
     path: Path, content: Mapping[str, Any], own_keys: Collection[str], *, overwrite: bool = False
 ) -> None:
-    """Write figures as JSON. An existing file is one of wayside's own where it has all of `own_keys`.
-
-    Raises
-    ------
-    OutputError
-        As in `whole_file`.
-    """
+    """Write figures as JSON, also over an earlier file with all of `own_keys`; raises as `whole_file`."""
     text = json.dumps(content, indent=1) + "\n"
     write_file(path, text.encode(), is_own=holding(own_keys), overwrite=overwrite)
 
 
-def holding(keys: Collection[str]) -> Callable[[Path], bool]:
+def holding(keys: Collection[str]) -> IsOwn:
     """Whether a file is JSON with all these keys."""
 
     def is_own(earlier: Path) -> bool:
@@ -224,7 +214,7 @@ def holding(keys: Collection[str]) -> Callable[[Path], bool]:
             found = parse_json(earlier.read_text("utf-8"))
         except (OSError, ValueError):
             return False
-        return isinstance(found, dict) and all(key in found for key in keys)
+        return isinstance(found, dict) and found.keys() >= set(keys)
 
     return is_own
 
@@ -246,17 +236,3 @@ def is_stream(path: Path) -> bool:
     except OSError:
         return False
     return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
-
-
-def _sweep(target: Path) -> None:
-    """Remove scratch files of the same name whose writers were killed: nobody holds their locks."""
-    with suppress(OSError):
-        for left in target.parent.glob(f".{_literal(target.name)}.*{PART}"):
-            with suppress(OSError):
-                if left.is_file() and (held := take_lock(left)) is not None:
-                    give_back(held)
-
-
-def _literal(name: str) -> str:
-    """A name as a pattern that only it matches."""
-    return "".join(f"[{c}]" if c in "*?[" else c for c in name)

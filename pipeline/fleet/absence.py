@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.evidence.crops import read_images
-from wayside.pipeline.files.json_text import CONTENT_FAULTS
+from wayside.pipeline.files.parsing import CONTENT_FAULTS
 from wayside.pipeline.fleet.inventory_data import DriveFrames, read_frames, read_signs
 from wayside.pipeline.fleet.manifest import DRIVES
 from wayside.pipeline.reading.frames import ReadReport

@@ -12,8 +12,8 @@ from itertools import chain, count
 from pathlib import Path
 
 from wayside.pipeline.files.input_files import read_input_text
-from wayside.pipeline.files.json_text import CONTENT_FAULTS, parse_json
 from wayside.pipeline.files.output_folder import finish_replacement
+from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_json
 from wayside.pipeline.files.writing import write_file
 from wayside.pipeline.fleet.sources import (
     UnreachableError,

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 
 import pyarrow as pa
 
-from wayside.pipeline.files.csv_text import FORMULA, guarded
+from wayside.pipeline.files.parsing import FORMULA, guarded
 from wayside.pipeline.fleet.folders import CELL, merged_parts, open_inventory
 from wayside.pipeline.fleet.manifest import DRIVES, Manifest
 from wayside.schemas.errors import InputError, UsageError

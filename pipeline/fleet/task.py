@@ -34,7 +34,7 @@ from wayside.pipeline.fleet.sources import UnreachableError, fetched
 from wayside.pipeline.models.model_files import Models, load_models
 from wayside.pipeline.results.earlier_result import is_finished, log_fingerprint
 from wayside.pipeline.running.journal import result_keys
-from wayside.pipeline.running.run import run_log
+from wayside.pipeline.running.run import RunRequest, run_log
 from wayside.pipeline.running.tuning import tune_process
 from wayside.schemas.errors import (
     InputError,
@@ -172,14 +172,15 @@ def _run(task: Task) -> None:
             )
         tune_process()
         options = task.options
-        run_log(
+        asked = RunRequest(
             log,
             task.folder,
             task.settings,
             models,
-            arguments=list(options.arguments),
+            options.arguments,
             overwrite=options.overwrite,
         )
+        run_log(asked)
 
 
 @lru_cache(maxsize=1)

@@ -14,7 +14,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from wayside.pipeline.files.input_files import decoded, read_input, read_parquet
-from wayside.pipeline.files.json_text import CONTENT_FAULTS, parse_json
+from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_json
 from wayside.pipeline.labels.class_map import numbered, read_class_map
 from wayside.pipeline.labels.coco import Entry, coco_box, coco_classes
 from wayside.pipeline.reading.image_order import natural_key

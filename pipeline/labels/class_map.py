@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from wayside.pipeline.files.input_files import read_input_text
-from wayside.pipeline.files.toml_text import parse_toml
+from wayside.pipeline.files.parsing import parse_toml
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import SignClass
 from wayside.schemas.errors import InputError

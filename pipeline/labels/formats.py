@@ -16,8 +16,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from wayside.pipeline.files.input_files import files_below, open_input, read_input, read_input_text
-from wayside.pipeline.files.json_text import CONTENT_FAULTS
-from wayside.pipeline.files.yaml_text import parse_yaml
+from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_yaml
 from wayside.pipeline.labels.coco import Entry, coco_box, coco_classes
 from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.pipeline.reading.image_order import natural_key

@@ -9,7 +9,7 @@ from pathlib import Path
 from xml.etree.ElementTree import ParseError
 
 from wayside.pipeline.files.input_files import files_below
-from wayside.pipeline.files.json_text import CONTENT_FAULTS
+from wayside.pipeline.files.parsing import CONTENT_FAULTS
 from wayside.pipeline.labels.class_map import read_class_map
 from wayside.pipeline.labels.formats import read_voc, read_yolo
 from wayside.pipeline.labels.wayside_labels import read_json, read_label_file

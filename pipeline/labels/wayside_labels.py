@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from wayside.pipeline.files.input_files import open_input, read_input_text, read_parquet
-from wayside.pipeline.files.json_text import parse_json
 from wayside.pipeline.files.parquet import record_batch
+from wayside.pipeline.files.parsing import parse_json
 from wayside.pipeline.files.writing import whole_file
 from wayside.pipeline.labels.coco import Entry
 from wayside.pipeline.labels.formats import Classes, Collected, read_coco

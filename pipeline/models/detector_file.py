@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.files.input_files import read_input
-from wayside.pipeline.files.json_text import CONTENT_FAULTS
+from wayside.pipeline.files.parsing import CONTENT_FAULTS
 from wayside.pipeline.labels.class_map import numbered, read_class_map
 from wayside.schemas.detectors import DetectorFile
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import OnnxFile
 from wayside.schemas.settings import ModelSettings
 from wayside.stages.classifiers import NetworkInput, OnnxNetwork
-from wayside.stages.detection import multiple_of, recognised
+from wayside.stages.detection import recognised
 
 FLOAT32 = "tensor(float)"
 """Type of an input of single precision."""
@@ -45,18 +45,19 @@ def load_detector(settings: ModelSettings) -> DetectorFile:
         data = read_input(path)
         network = OnnxNetwork(str(path))
     except (OSError, ValueError) as error:
-        raise _refusal(
-            path,
-            f"is not an ONNX file: {_words(error)}",
-            "Export the detector as ONNX, or correct the path.",
-        ) from error
+        advice = "Export the detector as ONNX, or correct the path."
+        raise _refusal(path, f"is not an ONNX file: {_words(error)}", advice) from error
     task = network.metadata.get("task", "detect")
     if task != "detect":
         raise _refusal(path, f"is not a detector but a network for the task {task!r}")
     image, size_input = _inputs(path, network)
-    input_size = _input_size(path, image)
+    height, width = image.shape[2:]
+    input_size = (height, width) if height else None
     names = _names(network)
-    outputs = _first_run(path, network, image, size_input, input_size or FREE_SIZE)
+    try:
+        outputs = network.run(_grey_image(image, size_input, input_size or FREE_SIZE))
+    except ValueError as error:
+        raise _refusal(path, f"cannot be run: {_words(error)}") from error
     form = settings.detector_format
     if form == "auto":
         head = network.metadata.get("head", "") or network.metadata.get("description", "")
@@ -72,15 +73,8 @@ def load_detector(settings: ModelSettings) -> DetectorFile:
     if settings.classes:
         classes = read_class_map(Path(settings.classes))
         signs = numbered(classes, names, str(path), complete=True)
-    return DetectorFile(
-        OnnxFile(str(path), sha256(data).hexdigest()),
-        form,
-        input_size,
-        image.name,
-        size_input,
-        network.outputs,
-        signs,
-    )
+    onnx = OnnxFile(str(path), sha256(data).hexdigest())
+    return DetectorFile(onnx, form, input_size, image.name, size_input, network.outputs, signs)
 
 
 def _inputs(path: Path, network: OnnxNetwork) -> tuple[NetworkInput, str]:
@@ -89,36 +83,29 @@ def _inputs(path: Path, network: OnnxNetwork) -> tuple[NetworkInput, str]:
     others = [one.name for one in network.inputs if len(one.shape) != 4]
     if len(images) != 1 or others not in ([], [SIZE_INPUT]):
         listed = ", ".join(f"{one.name} {list(one.shape)}" for one in network.inputs)
-        raise _refusal(
-            path, f"has the inputs {listed} instead of one image (and {SIZE_INPUT} at most)"
-        )
-    image = images[0]
-    batch, channels = image.shape[:2]
-    if batch > 1 or channels not in (0, 3) or image.type != FLOAT32:
-        kind = "float32" if image.type == FLOAT32 else image.type
-        raise _refusal(
-            path,
-            f"has an input {kind} {list(image.shape)} instead of one RGB image, float32 [1, 3, height, width]",
-            "Export it with a batch of 1, in single precision.",
-        )
+        fault = f"has the inputs {listed} instead of one image (and {SIZE_INPUT} at most)"
+        raise _refusal(path, fault)
+    (image,) = images
+    batch, channels, height, width = image.shape
+    kind = "float32" if image.type == FLOAT32 else image.type
+    if batch > 1 or channels not in (0, 3) or kind != "float32":
+        fault = f"has an input {kind} {list(image.shape)} instead of one RGB image, float32 [1, 3, height, width]"
+        raise _refusal(path, fault, "Export it with a batch of 1, in single precision.")
+    if height * width > MOST_PIXELS:
+        fault = f"has an input of {width} x {height}, more than {MOST_PIXELS} pixels"
+        raise _refusal(path, fault, "Export it for the size of your images.")
+    if bool(height) != bool(width):
+        fault = f"has an input {list(image.shape)}, where height and width must both be fixed or both free"
+        raise _refusal(path, fault, "Export it with a fixed size.")
     return image, others[0] if others else ""
 
 
-def _input_size(path: Path, image: NetworkInput) -> tuple[int, int] | None:
-    height, width = image.shape[2:]
-    if height * width > MOST_PIXELS:
-        raise _refusal(
-            path,
-            f"has an input of {width} x {height}, more than {MOST_PIXELS} pixels",
-            "Export it for the size of your images.",
-        )
-    if bool(height) != bool(width):
-        raise _refusal(
-            path,
-            f"has an input {list(image.shape)}, where height and width must both be fixed or both free",
-            "Export it with a fixed size.",
-        )
-    return (height, width) if height else None
+def _grey_image(
+    image: NetworkInput, size_input: str, size: tuple[int, int]
+) -> dict[str, NDArray[Any]]:
+    """The inputs for a grey image of that height and width."""
+    inputs: dict[str, NDArray[Any]] = {image.name: np.full((1, 3, *size), 0.5, np.float32)}
+    return inputs | ({size_input: np.array([size[::-1]], np.int64)} if size_input else {})
 
 
 def _names(network: OnnxNetwork) -> dict[int, str]:
@@ -129,24 +116,6 @@ def _names(network: OnnxNetwork) -> dict[int, str]:
         return {int(number): str(name) for number, name in listed}
     except (*CONTENT_FAULTS, SyntaxError, MemoryError, RecursionError):  # both of deep nesting
         return {}
-
-
-def _first_run(
-    path: Path,
-    network: OnnxNetwork,
-    image: NetworkInput,
-    size_input: str,
-    size: tuple[int, int],
-) -> dict[str, NDArray[np.float32]]:
-    """The outputs on a grey image."""
-    height, width = multiple_of(size) if not image.shape[2] else size
-    inputs: dict[str, NDArray[Any]] = {image.name: np.full((1, 3, height, width), 0.5, np.float32)}
-    if size_input:
-        inputs[size_input] = np.array([[width, height]], np.int64)
-    try:
-        return network.run(inputs)
-    except ValueError as error:
-        raise _refusal(path, f"cannot be run: {_words(error)}") from error
 
 
 def _refusal(path: Path, fault: str, advice: str = ADVICE) -> InputError:

@@ -1,6 +1,7 @@
-"""Model files: readable, versioned JSON, never pickled.
+"""Model files: readable, versioned JSON, never pickled. The keys are the fields of the model's class.
 
-The key `accept` bears an older name than the attribute here, the `threshold` of evidence.
+Three things are written for people: operating points as rows of numbers, weights by the name of their feature, and
+evidence as one object a feature. `accept` is the `threshold` of evidence, whose older name it is.
 """
 
 from __future__ import annotations
@@ -8,14 +9,15 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from collections.abc import Callable
+from dataclasses import MISSING, fields, is_dataclass
 from itertools import chain
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.files.parsing import CONTENT_FAULTS
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import (
     EvidenceModel,
@@ -29,62 +31,61 @@ from wayside.schemas.models import (
     ScoreModel,
 )
 
-MIXTURE_ARRAYS = ("weight", "mean", "covariance")
-EVIDENCE_COLUMNS = ("name", "term", "knots", "curve")
-_FAULTS = (
-    KeyError,
-    IndexError,
-    TypeError,
-    ValueError,
-    AttributeError,
-    OverflowError,
-    RecursionError,
-)
+_KINDS: dict[str, type[Any]] = {
+    kind.kind: kind
+    for kind in (GaussianModel, MixtureModel, ScoreModel, LinearModel, EvidenceModel)
+}
+_EVIDENCE = {"name": "features", "term": "terms", "knots": "knots", "curve": "curves"}
+"""Field of each key of a feature of evidence."""
 
 
 def model_to_json(model: Model) -> str:
-    """The model as text, stable byte for byte."""
-    if isinstance(model, GaussianModel):
-        body: dict[str, Any] = {
-            "space": model.space,
-            "classes": [_gaussian_class(c) for c in model.classes],
-        }
-        body |= _curve(model.curve)
-    elif isinstance(model, MixtureModel):
-        body = {"space": model.space}
-        body |= {name: _significant(getattr(model, name)) for name in MIXTURE_ARRAYS}
-        body |= {"threshold": round(model.threshold, 4), "threshold_rule": model.threshold_rule}
-        body |= {"count": model.count} | _interval(model.threshold_interval) | _curve(model.curve)
-    elif isinstance(model, LinearModel):
-        weights = [float(f"{w:.6g}") for w in model.weights]
-        body = {"weights": dict(zip(model.features, weights, strict=True))}
+    """The model as text, every number in full, stable byte for byte."""
+    body = _plain(model)
+    if isinstance(model, LinearModel):
+        body = body | {"weights": dict(zip(body.pop("features"), body["weights"], strict=True))}
     elif isinstance(model, EvidenceModel):
-        columns = ([column.tolist() for column in own] for own in (model.knots, model.curves))
-        rows = zip(model.features, model.terms, *columns, strict=True)
-        body = {
-            "features": [dict(zip(EVIDENCE_COLUMNS, row, strict=True)) for row in rows],
-            "shift": model.shift,
-            "accept": model.threshold,
-        }
-        if model.decision:
-            body["decision"] = model.decision
-        body |= _rule(model) | _curve(model.curve)
-    else:
-        body = {"threshold": model.threshold} | _rule(model)
-        if model.with_network is not None:
-            body["with_network"] = asdict(model.with_network)
-    head = {"schema_version": 1, "kind": model.kind, "provenance": model.provenance}
-    return json.dumps(head | body, separators=(",", ":"), indent=None) + "\n"
+        rows = zip(*(body.pop(field) for field in _EVIDENCE.values()), strict=True)
+        features = [dict(zip(_EVIDENCE, row, strict=True)) for row in rows]
+        named = {"accept" if field == "threshold" else field: body[field] for field in body}
+        body = {"features": features} | named
+    head = {"schema_version": 1, "kind": model.kind, "provenance": body.pop("provenance")}
+    return json.dumps(head | body, separators=(",", ":")) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    """A value in types of JSON; what is as its default is left out."""
+    if isinstance(value, OperatingPoint):
+        ends = chain.from_iterable(value.intervals)
+        return [value.false_alarm, value.power, *value.thresholds, *ends]
+    if is_dataclass(value):
+        known = [(f, getattr(value, f.name)) for f in fields(value) if f.init]
+        return {f.name: _plain(v) for f, v in known if f.default is MISSING or v != f.default}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return [_plain(one) for one in value] if isinstance(value, tuple) else value
 
 
 def model_from_json(text: str, name: str = "model") -> Model:
     """Read a model, every number and link of it checked; raises InputError with the name where the text is not one."""
     try:
-        model = _model_of(json.loads(text))
+        data = json.loads(text)
+        kind = _KINDS[data["kind"]]
+        if kind is LinearModel:
+            names, weights = zip(*data["weights"].items(), strict=True)
+            data |= {"features": names, "weights": weights}
+        elif kind is EvidenceModel:
+            columns = {
+                field: [row[k] for row in data["features"]] for k, field in _EVIDENCE.items()
+            }
+            data |= columns | {"threshold": data["accept"]}
+        classes = len(data.get("classes", (1,)))
+        data["curve"] = [_point(row, classes) for row in data.get("curve", ())]
+        model: Model = _built(kind, data)
         object.__setattr__(
             model, "text_digest", digest(text)
         )  # frozen, and no argument of its kind
-    except _FAULTS as error:
+    except (*CONTENT_FAULTS, RecursionError) as error:
         raise InputError(
             f"{name}: this is not a model file of wayside: {type(error).__name__}: {error}. Write one with the "
             "learning script, or leave the setting out to use the model that ships."
@@ -92,174 +93,98 @@ def model_from_json(text: str, name: str = "model") -> Model:
     return model
 
 
-def _model_of(data: dict[str, Any]) -> Model:
-    if data["kind"] == "gaussian":
-        classes = tuple(_gaussian_class_of(c) for c in data["classes"])
-        curve = _curve_of(data, len(classes))
-        return GaussianModel(data["space"], classes, str(data["provenance"]), curve)
-    if data["kind"] == "mixture":
-        return _mixture_of(data)
-    if data["kind"] == "score":
-        return _score_of(data)
-    if data["kind"] == "linear":
-        weights = np.array([float(weight) for weight in data["weights"].values()])
-        _check_shapes({"weights": weights}, ((len(weights),),))
-        return LinearModel(tuple(data["weights"]), weights, str(data["provenance"]))
-    if data["kind"] == "evidence":
-        return _evidence_of(data)
-    raise KeyError(f"kind {data['kind']!r}")
+def _built(kind: type[Any], data: dict[str, Any]) -> Any:
+    """A model, or a part of one; raises one of `CONTENT_FAULTS` for what is none."""
+    names = {field.name for field in fields(kind) if field.init}
+    made = kind(**{name: _READERS[name](value) for name, value in data.items() if name in names})
+    if kind in _CHECKS:
+        _CHECKS[kind](made)
+    return made
 
 
-def _gaussian_class(one: GaussianClass) -> dict[str, Any]:
-    content: dict[str, Any] = {
-        "name": one.name,
-        "mean": np.round(one.mean, 6).tolist(),
-        "covariance": np.round(one.covariance, 8).tolist(),
-        "threshold": round(one.threshold, 4),
-        "threshold_rule": one.threshold_rule,
-        "count": one.count,
-    }
-    return content | _interval(one.threshold_interval)
-
-
-def _rule(model: ScoreModel | EvidenceModel) -> dict[str, Any]:
-    """The keys of how a threshold was chosen, where that is known."""
-    rule = {"threshold_rule": model.threshold_rule} if model.threshold_rule else {}
-    return rule | _interval(model.threshold_interval)
-
-
-def _interval(interval: tuple[float, float] | None) -> dict[str, Any]:
-    """The key of a threshold's interval, where there is one."""
-    return {} if interval is None else {"threshold_interval": [round(end, 4) for end in interval]}
-
-
-def _interval_of(data: dict[str, Any]) -> tuple[float, float] | None:
-    ends = [_finite(end, "threshold_interval") for end in data.get("threshold_interval", ())]
-    if len(ends) not in (0, 2):
-        raise ValueError(f"threshold_interval: {len(ends)} numbers instead of two")
-    return (ends[0], ends[1]) if ends else None
-
-
-def _curve(curve: Sequence[OperatingPoint]) -> dict[str, Any]:
-    """The key of a curve, where there is one: rates, thresholds and both ends of their intervals, a row a point."""
-    rows = [
-        [round(rate, 6) for rate in (one.false_alarm, one.power)]
-        + [round(value, 4) for value in (*one.thresholds, *chain.from_iterable(one.intervals))]
-        for one in curve
-    ]
-    return {"curve": rows} if rows else {}
-
-
-def _curve_of(data: dict[str, Any], classes: int) -> tuple[OperatingPoint, ...]:
-    return tuple(_operating_point_of(point, classes) for point in data.get("curve", ()))
-
-
-def _operating_point_of(data: list[Any], classes: int) -> OperatingPoint:
-    false_alarm, power, *values = (_finite(value, "curve") for value in data)
-    if len(values) not in (classes, 3 * classes) or not (0 <= false_alarm <= 1 and 0 <= power <= 1):
-        raise ValueError(
-            f"curve: {data} is not two rates, {classes} thresholds, and both or no ends of their intervals"
-        )
-    ends = values[classes:]
-    intervals = tuple(zip(ends[::2], ends[1::2], strict=True))
-    return OperatingPoint(false_alarm, power, tuple(values[:classes]), intervals)
-
-
-def _gaussian_class_of(data: dict[str, Any]) -> GaussianClass:
-    mean = np.array(data["mean"], np.float64)
-    covariance = np.array(data["covariance"], np.float64)
-    d = mean.size
-    _check_shapes({"mean": mean, "covariance": covariance}, ((d,), (d, d)))
-    if not (d and np.allclose(covariance, covariance.T) and np.linalg.eigvalsh(covariance)[0] > 0):
-        raise ValueError(f"the covariance of {data['name']!r} is not positive definite")
-    return GaussianClass(
-        str(data["name"]),
-        mean,
-        covariance,
-        _finite(data["threshold"], "threshold"),
-        str(data["threshold_rule"]),
-        int(data["count"]),
-        _interval_of(data),
-    )
-
-
-def _mixture_of(data: dict[str, Any]) -> MixtureModel:
-    arrays = {name: np.array(data[name], np.float64) for name in MIXTURE_ARRAYS}
-    (k, d), covariance = arrays["mean"].shape, arrays["covariance"]
-    _check_shapes(arrays, ((k,), (k, d), (k, d, d)))
-    if not (np.allclose(covariance, covariance.swapaxes(1, 2), atol=0) and k and d):
-        raise ValueError("a covariance is not symmetric")
-    if not (np.linalg.eigvalsh(covariance) > 0).all():
-        raise ValueError("a covariance is not positive definite")
-    if not ((arrays["weight"] > 0).all() and abs(arrays["weight"].sum() - 1) < 1e-6):
-        raise ValueError("the weights are no positive numbers of sum 1")
-    return MixtureModel(
-        str(data["space"]),
-        **arrays,
-        threshold=_finite(data["threshold"], "threshold"),
-        threshold_rule=str(data["threshold_rule"]),
-        count=int(data["count"]),
-        provenance=str(data["provenance"]),
-        threshold_interval=_interval_of(data),
-        curve=_curve_of(data, 1),
-    )
-
-
-def _score_of(data: dict[str, Any]) -> ScoreModel:
-    return ScoreModel(
-        _finite(data["threshold"], "threshold"),
-        str(data["provenance"]),
-        _network_sum_of(data["with_network"]) if data.get("with_network") else None,
-        str(data.get("threshold_rule", "")),
-        _interval_of(data),
-    )
-
-
-def _network_sum_of(data: dict[str, Any]) -> NetworkSum:
-    return NetworkSum(*(_finite(data[f.name], f.name) for f in fields(NetworkSum)))
-
-
-def _evidence_of(data: dict[str, Any]) -> EvidenceModel:
-    name, term, *numbers = EVIDENCE_COLUMNS
-    rows = data["features"]
-    knots, curves = (tuple(np.array(row[key], np.float64) for row in rows) for key in numbers)
-    for own, curve in zip(knots, curves, strict=True):
-        _check_shapes({"knots": own, "curve": curve}, ((len(own),), (len(own),)))
-        if len(own) < 2 or not (np.diff(own) > 0).all():
-            raise ValueError("a feature without two ascending knots")
-    return EvidenceModel(
-        tuple(str(row[name]) for row in rows),
-        tuple(str(row[term]) for row in rows),
-        knots,
-        curves,
-        shift=_finite(data["shift"], "shift"),
-        threshold=_finite(data["accept"], "accept"),
-        provenance=str(data["provenance"]),
-        decision=_finite(data.get("decision", 0.0), "decision"),
-        threshold_rule=str(data.get("threshold_rule", "")),
-        threshold_interval=_interval_of(data),
-        curve=_curve_of(data, 1),
-    )
-
-
-def _finite(value: Any, name: str) -> float:
+def _finite(value: Any) -> float:
     number = float(value)
     if not math.isfinite(number):
-        raise ValueError(f"{name} is {number}")
+        raise ValueError(f"{number} is not finite")
     return number
 
 
-def _check_shapes(arrays: Mapping[str, NDArray[Any]], wanted: tuple[tuple[int, ...], ...]) -> None:
-    for (name, array), shape in zip(arrays.items(), wanted, strict=True):
-        if array.shape != shape or not np.isfinite(array).all():
-            raise ValueError(f"{name}: not finite numbers of shape {shape}, but of {array.shape}")
+def _array(value: Any) -> NDArray[np.float64]:
+    array = np.array(value, np.float64)
+    if not np.isfinite(array).all():
+        raise ValueError("a number is not finite")
+    return array
 
 
-def _significant(values: NDArray[np.float64]) -> Any:
-    """Nested lists with eight significant digits: covariances of small numbers stay positive definite."""
-    if values.ndim:
-        return [_significant(row) for row in values]
-    return float(f"{values:.8g}")
+def _interval(value: Any) -> tuple[float, float]:
+    low, high = map(_finite, value)
+    return low, high
+
+
+def _point(row: Any, classes: int) -> OperatingPoint:
+    """Of two rates, the threshold of each class, then both ends of each interval or none."""
+    false_alarm, power, *numbers = map(_finite, row)
+    if len(numbers) not in (classes, 3 * classes) or not 0 <= false_alarm <= 1 >= power >= 0:
+        raise ValueError(
+            f"curve: {row} is not two rates, {classes} thresholds, and their intervals"
+        )
+    ends = numbers[classes:]
+    intervals = tuple(zip(ends[::2], ends[1::2], strict=True))
+    return OperatingPoint(false_alarm, power, tuple(numbers[:classes]), intervals)
+
+
+def _tuple_of(read: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    return lambda values: tuple(read(value) for value in values)
+
+
+_READERS: dict[str, Callable[[Any], Any]] = {
+    **dict.fromkeys(("name", "space", "provenance", "threshold_rule"), str),
+    **dict.fromkeys(("threshold", "shift", "decision", "own", "network"), _finite),
+    **dict.fromkeys(("mean", "covariance", "weight", "weights"), _array),
+    **dict.fromkeys(("features", "terms"), _tuple_of(str)),
+    **dict.fromkeys(("knots", "curves"), _tuple_of(_array)),
+    "count": int,
+    "threshold_interval": _interval,
+    "with_network": lambda data: _built(NetworkSum, data),
+    "classes": _tuple_of(lambda data: _built(GaussianClass, data)),
+    "curve": tuple,
+}
+"""How each field is read; a name means the same in every model."""
+
+
+def _check_class(one: GaussianClass) -> None:
+    (d,) = one.mean.shape
+    _check_covariance(one.covariance, (d, d))
+
+
+def _check_mixture(model: MixtureModel) -> None:
+    k, d = model.mean.shape
+    _check_covariance(model.covariance, (k, d, d))
+    if (
+        model.weight.shape != (k,)
+        or not (model.weight > 0).all()
+        or abs(model.weight.sum() - 1) > 1e-6
+    ):
+        raise ValueError("the weights are no positive numbers of sum 1")
+
+
+def _check_evidence(model: EvidenceModel) -> None:
+    for knots, curve in zip(model.knots, model.curves, strict=True):
+        if knots.shape != curve.shape or len(knots) < 2 or not (np.diff(knots) > 0).all():
+            raise ValueError("a feature without two ascending knots and a value at each")
+
+
+def _check_covariance(covariance: NDArray[np.float64], shape: tuple[int, ...]) -> None:
+    symmetric = covariance.shape == shape and np.allclose(covariance, covariance.swapaxes(-1, -2))
+    if not (covariance.size and symmetric and (np.linalg.eigvalsh(covariance) > 0).all()):
+        raise ValueError(f"a covariance is not positive definite, of shape {shape}")
+
+
+_CHECKS: dict[type[Any], Callable[[Any], None]] = {
+    GaussianClass: _check_class,
+    MixtureModel: _check_mixture,
+    EvidenceModel: _check_evidence,
+}
 
 
 def digest(text: str) -> str:

@@ -10,9 +10,8 @@ from typing import Any
 import yaml
 
 from wayside.pipeline.files.input_files import decoded, open_input
-from wayside.pipeline.files.json_text import CONTENT_FAULTS
+from wayside.pipeline.files.parsing import CONTENT_FAULTS, YamlLoader, parse_yaml
 from wayside.pipeline.files.visible_text import visible
-from wayside.pipeline.files.yaml_text import YamlLoader, parse_yaml
 from wayside.pipeline.reading.calibrations import make_camera
 from wayside.pipeline.reading.contents import ContentError
 from wayside.schemas.errors import InputError

@@ -8,8 +8,7 @@ from itertools import accumulate
 from pathlib import Path
 
 from wayside.pipeline.files.input_files import read_input_text
-from wayside.pipeline.files.json_text import CONTENT_FAULTS
-from wayside.pipeline.files.yaml_text import parse_yaml
+from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_yaml
 from wayside.schemas.errors import InputError
 
 BAG_METADATA = "metadata.yaml"

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from wayside.pipeline.files.input_files import read_input_text
-from wayside.pipeline.files.json_text import parse_json
 from wayside.pipeline.files.output_folder import RECORDING
+from wayside.pipeline.files.parsing import parse_json
 from wayside.pipeline.files.writing import not_written
 from wayside.pipeline.reading.parts import bag_parts
 from wayside.pipeline.results.result import RUN_FILE
@@ -23,11 +22,14 @@ _END_BYTES = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class EarlierResult:
-    """Content of a folder; `recorded`: a recording that belongs to the result there."""
+    """What a folder holds before a run."""
 
     folder: Path
+    """The folder."""
     recorded: bool
+    """Whether a recording belongs to the result there."""
     overwrite: bool
+    """Whether anything there may be replaced."""
 
     def check_recording(self) -> None:
         """Make sure that a recording may be written; raises OutputError if it would replace a file of the user's."""
@@ -40,20 +42,18 @@ def log_fingerprint(log: Path) -> str | None:
 
     That of a bag directory is of its parts. None where it cannot be told.
     """
+    digests = []
     try:
-        digests = [_file_fingerprint(file) for file in (bag_parts(log) if log.is_dir() else [log])]
+        for file in bag_parts(log) if log.is_dir() else [log]:
+            if not file.is_file():
+                return None
+            with file.open("rb") as stream:
+                digests.append(stream_fingerprint(stream, file.stat().st_size))
     except (OSError, InputError):
         return None
-    if len(digests) == 1:
-        return digests[0]
-    return hashlib.sha256(" ".join(map(str, digests)).encode()).hexdigest()
-
-
-def _file_fingerprint(file: Path) -> str | None:
-    if not file.is_file():
-        return None
-    with file.open("rb") as stream:
-        return stream_fingerprint(stream, file.stat().st_size)
+    return (
+        digests[0] if len(digests) == 1 else hashlib.sha256(" ".join(digests).encode()).hexdigest()
+    )
 
 
 def stream_fingerprint(stream: BinaryIO, size: int) -> str:
@@ -74,15 +74,8 @@ def file_digest(path: Path) -> str:
 def check_earlier(folder: Path, log: Path, *, overwrite: bool = False) -> EarlierResult:
     """Make sure that a run loses nothing of the user's.
 
-    A result of the same log may be replaced. The log is the same by its fingerprint, or by its path where the result
-    does not state one. Each table must be as `run.json` states it.
-
-    Parameters
-    ----------
-    folder, log
-        Where the result goes; what it is made of.
-    overwrite
-        Replace whatever stands there.
+    A result of the same log, by its fingerprint, may be replaced where each table is as `run.json` states it; with
+    `overwrite`, whatever stands there.
 
     Raises
     ------
@@ -91,23 +84,22 @@ def check_earlier(folder: Path, log: Path, *, overwrite: bool = False) -> Earlie
     """
     standing = [name for name in (*TABLES, RUN_FILE) if _is_there(folder, name)]
     run = _read_run(folder)
-    # before a run stated whether it left a recording, it said only whether one was seen by a viewer
-    recorded = run is not None and run.get("recording", run.get("view_images")) is not None
+    found = EarlierResult(folder, run is not None and run.get("recording") is not None, overwrite)
     if overwrite or not standing:
-        return EarlierResult(folder, recorded, overwrite)
+        return found
     if run is None:
         raise _refused(folder, ", ".join(standing), "not a result of wayside")
-    if not _is_same(run, log):
-        raise _refused(
-            folder, f"the result of {run.get('log_path') or run.get('log')}", "of another log"
-        )
+    stated = run.get("log_fingerprint")
+    if stated is None or stated != log_fingerprint(log):
+        other = f"the result of {run.get('log_path') or run.get('log')}"
+        raise _refused(folder, other, "of another log")
     try:
         foreign = [name for name in standing if not _is_as_stated(folder, name, run)]
     except OSError as error:
         raise not_written(folder, error) from error
     if foreign:
         raise _refused(folder, ", ".join(foreign), "not as its run.json states")
-    return EarlierResult(folder, recorded, overwrite)
+    return found
 
 
 def is_finished(folder: Path, key: str | None) -> bool:
@@ -125,19 +117,6 @@ def _is_as_stated(folder: Path, name: str, run: dict[str, Any]) -> bool:
     return name == RUN_FILE or (
         isinstance(stated, dict) and path.is_file() and stated.get("sha256") == file_digest(path)
     )
-
-
-def _is_same(run: dict[str, Any], log: Path) -> bool:
-    stated = run.get("log_fingerprint")
-    if stated is not None:
-        return bool(stated == log_fingerprint(log))
-    noted = run.get("log_path")
-    if not isinstance(noted, str):
-        return bool(run.get("log") == log.name)
-    try:
-        return os.path.realpath(noted) == os.path.realpath(log)
-    except ValueError:  # a name with a NUL
-        return False
 
 
 def _read_run(folder: Path) -> dict[str, Any] | None:

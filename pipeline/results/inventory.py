@@ -21,21 +21,12 @@ from wayside.pipeline.files.parquet import (
     record_batch,
 )
 from wayside.pipeline.files.writing import create, not_written
-from wayside.pipeline.results.rows import (
-    FRAME_COLUMNS,
-    GLOBE_COLUMNS,
-    POSE_COLUMNS,
-    frame_row,
-    globe_rows,
-    pose_row,
-    sign_id,
-    sign_row,
-)
+from wayside.pipeline.results.rows import frame_row, place_rows, sign_id, sign_row
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.frame import DUPLICATE, USED, Camera
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.signs import Sign
-from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS, Table
 from wayside.stages.georeference import DrivePath
 
 _BATCH_ROWS = 4096
@@ -44,17 +35,20 @@ _UNLISTED = tuple(VERDICTS.index(name) for name in ("size", "color"))
 
 @dataclass(frozen=True, slots=True)
 class WrittenTables:
-    """What was written: signs in the order of the file, the path they stand on, counts of rows and of verdicts.
-
-    camera: calibration of the first used image.
-    """
+    """What was written."""
 
     log: str
+    """Stem of the log's file name."""
     signs: tuple[Sign, ...]
+    """In the order of the file."""
     path: DrivePath
+    """On which they stand."""
     rows: dict[str, int]
+    """Number of rows, by file."""
     verdicts: dict[str, int]
+    """Number of regions, by verdict."""
     camera: Camera | None = None
+    """Calibration of the first used image."""
 
     @property
     def us_probability(self) -> float | None:
@@ -71,26 +65,14 @@ class InventoryWriter:
     """Takes tracked frames one by one; `finish` takes the signs and leaves the Parquet files.
 
     Observations wait in a scratch file of the folder, because the number of a sign is known only when all signs are.
-
-    Parameters
-    ----------
-    folder
-        Existing folder that holds none of the tables yet.
-    log
-        Stem of the log's file name, the first part of every sign's name.
-    every_region
-        Also list regions that no classifier looked at, or the colour gate refused.
-
-    Raises
-    ------
-    OutputError
-        Where the folder cannot be written.
+    `log` is the stem of the log's file name, the first part of every sign's name; `every_region` also lists regions
+    that no classifier looked at, or the colour gate refused. Raises OutputError where the folder cannot be written.
     """
 
     def __init__(self, folder: Path, log: str, *, every_region: bool = False) -> None:
         self._folder, self._log, self._every_region = folder, log, every_region
         self._verdicts: Counter[str] = Counter()
-        self._frames: list[tuple[Any, ...]] = []
+        self._frames: dict[str, list[Any]] = {name: [] for name in FRAMES.schema.names}
         self._camera: Camera | None = None
         self._scratch_path = folder / ".observations.scratch"
         self._observation_count = 0
@@ -102,7 +84,8 @@ class InventoryWriter:
 
     def append(self, settled: TrackedFrame) -> None:
         """Take one frame with its candidates."""
-        self._frames.append(frame_row(settled))
+        for name, value in frame_row(settled).items():
+            self._frames[name].append(value)
         if self._camera is None and settled.frame.status == USED:
             self._camera = settled.frame.camera
         for reason, count in settled.dropped._asdict().items():
@@ -115,10 +98,6 @@ class InventoryWriter:
             except OSError as error:
                 raise not_written(self._folder, error) from error
 
-    def discard(self) -> None:
-        """Remove the scratch file; the run did not come to an end."""
-        self._remove_scratch()
-
     def finish(self, path: DrivePath, signs: Sequence[Sign]) -> WrittenTables:
         """Write the tables."""
         try:
@@ -130,18 +109,18 @@ class InventoryWriter:
         except OSError as error:
             raise not_written(self._folder, error) from error
         finally:
-            self._remove_scratch()
+            self.discard()
         rows = {
             SIGNS.file: len(signs),
             OBSERVATIONS.file: self._observation_count,
-            FRAMES.file: len(self._frames),
+            FRAMES.file: len(self._frames["frame"]),
         }
         return WrittenTables(
             self._log, tuple(signs), path, rows, dict(sorted(self._verdicts.items())), self._camera
         )
 
-    def _remove_scratch(self) -> None:
-        """Remove it first, then close it: what waits in its buffers may not fit on the disk."""
+    def discard(self) -> None:
+        """Remove the scratch file, then close it: what waits in its buffers may not fit on the disk."""
         with suppress(OSError):
             self._scratch_path.unlink(missing_ok=True)
         for part in (self._stream, self._scratch):
@@ -204,26 +183,19 @@ class InventoryWriter:
             sink.write(waiting)
 
     def _write_frames(self, path: DrivePath) -> None:
-        values = _columns(FRAME_COLUMNS, self._frames)
-        frames = values["frame"]
-        values |= _columns(POSE_COLUMNS, [pose_row(path.poses.get(frame)) for frame in frames])
-        values |= _columns(GLOBE_COLUMNS, globe_rows(path.globe, frames))
-        values["station_m"] = [path.stations.get(frame) for frame in frames]
-        values["baseline_m"] = [
-            0.0 if status == DUPLICATE else path.baselines.get(frame)
-            for frame, status in zip(frames, values["status"], strict=True)
-        ]
-        with ParquetFile(self._folder / FRAMES.file, FRAMES.schema) as sink:
-            sink.write([record_batch(FRAMES, values)])
+        columns = self._frames
+        for row, place in enumerate(place_rows(path, columns["frame"])):
+            for name, value in place.items():
+                columns[name][row] = value
+            if columns["status"][row] == DUPLICATE:
+                columns["baseline_m"][row] = 0.0
+        self._write(FRAMES, columns)
 
     def _write_signs(self, signs: Sequence[Sign], path: DrivePath) -> None:
         rows = [sign_row(sign, self._log) for sign in signs]
-        values = {name: [row[name] for row in rows] for name in SIGNS.schema.names}
         geo = None if path.globe is None else geoparquet_metadata(rows)
-        with ParquetFile(self._folder / SIGNS.file, SIGNS.schema, geo) as sink:
-            sink.write([record_batch(SIGNS, values)])
+        self._write(SIGNS, {name: [row[name] for row in rows] for name in SIGNS.schema.names}, geo)
 
-
-def _columns(names: Sequence[str], rows: Sequence[tuple[Any, ...]]) -> dict[str, Sequence[Any]]:
-    """Columns by name of rows, which may be none."""
-    return dict(zip(names, zip(*rows, strict=True) if rows else [()] * len(names), strict=True))
+    def _write(self, table: Table, columns: dict[str, Any], geo: str | None = None) -> None:
+        with ParquetFile(self._folder / table.file, table.schema, geo) as sink:
+            sink.write([record_batch(table, columns)])

@@ -11,8 +11,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from wayside.pipeline.files.input_files import Where, read_input_text, read_parquet
-from wayside.pipeline.files.json_text import CONTENT_FAULTS, parse_json
 from wayside.pipeline.files.output_folder import finish_replacement
+from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_json
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.reading.parts import is_bag
 from wayside.schemas.errors import InputError, UsageError
@@ -39,16 +39,16 @@ def read_table(
     columns: Sequence[str] | None = None,
     where: Where | None = None,
 ) -> pa.Table:
-    """One table of a result.
+    """One table of a result folder.
 
     Parameters
     ----------
-    out
-        Folder written by `wayside run`.
-    table, columns
-        Which table, and which of its columns; None: all. Columns that an earlier version did not write come as null.
+    out, table
+        Folder written by `wayside run`; which of its tables.
+    columns
+        Those to read; None: all. Columns that an earlier version did not write come as null.
     where
-        Only rows that hold these texts, or one of these numbers, by column name, listed in `columns` or not.
+        The rows; its columns need not be among `columns`.
 
     Raises
     ------
@@ -57,22 +57,17 @@ def read_table(
         values that every row must have.
     """
     finish_replacement(out)
-    file = out / table.file
+    file, schema = out / table.file, table.schema
     if not file.is_file():
         raise _no_result(out, table.file)
-    schema = table.schema
     wanted = schema.names if columns is None else list(columns)
     try:
-        present = pq.read_schema(file).names
-        absent = [schema.field(name) for name in wanted if name not in present]
-        for column in absent:
-            if not column.nullable:
-                raise InputError(
-                    f"{file} lacks the column {column.name}: it was not written by wayside"
-                )
+        present = set(pq.read_schema(file).names)
         found = read_parquet(file, [name for name in wanted if name in present], where)
-        for column in absent:
-            found = found.append_column(column, pa.nulls(len(found), column.type))
+        for name in wanted:
+            if name not in present:
+                column = schema.field(name)
+                found = found.append_column(column, pa.nulls(len(found), column.type))
         return _typed(found.select(wanted), schema)
     except (pa.ArrowException, OSError, *CONTENT_FAULTS) as error:
         raise InputError(f"{file} cannot be read: {error}") from error
@@ -92,10 +87,7 @@ def _typed(found: pa.Table, schema: pa.Schema) -> pa.Table:
 
 
 def read_rows(
-    out: Path,
-    table: Table,
-    columns: Sequence[str],
-    where: Where | None = None,
+    out: Path, table: Table, columns: Sequence[str], where: Where | None = None
 ) -> list[dict[str, Any]]:
     """Rows of one table of a result, null as None. Takes and raises the same as `read_table`."""
     rows: list[dict[str, Any]] = read_table(out, table, columns, where).to_pylist()
@@ -103,13 +95,7 @@ def read_rows(
 
 
 def read_run(out: Path) -> dict[str, Any]:
-    """Content of `run.json`.
-
-    Raises
-    ------
-    InputError
-        The folder has none, or it is damaged.
-    """
+    """Content of `run.json`; raises InputError where the folder has none, or it is damaged."""
     finish_replacement(out)
     file = out / RUN_FILE
     if not file.is_file():
@@ -127,34 +113,20 @@ def read_run(out: Path) -> dict[str, Any]:
 
 
 def read_settings(out: Path, run: dict[str, Any]) -> ReadSettings:
-    """How the log of a result was read: the group `read` of its settings.
-
-    Raises
-    ------
-    InputError
-        `run.json` holds none, or names settings that this version does not know.
-    """
+    """How the log of a result was read; raises InputError where this version cannot tell."""
     try:
         group = run["settings"]["read"]
-        settings, _ = load_settings(
-            options={f"read.{name}": value for name, value in group.items()}
-        )
+        options = {f"read.{name}": value for name, value in group.items()}
+        return load_settings(options=options)[0].read
     except (*CONTENT_FAULTS, UsageError) as error:
         raise InputError(
             f"{out / RUN_FILE}: the settings of the run cannot be read: {error}. Another version of wayside wrote "
             "them: run the log again."
         ) from error
-    return settings.read
 
 
 def find_log(run: dict[str, Any], given: Path | None) -> Path:
-    """The log that a result was made from: the one given, else where it lay at the time of the run.
-
-    Raises
-    ------
-    InputError
-        There is no such file.
-    """
+    """The log that a result was made from: the one given, else where it lay then; raises InputError without one."""
     noted = run.get("log_path")
     if given is None and noted is None:
         raise InputError(

@@ -4,63 +4,71 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from wayside.schemas.frame import Pose
 from wayside.schemas.landmarks import EVIDENCE_TERMS, TrackedFrame
-from wayside.schemas.motion import Motion
 from wayside.schemas.sign_catalogue import US, VIENNA
 from wayside.schemas.signs import Sign
-from wayside.stages.georeference import Globe
+from wayside.schemas.tables import FRAMES
+from wayside.stages.georeference import DrivePath
 
-FRAME_COLUMNS = (
-    *(
-        "frame",
-        "log_time_ns",
-        "header_time_ns",
-        "status",
-        "image_name",
-        "image_date",
-        "motion_source",
-    ),
-    *("ties", "residual_straight_px", "residual_px", "adjusted", "iterations"),
-    *("regions", "outside_size", "merged", "left_out", "candidates"),
+_POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
+_GLOBE = ("lon_deg", "lat_deg", "alt_m", "heading_deg")
+_CODE = (
+    *("mutcd", "vienna", "legend", "code_probability"),
+    *("nominal_width_in", "nominal_height_in"),
 )
-POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
-GLOBE_COLUMNS = ("lon_deg", "lat_deg", "alt_m", "heading_deg")
 _UPPER_TRIANGLE = np.triu_indices(3)
 
 
-def frame_row(tracked: TrackedFrame) -> tuple[Any, ...]:
-    """`FRAME_COLUMNS` of a frame."""
+def frame_row(tracked: TrackedFrame) -> dict[str, Any]:
+    """All columns of a frame that are known when it is tracked."""
     frame, motion = tracked.frame, tracked.motion
-    times = (frame.log_time_ns, frame.header_time_ns)
-    head = (frame.index, *times, frame.status, frame.name or None, frame.date or None)
+    row = dict.fromkeys(FRAMES.schema.names) | {
+        "frame": frame.index,
+        "log_time_ns": frame.log_time_ns,
+        "header_time_ns": frame.header_time_ns,
+        "status": frame.status,
+        "image_name": frame.name or None,
+        "image_date": frame.date or None,
+    }
     if motion is None:
-        return (*head, *(None,) * (len(FRAME_COLUMNS) - len(head)))
-    counts = (tracked.region_count, *tracked.dropped, len(tracked.candidates))
-    return (*head, motion.source, *_step(motion), *counts)
+        return row
+    row |= {
+        "motion_source": motion.source,
+        "regions": tracked.region_count,
+        "outside_size": tracked.dropped.size,
+        "merged": tracked.dropped.merged,
+        "left_out": tracked.dropped.left_out,
+        "candidates": len(tracked.candidates),
+    }
+    if motion.step is None:  # of the first used frame
+        return row
+    return row | {
+        "ties": 0 if motion.ties is None else len(motion.ties.inlier),
+        "residual_straight_px": finite(motion.residual_straight_px),
+        "residual_px": finite(motion.residual_px),
+        "adjusted": motion.adjusted,
+        "iterations": motion.iterations,
+    }
 
 
-def pose_row(pose: Pose | None) -> tuple[float | None, ...]:
-    """`POSE_COLUMNS` of a camera: centre, and quaternion x, y, z, w."""
-    if pose is None:
-        return (None,) * len(POSE_COLUMNS)
-    quaternion = Rotation.from_matrix(pose.rotation).as_quat(canonical=True)
-    return (*pose.centre.tolist(), *quaternion.tolist())
-
-
-def globe_rows(globe: Globe | None, frames: Sequence[int]) -> list[tuple[float | None, ...]]:
-    """`GLOBE_COLUMNS` of the cameras of frames."""
-    unknown = (None,) * len(GLOBE_COLUMNS)
-    if globe is None:
-        return [unknown] * len(frames)
-    placed = np.column_stack([globe.route(), globe.heading_deg()]).tolist()
-    return [tuple(placed[globe.rows[f]]) if f in globe.rows else unknown for f in frames]
+def place_rows(path: DrivePath, frames: Sequence[int]) -> Iterator[dict[str, Any]]:
+    """Columns of where the cameras of frames were: centre and quaternion, WGS 84, station and distance."""
+    globe = path.globe
+    placed = None if globe is None else np.column_stack([globe.route(), globe.heading_deg()])
+    for frame in frames:
+        row = {"station_m": path.stations.get(frame), "baseline_m": path.baselines.get(frame)}
+        if (pose := path.poses.get(frame)) is not None:
+            quaternion = Rotation.from_matrix(pose.rotation).as_quat(canonical=True)
+            row |= zip(_POSE, (*pose.centre.tolist(), *quaternion.tolist()), strict=True)
+        if globe is not None and placed is not None and frame in globe.rows:
+            row |= zip(_GLOBE, placed[globe.rows[frame]].tolist(), strict=True)
+        yield row
 
 
 def sign_row(sign: Sign, log: str) -> dict[str, Any]:
@@ -123,15 +131,11 @@ def finite(value: float) -> float | None:
 def _code(sign: Sign) -> dict[str, Any]:
     """Columns of what sign it is."""
     code = sign.code
-    nominal = None if code is None else code.nominal_in
-    return {
-        "mutcd": code.code if code is not None and code.system == US else None,
-        "vienna": code.code if code is not None and code.system == VIENNA else None,
-        "legend": None if code is None else code.legend,
-        "code_probability": None if code is None else code.probability,
-        "nominal_width_in": None if nominal is None else nominal[0],
-        "nominal_height_in": None if nominal is None else nominal[1],
-    }
+    if code is None:
+        return dict.fromkeys(_CODE)
+    mutcd, vienna = (code.code if code.system == system else None for system in (US, VIENNA))
+    size = code.nominal_in or (None, None)
+    return dict(zip(_CODE, (mutcd, vienna, code.legend, code.probability, *size), strict=True))
 
 
 def _on_globe(sign: Sign) -> dict[str, Any]:
@@ -143,12 +147,3 @@ def _on_globe(sign: Sign) -> dict[str, Any]:
     place = (globe.longitude_deg, globe.latitude_deg, globe.altitude_m)
     values = dict(zip(names, (*place, *globe.sigma_m), strict=True))
     return values | {"geometry": struct.pack("<BIddd", 1, 1001, *place)}
-
-
-def _step(motion: Motion) -> tuple[Any, ...]:
-    """Columns of the step to a frame; unknown at the first used one."""
-    if motion.step is None:
-        return (None,) * 5
-    ties = 0 if motion.ties is None else len(motion.ties.inlier)
-    residuals = (finite(motion.residual_straight_px), finite(motion.residual_px))
-    return (ties, *residuals, motion.adjusted, motion.iterations)

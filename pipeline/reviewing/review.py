@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.files.csv_text import read_csv
 from wayside.pipeline.files.input_files import decoded, open_input, read_input_text
-from wayside.pipeline.files.json_text import CONTENT_FAULTS, parse_json
+from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_json, read_csv
 from wayside.pipeline.results.result import read_rows, read_run
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError, UsageError

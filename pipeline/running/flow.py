@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
 from typing import Any, Protocol
 
 from wayside.pipeline.chains import Chain, chain_of
@@ -71,7 +70,7 @@ class Flow:
         run = self.settings.run
         read, memory = self._shown(Stage("read", self.memory.taken), frames), self.memory
         found = ordered_parallel(
-            self._resume,
+            self._find,
             read,
             workers=run.workers,
             queue=run.queue,
@@ -100,16 +99,14 @@ class Flow:
             self.counts.looked_at += 1
             yield item
 
-    def _resume(self, frames: Iterator[Frame]) -> Iterator[Detections]:
-        """Take from the journal what a run before has found in the first frames, and detect in the others."""
-        decoding = self.chain.per_image[:1]
+    def _find(self, frames: Iterator[Frame]) -> Iterator[Detections]:
+        """Take from the journal what an earlier run has found in a frame, else detect."""
         for frame in frames:
-            if self.journal is None or frame.index not in self.journal:
-                yield from self.detect(chain([frame], frames))
-                return
-            for image in self._through(decoding, iter([frame])):
+            known = None
+            if self.journal is not None and frame.index in self.journal:
+                (image,) = self._through(self.chain.per_image[:1], iter([frame]))
                 known = self.journal.replay(image)
-                yield from self.detect(iter([frame])) if known is None else (known,)
+            yield from self.detect(iter([frame])) if known is None else (known,)
 
     def _follow(self, detections: Iterator[Detections]) -> Iterator[TrackedFrame]:
         """Do what needs the frames in order. Pixels are held until the frame is tracked, or has no motion."""

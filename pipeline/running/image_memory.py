@@ -18,15 +18,17 @@ _MEGABYTE = 1e6
 
 @dataclass(slots=True)
 class ImageMemory:
-    """Counts images from the moment they are read until nothing holds their pixels any more.
+    """Counts images, by the sizes in the headers, from the moment they are read until nothing holds their pixels.
 
-    limit_mb: what they may take, 0 for as much as it comes to; window: images that motion and tracking hold at most,
-    which are needed whatever the limit is. The count is by the sizes in the headers; all calls come from one thread.
+    All calls come from one thread.
     """
 
     limit_mb: float = 0.0
+    """What they may take; 0: as much as it comes to."""
     window: int = 0
+    """Images that motion and tracking hold at most, which are needed whatever the limit is."""
     peak_bytes: int = 0
+    """The most that they took."""
     _bytes: int = 0
     _largest: int = 0
     _held: dict[int, int] = field(default_factory=dict)
@@ -37,13 +39,7 @@ class ImageMemory:
         return not self.limit_mb or self._bytes + self._largest <= self.limit_mb * _MEGABYTE
 
     def taken(self, frames: Iterator[Frame]) -> Iterator[Frame]:
-        """Pass frames on and count their images.
-
-        Raises
-        ------
-        UsageError
-            The tracking window and one more image are larger than the limit.
-        """
+        """Pass frames on and count their images; raises UsageError where the limit is too small for the window."""
         for frame in frames:
             if frame.used:
                 self._take(frame)

@@ -26,18 +26,7 @@ _NO_NAMES = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR)
 """What a system call says of a path that can name no file."""
 _STREAMS = ("stdout", "stderr")
 _PLAIN = "wayside.plain"
-_PLAIN_TEXTS = {
-    **{
-        "\u00b1": "+-",
-        "\u00b0": " deg",
-        "\u00d7": "x",
-        "\u00b7": "-",
-        "\u2026": "...",
-        "\u2212": "-",
-    },
-    **{"\u2190": "<-", "\u2191": "^", "\u2192": "->", "\u2013": "-", "\u2014": "-", "\u00a0": " "},
-    **{"\u2018": "'", "\u2019": "'", "\u201c": '"', "\u201d": '"'},
-}
+_PLAIN_TEXTS = {"±": "+-", "°": " deg", "…": "..."}
 """What stands for a character that the encoding of a stream does not have; a question mark for any other."""
 
 
@@ -100,13 +89,7 @@ def report_error(error: WaysideError, *, debug: bool) -> int:
 
 
 def flush_standard_streams() -> None:
-    """Write what waits.
-
-    Raises
-    ------
-    OSError
-        The disk that they go to is full.
-    """
+    """Write what waits; raises OSError where the disk that it goes to is full."""
     for name in _STREAMS:
         getattr(sys, name).flush()
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import closing, nullcontext
-from dataclasses import dataclass, field
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 from typing import Protocol
@@ -19,7 +19,7 @@ from wayside.pipeline.labels.box_accounting import BoxAccounting, paired
 from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.selection import describe_duplicates
-from wayside.pipeline.results.earlier_result import check_earlier
+from wayside.pipeline.results.earlier_result import EarlierResult, check_earlier
 from wayside.pipeline.results.inventory import InventoryWriter, WrittenTables
 from wayside.pipeline.running.flow import Drive, Flow, FrameCounts, Observer
 from wayside.pipeline.running.image_memory import image_memory
@@ -44,9 +44,6 @@ from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
 from wayside.stages.calibration import LensCheck
 
-OpenObserver = Callable[[ReadReport, Path], "RunObserver | None"]
-"""Makes the observer of a run, from what reading chose and the folder for its files."""
-
 
 class RunObserver(Observer, Protocol):
     """Sees a run from the first frame to the inventory; its own faults are words, never exceptions."""
@@ -70,6 +67,10 @@ class RunObserver(Observer, Protocol):
         """Write what waits; what went wrong."""
 
 
+OpenObserver = Callable[[ReadReport, Path], RunObserver | None]
+"""Makes the observer of a run, which sees every item of every stage, or none."""
+
+
 @dataclass(frozen=True, slots=True)
 class RunResult:
     """What a run did, for the closing summary and `run.json`."""
@@ -80,7 +81,7 @@ class RunResult:
     report: ReadReport
     frames: dict[str, int]
     stage_seconds: dict[str, float]
-    wall_seconds: float
+    wall_seconds: float = 0.0
     view_faults: tuple[str, ...] = ()
     view_images: str | None = None
     recorded: bool | None = None
@@ -112,106 +113,60 @@ class RunResult:
         return [*(str(problem) for problem in self.report.problems), *images]
 
 
-def run_log(
-    log: Path,
-    folder: Path,
-    settings: Settings,
-    models: Models,
-    run: Run | None = None,
-    *,
-    arguments: list[str],
-    every_region: bool = False,
-    open_observer: OpenObserver = lambda report, part: None,
-    rate: float | None = None,
-    overwrite: bool = False,
-    resume: bool = False,
-) -> RunResult:
-    """Process one log to its end, as `process_log` does.
+@dataclass(slots=True)
+class Run:
+    """A run under way."""
 
-    Parameters
-    ----------
-    log, folder, settings, models, run, arguments, every_region, open_observer, rate, overwrite,
-    resume
-        As in `process_log`.
+    report: ReadReport = field(default_factory=ReadReport)
+    """What reading came across so far."""
+    result: RunResult | None = None
+    """There after the last frame."""
+    committed: bool = False
+    """Whether its files stand."""
+    counts: FrameCounts = field(default_factory=FrameCounts)
+    """Of the frames that are done so far."""
 
-    Raises
-    ------
-    InputError, OutputError, StageError
-        As in `process_log`.
-    """
+
+@dataclass(frozen=True, slots=True)
+class RunRequest:
+    """What a run is asked for."""
+
+    log: Path
+    """The MCAP file."""
+    folder: Path
+    """Where the result goes; made where it is missing."""
+    settings: Settings
+    """What the stages work with."""
+    models: Models
+    """The same, learned."""
+    arguments: Sequence[str] = ()
+    """The command line, for `run.json`."""
+    every_region: bool = False
+    """List regions that no classifier looked at, or the colour gate refused, too."""
+    open_observer: OpenObserver = lambda report, part: None
+    """Called with what reading chose and the folder to write to, when the log can be read."""
+    rate: float | None = None
+    """Read at so many times the recorded speed; None: as fast as the work goes."""
+    overwrite: bool = False
+    """Replace whatever stands in the folder under the names of a result; else only a result of the same log."""
+    resume: bool = False
+    """Keep a `Journal`, and go on with that of an earlier run. Not with an observer, which would miss its frames."""
+
+
+def run_log(asked: RunRequest, run: Run | None = None) -> RunResult:
+    """Process one log to its end. Raises as `process_log`."""
     run = run or Run()
-    for _ in process_log(
-        log,
-        folder,
-        settings,
-        models,
-        run,
-        arguments=arguments,
-        every_region=every_region,
-        open_observer=open_observer,
-        rate=rate,
-        overwrite=overwrite,
-        resume=resume,
-    ):
+    for _ in process_log(asked, run):
         pass
     assert run.result is not None
     return run.result
 
 
-@dataclass(slots=True)
-class Run:
-    """A run under way: what reading came across and how many frames are done so far, the result once it is complete.
-
-    committed: its files stand.
-    """
-
-    report: ReadReport = field(default_factory=ReadReport)
-    result: RunResult | None = None
-    committed: bool = False
-    counts: FrameCounts = field(default_factory=FrameCounts)
-
-
-def process_log(
-    log: Path,
-    folder: Path,
-    settings: Settings,
-    models: Models,
-    run: Run,
-    *,
-    arguments: list[str],
-    every_region: bool = False,
-    open_observer: OpenObserver = lambda report, part: None,
-    rate: float | None = None,
-    overwrite: bool = False,
-    resume: bool = False,
-) -> Iterator[TrackedFrame]:
-    """Process one log, frame by frame, and write its tables and `run.json` into `folder` after the last one.
+def process_log(asked: RunRequest, run: Run) -> Iterator[TrackedFrame]:
+    """Process one log, frame by frame, and write its tables and `run.json` after the last one.
 
     A generator: nothing happens before the first frame is asked for. The files of the result replace those of an
-    earlier one together, after the last frame; closed early, it changes nothing.
-
-    Parameters
-    ----------
-    log, folder
-        The MCAP file; the output folder, made where it is missing.
-    settings, models
-        What the stages work with.
-    run
-        Filled while the generator runs; its `result` is there after the last frame.
-    arguments
-        The command line, for `run.json`.
-    every_region
-        List regions that no classifier looked at, or the colour gate refused, too.
-    open_observer
-        Called with what reading chose and the folder to write to, when the log can be read; what it gives sees every
-        item of every stage.
-    rate
-        Read at so many times the recorded speed; None: as fast as the work goes.
-    overwrite
-        Replace whatever stands in the folder under the names of a result; else only a result of the same log.
-    resume
-        Keep a journal of what was found in each image, and go on with that of a run before; see `Journal`. Not with an
-        observer, which would see nothing of the frames in it.
+    earlier one together, after the last frame; closed early, it changes nothing. `run` is filled meanwhile.
 
     Raises
     ------
@@ -222,23 +177,17 @@ def process_log(
     StageError
         A stage failed; its name and the frame are in the message.
     """
-    with OutputFolder(folder, kept=(RECORDING,)) as output:
-        earlier = check_earlier(folder, log, overwrite=overwrite)
-
-        def observe(report: ReadReport) -> RunObserver | None:
-            observer = open_observer(report, output.part)
-            if observer is not None and observer.records:
-                earlier.check_recording()
-            return observer
-
-        journal = Journal(folder, journal_key(log, settings, models)) if resume else None
-        with nullcontext() if journal is None else closing(journal):
-            task = _Task(log, output.part, settings, models, run, journal, rate)
-            yield from task.process(observe, every_region=every_region)
-        assert run.result is not None
-        write_run(run.result, output.part, settings, models, arguments, every_region=every_region)
-        output.commit([RECORDING] if earlier.recorded and not run.result.recorded else [])
-        run.committed = True
+    folder = asked.folder
+    with OutputFolder(folder, kept=(RECORDING,)) as output, ExitStack() as ended:
+        earlier = check_earlier(folder, asked.log, overwrite=asked.overwrite)
+        journal = None
+        if asked.resume:
+            journal = Journal(folder, journal_key(asked.log, asked.settings, asked.models))
+            ended.callback(journal.close)
+        result = yield from _Task(asked, run, output.part, earlier, journal).process()
+        write_run(result, asked, output.part)
+        output.commit([RECORDING] if earlier.recorded and not result.recorded else [])
+        run.result, run.committed = result, True
         remove_journal(folder)
 
 
@@ -246,37 +195,38 @@ def process_log(
 class _Task:
     """One log that is processed; all but `run.json` is written into `part`."""
 
-    log: Path
-    part: Path
-    settings: Settings
-    models: Models
+    asked: RunRequest
     run: Run
+    part: Path
+    earlier: EarlierResult
     journal: Journal | None
-    rate: float | None
     clock: StageClock = field(default_factory=StageClock)
     statuses: Counter[str] = field(default_factory=Counter)
     duplicates: list[str] = field(default_factory=list)
     started: float = field(default_factory=time.perf_counter)
 
-    def process(
-        self, open_observer: Callable[[ReadReport], RunObserver | None], *, every_region: bool
-    ) -> Iterator[TrackedFrame]:
-        """Yield every frame once it is done; then the run has its result."""
-        routes, frames = open_routes(self.settings.route), self._frames()
-        writer = InventoryWriter(self.part, visible(self.log.stem), every_region=every_region)
-        observer = open_observer(self.run.report)
-        source = self.models.external
+    def process(self) -> Generator[TrackedFrame, None, RunResult]:
+        """Yield every frame once it is done, then give the result."""
+        asked, source = self.asked, self.asked.models.external
+        routes, frames = open_routes(asked.settings.route), self._frames()
+        name = visible(asked.log.stem)
+        writer = InventoryWriter(self.part, name, every_region=asked.every_region)
+        observer = asked.open_observer(self.run.report, self.part)
         accounting = None if source is None else BoxAccounting(source)
         try:
+            if observer is not None and observer.records:
+                self.earlier.check_recording()
             flow = self._flow(observer, routes)
             for settled in flow.track(frames):
-                self._count(settled)
+                self.statuses[settled.frame.status] += 1
+                if settled.frame.status == DUPLICATE:
+                    self.duplicates.append(settled.frame.label)
                 writer.append(settled)
                 if accounting is not None:
                     accounting.take(settled)
                 yield settled
             if not self.statuses[USED]:
-                raise InputError(_no_image(self.log, self.statuses))
+                raise InputError(_no_image(asked.log, self.statuses))
             if accounting is not None:
                 accounting.require_known()
             drive = flow.finish()
@@ -287,26 +237,28 @@ class _Task:
             if observer is not None:
                 observer.close()
             raise
-        self.run.result = RunResult(
-            self.log,
-            self.part.parent,
+        result = RunResult(
+            asked.log,
+            asked.folder,
             inventory,
             self.run.report,
             dict(self.statuses),
             self.clock.seconds(),
-            *self._closed(observer, inventory),
             boxes=accounting,
             replayed=None if self.journal is None else self.journal.replayed,
             lens=drive.lens,
             image_bytes=flow.memory.peak_bytes,
         )
+        if observer is not None:
+            result = self._closed(observer, result)
+        return replace(result, wall_seconds=time.perf_counter() - self.started)
 
     def _frames(self) -> Iterator[Frame]:
         """The frames of the log; a log that cannot be used is refused at once, before a result is begun."""
-        report, source = self.run.report, self.models.external
-        frames = read_frames(self.log, self.settings.read, report)
-        if self.rate is not None:
-            frames = paced(frames, self.rate)
+        asked, report, source = self.asked, self.run.report, self.asked.models.external
+        frames = read_frames(asked.log, asked.settings.read, report)
+        if asked.rate is not None:
+            frames = paced(frames, asked.rate)
         first = next(frames, None)
         if self.journal is not None and self.journal.note:
             report.notes.append(self.journal.note)
@@ -317,46 +269,30 @@ class _Task:
         return chain((first,), frames)
 
     def _flow(self, observer: RunObserver | None, routes: RouteFile | None) -> Flow:
+        settings, models = self.asked.settings, self.asked.models
+        memory = image_memory(settings)
         return Flow(
-            self.settings,
-            self.models,
-            self.clock,
-            observer,
-            self.journal,
-            routes,
-            image_memory(self.settings),
-            self.run.counts,
+            settings, models, self.clock, observer, self.journal, routes, memory, self.run.counts
         )
-
-    def _count(self, settled: TrackedFrame) -> None:
-        self.statuses[settled.frame.status] += 1
-        if settled.frame.status == DUPLICATE:
-            self.duplicates.append(settled.frame.label)
 
     def _notes(self, drive: Drive) -> list[str]:
         """What a person has to know of the drive."""
         on_globe, found = drive.path.globe is not None, drive.lens.found
-        notes = route_notes(self.settings.route, drive.signs, on_globe=on_globe)
+        settings, log = self.asked.settings, self.asked.log
+        notes = route_notes(settings.route, drive.signs, on_globe=on_globe)
         if found is not None:
-            notes.append(_wrong_calibration(self.log, self.run.report, found))
-        notes += system_notes(drive.signs, self.settings.codes.settled)
+            notes.append(_wrong_calibration(log, self.run.report, found))
+        notes += system_notes(drive.signs, settings.codes.settled)
         return notes + ([describe_duplicates(self.duplicates)] if self.duplicates else [])
 
-    def _closed(
-        self, observer: RunObserver | None, inventory: WrittenTables
-    ) -> tuple[float, tuple[str, ...], str | None, bool | None]:
-        """Seconds of the run, faults of its observer, the images that it records, whether the recording is whole."""
-        faults: list[str] = []
-        recorded: bool | None = None
-        if observer is not None:
-            observer.finish(inventory)
-            faults = observer.close()
-            if observer.records:
-                recorded = not observer.recording_lost
-                if observer.recording_lost:
-                    (self.part / RECORDING).unlink(missing_ok=True)
-        wall = time.perf_counter() - self.started
-        return wall, tuple(faults), None if observer is None else observer.images, recorded
+    def _closed(self, observer: RunObserver, result: RunResult) -> RunResult:
+        """The result with what its observer recorded and missed."""
+        observer.finish(result.inventory)
+        faults, lost = tuple(observer.close()), observer.recording_lost
+        if lost:
+            (self.part / RECORDING).unlink(missing_ok=True)
+        recorded = not lost if observer.records else None
+        return replace(result, view_faults=faults, view_images=observer.images, recorded=recorded)
 
 
 def _wrong_calibration(log: Path, report: ReadReport, found: Camera) -> str:

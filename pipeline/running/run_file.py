@@ -13,34 +13,25 @@ from typing import TYPE_CHECKING, Any
 from wayside.pipeline.files.output_folder import RECORDING
 from wayside.pipeline.files.settings_file import settings_digest
 from wayside.pipeline.files.writing import create, not_written
-from wayside.pipeline.models.model_files import Models
-from wayside.pipeline.models.provenance import learned_from
+from wayside.pipeline.models.model_files import learned_from
 from wayside.pipeline.results.earlier_result import file_digest, log_fingerprint
 from wayside.pipeline.results.result import RUN_FILE
 from wayside.pipeline.running.journal import result_key
 from wayside.schemas.frame import USED
-from wayside.schemas.settings import Settings
 
 if TYPE_CHECKING:
-    from wayside.pipeline.running.run import RunResult
+    from wayside.pipeline.running.run import RunRequest, RunResult
 
 
-def write_run(
-    result: RunResult,
-    part: Path,
-    settings: Settings,
-    models: Models,
-    arguments: list[str],
-    *,
-    every_region: bool,
-) -> None:
+def write_run(result: RunResult, asked: RunRequest, part: Path) -> None:
     """`run.json`: everything needed to repeat the run, and all that differs between two runs of it."""
+    settings, models, drive = asked.settings, asked.models, result.inventory
     used = result.frames.get(USED, 0)
     rejected = {k: v for k, v in sorted(result.frames.items()) if k != USED}
     digests = models.digests()
     content: dict[str, Any] = {
         "wayside": version("wayside"),
-        "arguments": arguments,
+        "arguments": list(asked.arguments),
         "log": result.log.name,
         "log_path": str(result.log.absolute()),
         "log_fingerprint": log_fingerprint(result.log),
@@ -50,27 +41,27 @@ def write_run(
         "settings": asdict(settings),
         "settings_digest": settings_digest(settings),
         "models": digests,
-        "result_key": result_key(result.log, settings, digests, every_region=every_region),
+        "result_key": result_key(result.log, settings, digests, every_region=asked.every_region),
         "learned_from_log": list(learned_from(result.log.stem, models.provenances())),
         "detector": None if result.boxes is None else result.boxes.source,
-        "camera": result.inventory.camera and asdict(result.inventory.camera),
-        "world": result.inventory.path.world,
-        "camera_height_m": result.inventory.path.camera_height_m,
+        "camera": drive.camera and asdict(drive.camera),
+        "world": drive.path.world,
+        "camera_height_m": drive.path.camera_height_m,
         "camera_by_motion": result.lens.found and asdict(result.lens.found),
         "focal_length": {"correction": result.lens.correction, "sigma": result.lens.sigma},
-        "us_probability": result.inventory.us_probability,
+        "us_probability": drive.us_probability,
         "notes": result.notes,
         "accounting": {
             "frames_read": sum(result.frames.values()),
             "used": used,
             "rejected": rejected,
-            "regions": result.inventory.verdicts,
+            "regions": drive.verdicts,
             "boxes": None if result.boxes is None else result.boxes.counts,
             "lost": result.lost,
         },
         "files": {
             name: {"rows": rows, "sha256": file_digest(part / name)}
-            for name, rows in result.inventory.rows.items()
+            for name, rows in drive.rows.items()
         },
         "times": {
             "wall_s": round(result.wall_seconds, 3),

@@ -34,14 +34,10 @@ def tune_process() -> None:
 
 
 def keep_heap() -> bool:
-    """Ask the C library not to give the memory of each image back to the system.
+    """Ask the C library not to give the memory of each image back to the system; whether it took the advice.
 
     By default glibc maps every block of some megabytes again: about 1800 page faults for a 1600 x 1200 image, which
-    makes decoding a half slower.
-
-    Returns
-    -------
-    Whether the C library took the advice; others than glibc have no such call or ignore it.
+    makes decoding a half slower. Other libraries have no such call or ignore it.
     """
     try:
         advise = ctypes.CDLL(None).mallopt
@@ -53,16 +49,10 @@ def keep_heap() -> bool:
 
 @contextmanager
 def watched_compilation(notify: Callable[[bool], None]) -> Iterator[None]:
-    """Compile kernels faster in a block, and say when one is compiled.
+    """Compile kernels faster in a block, and call `notify` with True where a compilation starts, False where it ends.
 
     Garbage collection pauses meanwhile. The compiler makes millions of small objects that live until it is done, and
     scanning them repeatedly costs about a fifth of its time.
-
-    Parameters
-    ----------
-    notify
-        Called with True where a compilation starts and with False where it ends; never for a kernel that is loaded
-        from the cache.
     """
     listener = _CompilationListener(notify)
     with event.install_listener("numba:compile", listener):

@@ -14,7 +14,7 @@ from wayside.pipeline.evaluation.figures import (
     RenderedEvaluation,
     together,
 )
-from wayside.pipeline.models.provenance import onnx_metadata
+from wayside.pipeline.models.model_files import onnx_metadata
 
 ROOT = Path(__file__).parents[2]
 

@@ -58,28 +58,33 @@ def run_log_file(log, folder, *options):
     return Result(signs, observations, frames, about)
 
 
+def _as_seen(content, image):
+    """The message of an image with other pixels (BGR in, BGR or grey out)."""
+    seen = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_COLOR)
+    changed = image(np.asarray(seen, np.uint8))
+    quality = (cv2.IMWRITE_JPEG_QUALITY, 95)
+    content.data = cv2.imencode(".jpg", changed, quality)[1].tobytes()
+    return content
+
+
 @pytest.fixture(scope="session")
 def altered_demo():
-    """Writes the start of the demo log with every image, and every calibration message, as a function makes it."""
+    """Writes the start of the demo log with every image, and every calibration message, as a function makes it.
 
-    def write(path, image, calibration=lambda message: None, most=40):
+    image: of pixels; message: of the whole message of an image, which it gives back.
+    """
+
+    def write(path, image=None, calibration=lambda message: None, most=40, message=None):
         with (RECORDINGS / "demo.mcap").open("rb") as source, path.open("wb") as sink:
             writer = Writer(sink)
             reader = make_reader(source, decoder_factories=[DecoderFactory()])
-            for schema, channel, message, content in islice(reader.iter_decoded_messages(), most):
-                if schema is not None and schema.name == "foxglove.CompressedImage":
-                    seen = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_COLOR)
-                    changed = image(np.asarray(seen, np.uint8))
-                    quality = (cv2.IMWRITE_JPEG_QUALITY, 95)
-                    content.data = cv2.imencode(".jpg", changed, quality)[1].tobytes()
-                if schema is not None and schema.name == "foxglove.CameraCalibration":
+            for schema, channel, held, content in islice(reader.iter_decoded_messages(), most):
+                kind, written = "" if schema is None else schema.name, content
+                if kind == "foxglove.CompressedImage":
+                    written = message(content) if image is None else _as_seen(content, image)
+                elif kind == "foxglove.CameraCalibration":
                     calibration(content)
-                writer.write_message(
-                    channel.topic,
-                    content,
-                    log_time=message.log_time,
-                    publish_time=message.publish_time,
-                )
+                writer.write_message(channel.topic, written, held.log_time, held.publish_time)
             writer.finish()
         return path
 
@@ -111,24 +116,6 @@ def default_demo(run_demo):
 def report_demo(run_demo):
     """The result of the preset `report` on the first third of the log."""
     return run_demo("--preset", "report", "--set", "read.until_s=2")
-
-
-@pytest.fixture(scope="session")
-def report_whole_demo(run_demo):
-    """The result of the preset `report` on the whole log."""
-    return run_demo("--preset", "report")
-
-
-@pytest.fixture(scope="session")
-def report_shape_demo(run_demo):
-    """The result of the preset `report-shape` on the first four images of the log."""
-    return run_demo("--preset", "report-shape", "--set", "read.until_s=1.1")
-
-
-@pytest.fixture(scope="session")
-def report_2d_demo(run_demo):
-    """The result of the preset `report-2d` on the first four images of the log."""
-    return run_demo("--preset", "report-2d", "--set", "read.until_s=1.1")
 
 
 @pytest.fixture(scope="session")

@@ -258,7 +258,7 @@ def test_a_pickle_in_the_place_of_the_journal_is_not_read(with_journal, tmp_path
             return os.mkdir, ("harm",)
 
     content = pickle.dumps(Harm())
-    head = struct.pack("<II", len(content), zlib.crc32(content))
+    head = struct.pack("<III", 0, len(content), zlib.crc32(content))
     same, about = with_journal(lambda whole: head + content)
     assert same
     assert about["times"]["replayed_frames"] == 0

@@ -9,8 +9,10 @@ import json
 import math
 import tempfile
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 PINNED = Path(__file__).with_name("pinned")
@@ -83,9 +85,22 @@ def preset(request):
     return request.param
 
 
+@pytest.fixture(scope="module")
+def demo_of(run_demo, request):
+    """A function that gives the result of one of `RUNS`, each run once."""
+
+    @cache
+    def run(name):
+        if name in ("default", "report"):
+            return request.getfixturevalue(f"{name}_demo")
+        return run_demo("--preset", *RUNS[name])
+
+    return run
+
+
 @pytest.fixture
-def found(preset, request):
-    return digest_of(request.getfixturevalue(f"{preset.replace('-', '_')}_demo"))
+def found(preset, demo_of):
+    return digest_of(demo_of(preset))
 
 
 @pytest.fixture
@@ -93,25 +108,14 @@ def pinned(preset):
     return json.loads((PINNED / f"{preset}.json").read_text())
 
 
-def test_the_same_panels_are_found(found, pinned):
-    kinds = [{name: sign[name] for name in EXACT} for sign in found["signs"]]
-    assert kinds == [{name: sign[name] for name in EXACT} for sign in pinned["signs"]]
-
-
-def test_they_stand_at_the_same_places_to_a_centimetre(found, pinned):
+def test_the_same_panels_are_found_at_the_same_places_with_the_same_sizes(found, pinned):
     for sign, known in zip(found["signs"], pinned["signs"], strict=True):
+        assert {name: sign[name] for name in EXACT} == {name: known[name] for name in EXACT}
         allowed = PLACE_M + PLACE_SIGMAS * known["sigma_along_m"]
         assert sign["position_m"] == pytest.approx(known["position_m"], abs=allowed)
-        lon, lat, alt = sign["globe"]
-        known_lon, known_lat, known_alt = known["globe"]
-        assert (lon - known_lon) * DEGREES_EAST == pytest.approx(0, abs=allowed)
-        assert (lat - known_lat) * DEGREES_NORTH == pytest.approx(0, abs=allowed)
-        assert alt == pytest.approx(known_alt, abs=allowed)
+        on_globe = np.subtract(sign["globe"], known["globe"]) * (DEGREES_EAST, DEGREES_NORTH, 1)
+        assert on_globe == pytest.approx([0, 0, 0], abs=allowed)
         assert sign["sigma_along_m"] == pytest.approx(known["sigma_along_m"], rel=0.05)
-
-
-def test_they_have_the_same_sizes_and_confidences(found, pinned):
-    for sign, known in zip(found["signs"], pinned["signs"], strict=True):
         assert sign["size_m"] == pytest.approx(known["size_m"], abs=PLACE_M)
         assert sign["facing_deg"] == pytest.approx(known["facing_deg"], abs=0.2)
         assert sign["confidence"] == pytest.approx(known["confidence"], abs=0.002)
@@ -187,39 +191,31 @@ def test_the_default_gives_panels_of_one_support_its_number(default_demo, truth)
 
 
 @pytest.mark.slow
-def test_the_report_finds_most_panels_among_many_others(report_whole_demo, truth):
+def test_the_report_finds_most_panels_among_many_others(demo_of, truth):
+    found = demo_of("report-whole").signs
+
     def nearest(sign):
-        return min(
-            math.dist([row[axis] for axis in "xyz"], sign["centre"])
-            for row in report_whole_demo.signs
-        )
+        return min(math.dist([row[axis] for axis in "xyz"], sign["centre"]) for row in found)
 
     facing = [sign for sign in truth["signs"] if sign["faces_travel"]]
     far = [sign["kind"] for sign in facing if nearest(sign) > 1]
     assert far == ["work_panel", "guide_destination"]
-    assert len(report_whole_demo.signs) > 5 * len(facing)
+    assert len(found) > 5 * len(facing)
 
 
-@pytest.mark.parametrize("generation", ["report_shape", "report_2d", "report"])
-def test_the_report_states_neither_confidence_nor_facing(generation, request):
-    result = request.getfixturevalue(f"{generation}_demo")
+@pytest.mark.parametrize(
+    ("generation", "gate"),
+    [("report-shape", "shape"), ("report-2d", "trajectory"), ("report", "location")],
+)
+def test_each_generation_of_the_report_has_its_own_gate_and_states_no_confidence_or_facing(
+    generation, gate, demo_of
+):
+    result = demo_of(generation)
+    assert {"shape", "trajectory", "location", "panel_size"} & result.verdicts.keys() == {gate}
     assert {row["status"] for row in result.signs} == {"sign"}
     for name in ("confidence", "facing_deg", "sigma_facing_deg"):
         assert {row[name] for row in result.signs} == {None}
-    named = {row["shape"] is not None for row in result.signs}
-    assert named == {generation == "report_shape"}
-
-
-def test_each_generation_of_the_report_refuses_by_its_own_gate(
-    report_shape_demo, report_2d_demo, report_demo
-):
-    gates = {"shape", "trajectory", "location", "panel_size"}
-    for result, own in (
-        (report_shape_demo, {"shape"}),
-        (report_2d_demo, {"trajectory"}),
-        (report_demo, {"location"}),
-    ):
-        assert gates & result.verdicts.keys() == own
+    assert {row["shape"] is not None for row in result.signs} == {gate == "shape"}
 
 
 def codes(result):

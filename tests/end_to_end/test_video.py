@@ -2,15 +2,14 @@
 
 import sys
 from fractions import Fraction
+from itertools import chain
 
 import cv2
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
-from mcap.reader import make_reader
 from mcap.writer import Writer as McapWriter
-from mcap_protobuf.decoder import DecoderFactory
 from mcap_protobuf.writer import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -22,7 +21,7 @@ from wayside.pipeline.reading.h264 import read_stream
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings
 
-from .conftest import RECORDINGS, run_log_file
+from .conftest import run_log_file
 
 av = pytest.importorskip("av", reason="no PyAV: pip install 'wayside[video]'")
 
@@ -51,14 +50,14 @@ def encode(pictures, options, quality="12"):
     return [bytes(packet) for packet in (*packets, *context.encode(None))]
 
 
-def video_message(data, time_ns, kind="h264"):
-    message = CompressedVideo(frame_id="camera", data=data, format=kind)
+def video_message(data, time_ns, kind="h264", frame_id="camera"):
+    message = CompressedVideo(frame_id=frame_id, data=data, format=kind)
     message.timestamp.FromNanoseconds(time_ns)
     return message
 
 
-def write_log(path, packets, kind="h264", missing=(), size=(WIDTH, HEIGHT)):
-    """A log of the packets that are not missing."""
+def write_log(path, packets, kind="h264", missing=(), size=(WIDTH, HEIGHT), of=("camera",)):
+    """A log of the packets that are not missing, in turn of streams of these frame ids."""
     with path.open("wb") as stream:
         writer = Writer(stream)
         camera = CameraCalibration(width=size[0], height=size[1], distortion_model="plumb_bob")
@@ -66,8 +65,8 @@ def write_log(path, packets, kind="h264", missing=(), size=(WIDTH, HEIGHT)):
         writer.write_message("/calibration", camera, START, START)
         for number, data in enumerate(packets):
             if number not in missing:
-                time_ns = START + number * STEP
-                message = video_message(data, time_ns, kind)
+                time_ns = START + number * STEP // len(of)
+                message = video_message(data, time_ns, kind, of[number % len(of)])
                 writer.write_message("/camera", message, time_ns, time_ns)
         writer.finish()
     return path
@@ -185,36 +184,27 @@ def test_headers_that_are_cut_are_refused_or_read_and_never_an_accident(cut):
     assert sequence is None or sequence[:2] == (WIDTH, HEIGHT)
 
 
-def test_two_videos_in_one_topic_are_decoded_each_by_itself(tmp_path):
-    one, other = images(2 * GROUP), [np.ascontiguousarray(rgb[::-1]) for rgb in images(2 * GROUP)]
-    path = tmp_path / "a.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        camera = CameraCalibration(width=WIDTH, height=HEIGHT, distortion_model="plumb_bob")
-        camera.K.extend([200.0, 0, 80, 0, 200.0, 60, 0, 0, 1])
-        writer.write_message("/calibration", camera, START, START)
-        packets = zip(encode(one, WITHOUT_B), encode(other, WITHOUT_B), strict=True)
-        for number, pair in enumerate(packets):
-            for k, (data, frame_id) in enumerate(zip(pair, ("left", "right"), strict=True)):
-                time_ns = START + number * STEP + k * STEP // 2
-                message = video_message(data, time_ns)
-                message.frame_id = frame_id
-                writer.write_message("/camera", message, time_ns, time_ns)
-        writer.finish()
-    frames, report = read(path)
-    shown = [rgb for pair in zip(one, other, strict=True) for rgb in pair]
+@pytest.fixture(scope="module")
+def two_videos():
+    """Images of two videos in turn, and their packets."""
+    one = images(2 * GROUP)
+    other = [np.ascontiguousarray(rgb[::-1]) for rgb in one]
+    packets = zip(encode(one, WITHOUT_B), encode(other, WITHOUT_B), strict=True)
+    return list(chain(*zip(one, other, strict=True))), list(chain(*packets))
+
+
+def test_two_videos_in_one_topic_are_decoded_each_by_itself(tmp_path, two_videos):
+    shown, packets = two_videos
+    frames, report = read(write_log(tmp_path / "a.mcap", packets, of=("left", "right")))
     assert [f.status for f in frames] == ["used"] * len(shown)
     for frame, rgb in zip(frames, shown, strict=True):
         assert_alike(frame, rgb)
     assert any("holds 2 streams" in note for note in report.notes)
 
 
-def test_two_videos_that_nothing_tells_apart_are_left_out_and_counted(tmp_path):
+def test_two_videos_that_nothing_tells_apart_are_left_out_and_counted(tmp_path, two_videos):
     """Behind a picture of the other video a decoder would go on with the wrong one."""
-    one, other = images(2 * GROUP), [np.ascontiguousarray(rgb[::-1]) for rgb in images(2 * GROUP)]
-    pairs = zip(encode(one, WITHOUT_B), encode(other, WITHOUT_B), strict=True)
-    log = write_log(tmp_path / "a.mcap", [packet for pair in pairs for packet in pair])
-    frames, report = read(log)
+    frames, report = read(write_log(tmp_path / "a.mcap", two_videos[1]))
     assert report.statuses["used"] <= 2 * 3
     assert report.statuses["no_key_frame"] == len(frames) - report.statuses["used"]
 
@@ -246,28 +236,17 @@ def signs_of(result):
 
 
 @pytest.mark.slow
-def test_the_demo_drive_as_video_gives_its_signs(tmp_path, default_demo):
-    video = tmp_path / "demo.mcap"
-    pictures, others, times = [], [], []
-    with (RECORDINGS / "demo.mcap").open("rb") as stream:
-        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        for schema, channel, message, content in reader.iter_decoded_messages():
-            if schema.name == "foxglove.CompressedImage":
-                coded = np.frombuffer(content.data, np.uint8)
-                bgr = cv2.imdecode(coded, cv2.IMREAD_COLOR)
-                pictures.append(np.ascontiguousarray(bgr[:, :, ::-1]))
-                times.append((channel.topic, content.timestamp, message.log_time))
-            else:
-                others.append((channel.topic, content, message.log_time))
-    packets = encode(pictures, WITHOUT_B, quality="20")
-    with video.open("wb") as stream:
-        writer = Writer(stream)
-        for topic, content, log_time in others:
-            writer.write_message(topic, content, log_time, log_time)
-        for (topic, stamp, log_time), data in zip(times, packets, strict=True):
-            message = video_message(data, stamp.seconds * 10**9 + stamp.nanos)
-            writer.write_message(topic, message, log_time, log_time)
-        writer.finish()
+def test_the_demo_drive_as_video_gives_its_signs(tmp_path, altered_demo, default_demo):
+    pictures = []
+    altered_demo(tmp_path / "a.mcap", lambda bgr: pictures.append(bgr) or bgr, most=None)
+    packets = iter(
+        encode([np.ascontiguousarray(bgr[:, :, ::-1]) for bgr in pictures], WITHOUT_B, "20")
+    )
+
+    def as_video(content):
+        return video_message(next(packets), content.timestamp.ToNanoseconds())
+
+    video = altered_demo(tmp_path / "demo.mcap", message=as_video, most=None)
     found, wanted = signs_of(run_log_file(video, tmp_path / "out")), signs_of(default_demo)
     assert len(wanted) >= 8
     assert len(set(wanted) - set(found)) <= 1

@@ -10,17 +10,13 @@ from hypothesis import strategies as st
 
 from wayside.pipeline.exporting.flat_table import FlatTable
 from wayside.pipeline.exporting.text_files import write_csv
-from wayside.pipeline.files.csv_text import guarded, read_csv, unguarded
+from wayside.pipeline.files.parsing import guarded, read_csv, unguarded
 from wayside.schemas.tables import Column
 
 
-@pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@x", "\t=1", "\r=1"])
-def test_a_text_that_a_spreadsheet_would_evaluate_gets_an_apostrophe(text):
-    assert guarded(text) == f"'{text}"
-
-
 @given(st.text(alphabet="'=+-@\t\rab "))
-def test_the_apostrophe_is_taken_off_again(text):
+def test_a_text_that_a_spreadsheet_would_evaluate_gets_an_apostrophe_that_is_taken_off_again(text):
+    assert not guarded(text).startswith(tuple("=+-@\t\r"))
     assert unguarded(guarded(text)) == text
 
 
@@ -55,8 +51,5 @@ def test_a_row_with_more_values_than_the_first_is_refused(tmp_path):
     (tmp_path / "t.csv").write_text("sign_id,note\nd-1,a bin, not a sign\n")
     with pytest.raises(ValueError, match="row 1 has 3 values"):
         read_csv(tmp_path / "t.csv")
-
-
-def test_a_file_without_a_row_has_no_columns(tmp_path):
     (tmp_path / "t.csv").write_text("\n")
     assert read_csv(tmp_path / "t.csv") == ([], [])

@@ -24,7 +24,7 @@ def out(tmp_path, log):
     folder = tmp_path / "out"
     folder.mkdir()
     run = {"wayside": "0.1.0", "log": log.name, "log_path": str(log), "files": {}}
-    run |= {"log_fingerprint": log_fingerprint(log), "view_images": None, "recording": None}
+    run |= {"log_fingerprint": log_fingerprint(log), "recording": None}
     for name in TABLES:
         (folder / name).write_text(name)
         digest = hashlib.sha256(name.encode()).hexdigest()
@@ -35,8 +35,7 @@ def out(tmp_path, log):
 
 def change(out, **values):
     path = out / "run.json"
-    run = json.loads(path.read_text()) | values
-    path.write_text(json.dumps({k: v for k, v in run.items() if v != "absent"}))
+    path.write_text(json.dumps(json.loads(path.read_text()) | values))
 
 
 def test_an_empty_folder_or_none_is_free(tmp_path, log):
@@ -61,16 +60,6 @@ def test_another_log_of_the_same_path_is_another_log(out, log):
     assert f"the folder holds the result of {log} (of another log)" in str(caught.value)
     assert caught.value.exit_status == 5
     check_earlier(out, log, overwrite=True)
-
-
-def test_a_result_that_states_no_fingerprint_is_known_by_the_path_of_its_log(out, log, tmp_path):
-    change(out, log_fingerprint="absent", recording="absent")
-    check_earlier(out, log)
-    other = tmp_path / "other" / log.name
-    other.parent.mkdir()
-    other.write_bytes(log.read_bytes())
-    with pytest.raises(OutputError, match="another log"):
-        check_earlier(out, other)
 
 
 @pytest.mark.parametrize("name", TABLES)
@@ -118,11 +107,6 @@ def test_a_recording_goes_with_its_result_and_another_one_stays(out, log):
     found.check_recording()
 
 
-def test_before_recordings_were_stated_a_viewer_meant_one(out, log):
-    change(out, recording="absent", view_images="all")
-    assert check_earlier(out, log).recorded
-
-
 def test_of_several_logs_all_places_are_looked_at_before_the_first_is_run(tmp_path):
     logs = [tmp_path / name for name in ("a.mcap", "b.mcap")]
     for log in logs:
@@ -140,12 +124,3 @@ def test_logs_of_one_name_would_have_one_folder_and_are_refused(tmp_path):
     line = ["run", *map(str, logs), "-o", str(tmp_path / "out")]
     with pytest.raises(UsageError, match="one by one"):
         app(line, standalone_mode=False)
-
-
-@pytest.mark.parametrize("path", ["\0", "loop"])
-def test_a_stated_path_that_can_be_none_is_that_of_another_log(out, log, monkeypatch, path):
-    monkeypatch.chdir(out)
-    (out / "loop").symlink_to("loop")
-    change(out, log_path=path, log_fingerprint="absent")
-    with pytest.raises(OutputError, match="--overwrite"):
-        check_earlier(out, log)

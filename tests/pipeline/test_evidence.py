@@ -30,7 +30,7 @@ from wayside.pipeline.pages import shortened
 from wayside.pipeline.reading.camera_file import format_camera
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reviewing.review import read_review
-from wayside.pipeline.running.run import run_log
+from wayside.pipeline.running.run import RunRequest, run_log
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.frame import Camera
@@ -690,7 +690,7 @@ def test_a_run_notes_where_its_log_lies_and_one_without_signs_has_an_index(
     monkeypatch.chdir(log.parent)
     out = tmp_path / "out"
     settings = Settings(read=ReadSettings(spacing_m=SPACING_M, thin_m=0.0))
-    run_log(Path(log.name), out, settings, load_models(settings), arguments=[])
+    run_log(RunRequest(Path(log.name), out, settings, load_models(settings)))
     monkeypatch.chdir(tmp_path)
     assert json.loads((out / "run.json").read_text())["log_path"] == str(log)
     written = write_evidence(out, tmp_path / "sheets")

@@ -1,3 +1,5 @@
+"""Model files: those that ship, those of a user's own, what is refused, and where they were learned."""
+
 import json
 import math
 from dataclasses import replace
@@ -6,29 +8,23 @@ from hashlib import sha256
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from wayside.pipeline.files.settings_file import load_settings
-from wayside.pipeline.models.model_files import load_models, shipped_digests, shipped_models
+from wayside.pipeline.models.model_files import (
+    learned_from,
+    load_models,
+    onnx_metadata,
+    shipped_digests,
+    shipped_models,
+)
 from wayside.pipeline.models.model_json import digest, model_from_json, model_to_json
-from wayside.pipeline.models.provenance import learned_from
 from wayside.schemas.errors import InputError
 from wayside.stages.mapping import FEATURES
 from wayside.stages.panel import OUTLINE_FEATURES
 
-NAMES = (
-    "back.json",
-    "back_place.json",
-    "color_rgb.json",
-    "front.json",
-    "location.json",
-    "location_report.json",
-    "outline.json",
-    "place.json",
-    "report-kansas.json",
-    "shape.json",
-    "trajectory.json",
-    "trajectory_compensated.json",
-)
+NAMES = sorted(file.name for file in shipped_models().iterdir() if file.name.endswith(".json"))
 NETWORKS = {"box.onnx": "box", "face_code.onnx": "face_code", "network.onnx": "network"}
 
 
@@ -51,25 +47,25 @@ def shipped():
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_model_that_ships_reads_and_writes_the_same_bytes(name):
+def test_a_model_that_ships_is_written_as_it_was_read_and_says_where_it_comes_from(name):
     text = (shipped_models() / name).read_text()
-    assert model_to_json(model_from_json(text, name)) == text
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_model_that_ships_says_where_it_comes_from(name):
-    provenance = model_from_json((shipped_models() / name).read_text()).provenance
+    model = model_from_json(text, name)
+    assert json.loads(model_to_json(model)) == json.loads(text)
     # the drives that the outlines were learned from were not recorded
-    assert ("rendered drives" if name == "outline.json" else "learn_") in provenance
+    assert ("rendered drives" if name == "outline.json" else "learn_") in model.provenance
 
 
-def test_the_models_of_the_default_preset_saw_nothing_that_is_for_tests_only(shipped):
+def test_the_models_that_ship_name_the_drives_they_saw_and_none_that_is_for_tests_only(shipped):
     said = shipped.provenances()
     only_tests = ("scenes/mb", "de_road_kitti0015", "de_city_kitti0001", "de_autobahn")
-    for source in only_tests:
+    for source in (*only_tests, "demo", "straight", "curve", "town", "report", "raw"):
         assert learned_from(source, said) == ()
-    for network in ("box", "network"):
-        assert network in learned_from("us_freeway_challenge", said)
+    for source in ("us_freeway_challenge", "ca_city_garmin"):
+        assert {"box", "network"} <= set(learned_from(source, said))
+    assert set(learned_from("learn_alley", said)) == {"box", "location", "network", "outline"}
+    assert set(learned_from("learn_alley_90000", said)) == {"network"}
+    of_thresholds = {"place", "back_place", "front", "back"}
+    assert of_thresholds <= set(learned_from("learn_alley_70000", said))
 
 
 def test_every_model_that_ships_and_is_used_says_what_it_was_learned_from(shipped):
@@ -79,20 +75,15 @@ def test_every_model_that_ships_and_is_used_says_what_it_was_learned_from(shippe
         assert said.keys() == models.digests().keys()
 
 
-def test_the_scores_of_the_box_network_are_joined_with_those_of_the_detection_network(shipped):
-    joined = shipped.front_scores.with_network
-    assert joined is not None
-    assert joined.own > 0
-    assert joined.network > 0
-    assert shipped.back_scores.with_network is None
-
-
 @pytest.mark.parametrize("side", ["front_scores", "back_scores"])
 def test_thresholds_of_boxes_name_their_rule_and_interval(shipped, side):
     model = getattr(shipped, side)
     assert model.threshold_rule.startswith("alpha: ")
     low, high = model.threshold_interval
     assert low <= model.threshold <= high
+    joined = model.with_network
+    assert joined is None or (joined.own > 0 and joined.network > 0)
+    assert (joined is None) == (side == "back_scores")
 
 
 def test_models_know_the_features_that_their_stages_compute(shipped):
@@ -100,12 +91,6 @@ def test_models_know_the_features_that_their_stages_compute(shipped):
         assert set(model.features) == set(FEATURES)
     for preset in ("default", "report"):
         assert models_of(preset).outline_weights.features == OUTLINE_FEATURES
-
-
-def test_the_report_classifies_boxes_and_names_faces_by_its_own_classifiers_alone():
-    models = models_of("report")
-    assert models.box_network is models.front_scores is models.back_scores is None
-    assert models.face_network is None
 
 
 @pytest.mark.parametrize("form", ["image", "compensated"])
@@ -119,6 +104,8 @@ def test_the_trajectory_model_is_that_of_the_form_asked_for(form):
 
 def test_each_preset_has_its_own_colours_shapes_and_places(shipped):
     default, report = shipped, models_of("report")
+    assert report.box_network is report.front_scores is report.back_scores is None
+    assert report.face_network is None
     assert (default.color_classes, default.shape_classes) == (None, None)
     assert (report.color_classes.space, report.shape_classes) == ("rgb", None)
     assert models_of("report-shape").shape_classes.space == "fourier6"
@@ -138,16 +125,6 @@ def test_the_mean_of_the_report_stands_as_a_location_model_of_its_own():
 def test_a_location_model_that_is_not_there_is_named():
     with pytest.raises(InputError, match=r"no model file at nowhere.*report-kansas"):
         load_models(settings("report", location="nowhere"))
-
-
-def test_a_folder_of_ones_own_may_hold_the_location_of_the_report_as_a_class(tmp_path):
-    data = json.loads((shipped_models() / "location.json").read_text())
-    data["classes"][0]["name"] = "report"
-    (tmp_path / "location.json").write_text(json.dumps(data))
-    report = load_models(settings("report", tmp_path)).location_classes
-    default = load_models(settings("default", tmp_path)).location_classes
-    assert [one.name for one in report.classes] == ["report"]
-    assert [one.name for one in default.classes] == ["left", "overhead"]
 
 
 @pytest.mark.parametrize("name", ["color_rgb.json", "location_report.json"])
@@ -217,37 +194,27 @@ def test_a_false_alarm_rate_trades_the_trajectory_gate(tmp_path):
     assert density.threshold_rule.startswith("alpha 0.05")
 
 
-def test_digests_are_those_of_the_files_and_the_same_each_time(shipped):
+def test_digests_are_those_of_the_files_and_of_the_new_text_where_a_model_was_changed(shipped):
     one = shipped.digests()
     assert one == load_models(settings()).digests()
     assert one["front"] == digest((shipped_models() / "front.json").read_text())
     for name, network in NETWORKS.items():
         assert one[network] == sha256((shipped_models() / name).read_bytes()).hexdigest()
-
-
-def test_a_changed_model_has_the_digest_of_its_new_text(shipped):
     front = replace(shipped.front_scores, threshold=7.0)
-    found = replace(shipped, front_scores=front).digests()
-    assert found["front"] == digest(model_to_json(front)) != shipped.digests()["front"]
-    assert found["back"] == shipped.digests()["back"]
-
-
-def test_a_file_of_ones_own_replaces_the_one_that_ships(tmp_path, shipped):
-    data = json.loads((shipped_models() / "location.json").read_text())
-    data["provenance"] = "my own"
-    (tmp_path / "location.json").write_text(json.dumps(data))
-    models = load_models(settings(folder=tmp_path))
-    assert models.location_classes.provenance == "my own"
-    assert models.front_scores.provenance == shipped.front_scores.provenance
+    changed = replace(shipped, front_scores=front).digests()
+    assert changed == one | {"front": digest(model_to_json(front))}
 
 
 @pytest.mark.parametrize("name", NETWORKS)
-def test_a_network_of_ones_own_replaces_the_one_that_ships(tmp_path, shipped, name):
+def test_files_of_ones_own_replace_those_that_ship(tmp_path, shipped, name):
     content = (shipped_models() / name).read_bytes() + with_metadata("seed", "my own")
     (tmp_path / name).write_bytes(content)
+    text = (shipped_models() / "place.json").read_text().replace("seed", "my own seed")
+    (tmp_path / "place.json").write_text(text)
     models = load_models(settings(folder=tmp_path))
-    assert models.digests() == shipped.digests() | {NETWORKS[name]: sha256(content).hexdigest()}
-    assert "my own" in models.provenances()[NETWORKS[name]]
+    own = {NETWORKS[name]: sha256(content).hexdigest(), "place": digest(text)}
+    assert models.digests() == shipped.digests() | own
+    assert all("my own" in models.provenances()[kind] for kind in own)
 
 
 def with_metadata(key, value):
@@ -337,14 +304,6 @@ def test_a_model_of_other_inputs_or_names_is_refused_before_the_first_image(tmp_
         load_models(settings(folder=tmp_path))
 
 
-@pytest.mark.parametrize(
-    "text", ["[" * 100_000, '{"kind":' * 50_000, '{"kind": "score", "with_network": ' * 2000]
-)
-def test_a_model_file_of_endless_depth_is_refused(text):
-    with pytest.raises(InputError, match=r"location\.json"):
-        model_from_json(text, "location.json")
-
-
 def test_a_folder_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"models\.folder"):
         load_models(settings(folder=tmp_path / "none"))
@@ -357,22 +316,22 @@ def test_a_folder_without_a_model_that_the_preset_reads_is_refused(tmp_path, nam
         load_models(settings("default", tmp_path))
 
 
-def test_a_file_of_the_wrong_kind_is_refused_with_its_name(tmp_path):
-    (tmp_path / "front.json").write_text((shipped_models() / "location.json").read_text())
-    with pytest.raises(InputError, match=r"front\.json: .* 'score' belongs here"):
-        load_models(settings(folder=tmp_path))
+NO_MODEL = {
+    "the wrong kind": ((shipped_models() / "location.json").read_bytes(), "'score' belongs here"),
+    "no text": (b"\xff\xfe\x00\x81", "cannot be read"),
+    **{
+        text[:40]: (text.encode(), "not a model file")
+        for text in ("", "{}", "[1]", '{"kind": "gaussian"}', '{"kind": "fish"}', "[" * 100_000)
+    },
+    "deep": (b'{"kind": "score", "with_network": ' * 50_000, "not a model file"),
+}
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"kind": "gaussian"}', '{"kind": "fish"}'])
-def test_a_file_that_is_no_model_is_refused_with_its_name(tmp_path, text):
-    (tmp_path / "location.json").write_text(text)
-    with pytest.raises(InputError, match=r"location\.json"):
-        load_models(settings(folder=tmp_path))
-
-
-def test_a_file_that_is_no_text_is_refused(tmp_path):
-    (tmp_path / "location.json").write_bytes(b"\xff\xfe\x00\x81")
-    with pytest.raises(InputError, match="the model file cannot be read"):
+@pytest.mark.parametrize("what", NO_MODEL)
+def test_a_file_that_is_no_model_is_refused_with_its_name(tmp_path, what):
+    content, words = NO_MODEL[what]
+    (tmp_path / "front.json").write_bytes(content)
+    with pytest.raises(InputError, match=rf"front\.json: .*{words}"):
         load_models(settings(folder=tmp_path))
 
 
@@ -399,3 +358,24 @@ def test_the_detection_network_that_ships_is_used_unless_none_is_wanted(shipped)
     assert "network" not in without.digests()
     report = load_settings("report", None, [], {"models.network": "network.onnx"})[0]
     assert load_models(report).detection_network is None
+
+
+TEXT = (
+    "rendered drives learn_alley (60 images, 197 faces), learn_town (9 images, 1 faces); seed 1; "
+    "rendered/tune_hill: 22 images, own; us_clip: 42 images, MIT (upstream); town, held out: 5 of 9"
+)
+
+
+@pytest.mark.parametrize("log", ["learn_alley", "learn_town", "tune_hill", "us_clip"])
+def test_a_log_that_is_listed_with_its_images_was_learned_from(log):
+    assert learned_from(log, {"box": TEXT, "place": "seed 1"}) == ("box",)
+
+
+@pytest.mark.parametrize("log", ["alley", "learn", "hill", "us", "clip", "town", "seed", "us.clip"])
+def test_a_part_of_a_name_or_a_word_of_the_text_is_no_source(log):
+    assert learned_from(log, {"box": TEXT}) == ()
+
+
+@given(st.binary(max_size=200))
+def test_a_file_that_is_no_onnx_has_no_metadata_or_readable_one(content):
+    assert all(isinstance(text, str) for text in onnx_metadata(content).values())

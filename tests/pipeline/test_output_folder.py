@@ -39,18 +39,13 @@ def whole(word, names=NAMES):
     return dict.fromkeys(names, word)
 
 
-def test_files_appear_together_and_nothing_else_stays(tmp_path):
+def test_files_appear_together_and_those_of_others_stay(tmp_path):
     out = tmp_path / "deep" / "out"
     write(out, "new")
-    assert contents(out) == whole("new")
-    assert sorted(os.listdir(out)) == sorted(NAMES)
-
-
-def test_other_files_in_the_folder_stay(tmp_path):
-    (tmp_path / "notes.txt").write_text("mine")
-    write(tmp_path, "old")
-    write(tmp_path, "new")
-    assert contents(tmp_path) == {**whole("new"), "notes.txt": "mine"}
+    (out / "notes.txt").write_text("mine")
+    write(out, "next")
+    assert contents(out) == {**whole("next"), "notes.txt": "mine"}
+    assert sorted(os.listdir(out)) == sorted([*NAMES, "notes.txt"])
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, OutputError, OSError])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wayside.pipeline.models.provenance import onnx_metadata
+from wayside.pipeline.models.model_files import onnx_metadata
 from wayside.stages.sign_codes import OTHER_FACE, FaceClassifier
 
 NAMES = np.array(["R1-1", "D9", OTHER_FACE])

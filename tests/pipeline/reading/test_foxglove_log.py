@@ -1,5 +1,7 @@
 """The log for Foxglove: read by the stock reader beside the drive that it belongs to."""
 
+import dataclasses
+
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -8,7 +10,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.exporting.export import export
-from wayside.pipeline.files.settings_file import load_settings, settings_values
+from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.results.earlier_result import log_fingerprint
 from wayside.pipeline.reviewing.review import MISSING, NO_REVIEW, Review, Reviewed
 from wayside.schemas.errors import InputError
@@ -43,7 +45,7 @@ def write_result(folder, log, world):
         observation_row(1, 1, box=[20, 5, 24, 9], verdict="moving"),
     ]
     about = {"log": log.name, "log_path": str(log), "log_fingerprint": log_fingerprint(log)}
-    about |= {"world": world, "settings": settings_values(load_settings()[0])}
+    about |= {"world": world, "settings": dataclasses.asdict(load_settings()[0])}
     return write_tables(folder, [sign_row("d-0001", **place | size)], boxes, frames, **about)
 
 

@@ -25,7 +25,7 @@ from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.files.writing import PART
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.running.run import RECORDING, run_log
+from wayside.pipeline.running.run import RECORDING, RunRequest, run_log
 from wayside.pipeline.view.blueprint import GROUND
 from wayside.pipeline.view.candidates import candidate_words, verdict_entities
 from wayside.pipeline.view.chains import sign_name
@@ -96,7 +96,7 @@ def run(folder, viewing=None, workers=2, until_s=None, preset="default", log=DEM
             else open_observer(viewing, part, "demo", models.location_classes, report)
         )
 
-    return run_log(log, folder, settings, models, arguments=[], open_observer=observer)
+    return run_log(RunRequest(log, folder, settings, models, open_observer=observer))
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,99 @@
+"""Texts of files that others may have written: JSON, TOML, YAML and CSV. What is none raises ValueError."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import tomllib
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from wayside.pipeline.files.input_files import read_input_text
+
+CONTENT_FAULTS = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+"""What a value of another kind, size or structure than expected raises where it is used."""
+_BETWEEN = ",;\t"
+_NOTHING = f' "{_BETWEEN}'
+FORMULA = r"^'*[=+\-@\t\r]"
+"""Texts of CSV that spreadsheets evaluate (OWASP, CSV injection), or such texts behind apostrophes."""
+
+
+def parse_json(text: str | bytes) -> Any:
+    """What a JSON text holds; raises ValueError where it is none, or nested too deeply."""
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """What a TOML text holds; raises ValueError where it is none, or nested too deeply."""
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
+
+
+class YamlLoader(yaml.SafeLoader):
+    """The safe loader without aliases: with them a text stands for exponentially more than it is long."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        """The next node; a fault where it is an alias."""
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("an alias (*name); write its value out")
+        return super().compose_node(parent, index)
+
+
+def parse_yaml(text: str, loader: type[YamlLoader] = YamlLoader) -> Any:
+    """What a YAML text holds; raises ValueError where it is none, has an alias, or is nested too deeply."""
+    try:
+        return yaml.load(text, loader)
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
+    except (yaml.YAMLError, *CONTENT_FAULTS) as error:  # its own classes for dates and numbers
+        raise ValueError(f"no YAML that is understood: {' '.join(str(error).split())}") from error
+
+
+def guarded(text: str) -> str:
+    """The text with an apostrophe in front where a spreadsheet would evaluate it; it does not show the apostrophe."""
+    return f"'{text}" if re.match(FORMULA, text) else text
+
+
+def unguarded(text: str) -> str:
+    """What `guarded` was given."""
+    return text[1:] if text.startswith("'") and re.match(FORMULA, text) else text
+
+
+def read_csv(path: Path, numbers: Collection[str] = ()) -> tuple[list[str], list[dict[str, str]]]:
+    """Names of the columns and the rows of a CSV file, without blanks around values, empty values and empty rows.
+
+    Columns are divided by commas, semicolons or tabs, whichever the first row has most of. Where that is no comma, the
+    columns of `numbers` may have one for the decimal point.
+
+    Raises
+    ------
+    OSError, ValueError, csv.Error
+        It cannot be read, or a row has more values than the first.
+    """
+    text = read_input_text(path)
+    stated = re.match(r"sep=(.)\r?\n", text)  # for Excel
+    text = text[stated.end() :] if stated else text
+    first = next((line for line in text.splitlines() if line.strip(_NOTHING)), "")
+    mark = stated[1] if stated else max(_BETWEEN, key=first.count)
+    table = csv.reader(io.StringIO(text, newline=""), delimiter=mark, strict=True)
+    rows = ([unguarded(cell.strip()) for cell in row] for row in table)
+    names, *filled = [row for row in rows if any(row)] or [[]]
+    found = []
+    for number, row in enumerate(filled, 1):
+        if any(row[len(names) :]):
+            raise ValueError(f"row {number} has {len(row)} values, the first row {len(names)}")
+        values = {name: value for name, value in zip(names, row, strict=False) if value}
+        if mark != ",":
+            values |= {n: values[n].replace(",", ".") for n in values.keys() & set(numbers)}
+        found.append(values)
+    return names, found

@@ -1,0 +1,223 @@
+"""Cameras unlike those that were learned from: without colour, out of balance, of few pixels, or of a wrong lens."""
+
+from itertools import islice
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+
+import wayside
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.models.model_files import load_models
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.running.flow import Flow
+from wayside.pipeline.workers import StageClock
+from wayside.schemas.settings import ReadSettings
+from wayside.stages.detection import face_boxes
+from wayside.stages.imaging.white_balance import road_chromaticity
+
+DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
+REAL = Path(__file__).parents[2] / "shared" / "data" / "real"
+NOTE = "the camera sees no colour"
+UNTIL_S = 2.0
+
+
+def three_channels(image):
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
+
+
+def infrared(image):
+    """Nearly grey: a pink cast, and noise of each channel of its own."""
+    noise = np.random.default_rng(int(image.sum())).normal(0, 5, image.shape)
+    seen = three_channels(image) * np.array([1.04, 1.0, 1.06]) * 0.8 + noise
+    return np.clip(np.rint(seen), 0, 255).astype(np.uint8)
+
+
+def fog(image):
+    return np.rint(0.15 * image + 0.85 * 200).astype(np.uint8)
+
+
+def one_channel(image):
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+
+
+def is_grey(log):
+    """What reading says of the camera, in a note and of its images."""
+    report = ReadReport()
+    frames = read_frames(log, ReadSettings(), report)
+    grey = {frame.grey for frame in islice(frames, 3)}
+    assert grey == {any(NOTE in note for note in report.notes)}
+    return grey == {True}
+
+
+@pytest.mark.parametrize(
+    ("look", "expected"),
+    [(three_channels, True), (one_channel, True), (infrared, True), (fog, False)],
+)
+def test_what_the_images_show_tells_whether_the_camera_sees_colour(
+    altered_demo, tmp_path, look, expected
+):
+    assert is_grey(altered_demo(tmp_path / "log.mcap", look)) == expected
+
+
+def test_the_recorded_drive_is_in_colour():
+    assert not is_grey(DEMO)
+
+
+@pytest.mark.parametrize("encoding", ["png", "mono8"])
+def test_grey_images_of_other_encodings_are_grey(altered_demo, tmp_path, encoding):
+    log = tmp_path / "log.mcap"
+    assert is_grey(altered_demo(log, message=lambda content: other_encoding(content, encoding)))
+
+
+def other_encoding(content, encoding):
+    """The message of an image as grey PNG, or raw."""
+    grey = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    if encoding == "png":
+        content.format, content.data = "png", cv2.imencode(".png", grey)[1].tobytes()
+        return content
+    height, width = grey.shape
+    raw = RawImage(frame_id=content.frame_id, width=width, height=height, step=width)
+    raw.encoding, raw.data = encoding, grey.tobytes()
+    raw.timestamp.CopyFrom(content.timestamp)
+    return raw
+
+
+@pytest.fixture(scope="module")
+def grey_demo(altered_demo, tmp_path_factory):
+    return altered_demo(tmp_path_factory.mktemp("grey") / "grey.mcap", infrared)
+
+
+def colorless(found):
+    names = [name for name in found.signs.column_names if name.startswith("color")]
+    tables = [found.signs[name].null_count == len(found.signs) for name in names]
+    return "color" in names and all(tables)
+
+
+@pytest.mark.parametrize("preset", ["default", "report"])
+def test_no_sign_of_a_grey_camera_has_a_colour(grey_demo, preset):
+    found = wayside.run(grey_demo, preset=preset, settings={"read.until_s": UNTIL_S})
+    assert "sign" in found.signs["status"].to_pylist()
+    assert colorless(found)
+
+
+def test_a_real_grey_drive_has_no_colours_and_no_wrong_codes():
+    log = REAL / "de_residential_kitti03a.mcap"
+    if not log.is_file():
+        pytest.skip(f"{log} is not here: KITTI, for tests only")
+    found = wayside.run(log)
+    rows = found.signs.to_pylist()
+    assert len(rows) >= 3
+    assert colorless(found)
+    right = {"circle": {None, "C"}, "rectangle": {None, "E", "E14"}}  # no parking; parking
+    assert all(row["mutcd"] is None and row["vienna"] in right[row["shape"]] for row in rows)
+
+
+CAST = np.array([0.72, 1.0, 1.25])
+"""Of blue, green, red."""
+
+
+def signs_of(log):
+    """Colour and shape of the signs at the start of a drive, in order."""
+    found = wayside.run(log, settings={"read.until_s": UNTIL_S})
+    rows = found.signs.filter(np.array(found.signs["status"]) == "sign")
+    return list(zip(rows["color"].to_pylist(), rows["shape"].to_pylist(), strict=True))
+
+
+@pytest.fixture(scope="module")
+def warm(altered_demo, tmp_path_factory):
+    """The demo drive through a camera with a warm cast."""
+    path = tmp_path_factory.mktemp("cast") / "warm.mcap"
+    return altered_demo(path, lambda image: np.clip(np.rint(image * CAST), 0, 255).astype(np.uint8))
+
+
+def test_a_cast_of_the_camera_changes_no_colour(warm):
+    recorded = signs_of(DEMO)
+    assert len({color for color, _ in recorded}) >= 3
+    assert signs_of(warm) == recorded
+
+
+def cast_seen(log, preset):
+    """What colour the road has in the first image that a preset looks at."""
+    settings, _ = load_settings(preset)
+    frames = read_frames(log, settings.read, ReadReport())
+    item = next(iter(Flow(settings, load_models(settings), StageClock()).detect(frames)))
+    assert item.image.rgb is not None
+    assert item.frame.camera is not None
+    colour = road_chromaticity(item.image.rgb, item.frame.camera)
+    return float(np.linalg.norm(colour))
+
+
+def test_preset_default_sees_the_road_nearly_grey_and_preset_report_as_it_was_recorded(warm):
+    assert cast_seen(warm, "default") < 0.16
+    assert cast_seen(warm, "report") > 0.35
+
+
+SMALLER = 4
+"""Focal length of 350 px, where the demo drive has 1,398 px."""
+
+
+def halved_twice(image):
+    size = image.shape[1] // SMALLER, image.shape[0] // SMALLER
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def scaled_down(calibration):
+    """The calibration of these images, in place."""
+    calibration.width, calibration.height = (
+        side // SMALLER for side in (calibration.width, calibration.height)
+    )
+    for matrix, columns in ((calibration.K, 3), (calibration.P, 4)):
+        for row in range(2):
+            matrix[row * columns + row] /= SMALLER
+            matrix[row * columns + 2] = (matrix[row * columns + 2] + 0.5) / SMALLER - 0.5
+
+
+@pytest.fixture(scope="module")
+def small(altered_demo, tmp_path_factory):
+    """The demo drive in images of a quarter of the width and height."""
+    path = tmp_path_factory.mktemp("small") / "small.mcap"
+    return altered_demo(path, halved_twice, scaled_down)
+
+
+def count_signs(log):
+    """How many signs a run finds."""
+    return wayside.run(log).signs["status"].to_pylist().count("sign")
+
+
+def test_an_image_of_few_pixels_shows_more_where_it_is_seen_enlarged(small, monkeypatch):
+    enlarged = count_signs(small)
+    monkeypatch.setattr(face_boxes, "SHORTEST_FOCAL_PX", 1.0)
+    assert enlarged > count_signs(small)
+
+
+CAMERA = """image_width: 1600
+image_height: 1200
+camera_matrix: {{rows: 3, cols: 3, data: [{0}, 0, {1}, 0, {0}, {2}, 0, 0, 1]}}
+distortion_model: plumb_bob
+distortion_coefficients: {{rows: 1, cols: 5, data: [{3}, {4}, 0, 0, 0]}}
+"""
+
+
+def test_a_run_notes_a_lens_that_cannot_be_right_and_the_one_that_the_images_ask_for(
+    run_demo, default_demo, true_boxes, tmp_path
+):
+    assert default_demo.about["camera_by_motion"] is None
+    pq.write_table(pa.Table.from_pylist(true_boxes), tmp_path / "boxes.parquet")
+    true = default_demo.about["camera"]
+    (tmp_path / "camera.yaml").write_text(
+        CAMERA.format(1.1 * true["fx"], true["cx"], true["cy"], *true["distortion"][:2])
+    )
+    result = run_demo(
+        *("--detections", str(tmp_path / "boxes.parquet")),
+        *("--calibration", str(tmp_path / "camera.yaml")),
+    )
+    found = result.about["camera_by_motion"]
+    assert abs(found["fx"] / true["fx"] - 1) < 0.03
+    (note,) = [note for note in result.about["notes"] if "cannot be right" in note]
+    assert f"a focal length of about {found['fx']:.0f} px" in note
