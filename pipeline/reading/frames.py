@@ -7,15 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.image_headers import frame_of
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.pixels import is_grey
 from wayside.pipeline.reading.plan import Plan, plan_reading, shortened
-from wayside.pipeline.reading.records import Message
+from wayside.pipeline.reading.records import Message, ScanReport
 from wayside.pipeline.reading.replay import image_messages
-from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.selection import Selection
 from wayside.pipeline.reading.timeline import Timeline, make_timeline
 from wayside.pipeline.reading.video import VideoStreams
@@ -110,7 +108,6 @@ class _Reader:
             self.plan.camera.name,
             self.timeline.order,
             self.report,
-            Allowance(),
         )
         for row, message in messages:
             yield self._frame(row, message)

@@ -7,13 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.clocks import Integers
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.image_headers import frame_of
 from wayside.pipeline.reading.plan import Plan
+from wayside.pipeline.reading.records import ScanReport
 from wayside.pipeline.reading.replay import image_messages
-from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.video import VideoStreams
 from wayside.schemas.frame import Camera, Image
 from wayside.stages.imaging import colorfulness, decode
@@ -28,9 +27,7 @@ def decoded_images(
     plan: Plan, rows: Integers, cameras: Sequence[Camera | None], video: VideoStreams
 ) -> Iterator[tuple[int, Image]]:
     """Images with their rows, in the order given; those without pixels are not used."""
-    for row, message in image_messages(
-        plan.survey, plan.camera.name, rows, ScanReport(), Allowance()
-    ):
+    for row, message in image_messages(plan.survey, plan.camera.name, rows, ScanReport()):
         status, content = video.image(message, cameras[row])
         frame = replace(frame_of(content), status=status, camera=cameras[row])
         (image,) = decode(iter([frame]))

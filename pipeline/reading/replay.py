@@ -5,66 +5,49 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from copy import deepcopy
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import numpy as np
 
-from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.clocks import Integers
+from wayside.pipeline.reading.layout import Budget
 from wayside.pipeline.reading.parts import log_parts
-from wayside.pipeline.reading.records import Message, messages_at
-from wayside.pipeline.reading.scan_report import ScanReport
+from wayside.pipeline.reading.records import Message, ScanReport, messages_at
 from wayside.pipeline.reading.survey import LogSurvey
 from wayside.schemas.errors import InputError
 
-_MOST_KEPT_BYTES = 1 << 26
+_MOST_KEPT_BYTES = 1 << 25
 """Size of the records kept for further messages of them, the latest one apart."""
 
 
 def image_messages(
-    survey: LogSurvey, topic: str, order: Integers, report: ScanReport, allowance: Allowance
+    survey: LogSurvey, topic: str, order: Integers, report: ScanReport
 ) -> Iterator[tuple[int, Message]]:
-    """Image messages of a topic, each with its row in `survey.images`.
+    """Image messages of a topic, each with its row in `survey.images`; `order`: rows in the order wanted.
 
-    Parameters
-    ----------
-    survey, topic
-        Of the log, and the image topic.
-    order
-        Rows in the order wanted.
-    report
-        Filled with what the survey came across.
-    allowance
-        How far all of what is read may unpack.
-
-    Raises
-    ------
-    InputError
-        As `messages_at`: a log that changed since, or so far out of order that reading it exceeds the allowance.
+    report: filled with what the survey came across. Raises InputError as `messages_at`: for a log that changed since,
+    or so far out of order that reading it costs too much.
     """
     scanned = deepcopy(survey.scan)
     for one in fields(ScanReport):
         setattr(report, one.name, getattr(scanned, one.name))
     index = survey.images[topic]
     offsets = np.array(index.offset, np.int64)
-    # The log is known as a whole: what may come does not depend on the place in it.
-    whole = replace(allowance, extra_bytes=allowance.extra_bytes + report.bytes_total)
+    budget = Budget.of(report.bytes_total)
     parts = log_parts(survey.path)
     wanted = Counter(offsets[order].tolist())
     kept: dict[int, list[Message]] = {}
-    held = 0
     for count, row in enumerate(order.tolist(), start=1):
         report.bytes_read = report.bytes_total * count // len(order)
         offset = int(offsets[row])
         if offset not in kept:
             kept[offset] = [
                 m
-                for m in messages_at(parts, offset, survey.channels_at(offset), whole)
+                for m in messages_at(parts, offset, survey.channels_at(offset), budget)
                 if m.channel.topic == topic and survey.is_indexed(m.channel)
             ]
-            held += _size(kept[offset])
-            while len(kept) > 1 and held > _MOST_KEPT_BYTES:
-                held -= _size(kept.pop(next(iter(kept))))
+            while len(kept) > 1 and sum(map(_size, kept.values())) > _MOST_KEPT_BYTES:
+                del kept[next(iter(kept))]
         found = kept[offset]
         place = row - int(np.searchsorted(offsets, offset))
         if place >= len(found) or found[place].log_time_ns != index.log_ns[row]:
@@ -74,7 +57,7 @@ def image_messages(
         yield row, found[place]
         wanted[offset] -= 1
         if not wanted[offset]:
-            held -= _size(kept.pop(offset))
+            del kept[offset]
     if log_parts(survey.path).size > report.bytes_total:
         report.add_problem(
             report.bytes_total,

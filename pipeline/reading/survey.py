@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from operator import itemgetter
 from pathlib import Path
 
-from wayside.pipeline.reading.bounds import Allowance
-from wayside.pipeline.reading.camera_file import LARGEST_FILE, parse_camera
+from wayside.pipeline.reading.camera_file import parse_camera
 from wayside.pipeline.reading.contents import (
     CalibrationContent,
     Content,
@@ -27,8 +26,7 @@ from wayside.pipeline.reading.image_headers import (
 from wayside.pipeline.reading.layout import Channel
 from wayside.pipeline.reading.messages import Decoders, Kind, kind_of
 from wayside.pipeline.reading.poses import TransformTree
-from wayside.pipeline.reading.records import Attachment, Message, Metadata, scan
-from wayside.pipeline.reading.scan_report import ScanReport
+from wayside.pipeline.reading.records import Attachment, Message, Metadata, ScanReport, scan
 from wayside.pipeline.reading.streams import CameraTrack, ImageIndex, Positions
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
@@ -129,7 +127,6 @@ class LogSurvey:
     channels: dict[int, list[tuple[int, Channel]]] = field(default_factory=dict)
     tree: TransformTree = field(default_factory=TransformTree)
     attached: tuple[str, Camera] | None = None
-    attachment_bytes: int = 0
     spacing_m: float = 0.0
     by_number: bool = False
     image_names: dict[str, str] = field(default_factory=dict)
@@ -156,7 +153,7 @@ class LogSurvey:
         return [channel for place, channel in known if place <= offset]
 
 
-def survey_log(path: Path, camera: str = "", *, allowance: Allowance | None = None) -> LogSurvey:
+def survey_log(path: Path, camera: str = "") -> LogSurvey:
     """Read all of a log, in memory that holds no images, and tell what is in it.
 
     camera: the image topic that is wanted; empty: any. Raises InputError where the file is no MCAP log or cannot be
@@ -164,7 +161,7 @@ def survey_log(path: Path, camera: str = "", *, allowance: Allowance | None = No
     """
     survey = LogSurvey(path, camera)
     decoders = Decoders()
-    for record in scan(path, survey.scan, allowance):
+    for record in scan(path, survey.scan):
         if isinstance(record, Metadata):
             _take_metadata(survey, record)
         elif isinstance(record, Attachment):
@@ -184,8 +181,9 @@ def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> No
     topic = survey.topics.get(key)
     if topic is None:
         topic = Topic(channel.topic, channel.schema_name, channel.encoding, kind_of(channel))
-        topic.first_log_ns = message.log_time_ns
         survey.topics[key] = topic
+    first = topic.first_log_ns if topic.count else message.log_time_ns
+    topic.first_log_ns = min(first, message.log_time_ns)
     topic.count += 1
     topic.last_log_ns = max(topic.last_log_ns, message.log_time_ns)
     is_image = survey.is_indexed(channel)
@@ -258,12 +256,9 @@ def _take_metadata(survey: LogSurvey, record: Metadata) -> None:
 
 
 def _take_attachment(survey: LogSurvey, record: Attachment) -> None:
-    """Read an attached calibration: a text with its words, of `LARGEST_FILE` in all, and none after the first."""
-    size = survey.attachment_bytes + len(record.data)
-    is_one = b"camera_matrix" in record.data and survey.attached is None
-    if not is_one or size > LARGEST_FILE:
+    """Read an attached calibration: a text with its words, and none after the first."""
+    if b"camera_matrix" not in record.data or survey.attached is not None:
         return
-    survey.attachment_bytes = size
     try:
         camera = parse_camera(record.data.decode("utf-8"), record.name)
         survey.attached = record.name, camera

@@ -102,7 +102,7 @@ def test_a_stream_without_a_usable_message_is_told(new_log):
         "none of the 24 messages of /gps can be used: no position, or one known to a kilometre at best"
         in report.notes
     )
-    assert not report.lost
+    assert not report.problem_count
     frames, report = read(write(new_log, fix=lambda i, p: (math.nan if i < 9 else p[0], *p[1:])))
     assert any("9 of 24 messages of /gps hold no position" in note for note in report.notes)
 
