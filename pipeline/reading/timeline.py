@@ -9,13 +9,13 @@ import numpy as np
 from wayside.pipeline.reading.agreement import (
     MotionStream,
     believed,
-    clock_set_at,
     image_steps,
     looks_aside,
 )
 from wayside.pipeline.reading.clocks import (
     Integers,
     StreamTimes,
+    clock_set_at,
     pair_times,
 )
 from wayside.pipeline.reading.messages import Kind
@@ -90,18 +90,16 @@ def make_timeline(plan: Plan) -> Timeline:
             f"{plan.survey.path}: the order of the images of {shortened(plan.camera.name)} is not known. Their times "
             "go back and overlap, as after a clock was set. Cut the log there and run each part."
         )
+    if row := clock_set_at(times.capture_ns):
+        raise InputError(
+            f"{plan.survey.path}: the clock was set back during the recording, or its parts stand in a wrong order. "
+            f"Image {row} of {shortened(plan.camera.name)} is {_seconds(int(np.diff(times.capture_ns)[row - 1]))} "
+            "earlier than the one before it. Cut the log there and run each part, or sort it by time (mcap sort)."
+        )
     order = np.argsort(times.capture_ns, kind="stable")
     timeline = Timeline(order, times, _cameras(plan, times))
     if times.off:
         timeline.notes.append(_off_words(times, plan.camera.name))
-    row = clock_set_at(plan, times.capture_ns, timeline.cameras)
-    if row is not None:
-        raise InputError(
-            f"{plan.survey.path}: the clock was set back during the recording. Image {row} of "
-            f"{shortened(plan.camera.name)} shows the place of the one before it in the file, and its time is "
-            f"{_seconds(int(times.capture_ns[row - 1] - times.capture_ns[row]))} earlier. Cut the log there and run "
-            "each part."
-        )
     timeline.fixes = _fixes(plan, timeline)
     streams = [one for one in _motion_streams(plan, timeline) if one.path.known.any()]
     streams = [one for one in streams if _has_scale(plan, one, timeline)]
@@ -205,9 +203,7 @@ def _motion_streams(plan: Plan, timeline: Timeline) -> list[MotionStream]:
             else:
                 inner = _chain_path(plan, mount, timeline)
             path = raw if inner is None else composed(raw, inner)
-            found.append(
-                MotionStream(source, topic.name, words, raw, path, sigma, mount is None, samples)
-            )
+            found.append(MotionStream(source, topic.name, words, raw, path, sigma, mount is None))
     return found
 
 
