@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.reading.clocks import Floats, Integers
 from wayside.pipeline.reading.h264 import H264
@@ -31,6 +32,8 @@ _STEPS, _SHORTEST_S, _DOUBLINGS = 14, 0.08, 4
 """Pairs of images spread over a drive; their distance grows from 0.08 s until they show motion."""
 _CLEARLY_BETTER = 2.5
 """A convention is told from another where its error is so many times smaller."""
+_LONGEST_LAG_S, _FURTHEST_LAG_S, _LAG_DEG = 1.0, 6.0, 0.2
+"""Shorter lags are found when the path is smoothed; errors of sound poses are a tenth of a degree a step."""
 _VIDEO_IMAGES = 40
 """A video is decoded from its start: its first images are compared. Corners of so many images are kept."""
 
@@ -48,14 +51,57 @@ class MotionStream:
     assumed_mount: bool = False
 
 
+def _lag_s(
+    path: CameraPath, steps: Sequence[ImageStep], order: Integers, time_ns: Integers
+) -> float:
+    """How long after an image poses turn as it does, seconds; 0 where this is less than `_LONGEST_LAG_S` or not clear.
+
+    The angle of a step does not depend on axes or mounts. A straight road tells nothing.
+    """
+    if not steps:
+        return 0.0
+    place = np.argsort(order)
+    pairs = place[[(step.first, step.second) for step in steps]]
+    shown = _angles_deg(np.array([step.rotation for step in steps]))
+    seconds = (time_ns[order] - time_ns[order[0]]) * 1e-9
+    each_s = max(float(seconds[-1]) / max(len(order) - 1, 1), _FURTHEST_LAG_S / 200)
+    errors: dict[float, float] = {}
+    for shift in range(-round(_FURTHEST_LAG_S / each_s), round(_FURTHEST_LAG_S / each_s) + 1):
+        moved = (pairs + shift).clip(0, len(order) - 1)
+        first, second = order[moved].T
+        known = (moved == pairs + shift).all(axis=1) & path.known[first] & path.known[second]
+        if 2 * known.sum() > len(steps):
+            turned = _angles_deg(path.rotation[first].transpose(0, 2, 1) @ path.rotation[second])
+            lag_s = float(np.median((seconds[moved] - seconds[pairs])[known]))
+            errors[lag_s] = float(np.median(np.abs(turned - shown)[known]))
+    best = min(errors, key=lambda lag_s: errors[lag_s], default=0.0)
+    here = errors.get(0.0, np.inf)
+    clear = here > _CLEARLY_BETTER * errors.get(best, np.inf) and here > _LAG_DEG
+    return best if clear and abs(best) > _LONGEST_LAG_S else 0.0
+
+
+def _angles_deg(rotations: Floats) -> Floats:
+    return np.asarray(np.degrees(Rotation.from_matrix(rotations).magnitude()))
+
+
 def believed(
-    streams: Sequence[MotionStream], steps: list[ImageStep], notes: list[str]
+    streams: Sequence[MotionStream],
+    steps: list[ImageStep],
+    order: Integers,
+    time_ns: Integers,
+    notes: list[str],
 ) -> MotionStream | None:
     """The first stream that the images do not contradict, as it is or after one known conversion.
 
     notes: filled with what was converted, and what is left out and why.
     """
     for stream in streams:
+        if lag_s := _lag_s(stream.raw, steps, order, time_ns):
+            notes.append(
+                f"the {stream.words} are left out: they turn as the images do, but {abs(lag_s):.1f} s "
+                f"{'later' if lag_s > 0 else 'earlier'}; correct their times"
+            )
+            continue
         found, (path, up) = agreement(steps, stream.path), upright(stream.path)
         converted = list(_conversions(stream, steps))
         least = _CLEARLY_BETTER * min((c.found.error_deg for c in converted), default=np.inf)

@@ -110,7 +110,7 @@ def make_timeline(plan: Plan) -> Timeline:
                 f"{plan.survey.path}: the camera {shortened(plan.camera.name)} looks across its way; signs are found "
                 "by a camera that looks ahead: choose another with --camera"
             )
-        timeline.motion = believed(streams, steps, timeline.notes)
+        timeline.motion = believed(streams, steps, order, times.capture_ns, timeline.notes)
     if timeline.motion is None and timeline.fixes is None and not plan.spacing_m:
         raise InputError(
             f"{plan.survey.path}: nothing tells how far the camera moved: {'; '.join(timeline.notes)}; "

@@ -18,8 +18,8 @@ DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
 DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
-def write(path, pose=None, fix=None, without=()):
-    """The demo drive with each pose (rotation, centre) and fix changed."""
+def write(path, pose=None, fix=None, without=(), late_s=0.0):
+    """The demo drive with each pose (rotation, centre) and fix changed, and poses late on both clocks."""
     with DEMO.open("rb") as source, path.open("wb") as stream, Writer(stream) as writer:
         reader = make_reader(source, decoder_factories=[DecoderFactory()])
         for _, channel, record, message in reader.iter_decoded_messages():
@@ -34,7 +34,9 @@ def write(path, pose=None, fix=None, without=()):
                 p.x, p.y, p.z = centre.tolist()
             if channel.topic == "/gps" and fix is not None:
                 fix(message)
-            writer.write_message(channel.topic, message, record.log_time, 0)
+            late_ns = round(late_s * 1e9) * (channel.topic == "/pose")
+            message.timestamp.FromNanoseconds(message.timestamp.ToNanoseconds() + late_ns)
+            writer.write_message(channel.topic, message, record.log_time + late_ns, 0)
     return path
 
 
@@ -104,6 +106,14 @@ def test_poses_that_the_images_contradict_are_left_out_with_the_figures(tmp_path
         read(alone)
     frames, _ = read(alone, spacing_m=8.05)
     assert all(f.used and f.pose is None for f in frames)
+
+
+@pytest.mark.parametrize("late_s", [3.0, -2.5])
+def test_poses_that_are_seconds_off_on_all_clocks_are_left_out(tmp_path, late_s):
+    frames, report = read(write(tmp_path / "drive.mcap", late_s=late_s))
+    assert all(f.pose is None and f.fix is not None for f in frames)
+    assert "they turn as the images do, but" in report.notes[0]
+    assert ("later" if late_s > 0 else "earlier") in report.notes[0]
 
 
 def test_poses_in_feet_are_left_out_where_fixes_tell_their_scale(tmp_path):
