@@ -36,6 +36,12 @@ class ImageContent:
     height: int = 0
     step: int = 0
 
+    def __post_init__(self) -> None:
+        """Refuse sizes that cannot be, as JSON may hold."""
+        sizes = self.width, self.height, self.step
+        if not all(isinstance(size, int) and 0 <= size < 1 << 32 for size in sizes):
+            raise ContentError(f"an image of {self.width!r} x {self.height!r} pixels")
+
 
 @dataclass(frozen=True, slots=True)
 class CalibrationContent:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import itemgetter
 from pathlib import Path
 
@@ -27,7 +27,7 @@ from wayside.pipeline.reading.layout import Channel
 from wayside.pipeline.reading.messages import Decoders, Kind, kind_of
 from wayside.pipeline.reading.poses import TransformTree
 from wayside.pipeline.reading.records import Attachment, Message, Metadata, ScanReport, scan
-from wayside.pipeline.reading.streams import CameraTrack, ImageIndex, Positions
+from wayside.pipeline.reading.series import Series
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 from wayside.stages.imaging import used_bits
@@ -114,16 +114,19 @@ class LogSurvey:
     """What was found in a log.
 
     `images`: of each image topic, of `camera` alone where that is chosen. `calibrations`, `positions`: of each topic
-    and schema. `tree`: of all transforms. `channels`: by id, each with the offset of its first message, in file order.
+    and schema, the former with log and header time. `tree`: of all transforms. `channels`: by id, each with the offset
+    of its first message, in file order.
     """
 
     path: Path
     camera: str = ""
     scan: ScanReport = field(default_factory=ScanReport)
     topics: dict[TopicKey, Topic] = field(default_factory=dict)
-    images: dict[str, ImageIndex] = field(default_factory=dict)
-    calibrations: dict[TopicKey, CameraTrack] = field(default_factory=dict)
-    positions: dict[TopicKey, Positions] = field(default_factory=dict)
+    images: dict[str, Series] = field(default_factory=dict)
+    calibrations: dict[TopicKey, list[tuple[int, int, CalibrationContent]]] = field(
+        default_factory=dict
+    )
+    positions: dict[TopicKey, Series] = field(default_factory=dict)
     channels: dict[int, list[tuple[int, Channel]]] = field(default_factory=dict)
     tree: TransformTree = field(default_factory=TransformTree)
     attached: tuple[str, Camera] | None = None
@@ -197,7 +200,7 @@ def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> No
     except ContentError as error:
         _fail(topic, message.offset, str(error))
     if is_image:
-        index = survey.images.setdefault(channel.topic, ImageIndex())
+        index = survey.images.setdefault(channel.topic, Series())
         index.stamp(message.log_time_ns, contents[0].time_ns if contents else None)
         index.offset.append(message.offset)
     for content in contents:
@@ -211,7 +214,10 @@ def _take_content(
         if not (content.raw or content.rectified):
             _fail(topic, message.offset, content.why)
             return
-        survey.calibrations.setdefault(key, CameraTrack()).add(message.log_time_ns, content)
+        track = survey.calibrations.setdefault(key, [])
+        untimed = replace(content, time_ns=None)
+        same = track[-1][2] if track and track[-1][2] == untimed else untimed  # kept once
+        track.append((message.log_time_ns, content.time_ns or 0, same))
     elif isinstance(content, ImageContent):
         count, first, _ = topic.frames.get(content.frame_id, (0, topic.usable, 0))
         if count or len(topic.frames) < MOST_FRAMES:
@@ -225,7 +231,7 @@ def _take_content(
     else:
         if isinstance(content, FixContent):
             key = key[0], ""  # fixes of one topic are one stream, whatever their schemas
-        survey.positions.setdefault(key, Positions()).add(message.log_time_ns, content)
+        survey.positions.setdefault(key, Series()).add(message.log_time_ns, content)
     topic.usable += 1
     if isinstance(content, PoseContent | FixContent) and content.refused:
         topic.in_part += 1

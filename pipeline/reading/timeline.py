@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from operator import itemgetter
 
 import numpy as np
 
@@ -21,14 +22,15 @@ from wayside.pipeline.reading.clocks import (
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.plan import Plan, shortened
 from wayside.pipeline.reading.poses import composed, fixed, mount_of, path_of
-from wayside.pipeline.reading.positions import (
+from wayside.pipeline.reading.series import (
     Interpolated,
+    Samples,
+    Series,
     continuous_longitudes,
     interpolate,
     metres,
     possible,
 )
-from wayside.pipeline.reading.streams import Positions, Samples
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera, Fix, Pose, PosePrior
 from wayside.stages.geometry import turn_deg
@@ -73,7 +75,7 @@ class Timeline:
         if self.fixes is None or not self.fixes.known[row]:
             return None
         latitude, longitude, altitude = self.fixes.value[row, :3].tolist()
-        east, north, up = self.fixes.sigma[row].tolist()
+        east, north, up = self.fixes.value[row, 7:].tolist()
         sigma = None if np.isnan(east) else (east, north, up)
         span_s = float(self.fixes.span_s[row])
         return Fix(latitude, turn_deg(0.0, longitude), altitude, sigma, span_s)
@@ -126,7 +128,7 @@ def _has_scale(plan: Plan, stream: MotionStream, timeline: Timeline) -> bool:
     rows = timeline.order[(stream.path.known & timeline.fixes.known)[timeline.order]]
     if not len(rows):
         return True
-    fixes = metres(Samples(rows, timeline.fixes.value[rows], timeline.fixes.sigma[rows]))
+    fixes = metres(timeline.fixes.value[rows, :3])
     ratios, start = [], 0
     for end in range(1, len(rows)):
         by_fixes = float(np.linalg.norm(fixes[end, :2] - fixes[start, :2]))
@@ -146,31 +148,28 @@ def _has_scale(plan: Plan, stream: MotionStream, timeline: Timeline) -> bool:
 
 def _cameras(plan: Plan, times: StreamTimes) -> list[Camera | None]:
     """The calibration in force at each image: the latest, or the first for the images before it."""
+    count = len(times.log_ns)
     if plan.camera_given is not None:
-        return [plan.camera_given] * len(times.log_ns)
-    assert plan.calibration is not None
-    track = plan.survey.calibrations[plan.calibration.name, plan.calibration.schema]
-    own = [one.frame_id not in plan.other_frames for one in track.contents]
-    cameras = [
-        plan.camera_of(c) if is_own else None for c, is_own in zip(track.contents, own, strict=True)
+        return [plan.camera_given] * count
+    topic = plan.calibration
+    assert topic is not None
+    track = plan.survey.calibrations[topic.name, topic.schema]
+    by_header = times.has_header and all(header_ns for _, header_ns, _ in track)
+    track = sorted(track, key=itemgetter(int(by_header)))
+    own = [
+        (c[by_header], c[2], plan.camera_of(c[2]))
+        for c in track
+        if c[2].frame_id not in plan.other_frames
     ]
-    stated = np.array(track.row)
-    held = np.flatnonzero(np.array([camera is not None for camera in cameras])[stated])
-    lost = int(np.array(own)[stated].sum()) - len(held)
-    if lost:
-        plan.calibration.failed += lost
-        reasons = (
-            c.why or c.why_rectified
-            for c, camera in zip(track.contents, cameras, strict=True)
-            if camera is None
-        )
-        plan.calibration.fault = plan.calibration.fault or next(reasons)
-    paired = pair_times(times, track.times())
-    if paired is None or len(set(stated[held].tolist())) <= 1:
-        return [cameras[stated[held[0]]] if len(held) else None] * len(times.log_ns)
-    held = held[np.argsort(paired.stream_ns[held], kind="stable")]
-    place = np.searchsorted(paired.stream_ns[held], paired.images_ns, side="right") - 1
-    return [cameras[row] for row in stated[held[place.clip(min=0)]].tolist()]
+    if lost := [content for _, content, camera in own if camera is None]:
+        topic.failed += len(lost)
+        topic.fault = topic.fault or lost[0].why or lost[0].why_rectified
+    held = [(at, camera) for at, _, camera in own if camera is not None]
+    if not held:
+        return [None] * count
+    images_ns = times.header_ns if by_header else times.log_ns
+    place = np.searchsorted(np.array([at for at, _ in held]), images_ns, side="right") - 1
+    return [held[max(k, 0)][1] for k in place.tolist()]
 
 
 def _motion_streams(plan: Plan, timeline: Timeline) -> list[MotionStream]:
@@ -226,7 +225,7 @@ def _chain_path(plan: Plan, chain: list[str], timeline: Timeline) -> CameraPath 
 
 
 def _samples(
-    positions: Positions, words: str, timeline: Timeline, *, earth: bool = False
+    positions: Series, words: str, timeline: Timeline, *, earth: bool = False
 ) -> tuple[Samples, Integers] | None:
     """Positions that a vehicle can have been at, and the times of the images on their clock; None without any."""
     times = positions.times()
@@ -242,17 +241,18 @@ def _samples(
         notes.append(
             f"the clock of the {words} is {_seconds(paired.apart_ns)} {way} that of the images: log times pair them"
         )
-    samples = Samples.sorted(paired.stream_ns, positions.values(), positions.sigmas())
+    samples = Samples.sorted(paired.stream_ns, positions.values())
     if earth:
         # A receiver that has lost its satellites repeats its last fix.
-        same = np.zeros(len(samples), np.bool_)
+        same = np.zeros(len(samples.time_ns), np.bool_)
         same[1:] = (samples.value[1:, :3] == samples.value[:-1, :3]).all(axis=1)
         if same.any():
             notes.append(
-                f"{int(same.sum())} of {len(samples)} {words} repeat the one before: left out"
+                f"{int(same.sum())} of {len(same)} {words} repeat the one before: left out"
             )
         samples = continuous_longitudes(samples.kept(~same))
-    kept = possible(samples.time_ns, metres(samples) if earth else samples.value[:, :3])
+    places = samples.value[:, :3]
+    kept = possible(samples.time_ns, metres(places) if earth else places)
     if wrong := int((~kept).sum()):
         notes.append(f"{wrong} of {len(kept)} {words} are where no vehicle can be: left out")
     return samples.kept(kept), paired.images_ns
@@ -279,7 +279,7 @@ def _fixes(plan: Plan, timeline: Timeline) -> Interpolated | None:
     samples = _samples(positions, f"fixes of {shortened(plan.fixes.name)}", timeline, earth=True)
     if samples is None:
         return None
-    if len(samples[0]) < 2:
+    if len(samples[0].time_ns) < 2:
         timeline.notes.append(
             f"the fixes of {shortened(plan.fixes.name)} are left out: fewer than two can be used"
         )
