@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.reading.clocks import Floats, Integers
 from wayside.pipeline.reading.contents import PoseContent
-from wayside.pipeline.reading.series import Samples, Series, interpolate
+from wayside.pipeline.reading.series import Interpolated, Series
 from wayside.schemas.frame import Pose
 from wayside.stages.odometry import CameraPath
 
@@ -69,13 +68,12 @@ def _names(positions: Series) -> tuple[str, str]:
     return (first.parent, first.child) if isinstance(first, PoseContent) else ("", "")
 
 
-def path_of(samples: Samples, time_ns: Integers) -> tuple[CameraPath, Floats]:
-    """Poses at the times of images, and their sigmas (k, 3)."""
-    found = interpolate(samples, time_ns)
-    rotation = np.tile(np.eye(3), (len(time_ns), 1, 1))
+def path_of(found: Interpolated) -> CameraPath:
+    """Poses at the times of images as a path."""
+    rotation = np.tile(np.eye(3), (len(found.known), 1, 1))
     if found.known.any():
         rotation[found.known] = Rotation.from_quat(found.value[found.known, 3:7]).as_matrix()
-    return CameraPath(found.known, rotation, found.value[:, :3]), found.value[:, 7:]
+    return CameraPath(found.known, rotation, found.value[:, :3])
 
 
 def composed(outer: CameraPath, inner: CameraPath) -> CameraPath:

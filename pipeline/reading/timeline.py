@@ -192,10 +192,10 @@ def _motion_streams(plan: Plan, timeline: Timeline) -> list[MotionStream]:
         for topic in sorted(topics, key=lambda t: -t.usable):
             positions = plan.survey.positions[topic.name, topic.schema]
             words = f"{source} of {shortened(topic.name)}"
-            samples = _samples(positions, words, timeline)
-            if samples is None:
+            poses = _at_images(positions, words, timeline)
+            if poses is None:
                 continue
-            raw, sigma = path_of(*samples)
+            raw, sigma = path_of(poses), poses.value[:, 7:]
             mount = mount_of(tree, positions, frame)
             if mount is None:
                 inner: CameraPath | None = fixed(_STANDING, len(raw.known))
@@ -212,10 +212,10 @@ def _chain_path(plan: Plan, chain: list[str], timeline: Timeline) -> CameraPath 
     for name in chain:
         edge = plan.survey.tree.edges[name]
         if edge.moves:
-            samples = _samples(edge, f"transforms of {shortened(name)}", timeline)
-            if samples is None:
+            poses = _at_images(edge, f"transforms of {shortened(name)}", timeline)
+            if poses is None:
                 return None
-            outer, _ = path_of(*samples)
+            outer = path_of(poses)
         else:
             mount = plan.survey.tree.mount([name])
             assert mount is not None
@@ -224,10 +224,10 @@ def _chain_path(plan: Plan, chain: list[str], timeline: Timeline) -> CameraPath 
     return total
 
 
-def _samples(
+def _at_images(
     positions: Series, words: str, timeline: Timeline, *, earth: bool = False
-) -> tuple[Samples, Integers] | None:
-    """Positions that a vehicle can have been at, and the times of the images on their clock; None without any."""
+) -> Interpolated | None:
+    """Positions at the images, of those that a vehicle can have been at; None where no clock is common to both."""
     times = positions.times()
     paired = pair_times(timeline.times, times, own_clock=earth)
     notes = timeline.notes
@@ -255,7 +255,7 @@ def _samples(
     kept = possible(samples.time_ns, metres(places) if earth else places)
     if wrong := int((~kept).sum()):
         notes.append(f"{wrong} of {len(kept)} {words} are where no vehicle can be: left out")
-    return samples.kept(kept), paired.images_ns
+    return interpolate(samples.kept(kept), paired.images_ns)
 
 
 def _off_words(times: StreamTimes, words: str) -> str:
@@ -275,13 +275,10 @@ def _seconds(ns: int) -> str:
 def _fixes(plan: Plan, timeline: Timeline) -> Interpolated | None:
     if plan.fixes is None:
         return None
+    words = f"fixes of {shortened(plan.fixes.name)}"
     positions = plan.survey.positions[plan.fixes.name, ""]
-    samples = _samples(positions, f"fixes of {shortened(plan.fixes.name)}", timeline, earth=True)
-    if samples is None:
+    found = _at_images(positions, words, timeline, earth=True)
+    if found is not None and found.known.sum() == 1:
+        timeline.notes.append(f"the {words} are left out: one image alone has one near its time")
         return None
-    if len(samples[0].time_ns) < 2:
-        timeline.notes.append(
-            f"the fixes of {shortened(plan.fixes.name)} are left out: fewer than two can be used"
-        )
-        return None
-    return interpolate(*samples)
+    return found
