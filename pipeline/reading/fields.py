@@ -17,7 +17,6 @@ from wayside.pipeline.reading.contents import (
     ImageContent,
     PoseContent,
     make_fix,
-    refused_variances,
     stamp_ns,
 )
 from wayside.pipeline.reading.h264 import H264
@@ -91,13 +90,12 @@ def transforms(message: Any, data: memoryview) -> list[PoseContent]:
 
 def odometry(message: Any, _: memoryview) -> list[PoseContent]:
     """`nav_msgs/msg/Odometry`, with the sigmas of its pose covariance (x, y, z, then rotations about them)."""
-    sigma_m, sigma_rad, refused = None, None, ""
+    sigma_m, sigma_rad = None, None
     if len(message.pose.covariance) == 36:
         variances = [float(variance) for variance in message.pose.covariance[::7]]
-        refused = refused_variances(variances)
         sigma_m, sigma_rad = _sigma(variances[:3]), _sigma(variances[3:])
     inner = message.pose.pose
-    return [_pose(message, inner, _text(message.child_frame_id), sigma_m, sigma_rad, refused)]
+    return [_pose(message, inner, _text(message.child_frame_id), sigma_m, sigma_rad)]
 
 
 def fix(message: Any, _: memoryview) -> list[FixContent]:
@@ -112,8 +110,8 @@ def fix(message: Any, _: memoryview) -> list[FixContent]:
 
 
 def _sigma(variances: list[float]) -> float | None:
-    """Root of the mean variance; None where it is unknown (zero, negative, infinite, or `VAGUEST_M` and more)."""
-    if not min(variances) > 0 or not sum(variances) / 3 < VAGUEST_M**2:
+    """Root of the mean variance; None where it is unknown (zero, negative, not a number, `VAGUEST_M` and more)."""
+    if not all(variance > 0 for variance in variances) or not sum(variances) / 3 < VAGUEST_M**2:
         return None
     return math.sqrt(sum(variances) / 3)
 

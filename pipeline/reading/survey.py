@@ -52,8 +52,7 @@ class Topic:
 
     `first`: of images the first that decodes; where none does the first, with the reason in `flaw`. `bits`: those that
     its images of 16 bits use (0: none are). `frames`: `frame_id` of images, up to `MOST_FRAMES`, each with the number
-    of images and those of the first and the last of them. `in_part`: contents of which something is refused and the
-    rest used. `refused`: what, of the first of them.
+    of images and those of the first and the last of them.
     """
 
     name: str
@@ -70,8 +69,6 @@ class Topic:
     flaw: str = ""
     bits: int = 0
     fault: str = ""
-    in_part: int = 0
-    refused: str = ""
     frames: dict[str, tuple[int, int, int]] = field(default_factory=dict)
 
     @property
@@ -233,9 +230,6 @@ def _take_content(
             key = key[0], ""  # fixes of one topic are one stream, whatever their schemas
         survey.positions.setdefault(key, Series()).add(message.log_time_ns, content)
     topic.usable += 1
-    if isinstance(content, PoseContent | FixContent) and content.refused:
-        topic.in_part += 1
-        topic.refused = topic.refused or content.refused
     topic.first = topic.first or content
 
 
