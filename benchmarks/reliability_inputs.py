@@ -46,7 +46,7 @@ from wayside.pipeline.reading.camera_file import read_camera_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.pipeline.reading.layout import RECORD_HEAD
-from wayside.pipeline.reading.scan_report import ScanReport
+from wayside.pipeline.reading.records import ScanReport
 from wayside.pipeline.results.earlier_result import check_earlier
 from wayside.pipeline.results.result import read_run, read_settings
 from wayside.pipeline.reviewing.review import NO_REVIEW, read_review, result_name

@@ -24,12 +24,11 @@ from recordings.drives.spec import CameraSpec
 from wayside.pipeline.reading.layout import (
     MAGIC,
     RECORD_HEAD,
-    parse_chunk_head,
-    records_in,
+    Budget,
+    parse_record,
     unpack_chunk,
 )
-from wayside.pipeline.reading.records import Message, scan
-from wayside.pipeline.reading.scan_report import ScanReport
+from wayside.pipeline.reading.records import Message, ScanReport, scan
 from wayside.schemas.labels import BACK, SIGN
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
@@ -112,8 +111,8 @@ def messages_before(content: bytes, cut: int) -> int:
         if end <= cut and kind == Opcode.MESSAGE:
             count += 1
         if end <= cut and kind == Opcode.CHUNK:
-            head = parse_chunk_head(body, len(body))
-            inner = records_in(unpack_chunk(head, body[head.size :]))
+            chunk, _ = parse_record(kind, body)
+            inner = unpack_chunk(chunk, Budget.of(len(content)))
             count += sum(one == Opcode.MESSAGE for one, _ in inner)
     return count
 

@@ -18,7 +18,6 @@ from wayside.pipeline.reading.image_headers import refuse_turned
 from wayside.pipeline.reading.image_order import (
     ImageFile,
     copies_among,
-    count_images,
     counted,
     image_files,
     in_order,
@@ -129,7 +128,7 @@ def _numbered(
     originals = [file for file in files if file not in copies]
     counts = counted(originals)
     if counted(files) is not None or counts is None:
-        return images, count_images(files)
+        return images, counted(files) or list(range(1, len(files) + 1))
     known = dict(zip(originals, counts, strict=True))
     number = {file: known[copies.get(file) or file] for file in files}
     ordered = sorted(images, key=lambda image: (number[image.path], image.path in copies))

@@ -47,8 +47,9 @@ class LogInformation:
     @property
     def duration_s(self) -> float:
         """From the first message to the last, seconds of log time."""
-        first, last = self.survey.scan.first_log_ns, self.survey.scan.last_log_ns
-        return 0.0 if first is None or last is None else (last - first) / 1e9
+        topics = self.survey.topics.values()
+        first = min((topic.first_log_ns for topic in topics), default=0)
+        return (max((topic.last_log_ns for topic in topics), default=0) - first) / 1e9
 
 
 def describe_log(path: Path, *, shown: Path | None = None) -> LogInformation:

@@ -16,8 +16,7 @@ from wayside.pipeline.files.writing import whole_file
 from wayside.pipeline.reading.layout import Channel
 from wayside.pipeline.reading.messages import ROS_TYPES
 from wayside.pipeline.reading.parts import bag_parts, is_bag, is_mcap
-from wayside.pipeline.reading.records import Attachment, Metadata, scan
-from wayside.pipeline.reading.scan_report import ScanReport
+from wayside.pipeline.reading.records import Attachment, Metadata, ScanReport, scan
 from wayside.pipeline.results.earlier_result import log_fingerprint
 from wayside.schemas.errors import InputError, OutputError, UsageError
 

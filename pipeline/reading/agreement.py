@@ -11,11 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.reading.clocks import Floats, Integers
 from wayside.pipeline.reading.h264 import H264
-from wayside.pipeline.reading.pixels import decoded_images
 from wayside.pipeline.reading.plan import Plan
-from wayside.pipeline.reading.poses import path_of
-from wayside.pipeline.reading.streams import Samples
-from wayside.pipeline.reading.video import VideoStreams
+from wayside.pipeline.reading.replay import decoded_images
+from wayside.pipeline.reading.video import CameraImages
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import FeatureSettings, MotionSettings
 from wayside.stages.odometry import (
@@ -32,14 +30,12 @@ from wayside.stages.odometry import (
 
 _STEPS, _SHORTEST_S, _DOUBLINGS = 14, 0.08, 4
 """Pairs of images spread over a drive; their distance grows from 0.08 s until they show motion."""
-_APART_NS = 15_000_000_000
-"""Images so far apart in time show different places, unless the vehicle stands."""
 _CLEARLY_BETTER = 2.5
 """A convention is told from another where its error is so many times smaller."""
 _LONGEST_LAG_S, _FURTHEST_LAG_S, _LAG_DEG = 1.0, 6.0, 0.2
 """Shorter lags are found when the path is smoothed; errors of sound poses are a tenth of a degree a step."""
 _VIDEO_IMAGES = 40
-"""A video is decoded from its start: its first images are compared."""
+"""A video is decoded from its start: its first images are compared. Corners of so many images are kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,28 +49,30 @@ class MotionStream:
     path: CameraPath
     sigma: Floats
     assumed_mount: bool = False
-    samples: tuple[Samples, Integers] | None = None
-    """The poses as recorded, and the times of the images on their clock; None for transforms."""
 
 
-def rotation_lag_s(stream: MotionStream, steps: Sequence[ImageStep]) -> float:
+def _lag_s(
+    path: CameraPath, steps: Sequence[ImageStep], order: Integers, time_ns: Integers
+) -> float:
     """How long after an image poses turn as it does, seconds; 0 where this is less than `_LONGEST_LAG_S` or not clear.
 
     The angle of a step does not depend on axes or mounts. A straight road tells nothing.
     """
-    if stream.samples is None:
+    if not steps:
         return 0.0
-    samples, images_ns = stream.samples
-    first = images_ns[[step.first for step in steps]]
-    second = images_ns[[step.second for step in steps]]
+    place = np.argsort(order)
+    pairs = place[[(step.first, step.second) for step in steps]]
     shown = _angles_deg(np.array([step.rotation for step in steps]))
+    seconds = (time_ns[order] - time_ns[order[0]]) * 1e-9
+    each_s = max(float(seconds[-1]) / max(len(order) - 1, 1), _FURTHEST_LAG_S / 200)
     errors: dict[float, float] = {}
-    for lag_s in np.arange(-_FURTHEST_LAG_S, _FURTHEST_LAG_S + 0.1, 0.25).tolist():
-        lag_ns = round(lag_s * 1e9)
-        before, now = path_of(samples, first + lag_ns)[0], path_of(samples, second + lag_ns)[0]
-        known = before.known & now.known
+    for shift in range(-round(_FURTHEST_LAG_S / each_s), round(_FURTHEST_LAG_S / each_s) + 1):
+        moved = (pairs + shift).clip(0, len(order) - 1)
+        first, second = order[moved].T
+        known = (moved == pairs + shift).all(axis=1) & path.known[first] & path.known[second]
         if 2 * known.sum() > len(steps):
-            turned = _angles_deg(before.rotation.transpose(0, 2, 1) @ now.rotation)
+            turned = _angles_deg(path.rotation[first].transpose(0, 2, 1) @ path.rotation[second])
+            lag_s = float(np.median((seconds[moved] - seconds[pairs])[known]))
             errors[lag_s] = float(np.median(np.abs(turned - shown)[known]))
     best = min(errors, key=lambda lag_s: errors[lag_s], default=0.0)
     here = errors.get(0.0, np.inf)
@@ -87,14 +85,18 @@ def _angles_deg(rotations: Floats) -> Floats:
 
 
 def believed(
-    streams: Sequence[MotionStream], steps: list[ImageStep], notes: list[str]
+    streams: Sequence[MotionStream],
+    steps: list[ImageStep],
+    order: Integers,
+    time_ns: Integers,
+    notes: list[str],
 ) -> MotionStream | None:
     """The first stream that the images do not contradict, as it is or after one known conversion.
 
     notes: filled with what was converted, and what is left out and why.
     """
     for stream in streams:
-        if lag_s := rotation_lag_s(stream, steps) if steps else 0.0:
+        if lag_s := _lag_s(stream.raw, steps, order, time_ns):
             notes.append(
                 f"the {stream.words} are left out: they turn as the images do, but {abs(lag_s):.1f} s "
                 f"{'later' if lag_s > 0 else 'earlier'}; correct their times"
@@ -184,10 +186,25 @@ def image_steps(
     plan: Plan, order: Integers, time_ns: Integers, cameras: Sequence[Camera | None]
 ) -> list[ImageStep]:
     """Motion between pairs of images spread over a drive, as they show it by themselves."""
-    images = _Images(plan, cameras)
+    kept: dict[int, KeypointImage | None] = {}
+    images = CameraImages(plan.other_cameras)
+
+    def corners_at(rows: Integers) -> list[KeypointImage | None]:
+        """Corners of images, None where one cannot be used; the latest few are kept."""
+        new = np.array([row for row in rows.tolist() if row not in kept], np.int64)
+        for row, image in decoded_images(plan, new, cameras, images):
+            kept[row], camera = None, cameras[row]
+            if camera is not None and image.grey is not None:
+                corners = tie_corners(image.grey, FeatureSettings())
+                kept[row] = KeypointImage.of_corners(camera, image.grey, *corners)
+        found = [kept.get(row) for row in rows.tolist()]
+        while len(kept) > _VIDEO_IMAGES:
+            del kept[next(iter(kept))]
+        return found
+
     if plan.camera.image_format == H264:
         order = order[:_VIDEO_IMAGES]
-        images.read(order)
+        corners_at(order)
     steps: list[ImageStep] = []
     seconds = (time_ns[order] - time_ns[order[0]]) * 1e-9
     starts = np.linspace(0, max(len(order) - 2, 0), _STEPS).astype(int)
@@ -197,57 +214,13 @@ def image_steps(
             end = max(start + 1, int(np.searchsorted(seconds, seconds[start] + apart)))
             if end >= len(order):
                 break
-            rows = int(order[start]), int(order[end])
-            before, now = images.at(rows[0]), images.at(rows[1])
+            rows = order[[start, end]]
+            before, now = corners_at(rows)
             if before is None or now is None:
                 break
-            step = image_step(rows, before, now, MotionSettings())
+            step = image_step((int(rows[0]), int(rows[1])), before, now, MotionSettings())
             if step is not None:
                 steps.append(step)
                 break
             apart = max(2 * apart, float(seconds[end] - seconds[start]) * 1.01)
     return steps
-
-
-def clock_set_at(plan: Plan, time_ns: Integers, cameras: Sequence[Camera | None]) -> int | None:
-    """Row of an image that shows the motion from the one before it in the file, though its time is long before.
-
-    Parts of a file may stand in any order. Where the images on both sides of such a step belong together, it is the
-    clock that was set.
-    """
-    if plan.camera.image_format == H264:
-        return None
-    images = _Images(plan, cameras)
-    back = np.flatnonzero(np.diff(time_ns) < -_APART_NS) + 1
-    for row in back[:_STEPS].tolist():
-        before, now = images.at(row - 1), images.at(row)
-        if before is None or now is None:
-            continue
-        if image_step((row - 1, row), before, now, MotionSettings()) is not None:
-            return int(row)
-    return None
-
-
-class _Images:
-    """Corners of images by their rows; those of a video are read beforehand, one after the other."""
-
-    def __init__(self, plan: Plan, cameras: Sequence[Camera | None]) -> None:
-        self.plan, self.cameras = plan, cameras
-        self.video = VideoStreams()
-        self.kept: dict[int, KeypointImage | None] = {}
-
-    def at(self, row: int) -> KeypointImage | None:
-        """The corners of an image, None where it cannot be used."""
-        if row not in self.kept:
-            while len(self.kept) > 2:
-                del self.kept[next(iter(self.kept))]
-            self.read(np.array([row]))
-        return self.kept.get(row)
-
-    def read(self, rows: Integers) -> None:
-        """Read images in the order given."""
-        for row, image in decoded_images(self.plan, rows, self.cameras, self.video):
-            self.kept[row], camera = None, self.cameras[row]
-            if camera is not None and image.grey is not None:
-                corners = tie_corners(image.grey, FeatureSettings())
-                self.kept[row] = KeypointImage.of_corners(camera, image.grey, *corners)

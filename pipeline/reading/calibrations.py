@@ -37,8 +37,8 @@ _SURE_SHARE = 0.9
 _MOST_STRETCH = 1.5
 """Distance from the centre over that of a pinhole; strong pincushion distortion has 1.2."""
 _DIRECTIONS, _RADII = 48, 160
-_CENTRE_SIGMA = 0.02
-"""Standard deviation of principal points about the middle of the sensor, in widths of the sensor."""
+_FURTHEST_CENTRE = 0.05
+"""Of centres from the middle of the sensor, in its longer side: some drivers bin or cut the matrix themselves."""
 _RECTIFIED = re.compile(r"(?:^|[/_])(?:rect|rectified|undistorted)(?:[/_]|$)", re.IGNORECASE)
 OTHER_LENSES = (
     "Positions follow from pinhole rays. For a fisheye, fit --model rational to images of a board, or remap the images "
@@ -95,7 +95,7 @@ def _cameras(
 ) -> tuple[tuple[Camera, ...], str]:
     """One camera for each size that images may have, and why the first size has no camera.
 
-    That is the size of the region, binned; then the size stated, where drivers leave it to be that of the images.
+    That is the size of the region, binned; then the size stated, which `matrix` is of.
     """
     r = region
     width, height = r.width or size[0], r.height or size[1]
@@ -103,46 +103,24 @@ def _cameras(
         return (), "its camera matrix is not 3 x 3"
     if r.left + width > size[0] or r.top + height > size[1]:
         return (), f"its region of interest reaches beyond its {size[0]} x {size[1]} pixels"
-    shown, sensor = (width // r.bin_x, height // r.bin_y), (size[0] * r.bin_x, size[1] * r.bin_y)
-    readings = {size: (sensor, r._replace(left=0, top=0))} | {shown: (size, r)}
+    k = matrix
+    off = max(abs(k[2] - size[0] / 2), abs(k[5] - size[1] / 2)) / max(*size, 1)
+    if k[0] > 0 and r != Region() and off > _FURTHEST_CENTRE:
+        return (), (
+            f"its centre {k[2]:g}, {k[5]:g} is not that of the full sensor, which binning and region of interest are "
+            "applied to"
+        )
+    row_x = (k[0] / r.bin_x, k[1], (k[2] - r.left) / r.bin_x)
+    row_y = (k[3], k[4] / r.bin_y, (k[5] - r.top) / r.bin_y)
+    shown = (width // r.bin_x, height // r.bin_y)
     cameras: dict[Size, Camera] = {}
     faults: dict[Size, str] = {}
-    for images in (shown, size):
+    for images, own in ((shown, (*row_x, *row_y, *k[6:])), (size, matrix)):
         try:
-            cameras[images] = make_camera(images, _brought(matrix, *readings[images]), *lens)
+            cameras[images] = make_camera(images, own, *lens)
         except ContentError as error:
             faults[images] = str(error)
     return tuple(cameras.values()), faults.get(shown, "")
-
-
-def _brought(matrix: Matrix, sensor: Size, region: Region) -> Matrix:
-    """A matrix brought from the sensor to the region; one that a driver has brought there already is left as it is.
-
-    The principal point tells which of the two it is, or half of it: it lies near the middle of the sensor. Raises
-    ContentError where it does not tell.
-    """
-    r, k = region, list(matrix)
-    sigma = _CENTRE_SIGMA * max(sensor[0], 1)
-    found: list[tuple[float, list[float]]] = []
-    for x, y in dict.fromkeys(((1, 1), (r.bin_x, r.bin_y))):
-        for left, top in dict.fromkeys(((0, 0), (r.left, r.top))):
-            full = [k[0] * x, k[1], k[2] * x + left, k[3], k[4] * y, k[5] * y + top, *k[6:]]
-            off = math.hypot(full[2] - sensor[0] / 2, full[5] - sensor[1] / 2) / sigma
-            found.append((off, full))
-    (off, full), *others = found
-    if others and k[0] > 0:
-        least, other = min(others, key=lambda one: one[0])
-        gain = (off**2 - least**2) / 2  # in likelihood, its logarithm
-        apart = math.hypot(full[2] - other[2], full[5] - other[5]) / sigma
-        if min(off, least) > 5 or (1 if apart < 2 else -1) < gain < 4:
-            raise ContentError(
-                f"its centre {k[2]:g}, {k[5]:g} does not tell whether its matrix is of the full sensor, or of what "
-                "binning and region of interest leave of it"
-            )
-        full = other if gain > 1 else full
-    full[0], full[2] = full[0] / r.bin_x, (full[2] - r.left) / r.bin_x
-    full[4], full[5] = full[4] / r.bin_y, (full[5] - r.top) / r.bin_y
-    return tuple(full)
 
 
 def make_camera(size: Size, k: Matrix, model: str, d: Matrix) -> Camera:

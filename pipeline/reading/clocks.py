@@ -19,6 +19,8 @@ Flags = NDArray[np.bool_]
 
 _LATE_NS = 1_500_000_000
 """A sound message is recorded at most so much later than others of its clock: receivers report once a second."""
+_APART_NS = 15_000_000_000
+"""Images follow each other sooner, unless the vehicle stands or the clock was set."""
 _COARSE_SHARE = 0.2
 """Share of neighbours with one time from which a clock is too coarse; a few are messages recorded twice."""
 _UNITS_NS = (10**9, 10**8, 10**7, 10**6)
@@ -136,6 +138,16 @@ def _overlaps(time_ns: Integers) -> bool:
     spans = sorted((int(part.min()), int(part.max())) for part in parts)
     ends = np.maximum.accumulate([end for _, end in spans])
     return any(spans[k + 1][0] < ends[k] - _LATE_NS for k in range(len(spans) - 1))
+
+
+def clock_set_at(time_ns: Integers) -> int:
+    """Row of the first image that is long before the one before it in the file; 0 where there is none.
+
+    Parts of a file may stand in any order: sorted, their times follow each other without a gap, and that is no fault.
+    """
+    back = np.flatnonzero(np.diff(time_ns) < -_APART_NS)
+    gaps = np.diff(np.sort(time_ns)) > _APART_NS
+    return int(back[0]) + 1 if len(back) and gaps.any() else 0
 
 
 class Pairing(NamedTuple):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from wayside.pipeline.reading.layout import LATEST_NS
@@ -36,6 +35,12 @@ class ImageContent:
     height: int = 0
     step: int = 0
 
+    def __post_init__(self) -> None:
+        """Refuse sizes that cannot be, as JSON may hold."""
+        sizes = self.width, self.height, self.step
+        if not all(isinstance(size, int) and 0 <= size < 1 << 32 for size in sizes):
+            raise ContentError(f"an image of {self.width!r} x {self.height!r} pixels")
+
 
 @dataclass(frozen=True, slots=True)
 class CalibrationContent:
@@ -60,10 +65,7 @@ class CalibrationContent:
 
 @dataclass(frozen=True, slots=True)
 class PoseContent:
-    """Frame `child` in frame `parent` (names may be empty): rotation x, y, z, w; translation in metres.
-
-    refused: what it states that cannot be and is taken as unknown; empty: nothing.
-    """
+    """Frame `child` in frame `parent` (names may be empty): rotation x, y, z, w; translation in metres."""
 
     time_ns: int | None
     parent: str
@@ -72,7 +74,6 @@ class PoseContent:
     translation: Vector
     sigma_m: float | None = None
     sigma_rad: float | None = None
-    refused: str = ""
 
     def __post_init__(self) -> None:
         """Refuse what is no rigid motion."""
@@ -86,11 +87,10 @@ class PoseContent:
 
 @dataclass(frozen=True, slots=True)
 class FixContent:
-    """A satellite fix; refused: as in `PoseContent`."""
+    """A satellite fix."""
 
     time_ns: int | None
     fix: Fix
-    refused: str = ""
 
 
 Content = ImageContent | CalibrationContent | PoseContent | FixContent
@@ -100,12 +100,6 @@ def stamp_ns(seconds: int, nanoseconds: int) -> int | None:
     """Nanoseconds of a time stamp; None where it is not set (0), or not before `LATEST_NS`."""
     stamp = int(seconds) * 10**9 + int(nanoseconds)
     return stamp if stamp and abs(stamp) < LATEST_NS else None
-
-
-def refused_variances(variances: Iterable[float]) -> str:
-    """What is wrong where one of the variances cannot be; empty elsewhere: zero and infinite ones mean unknown."""
-    sound = all(variance >= 0 for variance in variances)
-    return "" if sound else "a covariance with variances that are negative or not a number"
 
 
 def make_fix(
@@ -124,15 +118,14 @@ def make_fix(
     """
     if not (abs(latitude) <= 90 and abs(longitude) <= 180) or latitude == longitude == 0:
         return []
-    sigma, refused = None, ""
+    sigma = None
     if covariance is not None and len(covariance) == 9:
         east, north, up = covariance[0], covariance[4], covariance[8]
-        refused = refused_variances((east, north, up))
-        if not refused and max(east, north, up) >= VAGUEST_M**2:
+        if max(east, north, up) >= VAGUEST_M**2:
             return []
-        if not refused and min(east, north, up) > 0:
+        if all(variance > 0 for variance in (east, north, up)):  # else, or not a number: unknown
             sigma = (math.sqrt(east), math.sqrt(north), math.sqrt(up))
     height = altitude if math.isfinite(altitude) else 0.0
     if not LOWEST_M < height < HIGHEST_M:
         raise ContentError(f"a fix at a height of {height:.3g} m")
-    return [FixContent(time_ns, Fix(latitude, longitude, height, sigma), refused)]
+    return [FixContent(time_ns, Fix(latitude, longitude, height, sigma))]

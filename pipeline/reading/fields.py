@@ -17,7 +17,6 @@ from wayside.pipeline.reading.contents import (
     ImageContent,
     PoseContent,
     make_fix,
-    refused_variances,
     stamp_ns,
 )
 from wayside.pipeline.reading.h264 import H264
@@ -27,7 +26,7 @@ _NO_FIX = -1
 
 def compressed_image(message: Any, data: memoryview) -> list[ImageContent]:
     """A compressed image. Its format is free text such as "bgr8, jpeg compressed bgr8"."""
-    return [ImageContent(*_head(message), message.format, data)]
+    return [ImageContent(*_head(message), _text(message.format), data)]
 
 
 def compressed_video(message: Any, data: memoryview) -> list[ImageContent]:
@@ -40,8 +39,9 @@ def compressed_video(message: Any, data: memoryview) -> list[ImageContent]:
 def raw_image(message: Any, data: memoryview) -> list[ImageContent]:
     """Rows of pixels."""
     m = message
-    swapped = getattr(m, "is_bigendian", 0) and "16" in m.encoding
-    encoding = f"{m.encoding} (big-endian)" if swapped else m.encoding
+    encoding = _text(m.encoding)
+    if getattr(m, "is_bigendian", 0) and "16" in encoding:
+        encoding += " (big-endian)"
     return [ImageContent(*_head(m), encoding, data, m.width, m.height, m.step)]
 
 
@@ -52,11 +52,14 @@ def calibration(message: Any, _: memoryview) -> list[CalibrationContent]:
         tuple(map(float, getattr(m, name, getattr(m, name.upper(), ()))))
         for name in ("k", "d", "p")
     )
-    cut = Region(bin_x=getattr(m, "binning_x", 0) or 1, bin_y=getattr(m, "binning_y", 0) or 1)
-    if (roi := getattr(m, "roi", None)) is not None:
-        cut = cut._replace(left=roi.x_offset, top=roi.y_offset, width=roi.width, height=roi.height)
-    lens = getattr(m, "distortion_model", ""), d
-    return [make_calibration(*_head(m), (m.width, m.height), k, p, lens, cut)]
+    binning = (int(getattr(m, f"binning_{axis}", 0)) or 1 for axis in "xy")
+    roi = getattr(m, "roi", None)
+    part = (getattr(roi, name, 0) for name in ("x_offset", "y_offset", "width", "height"))
+    region = Region(*map(int, part), *binning)
+    if min(region) < 0:
+        raise ContentError("its region of interest or binning is negative")
+    lens = _text(getattr(m, "distortion_model", "")), d
+    return [make_calibration(*_head(m), (int(m.width), int(m.height)), k, p, lens, region)]
 
 
 def pose(message: Any, _: memoryview) -> list[PoseContent]:
@@ -76,8 +79,8 @@ def transform(message: Any, _: memoryview) -> list[PoseContent]:
     inner = getattr(m, "transform", m)
     r, t = inner.rotation, inner.translation
     turn, shift = (r.x, r.y, r.z, r.w), (t.x, t.y, t.z)
-    parent = getattr(m, "parent_frame_id", parent)
-    return [PoseContent(time_ns, parent, m.child_frame_id, turn, shift)]
+    parent = _text(getattr(m, "parent_frame_id", parent))
+    return [PoseContent(time_ns, parent, _text(m.child_frame_id), turn, shift)]
 
 
 def transforms(message: Any, data: memoryview) -> list[PoseContent]:
@@ -87,13 +90,12 @@ def transforms(message: Any, data: memoryview) -> list[PoseContent]:
 
 def odometry(message: Any, _: memoryview) -> list[PoseContent]:
     """`nav_msgs/msg/Odometry`, with the sigmas of its pose covariance (x, y, z, then rotations about them)."""
-    sigma_m, sigma_rad, refused = None, None, ""
+    sigma_m, sigma_rad = None, None
     if len(message.pose.covariance) == 36:
         variances = [float(variance) for variance in message.pose.covariance[::7]]
-        refused = refused_variances(variances)
         sigma_m, sigma_rad = _sigma(variances[:3]), _sigma(variances[3:])
     inner = message.pose.pose
-    return [_pose(message, inner, message.child_frame_id, sigma_m, sigma_rad, refused)]
+    return [_pose(message, inner, _text(message.child_frame_id), sigma_m, sigma_rad)]
 
 
 def fix(message: Any, _: memoryview) -> list[FixContent]:
@@ -108,8 +110,8 @@ def fix(message: Any, _: memoryview) -> list[FixContent]:
 
 
 def _sigma(variances: list[float]) -> float | None:
-    """Root of the mean variance; None where it is unknown (zero, negative, infinite, or `VAGUEST_M` and more)."""
-    if not min(variances) > 0 or not sum(variances) / 3 < VAGUEST_M**2:
+    """Root of the mean variance; None where it is unknown (zero, negative, not a number, `VAGUEST_M` and more)."""
+    if not all(variance > 0 for variance in variances) or not sum(variances) / 3 < VAGUEST_M**2:
         return None
     return math.sqrt(sum(variances) / 3)
 
@@ -128,4 +130,10 @@ def _head(message: Any) -> tuple[int | None, str]:
         seconds = stamp.seconds if hasattr(stamp, "seconds") else stamp.sec
         rest = [getattr(stamp, name, 0) for name in ("nanos", "nanosec", "nsec")]
         time_ns = stamp_ns(seconds, max(rest))
-    return time_ns, getattr(header, "frame_id", "")
+    return time_ns, _text(getattr(header, "frame_id", ""))
+
+
+def _text(value: str) -> str:
+    """The text; raises where JSON holds another type, or half a character."""
+    value.encode()
+    return value

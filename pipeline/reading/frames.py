@@ -7,18 +7,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from wayside.pipeline.reading.bounds import Allowance
-from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.image_headers import frame_of
 from wayside.pipeline.reading.messages import Kind
-from wayside.pipeline.reading.pixels import is_grey
 from wayside.pipeline.reading.plan import Plan, plan_reading, shortened
-from wayside.pipeline.reading.records import Message
-from wayside.pipeline.reading.replay import image_messages
-from wayside.pipeline.reading.scan_report import ScanReport
+from wayside.pipeline.reading.records import Message, ScanReport
+from wayside.pipeline.reading.replay import image_messages, is_grey
 from wayside.pipeline.reading.selection import Selection
 from wayside.pipeline.reading.timeline import Timeline, make_timeline
-from wayside.pipeline.reading.video import VideoStreams
+from wayside.pipeline.reading.video import CameraImages
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import (
     NO_POSITION,
@@ -97,11 +93,8 @@ class _Reader:
         self.plan, self.timeline, self.report, self.grey = plan, timeline, report, grey
         self.selection = Selection(settings, plan.spacing_m)
         self.by_number = plan.survey.by_number and not settings.spacing_m
-        self.video = VideoStreams()
+        self.images = CameraImages(plan.other_cameras)
         self.problems = 0
-        is_video = plan.camera.image_format == H264  # whose streams are told apart by themselves
-        self.others = frozenset() if is_video else plan.other_cameras
-        self.others_seen = 0
 
     def frames(self) -> Iterator[Frame]:
         """All frames; see `read_frames`."""
@@ -110,7 +103,6 @@ class _Reader:
             self.plan.camera.name,
             self.timeline.order,
             self.report,
-            Allowance(),
         )
         for row, message in messages:
             yield self._frame(row, message)
@@ -120,12 +112,9 @@ class _Reader:
         report, timeline = self.report, self.timeline
         camera, lost = timeline.cameras[row], report.problem_count > self.problems
         self.problems = report.problem_count
-        status, image = self.video.image(message, camera, after_loss=lost)
+        status, image = self.images.image(message, camera, after_loss=lost)
         if image.width and used_bits(frame_of(image)):
             image = replace(image, encoding=f"{image.encoding}:{self.plan.camera.bits}")
-        if image.frame_id in self.others:
-            self.others_seen += 1
-            status = OTHER_CAMERA
         time_ns = int(timeline.times.capture_ns[row])
         known = time_ns == (image.time_ns or message.log_time_ns)
         pose, log_time = timeline.pose(row), str(message.log_time_ns)
@@ -144,7 +133,7 @@ class _Reader:
             grey=self.grey,
         )
         # The numbers of imported messages count the images taken, gaps included.
-        counted = report.images - self.others_seen
+        counted = report.images - report.statuses[OTHER_CAMERA]
         frame = self.selection.decide(frame, message.sequence if self.by_number else counted)
         report.images += 1
         report.statuses[frame.status] += 1
@@ -163,15 +152,15 @@ class _Reader:
                 f"{topic.failed} messages of {shortened(topic.name)} lost: they cannot be decoded or used "
                 f"({topic.fault})",
             )
-        report.notes += [*report.unchecked, *self.selection.notes(), *self.video.notes()]
+        report.notes += [*report.unchecked, *self.selection.notes(), *self.images.notes()]
         if report.motion_source and report.images and not report.with_pose:
             report.notes.append(
                 f"no image has a pose of its own time: the times of {report.motion_topic or 'the transforms'} differ"
             )
         used = bool(report.statuses[USED])
-        if self.video.both_ways and not used:
+        if self.images.both_ways and not used:
             raise InputError(
-                f"{plan.survey.path}: none of its images can be used: {self.video.notes()[-1]}"
+                f"{plan.survey.path}: none of its images can be used: {list(self.images.notes())[-1]}"
             )
         if report.statuses[NO_POSITION] and not used:
             raise InputError(
@@ -179,7 +168,7 @@ class _Reader:
                 "time; give the distance between images (--spacing 26.4ft)"
             )
         if report.statuses[OTHER_CAMERA]:
-            names = ", ".join(sorted(map(shortened, self.others)))
+            names = ", ".join(sorted(map(shortened, plan.other_cameras)))
             report.notes.append(
                 f"{report.statuses[OTHER_CAMERA]} images of {shortened(plan.camera.name)} are of another camera "
                 f"(frame_id {names}, not {shortened(plan.camera_frame)}): left out; record each camera on a topic "

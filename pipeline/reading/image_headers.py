@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import datetime
 from io import BytesIO
 from typing import Any, NamedTuple
 
 from PIL import Image
-from PIL.AvifImagePlugin import AvifImageFile
-from PIL.BmpImagePlugin import BmpImageFile
-from PIL.ImageFile import ImageFile
-from PIL.JpegImagePlugin import JpegImageFile
-from PIL.PngImagePlugin import PngImageFile
-from PIL.TiffImagePlugin import TiffImageFile
-from PIL.WebPImagePlugin import WebPImageFile
 
 from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.h264 import H264, read_stream
@@ -23,17 +18,10 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import FRAME_STATUS_WORDS, USED, Frame
 from wayside.stages.imaging import decode_pixels, raw_samples
 
-_FORMATS: dict[str, tuple[int, tuple[bytes, ...], type[ImageFile]]] = {
-    "jpeg": (0, (b"\xff\xd8",), JpegImageFile),
-    "png": (0, (b"\x89PNG\r\n\x1a\n",), PngImageFile),
-    "webp": (8, (b"WEBP",), WebPImageFile),
-    "tiff": (0, (b"II*\0", b"MM\0*"), TiffImageFile),
-    "bmp": (0, (b"BM",), BmpImageFile),
-    "avif": (4, (b"ftypavif", b"ftypavis"), AvifImageFile),
-}
-"""Compressed images: what they begin with, and where; and what reads their size."""
+_FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "BMP", "AVIF")
 _START_CODES = (b"\0\0\0\1", b"\0\0\1")
-_FORMAT_WORDS = {word: word for word in (*_FORMATS, H264)} | {"jpg": "jpeg", "tif": "tiff"}
+_FORMAT_WORDS = {word: word for word in (*map(str.lower, _FORMATS), H264)}
+_FORMAT_WORDS |= {"jpg": "jpeg", "mpo": "jpeg", "tif": "tiff"}
 _LARGEST_TRIED_PX = 50_000_000
 """Nothing larger is decoded only to see whether it can be; each pixel takes some bytes."""
 _DIRECTORY, _ORIENTATION = 0x8769, 0x0112
@@ -75,28 +63,30 @@ def read_image_header(data: bytes | memoryview) -> ImageHeader | None:
         if bytes(data[:4]).startswith(_START_CODES):
             found, _ = read_stream(data, None)
             return found and ImageHeader(H264, found.width, found.height)
-        name = _format_of(data)
-        with warnings.catch_warnings(action="ignore"), _FORMATS[name][2](BytesIO(data)) as image:
-            width, height = image.size
+        with _opened(data) as image:
+            (width, height), name = image.size, format_word(image.format or "")
     except Exception:  # each reader has errors of its own for damaged bytes
         return None
     return ImageHeader(name, width, height) if width > 0 and height > 0 else None
 
 
-def _format_of(data: bytes | memoryview) -> str:
-    start = bytes(data[:16])
-    fitting = (name for name, (at, begins, _) in _FORMATS.items() if start.startswith(begins, at))
-    return next(fitting, "")
+@contextmanager
+def _opened(data: bytes | memoryview) -> Iterator[Image.Image]:
+    """An image whose header is read and whose pixels are not."""
+    with (
+        warnings.catch_warnings(action="ignore"),
+        Image.open(BytesIO(data), formats=_FORMATS) as image,
+    ):
+        yield image
 
 
 def read_exif(data: bytes | memoryview) -> Exif:
     """Exif data of a compressed image; what is damaged of it is not there."""
     tags: dict[int, Any] = {}
-    name = _format_of(data)
     try:
-        with warnings.catch_warnings(action="ignore"), _FORMATS[name][2](BytesIO(data)) as image:
+        with _opened(data) as image:
             # Pillow decodes all of a PNG to look for Exif data behind the pixels.
-            at_once = name == "png" and b"eXIf" not in bytes(data)
+            at_once = image.format == "PNG" and b"eXIf" not in bytes(data)
             exif = Image.Image.getexif(image) if at_once else image.getexif()
             tags = dict(exif)
             tags = dict(exif.get_ifd(_DIRECTORY)) | tags

@@ -104,23 +104,10 @@ def in_order(
     """The images in the order in which they were taken.
 
     Within a folder the numbers of the names tell it. A counter that starts again behind 9999 (99999 and so on) is
-    followed where the dates of capture do not contradict this. Folders whose names differ only in numbers are sorted by
-    these numbers, others by their dates. Without dates, the first file name in each decides, or the given order. Dates
-    of copies are no witness.
+    followed where the dates of capture do not contradict this. Folders are sorted by their dates, else by the numbers
+    in their names. `copies`: of other images, their dates are no witness. `forced`: "name" or "date" alone decides.
 
-    Parameters
-    ----------
-    images
-        In the order given.
-    copies
-        Paths of images that are copies of others.
-    forced
-        "name" or "date" alone decides; empty: all of it must agree.
-
-    Raises
-    ------
-    InputError
-        Dates contradict the order of folders and names (with both orders), or a date is wanted and missing.
+    Raises InputError where dates contradict the order of names (with both orders), or one is wanted and missing.
     """
     folders: dict[Path, list[ImageFile]] = {}
     for image in images:
@@ -171,14 +158,11 @@ def _counter_order(
 
 
 def _folders(held: list[list[ImageFile]], dates: Mapping[Path, datetime]) -> list[list[ImageFile]]:
-    """Folders, sorted by the numbers in their names, else by their dates, else by the first names in them."""
-    parents = [str(folder[0].path.parent) for folder in held]
-    if len({re.sub(r"\d+", "0", parent.lower()) for parent in parents}) == 1:
-        return sorted(held, key=lambda folder: _pieces(str(folder[0].path.parent)))
+    """Folders, sorted by their dates where each has one, else by their names."""
     dated = [[dates[image.path] for image in f if image.path in dates] for f in held]
     if all(dated):
         return [held[k] for k in sorted(range(len(held)), key=lambda k: min(dated[k]))]
-    return sorted(held, key=lambda folder: _pieces(folder[0].path.name))
+    return sorted(held, key=lambda folder: _pieces(str(folder[0].path.parent)))
 
 
 def _contradiction(by_name: list[ImageFile], by_date: list[ImageFile]) -> InputError:
@@ -213,17 +197,12 @@ def _across(a: int, b: int) -> int | None:
     return step if last >= _LEAST_LAST and b < a and step <= _WIDEST_GAP else None
 
 
-def count_images(files: Sequence[Path]) -> list[int]:
-    """Which trigger each image is of, from 1 on, by the numbers in the names.
-
-    Where the numbers do not rise in multiples of their smallest step, or leap far (times, for instance), the images
-    are counted one by one. From a folder or series to the next it is one step where the numbers do not go on.
-    """
-    return counted(files) or list(range(1, len(files) + 1))
-
-
 def counted(files: Sequence[Path]) -> list[int] | None:
-    """The same; None where the numbers tell nothing."""
+    """Which trigger each image is of, from 1 on, by the numbers in the names; None where these tell nothing.
+
+    That is where they do not rise in multiples of their smallest step, or leap far (times, for instance). From a folder
+    or series to the next it is one step where the numbers do not go on.
+    """
     numbers = _numbers(files)
     steps: list[int | None] = []
     for (file, (series, a)), (other, (following, b)) in pairwise(zip(files, numbers, strict=False)):

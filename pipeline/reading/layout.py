@@ -1,6 +1,6 @@
-"""What the records and chunks of an MCAP file hold, and how to take them from bytes with every length checked.
+"""Records of an MCAP file, taken from bytes with every length checked; the `mcap` package takes their fields apart.
 
-MCAP specification, https://mcap.dev/spec. The fields of a record are taken apart by the `mcap` package.
+MCAP specification: https://mcap.dev/spec.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Any, NamedTuple
+from itertools import islice
+from typing import Any, BinaryIO, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
@@ -22,30 +23,32 @@ from mcap.opcode import Opcode
 from wayside.pipeline.files.visible_text import visible
 
 MAGIC = b"\x89MCAP0\r\n"
-
-LAST_KNOWN = max(Opcode)
 ENDS = (Opcode.DATA_END, Opcode.FOOTER)
+LAST_KNOWN = max(Opcode)
 
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of what follows
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
-# start, end, unpacked size, checksum, length of the compression's name
-_CHUNK_HEAD = struct.Struct("<QQQII")
-LARGEST_CHUNK_HEAD = _CHUNK_HEAD.size + 64 + 8
+_FOOTER = RECORD_HEAD.pack(Opcode.FOOTER, 20)
+_SUMMARISED = Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS
 _LZ4_PIECE = 1 << 18
 
 LATEST_NS = 1 << 62
 """Times from here on (year 2116) are no times: sums and differences of two others fit 64 bits."""
-
 LARGEST_RECORD = 1 << 29
 """Longer records and larger chunks are taken for damage: half a gigabyte is far beyond any recorder's chunks."""
+UNPACKED_RATIO, EXTRA_BYTES = 255, 500_000
+"""lz4 reaches 255; the bytes added to the size of a log leave room for short ones of images of one colour."""
 
 _SHORTEST = (0, 8, 20, 14, 16, MESSAGE_HEAD.size, 40, 6, 64, 36, 48, 46, 8, 20, 17, 4)
 """Bytes that the fixed fields of each kind take, by opcode."""
 
 PARSED: dict[int, Any] = {
     Opcode.HEADER: records.Header,
+    Opcode.FOOTER: records.Footer,
     Opcode.SCHEMA: records.Schema,
     Opcode.CHANNEL: records.Channel,
+    Opcode.CHUNK: records.Chunk,
+    Opcode.STATISTICS: records.Statistics,
     Opcode.METADATA: records.Metadata,
     Opcode.ATTACHMENT: records.Attachment,
 }
@@ -73,32 +76,48 @@ class Channel:
 
 
 class RecordHead(NamedTuple):
-    """Kind of a record, how long its content is, and where the record begins in the file."""
+    """Kind of a record, and where in the file it begins, its content begins, and it ends."""
 
     opcode: int
-    length: int
     start: int
+    content: int
+    end: int
 
-    @property
-    def content(self) -> int:
-        """Where its content begins."""
-        return self.start + RECORD_HEAD.size
 
-    @property
-    def end(self) -> int:
-        """Where it ends."""
-        return self.content + self.length
+def parse_head(data: bytes, start: int) -> RecordHead | None:
+    """Head of the record that begins with these bytes; None where no record of its kind can be so long."""
+    if len(data) < RECORD_HEAD.size:
+        return None
+    opcode, length = RECORD_HEAD.unpack(data)
+    shortest = _SHORTEST[opcode] if opcode <= LAST_KNOWN else 1
+    longest = 1 << 62 if opcode == Opcode.ATTACHMENT else LARGEST_RECORD
+    step = {Opcode.MESSAGE_INDEX: 16}.get(opcode, 1)
+    if opcode in ENDS:
+        longest = shortest
+    if opcode == 0 or not shortest <= length <= longest or (length - shortest) % step:
+        return None
+    content = start + RECORD_HEAD.size
+    return RecordHead(opcode, start, content, content + length)
 
-    @property
-    def plausible(self) -> bool:
-        """Whether a record of this kind can be this long; none has opcode 0."""
-        opcode, length = self.opcode, self.length
-        shortest = _SHORTEST[opcode] if opcode <= LAST_KNOWN else 1
-        if opcode in ENDS:
-            return length == shortest
-        if opcode == 0 or (opcode == Opcode.MESSAGE_INDEX and length % 16 != shortest):
-            return False
-        return shortest <= length <= (1 << 62 if opcode == Opcode.ATTACHMENT else LARGEST_RECORD)
+
+@dataclass(slots=True)
+class Budget:
+    """Bytes that chunks of a log may still unpack to; a record counts as `UNPACKED_RATIO` of them."""
+
+    left: int
+
+    @classmethod
+    def of(cls, size: int) -> Budget:
+        """What a log of so many bytes may cost: a multiple of its size, whatever it states."""
+        return cls(UNPACKED_RATIO * (size + EXTRA_BYTES))
+
+    def take(self, cost: int) -> None:
+        """Use some of it; raises LayoutError where less is left."""
+        if cost > self.left:
+            raise LayoutError(
+                f"with what came before it unpacks to more than {UNPACKED_RATIO} times the size of the log"
+            )
+        self.left -= cost
 
 
 class _Content(ReadDataStream):
@@ -125,6 +144,8 @@ def parse_record(opcode: int, content: memoryview) -> tuple[Any, int]:
         record = PARSED[opcode].read(stream)
     except EndOfFile as error:
         raise LayoutError("a field of it reaches beyond its end") from error
+    except UnicodeDecodeError as error:
+        raise LayoutError("the name of its compression is no text") from error
     if opcode == Opcode.ATTACHMENT:
         end = stream.count - 4
         expected = int.from_bytes(content[end : end + 4], "little")
@@ -133,67 +154,45 @@ def parse_record(opcode: int, content: memoryview) -> tuple[Any, int]:
     return record, len(content) - stream.count
 
 
-@dataclass(frozen=True, slots=True)
-class ChunkHead:
-    """The head of a chunk's records; `size`: its own bytes."""
+def unpack_chunk(chunk: records.Chunk, budget: Budget) -> Iterator[tuple[int, memoryview]]:
+    """Opcode and content of the records of a chunk, as views.
 
-    unpacked_size: int
-    checksum: int
-    compression: str
-    size: int
-
-
-def parse_chunk_head(content: memoryview, record_length: int) -> ChunkHead:
-    """Head of a chunk by the content of its record, or the first `LARGEST_CHUNK_HEAD` bytes of it.
-
-    Raises LayoutError where it is cut off, or contradicts the length of the content.
+    Raises LayoutError where it cannot be unpacked or costs too much, or where its size, its checksum or the length of
+    a record in it is wrong.
     """
-    if len(content) < _CHUNK_HEAD.size + 8:
-        raise LayoutError("its head is incomplete")
-    _, _, unpacked, checksum, name_length = _CHUNK_HEAD.unpack_from(content)
-    size = _CHUNK_HEAD.size + name_length + 8
-    if size > min(len(content), LARGEST_CHUNK_HEAD):
-        raise LayoutError("the name of its compression is too long")
-    name = bytes(content[_CHUNK_HEAD.size : size - 8]).decode("ascii", "replace")
-    packed = int.from_bytes(content[size - 8 : size], "little")
-    if size + packed != record_length:
-        raise LayoutError(
-            f"its records have {packed} bytes, its length leaves room for {record_length - size}"
-        )
-    return ChunkHead(unpacked, checksum, name, size)
-
-
-def unpack_chunk(head: ChunkHead, packed: memoryview, *, whole: bool = True) -> memoryview:
-    """The records of a chunk as bytes; unless it is `whole`, what can be had of its front, which nothing can check.
-
-    Of lz4 and zstd whole blocks are unpacked. Whatever the compressed data would grow to, at most one byte more than
-    the head says is made. Raises LayoutError where it cannot be unpacked, or size or checksum of a whole one differs.
-    """
-    limit = head.unpacked_size + 1
+    if chunk.uncompressed_size > LARGEST_RECORD:
+        raise LayoutError(f"it says it unpacks to {chunk.uncompressed_size} bytes")
+    budget.take(chunk.uncompressed_size)
     try:
-        if head.compression == "lz4":
-            lz4_unpacker, pieces = lz4.frame.LZ4FrameDecompressor(), bytearray()
-            # Piece by piece: the package holds what one call unpacks several times over.
-            for start in range(0, len(packed), _LZ4_PIECE):
-                pieces += lz4_unpacker.decompress(packed[start : start + _LZ4_PIECE])
-                if len(pieces) >= limit or lz4_unpacker.eof:
-                    break
-            data = memoryview(pieces)
-        elif head.compression == "zstd":
-            unpacker = zstandard.ZstdDecompressor(max_window_size=LARGEST_RECORD)
-            with unpacker.stream_reader(packed, read_across_frames=True) as reader:
-                data = memoryview(reader.read(limit))
-        elif head.compression in ("", "none"):
-            data = packed
-        else:
-            raise ValueError("an unknown compression")
+        data = _unpacked(chunk.compression, chunk.data, chunk.uncompressed_size + 1)
     except (RuntimeError, EOFError, ValueError, MemoryError, zstandard.ZstdError) as error:
-        raise LayoutError(f"{head.compression} cannot unpack it ({error})") from error
-    if whole and len(data) != head.unpacked_size:
-        raise LayoutError(f"it unpacks to {len(data)} bytes instead of {head.unpacked_size}")
-    if whole and head.checksum and zlib.crc32(data) != head.checksum:
+        raise LayoutError(f"{chunk.compression} cannot unpack it ({error})") from error
+    if len(data) != chunk.uncompressed_size:
+        raise LayoutError(f"it unpacks to {len(data)} bytes instead of {chunk.uncompressed_size}")
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
         raise LayoutError("its checksum differs")
-    return data
+    most = budget.left // UNPACKED_RATIO + 1
+    budget.take(UNPACKED_RATIO * sum(1 for _ in islice(records_in(data), most)))
+    return records_in(data)
+
+
+def _unpacked(compression: str, packed: bytes, limit: int) -> memoryview:
+    """Unpacked bytes, about `limit` of them at most."""
+    if compression == "lz4":
+        unpacker, pieces = lz4.frame.LZ4FrameDecompressor(), bytearray()
+        # Piece by piece: the package holds what one call unpacks several times over.
+        for start in range(0, len(packed), _LZ4_PIECE):
+            pieces += unpacker.decompress(packed[start : start + _LZ4_PIECE])
+            if len(pieces) >= limit or unpacker.eof:
+                break
+        return memoryview(pieces)
+    if compression == "zstd":
+        zstd = zstandard.ZstdDecompressor(max_window_size=LARGEST_RECORD)
+        with zstd.stream_reader(packed, read_across_frames=True) as reader:
+            return memoryview(reader.read(limit))
+    if compression not in ("", "none"):
+        raise ValueError("an unknown compression")
+    return memoryview(packed)
 
 
 def records_in(data: memoryview) -> Iterator[tuple[int, memoryview]]:
@@ -207,3 +206,28 @@ def records_in(data: memoryview) -> Iterator[tuple[int, memoryview]]:
             raise LayoutError(f"a record in it of opcode {opcode} says it has {length} bytes")
         position = start + length
         yield opcode, data[start:position]
+
+
+def read_summary(stream: BinaryIO, size: int) -> list[Any]:
+    """Schemas, channels and statistics of the summary of a log of `size` bytes; moves the stream.
+
+    None where the log does not end in a summary, or it is damaged.
+    """
+    end = size - len(_FOOTER) - 20 - len(MAGIC)
+    stream.seek(max(end, 0))
+    tail = stream.read(size)
+    if not (tail.startswith(_FOOTER) and tail.endswith(MAGIC)):
+        return []
+    footer, _ = parse_record(Opcode.FOOTER, memoryview(tail)[len(_FOOTER) : -len(MAGIC)])
+    if not footer.summary_start or not 0 <= end - footer.summary_start <= LARGEST_RECORD:
+        return []
+    stream.seek(footer.summary_start)
+    section = stream.read(end - footer.summary_start)
+    checksum = zlib.crc32(tail[: -len(MAGIC) - 4], zlib.crc32(section))
+    if footer.summary_crc not in (0, checksum):
+        return []
+    try:
+        found = [one for one in records_in(memoryview(section)) if one[0] in _SUMMARISED]
+        return [parse_record(*one)[0] for one in found]
+    except LayoutError:
+        return []

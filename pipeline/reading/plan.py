@@ -311,11 +311,6 @@ def _without_value(survey: LogSurvey) -> Iterator[str]:
                 f"{silent} of {topic.count} messages of {shortened(topic.name)} hold no position, or one known to a "
                 "kilometre at best"
             )
-        if topic.in_part:
-            yield (
-                f"{topic.in_part} of {topic.count} messages of {shortened(topic.name)} state {topic.refused}: it is "
-                "taken as unknown, the rest is used"
-            )
 
 
 def _listing(survey: LogSurvey) -> str:

@@ -7,10 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.reading.clocks import Floats, Integers
 from wayside.pipeline.reading.contents import PoseContent
-from wayside.pipeline.reading.positions import interpolate
-from wayside.pipeline.reading.streams import Positions, Samples
+from wayside.pipeline.reading.series import Interpolated, Series
 from wayside.schemas.frame import Pose
 from wayside.stages.odometry import CameraPath
 
@@ -21,13 +19,13 @@ _LONGEST_CHAIN = 32
 class TransformTree:
     """All transforms of a log: each child frame in its parent."""
 
-    edges: dict[str, Positions] = field(default_factory=dict)
+    edges: dict[str, Series] = field(default_factory=dict)
 
     def add(self, log_ns: int, content: PoseContent) -> None:
         """Take in a transform; one that names no frames, or a frame as its own parent, is ignored."""
         child = bare(content.child)
         if child and child != bare(content.parent):
-            self.edges.setdefault(child, Positions()).add(log_ns, content)
+            self.edges.setdefault(child, Series()).add(log_ns, content)
 
     def parent(self, frame: str) -> str:
         """The frame that this one, which is known, is given in."""
@@ -59,24 +57,23 @@ class TransformTree:
             if edge.moves:
                 return None
             value = edge.values()[0]
-            rotation = Rotation.from_quat(value[3:]).as_matrix()
+            rotation = Rotation.from_quat(value[3:7]).as_matrix()
             total = Pose(rotation, value[:3]).compose(total)
         return total
 
 
-def _names(positions: Positions) -> tuple[str, str]:
+def _names(positions: Series) -> tuple[str, str]:
     """Parent and child of a stream of poses; both may be empty."""
     first = positions.first
     return (first.parent, first.child) if isinstance(first, PoseContent) else ("", "")
 
 
-def path_of(samples: Samples, time_ns: Integers) -> tuple[CameraPath, Floats]:
-    """Poses at the times of images, and their sigmas (k, 3)."""
-    found = interpolate(samples, time_ns)
-    rotation = np.tile(np.eye(3), (len(time_ns), 1, 1))
+def path_of(found: Interpolated) -> CameraPath:
+    """Poses at the times of images as a path."""
+    rotation = np.tile(np.eye(3), (len(found.known), 1, 1))
     if found.known.any():
-        rotation[found.known] = Rotation.from_quat(found.value[found.known, 3:]).as_matrix()
-    return CameraPath(found.known, rotation, found.value[:, :3]), found.sigma
+        rotation[found.known] = Rotation.from_quat(found.value[found.known, 3:7]).as_matrix()
+    return CameraPath(found.known, rotation, found.value[:, :3])
 
 
 def composed(outer: CameraPath, inner: CameraPath) -> CameraPath:
@@ -91,7 +88,7 @@ def fixed(pose: Pose, count: int) -> CameraPath:
     return CameraPath(np.ones(count, np.bool_), rotation, centre)
 
 
-def mount_of(tree: TransformTree, positions: Positions, camera_frame: str) -> list[str] | None:
+def mount_of(tree: TransformTree, positions: Series, camera_frame: str) -> list[str] | None:
     """Frames from the camera up to the one that poses are of. Empty: the camera itself. None: the log does not say.
 
     A pose that names no child is the camera's own, unless transforms mount the camera on a body: then it is that

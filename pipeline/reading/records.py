@@ -8,19 +8,19 @@ is needed.
 from __future__ import annotations
 
 import os
+import re
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
-from itertools import islice
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Metadata
+from mcap.records import Attachment, Chunk, Metadata, Schema, Statistics
+from mcap.records import Channel as ChannelRecord
 
 from wayside.pipeline.files.input_files import open_input
-from wayside.pipeline.reading.bounds import Allowance
-from wayside.pipeline.reading.definitions import Definitions, read_summary
 from wayside.pipeline.reading.layout import (
     ENDS,
     LAST_KNOWN,
@@ -28,20 +28,30 @@ from wayside.pipeline.reading.layout import (
     MAGIC,
     MESSAGE_HEAD,
     PARSED,
+    RECORD_HEAD,
+    Budget,
     Channel,
     LayoutError,
     RecordHead,
-    parse_chunk_head,
+    parse_head,
     parse_record,
-    records_in,
+    read_summary,
     unpack_chunk,
 )
 from wayside.pipeline.reading.parts import LogParts, log_parts
-from wayside.pipeline.reading.resync import LARGEST_ATTACHMENT, RecordFinder
-from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.schemas.errors import InputError
 
-__all__ = ["Attachment", "Message", "Metadata", "messages_at", "scan"]
+__all__ = ["Attachment", "Message", "Metadata", "Problem", "ScanReport", "messages_at", "scan"]
+
+MOST_PROBLEMS = 200
+"""Problems kept in words; further ones are counted only, so that a hopeless file cannot fill the memory."""
+_LARGEST_ATTACHMENT = 1 << 20
+"""Larger attachments are passed over unread: a calibration is a few hundred bytes."""
+_WINDOW = 1 << 14
+# Records shorter than four gigabytes. Messages and definitions stand in chunks as well: where there are chunks, what
+# looks like one is the inside of a broken chunk.
+_OUTSIDE_CHUNKS = re.compile(rb"[\x06\x09\x0c\x0f](?=.{4}\x00{4})", re.DOTALL)
+_ANYWHERE = re.compile(rb"[\x03-\x06\x09\x0c\x0f](?=.{4}\x00{4})", re.DOTALL)
 
 
 class Message(NamedTuple):
@@ -57,13 +67,71 @@ class Message(NamedTuple):
 Content = Message | Metadata | Attachment
 
 
-def scan(path: Path, report: ScanReport, allowance: Allowance | None = None) -> Iterator[Content]:
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Something in the log that could not be used, where it begins, and what it cost."""
+
+    offset: int
+    what: str
+    part: str = ""
+    """File of a bag in which the offset counts; empty: the log is one file."""
+
+    def __str__(self) -> str:
+        """One line for a person."""
+        where = f"{self.part}, at byte" if self.part else "at byte"
+        return f"{where} {self.offset}: {self.what}"
+
+
+@dataclass(slots=True)
+class ScanReport:
+    """What a scan came across, filled while it runs.
+
+    `messages_stated`: how many messages the summary counts, None where it does not say or was not reached.
+    `unchecked_messages`: those outside of chunks with a checksum. `unknown_records`: of kinds that are not known.
+    `part`: file of a bag that is being read, empty where the log is one file.
+    """
+
+    part: str = ""
+    bytes_total: int = 0
+    bytes_read: int = 0
+    messages: int = 0
+    unchecked_messages: int = 0
+    messages_stated: int | None = None
+    chunks: int = 0
+    lost_chunks: int = 0
+    unknown_records: int = 0
+    compressions: Counter[str] = field(default_factory=Counter)
+    problems: list[Problem] = field(default_factory=list)
+    problem_count: int = 0
+
+    @property
+    def unchecked(self) -> list[str]:
+        """What may have been lost without a trace, in words."""
+        notes = []
+        if self.unchecked_messages:
+            some = f"{self.unchecked_messages} of {self.messages} messages have"
+            what = "the log has" if self.unchecked_messages == self.messages else some
+            notes.append(f"{what} no checksum: damage inside of messages would not show")
+        if self.unknown_records:
+            notes.append(f"{self.unknown_records} records of unknown kinds were passed over")
+        return notes
+
+    def add_problem(self, offset: int, what: str) -> None:
+        """Count a problem and keep its words while there is room."""
+        self.problem_count += 1
+        if self.problem_count <= MOST_PROBLEMS:
+            self.problems.append(Problem(offset, what, self.part))
+        elif self.problem_count == MOST_PROBLEMS + 1:
+            self.problems.append(Problem(offset, "more problems follow, not listed"))
+
+
+def scan(path: Path, report: ScanReport) -> Iterator[Content]:
     """Messages, metadata and small attachments of a log in file order; of a bag directory, one part after the other.
 
-    Memory is bounded by the largest chunk (at most `LARGEST_RECORD`), time by the allowance. Damage is counted in
+    Memory is bounded by the largest chunk (at most `LARGEST_RECORD`), time by the size of the log. Damage is counted in
     `report.problems` and stepped over: a chunk whose checksum, compression or inner lengths are wrong is lost as a
-    whole, a wrong record length costs that record. Of a chunk that the end of the file cuts off, the whole messages
-    before the cut come.
+    whole, and so is one that the end of the file cuts off. A wrong record length costs that record, and the one before
+    where nothing else tells its length.
 
     Raises
     ------
@@ -71,10 +139,10 @@ def scan(path: Path, report: ScanReport, allowance: Allowance | None = None) -> 
         The file cannot be opened, is empty, or is no MCAP; a directory is no ROS 2 bag of MCAP parts.
     """
     parts = log_parts(path)
-    report.bytes_total, stated = parts.size, []
+    report.bytes_total, stated, budget = parts.size, [], Budget.of(parts.size)
     for file, start in zip(parts.files, parts.starts, strict=True):
         report.part = file.name if len(parts.files) > 1 else ""
-        with _opened(file, report, replace(allowance or Allowance()), start) as scanner:
+        with _opened(file, report, budget, start) as scanner:
             yield from scanner.run()
             stated.append(scanner.messages_stated)
     report.part, report.bytes_read = "", report.bytes_total
@@ -88,17 +156,18 @@ def scan(path: Path, report: ScanReport, allowance: Allowance | None = None) -> 
 
 
 def messages_at(
-    parts: LogParts, offset: int, channels: Iterable[Channel], allowance: Allowance
+    parts: LogParts, offset: int, channels: Iterable[Channel], budget: Budget
 ) -> list[Message]:
     """Messages of the one record at an offset of a log scanned before, of the channels known there.
 
-    Raises InputError as `scan`, and where the record cannot be read any more, or only beyond the allowance.
+    Raises InputError as `scan`, and where the record cannot be read any more, or only beyond the budget.
     """
     path, place = parts.at(offset)
-    with _opened(path, ScanReport(bytes_read=place), allowance, offset - place) as scanner:
-        scanner.definitions.know(channels)
+    with _opened(path, ScanReport(bytes_read=place), budget, offset - place) as scanner:
+        scanner.channels = {channel.id: channel for channel in channels}
+        scanner.schemas = {c.schema_id: c.schema for c in scanner.channels.values() if c.schema}
         try:
-            head = scanner.finder.head_at(place)
+            head = scanner.head_at(place)
             if head is None:
                 raise LayoutError("no record begins here")
             return [one for one in scanner.content(head) if isinstance(one, Message)]
@@ -110,7 +179,7 @@ def messages_at(
 
 
 @contextmanager
-def _opened(path: Path, report: ScanReport, allowance: Allowance, start: int) -> Iterator[_Scanner]:
+def _opened(path: Path, report: ScanReport, budget: Budget, start: int) -> Iterator[_Scanner]:
     """One file, open; what the system refuses becomes an InputError."""
     try:
         stream = open_input(path)
@@ -121,7 +190,7 @@ def _opened(path: Path, report: ScanReport, allowance: Allowance, start: int) ->
         ) from error
     with stream:
         try:
-            yield _Scanner(path, stream, report, allowance, start)
+            yield _Scanner(path, stream, report, budget, start)
         except OSError as error:
             raise InputError(
                 f"{path}: reading stopped at byte {report.bytes_read}: {error.strerror or error}. "
@@ -133,78 +202,56 @@ class _Scanner:
     """One pass over one file, which begins at `base` of the log.
 
     A record that contradicts itself is lost, and so is what no record can be told in. Reading goes on where the record
-    says that it ends, if another begins there; else at the next record that can be recognised.
+    says that it ends, if another can begin there; else at the next record that can be recognised.
     """
 
     def __init__(
-        self, path: Path, stream: BinaryIO, report: ScanReport, allowance: Allowance, base: int
+        self, path: Path, stream: BinaryIO, report: ScanReport, budget: Budget, base: int
     ) -> None:
-        self.path, self.report, self.allowance, self.base = path, report, allowance, base
+        self.path, self.stream, self.report, self.base = path, stream, report, base
         self.size = os.fstat(stream.fileno()).st_size
-        self.definitions = Definitions()
-        self.finder = RecordFinder(stream, self.definitions.channels, self.size)
+        self.budget = budget
+        self.channels: dict[int, Channel] = {}
+        self.schemas: dict[int, Schema] = {}
+        self.chunked = False
         self.messages_stated: int | None = None
         self.searched = 0
-        self.lost: dict[int, tuple[int, int]] = {}  # by channel: first message and count
+        self.undefined: dict[int, tuple[int, int]] = {}  # by channel: first message and count
 
     def run(self) -> Iterator[Content]:
         """All records that can be read, in file order."""
         self._check_magic()
-        finder, position = self.finder, len(MAGIC)
-        summary = read_summary(finder.stream, self.size)
-        if summary is not None:
-            finder.end, finder.cut, finder.chunked = summary.start, False, bool(summary.chunks)
-            self.messages_stated = summary.messages
-            for record in summary.definitions:
-                self.definitions.add(record)
-        whole = position
-        while position < finder.end:
-            head = finder.head_at(position)
+        for record in read_summary(self.stream, self.size):
+            self._define(record)
+        whole = len(MAGIC)
+        position: int | None = whole
+        while position is not None and position < self.size:
+            head = self.head_at(position)
             if head is not None and head.opcode in ENDS:
                 self._look_behind(head)
                 break
-            if head is not None and head.end > finder.end and not self._is_cut_chunk(head):
-                head = None
             try:
-                if head is None:
+                if head is None or head.end > self.size:
                     raise LayoutError("no record can begin here")
-                if head.opcode == Opcode.MESSAGE:
-                    self._check_length(head)
-                    finder.chunked = False
                 yield from self.content(head)
-                position = head.end
-                whole = whole if position > finder.end else position
+                position = whole = head.end
             except LayoutError as error:
                 position = self._lose(position, head, error)
-            self.report.bytes_read = self.base + min(position, self.size)
+            self.report.bytes_read = self.base + (position or self.size)
         else:
-            if finder.cut:
-                self.report.add_problem(
-                    whole,
-                    "the log ends without its end mark: the recording was cut off "
-                    f"{self.size - whole} bytes behind its last whole record",
-                )
-        for channel_id, (start, count) in self.lost.items():
+            self.report.add_problem(
+                whole,
+                "the log ends without its end mark: the recording was cut off "
+                f"{self.size - whole} bytes behind its last whole record",
+            )
+        for channel_id, (start, count) in self.undefined.items():
             self.report.add_problem(
                 start,
                 f"{count} messages of channel {channel_id} lost: its definition, or that of its schema, is missing",
             )
 
-    def _look_behind(self, head: RecordHead) -> None:
-        """Count bytes behind the end mark, as where two logs were put into one file."""
-        end: RecordHead | None = head
-        while end is not None and end.opcode != Opcode.FOOTER:
-            end = self.finder.head_at(end.end)
-        behind = self.size if end is None else end.end + len(MAGIC)
-        if behind < self.size:
-            self.report.add_problem(
-                behind,
-                f"{self.size - behind} bytes lost: they lie behind the end mark of the log; if they are another log, "
-                "part the file there and use `wayside join`",
-            )
-
     def _check_magic(self) -> None:
-        found = bytes(self.finder.bytes_at(0, len(MAGIC)))
+        found = self._bytes_at(0, len(MAGIC))
         if found == MAGIC and self.size > 2 * len(MAGIC):
             return
         what = f"a file that begins with {found!r}" if found else "an empty file"
@@ -215,109 +262,146 @@ class _Scanner:
             "numbered images with `wayside import`, and convert other recordings to MCAP."
         )
 
+    def _look_behind(self, head: RecordHead) -> None:
+        """Count bytes behind the end mark, as where two logs were put into one file."""
+        end: RecordHead | None = head
+        while end is not None and end.opcode != Opcode.FOOTER:
+            end = self.head_at(end.end)
+        behind = self.size if end is None else end.end + len(MAGIC)
+        if behind < self.size:
+            self.report.add_problem(
+                behind,
+                f"{self.size - behind} bytes lost: they lie behind the end mark of the log; if they are another log, "
+                "part the file there and use `wayside join`",
+            )
+
     def content(self, head: RecordHead) -> Iterator[Content]:
         """What a record holds; raises LayoutError, before anything comes, where it contradicts itself."""
-        opcode = head.opcode
-        if opcode == Opcode.CHUNK:
-            yield from self._chunk(head)
+        opcode, report = head.opcode, self.report
+        report.chunks += opcode == Opcode.CHUNK
+        report.unknown_records += opcode > LAST_KNOWN
+        unread = opcode > LAST_KNOWN or opcode == Opcode.MESSAGE_INDEX
+        if unread or (opcode == Opcode.ATTACHMENT and head.end - head.start > _LARGEST_ATTACHMENT):
+            self._check_length(head)
         elif opcode == Opcode.MESSAGE:
-            yield from self._message(self._bytes(head), head.start, checked=False)
-        elif opcode in PARSED and (
-            opcode != Opcode.ATTACHMENT or head.length <= LARGEST_ATTACHMENT
-        ):
-            record, left = parse_record(opcode, self._bytes(head))
+            self._check_length(head)
+            yield from self._message(memoryview(self._content(head)), head.start, checked=False)
+        elif opcode in PARSED:
+            record, left = parse_record(opcode, memoryview(self._content(head)))
             if left:  # as fields to come may be
                 self._check_length(head)
-            if isinstance(record, Metadata | Attachment):
+            if isinstance(record, Chunk):
+                yield from self._chunk(record, head.start)
+            elif isinstance(record, Metadata | Attachment):
                 yield record
             else:
-                self.definitions.add(record)
-        elif opcode > LAST_KNOWN or opcode in (Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX):
-            self._check_length(head)
-            self.report.unknown_records += opcode > LAST_KNOWN
+                self._define(record)
         else:
             raise LayoutError("records of its kind have no place among messages")
 
-    def _check_length(self, head: RecordHead) -> None:
-        """Raise LayoutError where a record whose content does not tell how long it is cannot be as long as it says."""
-        if not self.finder.follows(head.end):
-            raise LayoutError("no other record begins where it says that it ends")
-
-    def _chunk(self, head: RecordHead) -> Iterator[Message]:
-        """Messages of a chunk; of one that the end of the file cuts off those that stand whole before the cut."""
-        report, cut = self.report, head.end > self.finder.end
-        report.chunks += 1
-        content = self._bytes(head)
-        chunk = parse_chunk_head(content, head.length)
-        self.finder.chunked = True
-        read = min(head.end, self.size)
-        self.allowance.take_bytes(chunk.unpacked_size, read)
-        data = unpack_chunk(chunk, content[chunk.size :], whole=not cut)
-        most = self.allowance.records_left(read)
-        if not cut:  # as a whole or not at all
-            self.allowance.take_records(sum(1 for _ in islice(records_in(data), most + 1)), read)
-        report.compressions[chunk.compression or "none"] += 1
-        try:
-            for opcode, inner in islice(records_in(data), most):
-                if opcode == Opcode.MESSAGE:
-                    checked = chunk.checksum != 0 and not cut
-                    yield from self._message(inner, head.start, checked=checked)
-                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    self.definitions.add(parse_record(opcode, inner)[0])
-        except LayoutError:
-            if not cut:
-                raise
+    def _chunk(self, chunk: Chunk, start: int) -> Iterator[Message]:
+        self.chunked = True
+        found = unpack_chunk(chunk, self.budget)
+        self.report.compressions[chunk.compression or "none"] += 1
+        for opcode, inner in found:
+            if opcode == Opcode.MESSAGE:
+                yield from self._message(inner, start, checked=chunk.uncompressed_crc != 0)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                self._define(parse_record(opcode, inner)[0])
 
     def _message(self, content: memoryview, start: int, *, checked: bool) -> Iterator[Message]:
         """The message, if its channel and time are known."""
         channel_id, sequence, log_time_ns, _ = MESSAGE_HEAD.unpack_from(content)
-        channel = self.definitions.channels.get(channel_id)
+        channel = self.channels.get(channel_id)
         if channel is None:
-            first, count = self.lost.get(channel_id, (start, 0))
-            self.lost[channel_id] = first, count + 1
+            first, count = self.undefined.get(channel_id, (start, 0))
+            self.undefined[channel_id] = first, count + 1
         elif log_time_ns >= LATEST_NS:
             self.report.add_problem(
                 start, f"a message of {channel.topic} lost: its time is after the year 2116"
             )
         else:
-            self.report.add_message(log_time_ns, checked=checked)
+            self.report.messages += 1
+            self.report.unchecked_messages += not checked
             data = content[MESSAGE_HEAD.size :]
             yield Message(channel, sequence, log_time_ns, data, self.base + start)
 
-    def _lose(self, start: int, head: RecordHead | None, error: LayoutError) -> int:
-        """Report what is lost from `start` on, where `head` stands if any can; where to go on.
+    def _define(self, record: object) -> None:
+        """Take in a definition; a channel whose schema is missing is not defined."""
+        if isinstance(record, Statistics):
+            self.messages_stated, self.chunked = record.message_count, record.chunk_count > 0
+        elif isinstance(record, Schema):
+            self.schemas[record.id] = record
+        elif isinstance(record, ChannelRecord):
+            schema = self.schemas.get(record.schema_id)
+            channel = Channel(
+                record.id, record.topic, record.message_encoding, record.schema_id, schema
+            )
+            if schema is None and channel.schema_id:
+                self.channels.pop(channel.id, None)
+            elif self.channels.get(channel.id) != channel:  # some writers repeat it in every chunk
+                self.channels[channel.id] = channel
+
+    def _lose(self, start: int, head: RecordHead | None, error: LayoutError) -> int | None:
+        """Report what is lost from `start` on, where `head` stands if any can; where to go on, None: nowhere.
 
         Within what one damaged length covers only the first such record is searched, or the cost would be the square of
         the size.
         """
-        finder, kind = self.finder, "record"
+        kind, position = "record", None
         if head is None:
-            position = finder.find(start + 1)
-            if position is None and finder.cut:
-                return finder.end  # told as the cut
+            position = self._find(start + 1)
         else:
-            position = head.end
             if head.opcode <= LAST_KNOWN:
                 kind = Opcode(head.opcode).name.lower().replace("_", " ")
-            if not finder.follows(head.end):
-                position = finder.find(head.content if start >= self.searched else head.end)
+            if self._can_follow(head.end):
+                position = head.end
+            else:
+                position = self._find(head.content if start >= self.searched else head.end)
                 self.searched = max(self.searched, head.end)
-            self.report.lost_chunks += head.opcode == Opcode.CHUNK
-        position = finder.end if position is None else position
-        self.report.add_problem(start, f"{kind} of {position - start} bytes lost: {error}")
+        if position is not None:
+            self.report.lost_chunks += kind == "chunk"
+            self.report.add_problem(start, f"{kind} of {position - start} bytes lost: {error}")
         return position
 
-    def _is_cut_chunk(self, head: RecordHead) -> bool:
-        """Whether the end of the file cuts off a chunk. Bytes after its head are then not records of the file."""
-        if not (self.finder.cut and self.finder.is_chunk(head)):
-            return False
-        self.finder.chunked = True
-        return self.finder.find(head.start + 1) is None
+    def _find(self, start: int) -> int | None:
+        """Offset of the first record from `start` on behind which another can begin, or None."""
+        pattern = _OUTSIDE_CHUNKS if self.chunked else _ANYWHERE
+        while start < self.size:
+            window = self._bytes_at(start, _WINDOW + RECORD_HEAD.size)
+            for match in pattern.finditer(window):
+                head = self.head_at(start + match.start())
+                if head is not None and match.start() < _WINDOW and self._can_follow(head.end):
+                    return head.start
+            start += _WINDOW
+        return None
 
-    def _bytes(self, head: RecordHead) -> memoryview:
-        """Content of a record up to the end of the file, whose size says that it is there."""
-        count = min(head.length, self.size - head.content)
-        content = self.finder.bytes_at(head.content, count)
-        if len(content) < count:
+    def _check_length(self, head: RecordHead) -> None:
+        """Raise LayoutError where a record whose content does not tell how long it is cannot be as long as it says."""
+        if not self._can_follow(head.end):
+            raise LayoutError("no other record begins where it says that it ends")
+
+    def _can_follow(self, offset: int) -> bool:
+        """Whether a record can begin here, or too little is left of the file for one.
+
+        Records of unknown kinds look like garbage: behind them another must begin.
+        """
+        head = self.head_at(offset)
+        if head is None:
+            return 0 <= self.size - offset < RECORD_HEAD.size
+        return head.opcode <= LAST_KNOWN or self.head_at(head.end) is not None
+
+    def head_at(self, offset: int) -> RecordHead | None:
+        """Head of a record, None where none can begin; it may reach beyond the end."""
+        return parse_head(self._bytes_at(offset, RECORD_HEAD.size), offset)
+
+    def _bytes_at(self, offset: int, count: int) -> bytes:
+        """So many bytes, or as many as there are."""
+        self.stream.seek(offset)
+        return self.stream.read(count)
+
+    def _content(self, head: RecordHead) -> bytes:
+        content = self._bytes_at(head.content, head.end - head.content)
+        if len(content) < head.end - head.content:
             raise OSError("the file became shorter while it was read")
         return content

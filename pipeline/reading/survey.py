@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import itemgetter
 from pathlib import Path
 
-from wayside.pipeline.reading.bounds import Allowance
-from wayside.pipeline.reading.camera_file import LARGEST_FILE, parse_camera
+from wayside.pipeline.reading.camera_file import parse_camera
 from wayside.pipeline.reading.contents import (
     CalibrationContent,
     Content,
@@ -27,9 +26,8 @@ from wayside.pipeline.reading.image_headers import (
 from wayside.pipeline.reading.layout import Channel
 from wayside.pipeline.reading.messages import Decoders, Kind, kind_of
 from wayside.pipeline.reading.poses import TransformTree
-from wayside.pipeline.reading.records import Attachment, Message, Metadata, scan
-from wayside.pipeline.reading.scan_report import ScanReport
-from wayside.pipeline.reading.streams import CameraTrack, ImageIndex, Positions
+from wayside.pipeline.reading.records import Attachment, Message, Metadata, ScanReport, scan
+from wayside.pipeline.reading.series import Series
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 from wayside.stages.imaging import used_bits
@@ -54,8 +52,7 @@ class Topic:
 
     `first`: of images the first that decodes; where none does the first, with the reason in `flaw`. `bits`: those that
     its images of 16 bits use (0: none are). `frames`: `frame_id` of images, up to `MOST_FRAMES`, each with the number
-    of images and those of the first and the last of them. `in_part`: contents of which something is refused and the
-    rest used. `refused`: what, of the first of them.
+    of images and those of the first and the last of them.
     """
 
     name: str
@@ -72,8 +69,6 @@ class Topic:
     flaw: str = ""
     bits: int = 0
     fault: str = ""
-    in_part: int = 0
-    refused: str = ""
     frames: dict[str, tuple[int, int, int]] = field(default_factory=dict)
 
     @property
@@ -116,20 +111,22 @@ class LogSurvey:
     """What was found in a log.
 
     `images`: of each image topic, of `camera` alone where that is chosen. `calibrations`, `positions`: of each topic
-    and schema. `tree`: of all transforms. `channels`: by id, each with the offset of its first message, in file order.
+    and schema, the former with log and header time. `tree`: of all transforms. `channels`: by id, each with the offset
+    of its first message, in file order.
     """
 
     path: Path
     camera: str = ""
     scan: ScanReport = field(default_factory=ScanReport)
     topics: dict[TopicKey, Topic] = field(default_factory=dict)
-    images: dict[str, ImageIndex] = field(default_factory=dict)
-    calibrations: dict[TopicKey, CameraTrack] = field(default_factory=dict)
-    positions: dict[TopicKey, Positions] = field(default_factory=dict)
+    images: dict[str, Series] = field(default_factory=dict)
+    calibrations: dict[TopicKey, list[tuple[int, int, CalibrationContent]]] = field(
+        default_factory=dict
+    )
+    positions: dict[TopicKey, Series] = field(default_factory=dict)
     channels: dict[int, list[tuple[int, Channel]]] = field(default_factory=dict)
     tree: TransformTree = field(default_factory=TransformTree)
     attached: tuple[str, Camera] | None = None
-    attachment_bytes: int = 0
     spacing_m: float = 0.0
     by_number: bool = False
     image_names: dict[str, str] = field(default_factory=dict)
@@ -156,7 +153,7 @@ class LogSurvey:
         return [channel for place, channel in known if place <= offset]
 
 
-def survey_log(path: Path, camera: str = "", *, allowance: Allowance | None = None) -> LogSurvey:
+def survey_log(path: Path, camera: str = "") -> LogSurvey:
     """Read all of a log, in memory that holds no images, and tell what is in it.
 
     camera: the image topic that is wanted; empty: any. Raises InputError where the file is no MCAP log or cannot be
@@ -164,7 +161,7 @@ def survey_log(path: Path, camera: str = "", *, allowance: Allowance | None = No
     """
     survey = LogSurvey(path, camera)
     decoders = Decoders()
-    for record in scan(path, survey.scan, allowance):
+    for record in scan(path, survey.scan):
         if isinstance(record, Metadata):
             _take_metadata(survey, record)
         elif isinstance(record, Attachment):
@@ -184,8 +181,9 @@ def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> No
     topic = survey.topics.get(key)
     if topic is None:
         topic = Topic(channel.topic, channel.schema_name, channel.encoding, kind_of(channel))
-        topic.first_log_ns = message.log_time_ns
         survey.topics[key] = topic
+    first = topic.first_log_ns if topic.count else message.log_time_ns
+    topic.first_log_ns = min(first, message.log_time_ns)
     topic.count += 1
     topic.last_log_ns = max(topic.last_log_ns, message.log_time_ns)
     is_image = survey.is_indexed(channel)
@@ -199,7 +197,7 @@ def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> No
     except ContentError as error:
         _fail(topic, message.offset, str(error))
     if is_image:
-        index = survey.images.setdefault(channel.topic, ImageIndex())
+        index = survey.images.setdefault(channel.topic, Series())
         index.stamp(message.log_time_ns, contents[0].time_ns if contents else None)
         index.offset.append(message.offset)
     for content in contents:
@@ -213,7 +211,10 @@ def _take_content(
         if not (content.raw or content.rectified):
             _fail(topic, message.offset, content.why)
             return
-        survey.calibrations.setdefault(key, CameraTrack()).add(message.log_time_ns, content)
+        track = survey.calibrations.setdefault(key, [])
+        untimed = replace(content, time_ns=None)
+        same = track[-1][2] if track and track[-1][2] == untimed else untimed  # kept once
+        track.append((message.log_time_ns, content.time_ns or 0, same))
     elif isinstance(content, ImageContent):
         count, first, _ = topic.frames.get(content.frame_id, (0, topic.usable, 0))
         if count or len(topic.frames) < MOST_FRAMES:
@@ -227,11 +228,8 @@ def _take_content(
     else:
         if isinstance(content, FixContent):
             key = key[0], ""  # fixes of one topic are one stream, whatever their schemas
-        survey.positions.setdefault(key, Positions()).add(message.log_time_ns, content)
+        survey.positions.setdefault(key, Series()).add(message.log_time_ns, content)
     topic.usable += 1
-    if isinstance(content, PoseContent | FixContent) and content.refused:
-        topic.in_part += 1
-        topic.refused = topic.refused or content.refused
     topic.first = topic.first or content
 
 
@@ -258,12 +256,9 @@ def _take_metadata(survey: LogSurvey, record: Metadata) -> None:
 
 
 def _take_attachment(survey: LogSurvey, record: Attachment) -> None:
-    """Read an attached calibration: a text with its words, of `LARGEST_FILE` in all, and none after the first."""
-    size = survey.attachment_bytes + len(record.data)
-    is_one = b"camera_matrix" in record.data and survey.attached is None
-    if not is_one or size > LARGEST_FILE:
+    """Read an attached calibration: a text with its words, and none after the first."""
+    if b"camera_matrix" not in record.data or survey.attached is not None:
         return
-    survey.attachment_bytes = size
     try:
         camera = parse_camera(record.data.decode("utf-8"), record.name)
         survey.attached = record.name, camera

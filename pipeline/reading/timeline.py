@@ -3,32 +3,34 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from operator import itemgetter
 
 import numpy as np
 
 from wayside.pipeline.reading.agreement import (
     MotionStream,
     believed,
-    clock_set_at,
     image_steps,
     looks_aside,
 )
 from wayside.pipeline.reading.clocks import (
     Integers,
     StreamTimes,
+    clock_set_at,
     pair_times,
 )
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.plan import Plan, shortened
 from wayside.pipeline.reading.poses import composed, fixed, mount_of, path_of
-from wayside.pipeline.reading.positions import (
+from wayside.pipeline.reading.series import (
     Interpolated,
+    Samples,
+    Series,
     continuous_longitudes,
     interpolate,
     metres,
     possible,
 )
-from wayside.pipeline.reading.streams import Positions, Samples
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera, Fix, Pose, PosePrior
 from wayside.stages.geometry import turn_deg
@@ -73,7 +75,7 @@ class Timeline:
         if self.fixes is None or not self.fixes.known[row]:
             return None
         latitude, longitude, altitude = self.fixes.value[row, :3].tolist()
-        east, north, up = self.fixes.sigma[row].tolist()
+        east, north, up = self.fixes.value[row, 7:].tolist()
         sigma = None if np.isnan(east) else (east, north, up)
         span_s = float(self.fixes.span_s[row])
         return Fix(latitude, turn_deg(0.0, longitude), altitude, sigma, span_s)
@@ -90,18 +92,16 @@ def make_timeline(plan: Plan) -> Timeline:
             f"{plan.survey.path}: the order of the images of {shortened(plan.camera.name)} is not known. Their times "
             "go back and overlap, as after a clock was set. Cut the log there and run each part."
         )
+    if row := clock_set_at(times.capture_ns):
+        raise InputError(
+            f"{plan.survey.path}: the clock was set back during the recording, or its parts stand in a wrong order. "
+            f"Image {row} of {shortened(plan.camera.name)} is {_seconds(int(np.diff(times.capture_ns)[row - 1]))} "
+            "earlier than the one before it. Cut the log there and run each part, or sort it by time (mcap sort)."
+        )
     order = np.argsort(times.capture_ns, kind="stable")
     timeline = Timeline(order, times, _cameras(plan, times))
     if times.off:
         timeline.notes.append(_off_words(times, plan.camera.name))
-    row = clock_set_at(plan, times.capture_ns, timeline.cameras)
-    if row is not None:
-        raise InputError(
-            f"{plan.survey.path}: the clock was set back during the recording. Image {row} of "
-            f"{shortened(plan.camera.name)} shows the place of the one before it in the file, and its time is "
-            f"{_seconds(int(times.capture_ns[row - 1] - times.capture_ns[row]))} earlier. Cut the log there and run "
-            "each part."
-        )
     timeline.fixes = _fixes(plan, timeline)
     streams = [one for one in _motion_streams(plan, timeline) if one.path.known.any()]
     streams = [one for one in streams if _has_scale(plan, one, timeline)]
@@ -112,7 +112,7 @@ def make_timeline(plan: Plan) -> Timeline:
                 f"{plan.survey.path}: the camera {shortened(plan.camera.name)} looks across its way; signs are found "
                 "by a camera that looks ahead: choose another with --camera"
             )
-        timeline.motion = believed(streams, steps, timeline.notes)
+        timeline.motion = believed(streams, steps, order, times.capture_ns, timeline.notes)
     if timeline.motion is None and timeline.fixes is None and not plan.spacing_m:
         raise InputError(
             f"{plan.survey.path}: nothing tells how far the camera moved: {'; '.join(timeline.notes)}; "
@@ -128,7 +128,7 @@ def _has_scale(plan: Plan, stream: MotionStream, timeline: Timeline) -> bool:
     rows = timeline.order[(stream.path.known & timeline.fixes.known)[timeline.order]]
     if not len(rows):
         return True
-    fixes = metres(Samples(rows, timeline.fixes.value[rows], timeline.fixes.sigma[rows]))
+    fixes = metres(timeline.fixes.value[rows, :3])
     ratios, start = [], 0
     for end in range(1, len(rows)):
         by_fixes = float(np.linalg.norm(fixes[end, :2] - fixes[start, :2]))
@@ -148,31 +148,28 @@ def _has_scale(plan: Plan, stream: MotionStream, timeline: Timeline) -> bool:
 
 def _cameras(plan: Plan, times: StreamTimes) -> list[Camera | None]:
     """The calibration in force at each image: the latest, or the first for the images before it."""
+    count = len(times.log_ns)
     if plan.camera_given is not None:
-        return [plan.camera_given] * len(times.log_ns)
-    assert plan.calibration is not None
-    track = plan.survey.calibrations[plan.calibration.name, plan.calibration.schema]
-    own = [one.frame_id not in plan.other_frames for one in track.contents]
-    cameras = [
-        plan.camera_of(c) if is_own else None for c, is_own in zip(track.contents, own, strict=True)
+        return [plan.camera_given] * count
+    topic = plan.calibration
+    assert topic is not None
+    track = plan.survey.calibrations[topic.name, topic.schema]
+    by_header = times.has_header and all(header_ns for _, header_ns, _ in track)
+    track = sorted(track, key=itemgetter(int(by_header)))
+    own = [
+        (c[by_header], c[2], plan.camera_of(c[2]))
+        for c in track
+        if c[2].frame_id not in plan.other_frames
     ]
-    stated = np.array(track.row)
-    held = np.flatnonzero(np.array([camera is not None for camera in cameras])[stated])
-    lost = int(np.array(own)[stated].sum()) - len(held)
-    if lost:
-        plan.calibration.failed += lost
-        reasons = (
-            c.why or c.why_rectified
-            for c, camera in zip(track.contents, cameras, strict=True)
-            if camera is None
-        )
-        plan.calibration.fault = plan.calibration.fault or next(reasons)
-    paired = pair_times(times, track.times())
-    if paired is None or len(set(stated[held].tolist())) <= 1:
-        return [cameras[stated[held[0]]] if len(held) else None] * len(times.log_ns)
-    held = held[np.argsort(paired.stream_ns[held], kind="stable")]
-    place = np.searchsorted(paired.stream_ns[held], paired.images_ns, side="right") - 1
-    return [cameras[row] for row in stated[held[place.clip(min=0)]].tolist()]
+    if lost := [content for _, content, camera in own if camera is None]:
+        topic.failed += len(lost)
+        topic.fault = topic.fault or lost[0].why or lost[0].why_rectified
+    held = [(at, camera) for at, _, camera in own if camera is not None]
+    if not held:
+        return [None] * count
+    images_ns = times.header_ns if by_header else times.log_ns
+    place = np.searchsorted(np.array([at for at, _ in held]), images_ns, side="right") - 1
+    return [held[max(k, 0)][1] for k in place.tolist()]
 
 
 def _motion_streams(plan: Plan, timeline: Timeline) -> list[MotionStream]:
@@ -195,19 +192,17 @@ def _motion_streams(plan: Plan, timeline: Timeline) -> list[MotionStream]:
         for topic in sorted(topics, key=lambda t: -t.usable):
             positions = plan.survey.positions[topic.name, topic.schema]
             words = f"{source} of {shortened(topic.name)}"
-            samples = _samples(positions, words, timeline)
-            if samples is None:
+            poses = _at_images(positions, words, timeline)
+            if poses is None:
                 continue
-            raw, sigma = path_of(*samples)
+            raw, sigma = path_of(poses), poses.value[:, 7:]
             mount = mount_of(tree, positions, frame)
             if mount is None:
                 inner: CameraPath | None = fixed(_STANDING, len(raw.known))
             else:
                 inner = _chain_path(plan, mount, timeline)
             path = raw if inner is None else composed(raw, inner)
-            found.append(
-                MotionStream(source, topic.name, words, raw, path, sigma, mount is None, samples)
-            )
+            found.append(MotionStream(source, topic.name, words, raw, path, sigma, mount is None))
     return found
 
 
@@ -217,10 +212,10 @@ def _chain_path(plan: Plan, chain: list[str], timeline: Timeline) -> CameraPath 
     for name in chain:
         edge = plan.survey.tree.edges[name]
         if edge.moves:
-            samples = _samples(edge, f"transforms of {shortened(name)}", timeline)
-            if samples is None:
+            poses = _at_images(edge, f"transforms of {shortened(name)}", timeline)
+            if poses is None:
                 return None
-            outer, _ = path_of(*samples)
+            outer = path_of(poses)
         else:
             mount = plan.survey.tree.mount([name])
             assert mount is not None
@@ -229,10 +224,10 @@ def _chain_path(plan: Plan, chain: list[str], timeline: Timeline) -> CameraPath 
     return total
 
 
-def _samples(
-    positions: Positions, words: str, timeline: Timeline, *, earth: bool = False
-) -> tuple[Samples, Integers] | None:
-    """Positions that a vehicle can have been at, and the times of the images on their clock; None without any."""
+def _at_images(
+    positions: Series, words: str, timeline: Timeline, *, earth: bool = False
+) -> Interpolated | None:
+    """Positions at the images, of those that a vehicle can have been at; None where no clock is common to both."""
     times = positions.times()
     paired = pair_times(timeline.times, times, own_clock=earth)
     notes = timeline.notes
@@ -246,20 +241,21 @@ def _samples(
         notes.append(
             f"the clock of the {words} is {_seconds(paired.apart_ns)} {way} that of the images: log times pair them"
         )
-    samples = Samples.sorted(paired.stream_ns, positions.values(), positions.sigmas())
+    samples = Samples.sorted(paired.stream_ns, positions.values())
     if earth:
         # A receiver that has lost its satellites repeats its last fix.
-        same = np.zeros(len(samples), np.bool_)
+        same = np.zeros(len(samples.time_ns), np.bool_)
         same[1:] = (samples.value[1:, :3] == samples.value[:-1, :3]).all(axis=1)
         if same.any():
             notes.append(
-                f"{int(same.sum())} of {len(samples)} {words} repeat the one before: left out"
+                f"{int(same.sum())} of {len(same)} {words} repeat the one before: left out"
             )
         samples = continuous_longitudes(samples.kept(~same))
-    kept = possible(samples.time_ns, metres(samples) if earth else samples.value[:, :3])
+    places = samples.value[:, :3]
+    kept = possible(samples.time_ns, metres(places) if earth else places)
     if wrong := int((~kept).sum()):
         notes.append(f"{wrong} of {len(kept)} {words} are where no vehicle can be: left out")
-    return samples.kept(kept), paired.images_ns
+    return interpolate(samples.kept(kept), paired.images_ns)
 
 
 def _off_words(times: StreamTimes, words: str) -> str:
@@ -279,13 +275,10 @@ def _seconds(ns: int) -> str:
 def _fixes(plan: Plan, timeline: Timeline) -> Interpolated | None:
     if plan.fixes is None:
         return None
+    words = f"fixes of {shortened(plan.fixes.name)}"
     positions = plan.survey.positions[plan.fixes.name, ""]
-    samples = _samples(positions, f"fixes of {shortened(plan.fixes.name)}", timeline, earth=True)
-    if samples is None:
+    found = _at_images(positions, words, timeline, earth=True)
+    if found is not None and found.known.sum() == 1:
+        timeline.notes.append(f"the {words} are left out: one image alone has one near its time")
         return None
-    if len(samples[0]) < 2:
-        timeline.notes.append(
-            f"the fixes of {shortened(plan.fixes.name)} are left out: fewer than two can be used"
-        )
-        return None
-    return interpolate(*samples)
+    return found

@@ -193,13 +193,13 @@ def two_videos():
     return list(chain(*zip(one, other, strict=True))), list(chain(*packets))
 
 
-def test_two_videos_in_one_topic_are_decoded_each_by_itself(tmp_path, two_videos):
+def test_of_two_videos_in_one_topic_that_of_the_first_camera_is_used(tmp_path, two_videos):
     shown, packets = two_videos
     frames, report = read(write_log(tmp_path / "a.mcap", packets, of=("left", "right")))
-    assert [f.status for f in frames] == ["used"] * len(shown)
-    for frame, rgb in zip(frames, shown, strict=True):
+    assert [f.status for f in frames] == ["used", "other_camera"] * (len(shown) // 2)
+    for frame, rgb in zip(frames[::2], shown[::2], strict=True):
         assert_alike(frame, rgb)
-    assert any("holds 2 streams" in note for note in report.notes)
+    assert any("are of another camera (frame_id right, not left)" in n for n in report.notes)
 
 
 def test_two_videos_that_nothing_tells_apart_are_left_out_and_counted(tmp_path, two_videos):
@@ -210,7 +210,7 @@ def test_two_videos_that_nothing_tells_apart_are_left_out_and_counted(tmp_path, 
 
 
 def test_a_video_of_another_size_than_the_calibration_is_not_decoded(tmp_path, monkeypatch):
-    monkeypatch.setattr(video, "_new_context", None)
+    monkeypatch.setattr(video, "new_context", None)
     log = write_log(tmp_path / "a.mcap", encode(images(3), WITHOUT_B), size=(64, 48))
     with pytest.raises(InputError, match="have 162 x 122 pixels"):
         read(log)
@@ -224,9 +224,8 @@ def test_a_picture_larger_than_its_last_sequence_set_says_is_not_decoded():
         : small.index(b"\0\0\1", 4)
     ]  # its sequence set, which the decoder takes in its place
     sound = ImageContent(0, "", "h264", memoryview(data), 0, 0)
-    streams = video.VideoStreams()
-    assert streams.decode(0, sound, (320, 240), after_loss=False)[0] == "used"
-    context = video._new_context(read_stream(head, None)[0])
+    assert video.CameraImages(frozenset()).picture(sound, (320, 240))[0] == "used"
+    context = video.new_context(read_stream(head, None)[0])
     with pytest.raises(av.FFmpegError):
         context.decode(av.Packet(data))
 

@@ -95,11 +95,6 @@ def test_dates_keep_the_order_of_names_where_a_counter_could_have_started_again(
     ]
 
 
-def test_low_counters_are_not_taken_to_start_again(take, imported):
-    wanted = [f"P{n}.jpg" for n in (1, 2, 3, 97, 98, 99)]
-    assert imported([take(f"in/{name}") for name in wanted])[0] == wanted
-
-
 @pytest.mark.parametrize(
     ("numbers", "seconds"),
     [
@@ -123,16 +118,6 @@ def test_dates_that_contradict_the_numbers_are_refused_with_both_orders(
     assert dated.startswith("  by date: ")
     assert imported(paths, "date")[0] == by_date
     assert imported(paths, "name")[0] == sorted(p.name for p in paths)
-
-
-def test_the_orders_are_shown_from_where_they_differ(take, imported):
-    seconds = [*range(50), 51, 50, *range(52, 60)]
-    paths = [take(f"in/{n}", s) for n, s in zip(names("I_", range(60)), seconds, strict=True)]
-    with pytest.raises(InputError) as refused:
-        imported(paths)
-    _, by_name, by_date = str(refused.value).splitlines()
-    assert by_name.startswith("  by name: ... in/I_0049.JPG (2024-06-10 15:00:49), in/I_0050.JPG")
-    assert by_date.startswith("  by date: ... in/I_0049.JPG (2024-06-10 15:00:49), in/I_0051.JPG")
 
 
 def test_two_cameras_in_one_folder_are_refused(take, imported):
@@ -202,13 +187,6 @@ def test_a_number_goes_on_in_the_next_folder(take, imported):
     assert spacing == [None, 20.0, 10.0, 20.0]
 
 
-def test_folders_whose_dates_contradict_their_numbers_are_refused(take, imported):
-    first = last(take(f"100MEDIA/I_{k:04d}.JPG", 10 + k).parent for k in range(3))
-    second = last(take(f"101MEDIA/I_{k:04d}.JPG", k).parent for k in range(3))
-    with pytest.raises(InputError, match=r"by name: 100MEDIA/I_0000.*\n  by date: 101MEDIA/I_0000"):
-        imported([first, second])
-
-
 def test_folders_taken_at_the_same_time_are_refused(take, imported):
     front = last(take(f"front/I_{k:04d}.JPG", k).parent for k in range(3))
     rear = last(take(f"rear/I_{k:04d}.JPG", k + 0.5).parent for k in range(3))
@@ -220,13 +198,6 @@ def test_folders_of_any_names_are_in_the_order_of_their_dates(take, imported):
     later = last(take(f"a/{k}.jpg", 10 + k).parent for k in range(1, 3))
     earlier = last(take(f"b/{k + 5}.jpg", k).parent for k in range(1, 3))
     assert imported([later, earlier])[0] == ["6.jpg", "7.jpg", "1.jpg", "2.jpg"]
-
-
-def test_folders_without_dates_are_in_the_order_of_names_in_them_or_as_given(take, imported):
-    a, b = (last(take(f"{name}/{k}.jpg").parent for k in (1, 2)) for name in "ab")
-    c = last(take(f"c/{k}.jpg").parent for k in (3, 4))
-    assert "/b, " in imported([b, a])[2][0]  # "this order: .../b, .../a"
-    assert imported([c, a])[0] == ["1.jpg", "2.jpg", "3.jpg", "4.jpg"]
 
 
 def test_groups_of_a_series_are_counted_each(take, imported):

@@ -14,11 +14,10 @@ from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
 from wayside.pipeline.logs.joining import join_logs, readable_log
-from wayside.pipeline.reading.bounds import Allowance
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.reading.layout import Budget
 from wayside.pipeline.reading.parts import log_parts
-from wayside.pipeline.reading.records import Message, messages_at, scan
-from wayside.pipeline.reading.scan_report import ScanReport
+from wayside.pipeline.reading.records import Message, ScanReport, messages_at, scan
 from wayside.pipeline.results.earlier_result import log_fingerprint
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings
@@ -121,7 +120,7 @@ def test_a_split_bag_is_read_in_the_order_of_its_parts(tmp_path):
     offsets = [m.offset for m in found]
     assert offsets == sorted(offsets)
     channels = [m.channel for m in found]
-    again = messages_at(log_parts(first), offsets[-1], channels, Allowance())
+    again = messages_at(log_parts(first), offsets[-1], channels, Budget.of(10**6))
     assert (again[-1].sequence, again[-1].offset) == (found[-1].sequence, offsets[-1])
     assert (report.messages, report.messages_stated, report.problem_count) == (15, 15, 0)
     assert (

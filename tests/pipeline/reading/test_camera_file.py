@@ -1,3 +1,4 @@
+import time
 from dataclasses import replace
 
 import cv2
@@ -186,3 +187,11 @@ def test_faults_of_files_of_other_tools_are_named(text, found):
     with pytest.raises(InputError) as error:
         parse_camera(text, "camera.yaml")
     assert found in str(error.value)
+
+
+@pytest.mark.parametrize("bracket", ["[", "{"])
+def test_brackets_without_end_cost_no_time(bracket):
+    started = time.process_time()
+    with pytest.raises(InputError, match="too deeply"):
+        parse_camera("camera_matrix: " + bracket * 60_000, "camera.yaml")
+    assert time.process_time() - started < 0.2

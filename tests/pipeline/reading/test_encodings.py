@@ -1,8 +1,12 @@
 import json
 
 import pytest
+from mcap.records import Schema
 
+from wayside.pipeline.reading.contents import ContentError
 from wayside.pipeline.reading.encodings import unpack_json
+from wayside.pipeline.reading.layout import Channel
+from wayside.pipeline.reading.messages import Decoders
 
 
 @pytest.mark.parametrize(
@@ -35,27 +39,50 @@ def test_base64_is_read_however_a_serialiser_writes_it(plus, break_at, ends):
     assert bytes(data) == b"\xff\xef\x00\x01"
 
 
+IMAGE = {"frame_id": "a", "encoding": "rgb8", "data": "", "width": 8, "height": 8, "step": 24}
+POINT = {"x": 0.0, "y": 0.0, "z": 0.0}
+POSE = {"frame_id": "a", "pose": {"position": POINT, "orientation": {**POINT, "w": 1.0}}}
+CALIBRATION = {"frame_id": "a", "width": 8, "height": 8, "K": [8, 0, 4, 0, 8, 4, 0, 0, 1]}
+SOUND = {
+    "foxglove.RawImage": IMAGE,
+    "foxglove.PoseInFrame": POSE,
+    "foxglove.CameraCalibration": CALIBRATION,
+    "foxglove.LocationFix": {"latitude": 48.0, "longitude": 11.0, "altitude": 0.0},
+}
+
+
+def decode(name, content):
+    schema = Schema(id=1, name=name, encoding="jsonschema", data=b"{}")
+    channel = Channel(1, "/a", "json", 1, schema)
+    return Decoders().decode(channel, memoryview(json.dumps(content).encode()))
+
+
+@pytest.mark.parametrize("name", SOUND)
+def test_json_messages_are_read(name):
+    assert len(decode(name, SOUND[name])) == 1
+
+
 @pytest.mark.parametrize(
-    "fields",
+    ("name", "wrong"),
     [
-        {"width": "32"},
-        {"width": 32.0},
-        {"width": None},
-        {"width": -32},
-        {"width": True},
-        {"height": 1 << 40},
-        {"step": "x"},
-        {"encoding": 5},
-        {"frame_id": None},
-        {"frame_id": "\ud800"},
-        {"timestamp": {"sec": "1", "nsec": 0}},
-        {"timestamp": {"sec": 1, "nsec": -1}},
-        {"data": "####"},
-        {"data": [256]},
-        {"pose": {"position": {"x": True}}},
-        {"latitude": "48"},
+        ("foxglove.RawImage", {"width": "32"}),
+        ("foxglove.RawImage", {"width": 32.5}),
+        ("foxglove.RawImage", {"width": None}),
+        ("foxglove.RawImage", {"width": -32}),
+        ("foxglove.RawImage", {"height": 1 << 40}),
+        ("foxglove.RawImage", {"step": "x"}),
+        ("foxglove.RawImage", {"encoding": 5}),
+        ("foxglove.RawImage", {"frame_id": None}),
+        ("foxglove.RawImage", {"frame_id": "\ud800"}),
+        ("foxglove.RawImage", {"timestamp": {"sec": "x", "nsec": 0}}),
+        ("foxglove.RawImage", {"data": "####"}),
+        ("foxglove.RawImage", {"data": [256]}),
+        ("foxglove.PoseInFrame", {"pose": {**POSE["pose"], "position": {"x": None}}}),
+        ("foxglove.CameraCalibration", {"width": "wide"}),
+        ("foxglove.CameraCalibration", {"K": ["x"] * 9}),
+        ("foxglove.LocationFix", {"latitude": "48"}),
     ],
 )
-def test_json_with_a_value_of_another_type_is_no_message(fields):
-    with pytest.raises(ValueError):  # noqa: PT011
-        unpack_json(memoryview(json.dumps(fields).encode()))
+def test_json_with_a_value_of_another_type_is_no_message(name, wrong):
+    with pytest.raises(ContentError):
+        decode(name, SOUND[name] | wrong)

@@ -81,7 +81,7 @@ def test_every_dialect_and_packing_gives_the_same_frames(new_log, dialect, packi
         assert frame.fix.altitude_m == pytest.approx(altitude)
         assert frame.fix.sigma_m == (2.0, 3.0, 4.0)
         assert frame.spacing_m is None
-    assert not report.lost
+    assert not report.problem_count
     assert report.statuses == {"used": 8}
     assert report.camera_topic == "/camera/image"
     assert report.motion_source == "poses"
@@ -261,7 +261,7 @@ def test_fixes_without_position_are_left_out(new_log):
     log.add_images(3)
     frames, report = read(log.finish(), thin_m=0.0)
     assert [f.fix is not None for f in frames] == [False, True, True]
-    assert not report.lost
+    assert not report.problem_count
 
 
 def test_a_silence_of_the_poses_is_not_bridged(new_log):
@@ -517,7 +517,7 @@ def test_other_messages_that_cannot_be_decoded_are_counted_as_lost(new_log, dial
     log.add("/pose", "pose", 4 * STEP, position=[0, 0, 0], rotation=[0, 0, 0, 0])
     frames, report = read(log.finish())
     assert len(frames) == 4
-    assert report.lost
+    assert report.problem_count
     assert "3 messages of /pose lost" in str(report.problems[0])
 
 
@@ -527,7 +527,7 @@ def test_a_cut_log_gives_the_frames_before_the_cut_and_says_so(new_log):
     path.write_bytes(content[: content.index(image(5)) + 100])
     frames, report = read(path)
     assert [f.index for f in frames] == [0, 1, 2, 3, 4]
-    assert report.lost
+    assert report.problem_count
     assert "cut off" in str(report.problems[0]) or "end mark" in str(report.problems[0])
 
 

@@ -10,12 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wayside.pipeline.logs.information import describe_log, format_information
-from wayside.pipeline.reading import replay
-from wayside.pipeline.reading.bounds import Allowance
+from wayside.pipeline.reading import layout, replay
 from wayside.pipeline.reading.clocks import pair_times, stream_times
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.reading.records import ScanReport
 from wayside.pipeline.reading.replay import image_messages
-from wayside.pipeline.reading.scan_report import ScanReport
 from wayside.pipeline.reading.survey import survey_log
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings
@@ -178,7 +177,7 @@ def test_messages_in_another_order_give_the_frames_of_the_sound_log(
     assert report.notes == before.notes
     assert report.bytes_read == report.bytes_total
     assert report.messages == len(rows)
-    assert not report.lost
+    assert not report.problem_count
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -309,12 +308,14 @@ def test_a_log_that_is_read_in_another_order_is_bounded_in_all(new_log, monkeypa
     count = len(survey.images["/camera/image"].offset)
     backwards = np.arange(count)[::-1]
     topic, report = "/camera/image", ScanReport()
-    one_by_one = list(image_messages(survey, topic, backwards, report, Allowance()))
+    one_by_one = list(image_messages(survey, topic, backwards, report))
     assert [row for row, _ in one_by_one] == backwards.tolist()
     monkeypatch.setattr(replay, "_MOST_KEPT_BYTES", 0)
+    monkeypatch.setattr(layout, "UNPACKED_RATIO", 1)
+    monkeypatch.setattr(layout, "EXTRA_BYTES", 0)
     halves = np.arange(count).reshape(2, -1).T.ravel()  # each image is in another chunk
     with pytest.raises(InputError, match=r"in the order of their times.*mcap sort"):
-        list(image_messages(survey, topic, halves, ScanReport(), Allowance(1, 0)))
+        list(image_messages(survey, topic, halves, ScanReport()))
 
 
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.8])

@@ -1,14 +1,16 @@
-"""Positions at the times of images, and which positions of a series no vehicle can have been at."""
+"""Positions of a log as arrays: as they were recorded, those that a vehicle can have been at, and at other times."""
 
 from __future__ import annotations
 
+from array import array
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.reading.clocks import Flags, Floats, Integers
-from wayside.pipeline.reading.streams import Samples
+from wayside.pipeline.reading.clocks import Flags, Floats, Integers, StreamTimes, stream_times
+from wayside.pipeline.reading.contents import FixContent, PoseContent
 from wayside.schemas.frame import EARTH_RADIUS_M
 from wayside.stages.geometry import median_longitude_deg, turn_deg
 
@@ -24,26 +26,103 @@ _LOOK_BACK = 256
 """Parts of a series before each that it may continue: bounds the time of a series that is nothing but jumps."""
 
 
+def _integers() -> array[int]:
+    return array("q")
+
+
+def _floats() -> array[float]:
+    return array("d")
+
+
+@dataclass(slots=True)
+class Series:
+    """What is kept of the messages of one stream, in file order.
+
+    `header_ns`: 0 where not set. `offset`: of images, where message or chunk begin in the log. `value`: of positions
+    ten numbers a message: position (metres, or latitude and longitude in degrees and height of a fix), quaternion
+    x, y, z, w, and three standard deviations, of position (m) and rotation (rad) of a pose, or east, north, up of a
+    fix; nan where not stated.
+    """
+
+    log_ns: array[int] = field(default_factory=_integers)
+    header_ns: array[int] = field(default_factory=_integers)
+    offset: array[int] = field(default_factory=_integers)
+    value: array[float] = field(default_factory=_floats)
+    first: PoseContent | FixContent | None = None
+
+    def stamp(self, log_ns: int, header_ns: int | None) -> None:
+        """Take in the times of a message."""
+        self.log_ns.append(log_ns)
+        self.header_ns.append(header_ns or 0)
+
+    def add(self, log_ns: int, content: PoseContent | FixContent) -> None:
+        """Take in a position."""
+        self.first = self.first or content
+        self.stamp(log_ns, content.time_ns)
+        if isinstance(content, PoseContent):
+            self.value.extend((*content.translation, *content.rotation))
+            stated = (content.sigma_m, content.sigma_rad, None)
+            self.value.extend(np.nan if one is None else one for one in stated)
+        else:
+            fix = content.fix
+            self.value.extend((fix.latitude_deg, fix.longitude_deg, fix.altitude_m, 0, 0, 0, 1))
+            self.value.extend(fix.sigma_m or (np.nan,) * 3)
+
+    def times(self) -> StreamTimes:
+        """The times, judged."""
+        return stream_times(np.array(self.log_ns, np.int64), np.array(self.header_ns, np.int64))
+
+    def values(self) -> Floats:
+        """(n, 10) values, quaternions of length one."""
+        value = np.array(self.value, np.float64).reshape(-1, 10)
+        value[:, 3:7] /= np.linalg.norm(value[:, 3:7], axis=1, keepdims=True)
+        return value
+
+    @property
+    def moves(self) -> bool:
+        """Whether the values change by more than rounding."""
+        value = self.values()
+        turn = 1 - np.abs(value[:, 3:7] @ value[0, 3:7]) if len(value) else np.zeros(0)
+        return bool((np.ptp(value[:, :3], axis=0) > 1e-6).any() or (turn > 1e-6).any())
+
+
+class Samples(NamedTuple):
+    """Positions sorted by time, one at a time: time_ns (n,), value (n, 10) as in `Series`."""
+
+    time_ns: Integers
+    value: Floats
+
+    @staticmethod
+    def sorted(time_ns: Integers, value: Floats) -> Samples:
+        """By time; of several at one time the last."""
+        order = np.argsort(time_ns, kind="stable")
+        time = time_ns[order]
+        order = order[np.append(time[1:] != time[:-1], True)] if len(time) else order
+        return Samples(time_ns[order], value[order])
+
+    def kept(self, rows: Flags) -> Samples:
+        """These rows alone."""
+        return Samples(self.time_ns[rows], self.value[rows])
+
+
 class Interpolated(NamedTuple):
     """A series at the times of images.
 
-    `known`: (k,) whether there are samples near enough. `value`: (k, 7) as of `Samples`, nan where not known. `sigma`:
-    (k, 3) of the nearer sample. `span_s`: (k,) time between the samples on both sides, 0 at a sample.
+    `known`: (k,) whether there are samples near enough. `value`: (k, 10) as of `Samples`, standard deviations of the
+    nearer one; nan where not known. `span_s`: (k,) time between the samples on both sides, 0 at a sample.
     """
 
     known: Flags
     value: Floats
-    sigma: Floats
     span_s: Floats
 
 
 def interpolate(samples: Samples, time_ns: Integers) -> Interpolated:
     """Positions linear, longitudes the short way round, quaternions by slerp (Shoemake 1985)."""
-    n, k = len(samples), len(time_ns)
-    known, span = np.zeros(k, np.bool_), np.zeros(k)
-    value, sigma = np.full((k, 7), np.nan), np.full((k, 3), np.nan)
+    n, k = len(samples.time_ns), len(time_ns)
+    value = np.full((k, 10), np.nan)
     if not n or not k:
-        return Interpolated(known, value, sigma, span)
+        return Interpolated(np.zeros(k, np.bool_), value, np.zeros(k))
     place = np.searchsorted(samples.time_ns, time_ns)
     exact = samples.time_ns[place.clip(max=n - 1)] == time_ns
     before = np.where(exact, place, place - 1).clip(0, max(n - 2, 0))
@@ -57,27 +136,25 @@ def interpolate(samples: Samples, time_ns: Integers) -> Interpolated:
     part = np.where(exact & (before == place), 0.0, part)
     a, b = samples.value[before], samples.value[after]
     value[:, :3] = a[:, :3] + (b[:, :3] - a[:, :3]) * part[:, None]
-    start, end = Rotation.from_quat(a[:, 3:]), Rotation.from_quat(b[:, 3:])
+    start, end = Rotation.from_quat(a[:, 3:7]), Rotation.from_quat(b[:, 3:7])
     turn = Rotation.from_rotvec((start.inv() * end).as_rotvec() * part[:, None])
-    value[:, 3:] = (start * turn).as_quat()
-    sigma = samples.sigma[np.where(part < 0.5, before, after)]
+    value[:, 3:7] = (start * turn).as_quat()
+    value[:, 7:] = np.where(part[:, None] < 0.5, a[:, 7:], b[:, 7:])
     value[~known] = np.nan
-    return Interpolated(known, value, sigma, np.where(exact, 0.0, gap))
+    return Interpolated(known, value, np.where(exact, 0.0, gap))
 
 
 def continuous_longitudes(samples: Samples) -> Samples:
     """Fixes with longitudes that go on across 180 degrees, so that they can be interpolated."""
-    if not len(samples):
-        return samples
     value = samples.value.copy()
-    middle = median_longitude_deg(value[:, 1])
-    value[:, 1] = middle + turn_deg(middle, value[:, 1])
-    return Samples(samples.time_ns, value, samples.sigma)
+    if len(value):
+        middle = median_longitude_deg(value[:, 1])
+        value[:, 1] = middle + turn_deg(middle, value[:, 1])
+    return Samples(samples.time_ns, value)
 
 
-def metres(samples: Samples) -> Floats:
-    """East, north, up (n, 3) on a sphere about the median, of fixes with continuous longitudes."""
-    degrees = samples.value[:, :3]
+def metres(degrees: Floats) -> Floats:
+    """East, north, up (n, 3) on a sphere about the median, of latitudes, continuous longitudes and heights (n, 3)."""
     if not len(degrees):
         return degrees
     latitude, longitude = np.median(degrees[:, :2], axis=0)

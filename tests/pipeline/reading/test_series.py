@@ -9,13 +9,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from wayside.pipeline.reading.contents import FixContent, PoseContent
-from wayside.pipeline.reading.positions import (
+from wayside.pipeline.reading.series import (
+    Samples,
+    Series,
     continuous_longitudes,
     interpolate,
     metres,
     possible,
 )
-from wayside.pipeline.reading.streams import Positions, Samples
 from wayside.schemas.frame import Fix
 
 SECOND = 10**9
@@ -28,11 +29,11 @@ quaternions = (
 
 def samples(times, positions, rotations=None, sigma=None):
     n = len(times)
-    value = np.zeros((n, 7))
+    value = np.zeros((n, 10))
     value[:, :3] = np.reshape(positions, (n, -1))
-    value[:, 3:] = [0, 0, 0, 1] if rotations is None else rotations
-    given = np.full((n, 3), np.nan) if sigma is None else np.array(sigma, float)
-    return Samples.sorted(np.array(times, np.int64), value, given)
+    value[:, 3:7] = [0, 0, 0, 1] if rotations is None else rotations
+    value[:, 7:] = np.nan if sigma is None else sigma
+    return Samples.sorted(np.array(times, np.int64), value)
 
 
 @given(quaternions, quaternions, st.floats(0, 1))
@@ -41,14 +42,14 @@ def test_rotations_between_two_samples_are_those_of_scipy(first, second, part):
     series = samples([0, SECOND], np.zeros((2, 3)), [first, second])
     found = interpolate(series, np.array([round(part * SECOND)]))
     halfway = abs(np.dot(first, second)) < 1e-3  # either way is short
-    assert halfway or (Rotation.from_quat(found.value[0, 3:]).inv() * expected).magnitude() < 1e-6
+    assert halfway or (Rotation.from_quat(found.value[0, 3:7]).inv() * expected).magnitude() < 1e-6
 
 
 @given(quaternions, st.floats(0.6, 1.9))
 def test_quaternions_of_any_length_are_taken_as_rotations(q, length):
-    positions = Positions()
+    positions = Series()
     positions.add(5, PoseContent(None, "", "", tuple(v * length for v in q), (1.0, 2.0, 3.0)))
-    assert positions.values()[0, 3:] == pytest.approx(q, abs=1e-12)
+    assert positions.values()[0, 3:7] == pytest.approx(q, abs=1e-12)
 
 
 @given(st.lists(st.tuples(st.integers(0, 1000), st.floats(-9, 9)), min_size=1, max_size=30))
@@ -92,19 +93,19 @@ def test_a_single_sample_holds_at_its_own_time_only():
 def test_sigmas_are_those_of_the_nearer_sample_and_spans_the_time_between_both():
     series = samples([0, SECOND], np.zeros((2, 3)), sigma=[[0.1, 0.01, 0], [0.3, 0.03, 0]])
     found = interpolate(series, np.array([SECOND // 4, 3 * SECOND // 4, SECOND]))
-    assert found.sigma[:, 0].tolist() == [0.1, 0.3, 0.3]
+    assert found.value[:, 7].tolist() == [0.1, 0.3, 0.3]
     assert found.span_s.tolist() == [1, 1, 0]
 
 
 def test_fixes_are_interpolated_the_short_way_around_the_earth():
-    positions = Positions()
+    positions = Series()
     for k, longitude in enumerate((179.9, -179.9)):
         positions.add(k * SECOND, FixContent(None, Fix(10.0 + 0.2 * k, longitude, 8.0 * k, None)))
-    series = Samples.sorted(np.array([0, SECOND]), positions.values(), positions.sigmas())
+    series = Samples.sorted(np.array([0, SECOND]), positions.values())
     found = interpolate(continuous_longitudes(series), np.array([3 * SECOND // 4]))
     assert found.value[0, [0, 2]] == pytest.approx((10.15, 6.0))
     assert abs((found.value[0, 1] + 180) % 360 - 180) == pytest.approx(179.95)
-    way = np.diff(metres(continuous_longitudes(series)), axis=0)
+    way = np.diff(metres(continuous_longitudes(series).value[:, :3]), axis=0)
     assert np.linalg.norm(way) < 40_000
 
 
