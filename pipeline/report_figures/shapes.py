@@ -12,7 +12,7 @@ from wayside.pipeline.learning.page import Figure
 from wayside.pipeline.report_figures.drawing import around, beside, lined, photo
 from wayside.pipeline.report_figures.gather import Drive, FaceOutline, evenly
 from wayside.pipeline.statistics import share_words
-from wayside.pipeline.view.outlines import CURVES, INKS, curve_of_terms
+from wayside.pipeline.view.drawing import CURVES, INKS, curve_of_terms
 
 REPORT_IMAGES, REPORT_FOUND = 50, 0.92
 _TALL, _MOST = 300, 4

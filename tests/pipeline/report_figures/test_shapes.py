@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wayside.pipeline.report_figures.shapes import evenly, misfit
-from wayside.pipeline.view.outlines import CURVES, curve_of_terms
+from wayside.pipeline.view.drawing import CURVES, curve_of_terms
 
 ANGLE = np.arange(64) * 2 * np.pi / 64
 

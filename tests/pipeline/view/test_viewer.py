@@ -25,7 +25,6 @@ from wayside.pipeline.view.results import find_target, recordings_of
 from wayside.pipeline.view.viewer import (
     import_log,
     probe,
-    require_display,
     software_vulkan,
     start_viewer,
 )
@@ -63,7 +62,7 @@ def test_without_a_display_other_ways_are_named(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(InputError, match="wayside picture"):
-        require_display()
+        start_viewer()
 
 
 def test_without_a_software_vulkan_the_packages_are_named(monkeypatch, tmp_path):
@@ -177,32 +176,24 @@ def test_an_address_is_told_once_both_its_servers_answer(monkeypatch):
         server.close()
 
 
-class Busy:
-    """A viewer that gives up on its first images."""
+def test_a_viewer_that_is_still_compiling_is_asked_again():
+    answers = iter([TimeoutError, TimeoutError, "drawn"])
 
-    def __init__(self, failures):
-        self.failures = failures
-
-    def save_screenshot(self, path):
-        if self.failures:
-            self.failures -= 1
+    def busy():
+        answer = next(answers, TimeoutError)
+        if answer is TimeoutError:
             raise TimeoutError
-        Path(path).write_bytes(b"drawn")
+        return answer
 
-
-def test_a_viewer_that_is_still_compiling_is_asked_again(tmp_path):
-    viewer.save_drawn(Busy(2), tmp_path / "a.png")
-    assert (tmp_path / "a.png").read_bytes() == b"drawn"
+    assert viewer.ask(busy) == "drawn"
     with pytest.raises(OutputError, match="the viewer did not answer"):
-        viewer.save_drawn(Busy(100), tmp_path / "b.png")
+        viewer.ask(busy)
 
 
 @pytest.mark.skipif(not has_vulkan(), reason="no software Vulkan: install mesa-vulkan-drivers")
-def test_the_layout_that_is_asked_for_is_shown_instead_of_that_of_the_recording(result):
-    found = recordings_of(result, None)
-    layout = result.parent / "layout.rbl"
-    sign_layout("demo-0001", 30.0, (10.0, 10.0, 40.0, 30.0)).save("wayside", str(layout))
-    with viewer.headless(found.files(layout), found.recording_id, (400, 300)) as client:
+def test_the_layout_that_is_asked_for_is_shown_instead_of_that_of_the_recording(result, tmp_path):
+    found, target = recordings_of(result, None), find_target(result, "demo-0001", None)
+    with viewer.headless(found.files(target, tmp_path), found.recording_id, (400, 300)) as client:
         names = {view.name for view in client.get_state().views}
         assert [r.store_id for r in client.get_state().recordings] == ["Recording:wayside:demo"]
     assert any(name.startswith("demo-0001: box") for name in names)

@@ -27,11 +27,16 @@ from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.run import RECORDING, run_log
 from wayside.pipeline.view.blueprint import GROUND
-from wayside.pipeline.view.candidates import candidate_words, verdict_entities
-from wayside.pipeline.view.chains import sign_name
-from wayside.pipeline.view.landmarks import GREY, face_in_image, rejection
-from wayside.pipeline.view.outlines import CURVES
-from wayside.pipeline.view.sinks import Viewing, open_observer
+from wayside.pipeline.view.closing import inventory_table, opening, sign_figures, sign_name
+from wayside.pipeline.view.drawing import (
+    CURVES,
+    GREY,
+    candidate_entities,
+    candidate_words,
+    face_in_image,
+    rejection,
+)
+from wayside.pipeline.view.observer import Viewing, open_observer
 from wayside.pipeline.view.viewer import import_log, viewer_program
 from wayside.pipeline.view.views import (
     AFTER,
@@ -45,6 +50,7 @@ from wayside.pipeline.view.views import (
 from wayside.schemas.detections import COLOR_RGB, VERDICTS, Candidates, Regions
 from wayside.schemas.frame import Camera, Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
+from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.schemas.motion import Motion
 from wayside.schemas.settings import ReadSettings
 from wayside.schemas.signs import Sign
@@ -52,6 +58,7 @@ from wayside.stages.georeference import DrivePath
 from wayside.stages.georeference.path import PathPoint
 
 from ...made_landmarks import made_landmark
+from ..results import sign_row
 from .everything import EVERYTHING
 
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
@@ -206,13 +213,16 @@ def travelling_types():
 def test_every_intermediate_of_the_flow_is_listed_with_its_view_or_a_reason():
     assert {kind.__name__ for kind in travelling_types() ^ set(EVERYTHING)} == set()
     for kind, listed in EVERYTHING.items():
-        assert set(listed) ^ fields_of(kind) == set(), kind.__name__
+        names = [name for fields in listed.values() for name in fields.split()]
+        plain = {name for name in fields_of(kind) if not types_within(get_type_hints(kind)[name])}
+        assert len(names) == len(set(names)), kind.__name__
+        assert plain <= set(names) <= fields_of(kind), kind.__name__
 
 
 def test_every_view_that_is_listed_holds_something(chunks, report_chunks):
-    filled = {path for path in filled_paths(chunks) | filled_paths(report_chunks)}
-    named = {told for listed in EVERYTHING.values() for told in listed.values()}
-    views = {told for told in named if not told.startswith("not: ")}
+    filled = filled_paths(chunks) | filled_paths(report_chunks)
+    named = {view for listed in EVERYTHING.values() for view in listed}
+    views = {view for view in named if not view.startswith("not: ")}
     assert len(views) > 30
     missing = {v for v in views if not any(f == v or f.startswith(f"{v}/") for f in filled)}
     assert missing == set()
@@ -327,19 +337,13 @@ def test_signs_are_named_in_space_all_at_once_and_those_in_view_of_each_frame(ch
     (everything,) = column(chunks, "/world/names/all", "Points3D:labels")
     assert sorted(", ".join(everything).split(", ")) == sorted(names)
     assert len(everything) == len({row["assembly_id"] for row in rows})
-    (batch,) = [
-        c.to_record_batch()
-        for c in chunks
-        if c.entity_path == "/world/names/in_view" and not c.is_static
-    ]
-    labels = dict(
-        zip(
-            batch.column("frame").to_pylist(),
-            batch.column("Points3D:labels").to_pylist(),
-            strict=True,
-        )
-    )
-    assert list(labels) == list(range(FRAMES))
+    labels = {}
+    for chunk in chunks:
+        if chunk.entity_path == "/world/names/in_view":
+            batch = chunk.to_record_batch()
+            words = batch.column("Points3D:labels").to_pylist()
+            labels |= zip(batch.column("frame").to_pylist(), words, strict=True)
+    assert sorted(labels) == list(range(FRAMES))
     for name, row in zip(names, rows, strict=True):
         assert name in ", ".join(labels[row["best_frame"]]).split(", ")
     for assembly in {row["assembly_id"] for row in rows}:
@@ -387,14 +391,8 @@ def overlap(points, box):
 
 @pytest.mark.parametrize("facing", [0.0, 30.0])
 def test_a_face_in_an_image_has_its_corners_where_a_pinhole_has_them(facing):
-    place = replace(
-        refused_place(),
-        shape="diamond",
-        width_m=2.0,
-        height_m=1.0,
-        facing_deg=facing,
-        position=AHEAD,
-    )
+    look = {"shape": "diamond", "width_m": 2.0, "height_m": 1.0, "facing_deg": facing}
+    place = replace(refused_place(), position=AHEAD, **look)
     camera = Camera(1600, 1200, 1400.0, 1300.0, 799.5, 599.5)
     found = face_in_image(place, Pose(np.eye(3), np.zeros(3)), camera)
     axis = np.array([np.cos(np.radians(facing)), 0.0, -np.sin(np.radians(facing))])
@@ -433,15 +431,8 @@ def test_a_refused_place_is_listed_with_its_reason_and_the_numbers_that_decided(
     pose = Pose(np.eye(3), np.zeros(3))
     place = refused_place()
     motion = Motion(pose, None, None, "start", 0.0, 0.0, None, 0.1, 0.1, False, 0, 2.0)
-    settled = TrackedFrame(
-        frame,
-        motion,
-        Candidates.of(Regions.empty()),
-        np.zeros(0, np.int32),
-        np.zeros(0, np.float32),
-        0,
-        (place,),
-    )
+    none, empty = np.zeros(0, np.int32), np.zeros(0, np.float32)
+    settled = TrackedFrame(frame, motion, boxes(0), none, empty, 0, (place,))
     logged = [e for e in entities_of(settled, LAST_STAGE, ViewState()) if e.path == "rejections"]
     assert len(logged) == 1
     text = logged[0].parts[0].text.as_arrow_array()[0].as_py()
@@ -451,10 +442,14 @@ def test_a_refused_place_is_listed_with_its_reason_and_the_numbers_that_decided(
     assert rejection(behind).startswith("place_score: back rectangle 5.10 x 1.90 m")
 
 
+def boxes(count, **columns):
+    box = np.tile(np.array([[0, 0, 9, 9]], np.float32), (count, 1))
+    inks, zeros = np.zeros((count, 3), np.float32), np.zeros(count, np.uint8)
+    return replace(Candidates.of(Regions(box, np.ones(count, np.int32), inks, zeros)), **columns)
+
+
 def test_what_may_be_a_back_says_how_surely_beside_its_score_as_a_face():
-    box = np.array([[0, 0, 9, 9]], np.float32)
-    region = Regions(box, np.ones(1, np.int32), np.zeros((1, 3), np.float32), np.zeros(1, np.uint8))
-    one = replace(Candidates.of(region), score=np.array([-4.0], np.float32))
+    one = boxes(1, score=np.array([-4.0], np.float32))
     assert candidate_words(one, 0) == "open, score -4.0"
     told = replace(one, back_score=np.array([2.5], np.float32))
     assert candidate_words(told, 0) == "open, score -4.0, back 2.5"
@@ -466,13 +461,32 @@ def test_what_may_be_a_back_says_how_surely_beside_its_score_as_a_face():
 
 @pytest.mark.parametrize("verdict", ["sign", "location", "panel_size", "residual"])
 def test_words_of_candidates_do_not_cover_the_image(verdict):
-    box = np.tile(np.array([[0, 0, 9, 9]], np.float32), (3, 1))
-    region = Regions(box, np.ones(3, np.int32), np.zeros((3, 3), np.float32), np.zeros(3, np.uint8))
-    some = replace(Candidates.of(region), verdict=np.full(3, VERDICTS.index(verdict), np.uint8))
-    (entity,) = verdict_entities(some, set(), detail=False)
-    boxes = entity.parts[0]
-    assert len(boxes.labels.as_arrow_array()) == 3
-    assert boxes.show_labels.as_arrow_array().to_pylist() == [False]
+    some = boxes(3, verdict=np.full(3, VERDICTS.index(verdict), np.uint8))
+    (entity,) = candidate_entities(some, set(), detail=False)
+    assert len(entity.parts[0].labels.as_arrow_array()) == 3
+    assert entity.parts[0].show_labels.as_arrow_array().to_pylist() == [False]
+
+
+def test_a_row_is_headed_by_what_it_looks_like():
+    lengths = ("station_m", "lateral_m", "up_m", "panel_width_m", "panel_height_m", "sigma_along_m")
+    look = {"color": "red", "shape": "octagon", "views": 4, "confidence": 0.9}
+    row = sign_row("d-0001", **dict.fromkeys(lengths, 1.5) | look)
+    behind = row | {"status": "back", "color": None}
+    heads = [sign_figures(one).split("\n")[0] for one in (row, row | {"color": None}, behind)]
+    assert heads == ["# d-0001: red octagon", "# d-0001: ? octagon", "# d-0001: back octagon"]
+    assert "| d-0001 |  | back | octagon | 1.50 |" in inventory_table([behind])
+
+
+def test_every_class_of_places_is_drawn_where_it_lies():
+    places = {"right": (7.0, 0.5), "left": (-9.0, 0.4)}
+    classes = tuple(
+        GaussianClass(name, np.array(mean), np.eye(2), 4.0, "test", 1)
+        for name, mean in places.items()
+    )
+    drawn = {one.path: one.parts[0] for one in opening(GaussianModel("s", classes, "t")).entities}
+    for name, (right, above) in places.items():
+        (ring,) = drawn[f"location/{name}"].strips.as_arrow_array().to_pylist()
+        np.testing.assert_allclose(np.mean(ring[:-1], axis=0), (right, -above), atol=0.1)
 
 
 def test_viewing_changes_no_table_and_goes_when_it_is_not_asked_for(short, tmp_path):
