@@ -10,3 +10,12 @@ function save(name, text, type) {
   link.remove();
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
 }
+
+function loadWith(load) {
+  at("load").addEventListener("click", () => at("file").click());
+  at("file").addEventListener("change", event => load(event.target.files[0]));
+}
+
+function recalled(store) {
+  try { return JSON.parse(localStorage.getItem(store)); } catch { return null; }  // none, or not allowed
+}
