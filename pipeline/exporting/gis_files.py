@@ -6,9 +6,10 @@ import hashlib
 import struct
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
@@ -16,7 +17,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from wayside.pipeline.exporting.place import PlacedRows, Point, short_names
+from wayside.pipeline.exporting.place import PlacedRows, short_names
 from wayside.pipeline.exporting.table import GEOMETRY, Row
 from wayside.pipeline.files.writing import PART, is_stream, not_whole, not_written, resolved
 from wayside.schemas.errors import OutputError, UsageError
@@ -48,14 +49,16 @@ def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[P
             "files of geographic information systems need the package pyogrio. Install it with pip install "
             "'wayside[gis]'."
         ) from error
-    last = rows.source.last
-    schema, cut, written = _schema(rows, kind), Counter[str](), hashlib.sha256()
-    key = 0 if kind != "kml" else 2  # after its name and description
+    last, cut, written = rows.source.last, Counter[str](), hashlib.sha256()
+    fields = list(_fields(rows, kind, cut))
+    schema = pa.schema([field for field, _ in fields])
+    key = schema.names[0]
 
     def batches() -> Iterator[pa.RecordBatch]:
         for some in rows:
-            batch = _batch(some, rows.columns, schema, kind, cut)
-            _count(batch, schema.names[key], GEOMETRY, written)
+            columns = [pa.array([value(row) for row in some], one.type) for one, value in fields]
+            batch = pa.record_batch(columns, schema=schema)
+            _count(batch, key, GEOMETRY, written)
             yield batch
 
     options = {
@@ -80,7 +83,7 @@ def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[P
             raise OutputError(
                 f"{file}: GDAL could not write it: {error}; free some space, or name another file"
             ) from error
-        if _read_back(pyogrio, made, schema.names[key]) != written.digest():
+        if _read_back(pyogrio, made, key) != written.digest():
             raise not_whole(file)
         beside = sorted(path for path in scratch.iterdir() if path != made)
         words = f"cut to the {_LONGEST_TEXT} bytes that a Shapefile holds"
@@ -127,44 +130,30 @@ def _read_back(pyogrio: ModuleType, made: Path, key: str) -> bytes:
     return found.digest()
 
 
-def _schema(rows: PlacedRows, kind: str) -> pa.Schema:
-    """One field a column, and the geometry; those of KML begin with name and description."""
-    short = short_names(rows.columns)
-    fields: list[pa.Field[Any]] = []
+def _fields(
+    rows: PlacedRows, kind: str, cut: Counter[str]
+) -> Iterator[tuple[pa.Field[Any], Callable[[Row], Any]]]:
+    """Fields with their value of a row: names first in KML, the geometry last; `cut` counts texts that are cut."""
     if kind == "kml":
-        fields += [pa.field(name, pa.string()) for name in ("Name", "description")]
+        yield pa.field("Name", pa.string()), lambda row: str(row[rows.columns[0].name])
+        yield pa.field("description", pa.string()), _appearance
+    short = short_names(rows.columns)
     for column in rows.columns:
-        if kind == "shp":
-            kept = pa.string() if _is_text(column) else column.type
-            fields.append(pa.field(short[column.name], kept))
-        else:
+        if kind != "shp":
             comment = f"{column.words} [{column.unit}]" if column.unit else column.words
             about = {"GDAL:OGR:comment": comment} if kind == "gpkg" else None
-            fields.append(pa.field(column.name, column.type, metadata=about))
-    return pa.schema([*fields, pa.field(GEOMETRY, pa.binary())])
+            yield pa.field(column.name, column.type, metadata=about), partial(_value, column.name)
+        elif _is_text(column):
+            text = partial(_dbase_text, column.name, cut)
+            yield pa.field(short[column.name], pa.string()), text
+        else:
+            yield pa.field(short[column.name], column.type), partial(_value, column.name)
+    # heights of KML are above the sea, those here above the ellipsoid: its signs lie on the ground
+    yield pa.field(GEOMETRY, pa.binary()), partial(_wkb, 2 if kind == "kml" else 3)
 
 
-def _batch(
-    rows: list[Row], columns: tuple[Column, ...], schema: pa.Schema, kind: str, cut: Counter[str]
-) -> pa.RecordBatch:
-    """Rows in the fields of `_schema`; counts the texts that are cut by their column."""
-    points = [row[GEOMETRY] for row in rows]
-    arrays: list[list[Any]] = []
-    if kind == "kml":
-        # Its heights are above the sea, those here above the ellipsoid: signs lie on the ground.
-        points = [None if point is None else point[:2] for point in points]
-        arrays = [[str(row[columns[0].name]) for row in rows], [_appearance(row) for row in rows]]
-    for column in columns:
-        values = [row.get(column.name) for row in rows]
-        if kind == "shp" and _is_text(column):
-            texts = [None if value is None else _text(value) for value in values]
-            values = [None if text is None else _cut(text) for text in texts]
-            if count := sum(text != value for text, value in zip(texts, values, strict=True)):
-                cut[column.name] += count
-        arrays.append(values)
-    arrays.append([_wkb(point) for point in points])
-    filled = [pa.array(v, f.type) for v, f in zip(arrays, schema, strict=True)]
-    return pa.record_batch(filled, schema=schema)
+def _value(name: str, row: Row) -> Any:
+    return row.get(name)
 
 
 def _is_text(column: Column) -> bool:
@@ -173,18 +162,23 @@ def _is_text(column: Column) -> bool:
     return pa.types.is_int64(kind) or pa.types.is_timestamp(kind) or pa.types.is_string(kind)
 
 
-def _text(value: Any) -> str:
-    return value.isoformat() if isinstance(value, datetime) else str(value)
-
-
-def _cut(text: str) -> str:
+def _dbase_text(name: str, cut: Counter[str], row: Row) -> str | None:
     """As much of a text as a dBASE file holds, without half a character at its end."""
-    return text.encode()[:_LONGEST_TEXT].decode(errors="ignore")
-
-
-def _wkb(point: Point | None) -> bytes | None:
-    if point is None:
+    value = row.get(name)
+    if value is None:
         return None
+    text = value.isoformat() if isinstance(value, datetime) else str(value)
+    kept = text.encode()[:_LONGEST_TEXT].decode(errors="ignore")
+    if kept != text:
+        cut[name] += 1
+    return kept
+
+
+def _wkb(most: int, row: Row) -> bytes | None:
+    """The place of a row with `most` coordinates."""
+    if row[GEOMETRY] is None:
+        return None
+    point = row[GEOMETRY][:most]
     kind = _WKB_POINT if len(point) == 2 else _WKB_POINT_Z
     return struct.pack(f"<BI{len(point)}d", 1, kind, *point)
 

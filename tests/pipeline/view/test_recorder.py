@@ -27,18 +27,15 @@ def memory():
     return rr.RecordingStream("test", recording_id="test")
 
 
-def to_file(path):
+def test_what_is_put_is_in_the_file(tmp_path):
+    path = tmp_path / "a.rrd"
+
     def opened():
         stream = memory()
         stream.save(path)
         return stream
 
-    return opened
-
-
-def test_what_is_put_is_in_the_file(tmp_path):
-    path = tmp_path / "a.rrd"
-    one = Recorder("a.rrd", to_file(path), 5.0)
+    one = Recorder("a.rrd", opened, 5.0)
     for _ in range(3):
         one.put([BATCH])
     one.close()

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import get_args, get_origin, get_type_hints
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 import rerun as rr
@@ -67,24 +66,14 @@ START_BYTES = 2_600_000
 """Length of the start of the demo log that holds so many frames."""
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
 TWO_FRAMES_S, SHAPES_AND_SIFT = 0.4, "report-shape"
-OUTLINES = "/world/vehicle/camera/outlines"
 AFTER_THE_DRIVE = {PathPoint, DrivePath, Landmark, Sign}
 """Shown all at once, by `closing`."""
+CAMERA = "/world/vehicle/camera"
+LAYERS = ("image", "keypoints", "matches", "tracks", "signs", "candidates/score", "candidates/sign")
 EVERY_FRAME = (
-    "/world/vehicle",
-    "/world/vehicle/camera/image",
-    "/world/vehicle/camera/keypoints",
-    "/world/vehicle/camera/matches",
-    "/world/vehicle/camera/tracks",
-    "/world/vehicle/camera/signs",
-    "/world/path",
-    "/world/rays",
-    "/world/places",
-    "/world/points/straight",
-    "/world/points/adjusted",
-    "/location/places",
-    "/world/vehicle/camera/candidates/score",
-    "/world/vehicle/camera/candidates/sign",
+    *(f"{CAMERA}/{layer}" for layer in LAYERS),
+    *("/world/vehicle", "/world/path", "/world/rays", "/world/places", "/location/places"),
+    *("/world/points/straight", "/world/points/adjusted"),
 )
 TIMELINES = {"frame", "capture_time", "station_cm", "message_log_time"}
 
@@ -232,22 +221,16 @@ def filled_paths(chunks):
     """Entities with a component that has a value in some row; what only clears others is none."""
     found = set()
     for chunk in chunks:
-        names = chunk.to_record_batch().schema.names
-        if any(filled(chunk, n) for n in names if ":" in n and not n.startswith("Clear")):
+        batch = chunk.to_record_batch()
+        names = [n for n in batch.schema.names if ":" in n and not n.startswith("Clear")]
+        if any(pc.max(pc.list_value_length(batch.column(name))).as_py() for name in names):
             found.add(chunk.entity_path)
     return found
 
 
-def filled(chunk, name):
-    """Whether a component has a value in some row; each row is a list."""
-    batch = chunk.to_record_batch()
-    rows = batch.column(name) if name in batch.schema.names else pa.array([], pa.list_(pa.int8()))
-    return bool(pc.max(pc.list_value_length(rows)).as_py())
-
-
 def test_outlines_are_shown_with_their_circle_ellipse_and_six_terms(report_chunks):
     strips = {
-        name: column(report_chunks, f"{OUTLINES}/{name}", "LineStrips2D:strips")
+        name: column(report_chunks, f"{CAMERA}/outlines/{name}", "LineStrips2D:strips")
         for name in ("traced", *CURVES)
     }
     assert [len(frame) for frame in strips["traced"]] == [len(f) for f in strips["circle"]]
@@ -286,9 +269,8 @@ def test_a_type_without_a_view_is_an_error():
         entities_of(3, "segment", ViewState())
 
 
-@pytest.mark.parametrize("path", EVERY_FRAME)
-def test_every_frame_logs_each_layer_so_that_nothing_stale_is_shown(rows, path):
-    assert rows[path] == FRAMES
+def test_every_frame_logs_each_layer_so_that_nothing_stale_is_shown(rows):
+    assert {path: rows[path] for path in EVERY_FRAME} == dict.fromkeys(EVERY_FRAME, FRAMES)
 
 
 def test_images_pass_through_as_they_were_recorded(chunks, recorded):
@@ -299,17 +281,16 @@ def test_images_pass_through_as_they_were_recorded(chunks, recorded):
     assert first in DEMO.read_bytes()
 
 
-@pytest.mark.parametrize(
-    ("path", "name"),
-    [
-        ("/world/vehicle/camera/candidates/sign", "Boxes2D:centers"),
-        ("/world/vehicle/camera/candidates/sign", "Boxes2D:labels"),
+def test_boxes_rays_and_classes_of_places_are_drawn(chunks):
+    drawn = {(c.entity_path, n) for c in chunks for n in c.to_record_batch().schema.names}
+    for path, name in (
+        (f"{CAMERA}/candidates/sign", "Boxes2D:centers"),
+        (f"{CAMERA}/candidates/sign", "Boxes2D:labels"),
         ("/world/rays", "LineStrips3D:strips"),
         ("/location/right", "LineStrips2D:strips"),
-    ],
-)
-def test_boxes_rays_and_classes_of_places_are_drawn(chunks, path, name):
-    assert any(filled(chunk, name) for chunk in chunks if chunk.entity_path == path)
+    ):
+        assert (path, name) in drawn
+        assert any(column(chunks, path, name))
 
 
 def test_all_rows_of_a_frame_have_all_timelines(chunks):
@@ -337,19 +318,17 @@ def test_signs_are_named_in_space_all_at_once_and_those_in_view_of_each_frame(ch
     (everything,) = column(chunks, "/world/names/all", "Points3D:labels")
     assert sorted(", ".join(everything).split(", ")) == sorted(names)
     assert len(everything) == len({row["assembly_id"] for row in rows})
-    labels = {}
-    for chunk in chunks:
-        if chunk.entity_path == "/world/names/in_view":
-            batch = chunk.to_record_batch()
-            words = batch.column("Points3D:labels").to_pylist()
-            labels |= zip(batch.column("frame").to_pylist(), words, strict=True)
-    assert sorted(labels) == list(range(FRAMES))
+    frames = column(chunks, "/world/names/in_view", "frame")
+    words = column(chunks, "/world/names/in_view", "Points3D:labels")
+    shown = dict(zip(frames, (", ".join(one).split(", ") for one in words), strict=True))
+    assert sorted(shown) == list(range(FRAMES))
+    firsts = {}
     for name, row in zip(names, rows, strict=True):
-        assert name in ", ".join(labels[row["best_frame"]]).split(", ")
-    for assembly in {row["assembly_id"] for row in rows}:
-        panels = [(n, r) for n, r in zip(names, rows, strict=True) if r["assembly_id"] == assembly]
-        for frame in range(min(row["first_frame"] for _, row in panels)):
-            assert all(name not in ", ".join(labels[frame]) for name, _ in panels)
+        assert name in shown[row["best_frame"]]
+        first = firsts.get(row["assembly_id"], FRAMES)
+        firsts[row["assembly_id"]] = min(first, row["first_frame"])
+    for name, row in zip(names, rows, strict=True):
+        assert all(name not in shown[frame] for frame in range(firsts[row["assembly_id"]]))
 
 
 AHEAD = np.array([2.0, -1.0, 20.0])
