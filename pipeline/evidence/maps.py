@@ -18,7 +18,7 @@ Points = NDArray[np.float64]
 SIGMAS = 2.0
 MARGIN_PX, FOOT_PX = 26, 46
 """Around a map, and for the scale bar below it."""
-_SIZE = 484, 340
+MAP_SIZE = 484, 340
 _NARROWEST_M, _NARROWEST_CLOSE_M = 20.0, 0.5
 
 
@@ -101,11 +101,11 @@ def sign_maps(evidence: Evidence, drive: DriveMap) -> list[dict[str, Any]]:
         ("Lines of sight", [cameras, position[None]], _NARROWEST_M, road | {"cameras": cameras}),
         ("2-sigma error ellipse and panel", [*close.values()], _NARROWEST_CLOSE_M, close),
     ):
-        to_page = fit(np.concatenate(shown), _SIZE, narrowest_m)
-        foot = to_page.foot((0, 0, *_SIZE), drive.north, "x right, y up")
+        to_page = fit(np.concatenate(shown), MAP_SIZE, narrowest_m)
+        foot = to_page.foot((0, 0, *MAP_SIZE), drive.north, "x right, y up")
         drawn = {name: to_page(points).tolist() for name, points in (none | shapes).items()}
         maps.append(
-            {"heading": heading, "width": _SIZE[0], "height": _SIZE[1], "foot": foot} | drawn
+            {"heading": heading, "width": MAP_SIZE[0], "height": MAP_SIZE[1], "foot": foot} | drawn
         )
     return maps
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from importlib.resources import files
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ import numpy as np
 from wayside.pipeline.evidence.crops import Crop, draw_crop
 from wayside.pipeline.evidence.figures import UNKNOWN, Figure, figures_of
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView
-from wayside.pipeline.evidence.maps import sign_maps
+from wayside.pipeline.evidence.maps import MAP_SIZE, sign_maps
 from wayside.pipeline.evidence.marks import appearance_of
 from wayside.pipeline.files.webp import data_address, encode_png, encode_webp
 from wayside.pipeline.pages import render, render_page
@@ -51,15 +51,17 @@ def format_sheet(
 
     `run`: content of `run.json`. `neighbours`: file names of other pages: `prev`, `up` and `next`, where there are any.
     """
-    values = _values(evidence, drive, run)
-    for view, shown in zip((evidence.best, *evidence.views), _shown(values), strict=True):
-        if view in crops:
-            size = BIG if shown is values["best"] else TILE
-            # enlarging twice shows all there is
-            wide = min(size.width, max(2 * crops[view].rgb.shape[1], TILE.width))
-            size = Size(wide, round(wide * size.height / size.width))
-            source = data_address(encode_webp(draw_crop(crops[view], size)))
-            shown |= size._asdict() | {"source": source}
+
+    def image(number: int | None, view: SignView) -> dict[str, Any]:
+        if view not in crops:
+            return {"source": ""}
+        size = BIG if number is None else TILE
+        # enlarging twice shows all there is
+        wide = min(size.width, max(2 * crops[view].rgb.shape[1], TILE.width))
+        size = Size(wide, round(wide * size.height / size.width))
+        return size._asdict() | {"source": data_address(encode_webp(draw_crop(crops[view], size)))}
+
+    values = _values(evidence, drive, run, image)
     return render_page("sheet.html", mark, neighbours=neighbours, **values)
 
 
@@ -70,34 +72,43 @@ def draw_sheet(evidence: Evidence, crops: Crops, drive: DriveMap, run: Mapping[s
     """
     import resvg_py
 
-    values = _values(evidence, drive, run)
     middle = TOP + BIG.height + _BELOW_BIG + _TERM * len(EVIDENCE_TERMS) + _BELOW_TERMS
-    bottom = middle + values["maps"][0]["height"] + _BELOW_MAPS
-    values["best"] |= {"x": LEFT, "y": TOP, "size": BIG}
-    for i, shown in enumerate(values["views"]):
-        across, down = TILE.width + _BESIDE_TILE, TILE.height + _BELOW_TILE
-        place = {"x": LEFT + i % TILES * across, "y": bottom + i // TILES * down}
-        shown |= place | {"size": TILE}
-    for view, shown in zip((evidence.best, *evidence.views), _shown(values), strict=True):
-        shown["source"] = view in crops
+    bottom = middle + MAP_SIZE[1] + _BELOW_MAPS
+    images = []
+
+    def place(number: int | None, view: SignView) -> dict[str, Any]:
+        size, x, y = BIG, LEFT, TOP
+        if number is not None:
+            size = TILE
+            x += number % TILES * (size.width + _BESIDE_TILE)
+            y = bottom + number // TILES * (size.height + _BELOW_TILE)
+        if view in crops:
+            images.append((x, y, draw_crop(crops[view], size)))
+        return {"x": x, "y": y, "size": size, "source": view in crops}
+
+    values = _values(evidence, drive, run, place)
     fonts = files("font_source_sans_pro").joinpath("files")
     weights = ("Regular", "Semibold", "Bold")
-    svg = render("sheet.svg", width=WIDTH, left=LEFT, middle=middle, bottom=bottom, **values)
     drawn = resvg_py.svg_to_bytes(
-        svg_string=svg,
+        svg_string=render(
+            "sheet.svg", width=WIDTH, left=LEFT, middle=middle, bottom=bottom, **values
+        ),
         skip_system_fonts=True,
         font_files=[str(fonts.joinpath(f"SourceSansPro-{weight}.ttf")) for weight in weights],
     )
     rgb = np.asarray(cv2.imdecode(np.frombuffer(drawn, np.uint8), cv2.IMREAD_COLOR_RGB), np.uint8)
-    for view, shown in zip((evidence.best, *evidence.views), _shown(values), strict=True):
-        if view in crops:
-            (width, height), x, y = shown["size"], shown["x"], shown["y"]
-            rgb[y : y + height, x : x + width] = draw_crop(crops[view], shown["size"])
+    for x, y, image in images:
+        rgb[y : y + image.shape[0], x : x + image.shape[1]] = image
     return encode_png(rgb)
 
 
-def _values(evidence: Evidence, drive: DriveMap, run: Mapping[str, Any]) -> dict[str, Any]:
-    """What both templates of a sheet show."""
+def _values(
+    evidence: Evidence,
+    drive: DriveMap,
+    run: Mapping[str, Any],
+    image: Callable[[int | None, SignView], dict[str, Any]],
+) -> dict[str, Any]:
+    """What both templates of a sheet show; `image`: how the best view (None) or that of a number is shown."""
     sign, count = evidence.sign, len(evidence.views)
     frame = evidence.best.frame
     name, when = drive.images.get(frame, ("", ""))
@@ -117,17 +128,12 @@ def _values(evidence: Evidence, drive: DriveMap, run: Mapping[str, Any]) -> dict
         "terms": [(Figure(term.capitalize(), f"{ratio:+.1f}"), ratio) for term, ratio in weighed],
         "maps": sign_maps(evidence, drive),
         "views_heading": f"All {count} views" if count > 1 else "The only view",
-        "best": _view(evidence.best, drive),
-        "views": [_view(view, drive) for view in evidence.views],
+        "best": _words(evidence.best, drive) | image(None, evidence.best),
+        "views": [_words(v, drive) | image(i, v) for i, v in enumerate(evidence.views)],
     }
 
 
-def _shown(values: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The best view, and all views in their order."""
-    return [values["best"], *values["views"]]
-
-
-def _view(view: SignView, drive: DriveMap) -> dict[str, Any]:
+def _words(view: SignView, drive: DriveMap) -> dict[str, str]:
     name, date = drive.images.get(view.frame, ("", ""))
     return {
         "frame": f"frame {view.frame}",
@@ -135,5 +141,4 @@ def _view(view: SignView, drive: DriveMap) -> dict[str, Any]:
         "date": date,
         "distance": "" if view.range_m is None else f"{view.range_m:.1f} m",
         "residual": "" if view.residual_px is None else f"{view.residual_px:.2f} px",
-        "source": "",
     }
