@@ -25,7 +25,7 @@ from wayside.pipeline.exporting.table import (
     is_inventory,
 )
 from wayside.pipeline.files.csv_text import guarded
-from wayside.pipeline.files.writing import is_stream, not_whole, refuse, whole_file
+from wayside.pipeline.files.writing import is_stream, refuse, whole_file
 from wayside.pipeline.reviewing.review import Review
 from wayside.schemas.errors import UsageError
 
@@ -95,10 +95,10 @@ def export(
     inventory, imperial = is_inventory(out), units != "metric"
     _require_fitting(out, kind, crs, table, inventory=inventory, imperial=imperial)
     if kind == "mcap":
-        from wayside.pipeline.exporting.foxglove_log import require_whole_log, write_foxglove_log
+        from wayside.pipeline.exporting.foxglove_log import write_foxglove_log
 
         (signs,) = drive_signs(out, review).chunks()
-        with whole_file(file, overwrite=overwrite, read_back=require_whole_log) as stream:
+        with whole_file(file, overwrite=overwrite) as stream:
             notes = write_foxglove_log(out, signs, log, stream)
         return Exported(len(signs), (file,), tuple(notes))
     if inventory:
@@ -111,8 +111,11 @@ def export(
             "gpkg or shp, whose x and y are relative to the drive."
         )
     rows = PlacedRows(source, crs, imperial=imperial)
-    if kind == "csv" or kind == "geojson":
-        files, cut = _write_text(rows, kind, file, overwrite=overwrite), list[str]()
+    files: tuple[Path, ...] = (file,)
+    cut: list[str] = []
+    if kind in _WRITERS:
+        with whole_file(file, overwrite=overwrite) as stream:
+            _WRITERS[kind](rows, stream)
     else:
         with made_files(rows, kind, file) as (made, cut):
             files = (*(file.with_suffix(path.suffix) for path in made[:-1]), file)
@@ -142,22 +145,6 @@ def _require_fitting(
         raise UsageError(
             f"{out}: -f mcap takes the result of one drive, not an inventory. Name a folder in {out / 'drives'}."
         )
-
-
-def _write_text(rows: PlacedRows, kind: str, file: Path, *, overwrite: bool) -> tuple[Path, ...]:
-    def read_back(made: Path) -> None:
-        with made.open(encoding="utf-8", newline="") as text:
-            if kind == "csv":
-                found = sum(1 for _ in csv.reader(text)) - 1
-            else:  # the first and the last line hold no feature
-                lines = [line == "]}\n" for line in text]
-                found = len(lines) - 2 if any(lines[-1:]) else -1
-        if found != rows.count:
-            raise not_whole(file)
-
-    with whole_file(file, overwrite=overwrite, read_back=read_back) as stream:
-        (write_csv if kind == "csv" else write_geojson)(rows, stream)
-    return (file,)
 
 
 def write_csv(rows: PlacedRows, stream: BinaryIO) -> None:
@@ -212,3 +199,7 @@ def _copy_together(made: list[Path], targets: tuple[Path, ...], *, overwrite: bo
             stream.flush()
             if not is_stream(target):
                 os.fsync(stream.fileno())
+
+
+_WRITERS = {"csv": write_csv, "geojson": write_geojson}
+"""Formats that need no other package."""

@@ -17,15 +17,12 @@ from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.timestamp_pb2 import Timestamp
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
 from mcap_protobuf.writer import Writer
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.evidence.marks import Ink, ink_of
 from wayside.pipeline.exporting.table import Row
-from wayside.pipeline.files.writing import not_whole
 from wayside.pipeline.reading.contents import PoseContent
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.plan import Plan, plan_reading
@@ -46,18 +43,6 @@ _UNTOLD = ("score", "overlap")
 """Verdicts on one box in one image, of which there are hundreds: they have no label."""
 Message = dict[str, Any]
 """Fields of a message within another, which protobuf makes a message of."""
-
-
-def require_whole_log(file: Path) -> None:
-    """Read a log back; raises OutputError where its end or a message is missing."""
-    try:
-        with file.open("rb") as stream:
-            reader = make_reader(stream, validate_crcs=True)
-            summary, found = reader.get_summary(), sum(1 for _ in reader.iter_messages())
-    except McapError as error:
-        raise not_whole(file) from error
-    if summary is None or summary.statistics is None or summary.statistics.message_count != found:
-        raise not_whole(file)
 
 
 def write_foxglove_log(
