@@ -6,7 +6,7 @@ const byId = new Map(cards.map(card => [card.id, card]));
 const dots = new Map(Array.from(document.querySelectorAll("[data-for]"), dot => [dot.dataset.for, dot]));
 const map = document.querySelector(".map");
 const about = JSON.parse(at("about").textContent);
-const store = "wayside review " + about.log + " " + about.result;
+const store = "wayside review " + about.log + " " + about.result, told = "reviewed";
 const defaults = { id: "", color: "", shape: "", code: "", status: "", review: "", confidence: "0", sort: "station" };
 let said = new Map();
 let missing = [];
@@ -89,9 +89,7 @@ function rows() {
 }
 
 function remember() {
-  try {
-    localStorage.setItem(store, JSON.stringify({ reviewer: at("reviewer").value, reviews: rows() }));
-  } catch { /* not kept */ }
+  keep({ reviews: rows() });
   draw();
 }
 
@@ -100,10 +98,10 @@ function known(name, value) {
   return Array.from(choices).some(option => option.value === value && value) ? value : null;
 }
 
-function take(found) {
+function take({ reviews }) {
   said = new Map();
   missing = [];
-  for (const one of found || []) {
+  for (const one of reviews || []) {
     const look = { color: known("color", one.color), shape: known("shape", one.shape), note: String(one.note || "") };
     if (one.review === "missing" && Number.isFinite(Number(one.x)) && Number.isFinite(Number(one.y))) {
       missing.push({ ...look, x: Number(one.x), y: Number(one.y) });
@@ -209,7 +207,6 @@ at("add").addEventListener("click", () => adding(!map.classList.contains("adding
 map?.addEventListener("click", event => {
   if (map.classList.contains("adding")) { event.preventDefault(); place(event.clientX, event.clientY); }
 });
-at("reviewer").addEventListener("change", remember);
 
 // Files
 
@@ -241,26 +238,18 @@ function fromCsv(text) {
   return found.filter(row => row.length === names.length).map(row => Object.fromEntries(names.map((name, i) => [name, row[i]])));
 }
 
-async function load(file) {
-  if (!file) return;
-  try {
-    const text = await file.text();
-    const whole = file.name.endsWith(".csv") ? { reviews: fromCsv(text) } : JSON.parse(text);
-    const results = [whole.result, ...whole.reviews.map(one => one.result)].filter(Boolean);
-    if (results.some(name => name !== about.result)) throw new Error("it is of another result");
-    take(whole.reviews);
-    at("reviewer").value = whole.reviewer || whole.reviews[0]?.reviewer || at("reviewer").value;
-    remember();
-  } catch (error) {
-    at("reviewed").textContent = "not loaded: " + error.message;
-  }
+function read(name, text) {
+  const whole = name.endsWith(".csv") ? { reviews: fromCsv(text) } : JSON.parse(text);
+  const results = [whole.result, ...whole.reviews.map(one => one.result)].filter(Boolean);
+  if (results.some(name => name !== about.result)) throw new Error("it is of another result");
+  take(whole);
+  at("reviewer").value = whole.reviewer || whole.reviews[0]?.reviewer || at("reviewer").value;
+  remember();
 }
 
 at("csv").addEventListener("click", () => save("review.csv", asCsv(), "text/csv"));
 at("json").addEventListener("click", () => save("review.json", asJson(), "application/json"));
-loadWith(load);
-const kept = recalled(store);
-if (kept) { take(kept.reviews); at("reviewer").value = kept.reviewer || ""; }
+recall();
 at("fold").addEventListener("click", () => at("fold").setAttribute("aria-expanded", String(!form.classList.toggle("folded"))));
 form.hidden = at("review").hidden = false;
 fromAddress();

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -102,12 +101,3 @@ class Batch:
             self.times.apply(stream)
         for one in self.entities:
             stream.log(one.path, *one.parts, static=self.times is None)
-
-
-Send = Callable[[Batch], None]
-"""Takes a batch to a recording."""
-
-
-def image_plane(frame_id: str) -> str:
-    """Coordinate frame that Rerun's importer gives to the images of a camera frame."""
-    return f"{frame_id}_image_plane"

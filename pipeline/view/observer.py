@@ -16,7 +16,7 @@ from wayside.pipeline.results.inventory import WrittenTables
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.blueprint import drive_layout
 from wayside.pipeline.view.closing import closing, opening
-from wayside.pipeline.view.entities import APPLICATION, Batch, Entity, Times, entity, image_plane
+from wayside.pipeline.view.entities import APPLICATION, Batch, Entity, Times, entity
 from wayside.pipeline.view.recorder import Recorder
 from wayside.pipeline.view.views import LAST_STAGE, ViewState, active_landmarks, entities_of
 from wayside.pipeline.workers import Item
@@ -65,7 +65,7 @@ def open_observer(
         recorders.append(Recorder(RECORDING, file_stream, FILE_PATIENCE_S))
     if viewing.address is not None:
         recorders.append(Recorder(viewing.address, live_stream, 0.0))
-    plane = image_plane(report.camera_frame) if viewing.images == "none" else None
+    plane = f"{report.camera_frame}_image_plane" if viewing.images == "none" else None
     return RerunObserver(recorders, location, viewing, plane)
 
 
