@@ -34,8 +34,6 @@ class SignView:
     """x0, y0, x1, y1, half open, pixels."""
     residual_px: float | None
     range_m: float | None
-    image: str = ""
-    """Name of the image's file; empty where it was not imported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,8 +159,7 @@ def _evidence(sign: dict[str, Any], rows: list[dict[str, Any]], drive: DriveMap)
             )
         camera = drive.cameras.get(row["frame"])
         distance = None if camera is None else float(np.linalg.norm(position - camera))
-        name, _ = drive.images.get(row["frame"], ("", ""))
-        views.append(SignView(row["frame"], tuple(row["box"]), row["residual_px"], distance, name))
+        views.append(SignView(row["frame"], tuple(row["box"]), row["residual_px"], distance))
     name, date = drive.images.get(sign["best_frame"], ("", ""))
     return Evidence(sign | {"image_name": name, "image_date": date}, tuple(views))
 

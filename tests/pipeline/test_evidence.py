@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from html.parser import HTMLParser
+from html import unescape
 from pathlib import Path
 from urllib.parse import quote, unquote
 
@@ -149,26 +149,24 @@ def sheet_pixels(page):
     return cv2.imdecode(content, cv2.IMREAD_COLOR_RGB)
 
 
-class Links(HTMLParser):
-    """Everything that a page refers to, and its cards."""
+def references(text):
+    """Everything that a page refers to."""
+    return [unescape(one) for one in re.findall(r'\s(?:src|href|action)="([^"]*)"', text)]
 
-    def __init__(self, text):
-        super().__init__()
-        self.references, self.cards, self.stack = [], [], []
-        self.feed(text)
 
-    def handle_starttag(self, tag, attrs):
-        attributes = dict(attrs)
-        self.references += [attributes[k] for k in ("src", "href", "action") if k in attributes]
-        if tag == "li":
-            self.cards.append(attributes)
+def cards(text):
+    """The attributes of the cards of an index."""
+    found = [
+        dict(re.findall(r'([a-z-]+)="([^"]*)"', one)) for one in re.findall(r"<li ([^>]*)>", text)
+    ]
+    return [{name: unescape(value) for name, value in one.items()} for one in found]
 
 
 def test_every_sign_gets_a_sheet_and_a_card(sheets):
     pages = [f"{name}.html" for name in (NEAR, FAR, BARE)]
     assert [path.name for path in sheets.sheets] == pages
-    cards = Links(sheets.index.read_text("utf-8")).cards
-    assert [card["id"] for card in cards] == [NEAR, FAR, BARE]
+    shown = cards(sheets.index.read_text("utf-8"))
+    assert [card["id"] for card in shown] == [NEAR, FAR, BARE]
     assert sheets.lost_views == 0
     written = sorted(path.name for path in sheets.index.parent.iterdir())
     assert written == sorted([*pages, "index.html"])
@@ -202,10 +200,10 @@ def test_sheets_are_images_too_with_the_face_of_the_best_frame_large(out, tmp_pa
 
 def test_a_page_says_in_text_what_is_known_and_leads_to_its_neighbours(sheets):
     text = sheets.index.with_name(f"{FAR}.html").read_text("utf-8")
-    page = Links(text)
+    links = references(text)
     near, index, bare = (quote(name) for name in (f"{NEAR}.html", "index.html", f"{BARE}.html"))
-    assert [link for link in page.references if link.endswith(".html")] == [near, index, bare]
-    assert sum(link.startswith("data:image/webp") for link in page.references) == 1 + 2
+    assert [link for link in links if link.endswith(".html")] == [near, index, bare]
+    assert sum(link.startswith("data:image/webp") for link in links) == 1 + 2
     assert len(re.findall(r'<svg class="map"', text)) == 3
     shown = re.sub(r"<(script|style|details)>.*?</\1>", "", text, flags=re.DOTALL)
     for words in ("yellow diamond", "38.5000000°", "± 0.30 m", "frame 4", "status uncertain"):
@@ -350,9 +348,8 @@ def test_a_file_in_the_place_of_the_folder_is_refused(out, tmp_path):
 
 def test_the_index_refers_to_nothing_but_the_sheets_beside_it(sheets):
     text = sheets.index.read_text("utf-8")
-    page = Links(text)
-    ids = {card["id"] for card in page.cards}
-    for reference in page.references:
+    ids = {card["id"] for card in cards(text)}
+    for reference in references(text):
         if reference.startswith("#"):
             assert unquote(reference[1:]) in ids
         elif not reference.startswith("data:image/webp;base64,"):
@@ -364,7 +361,7 @@ def test_cards_carry_what_the_filters_ask_for_and_the_summary_counts_as_the_run_
     text = sheets.index.read_text("utf-8")
     assert "<p>2 signs, 1 uncertain on 40 m of road, 6 images." in text
     names = ("color", "shape", "status", "confidence", "station")
-    found = [[card[f"data-{name}"] for name in names] for card in Links(text).cards]
+    found = [[card[f"data-{name}"] for name in names] for card in cards(text)]
     assert found == [
         ["red", "octagon", "sign", "0.9000", "40.000"],
         ["yellow", "diamond", "uncertain", "0.3000", "40.000"],
