@@ -203,7 +203,7 @@ def run(
     def open_observer(report: ReadReport, part: Path) -> RunObserver | None:
         if view is None:
             return None
-        from wayside.pipeline.view.sinks import Viewing, open_observer
+        from wayside.pipeline.view.observer import Viewing, open_observer
 
         viewing = Viewing(view == "file", address)
         return open_observer(viewing, part, path.stem, models.location_classes, report)

@@ -63,7 +63,7 @@ NOT_BYPASSED = {"read", "queue"}
 BY_OPTION = {"detect_externally", "propose_segments"}
 """Stages that no preset calls: `--detector`, `--detections` and an empty `models.network` do."""
 DRAWN = {("default", "location_classes")}
-"""Models that decide nothing in a preset: the viewer draws them, which tests/pipeline/view/test_chains.py sees."""
+"""Models that decide nothing in a preset: the viewer draws them, which tests/pipeline/view/test_views.py sees."""
 SURE = 5.0
 """Log odds that a classifier that tells nothing gives to everything."""
 NEEDED = {"box_network", "front_scores"}

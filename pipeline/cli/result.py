@@ -202,7 +202,7 @@ def export(
 ) -> None:
     """Write the signs for other programs, with corrections beside what was measured."""
     from wayside.pipeline.exporting.export import export as write
-    from wayside.pipeline.exporting.sources import is_inventory
+    from wayside.pipeline.exporting.table import is_inventory
     from wayside.pipeline.reviewing.review import NO_REVIEW, find_review
 
     chosen = _format_of(file, kind)

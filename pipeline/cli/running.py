@@ -28,7 +28,7 @@ from wayside.schemas.errors import (
 )
 
 if TYPE_CHECKING:
-    from wayside.pipeline.view.sinks import Viewing
+    from wayside.pipeline.view.observer import Viewing
     from wayside.schemas.settings import Settings
 
 app = Application()
@@ -179,7 +179,7 @@ def viewing_of(view: ViewMode, given: Mapping[str, Any]) -> Viewing | None:
     connect = given["connect"]
     if view is ViewMode.none and connect is None:
         return None
-    from wayside.pipeline.view.sinks import Viewing
+    from wayside.pipeline.view.observer import Viewing
     from wayside.pipeline.view.viewer import probe, start_viewer
 
     if connect is not None and view in (ViewMode.live, ViewMode.serve):
@@ -319,7 +319,7 @@ def process(
     def open_observer(report: ReadReport, part: Path) -> RunObserver | None:
         if viewing is None:
             return None
-        from wayside.pipeline.view.sinks import open_observer
+        from wayside.pipeline.view.observer import open_observer
 
         return open_observer(viewing, part, visible(log.stem), models.location_classes, report)
 

@@ -52,19 +52,8 @@ class Crop:
 def cut(rgb: NDArray[np.uint8], box: Box, proportion: float) -> Crop:
     """Cut a box with its surroundings out of an image.
 
-    Parameters
-    ----------
-    rgb
-        (height, width, 3) uint8.
-    box
-        x0, y0, x1, y1, half open, pixels.
-    proportion
-        Width over height of the crop, to the next pixel.
-
-    Returns
-    -------
-    The box stands in the middle, except near the edge of the image; where the crop is the larger of the two, it is
-    grey around the image.
+    `box`: x0, y0, x1, y1, half open, pixels. `proportion`: width over height of the crop, to the next pixel. The box
+    stands in the middle, except near the edge of the image; a crop larger than the image is grey around it.
     """
     x0, y0, x1, y1 = box
     height = max(CONTEXT * (y1 - y0), CONTEXT * (x1 - x0) / proportion, SMALLEST_PX)
@@ -72,13 +61,9 @@ def cut(rgb: NDArray[np.uint8], box: Box, proportion: float) -> Crop:
     left = _shifted_inside(round((x0 + x1 - wide) / 2), wide, rgb.shape[1])
     top = _shifted_inside(round((y0 + y1 - tall) / 2), tall, rgb.shape[0])
     crop = np.full((tall, wide, 3), _OUTSIDE_GREY, np.uint8)
-    rows = slice(max(top, 0), max(min(top + tall, rgb.shape[0]), 0))
-    columns = slice(max(left, 0), max(min(left + wide, rgb.shape[1]), 0))
-    inside = rgb[rows, columns]
-    crop[
-        rows.start - top : rows.start - top + inside.shape[0],
-        columns.start - left : columns.start - left + inside.shape[1],
-    ] = inside
+    inside = rgb[max(top, 0) : max(top + tall, 0), max(left, 0) : max(left + wide, 0)]
+    down, right = max(-top, 0), max(-left, 0)
+    crop[down : down + inside.shape[0], right : right + inside.shape[1]] = inside
     return Crop(crop, (x0 - left, y0 - top, x1 - left, y1 - top))
 
 
@@ -110,10 +95,9 @@ def read_crops(
 ) -> Iterator[tuple[Key, Crop | None]]:
     """Cut boxes with their surroundings out of the images of a result's log, which is read once.
 
-    `out`: folder of the result. `log`: where its log lies now, None: as at the time of the run. `boxes`: what to call a
-    box, its frame and itself. Crops come in order of their frames, None where an image does not decode; what the log
-    has no longer does not come. Raises InputError where the result or the log cannot be used, or the log is another
-    one.
+    `log`: where it lies now, None: as at the time of the run. `boxes`: what to call a box, its frame and itself. Crops
+    come in order of their frames, None where an image does not decode; what the log has no longer does not come. Raises
+    InputError where the result or the log cannot be used, or the log is another one.
     """
     wanted: defaultdict[int, list[tuple[Key, Box]]] = defaultdict(list)
     for key, frame, box in boxes:
@@ -122,11 +106,16 @@ def read_crops(
         return
     run = read_run(out)
     source, settings = find_log(run, log), read_settings(out, run)
-    frames = read_rows(out, FRAMES, ["frame", "log_time_ns"])
-    times_ns = {row["frame"]: row["log_time_ns"] for row in frames}
+    times_ns = read_times(out)
     for image in read_images(source, settings, wanted.keys(), times_ns, ReadReport()):
         for key, box in wanted[image.frame.index]:
             yield key, None if image.rgb is None else cut(image.rgb, box, proportion)
+
+
+def read_times(out: Path) -> dict[int, int]:
+    """Log time of each frame of a result, nanoseconds."""
+    rows = read_rows(out, FRAMES, ["frame", "log_time_ns"])
+    return {row["frame"]: row["log_time_ns"] for row in rows}
 
 
 def read_images(
@@ -140,27 +129,19 @@ def read_images(
 
     log_times_ns: of every frame of the result. Raises InputError if the log has other times.
     """
-    return decode(_wanted_frames(log, settings, wanted, log_times_ns, report))
 
+    def frames() -> Iterator[Frame]:
+        last = max(wanted, default=-1)
+        for frame in read_frames(log, settings, report):
+            if frame.index in wanted:
+                if frame.log_time_ns != log_times_ns[frame.index]:
+                    raise InputError(
+                        f"{log}: this is not the log that the result was made from. Frame {frame.index} is of "
+                        f"{frame.log_time_ns} ns instead of {log_times_ns[frame.index]} ns. Give the right one with "
+                        "--log."
+                    )
+                yield frame
+            if frame.index >= last:
+                return
 
-def _wanted_frames(
-    log: Path,
-    settings: ReadSettings,
-    wanted: Collection[int],
-    log_times_ns: Mapping[int, int],
-    report: ReadReport,
-) -> Iterator[Frame]:
-    last = max(wanted, default=-1)
-    for frame in read_frames(log, settings, report):
-        if frame.index > last:
-            return
-        if frame.index in wanted:
-            if frame.log_time_ns != log_times_ns[frame.index]:
-                raise InputError(
-                    f"{log}: this is not the log that the result was made from. Frame {frame.index} is of "
-                    f"{frame.log_time_ns} ns instead of {log_times_ns[frame.index]} ns. Give the right one with "
-                    "--log."
-                )
-            yield frame
-        if frame.index == last:
-            return
+    return decode(frames())

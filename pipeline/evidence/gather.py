@@ -22,34 +22,28 @@ _FRAME_COLUMNS = (
     *("frame", "log_time_ns", "status", "x", "y", "z", "lon_deg", "lat_deg"),
     *("image_name", "image_date"),
 )
-_VIEW_COLUMNS = ("sign_id", "frame", "box", "residual_px")
 _SIGN_COLUMNS = tuple(column.name for column in SIGNS.columns if column.name != "geometry")
 
 
 @dataclass(frozen=True, slots=True)
 class SignView:
-    """One measurement of a sign: its `box` (x0, y0, x1, y1, half open, pixels) in frame `frame`."""
+    """One measurement of a sign."""
 
     frame: int
     box: tuple[float, float, float, float]
+    """x0, y0, x1, y1, half open, pixels."""
     residual_px: float | None
     range_m: float | None
-    image: str = ""
-    """Name of the image's file; empty where it was not imported."""
-
-    @property
-    def area_px(self) -> float:
-        """Pixels of the box."""
-        x0, y0, x1, y1 = self.box
-        return (x1 - x0) * (y1 - y0)
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """A row of `signs.parquet` by column name, with its measurements in order of frame, at least one."""
+    """A sign with what it rests on."""
 
     sign: dict[str, Any]
+    """Its row of `signs.parquet` by column name."""
     views: tuple[SignView, ...]
+    """Its measurements in order of frame, at least one."""
 
     @property
     def name(self) -> str:
@@ -59,36 +53,34 @@ class Evidence:
     @property
     def best(self) -> SignView:
         """The view to show large: that of `best_frame`, else the one of most pixels."""
-        best_frame = self.sign["best_frame"]
-        return max(self.views, key=lambda view: (view.frame == best_frame, view.area_px))
+
+        def merit(view: SignView) -> tuple[bool, float]:
+            x0, y0, x1, y1 = view.box
+            return view.frame == self.sign["best_frame"], (x1 - x0) * (y1 - y0)
+
+        return max(self.views, key=merit)
 
 
 @dataclass(frozen=True, slots=True)
 class DriveMap:
-    """Cameras and signs of a whole drive, world frame, metres.
-
-    `cameras`: centre (3,) by frame. `path` (n, 3): the same in order. `signs` (m, 3): all of them. `log_times_ns`: by
-    frame. `images`: name and date of the file that was imported, by frame. `north` (2,): its direction along x, y, None
-    where it is not known.
-    """
+    """Cameras and signs of a whole drive, world frame, metres."""
 
     cameras: dict[int, NDArray[np.float64]]
+    """Centre (3,) by frame."""
     path: NDArray[np.float64]
+    """The same in order, (n, 3)."""
     signs: NDArray[np.float64]
+    """All of them, (m, 3)."""
     log_times_ns: dict[int, int]
+    """By frame."""
     images: dict[int, tuple[str, str]] = field(default_factory=dict)
+    """Name and date of the file that was imported, by frame."""
     north: NDArray[np.float64] | None = None
+    """Its direction (2,) along x, y; None where it is not known."""
 
 
 def gather(out: Path, sign_id: str | None) -> tuple[DriveMap, list[Evidence]]:
-    """The drive of a result and the evidence of its signs, in order of `signs.parquet`.
-
-    Parameters
-    ----------
-    out
-        Folder written by `wayside run`.
-    sign_id
-        Only this sign; None: all of them.
+    """The drive of a result and the evidence of its signs (None: of all), in order of `signs.parquet`.
 
     Raises
     ------
@@ -102,11 +94,13 @@ def gather(out: Path, sign_id: str | None) -> tuple[DriveMap, list[Evidence]]:
     for name in known:
         _require_file_name(out, name)
     if sign_id is not None and sign_id not in known:
-        raise UsageError(_unknown_sign(out, sign_id, known))
+        near = difflib.get_close_matches(sign_id, known, n=1, cutoff=0.0)
+        others = f" among the {len(known)} of {out}. Did you mean {near[0]}?" if near else ""
+        raise UsageError(f"there is no sign {sign_id}{others or f': {out} holds no sign at all'}")
     drive = _read_drive(out, signs)
     where = {"verdict": "sign"} if sign_id is None else {"verdict": "sign", "sign_id": sign_id}
     views = defaultdict(list)
-    for row in read_rows(out, OBSERVATIONS, _VIEW_COLUMNS, where):
+    for row in read_rows(out, OBSERVATIONS, ("sign_id", "frame", "box", "residual_px"), where):
         views[row["sign_id"]].append(row)
     chosen = [sign for sign in signs if sign_id in (None, sign["sign_id"])]
     return drive, [_evidence(sign, views[sign["sign_id"]], drive) for sign in chosen]
@@ -116,16 +110,13 @@ def _read_drive(out: Path, signs: list[dict[str, Any]]) -> DriveMap:
     frames = read_rows(out, FRAMES, _FRAME_COLUMNS)
     placed = [row for row in frames if row["x"] is not None]
     path = _positions(placed)
+    named = [row for row in frames if row.get("image_name")]
     return DriveMap(
         {row["frame"]: centre for row, centre in zip(placed, path, strict=True)},
         path,
         _positions(signs),
         {row["frame"]: row["log_time_ns"] for row in frames},
-        {
-            row["frame"]: (visible(row["image_name"]), visible(row.get("image_date") or ""))
-            for row in frames
-            if row.get("image_name")
-        },
+        {r["frame"]: (visible(r["image_name"]), visible(r.get("image_date") or "")) for r in named},
         _north([row for row in placed if row["lon_deg"] is not None]),
     )
 
@@ -135,12 +126,12 @@ def _north(located: list[dict[str, Any]]) -> NDArray[np.float64] | None:
 
     Least squares for the turn and scale that take x, y to east, north, as a complex factor.
     """
+    if not located:
+        return None
     lon, lat, x, y = (
         np.array([row[name] for row in located], np.float64)
         for name in ("lon_deg", "lat_deg", "x", "y")
     )
-    if not len(located):
-        return None
     east = turn_deg(lon[0], lon) * np.cos(np.radians(lat[0]))
     world, globe = x + 1j * y, east + 1j * (lat - lat[0])
     factor = np.vdot(world - world.mean(), globe - globe.mean())
@@ -157,11 +148,10 @@ def _positions(rows: list[dict[str, Any]]) -> NDArray[np.float64]:
 
 def _evidence(sign: dict[str, Any], rows: list[dict[str, Any]], drive: DriveMap) -> Evidence:
     """A sign with its views; a sign without any has its best box alone."""
-    if not rows:
-        rows = [{"frame": sign["best_frame"], "box": sign["best_box"], "residual_px": None}]
+    best = {"frame": sign["best_frame"], "box": sign["best_box"], "residual_px": None}
     position = _positions([sign])[0]
     views = []
-    for row in sorted(rows, key=lambda row: int(row["frame"])):
+    for row in sorted(rows or [best], key=lambda row: int(row["frame"])):
         if row["frame"] not in drive.log_times_ns:
             raise InputError(
                 f"{sign['sign_id']} was measured in frame {row['frame']}, which {FRAMES.file} does not hold; "
@@ -169,26 +159,16 @@ def _evidence(sign: dict[str, Any], rows: list[dict[str, Any]], drive: DriveMap)
             )
         camera = drive.cameras.get(row["frame"])
         distance = None if camera is None else float(np.linalg.norm(position - camera))
-        name, _ = drive.images.get(row["frame"], ("", ""))
-        views.append(SignView(row["frame"], tuple(row["box"]), row["residual_px"], distance, name))
+        views.append(SignView(row["frame"], tuple(row["box"]), row["residual_px"], distance))
     name, date = drive.images.get(sign["best_frame"], ("", ""))
     return Evidence(sign | {"image_name": name, "image_date": date}, tuple(views))
 
 
 def _require_file_name(out: Path, name: str) -> None:
     """Refuse an id that names a file outside of the folder of the sheets, because the table may be from anybody."""
-    apart = (
-        {"/", "\\", "\0"} & {*name} or name in ("", ".", "..") or len(name.encode()) > _LONGEST_ID
-    )
-    if apart or not name.isprintable():
+    led_out = {"/", "\\", "\0"} & {*name} or name in ("", ".", "..")
+    if led_out or len(name.encode()) > _LONGEST_ID or not name.isprintable():
         raise InputError(
             f"{out / SIGNS.file}: the sign id {visible(name[:80])!r} cannot name a file: the table was not written by "
             "wayside. Run the log again."
         )
-
-
-def _unknown_sign(out: Path, sign_id: str, known: list[str]) -> str:
-    near = difflib.get_close_matches(sign_id, known, n=1, cutoff=0.0)
-    if not near:
-        return f"there is no sign {sign_id}: {out} holds no sign at all"
-    return f"there is no sign {sign_id} among the {len(known)} of {out}. Did you mean {near[0]}?"

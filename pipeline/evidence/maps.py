@@ -14,44 +14,45 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.evidence.gather import DriveMap, Evidence
 
+Points = NDArray[np.float64]
 SIGMAS = 2.0
 MARGIN_PX, FOOT_PX = 26, 46
 """Around a map, and for the scale bar below it."""
-_SIZE = 484, 340
-_NARROWEST_M = 20.0
+MAP_SIZE = 484, 340
+_NARROWEST_M, _NARROWEST_CLOSE_M = 20.0, 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Projection:
-    """World x, y (metres) to page, x right and y down.
-
-    `turn` (2, 2): turns rows x, y. `scale`: pixels a metre. `centre`: turned metres shown at `middle` pixels. `extent`:
-    pixels of what is shown, `middle` in its middle.
-    """
+    """World x, y (metres) to page, x right and y down."""
 
     scale: float
-    centre: NDArray[np.float64]
-    middle: NDArray[np.float64]
-    extent: NDArray[np.float64]
-    turn: NDArray[np.float64] = field(default_factory=lambda: np.eye(2))
+    """Pixels a metre."""
+    centre: Points
+    """Turned metres (2,) shown at `middle`."""
+    middle: Points
+    """Pixels (2,)."""
+    extent: Points
+    """Pixels (2,) of what is shown, `middle` in its middle."""
+    turn: Points = field(default_factory=lambda: np.eye(2))
+    """Turns rows x, y, (2, 2)."""
 
-    def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, points: Points) -> Points:
         """Page points of world points (..., 2), to a tenth of a pixel."""
         page = (points[..., :2] @ self.turn - self.centre) * [1, -1] * self.scale
         return np.round(page + self.middle, 1)
 
     def foot(
-        self,
-        box: tuple[float, float, float, float],
-        north: NDArray[np.float64] | None,
-        axes: str = "",
+        self, box: tuple[float, float, float, float], north: Points | None, axes: str = ""
     ) -> dict[str, Any]:
         """Scale bar and, where it is known, an arrow to the north or what the axes are, at the foot of a map.
 
         box: left, top, width and height of the map, pixels.
         """
         left, top, width, height = box
-        metres = round_length(0.3 * width / self.scale)
+        most = 0.3 * width / self.scale
+        power = 10.0 ** math.floor(math.log10(most))
+        metres = max(step * power for step in (1, 2, 5) if step * power <= most)
         words = f"{metres * 100:g} cm" if metres < 1 else f"{metres:g} m"
         x, y = (0, 1) if north is None else north @ self.turn
         return {
@@ -66,10 +67,7 @@ class Projection:
 
 
 def fit(
-    points: NDArray[np.float64],
-    size: tuple[int, int],
-    narrowest_m: float,
-    turn: NDArray[np.float64] | None = None,
+    points: Points, size: tuple[int, int], narrowest_m: float, turn: Points | None = None
 ) -> Projection:
     """Projection that shows all points (n, 2) on a map of that size, and no less than `narrowest_m` metres."""
     turn = np.eye(2) if turn is None else turn
@@ -83,61 +81,36 @@ def fit(
 
 
 def sign_maps(evidence: Evidence, drive: DriveMap) -> list[dict[str, Any]]:
-    """Maps as the macro `drawing` of `drawings.svg` takes them.
+    """Maps as the macro `drawing` of `drawings.svg` takes them: shapes in pixels by name.
 
     On the first two the camera's path, every sign in grey and this one in its colour, on the second also where the
     camera stood when it measured the sign. On the third the error ellipse close by, and the panel as a line of its
     measured width.
     """
-    position = _position(evidence)
+    position, path, signs = _position(evidence), drive.path[:, :2], drive.signs[:, :2]
     ellipse, panel = error_ellipse(evidence), panel_line(evidence, drive)
     stands = [drive.cameras[v.frame] for v in evidence.views if v.frame in drive.cameras]
     cameras = np.array(stands, np.float64).reshape(-1, 3)[:, :2]
-    others = drive.signs[np.any(drive.signs[:, :2] != position, axis=1)][:, :2]
-    road = {
-        "path": drive.path[:, :2],
-        "others": others,
-        "ellipse": ellipse,
-        "sign": position[None],
-    }
+    others = signs[np.any(signs != position, axis=1)]
+    road = {"path": path, "others": others, "ellipse": ellipse, "sign": position[None]}
     close = {"ellipse": ellipse, "panel": panel, "centre": position[None]}
-    everything = [drive.path[:, :2], drive.signs[:, :2]]
-    return [
-        _map("Whole drive", everything, _NARROWEST_M, drive, road),
-        _map(
-            "Lines of sight",
-            [cameras, position[None]],
-            _NARROWEST_M,
-            drive,
-            road | {"cameras": cameras},
-        ),
-        _map(
-            "2-sigma error ellipse and panel", [position[None], ellipse, panel], 0.5, drive, close
-        ),
-    ]
+    none = dict.fromkeys(("path", "others", "sign", "cameras", "panel", "centre"), np.zeros((0, 2)))
+    maps = []
+    for heading, shown, narrowest_m, shapes in (
+        ("Whole drive", [path, signs], _NARROWEST_M, road),
+        ("Lines of sight", [cameras, position[None]], _NARROWEST_M, road | {"cameras": cameras}),
+        ("2-sigma error ellipse and panel", [*close.values()], _NARROWEST_CLOSE_M, close),
+    ):
+        to_page = fit(np.concatenate(shown), MAP_SIZE, narrowest_m)
+        foot = to_page.foot((0, 0, *MAP_SIZE), drive.north, "x right, y up")
+        drawn = {name: to_page(points).tolist() for name, points in (none | shapes).items()}
+        maps.append(
+            {"heading": heading, "width": MAP_SIZE[0], "height": MAP_SIZE[1], "foot": foot} | drawn
+        )
+    return maps
 
 
-def _map(
-    heading: str,
-    shown: list[NDArray[np.float64]],
-    narrowest_m: float,
-    drive: DriveMap,
-    shapes: dict[str, NDArray[np.float64]],
-) -> dict[str, Any]:
-    """A map that shows some points, with its shapes in pixels."""
-    to_page = fit(np.concatenate(shown), _SIZE, narrowest_m)
-    names = ("path", "others", "ellipse", "sign", "cameras", "panel", "centre")
-    none = np.zeros((0, 2))
-    return {
-        "heading": heading,
-        "width": _SIZE[0],
-        "height": _SIZE[1],
-        "foot": to_page.foot((0, 0, *_SIZE), drive.north, "x right, y up"),
-        **{name: to_page(shapes.get(name, none)).tolist() for name in names},
-    }
-
-
-def error_ellipse(evidence: Evidence) -> NDArray[np.float64]:
+def error_ellipse(evidence: Evidence) -> Points:
     """World outline (n, 2) of the 2-sigma ellipse of x and y; no points where the covariance is not known."""
     if evidence.sign["covariance"] is None:
         return np.zeros((0, 2))
@@ -145,39 +118,26 @@ def error_ellipse(evidence: Evidence) -> NDArray[np.float64]:
     spread, axes = np.linalg.eigh(np.array([[xx, xy], [xy, yy]], np.float64))
     angle = np.linspace(0, 2 * np.pi, 73)[:-1]
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    outline: NDArray[np.float64] = (SIGMAS * circle * np.sqrt(np.maximum(spread, 0))) @ axes.T
+    outline: Points = (SIGMAS * circle * np.sqrt(np.maximum(spread, 0))) @ axes.T
     return outline + _position(evidence)
 
 
-def panel_line(evidence: Evidence, drive: DriveMap) -> NDArray[np.float64]:
+def panel_line(evidence: Evidence, drive: DriveMap) -> Points:
     """Ends (2, 2) of the panel seen from above; no points where its width or the direction of travel is not known."""
-    width, facing = evidence.sign["panel_width_m"], evidence.sign["facing_deg"]
-    travel = _travel_at(evidence, drive)
-    if width is None or travel is None:
+    width, path, position = evidence.sign["panel_width_m"], drive.path[:, :2], _position(evidence)
+    if width is None or len(path) < 2:
         return np.zeros((0, 2))
-    angle = math.radians(facing or 0.0)
-    across = np.array([-travel[1], travel[0]])  # the line of a panel that faces the camera
+    nearest = int(np.argmin(np.linalg.norm(path - position, axis=1)))
+    x, y = path[min(nearest + 1, len(path) - 1)] - path[max(nearest - 1, 0)]
+    length = math.hypot(x, y)
+    if length == 0:
+        return np.zeros((0, 2))
+    across = np.array([-y, x]) / length  # the line of a panel that faces the camera
+    angle = math.radians(evidence.sign["facing_deg"] or 0.0)
     rotation = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
     half = rotation @ across * width / 2
-    return np.stack([_position(evidence) - half, _position(evidence) + half])
+    return np.stack([position - half, position + half])
 
 
-def _travel_at(evidence: Evidence, drive: DriveMap) -> NDArray[np.float64] | None:
-    """Unit direction (2,) of the path where it passes nearest to the sign."""
-    path = drive.path[:, :2]
-    if len(path) < 2:
-        return None
-    nearest = int(np.argmin(np.linalg.norm(path - _position(evidence), axis=1)))
-    step = path[min(nearest + 1, len(path) - 1)] - path[max(nearest - 1, 0)]
-    length = float(np.linalg.norm(step))
-    return step / length if length > 0 else None
-
-
-def _position(evidence: Evidence) -> NDArray[np.float64]:
+def _position(evidence: Evidence) -> Points:
     return np.array([evidence.sign["x"], evidence.sign["y"]], np.float64)
-
-
-def round_length(most: float) -> float:
-    """The longest length of 1, 2 or 5 times a power of ten that is not above `most`."""
-    power = 10.0 ** math.floor(math.log10(most))
-    return max(step * power for step in (1, 2, 5) if step * power <= most)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from importlib.resources import files
 from typing import Any, NamedTuple
 
+import cv2
+import numpy as np
+
 from wayside.pipeline.evidence.crops import Crop, draw_crop
-from wayside.pipeline.evidence.figures import UNKNOWN, evidence_terms, figures_of
+from wayside.pipeline.evidence.figures import UNKNOWN, Figure, figures_of
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView
-from wayside.pipeline.evidence.maps import sign_maps
+from wayside.pipeline.evidence.maps import MAP_SIZE, sign_maps
 from wayside.pipeline.evidence.marks import appearance_of
 from wayside.pipeline.files.webp import data_address, encode_png, encode_webp
 from wayside.pipeline.pages import render, render_page
@@ -28,74 +31,92 @@ WIDTH, TILES = 1600, 5
 BIG, TILE = Size(752, 564), Size(280, 210)
 PROPORTION = TILE.width / TILE.height
 """Width over height of every crop, large or small."""
+LEFT, TOP = 48, 150
+"""Of the large image on the sheet, pixels."""
+_BELOW_BIG, _TERM, _BELOW_TERMS, _BELOW_MAPS = 106, 26, 70, 60
+_BESIDE_TILE, _BELOW_TILE = 26, 48
+Crops = Mapping[SignView, Crop]
+"""Cut-outs of `PROPORTION`; a view without one is left empty and labelled so."""
 
 
 def format_sheet(
     evidence: Evidence,
-    crops: Mapping[SignView, Crop],
+    crops: Crops,
     drive: DriveMap,
     run: Mapping[str, Any],
     mark: str,
     neighbours: Mapping[str, str],
 ) -> str:
-    """The page of a sign.
+    """The page of a sign, by which `is_marked` knows it again.
 
-    Parameters
-    ----------
-    evidence, drive
-        What the tables say.
-    crops
-        Cut-outs of `PROPORTION` by view; a view without one is left empty and labelled so.
-    run
-        Content of `run.json`.
-    mark
-        What the page is known by.
-    neighbours
-        File names of other pages: `prev`, `up` and `next`, as many as there are.
+    `run`: content of `run.json`. `neighbours`: file names of other pages: `prev`, `up` and `next`, where there are any.
     """
-    values = _values(evidence, crops, drive, run)
+
+    def image(number: int | None, view: SignView) -> dict[str, Any]:
+        if view not in crops:
+            return {"source": ""}
+        size = BIG if number is None else TILE
+        # enlarging twice shows all there is
+        wide = min(size.width, max(2 * crops[view].rgb.shape[1], TILE.width))
+        size = Size(wide, round(wide * size.height / size.width))
+        return size._asdict() | {"source": data_address(encode_webp(draw_crop(crops[view], size)))}
+
+    values = _values(evidence, drive, run, image)
     return render_page("sheet.html", mark, neighbours=neighbours, **values)
 
 
-def draw_sheet(
-    evidence: Evidence, crops: Mapping[SignView, Crop], drive: DriveMap, run: Mapping[str, Any]
-) -> bytes:
-    """The sheet of a sign, `WIDTH` wide, as PNG; parameters as in `format_sheet`."""
+def draw_sheet(evidence: Evidence, crops: Crops, drive: DriveMap, run: Mapping[str, Any]) -> bytes:
+    """The sheet of a sign, `WIDTH` wide, as PNG; parameters as in `format_sheet`.
+
+    The images are put in afterwards: drawing and compressing them as a part of the SVG takes twice as long as all else.
+    """
     import resvg_py
 
-    values = _values(evidence, crops, drive, run, whole=True)
+    middle = TOP + BIG.height + _BELOW_BIG + _TERM * len(EVIDENCE_TERMS) + _BELOW_TERMS
+    bottom = middle + MAP_SIZE[1] + _BELOW_MAPS
+    images = []
+
+    def place(number: int | None, view: SignView) -> dict[str, Any]:
+        size, x, y = BIG, LEFT, TOP
+        if number is not None:
+            size = TILE
+            x += number % TILES * (size.width + _BESIDE_TILE)
+            y = bottom + number // TILES * (size.height + _BELOW_TILE)
+        if view in crops:
+            images.append((x, y, draw_crop(crops[view], size)))
+        return {"x": x, "y": y, "size": size, "source": view in crops}
+
+    values = _values(evidence, drive, run, place)
     fonts = files("font_source_sans_pro").joinpath("files")
     weights = ("Regular", "Semibold", "Bold")
-    return resvg_py.svg_to_bytes(
+    drawn = resvg_py.svg_to_bytes(
         svg_string=render(
-            "sheet.svg",
-            width=WIDTH,
-            tiles=TILES,
-            big=BIG,
-            tile=TILE,
-            terms_count=len(EVIDENCE_TERMS),
-            **values,
+            "sheet.svg", width=WIDTH, left=LEFT, middle=middle, bottom=bottom, **values
         ),
         skip_system_fonts=True,
         font_files=[str(fonts.joinpath(f"SourceSansPro-{weight}.ttf")) for weight in weights],
     )
+    rgb = np.asarray(cv2.imdecode(np.frombuffer(drawn, np.uint8), cv2.IMREAD_COLOR_RGB), np.uint8)
+    for x, y, image in images:
+        rgb[y : y + image.shape[0], x : x + image.shape[1]] = image
+    return encode_png(rgb)
 
 
 def _values(
     evidence: Evidence,
-    crops: Mapping[SignView, Crop],
     drive: DriveMap,
     run: Mapping[str, Any],
-    *,
-    whole: bool = False,
+    image: Callable[[int | None, SignView], dict[str, Any]],
 ) -> dict[str, Any]:
-    """What the templates of a sheet show; whole: crops in their full size and quality."""
+    """What both templates of a sheet show; `image`: how the best view (None) or that of a number is shown."""
     sign, count = evidence.sign, len(evidence.views)
     frame = evidence.best.frame
     name, when = drive.images.get(frame, ("", ""))
     if not name:  # imported images have their own dates or none: their log times are counted
         seconds = drive.log_times_ns[frame] // 1_000_000_000
         when = datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    ratios = [(term, sign.get(f"evidence_{term}")) for term in EVIDENCE_TERMS]
+    weighed = [(term, ratio) for term, ratio in ratios if ratio is not None]
     return {
         "name": evidence.name,
         "sign": sign,
@@ -104,42 +125,20 @@ def _values(
         "log": str(run.get("log", "")),
         "when": when,
         "figures": figures_of(sign, str(run.get("world", ""))),
-        "terms": [
-            {"label": term.capitalize(), "value": f"{ratio:+.1f}", "ratio": ratio, "remark": ""}
-            for term, ratio in evidence_terms(sign)
-        ],
+        "terms": [(Figure(term.capitalize(), f"{ratio:+.1f}"), ratio) for term, ratio in weighed],
         "maps": sign_maps(evidence, drive),
         "views_heading": f"All {count} views" if count > 1 else "The only view",
-        "best": _view(evidence.best, crops, BIG, drive, whole=whole),
-        "views": [_view(view, crops, TILE, drive, whole=whole) for view in evidence.views],
+        "best": _words(evidence.best, drive) | image(None, evidence.best),
+        "views": [_words(v, drive) | image(i, v) for i, v in enumerate(evidence.views)],
     }
 
 
-def _view(
-    view: SignView,
-    crops: Mapping[SignView, Crop],
-    size: Size,
-    drive: DriveMap,
-    *,
-    whole: bool,
-) -> dict[str, Any]:
-    """A view in words and, where there is a crop of it, as an image that a page can hold."""
+def _words(view: SignView, drive: DriveMap) -> dict[str, str]:
     name, date = drive.images.get(view.frame, ("", ""))
-    shown: dict[str, Any] = {
+    return {
         "frame": f"frame {view.frame}",
         "name": name,
         "date": date,
         "distance": "" if view.range_m is None else f"{view.range_m:.1f} m",
         "residual": "" if view.residual_px is None else f"{view.residual_px:.2f} px",
-        "source": "",
     }
-    crop = crops.get(view)
-    if crop is None:
-        return shown
-    wide = size.width
-    if not whole:  # enlarging twice shows all there is
-        wide = min(wide, max(2 * crop.rgb.shape[1], TILE.width))
-    size = Size(wide, round(wide * size.height / size.width))
-    drawn = draw_crop(crop, size)
-    image = encode_png(drawn) if whole else encode_webp(drawn)
-    return shown | size._asdict() | {"source": data_address(image)}

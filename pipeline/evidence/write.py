@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from wayside.pipeline.evidence.crops import Crop, draw_crop, read_crops
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
-from wayside.pipeline.evidence.index import Card, format_index
+from wayside.pipeline.evidence.index import format_index
 from wayside.pipeline.evidence.sheet import PROPORTION, draw_sheet, format_sheet
 from wayside.pipeline.files.file_marks import is_marked, marked_png
 from wayside.pipeline.files.output_folder import OutputFolder
-from wayside.pipeline.files.webp import encode_webp
+from wayside.pipeline.files.webp import data_address, encode_webp
 from wayside.pipeline.files.writing import create, not_written, refuse
 from wayside.pipeline.results.result import read_run
 from wayside.pipeline.reviewing.review import result_name
@@ -27,11 +27,14 @@ Watcher = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """Pages in order of signs, the index (None: only one sign was asked for), how many views have no image."""
+    """What was written."""
 
     sheets: tuple[Path, ...]
+    """Pages in order of signs."""
     index: Path | None
+    """None: only one sign was asked for."""
     lost_views: int
+    """How many views have no image."""
 
 
 def write_evidence(
@@ -44,17 +47,12 @@ def write_evidence(
     png: bool = False,
     overwrite: bool = False,
 ) -> Written:
-    """Write one page a sign and an index of all into `folder`.
-
-    The log is read once; only images that show a sign are decoded, and only cut-outs of signs whose sheet is not
-    drawn yet are kept.
+    """Write one page a sign and an index of all into `folder`, which is made where it is missing.
 
     Parameters
     ----------
     out
         Folder written by `wayside run`.
-    folder
-        Where the sheets go, made where it is missing.
     sign_id
         Only the sheet of this sign, without index; None: all.
     log
@@ -79,22 +77,25 @@ def write_evidence(
     drive, signs = gather(out, sign_id)
     name = str(run.get("log", ""))
     mark = f"wayside {name} {run.get('log_fingerprint') or ''}".strip()
+    names = [f"{one.name}.html" for one in signs]
+    images = [f"{one.name}.png" for one in signs] if png else []
+    index = [INDEX_FILE] if sign_id is None else []
     with OutputFolder(folder) as output:
-        binder = _Binder(output.part, drive, run, mark, png=png)
-        names = [file for one in signs for file in binder.files(one)]
-        if sign_id is None:
-            names.append(INDEX_FILE)
-            binder.link(signs)
         if not overwrite:
-            _check_free(folder, names, mark)
+            _check_free(folder, [*names, *images, *index], mark)
+        binder = _Binder(output.part, drive, run, mark, png)
+        if index:
+            for one, before, after in zip(signs, ["", *names], [*names[1:], ""], strict=False):
+                beside = {"prev": before, "up": INDEX_FILE, "next": after}
+                binder.neighbours[one.name] = {rel: page for rel, page in beside.items() if page}
         _fill(binder, signs, out, log, watch)
-        if sign_id is None:
-            cards = [Card(one.sign, binder.name(one), binder.thumbs.get(one.name)) for one in signs]
-            index_page = format_index(cards, drive, name, result_name(run), mark)
-            _write(output.part / INDEX_FILE, index_page.encode())
-        output.commit([] if sign_id else _sheets_of_others(folder, mark, signs))
-    sheets = tuple(folder / binder.name(one) for one in signs)
-    return Written(sheets, None if sign_id else folder / INDEX_FILE, binder.lost_views)
+        if index:
+            about = {"log": name, "result": result_name(run)}
+            page = format_index(signs, binder.thumbs, drive, about, mark)
+            _write(output.part / INDEX_FILE, page.encode())
+        output.commit(_sheets_of_others(folder, mark, signs) if index else [])
+    sheets = tuple(folder / page for page in names)
+    return Written(sheets, folder / INDEX_FILE if index else None, binder.lost_views)
 
 
 def _check_free(folder: Path, names: Sequence[str], mark: str) -> None:
@@ -120,36 +121,19 @@ def _sheets_of_others(folder: Path, mark: str, signs: Sequence[Evidence]) -> lis
     return others
 
 
+@dataclass(slots=True)
 class _Binder:
     """Keeps the cut-outs of every sign until its sheet can be drawn and written."""
 
-    def __init__(
-        self, folder: Path, drive: DriveMap, run: Mapping[str, Any], mark: str, *, png: bool
-    ) -> None:
-        self.folder, self.drive, self.run = folder, drive, run
-        self.mark, self.png = mark, png
-        self.neighbours: dict[str, dict[str, str]] = {}
-        self.crops: defaultdict[str, dict[SignView, Crop]] = defaultdict(dict)
-        self.thumbs: dict[str, bytes] = {}
-        self.lost_views = 0
-
-    def name(self, evidence: Evidence) -> str:
-        """The page of a sign."""
-        return f"{evidence.name}.html"
-
-    def files(self, evidence: Evidence) -> list[str]:
-        """All files of a sign."""
-        return [self.name(evidence), *([f"{evidence.name}.png"] if self.png else [])]
-
-    def link(self, signs: Sequence[Evidence]) -> None:
-        """Let the pages of signs lead to each other, in this order, and to the index."""
-        for number, one in enumerate(signs):
-            beside = {"up": INDEX_FILE}
-            if number:
-                beside["prev"] = self.name(signs[number - 1])
-            if number + 1 < len(signs):
-                beside["next"] = self.name(signs[number + 1])
-            self.neighbours[one.name] = beside
+    folder: Path
+    drive: DriveMap
+    run: Mapping[str, Any]
+    mark: str
+    png: bool
+    neighbours: dict[str, dict[str, str]] = field(default_factory=dict)
+    crops: defaultdict[str, dict[SignView, Crop]] = field(default_factory=lambda: defaultdict(dict))
+    thumbs: dict[str, str] = field(default_factory=dict)
+    lost_views: int = 0
 
     def finish(self, evidence: Evidence) -> None:
         """Draw and write the sheet of a sign with what there is of it."""
@@ -157,13 +141,13 @@ class _Binder:
         self.lost_views += len(evidence.views) - len(crops)
         about = (evidence, crops, self.drive, self.run)
         page = format_sheet(*about, self.mark, self.neighbours.get(evidence.name, {}))
-        _write(self.folder / self.name(evidence), page.encode())
+        _write(self.folder / f"{evidence.name}.html", page.encode())
         if self.png:
             png = marked_png(draw_sheet(*about), self.mark)
             _write(self.folder / f"{evidence.name}.png", png)
         if evidence.best in crops:
-            thumb = draw_crop(crops[evidence.best], THUMB)
-            self.thumbs[evidence.name] = encode_webp(thumb)
+            thumb = encode_webp(draw_crop(crops[evidence.best], THUMB))
+            self.thumbs[evidence.name] = data_address(thumb)
 
 
 def _fill(

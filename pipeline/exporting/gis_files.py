@@ -6,9 +6,10 @@ import hashlib
 import struct
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
@@ -16,10 +17,8 @@ from typing import Any
 
 import pyarrow as pa
 
-from wayside.pipeline.exporting.flat_table import GEOMETRY, FlatTable, Point, Row
-from wayside.pipeline.exporting.place import PlacedRows
-from wayside.pipeline.exporting.text_files import plain_value
-from wayside.pipeline.exporting.units import short_names
+from wayside.pipeline.exporting.place import PlacedRows, short_names
+from wayside.pipeline.exporting.table import GEOMETRY, Row
 from wayside.pipeline.files.writing import PART, is_stream, not_whole, not_written, resolved
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.tables import Column
@@ -30,39 +29,11 @@ _LONGEST_TEXT = 254
 _WKB_POINT, _WKB_POINT_Z = 1, 1001
 
 
-def load_pyogrio() -> ModuleType:
-    """The package that GDAL comes with.
-
-    Raises
-    ------
-    UsageError
-        It is not installed.
-    """
-    try:
-        import pyogrio
-    except ImportError as error:
-        raise UsageError(
-            "files of geographic information systems need the package pyogrio. Install it with pip install "
-            "'wayside[gis]'."
-        ) from error
-    return pyogrio  # type: ignore[no-any-return]
-
-
 @contextmanager
 def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[Path], list[str]]]:
-    """The files of a table in a scratch folder, which goes with the block, the main one last; and what was cut.
+    """The files of a table in a scratch folder beside `file`, the main one last; and what was cut.
 
-    GDAL says nothing where a Shapefile or KML finds no room, so that all rows are read back. Where a format wants the
-    time of its writing, it gets the latest of the rows, so that the same rows give the same bytes.
-
-    Parameters
-    ----------
-    rows
-        Read once, while the file is written.
-    kind
-        `gpkg`, `shp` or `kml`.
-    file
-        Where they will go; the scratch folder lies beside it. A Shapefile has no other name than its for the layer.
+    GDAL says nothing where a Shapefile or KML finds no room, so that all rows are read back.
 
     Raises
     ------
@@ -71,32 +42,42 @@ def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[P
     OutputError
         They cannot be written, or are not whole.
     """
-    pyogrio = load_pyogrio()
-    source = rows.source
-    cut: Counter[str] = Counter()
-    schema = _schema(rows.columns, kind)
-    key = short_names(rows.columns)[source.key] if kind == "shp" else source.key
-    written = hashlib.sha256()
+    try:
+        import pyogrio
+    except ImportError as error:
+        raise UsageError(
+            "files of geographic information systems need the package pyogrio. Install it with pip install "
+            "'wayside[gis]'."
+        ) from error
+    last, cut, written = rows.source.last, Counter[str](), hashlib.sha256()
+    fields = list(_fields(rows, kind, cut))
+    schema = pa.schema([field for field, _ in fields])
+    key = schema.names[0]
 
     def batches() -> Iterator[pa.RecordBatch]:
-        for table in rows:
-            batch = _batch(table, source.key, schema, kind, cut)
+        for some in rows:
+            columns = [pa.array([value(row) for row in some], one.type) for one, value in fields]
+            batch = pa.record_batch(columns, schema=schema)
             _count(batch, key, GEOMETRY, written)
             yield batch
 
+    options = {
+        "gpkg": {"VERSION": "1.2"},  # GDAL before 3.7, also that of QGIS 3.22, warns of later ones
+        "shp": {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": f"{last:%Y-%m-%d}"},
+    }
     with _scratch_beside(file) as scratch:
         made = scratch / f"{file.stem}.{kind}"
         try:
-            with _dated(pyogrio, source.last):
+            with _dated(pyogrio, last):
                 pyogrio.write_arrow(
                     pa.RecordBatchReader.from_batches(schema, batches()),
                     made,
-                    layer=file.stem if kind == "shp" else source.table,
+                    layer=file.stem if kind == "shp" else rows.source.name,
                     driver=_DRIVERS[kind],
                     geometry_name=GEOMETRY,
                     geometry_type="Point" if kind == "kml" else "Point Z",
                     crs=rows.crs,
-                    **_options(kind, source.last),
+                    **options.get(kind, {}),
                 )
         except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
             raise OutputError(
@@ -109,14 +90,6 @@ def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[P
         yield [*beside, made], [f"{n} texts of {name} are {words}" for name, n in cut.items()]
 
 
-def _options(kind: str, last: datetime) -> dict[str, str]:
-    if kind == "gpkg":  # GDAL before 3.7, that of QGIS 3.22 too, warns of later versions
-        return {"VERSION": "1.2"}
-    if kind == "shp":
-        return {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": f"{last:%Y-%m-%d}"}
-    return {}
-
-
 @contextmanager
 def _scratch_beside(file: Path) -> Iterator[Path]:
     """A folder on the file system that the file will be on; elsewhere where that is a device."""
@@ -127,6 +100,16 @@ def _scratch_beside(file: Path) -> Iterator[Path]:
         raise not_written(file, error, "the file", "name another file") from error
     with made as scratch:
         yield Path(scratch)
+
+
+@contextmanager
+def _dated(pyogrio: ModuleType, when: datetime) -> Iterator[None]:
+    """GDAL takes this time for now, so that the same rows give the same bytes."""
+    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": f"{when:%Y-%m-%dT%H:%M:%S.000Z}"})
+    try:
+        yield
+    finally:
+        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": None})
 
 
 def _count(batch: pa.RecordBatch, key: str, geometry: str, digest: Any) -> None:
@@ -147,47 +130,30 @@ def _read_back(pyogrio: ModuleType, made: Path, key: str) -> bytes:
     return found.digest()
 
 
-def _schema(columns: tuple[Column, ...], kind: str) -> pa.Schema:
-    """One field a column, and the geometry; those of KML begin with name and description."""
-    short = short_names(columns)
-    fields: list[pa.Field[Any]] = []
+def _fields(
+    rows: PlacedRows, kind: str, cut: Counter[str]
+) -> Iterator[tuple[pa.Field[Any], Callable[[Row], Any]]]:
+    """Fields with their value of a row: names first in KML, the geometry last; `cut` counts texts that are cut."""
     if kind == "kml":
-        fields += [pa.field(name, pa.string()) for name in ("Name", "description")]
-    for column in columns:
-        if kind == "shp":
-            kept = pa.string() if _is_text(column) else column.type
-            fields.append(pa.field(short[column.name], kept))
-        else:
+        yield pa.field("Name", pa.string()), lambda row: str(row[rows.columns[0].name])
+        yield pa.field("description", pa.string()), _appearance
+    short = short_names(rows.columns)
+    for column in rows.columns:
+        if kind != "shp":
             comment = f"{column.words} [{column.unit}]" if column.unit else column.words
             about = {"GDAL:OGR:comment": comment} if kind == "gpkg" else None
-            fields.append(pa.field(column.name, column.type, metadata=about))
-    return pa.schema([*fields, pa.field(GEOMETRY, pa.binary())])
+            yield pa.field(column.name, column.type, metadata=about), partial(_value, column.name)
+        elif _is_text(column):
+            text = partial(_dbase_text, column.name, cut)
+            yield pa.field(short[column.name], pa.string()), text
+        else:
+            yield pa.field(short[column.name], column.type), partial(_value, column.name)
+    # heights of KML are above the sea, those here above the ellipsoid: its signs lie on the ground
+    yield pa.field(GEOMETRY, pa.binary()), partial(_wkb, 2 if kind == "kml" else 3)
 
 
-def _batch(
-    table: FlatTable, key: str, schema: pa.Schema, kind: str, cut: Counter[str]
-) -> pa.RecordBatch:
-    """Rows in the fields of `_schema`; counts the texts that are cut by their column."""
-    rows = table.rows
-    points = [row[GEOMETRY] for row in rows]
-    arrays: list[list[Any]] = []
-    if (
-        kind == "kml"
-    ):  # its heights are above the sea, those here above the ellipsoid: on the ground
-        points = [None if point is None else point[:2] for point in points]
-        arrays += [[str(row[key]) for row in rows], [_appearance(row) for row in rows]]
-    for column in table.columns:
-        values = [row.get(column.name) for row in rows]
-        if kind == "shp" and _is_text(column):
-            texts = [None if v is None else str(plain_value(v)) for v in values]
-            values = [None if text is None else _cut(text) for text in texts]
-            if count := sum(text != value for text, value in zip(texts, values, strict=True)):
-                cut[column.name] += count
-        arrays.append(values)
-    arrays.append([_wkb(point) for point in points])
-    return pa.record_batch(
-        [pa.array(v, f.type) for v, f in zip(arrays, schema, strict=True)], schema=schema
-    )
+def _value(name: str, row: Row) -> Any:
+    return row.get(name)
 
 
 def _is_text(column: Column) -> bool:
@@ -196,9 +162,23 @@ def _is_text(column: Column) -> bool:
     return pa.types.is_int64(kind) or pa.types.is_timestamp(kind) or pa.types.is_string(kind)
 
 
-def _wkb(point: Point | None) -> bytes | None:
-    if point is None:
+def _dbase_text(name: str, cut: Counter[str], row: Row) -> str | None:
+    """As much of a text as a dBASE file holds, without half a character at its end."""
+    value = row.get(name)
+    if value is None:
         return None
+    text = value.isoformat() if isinstance(value, datetime) else str(value)
+    kept = text.encode()[:_LONGEST_TEXT].decode(errors="ignore")
+    if kept != text:
+        cut[name] += 1
+    return kept
+
+
+def _wkb(most: int, row: Row) -> bytes | None:
+    """The place of a row with `most` coordinates."""
+    if row[GEOMETRY] is None:
+        return None
+    point = row[GEOMETRY][:most]
     kind = _WKB_POINT if len(point) == 2 else _WKB_POINT_Z
     return struct.pack(f"<BI{len(point)}d", 1, kind, *point)
 
@@ -207,24 +187,7 @@ def _appearance(row: Row) -> str:
     """What a row shows, in words for a person: the look of a panel, or how many a support holds."""
     if "panel_ids" in row:
         return f"{row['panels']} panels"
-    color, shape = (
-        row.get(f"reviewed_{name}") or row.get(name) or "" for name in ("color", "shape")
-    )
-    words = f"{color} {shape}".replace("_", " ").strip() or "unknown"
+    look = [row.get(f"reviewed_{name}") or row.get(name) or "" for name in ("color", "shape")]
+    words = " ".join(look).replace("_", " ").strip() or "unknown"
     status, review = row.get("status"), row.get("review")
     return ", ".join([words, *filter(None, (status if status != "sign" else "", review))])
-
-
-def _cut(text: str) -> str:
-    """As much of a text as a dBASE file holds, without half a character at its end."""
-    return text.encode()[:_LONGEST_TEXT].decode(errors="ignore")
-
-
-@contextmanager
-def _dated(pyogrio: ModuleType, when: datetime) -> Iterator[None]:
-    """GDAL takes this time for now."""
-    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": f"{when:%Y-%m-%dT%H:%M:%S.000Z}"})
-    try:
-        yield
-    finally:
-        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": None})

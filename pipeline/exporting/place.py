@@ -1,92 +1,140 @@
-"""Rows as they are written: placed on the globe, in a projection of it, or in the drive's own frame."""
+"""Rows placed on the globe, in a projection of it or in the drive's own frame; in metres, or in feet and inches."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import pyarrow as pa
 import pyproj
 from pyproj.exceptions import CRSError, ProjError
 
-from wayside.pipeline.exporting.flat_table import GEOMETRY, FlatTable, Point, Row
-from wayside.pipeline.exporting.sources import Source
-from wayside.pipeline.exporting.units import in_feet_and_inches
+from wayside.pipeline.exporting.table import GEOMETRY, Row, Source
+from wayside.pipeline.files.lengths import METRES_IN_FOOT
 from wayside.schemas.errors import UsageError
 from wayside.schemas.tables import Column
 
+Point = tuple[float, ...]
+"""x, y, or x, y and height."""
 WGS_84 = "EPSG:4326"
-_GLOBE, _LOCAL = ("lon_deg", "lat_deg", "alt_m"), ("x", "y", "z")
+SHORT_NAME = 10
+"""Characters of a column's name in a dBASE file, which holds the attributes of a Shapefile."""
 _WORLDS = {
     "drive_start": "x forward and y left of the first image",
     "log": "of the poses of the log",
 }
+_INCHES = ("panel_width_m", "panel_height_m", "sigma_width_m", "sigma_height_m")
+"""Sizes of faces are ordered in inches, distances are in feet."""
+_SHORT = {
+    "assembly_id": "assembly",
+    "color_distance": "color_dist",
+    "shape_distance": "shape_dist",
+    "sigma_along": "s_along",
+    "sigma_lateral": "s_later",
+    "sigma_up": "s_up",
+    "panel_width": "width",
+    "panel_height": "height",
+    "sigma_width": "s_width",
+    "sigma_height": "s_high",
+    "sigma_facing": "s_face",
+    "sigma_east": "s_east",
+    "sigma_north": "s_north",
+    "sigma_alt": "s_alt",
+    "best_time": "best",
+    "best_x_min": "best_x0",
+    "best_y_min": "best_y0",
+    "best_x_max": "best_x1",
+    "best_y_max": "best_y1",
+    "first_frame": "first_fr",
+    "last_frame": "last_fr",
+    "residual": "resid",
+    "measure_unit": "meas_unit",
+    "code_probability": "code_prob",
+    "nominal_width": "nom_w",
+    "nominal_height": "nom_h",
+    "evidence_appearance": "ev_appear",
+    "evidence_views": "ev_views",
+    "evidence_size": "ev_size",
+    "evidence_place": "ev_place",
+    "evidence_rigidity": "ev_rigid",
+    "evidence_surroundings": "ev_surroun",
+    "reviewed_color": "rev_color",
+    "reviewed_shape": "rev_shape",
+    "review_note": "rev_note",
+    "replaced_by": "replacedby",
+    "bearing": "bear",
+    "best_sign_id": "best_sign",
+}
+"""Short names of columns with long ones, both without the unit."""
 
 
 class PlacedRows:
     """The rows of a source in one reference system and in the wanted units, counted while they are read.
 
-    Without fixes, points are x, y, z of the world frame, in metres. With fixes, they are longitude, latitude and
-    ellipsoidal height, or their projection. A projection keeps heights in metres above the WGS 84 ellipsoid and adds
-    the columns `crs`, `crs_x` and `crs_y`. Reading raises UsageError where a point has no place in the wanted system.
-
-    Attributes
-    ----------
-    source
-        Where they come from.
-    columns
-        Of all rows.
-    crs
-        Of the points, as GDAL reads it.
-    count
-        Rows read so far.
-
-    Raises
-    ------
-    UsageError
-        The wanted system is none, or one with a height of its own, or the source has no place on the globe.
+    Each row has its `geometry`: x, y, z of the world frame in metres if the log has no fixes, else longitude, latitude
+    and ellipsoidal height, or their projection, which adds the columns `crs`, `crs_x` and `crs_y`. Raises UsageError
+    for a system that cannot be used, and while reading, for a point that has no place in it.
     """
 
     def __init__(self, source: Source, wanted: str | None, *, imperial: bool) -> None:
-        self.source, self._wanted, self._imperial = source, wanted, imperial
+        self.source = source
         self.count = self._unplaced = self._outside = 0
         self._target = None if wanted is None else _horizontal(wanted)
-        if source.world is not None and wanted is not None:
-            raise UsageError(
-                f"{source.folder}: --crs {wanted} needs longitude and latitude, but the log has no satellite fixes. "
-                "Leave --crs out for x, y of the drive."
-            )
-        self.crs = WGS_84
+        columns = source.columns
         if source.world is not None:
+            if wanted is not None:
+                raise UsageError(
+                    f"{source.folder}: --crs {wanted} needs longitude and latitude, but the log has no satellite "
+                    "fixes. Leave --crs out for x, y of the drive."
+                )
             name = f"wayside {source.world}: {_WORLDS.get(source.world, 'local')}"
             self.crs = (
                 f'ENGCRS["{name}",EDATUM["{source.world}"],CS[Cartesian,2],AXIS["x",unspecified],'
                 'AXIS["y",unspecified],LENGTHUNIT["metre",1]]'
             )
-        elif self._target is not None:
+        elif self._target is None:
+            self.crs = WGS_84
+        else:
             self.crs = self._target.to_wkt()
             self._to_crs = pyproj.Transformer.from_crs(WGS_84, self._target, always_xy=True)
-        self.columns = self._placed(FlatTable(source.columns, ())).columns
+            columns += _crs_columns(self._target)
+        units = {column.name: imperial_column(column) for column in columns} if imperial else {}
+        self.columns = tuple(units[c.name][0] if imperial else c for c in columns)
+        self._converted = {name: (c.name, f) for name, (c, f) in units.items() if f != 1.0}
 
-    def __iter__(self) -> Iterator[FlatTable]:
-        for table in self.source.chunks():
-            self.count += len(table.rows)
-            yield self._placed(table)
+    def __iter__(self) -> Iterator[list[Row]]:
+        for rows in self.source.chunks():
+            self.count += len(rows)
+            yield [self._placed(row) for row in rows]
 
-    def _placed(self, table: FlatTable) -> FlatTable:
-        names = _GLOBE if self.source.world is None else _LOCAL
-        points = tuple(_point(row, names) for row in table.rows)
-        self._unplaced += points.count(None)
-        if self._target is not None:
-            self._outside += _outside(self._target, points)
-            points = tuple(None if point is None else self._project(point) for point in points)
-            table = _with_coordinates(table, points, self._target)
-        rows = zip(table.rows, points, strict=True)
-        placed = FlatTable(table.columns, tuple(row | {GEOMETRY: point} for row, point in rows))
-        return in_feet_and_inches(placed) if self._imperial else placed
+    def _placed(self, row: Row) -> Row:
+        axes = ("lon_deg", "lat_deg", "alt_m") if self.source.world is None else ("x", "y", "z")
+        known: Point = tuple(row[name] for name in axes if row.get(name) is not None)
+        point = known if len(known) >= 2 else None
+        row = row.copy()
+        self._unplaced += point is None
+        if self._target is not None and point is not None:
+            point = self._project(self._target, point)
+            name = ":".join(self._target.to_authority() or (self._target.name,))
+            row |= {"crs": name, "crs_x": point[0], "crs_y": point[1]}
+        for name, (renamed, factor) in self._converted.items():
+            if name in row:
+                value = row.pop(name)
+                row[renamed] = None if value is None else value * factor
+        return row | {GEOMETRY: point}
+
+    def _project(self, crs: pyproj.CRS, point: Point) -> Point:
+        self._outside += not _within(crs, point)
+        moved = self._to_crs.transform(point[0], point[1])
+        if not all(map(math.isfinite, moved)):
+            raise UsageError(
+                f"--crs {crs.srs}: {crs.name} does not cover all signs. It is made for {_area(crs)}."
+            )
+        return (*moved, *point[2:])
 
     def notes(self) -> Iterator[str]:
-        """In words, what the rows placed so far need."""
+        """What must be known to use the rows read so far."""
         if self.source.world is not None:
             yield "the log has no fixes: geometry is x, y, z of the drive's own frame, in metres"
             return
@@ -96,40 +144,9 @@ class PlacedRows:
             yield _operation(self._target, self._to_crs)
         if self._target is not None and self._outside:
             yield (
-                f"{self._outside} {self.source.table} lie outside of the area that {self._target.name} is made for: "
+                f"{self._outside} {self.source.name} lie outside of the area that {self._target.name} is made for: "
                 f"{_area(self._target)}"
             )
-
-    def _project(self, point: Point) -> Point:
-        moved = (*self._to_crs.transform(point[0], point[1]), *point[2:])
-        if not all(map(math.isfinite, moved[:2])) and self._target is not None:
-            raise UsageError(
-                f"--crs {self._wanted}: {self._target.name} does not cover all signs. It is made for "
-                f"{_area(self._target)}."
-            )
-        return moved
-
-
-def _with_coordinates(
-    table: FlatTable, points: tuple[Point | None, ...], crs: pyproj.CRS
-) -> FlatTable:
-    name = ":".join(crs.to_authority() or (crs.name,))
-    units = [axis.unit_name for axis in crs.axis_info]
-    columns = (
-        Column("crs", pa.string(), "", "coordinate reference system of `crs_x`, `crs_y`"),
-        Column("crs_x", pa.float64(), units[0], f"easting or longitude, {crs.name}"),
-        Column("crs_y", pa.float64(), units[-1], f"northing or latitude, {crs.name}"),
-    )
-    rows = tuple(
-        row if point is None else row | {"crs": name, "crs_x": point[0], "crs_y": point[1]}
-        for row, point in zip(table.rows, points, strict=True)
-    )
-    return FlatTable((*table.columns, *columns), rows)
-
-
-def _point(row: Row, names: tuple[str, str, str]) -> Point | None:
-    known = [row[name] for name in names if row.get(name) is not None]
-    return tuple(known) if len(known) >= 2 else None
 
 
 def _horizontal(wanted: str) -> pyproj.CRS:
@@ -148,34 +165,70 @@ def _horizontal(wanted: str) -> pyproj.CRS:
     return crs
 
 
+def _crs_columns(crs: pyproj.CRS) -> tuple[Column, ...]:
+    units = [axis.unit_name for axis in crs.axis_info]
+    return (
+        Column("crs", pa.string(), "", "coordinate reference system of `crs_x`, `crs_y`"),
+        Column("crs_x", pa.float64(), units[0], f"easting or longitude, {crs.name}"),
+        Column("crs_y", pa.float64(), units[-1], f"northing or latitude, {crs.name}"),
+    )
+
+
 def _operation(crs: pyproj.CRS, transformer: pyproj.Transformer) -> str:
     """What PROJ did and how exact that is; a datum that moves with its continent is metres from WGS 84."""
     try:
         used = transformer.get_last_used_operation()
     except ProjError:  # nothing was done: it is the system that the signs are in
         return f"coordinates in {crs.name}, as they are"
-    known = used.accuracy >= 0
-    accuracy = f"accuracy {used.accuracy:g} m" if known else "accuracy unknown"
+    accuracy = f"accuracy {used.accuracy:g} m" if used.accuracy >= 0 else "accuracy unknown"
     return f"coordinates in {crs.name} by {used.description} ({accuracy})"
 
 
-def _outside(crs: pyproj.CRS, points: tuple[Point | None, ...]) -> int:
-    """How many points, longitude and latitude, lie where a system is not made for."""
-    area = crs.area_of_use
+def _within(crs: pyproj.CRS, point: Point) -> bool:
+    """Whether longitude and latitude lie where a system is made for, as far as it states that."""
+    area, (lon, lat) = crs.area_of_use, point[:2]
     if area is None:
-        return 0
-    return sum(
-        not _within(point, area.west, area.east, area.south, area.north)
-        for point in points
-        if point is not None
-    )
-
-
-def _within(point: Point, west: float, east: float, south: float, north: float) -> bool:
-    lon, lat = point[:2]
-    across = west <= lon <= east if west <= east else lon >= west or lon <= east
-    return across and south <= lat <= north
+        return True
+    east, west = lon <= area.east, lon >= area.west
+    across = east and west if area.west <= area.east else east or west
+    return across and area.south <= lat <= area.north
 
 
 def _area(crs: pyproj.CRS) -> str:
     return "an area that it does not state" if crs.area_of_use is None else crs.area_of_use.name
+
+
+def imperial_column(column: Column) -> tuple[Column, float]:
+    """A length in international feet (0.3048 m), a face's size in inches; its factor, 1 for what is no length."""
+    power = {"m": 1, "m^2": 2}.get(column.unit)
+    if power is None:
+        return column, 1.0
+    unit = "in" if column.name in _INCHES else "ft"
+    factor = (12 if unit == "in" else 1) / METRES_IN_FOOT
+    unit += "^2" if power == 2 else ""
+    name = f"{_stem(column)}_{_suffix(unit)}"
+    return replace(column, name=name, unit=unit), factor**power
+
+
+def short_names(columns: Iterable[Column]) -> dict[str, str]:
+    """A name of at most `SHORT_NAME` characters for each column by its name, each another one, units kept."""
+    names: dict[str, str] = {}
+    for column in columns:
+        stem = _stem(column)
+        unit = column.name.removeprefix(stem)
+        stem = _SHORT.get(stem, stem)[: SHORT_NAME - len(unit)]
+        number, short = 1, stem + unit
+        while short in names.values():
+            number += 1
+            short = f"{stem[: SHORT_NAME - len(unit) - len(str(number))]}{number}{unit}"
+        names[column.name] = short
+    return names
+
+
+def _stem(column: Column) -> str:
+    """Name of a column without its unit."""
+    return column.name.removesuffix(f"_{_suffix(column.unit)}") if column.unit else column.name
+
+
+def _suffix(unit: str) -> str:
+    return unit.replace("^", "")

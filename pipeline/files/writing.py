@@ -125,7 +125,6 @@ def whole_file(
     *,
     is_own: IsOwn = _is_never_own,
     overwrite: bool = False,
-    read_back: Callable[[Path], None] = lambda path: None,
 ) -> Iterator[BinaryIO]:
     """A file to write, which appears under its name, synced, when the block ends without an error.
 
@@ -139,8 +138,6 @@ def whole_file(
         Whether a file that stands there is one of wayside's own that the new one may replace.
     overwrite
         Replace whatever file stands there.
-    read_back
-        Called with the file when all is written, before it takes its place; raises OutputError where it is not whole.
 
     Raises
     ------
@@ -166,7 +163,6 @@ def whole_file(
             yield stream
             stream.flush()
             os.fsync(stream.fileno())
-            read_back(scratch)
             if not replaced and not filecmp.cmp(scratch, target, shallow=False):
                 raise refuse(path, "another file")
             os.replace(scratch, target)

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from wayside.pipeline.labels.box_matching import overlap
@@ -32,30 +32,32 @@ _CERTAIN = 0.9999
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A box (x0, y0, x1, y1, half open, pixels) in an image."""
+    """A box in an image."""
 
     frame: int
     box: Box
+    """x0, y0, x1, y1, half open, pixels."""
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One thing to ask about.
-
-    `name`: `sign_id` of a reported row, `landmark N` or `box N`. `views`: its boxes, at least one. `color`, `shape`: as
-    the run named them. `margin`: score minus threshold, nan where there is neither.
-    """
+    """One thing to ask about."""
 
     name: str
+    """`sign_id` of a reported row, `landmark N` or `box N`."""
     views: tuple[View, ...]
+    """Its boxes, at least one."""
     color: str | None
+    """As the run named it."""
     shape: str | None
+    """As the run named it."""
     margin: float
+    """Score minus threshold, nan where there is neither."""
 
     @property
     def shown(self) -> View:
         """The largest view."""
-        return self.views[_largest(self.views)]
+        return self.views[int(np.argmax(box_areas(np.array([v.box for v in self.views]))))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,31 +69,36 @@ class Questions:
 
 
 def questions(out: Path, most: int) -> Questions:
-    """What to ask about the result in a folder.
+    """What to ask about the result in folder `out`: all its landmarks, and `most` single boxes at most.
 
-    Parameters
-    ----------
-    out
-        Folder written by `wayside run`.
-    most
-        How many single boxes at most; landmarks are all asked about.
-
-    Raises
-    ------
-    InputError
-        The folder is no result folder, or damaged.
+    Raises InputError if the folder is no result folder, or damaged.
     """
     table = read_table(out, OBSERVATIONS, _COLUMNS)
-    margin = margins(table)
     names = ("sign_id", "confidence", "color", "shape", "status")
     signs = {row["sign_id"]: row for row in read_rows(out, SIGNS, names)}
-    landmarks = sorted(_landmarks(table, margin, signs), key=_urgency)
+    tracks: defaultdict[int, list[dict[str, Any]]] = defaultdict(list)
+    single: list[dict[str, Any]] = []
+    with_margin = table.append_column("margin", pa.array(margins(table)))
+    for row in with_margin.to_pylist():
+        if row["verdict"] != "overlap":
+            (single if row["track_id"] is None else tracks[row["track_id"]]).append(row)
+    landmarks = sorted(
+        _landmarks(tracks, signs), key=lambda item: (_urgency(item.margin), item.name)
+    )
     taken: defaultdict[int, list[Box]] = defaultdict(list)
     for item in landmarks:
         for view in item.views:
             taken[view.frame].append(view.box)
-    boxes, left_out = _single_boxes(table, margin, taken, most)
-    return Questions((*landmarks, *boxes), left_out)
+    boxes: list[Item] = []
+    single.sort(key=lambda row: _urgency(row["margin"]))
+    for looked, row in enumerate(single):
+        if len(boxes) >= most:
+            return Questions((*landmarks, *boxes), len(single) - looked)
+        here, box = taken[row["frame"]], row["box"]
+        if not overlap(np.array(here).reshape(-1, 4), box).any():
+            here.append(tuple(box))  # what overlaps it is another view of the same thing
+            boxes.append(_item(f"box {row['observation_id']}", [row], row, row["margin"]))
+    return Questions((*landmarks, *boxes), 0)
 
 
 def margins(table: pa.Table) -> NDArray[np.float64]:
@@ -102,89 +109,42 @@ def margins(table: pa.Table) -> NDArray[np.float64]:
     """
     verdict = np.array(table["verdict"].to_pylist(), object)
     asked = np.array(table["source"].to_pylist(), object) != "predicted"
-    score = table["score"].to_numpy()
-    refusal = "score"
+    score, refusal = table["score"].to_numpy(), "score"
+    gates = np.zeros(len(verdict))
     if np.isnan(score).all():
         score, refusal = -table["shape_distance"].to_numpy(), "shape"
+        gates = np.array(table["shape"].to_pylist(), str)
     margin = np.full(len(verdict), np.nan)
     known = np.isfinite(score)
-    classes = (
-        [np.ones(len(verdict), np.bool_)]
-        if refusal == "score"
-        else [
-            np.array(table["shape"].to_pylist(), object) == name
-            for name in table["shape"].unique().to_pylist()
-        ]
-    )
-    for own in classes:
-        passed = own & known & asked & (verdict != refusal) & (verdict != "color")
-        worst = score[passed].min() if passed.any() else score[own & known].max(initial=-np.inf)
-        margin[own & known] = score[own & known] - worst
+    for gate in np.unique(gates):
+        own = known & (gates == gate)
+        passed = own & asked & (verdict != refusal) & (verdict != "color")
+        worst = score[passed].min() if passed.any() else score[own].max(initial=-np.inf)
+        margin[own] = score[own] - worst
     return margin
 
 
 def _landmarks(
-    table: pa.Table, margin: NDArray[np.float64], signs: dict[str, dict[str, object]]
+    tracks: dict[int, list[dict[str, Any]]], signs: dict[str, dict[str, Any]]
 ) -> Iterator[Item]:
-    kinds = np.array(table["verdict"].to_pylist(), object)
-    own = table["track_id"].is_valid().to_numpy() & (kinds != "overlap")
-    tracked = table.append_column("margin", pa.array(margin)).filter(pa.array(own))
-    tracks = defaultdict(list)
-    for row in tracked.to_pylist():
-        tracks[row["track_id"]].append(row)
     for track, rows in tracks.items():
-        views = tuple(View(row["frame"], tuple(row["box"])) for row in rows)
-        sign = signs.get(rows[0]["sign_id"])
         known = [row["margin"] for row in rows if math.isfinite(row["margin"])]
-        largest = rows[_largest(views)]
-        color, shape, best = largest["color"], largest["shape"], max(known, default=math.nan)
-        name = f"landmark {track}"
-        if sign is not None:
-            color, shape = sign["color"], sign["shape"]
-            name = rows[0]["sign_id"]
-            if isinstance(sign["confidence"], float):
-                probability = min(max(sign["confidence"], 1 - _CERTAIN), _CERTAIN)
-                best = math.log(probability / (1 - probability))
-        yield Item(name, views, color, shape, best)
+        best = max(known, default=math.nan)
+        sign = signs.get(rows[0]["sign_id"])
+        if sign is None:
+            largest = rows[int(np.argmax(box_areas(np.array([row["box"] for row in rows]))))]
+            yield _item(f"landmark {track}", rows, largest, best)
+            continue
+        if sign["confidence"] is not None:
+            probability = min(max(sign["confidence"], 1 - _CERTAIN), _CERTAIN)
+            best = math.log(probability / (1 - probability))
+        yield _item(sign["sign_id"], rows, sign, best)
 
 
-def _single_boxes(
-    table: pa.Table, margin: NDArray[np.float64], taken: dict[int, list[Box]], most: int
-) -> tuple[list[Item], int]:
-    """The boxes nearest to the threshold that overlap neither each other nor what is `taken` in their image."""
-    verdict = np.array(table["verdict"].to_pylist(), object)
-    single = table["track_id"].is_null().to_numpy() & (verdict != "overlap")
-    rows = np.flatnonzero(single)
-    distance = np.where(np.isfinite(margin[rows]), np.abs(margin[rows]), np.inf)
-    rows = rows[np.argsort(distance, kind="stable")]
-    frame = table["frame"].to_numpy()
-    box = np.asarray(pc.list_flatten(table["box"]), np.float64).reshape(-1, 4)
-    chosen: list[Item] = []
-    for looked, row in enumerate(rows.tolist()):
-        if len(chosen) >= most:
-            return chosen, len(rows) - looked
-        here = taken.setdefault(int(frame[row]), [])
-        own = box[row]
-        if overlap(np.array(here).reshape(-1, 4), own).any():
-            continue  # another view of what is asked about
-        x0, y0, x1, y1 = own.tolist()
-        here.append((x0, y0, x1, y1))
-        values = table.slice(row, 1).to_pylist()[0]
-        chosen.append(
-            Item(
-                f"box {values['observation_id']}",
-                (View(int(frame[row]), (x0, y0, x1, y1)),),
-                values["color"],
-                values["shape"],
-                float(margin[row]),
-            )
-        )
-    return chosen, 0
+def _item(name: str, rows: list[dict[str, Any]], look: dict[str, Any], margin: float) -> Item:
+    views = tuple(View(row["frame"], tuple(row["box"])) for row in rows)
+    return Item(name, views, look["color"], look["shape"], margin)
 
 
-def _largest(views: Sequence[View]) -> int:
-    return int(np.argmax(box_areas(np.array([view.box for view in views], np.float64))))
-
-
-def _urgency(item: Item) -> tuple[float, str]:
-    return (abs(item.margin) if math.isfinite(item.margin) else math.inf, item.name)
+def _urgency(margin: float) -> float:
+    return abs(margin) if math.isfinite(margin) else math.inf

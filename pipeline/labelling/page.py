@@ -7,17 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.evidence.crops import Crop, read_crops
+from wayside.pipeline.evidence.crops import Crop, read_crops, read_times
 from wayside.pipeline.evidence.marks import class_words
 from wayside.pipeline.files.file_marks import is_marked
 from wayside.pipeline.files.webp import data_address, encode_webp
 from wayside.pipeline.files.writing import not_written, write_file
 from wayside.pipeline.labelling.items import Item, Questions, questions
 from wayside.pipeline.pages import render_page
-from wayside.pipeline.results.result import read_rows, read_run
+from wayside.pipeline.results.result import read_run
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, UNSURE
-from wayside.schemas.tables import FRAMES
 
 PAGE_FILE = "index.html"
 KINDS = {
@@ -26,12 +25,8 @@ KINDS = {
     BACK: ("B", "back of a sign"),
     UNSURE: ("U", "unsure"),
 }
-COLOR_KEYS = {name: str(number + 1) for number, name in enumerate(COLORS)}
-SHAPE_KEYS = {
-    "rectangle": "R", "diamond": "D", "octagon": "O", "triangle": "T", "circle": "C",
-    "pentagon": "P", "pennant": "F", "shield": "H", "crossbuck": "X", "other": "K",
-}  # fmt: skip
-NO_COLOR_KEY, NO_SHAPE_KEY = "0", "Z"
+COLOR_KEYS = {name: str(number + 1) for number, name in enumerate(COLORS)} | {None: "0"}
+SHAPE_KEYS = dict(zip((*SHAPES, None), "RDOTCPFHXKZ", strict=True))
 _PROPORTION, _LARGEST = 4 / 3, (400, 300)
 _WEBP_QUALITY = 80
 Watcher = Callable[[int, int], None]
@@ -81,63 +76,38 @@ def write_page(
     """
     run = read_run(out)
     asked = questions(out, most)
-    images = _images(out, asked.items, log, watch)
+    items = asked.items
+    images: dict[str, dict[str, Any]] = {}
+    watch(0, len(items))
+    boxes = ((item.name, item.shown.frame, item.shown.box) for item in items)
+    for shown, crop in read_crops(out, log, boxes, _PROPORTION):
+        if crop is not None:
+            images[shown] = _image(crop)
+        watch(len(images), len(items))
     name, fingerprint = str(run.get("log", "")), run.get("log_fingerprint") or ""
     mark = f"wayside label {name} {fingerprint}".strip()
-    landmarks = sum(not item.name.startswith("box ") for item in asked.items)
-    singles = len(asked.items) - landmarks
-    data = _data(out, Path(name).stem, fingerprint, asked.items, images)
-    page = render_page(
-        "label.html", mark, log=name, data=data, landmarks=landmarks, singles=singles
-    )
+    times_ns, stem = read_times(out), Path(name).stem
+    data = {
+        "log": stem,
+        "log_fingerprint": fingerprint,
+        "file": f"{stem}.marks.json",
+        "kinds": [
+            {"value": kind, "key": key, "words": words} for kind, (key, words) in KINDS.items()
+        ],
+        "colors": _choices(COLOR_KEYS),
+        "shapes": _choices(SHAPE_KEYS),
+        "items": [_entry(item, times_ns) | images.get(item.name, {}) for item in items],
+    }
+    singles = sum(item.name.startswith("box ") for item in items)
+    counts = {"landmarks": len(items) - singles, "singles": singles}
+    page = render_page("label.html", mark, log=name, data=data, **counts)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise not_written(folder, error, "the page") from error
     path = folder / PAGE_FILE
-    write_file(
-        path,
-        page.encode(),
-        is_own=lambda earlier: is_marked(earlier, mark),
-        overwrite=overwrite,
-    )
-    return WrittenPage(path, asked, len(asked.items) - len(images))
-
-
-def _data(
-    out: Path,
-    log: str,
-    fingerprint: str,
-    items: tuple[Item, ...],
-    images: Mapping[str, dict[str, Any]],
-) -> dict[str, Any]:
-    """What the script of the page works on, and its buttons."""
-    rows = read_rows(out, FRAMES, ["frame", "log_time_ns"])
-    times_ns = {row["frame"]: row["log_time_ns"] for row in rows}
-    kinds = [{"value": kind, "key": key, "words": words} for kind, (key, words) in KINDS.items()]
-    return {
-        "log": log,
-        "log_fingerprint": fingerprint,
-        "file": f"{log}.marks.json",
-        "kinds": kinds,
-        "colors": [*(_choice(c, COLOR_KEYS[c]) for c in COLORS), _choice(None, NO_COLOR_KEY)],
-        "shapes": [*(_choice(s, SHAPE_KEYS[s]) for s in SHAPES), _choice(None, NO_SHAPE_KEY)],
-        "items": [_entry(item, images.get(item.name, {}), times_ns) for item in items],
-    }
-
-
-def _images(
-    out: Path, items: tuple[Item, ...], log: Path | None, watch: Watcher
-) -> dict[str, dict[str, Any]]:
-    """`image` and `outline` of the page by name of item, where the image of its largest view decodes."""
-    found: dict[str, dict[str, Any]] = {}
-    watch(0, len(items))
-    boxes = ((item.name, item.shown.frame, item.shown.box) for item in items)
-    for name, crop in read_crops(out, log, boxes, _PROPORTION):
-        if crop is not None:
-            found[name] = _image(crop)
-        watch(len(found), len(items))
-    return found
+    write_file(path, page.encode(), is_own=lambda old: is_marked(old, mark), overwrite=overwrite)
+    return WrittenPage(path, asked, len(items) - len(images))
 
 
 def _image(crop: Crop) -> dict[str, Any]:
@@ -152,15 +122,14 @@ def _image(crop: Crop) -> dict[str, Any]:
     }
 
 
-def _choice(value: str | None, key: str) -> dict[str, str | None]:
-    return {
-        "value": value,
-        "key": key,
-        "words": "none of these" if value is None else class_words(value),
-    }
+def _choices(keys: Mapping[str | None, str]) -> list[dict[str, str | None]]:
+    return [
+        {"value": value, "key": key, "words": class_words(value) if value else "none of these"}
+        for value, key in keys.items()
+    ]
 
 
-def _entry(item: Item, image: Mapping[str, Any], times_ns: Mapping[int, int]) -> dict[str, Any]:
+def _entry(item: Item, times_ns: Mapping[int, int]) -> dict[str, Any]:
     views = [
         {
             "frame": view.frame,
@@ -169,11 +138,6 @@ def _entry(item: Item, image: Mapping[str, Any], times_ns: Mapping[int, int]) ->
         }
         for view in item.views
     ]
-    return {
-        "name": item.name,
-        "color": item.color,
-        "shape": item.shape,
-        "shown": item.views.index(item.shown),
-        "views": views,
-        **image,
-    }
+    shown = item.views.index(item.shown)
+    about = {"name": item.name, "color": item.color, "shape": item.shape}
+    return about | {"shown": shown, "views": views}

@@ -27,8 +27,8 @@ from wayside.pipeline.report_figures.drive import (
     photo,
 )
 from wayside.pipeline.statistics import share_words
-from wayside.pipeline.view.outlines import CURVES, curve_of_terms
-from wayside.pipeline.view.outlines import INKS as OUTLINE_INKS
+from wayside.pipeline.view.drawing import CURVES, curve_of_terms
+from wayside.pipeline.view.drawing import INKS as OUTLINE_INKS
 from wayside.schemas.detections import SOURCES
 
 REPORT_GATE_PX = (50, 20_000)

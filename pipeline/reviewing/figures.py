@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from wayside.pipeline.results.result import read_rows
-from wayside.pipeline.reviewing.review import ACCEPTED, EDITED, REJECTED, Review, Reviewed
+from wayside.pipeline.reviewing.review import ACCEPTED, EDITED, REJECTED, Review
 from wayside.pipeline.statistics import Interval, share_interval
 from wayside.schemas.tables import SIGNS
 
@@ -44,72 +43,56 @@ class ReviewFigures:
         return self.right + self.rejected
 
     @property
-    def precision_interval(self) -> Interval | None:
-        """95 % interval of the share of reviewed rows that are signs."""
-        return share_interval(self.right, self.reviewed)
-
-    @property
-    def recall_interval(self) -> Interval | None:
-        """95 % interval of the share of signs known to the reviewer that have a row."""
-        return share_interval(self.right, self.right + self.missing)
+    def known(self) -> int:
+        """Signs known to the reviewer."""
+        return self.right + self.missing
 
     def to_json(self) -> dict[str, Any]:
-        """All figures under plain keys."""
+        """All figures under plain keys, with 95 % intervals of both shares."""
         return asdict(self) | {
             "reviewed": self.reviewed,
-            "precision": _share(self.right, self.reviewed),
-            "precision_interval": self.precision_interval,
-            "recall": _share(self.right, self.right + self.missing),
-            "recall_interval": self.recall_interval,
+            "precision": self.right / self.reviewed if self.reviewed else None,
+            "precision_interval": share_interval(self.right, self.reviewed),
+            "recall": self.right / self.known if self.known else None,
+            "recall_interval": share_interval(self.right, self.known),
         }
 
 
 def review_figures(out: Path, review: Review) -> ReviewFigures:
-    """Figures of a review of the result in folder `out`.
-
-    Raises
-    ------
-    InputError
-        The folder is no result folder, or damaged.
-    """
+    """Figures of a review of the result in folder `out`; raises InputError if it is no result, or damaged."""
     columns = ["sign_id", "color", "shape"]
     rows = {row["sign_id"]: row for row in read_rows(out, SIGNS, columns, {"status": "sign"})}
     said = {name: review.rows[name] for name in rows if name in review.rows}
     counts = Counter(one.review for one in said.values())
-    color, shape = (_looks(rows, said, look) for look in ("color", "shape"))
+    looks: dict[str, int] = {}
+    for look in ("color", "shape"):
+        right = [
+            one.review == ACCEPTED or getattr(one, look) == rows[name][look]
+            for name, one in said.items()
+            if one.review in (ACCEPTED, EDITED) and rows[name][look] is not None
+        ]
+        looks |= {f"{look}_stated": len(right), f"{look}_right": sum(right)}
     return ReviewFigures(
-        len(rows),
-        counts[ACCEPTED],
-        counts[EDITED],
-        counts[REJECTED],
-        len(review.missing),
-        *color,
-        *shape,
-        len(review.rows) - len(said),
+        rows=len(rows),
+        accepted=counts[ACCEPTED],
+        edited=counts[EDITED],
+        rejected=counts[REJECTED],
+        missing=len(review.missing),
+        others=len(review.rows) - len(said),
+        **looks,
     )
-
-
-def _looks(
-    rows: Mapping[str, Mapping[str, Any]], said: Mapping[str, Reviewed], look: str
-) -> tuple[int, int]:
-    """How many right rows state a colour or shape, and how many of these are right."""
-    stated = [
-        one.review == ACCEPTED or getattr(one, look) == rows[name][look]
-        for name, one in said.items()
-        if one.review in (ACCEPTED, EDITED) and rows[name][look] is not None
-    ]
-    return len(stated), sum(stated)
 
 
 def format_figures(figures: ReviewFigures) -> str:
     """All figures as plain text."""
     f = figures
+    precision = _shown(f.right, f.reviewed, share_interval(f.right, f.reviewed))
+    recall = _shown(f.right, f.known, share_interval(f.right, f.known))
     lines = [
         f"reviewed   {f.reviewed} of {f.rows} rows with status sign: {f.accepted} accepted, {f.edited} edited, "
         f"{f.rejected} rejected",
-        f"precision  {_shown(f.right, f.reviewed, f.precision_interval)} of the reviewed rows are signs",
-        f"recall     {_shown(f.right, f.right + f.missing, f.recall_interval)} of the signs known to the reviewer; "
-        f"{f.missing} missing",
+        f"precision  {precision} of the reviewed rows are signs",
+        f"recall     {recall} of the signs known to the reviewer; {f.missing} missing",
         f"colour     {_shown(f.color_right, f.color_stated)} right",
         f"shape      {_shown(f.shape_right, f.shape_stated)} right",
     ]
@@ -118,10 +101,6 @@ def format_figures(figures: ReviewFigures) -> str:
     if f.reviewed < f.rows:
         lines.append(f"{f.rows - f.reviewed} rows are not reviewed: recall counts none of them")
     return "\n".join(lines)
-
-
-def _share(count: int, total: int) -> float | None:
-    return count / total if total else None
 
 
 def _shown(count: int, total: int, interval: Interval | None = None) -> str:

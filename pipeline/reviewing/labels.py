@@ -13,10 +13,7 @@ from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 def review_labels(out: Path, review: Review) -> Labels:
     """A label of each measured view of each reviewed row; a missing sign has no box and is left out, counted.
 
-    Raises
-    ------
-    InputError
-        The folder is no result folder, or damaged.
+    Raises InputError if the folder is no result folder, or damaged.
     """
     names = ["sign_id", "log", "status", "color", "shape"]
     signs = {row["sign_id"]: row for row in read_rows(out, SIGNS, names)}

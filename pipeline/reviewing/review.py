@@ -23,10 +23,7 @@ REVIEWS = {
     EDITED: "a sign whose colour or shape is another: those of the review hold",
     MISSING: "a sign that has no row, at x and y of the world frame",
 }
-COLUMNS = (
-    *("result", "sign_id", "review", "color", "shape", "x", "y"),
-    *("note", "reviewer"),
-)
+COLUMNS = ("result", "sign_id", "review", "color", "shape", "x", "y", "note", "reviewer")
 EXPORTED = {"reviewed_color": "color", "reviewed_shape": "shape", "review_note": "note"}
 """Columns of an exported table, and those of a review that they are."""
 FILES = ("review.json", "review.csv")
@@ -35,17 +32,18 @@ FILES = ("review.json", "review.csv")
 
 @dataclass(frozen=True, slots=True)
 class Reviewed:
-    """The review of one sign.
-
-    `review`: a key of `REVIEWS`. `sign_id`: None where it is missing. `color`, `shape`: where edited or missing. `x`,
-    `y`: of a missing one in the world frame, metres.
-    """
+    """The review of one sign."""
 
     review: str
+    """A key of `REVIEWS`."""
     sign_id: str | None = None
+    """None: it is missing."""
     color: str | None = None
+    """Of one edited or missing."""
     shape: str | None = None
+    """Of one edited or missing."""
     x: float | None = None
+    """Of a missing one in the world frame, metres."""
     y: float | None = None
     note: str = ""
     reviewer: str = ""
@@ -65,14 +63,9 @@ NO_REVIEW = Review({}, ())
 def find_review(out: Path, given: Path | None) -> Review:
     """The review of a result: the one given, else one that lies in its folder, else none.
 
-    Raises
-    ------
-    InputError
-        As in `read_review`; or both of `FILES` lie there.
+    Raises InputError as `read_review` does, or if both of `FILES` lie there.
     """
-    if given is not None:
-        return read_review(given, out)
-    found = [out / name for name in FILES if (out / name).is_file()]
+    found = [out / name for name in FILES if (out / name).is_file()] if given is None else [given]
     if len(found) > 1:
         raise InputError(
             f"{out}: there are two reviews, {' and '.join(FILES)}. Choose one with --review."
@@ -81,15 +74,7 @@ def find_review(out: Path, given: Path | None) -> Review:
 
 
 def required_review(out: Path, given: Path | None) -> Review:
-    """The review of a result as `find_review` finds it, which must be there.
-
-    Raises
-    ------
-    InputError
-        As in `find_review`.
-    UsageError
-        There is none.
-    """
+    """The review of a result as `find_review` finds it; raises UsageError if there is none."""
     review = find_review(out, given)
     if review == NO_REVIEW:
         raise UsageError(
@@ -113,10 +98,7 @@ def is_review(path: Path) -> bool:
 def read_review(path: Path, out: Path) -> Review:
     """A review of the result in folder `out`.
 
-    Raises
-    ------
-    InputError
-        It cannot be read, is of another result, names a sign that the result does not hold, or says what is no review.
+    Raises InputError if it is of another result, names a sign that the result does not hold, or says what is no review.
     """
     try:
         entries = list(_csv_rows(path) if path.suffix.lower() == ".csv" else _json_rows(path))

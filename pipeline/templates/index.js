@@ -1,13 +1,20 @@
-const form = document.getElementById("filters");
+const form = at("filters");
 const fields = form.elements;
-const list = document.getElementById("signs");
+const list = at("signs");
 const cards = Array.from(list.children);
 const byId = new Map(cards.map(card => [card.id, card]));
 const dots = new Map(Array.from(document.querySelectorAll("[data-for]"), dot => [dot.dataset.for, dot]));
-const about = JSON.parse(document.getElementById("about").textContent);
+const map = document.querySelector(".map");
+const about = JSON.parse(at("about").textContent);
+const store = "wayside review " + about.log + " " + about.result, told = "reviewed";
+const defaults = { id: "", color: "", shape: "", code: "", status: "", review: "", confidence: "0", sort: "station" };
+let said = new Map();
+let missing = [];
 
-function number(card, name, missing) {
-  return card.dataset[name] === "" ? missing : Number(card.dataset[name]);
+// Filters, kept in the address
+
+function number(card, name, unknown) {
+  return card.dataset[name] === "" ? unknown : Number(card.dataset[name]);
 }
 
 const orders = {
@@ -16,48 +23,44 @@ const orders = {
   worst: (a, b) => number(a, "confidence", 2) - number(b, "confidence", 2),
 };
 
-function fits(card, wanted, least) {
-  return card.dataset.id.includes(wanted)
+function fits(card) {
+  const least = Number(fields.confidence.value);
+  return card.dataset.id.includes(fields.id.value.trim().toLowerCase())
     && ["color", "shape", "code", "status"].every(name => !fields[name].value || fields[name].value === card.dataset[name])
     && (!fields.review.value || fields.review.value === (card.dataset.review || "none"))
     && (least === 0 || number(card, "confidence", -1) >= least);
 }
 
-function show() {
-  const wanted = fields.id.value.trim().toLowerCase();
-  const least = Number(fields.confidence.value);
-  let shown = 0;
-  for (const card of cards) {
-    card.hidden = !fits(card, wanted, least);
-    const dot = dots.get(card.id);
-    if (dot) dot.toggleAttribute("hidden", card.hidden);
-    shown += card.hidden ? 0 : 1;
-    const link = card.querySelector("a");
-    link.href = link.getAttribute("href").split("#")[0] + chosen();
-  }
-  try {  // what previous and next on a sheet mean; a sort comes before
-    const kept = cards.filter(card => !card.hidden).map(card => [card.id, card.querySelector("a").getAttribute("href").split("#")[0]]);
-    sessionStorage.setItem("wayside " + new URL(".", location.href), JSON.stringify(kept));
-  } catch { /* not kept */ }
-  fields.least.value = least.toFixed(2);
-  at("count").textContent = shown + " of " + cards.length + " shown";
-  at("empty").hidden = shown > 0;
+function chosen() {
+  const changed = Object.keys(defaults).filter(name => fields[name].value !== defaults[name]);
+  return changed.length ? "#" + new URLSearchParams(changed.map(name => [name, fields[name].value])) : "";
 }
 
 function sort() {
   list.append(...cards.sort(orders[fields.sort.value]));
 }
 
-const defaults = { id: "", color: "", shape: "", code: "", status: "", review: "", confidence: "0", sort: "station" };
-
-function chosen() {
-  const changed = new URLSearchParams();
-  for (const [name, value] of Object.entries(defaults)) if (fields[name].value !== value) changed.set(name, fields[name].value);
-  return changed.size ? "#" + changed : "";
+function show() {
+  const links = [];
+  for (const card of cards) {
+    card.hidden = !fits(card);
+    dots.get(card.id)?.toggleAttribute("hidden", card.hidden);
+    const link = card.querySelector("a");
+    const page = link.getAttribute("href").split("#")[0];
+    link.href = page + chosen();
+    if (!card.hidden) links.push([card.id, page]);
+  }
+  try {  // what previous and next on a sheet mean
+    sessionStorage.setItem("wayside " + new URL(".", location.href), JSON.stringify(links));
+  } catch { /* not kept */ }
+  fields.least.value = Number(fields.confidence.value).toFixed(2);
+  at("count").textContent = links.length + " of " + cards.length + " shown";
+  at("empty").hidden = links.length > 0;
 }
 
 function fromAddress() {
-  const words = location.hash.includes("=") ? new URLSearchParams(location.hash.slice(1)) : new URLSearchParams();
+  if (location.hash && !location.hash.includes("=")) return show();
+  const words = new URLSearchParams(location.hash.slice(1));
   for (const [name, value] of Object.entries(defaults)) {
     fields[name].value = words.get(name) ?? value;
     if (fields[name].value === "" && fields[name].tagName === "SELECT") fields[name].value = value;
@@ -66,39 +69,39 @@ function fromAddress() {
   show();
 }
 
-function changed(event) {
-  if (event.target.name === "sort") sort();
+function toAddress() {
+  sort();
   show();
   history.replaceState(null, "", chosen() || location.href.split("#")[0]);
 }
 
-form.addEventListener("input", changed);
-form.addEventListener("reset", () => setTimeout(() => { sort(); show(); history.replaceState(null, "", location.href.split("#")[0]); }));
+form.addEventListener("input", toAddress);
+form.addEventListener("reset", () => setTimeout(toAddress));
 form.addEventListener("submit", event => event.preventDefault());
-addEventListener("hashchange", () => { if (location.hash.includes("=") || !location.hash) fromAddress(); });
-addEventListener("pageshow", () => { if (!location.hash || location.hash.includes("=")) fromAddress(); else show(); });
+addEventListener("hashchange", fromAddress);
+addEventListener("pageshow", fromAddress);
 
-const store = "wayside review " + about.log + " " + about.result;
-let said = new Map();
-let missing = [];
-
-function remember() {
-  try {
-    localStorage.setItem(store, JSON.stringify({ reviewer: at("reviewer").value, reviews: rows() }));
-  } catch { /* not kept */ }
-  draw();
-}
+// The review: what is said of each card, and the signs that are missing
 
 function rows() {
-  const found = [];
-  for (const card of Array.from(byId.values())) if (said.has(card.id)) found.push({ sign_id: card.id, ...said.get(card.id) });
+  const found = Array.from(byId.keys()).filter(id => said.has(id)).map(id => ({ sign_id: id, ...said.get(id) }));
   return found.concat(missing.map(one => ({ sign_id: null, review: "missing", ...one })));
 }
 
-function take(found) {
+function remember() {
+  keep({ reviews: rows() });
+  draw();
+}
+
+function known(name, value) {
+  const choices = at("looks").content.querySelector("[name=" + name + "]").options;
+  return Array.from(choices).some(option => option.value === value && value) ? value : null;
+}
+
+function take({ reviews }) {
   said = new Map();
   missing = [];
-  for (const one of found || []) {
+  for (const one of reviews || []) {
     const look = { color: known("color", one.color), shape: known("shape", one.shape), note: String(one.note || "") };
     if (one.review === "missing" && Number.isFinite(Number(one.x)) && Number.isFinite(Number(one.y))) {
       missing.push({ ...look, x: Number(one.x), y: Number(one.y) });
@@ -108,98 +111,77 @@ function take(found) {
   }
 }
 
-function known(name, value) {
-  const choices = at("looks").content.querySelector("[name=" + name + "]").options;
-  return Array.from(choices).some(option => option.value === value && value) ? value : null;
-}
-
 function say(card, review) {
   const before = said.get(card.id);
-  const own = name => card.dataset[name] === "unknown" ? null : card.dataset[name];
-  if (before && before.review === review && review !== "edited") said.delete(card.id);
-  else if (review === "edited") said.set(card.id, before && before.review === "edited" ? before
-    : { review, color: own("color"), shape: own("shape"), note: before ? before.note : "" });
-  else said.set(card.id, { review, color: null, shape: null, note: before ? before.note : "" });
+  const again = before && before.review === review;
+  const look = name => review === "edited" ? known(name, card.dataset[name]) : null;
+  if (again && review !== "edited") said.delete(card.id);
+  else if (!again) said.set(card.id, { review, color: look("color"), shape: look("shape"), note: before ? before.note : "" });
   remember();
   if (card.hidden) {  // by the filter: go on with the next one
-    const next = cards.slice(cards.indexOf(card)).concat(cards).find(other => !other.hidden);
-    if (next) next.querySelector("a").focus();
+    cards.slice(cards.indexOf(card)).concat(cards).find(other => !other.hidden)?.querySelector("a").focus();
   } else if (review === "edited") card.querySelector(".say select").focus();
 }
 
-function looks(values, update) {
+function looks(values) {
   const part = document.createElement("span");
   part.className = "looks";
   part.append(at("looks").content.cloneNode(true));
   for (const field of part.querySelectorAll("[name]")) {
     field.value = values[field.name] || "";
-    field.addEventListener("change", () => update(field.name, field.value || (field.name === "note" ? "" : null)));
+    field.addEventListener("change", () => {
+      values[field.name] = field.value || (field.name === "note" ? "" : null);
+      remember();
+    });
   }
   return part;
 }
 
-function button(words, act) {
-  const made = document.createElement("button");
-  made.type = "button";
-  made.textContent = words;
-  made.addEventListener("click", act);
-  return made;
-}
-
-for (const card of cards) {
-  const bar = document.createElement("div");
-  bar.className = "say";
-  for (const [words, review] of [["Accept", "accepted"], ["Reject", "rejected"], ["Edit", "edited"]]) {
-    const made = button(words, () => say(card, review));
-    made.dataset.review = review;
-    made.setAttribute("aria-label", words + " " + card.id);
-    bar.append(made);
-  }
-  card.append(bar);
-  card.addEventListener("keydown", event => {
-    if (/^(INPUT|SELECT)$/.test(event.target.tagName) || event.ctrlKey || event.metaKey || event.altKey) return;
-    const review = { a: "accepted", r: "rejected", e: "edited" }[event.key.toLowerCase()];
-    if (review) { event.preventDefault(); say(card, review); }
-  });
-}
+list.addEventListener("click", event => {
+  const button = event.target.closest(".say > button");
+  if (button) say(button.closest("li"), button.dataset.review);
+});
+list.addEventListener("keydown", event => {
+  if (/^(INPUT|SELECT)$/.test(event.target.tagName) || event.ctrlKey || event.metaKey || event.altKey) return;
+  const review = { a: "accepted", r: "rejected", e: "edited" }[event.key.toLowerCase()];
+  if (review) { event.preventDefault(); say(event.target.closest("li"), review); }
+});
 
 function draw() {
   for (const card of cards) {
     const one = said.get(card.id);
     card.dataset.review = one ? one.review : "";
     const bar = card.querySelector(".say");
-    for (const made of bar.querySelectorAll("button")) made.setAttribute("aria-pressed", String(!!one && made.dataset.review === one.review));
+    for (const made of bar.querySelectorAll("button")) made.setAttribute("aria-pressed", String(card.dataset.review === made.dataset.review));
     const open = bar.querySelector(".looks");
-    if (open && !(one && one.review === "edited")) open.remove();
-    if (!open && one && one.review === "edited") bar.append(looks(one, (name, value) => { one[name] = value; remember(); }));
+    const edited = card.dataset.review === "edited";
+    if (open && !edited) open.remove();
+    if (!open && edited) bar.append(looks(one));
   }
-  const places = missing.map((one, i) => {
+  at("missing").replaceChildren(...missing.map((one, i) => {
     const entry = document.createElement("li");
-    entry.append("missing at x " + one.x.toFixed(1) + " m, y " + one.y.toFixed(1) + " m ");
-    const part = looks(one, (name, value) => { one[name] = value; remember(); });
-    part.append(button("Remove", () => { missing.splice(i, 1); remember(); }));
-    entry.append(part);
+    const remove = document.createElement("button");
+    remove.type = "button";
+    remove.textContent = "Remove";
+    remove.addEventListener("click", () => { missing.splice(i, 1); remember(); });
+    entry.append("missing at x " + one.x.toFixed(1) + " m, y " + one.y.toFixed(1) + " m ", looks(one));
+    entry.lastChild.append(remove);
     return entry;
-  });
-  at("missing").replaceChildren(...places);
+  }));
   drawMissing();
-  const count = said.size;
-  at("reviewed").textContent = count + " of " + cards.length + " reviewed, " + missing.length + " missing";
+  at("reviewed").textContent = said.size + " of " + cards.length + " reviewed, " + missing.length + " missing";
   show();
 }
-
-const map = document.querySelector(".map");
 
 function drawMissing() {
   if (!map) return;
   map.querySelectorAll(".missing").forEach(dot => dot.remove());
-  const w = about.map;
-  for (const one of missing) {
-    const u = one.x * w.turn[0][0] + one.y * w.turn[1][0], v = one.x * w.turn[0][1] + one.y * w.turn[1][1];
+  const { turn, scale, left, top } = about.map;
+  for (const { x, y } of missing) {
     const dot = document.createElementNS(map.namespaceURI, "circle");
     dot.setAttribute("class", "missing");
-    dot.setAttribute("cx", (u - w.left) * w.scale);
-    dot.setAttribute("cy", (w.top - v) * w.scale);
+    dot.setAttribute("cx", (x * turn[0][0] + y * turn[1][0] - left) * scale);
+    dot.setAttribute("cy", (top - x * turn[0][1] - y * turn[1][1]) * scale);
     dot.setAttribute("r", 9);
     map.append(dot);
   }
@@ -207,79 +189,67 @@ function drawMissing() {
 
 function place(pageX, pageY) {
   const point = new DOMPoint(pageX, pageY).matrixTransform(map.getScreenCTM().inverse());
-  const w = about.map;
-  const u = point.x / w.scale + w.left, v = w.top - point.y / w.scale;
-  const x = u * w.turn[0][0] + v * w.turn[0][1], y = u * w.turn[1][0] + v * w.turn[1][1];
-  missing.push({ x: Math.round(x * 100) / 100, y: Math.round(y * 100) / 100, color: null, shape: null, note: "" });
+  const { turn, scale, left, top } = about.map;
+  const u = point.x / scale + left, v = top - point.y / scale;
+  const [x, y] = turn.map(row => Math.round((u * row[0] + v * row[1]) * 100) / 100);
+  missing.push({ x, y, color: null, shape: null, note: "" });
   adding(false);
   remember();
 }
 
 function adding(on) {
   at("add").setAttribute("aria-pressed", String(on));
-  if (map) map.classList.toggle("adding", on);
+  map.classList.toggle("adding", on);
 }
 
-function isAdding() {
-  return at("add").getAttribute("aria-pressed") === "true";
-}
-
-if (map) map.addEventListener("click", event => {
-  if (isAdding()) { event.preventDefault(); place(event.clientX, event.clientY); }
-});
 at("add").hidden = !map;
-at("add").addEventListener("click", () => adding(!isAdding()));
-at("reviewer").addEventListener("change", remember);
+at("add").addEventListener("click", () => adding(!map.classList.contains("adding")));
+map?.addEventListener("click", event => {
+  if (map.classList.contains("adding")) { event.preventDefault(); place(event.clientX, event.clientY); }
+});
+
+// Files
+
+const formula = /^'*[=+\-@\t\r]/;  // pipeline/files/csv_text.py
 
 function asJson() {
   const whole = { wayside_review: 1, log: about.log, result: about.result, reviewer: at("reviewer").value.trim(), reviews: rows() };
   return JSON.stringify(whole, null, 1) + "\n";
 }
 
-const formula = /^'*[=+\-@\t\r]/;  // pipeline/csv_text.py
-
 function asCsv() {
-  const cell = value => /[",\n\r]/.test(value) ? '"' + value.replaceAll('"', '""') + '"' : value;
   const shared = { result: about.result, reviewer: at("reviewer").value.trim() };
-  const text = value => typeof value === "string" && formula.test(value) ? "'" + value : String(value ?? "");
-  const lines = rows().map(row => about.columns.map(name => cell(text({ ...row, ...shared }[name]))).join(","));
+  const cell = value => {
+    const text = typeof value === "string" && formula.test(value) ? "'" + value : String(value ?? "");
+    return /[",\n\r]/.test(text) ? '"' + text.replaceAll('"', '""') + '"' : text;
+  };
+  const lines = rows().map(row => about.columns.map(name => cell({ ...row, ...shared }[name])).join(","));
   return [about.columns.join(","), ...lines].join("\n") + "\n";
 }
 
 function fromCsv(text) {
   const table = [[]];
   for (const [, quoted, plain, end] of text.replace(/^\uFEFF/, "").matchAll(/(?:"((?:[^"]|"")*)"|([^",\r\n]*))(,|\r?\n|$)/g)) {
-    table[table.length - 1].push(quoted === undefined ? plain : quoted.replaceAll('""', '"'));
+    const value = quoted === undefined ? plain : quoted.replaceAll('""', '"');
+    table[table.length - 1].push(value.startsWith("'") && formula.test(value) ? value.slice(1) : value);
     if (end !== ",") table.push([]);
   }
-  const whole = value => value.startsWith("'") && formula.test(value) ? value.slice(1) : value;
-  const names = table[0];
-  return table.slice(1).filter(row => row.length === names.length).map(row => Object.fromEntries(names.map((name, i) => [name, whole(row[i])])));
+  const [names, ...found] = table;
+  return found.filter(row => row.length === names.length).map(row => Object.fromEntries(names.map((name, i) => [name, row[i]])));
 }
 
-async function load(file) {
-  if (!file) return;
-  try {
-    const text = await file.text();
-    const whole = file.name.endsWith(".csv") ? { reviews: fromCsv(text) } : JSON.parse(text);
-    const results = [whole.result, ...whole.reviews.map(one => one.result)].filter(Boolean);
-    if (results.some(name => name !== about.result)) throw new Error("it is of another result");
-    take(whole.reviews);
-    at("reviewer").value = whole.reviewer || (whole.reviews[0] || {}).reviewer || at("reviewer").value;
-    remember();
-  } catch (error) {
-    at("reviewed").textContent = "not loaded: " + error.message;
-  }
+function read(name, text) {
+  const whole = name.endsWith(".csv") ? { reviews: fromCsv(text) } : JSON.parse(text);
+  const results = [whole.result, ...whole.reviews.map(one => one.result)].filter(Boolean);
+  if (results.some(name => name !== about.result)) throw new Error("it is of another result");
+  take(whole);
+  at("reviewer").value = whole.reviewer || whole.reviews[0]?.reviewer || at("reviewer").value;
+  remember();
 }
 
 at("csv").addEventListener("click", () => save("review.csv", asCsv(), "text/csv"));
 at("json").addEventListener("click", () => save("review.json", asJson(), "application/json"));
-at("load").addEventListener("click", () => at("file").click());
-at("file").addEventListener("change", event => load(event.target.files[0]));
-try {
-  const kept = JSON.parse(localStorage.getItem(store));
-  if (kept) { take(kept.reviews); at("reviewer").value = kept.reviewer || ""; }
-} catch { /* none, or not allowed */ }
+recall();
 at("fold").addEventListener("click", () => at("fold").setAttribute("aria-expanded", String(!form.classList.toggle("folded"))));
 form.hidden = at("review").hidden = false;
 fromAddress();

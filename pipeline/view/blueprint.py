@@ -8,25 +8,25 @@ import rerun.blueprint as rrb
 from wayside.pipeline.view import entities as at
 from wayside.schemas.detections import VERDICTS
 
-QUIET = (
-    "score",
-    "size",
-    "overlap",
-    "color",
-    "shape",
-    "unmatched",
-    "few_views",
-    "far_view",
-)
+QUIET = ("score", "size", "overlap", "color", "shape", "unmatched", "few_views", "far_view")
 """Verdicts whose boxes are there, but off: too many of them hide the image."""
+OFF = (
+    *(f"{at.CANDIDATES}/{verdict}" for verdict in VERDICTS if verdict in QUIET),
+    *(at.KEYPOINTS, at.SIFT_POINTS, at.SIFT_MATCHES, at.MATCHES, at.OUTLINES),
+    *(at.DIFFERENCE, *at.PASSES),
+)
+"""Layers of the image that are there, but off."""
+PLOTS = {
+    at.RESIDUALS: "residual, px: straight motion orange, adjusted green",
+    at.ITERATIONS: "by iteration",
+    at.GATES: "candidates by stage",
+    at.SIGN_RESIDUALS: "of signs",
+    at.WINDOW_RESIDUALS: "windowed adjustment, sigmas: before orange, after green",
+}
 AROUND = 4.0
 """The image of one sign shows this many times its size on every side."""
-FLAT = f"- /{at.CAMERA}/**"
-NO_RAYS = f"- /{at.SIGN_RAYS}/**"
 GROUND = (20, 22, 26)
 """Behind everything that is drawn in the colours of signs, white among them, whether the viewer is light or dark."""
-NO_LEGEND = rrb.PlotLegend(visible=False)
-"""A legend lies on the curves; names show under the pointer."""
 TEXT_ONLY = rrb.TextLogColumns(
     timeline_columns=[rrb.encodings.TimelineColumn(at.FRAME)],
     text_log_columns=[rrb.encodings.TextLogColumn("Body")],
@@ -40,57 +40,29 @@ def drive_layout(images: str | None = None, *, live: bool = False) -> rrb.Bluepr
     images: entity of the images of an imported log, where the recording has none of its own; live: the time
     follows what comes in.
     """
-    hidden = [f"{at.CANDIDATES}/{verdict}" for verdict in VERDICTS if verdict in QUIET]
-    hidden += [at.KEYPOINTS, at.SIFT_POINTS, at.SIFT_MATCHES, at.MATCHES, at.OUTLINES]
-    hidden += [at.DIFFERENCE, *at.PASSES]
     camera = rrb.Spatial2DView(
         origin=images or at.CAMERA,
         name="camera",
         background=GROUND,
         contents=["$origin/**", f"+ /{at.CAMERA}/**", f"- /{at.CHAINS}/**"],
-        overrides={path: rrb.EntityBehavior(visible=False) for path in hidden},
+        overrides={path: rrb.EntityBehavior(visible=False) for path in OFF},
     )
-    chased = rrb.Spatial3DView(
-        origin=at.VEHICLE,
-        name="3-D, behind the vehicle",
-        contents=[f"+ /{at.WORLD}/**", FLAT, f"+ /{at.CAMERA}", NO_RAYS, f"- /{at.NAMES}"],
-        background=GROUND,
-        overrides={at.POINTS_STRAIGHT: rrb.EntityBehavior(visible=False)},
-        eye_controls=rrb.EyeControls3D(
-            position=[0, -18, -16], look_target=[0, 0, 20], eye_up=[0, -1, 0]
-        ),
+    flat, rays = f"- /{at.CAMERA}/**", f"- /{at.SIGN_RAYS}/**"
+    chased = _space(
+        "3-D, behind the vehicle",
+        [f"+ /{at.WORLD}/**", flat, f"+ /{at.CAMERA}", rays, f"- /{at.NAMES}"],
+        eye=(0, -18, -16),
+        target=(0, 0, 20),
+        hidden=[at.POINTS_STRAIGHT],
     )
-    above = rrb.Spatial3DView(
-        origin=at.VEHICLE,
-        name="from above",
-        contents=[
-            f"+ /{at.WORLD}/**",
-            FLAT,
-            NO_RAYS,
-            f"- /{at.NAMES_IN_VIEW}",
-            f"- /{at.WORLD}/points/**",
-        ],
-        background=GROUND,
-        eye_controls=rrb.EyeControls3D(
-            position=[0, -70, 24], look_target=[0, 0, 25], eye_up=[0, 0, 1]
-        ),
+    above = _space(
+        "from above",
+        [f"+ /{at.WORLD}/**", flat, rays, f"- /{at.NAMES_IN_VIEW}", f"- /{at.WORLD}/points/**"],
+        eye=(0, -70, 24),
+        target=(0, 0, 25),
+        up=(0, 0, 1),
     )
     across = rrb.Spatial2DView(origin=at.LOCATION, name="across the road", background=GROUND)
-    residuals = rrb.TimeSeriesView(
-        origin=at.RESIDUALS,
-        name="residual, px: straight motion orange, adjusted green",
-        plot_legend=NO_LEGEND,
-    )
-    iterations = rrb.TimeSeriesView(
-        origin=at.ITERATIONS, name="by iteration", plot_legend=NO_LEGEND
-    )
-    gates = rrb.TimeSeriesView(origin=at.GATES, name="candidates by stage", plot_legend=NO_LEGEND)
-    signs = rrb.TimeSeriesView(origin=at.SIGN_RESIDUALS, name="of signs", plot_legend=NO_LEGEND)
-    window = rrb.TimeSeriesView(
-        origin=at.WINDOW_RESIDUALS,
-        name="windowed adjustment, sigmas: before orange, after green",
-        plot_legend=NO_LEGEND,
-    )
     panels = rrb.Spatial2DView(origin=at.PANELS, name="registered views of panels")
     words = (
         rrb.TextDocumentView(origin=at.INVENTORY, name="inventory"),
@@ -105,7 +77,7 @@ def drive_layout(images: str | None = None, *, live: bool = False) -> rrb.Bluepr
             chased,
             rrb.Horizontal(above, rrb.Tabs(across, panels)),
             # one over the other: side by side, no title has room for the colours that it names
-            rrb.Tabs(residuals, iterations, gates, signs, window),
+            rrb.Tabs(*(_plot(origin, name) for origin, name in PLOTS.items())),
             row_shares=[1.6, 1.2, 1],
         ),
         follow=live,
@@ -130,41 +102,52 @@ def sign_layout(
             x_range=[x - reach, x + reach], y_range=[y - reach, y + reach]
         ),
     )
-    own = [
-        f"+ /{path}"
-        for path in (
-            f"{at.SIGNS}/{part}/**",
-            f"{at.SIGN_RAYS}/{part}",
-            at.PATH,
-            at.VEHICLE,
-            at.CAMERA,
-        )
-    ]
-    space = rrb.Spatial3DView(
-        origin=at.VEHICLE,
-        name="its rays and 2-sigma ellipsoid",
-        contents=own,
-        background=GROUND,
-        eye_controls=rrb.EyeControls3D(
-            position=[-0.3 * best_range_m, -0.4 * best_range_m, -0.4 * best_range_m],
-            look_target=[0, 0, 0.6 * best_range_m],
-            eye_up=[0, -1, 0],
-        ),
+    own = (f"{at.SIGNS}/{part}/**", f"{at.SIGN_RAYS}/{part}", at.PATH, at.VEHICLE, at.CAMERA)
+    space = _space(
+        "its rays and 2-sigma ellipsoid",
+        [f"+ /{path}" for path in own],
+        eye=(-0.3 * best_range_m, -0.4 * best_range_m, -0.4 * best_range_m),
+        target=(0, 0, 0.6 * best_range_m),
     )
-    residuals = rrb.TimeSeriesView(
-        origin=f"{at.SIGN_RESIDUALS}/{part}",
-        name="reprojection residual, px",
-        plot_legend=NO_LEGEND,
-    )
+    residuals = _plot(f"{at.SIGN_RESIDUALS}/{part}", "reprojection residual, px")
     words = rrb.TextDocumentView(origin=f"{at.SIGN_FIGURES}/{part}", name="figures")
     panels = rrb.Spatial2DView(origin=f"{at.SIGN_PANELS}/{part}", name="its registered views")
     iterations = rrb.BarChartView(
         origin=f"{at.SIGN_ITERATIONS}/{part}", name="residual by iteration, sigmas"
     )
-    timeline = at.FRAME if images is None else at.LOG
-    left = rrb.Vertical(camera, panels, row_shares=[3, 1])
-    plots = rrb.Tabs(residuals, iterations)
-    return _laid_out(timeline, left, rrb.Vertical(space, plots, words, row_shares=[2, 1, 1]))
+    return _laid_out(
+        at.FRAME if images is None else at.LOG,
+        rrb.Vertical(camera, panels, row_shares=[3, 1]),
+        rrb.Vertical(space, rrb.Tabs(residuals, iterations), words, row_shares=[2, 1, 1]),
+    )
+
+
+Triple = tuple[float, float, float]
+
+
+def _space(
+    name: str,
+    contents: list[str],
+    *,
+    eye: Triple,
+    target: Triple,
+    up: Triple = (0, -1, 0),
+    hidden: list[str] | None = None,
+) -> rrb.Spatial3DView:
+    return rrb.Spatial3DView(
+        origin=at.VEHICLE,
+        name=name,
+        contents=contents,
+        background=GROUND,
+        overrides={path: rrb.EntityBehavior(visible=False) for path in hidden or ()},
+        eye_controls=rrb.EyeControls3D(position=eye, look_target=target, eye_up=up),
+    )
+
+
+def _plot(origin: str, name: str) -> rrb.TimeSeriesView:
+    """A plot without a legend, which would lie on the curves; names show under the pointer."""
+    legend = rrb.PlotLegend(visible=False)
+    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=legend)
 
 
 def _laid_out(

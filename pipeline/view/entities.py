@@ -1,9 +1,8 @@
-"""What is sent to a recording: entities at the times of a frame, whole columns, and the names of the timelines."""
+"""What is sent to a recording: paths of entities, and entities at the times of a frame."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -48,21 +47,31 @@ MAP = "map"
 
 @dataclass(frozen=True, slots=True)
 class Entity:
-    """Something to log at one path: archetypes, for the time of the frame or for good."""
+    """Archetypes to log at one path."""
 
     path: str
     parts: tuple[Any, ...]
-    static: bool = False
+
+
+def entity(path: str, *parts: Any) -> Entity:
+    """An entity of these archetypes."""
+    return Entity(path, parts)
+
+
+def cleared(path: str, *, recursive: bool = False) -> Entity:
+    """Nothing at a path, and with `recursive` below it, from now on."""
+    return Entity(path, (rr.Clear(recursive=recursive),))
 
 
 @dataclass(frozen=True, slots=True)
 class Times:
-    """When and where a frame was taken, one value a timeline; the station is unknown for frames not used."""
+    """When and where a frame was taken, one value a timeline."""
 
     frame: int
     capture_ns: int
     log_ns: int
     station_m: float | None = None
+    """None: of a frame that is not used."""
 
     @staticmethod
     def of(frame: Frame, station_m: float | None = None) -> Times:
@@ -90,58 +99,5 @@ class Batch:
         """Log all of it."""
         if self.times is not None:
             self.times.apply(stream)
-        for entity in self.entities:
-            stream.log(entity.path, *entity.parts, static=entity.static or self.times is None)
-
-    def paths(self) -> Iterator[str]:
-        """Paths of its entities."""
-        return (entity.path for entity in self.entities)
-
-
-@dataclass(frozen=True, slots=True)
-class Columns:
-    """One entity at many frames, sent at once; `columns` come from an archetype's `columns`."""
-
-    path: str
-    times: tuple[Times, ...]
-    columns: tuple[Any, ...] = field(repr=False)
-
-    def send(self, stream: rr.RecordingStream) -> None:
-        """Send all rows."""
-        stations = [round(100 * (t.station_m or 0.0)) for t in self.times]
-        stream.send_columns(
-            self.path,
-            [
-                rr.TimeColumn(FRAME, sequence=[t.frame for t in self.times]),
-                rr.TimeColumn(CAPTURE, timestamp=_nanoseconds(t.capture_ns for t in self.times)),
-                rr.TimeColumn(LOG, timestamp=_nanoseconds(t.log_ns for t in self.times)),
-                rr.TimeColumn(STATION, sequence=stations),
-            ],
-            self.columns,
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Bundle:
-    """Several things sent as one: none of them can be left out alone."""
-
-    parts: tuple[Batch | Columns | Bundle, ...]
-
-    def send(self, stream: rr.RecordingStream) -> None:
-        """Send all of it."""
-        for part in self.parts:
-            part.send(stream)
-
-    def paths(self) -> Iterator[str]:
-        """Paths of its entities."""
-        for part in self.parts:
-            yield from (part.path,) if isinstance(part, Columns) else part.paths()
-
-
-def image_plane(frame_id: str) -> str:
-    """Coordinate frame that Rerun's importer gives to the images of a camera frame."""
-    return f"{frame_id}_image_plane"
-
-
-def _nanoseconds(values: Any) -> Any:
-    return np.array(list(values), "datetime64[ns]")
+        for one in self.entities:
+            stream.log(one.path, *one.parts, static=self.times is None)

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import threading
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import rerun as rr
 
 from wayside.pipeline.files.output_folder import RECORDING
+from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.results.inventory import WrittenTables
 from wayside.pipeline.view import entities as at
-from wayside.pipeline.view.chains import closing, opening
-from wayside.pipeline.view.entities import Batch, Bundle, Entity, Times
+from wayside.pipeline.view.blueprint import drive_layout
+from wayside.pipeline.view.closing import closing, opening
+from wayside.pipeline.view.entities import APPLICATION, Batch, Entity, Times, entity
 from wayside.pipeline.view.recorder import Recorder
 from wayside.pipeline.view.views import LAST_STAGE, ViewState, active_landmarks, entities_of
 from wayside.pipeline.workers import Item
@@ -21,6 +24,49 @@ from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.motion import PosedDetections
+
+FILE_PATIENCE_S = 30.0
+"""A disk that takes nothing for so long is taken for full or gone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Viewing:
+    """What to record and where to: a file of the output folder, a viewer's address, both or neither."""
+
+    file: bool = False
+    address: str | None = None
+    images: str = "all"
+    """`all` images, those of `signs`, or `none`."""
+    detail: bool = False
+    """Also the label images of both passes of segmentation."""
+
+
+def open_observer(
+    viewing: Viewing, folder: Path, log: str, location: GaussianModel, report: ReadReport
+) -> RerunObserver:
+    """Start the recordings of a run; `folder` exists, `log` is the name of the recording, `report` what reading chose.
+
+    A recording without images is laid over those of the log: in the coordinate frame that Rerun's importer
+    gives them.
+    """
+
+    def file_stream() -> rr.RecordingStream:
+        stream = rr.RecordingStream(APPLICATION, recording_id=log)
+        stream.save(folder / RECORDING, default_blueprint=drive_layout())
+        return stream
+
+    def live_stream() -> rr.RecordingStream:
+        stream = rr.RecordingStream(APPLICATION, recording_id=log)
+        stream.connect_grpc(viewing.address, default_blueprint=drive_layout(live=True))
+        return stream
+
+    recorders = []
+    if viewing.file:
+        recorders.append(Recorder(RECORDING, file_stream, FILE_PATIENCE_S))
+    if viewing.address is not None:
+        recorders.append(Recorder(viewing.address, live_stream, 0.0))
+    plane = f"{report.camera_frame}_image_plane" if viewing.images == "none" else None
+    return RerunObserver(recorders, location, viewing, plane)
 
 
 class RerunObserver:
@@ -35,13 +81,11 @@ class RerunObserver:
         self,
         recorders: Sequence[Recorder],
         location: GaussianModel,
-        *,
-        images: str = "all",
-        detail: bool = False,
-        plane: str | None = None,
+        viewing: Viewing,
+        plane: str | None,
     ) -> None:
         self._recorders = tuple(recorders)
-        self._state = ViewState(images, detail)
+        self._state = ViewState(viewing.images, viewing.detail)
         self._lock = threading.Lock()
         self._waiting: dict[int, list[Entity]] = defaultdict(list)
         self._held_images: dict[int, list[Entity]] = {}
@@ -49,7 +93,7 @@ class RerunObserver:
         self._plane = plane
         self._planed: set[str] = set()
         self._fault: str | None = None
-        self._guarded(lambda: self._send(opening(location)))
+        self._guarded(lambda: self._send([opening(location)]))
 
     @property
     def images(self) -> str:
@@ -73,23 +117,20 @@ class RerunObserver:
 
     def finish(self, inventory: WrittenTables) -> None:
         """Send what is known at the end only."""
-        self._guarded(
-            lambda: self._send(Bundle(tuple(closing(inventory, self._state, self._times))))
-        )
+        self._guarded(lambda: self._send(list(closing(inventory, self._state, self._times))))
 
     def close(self) -> list[str]:
         """End all recordings; what went wrong with any, in words."""
-        for recorder in self._recorders:
-            recorder.close()
-        faults = [f"{r.name}: {r.fault}" for r in self._recorders if r.fault is not None]
-        faults += [
-            f"{r.name}: {r.dropped} frames left out, the viewer was too slow"
-            for r in self._recorders
-            if r.dropped and r.fault is None
-        ]
-        return faults if self._fault is None else [self._fault, *faults]
+        faults = [] if self._fault is None else [self._fault]
+        for one in self._recorders:
+            one.close()
+            if one.fault is not None:
+                faults.append(f"{one.name}: {one.fault}")
+            elif one.dropped:
+                faults.append(f"{one.name}: {one.dropped} frames left out, the viewer was too slow")
+        return faults
 
-    def _guarded(self, work: Any) -> None:
+    def _guarded(self, work: Callable[[], None]) -> None:
         if self._fault is not None:
             return
         try:
@@ -101,45 +142,37 @@ class RerunObserver:
 
     def _see(self, stage: str, frame: Frame, item: Item) -> None:
         found = entities_of(item, stage, self._state)
-        if isinstance(item, TrackedFrame):
-            if found:
-                self._take_tracked(stage, frame, found)
-            return
-        with self._lock:
-            self._waiting[frame.index] += found
-        if isinstance(item, PosedDetections):
-            self._take_posed(frame, item)
+        if not isinstance(item, TrackedFrame):
+            with self._lock:
+                self._waiting[frame.index] += found
+            if isinstance(item, PosedDetections):
+                self._send_posed(frame, item)
+        elif found:
+            image = self._held_images.pop(frame.index, []) if stage == LAST_STAGE else []
+            active = active_landmarks(self._state, frame.index) if image else []
+            if not any(landmark.verdict == "sign" for landmark in active):
+                image = []
+            self._send([Batch(self._times[frame.index], (*image, *found))])
 
-    def _take_posed(self, frame: Frame, item: PosedDetections) -> None:
+    def _send_posed(self, frame: Frame, item: PosedDetections) -> None:
         with self._lock:
             found = self._waiting.pop(frame.index, [])
-        station = None if item.motion is None else item.motion.station_m
-        times = Times.of(frame, station)
+        times = Times.of(frame, None if item.motion is None else item.motion.station_m)
         if item.motion is not None:
             self._times[frame.index] = times
         if self._state.images == "signs":
             self._held_images[frame.index] = [e for e in found if e.path == at.IMAGE]
             found = [e for e in found if e.path != at.IMAGE]
-        self._send(Batch(times, tuple(found)))
+        self._send([Batch(times, tuple(found))])
 
-    def _take_tracked(self, stage: str, frame: Frame, found: tuple[Entity, ...]) -> None:
-        image: list[Entity] = []
-        if stage == LAST_STAGE:
-            image = self._held_images.pop(frame.index, [])
-            active = active_landmarks(self._state, frame.index)
-            if not any(landmark.verdict == "sign" for landmark in active):
-                image = []
-        self._send(Batch(self._times[frame.index], (*image, *found)))
-
-    def _send(self, item: Batch | Bundle) -> None:
-        if self._plane is not None:
-            item = Bundle((Batch(None, tuple(self._on_plane(item, self._plane))), item))
+    def _send(self, batches: list[Batch]) -> None:
+        if self._plane is not None:  # once for each layer of the image: the frame that it lies in
+            paths = {
+                e.path for b in batches for e in b.entities if e.path.startswith(f"{at.CAMERA}/")
+            }
+            new = sorted(paths - self._planed)
+            self._planed |= paths
+            frame = rr.CoordinateFrame(self._plane)
+            batches = [Batch(None, tuple(entity(path, frame) for path in new)), *batches]
         for recorder in self._recorders:
-            recorder.put(item)
-
-    def _on_plane(self, item: Batch | Bundle, plane: str) -> Iterator[Entity]:
-        """Once for each layer of the image: the coordinate frame that it lies in."""
-        for path in item.paths():
-            if path.startswith(f"{at.CAMERA}/") and path not in self._planed:
-                self._planed.add(path)
-                yield Entity(path, (rr.CoordinateFrame(plane),))
+            recorder.put(batches)

@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
-from queue import Empty, Full, Queue
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from queue import Full, Queue
 
 import rerun as rr
 
+from wayside.pipeline.view.entities import Batch
+
 THREAD = "view-"
 WAITING = 48
-"""Batches that wait at most."""
+"""Sets of batches that wait at most."""
 CLOSING_S = 20.0
 """A sink that has not taken everything this long after the run is abandoned."""
-
-
-class Sendable(Protocol):
-    """Something that logs itself to a stream."""
-
-    def send(self, stream: rr.RecordingStream) -> None:
-        """Log all of it."""
 
 
 def any_alive() -> bool:
@@ -38,7 +32,7 @@ class Recorder:
     open_stream
         Makes the stream with its sink attached; called in the thread.
     patience_s
-        How long `put` waits for a full queue before the recording is given up (a file); 0 drops the batch and goes on
+        How long `put` waits for a full queue before the recording is given up (a file); 0 drops the batches and goes on
         (a live viewer, which shows the next frame instead).
     """
 
@@ -48,16 +42,16 @@ class Recorder:
         self.name, self.dropped = name, 0
         self.fault: str | None = None
         self._open, self._patience_s = open_stream, patience_s
-        self._queue: Queue[Sendable | None] = Queue(WAITING)
+        self._queue: Queue[Sequence[Batch] | None] = Queue(WAITING)
         self._thread = threading.Thread(target=self._work, name=f"{THREAD}{name}", daemon=True)
         self._thread.start()
 
-    def put(self, item: Sendable) -> None:
-        """Hand over a batch."""
+    def put(self, batches: Sequence[Batch]) -> None:
+        """Hand over batches, of which none can be left out alone."""
         if self.fault is not None:
             return
         try:
-            self._queue.put(item, timeout=self._patience_s or None, block=self._patience_s > 0)
+            self._queue.put(batches, timeout=self._patience_s or None, block=self._patience_s > 0)
         except Full:
             self.dropped += 1
             if self._patience_s > 0:
@@ -77,20 +71,13 @@ class Recorder:
     def _work(self) -> None:
         try:
             stream = self._open()
-            while (item := self._queue.get()) is not None:
-                item.send(stream)
+            while (batches := self._queue.get()) is not None:
+                for batch in batches:
+                    batch.send(stream)
             stream.flush(timeout_sec=CLOSING_S / 2)
             stream.disconnect()
         except Exception as fault:
-            self.fault = (
-                f"{type(fault).__name__}: {str(fault).splitlines()[0] if str(fault) else ''}"
-            )
-            self._empty()
-
-    def _empty(self) -> None:
-        """Discard what waits, so that `put` does not block."""
-        try:
-            while True:
+            words = str(fault).splitlines() or [""]
+            self.fault = f"{type(fault).__name__}: {words[0]}"
+            while not self._queue.empty():  # so that `put` does not wait for room
                 self._queue.get_nowait()
-        except Empty:
-            pass

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -19,12 +20,11 @@ from wayside.pipeline.results.result import read_rows, read_run
 from wayside.pipeline.view.blueprint import drive_layout, sign_layout
 from wayside.pipeline.view.entities import APPLICATION, FRAME, LOG
 from wayside.pipeline.view.viewer import (
+    ask,
     headless,
     import_log,
-    save_drawn,
     show_time,
     start_viewer,
-    view_errors,
     wait_until_loaded,
 )
 from wayside.schemas.errors import InputError, OutputError, UsageError
@@ -46,27 +46,37 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Recordings:
-    """Files that make one recording; `images`: entity of the images where they come from the imported log."""
+    """Files that make one recording."""
 
     own: Path
     recording_id: str
     imported: Path | None = None
     images: str | None = None
+    """Entity of the images where they come from the imported log."""
 
-    def files(self, layout: Path) -> list[Path]:
-        """All of them in the order in which the viewer keeps the layout: it takes that of the file before."""
-        return [self.own, layout, *([] if self.imported is None else [self.imported])]
+    def files(self, target: Target, folder: Path) -> list[Path]:
+        """All, with a layout for the target, in the order in which the viewer keeps that layout."""
+        sign = target.sign
+        if sign is None:
+            layout = drive_layout(self.images)
+        else:
+            box = tuple(sign["best_box"])
+            layout = sign_layout(sign["sign_id"], sign["ahead_m"], box, self.images)
+        layout.save(APPLICATION, str(folder / "layout.rbl"))
+        return [self.own, folder / "layout.rbl", *([self.imported] if self.imported else [])]
+
+    def show(self, client: ViewerClient, target: Target) -> None:
+        """Go to the target; an imported log knows no frame numbers."""
+        if self.images is None:
+            show_time(client, FRAME, target.frame)
+        else:
+            show_time(client, LOG, target.log_time_ns)
 
 
 def find_target(out: Path, sign_id: str | None, frame: int | None) -> Target:
     """The frame or sign asked for; where nothing is, the first frame that shows most signs.
 
-    Raises
-    ------
-    InputError
-        The folder is no result.
-    UsageError
-        There is no such sign or frame; both are given.
+    Raises InputError if the folder is no result, UsageError if there is no such sign or frame, or both are given.
     """
     if sign_id is not None and frame is not None:
         raise UsageError(
@@ -101,12 +111,8 @@ def _richest(out: Path, frames: Iterable[int]) -> int:
 def recordings_of(out: Path, log: Path | None) -> Recordings:
     """The recording of a result, over its log where one is given, which is imported once and kept.
 
-    Raises
-    ------
-    InputError
-        The run was made without a recording, or Rerun cannot import the log.
-    UsageError
-        The recording holds images of its own, and a log is given.
+    Raises InputError if the run was made without a recording or Rerun cannot import the log, UsageError if a log is
+    given though the recording holds images of its own.
     """
     finish_replacement(out)
     path = out / RECORDING
@@ -138,13 +144,12 @@ def open_result(out: Path, target: Target, log: Path | None, *, serve: bool) -> 
     """Open the recording in a viewer; in a window at the target. It stays open when this program ends."""
     found = recordings_of(out, log)
     with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
-        layout = _layout(target, found.images, Path(scratch))
-        address = start_viewer(found.files(layout), found.recording_id, serve=serve)
-    if serve:  # a server takes no orders about what its browsers show
-        return
-    client = ViewerClient.connect(address)
-    wait_until_loaded(client)
-    _show(client, target, found)
+        files = found.files(target, Path(scratch))
+        address = start_viewer(files, found.recording_id, serve=serve)
+    if not serve:  # a server takes no orders about what its browsers show
+        client = ViewerClient.connect(address)
+        wait_until_loaded(client)
+        found.show(client, target)
 
 
 def save_screenshot(
@@ -158,47 +163,27 @@ def save_screenshot(
 ) -> None:
     """Draw the viewer with a target to a PNG, without a display; over another such image, or with `overwrite` anything.
 
-    Raises
-    ------
-    OutputError
-        There is no software Vulkan, a view could not be drawn, the file cannot be written or another stands there.
+    Raises OutputError if there is no software Vulkan, a view cannot be drawn, or the file cannot be written.
     """
     if not png.parent.is_dir():
         raise OutputError(f"{png}: there is no folder {png.parent}. Make it first.")
     found = recordings_of(out, log)
     with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
-        layout = _layout(target, found.images, Path(scratch))
-        with headless(found.files(layout), found.recording_id, size) as client:
-            _show(client, target, found)
-            faults = view_errors(client)
-            drawn = Path(scratch) / "drawn.png"
-            save_drawn(client, drawn)
-            content = marked_png(drawn.read_bytes(), _MARK)
+        drawn = Path(scratch) / "drawn.png"
+        files = found.files(target, Path(scratch))
+        with headless(files, found.recording_id, size) as client:
+            found.show(client, target)
+            views = ask(client.get_state).views
+            ask(lambda: client.save_screenshot(str(drawn)))
+        content = marked_png(drawn.read_bytes(), _MARK)
     write_file(png, content, is_own=_is_picture, overwrite=overwrite)
+    reports = [(view.name, report) for view in views for report in view.reports]
+    faults = [f"{name}: {report}" for name, report in reports if report.severity == "error"]
     if faults:
         raise OutputError(f"{png}: drawn, but the viewer reports {'; '.join(faults)}")
 
 
 def _is_picture(path: Path) -> bool:
-    try:
+    with suppress(OSError):
         return is_marked(path, _MARK)
-    except OSError:
-        return False
-
-
-def _show(client: ViewerClient, target: Target, found: Recordings) -> None:
-    if found.images is None:
-        show_time(client, FRAME, target.frame)
-    else:  # the imported log knows no frame numbers
-        show_time(client, LOG, target.log_time_ns)
-
-
-def _layout(target: Target, images: str | None, folder: Path) -> Path:
-    path, row = folder / "layout.rbl", target.sign
-    layout = (
-        drive_layout(images)
-        if row is None
-        else sign_layout(row["sign_id"], row["ahead_m"], tuple(row["best_box"]), images)
-    )
-    layout.save(APPLICATION, str(path))
-    return path
+    return False

@@ -44,14 +44,10 @@ def viewer_program() -> Path:
 
 
 def probe(address: str) -> str:
-    """Make sure that a viewer listens at an address; the address as Rerun writes it.
+    """The address of a viewer as Rerun writes it.
 
-    Raises
-    ------
-    UsageError
-        Where it is no address.
-    InputError
-        Where nobody listens: Rerun itself would wait, and stop the run once its buffer is full.
+    Raises UsageError for what is no address, InputError where nobody listens: Rerun itself would wait, and stop the run
+    once its buffer is full.
     """
     full = address if "://" in address else f"rerun+http://{address}/proxy"
     try:
@@ -79,37 +75,26 @@ def start_viewer(files: Sequence[Path] = (), recording_id: str = "", *, serve: b
 
     It listens on loopback only and continues when this program ends. Its address, and how to end it, are printed on
     stderr. `files`: shown in this order, as parts of the recording of this id. Without files, the run sends the data.
-
-    Raises
-    ------
-    InputError
-        Where there is no display, or the viewer does not come up.
+    Raises InputError if there is no display, OutputError if the viewer does not come up.
     """
-    if not serve:
-        require_display()
-    port, web = free_ports(2)
+    display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if not serve and sys.platform == "linux" and not display:
+        raise InputError(
+            "the viewer's window needs a display, and DISPLAY is not set. Use --serve for a browser, `wayside "
+            "picture` for a PNG, or copy the .rrd to a desktop."
+        )
+    port, web = _free_ports(2)
     options = ["--serve-web", "--web-viewer-port", str(web)] if serve else []
     process = _start(port, options, {})
     address = f"rerun+http://{LOOPBACK}:{port}/proxy"
     # the server of the page starts after that of the data
     _wait_for_ports(process, (port, web) if serve else (port,))
     _send(files, recording_id, address)
-    where = (
-        f"in a browser: http://{LOOPBACK}:{web}/?url={address}" if serve else "the viewer is open"
+    page = f"in a browser: http://{LOOPBACK}:{web}/?url={address}"
+    print(
+        f"{page if serve else 'the viewer is open'}; to end it: kill {process.pid}", file=sys.stderr
     )
-    print(f"{where}; to end it: kill {process.pid}", file=sys.stderr)
     return address
-
-
-def require_display() -> None:
-    """Raise InputError where a window cannot open."""
-    if sys.platform == "linux" and not (
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    ):
-        raise InputError(
-            "the viewer's window needs a display, and DISPLAY is not set. Use --serve for a browser, `wayside "
-            "picture` for a PNG, or copy the .rrd to a desktop."
-        )
 
 
 @contextlib.contextmanager
@@ -118,12 +103,9 @@ def headless(
 ) -> Iterator[ViewerClient]:
     """A viewer without a window, drawn by a software Vulkan, with the files loaded.
 
-    Raises
-    ------
-    OutputError
-        Where no software Vulkan is installed, or the viewer does not come up.
+    Raises OutputError if no software Vulkan is installed, or the viewer does not come up.
     """
-    (port,) = free_ports(1)
+    (port,) = _free_ports(1)
     options = ["--headless", "--window-size", f"{size[0]}x{size[1]}"]
     vulkan = {"WGPU_BACKEND": "vulkan", "VK_ICD_FILENAMES": str(software_vulkan())}
     process = _start(port, options, vulkan)
@@ -135,14 +117,11 @@ def headless(
         wait_until_loaded(client)
         yield client
     finally:
-        end(process)
+        _end(process)
 
 
 def software_vulkan() -> Path:
-    """The driver file of Mesa's software Vulkan.
-
-    Raises OutputError that names the packages if the driver is missing.
-    """
+    """The driver file of Mesa's software Vulkan; raises OutputError if it is missing."""
     for name in SOFTWARE:
         if (VULKAN_DRIVERS / name).is_file():
             return VULKAN_DRIVERS / name
@@ -157,70 +136,60 @@ def show_time(client: ViewerClient, timeline: str, value: int) -> None:
 
     A recording that is still loading moves the time on by itself, so it is set until it stays.
     """
-    late, steady = time.monotonic() + LOAD_S, 0
-    while time.monotonic() < late and steady < STEADY_POLLS:
-        recordings = _answer(client.get_state).recordings
+
+    def shown() -> bool:
+        recordings = ask(client.get_state).recordings
         there = any(r.current_timeline == timeline and r.current_time == value for r in recordings)
-        steady = steady + 1 if there else 0
         if not there and timeline == FRAME:
-            _answer(lambda: client.set_time(timeline, sequence=value))
+            ask(lambda: client.set_time(timeline, sequence=value))
         elif not there:
-            _answer(lambda: client.set_time(timeline, timestamp=np.datetime64(value, "ns")))
-        time.sleep(POLL_S)
+            ask(lambda: client.set_time(timeline, timestamp=np.datetime64(value, "ns")))
+        return there
+
+    _wait_until_steady(shown)
     time.sleep(DRAW_S)
 
 
-def save_drawn(client: ViewerClient, path: Path) -> None:
-    """Let the viewer write what it shows to a PNG; raises OutputError where it does not."""
-    _answer(lambda: client.save_screenshot(str(path)))
+def wait_until_loaded(client: ViewerClient) -> None:
+    """Return when the loaded recordings have stopped to grow."""
+    before = ""
+
+    def loaded() -> bool:
+        nonlocal before
+        state = ask(client.get_state)
+        now = str([(r.store_id, r.timelines) for r in state.recordings])
+        same, before = now == before, now
+        return same and bool(state.recordings) and bool(state.views)
+
+    _wait_until_steady(loaded)
 
 
-def _answer(ask: Callable[[], T]) -> T:
-    """What a viewer answers.
+def _wait_until_steady(reached: Callable[[], bool]) -> None:
+    late, steady = time.monotonic() + LOAD_S, 0
+    while time.monotonic() < late and steady < STEADY_POLLS:
+        steady = steady + 1 if reached() else 0
+        time.sleep(POLL_S)
+
+
+def ask(question: Callable[[], T]) -> T:
+    """What a viewer answers; raises OutputError if several attempts had no answer.
 
     It gives up after fifteen seconds. On a busy machine without a graphics card, the first image takes this long:
     programs are compiled for it, and nothing else is answered. Later ones are quick.
-
-    Raises
-    ------
-    OutputError
-        Where several attempts had no answer.
     """
     for _ in range(ATTEMPTS):
         with contextlib.suppress(TimeoutError):
-            return ask()
+            return question()
     raise OutputError(
         f"the viewer did not answer in {ATTEMPTS} attempts of fifteen seconds. Try again when the machine has less to "
         "do, or give a smaller --size."
     )
 
 
-def view_errors(client: ViewerClient) -> list[str]:
-    """What the viewer could not draw, view by view."""
-    return [
-        f"{view.name}: {report}"
-        for view in _answer(client.get_state).views
-        for report in view.reports
-        if report.severity == "error"
-    ]
-
-
-def free_ports(count: int) -> list[int]:
-    """Different ports of loopback that nobody listens at."""
-    with contextlib.ExitStack() as held:
-        sockets = [held.enter_context(socket.socket()) for _ in range(count)]
-        for one in sockets:
-            one.bind((LOOPBACK, 0))
-        return [int(one.getsockname()[1]) for one in sockets]
-
-
 def import_log(log: Path, recording_id: str, target: Path) -> None:
     """Let Rerun convert a log to a recording of the given id, so that it joins that of a run.
 
-    Raises
-    ------
-    InputError
-        Rerun cannot convert it.
+    Raises InputError if Rerun cannot convert it.
     """
     command = [str(viewer_program()), "mcap", "convert", str(log), "-o", str(target)]
     command += ["--application-id", APPLICATION, "--recording-id", recording_id]
@@ -233,14 +202,11 @@ def import_log(log: Path, recording_id: str, target: Path) -> None:
         raise InputError(f"{log}: Rerun cannot import the log: {found}")
 
 
-def end(process: subprocess.Popen[bytes]) -> None:
-    """End the viewer and all it started."""
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        if os.name == "nt":
-            process.kill()
-        else:
-            os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+def _free_ports(count: int) -> list[int]:
+    """Different ports of loopback that nobody listens at."""
+    with contextlib.ExitStack() as held:
+        sockets = [held.enter_context(socket.create_server((LOOPBACK, 0))) for _ in range(count)]
+        return [int(one.getsockname()[1]) for one in sockets]
 
 
 def _start(port: int, options: Sequence[str], more: dict[str, str]) -> subprocess.Popen[bytes]:
@@ -248,6 +214,16 @@ def _start(port: int, options: Sequence[str], more: dict[str, str]) -> subproces
     quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     environment = os.environ | SILENT | more
     return subprocess.Popen(command, env=environment, start_new_session=True, **quiet)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End the viewer and all it started."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        if os.name == "nt":
+            process.kill()
+        else:
+            os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
 
 
 def _send(files: Sequence[Path], recording_id: str, address: str) -> None:
@@ -274,20 +250,8 @@ def _wait_for_ports(process: subprocess.Popen[bytes], ports: Sequence[int]) -> N
             time.sleep(0.1)
         if not closed:
             return
-    end(process)
+    _end(process)
     raise OutputError(
         f"the viewer did not start within {START_S:g} s: "
         f"{'no answer' if process.returncode is None else 'it ended at once'}. Try `{viewer_program()} --version`."
     )
-
-
-def wait_until_loaded(client: ViewerClient) -> None:
-    """Return when the loaded recordings have stopped to grow."""
-    late, steady, before = time.monotonic() + LOAD_S, 0, ""
-    while time.monotonic() < late and steady < STEADY_POLLS:
-        state = _answer(client.get_state)
-        now = str([(r.store_id, r.timelines) for r in state.recordings])
-        loaded = bool(state.recordings) and bool(state.views)
-        steady = steady + 1 if loaded and now == before else 0
-        before = now
-        time.sleep(POLL_S)

@@ -2,14 +2,17 @@
 
 import csv
 import io
+from datetime import UTC, datetime
+from pathlib import Path
 
 import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.exporting.flat_table import FlatTable
-from wayside.pipeline.exporting.text_files import write_csv
+from wayside.pipeline.exporting.export import write_csv
+from wayside.pipeline.exporting.place import PlacedRows
+from wayside.pipeline.exporting.table import Source
 from wayside.pipeline.files.parsing import guarded, read_csv, unguarded
 from wayside.schemas.tables import Column
 
@@ -22,9 +25,10 @@ def test_a_text_that_a_spreadsheet_would_evaluate_gets_an_apostrophe_that_is_tak
 
 def test_an_exported_number_stays_as_it_is_beside_a_text_that_would_be_a_formula():
     columns = tuple(Column(name, pa.string(), "", "") for name in ("log", "y"))
-    rows = FlatTable(columns, ({"log": '=cmd|"x"', "y": -1.5},))
+    rows = [{"log": '=cmd|"x"', "y": -1.5}]
+    source = Source(Path("out"), "signs", columns, lambda: [rows], datetime.now(UTC))
     written = io.BytesIO()
-    write_csv(columns, [rows], written)
+    write_csv(PlacedRows(source, None, imperial=False), written)
     assert list(csv.reader(io.StringIO(written.getvalue().decode())))[1] == ['\'=cmd|"x"', "-1.5"]
 
 

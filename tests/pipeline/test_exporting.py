@@ -20,9 +20,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.exporting.flat_table import FlatTable
-from wayside.pipeline.exporting.text_files import write_csv, write_geojson
-from wayside.pipeline.exporting.units import SHORT_NAME, in_feet_and_inches, short_names
+from wayside.pipeline.exporting.place import SHORT_NAME, imperial_column, short_names
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.tables import SIGNS, Column
 
@@ -36,16 +34,14 @@ UTM = "EPSG:26914"
 
 def write_result(folder, **changes):
     """A result of two signs, one of them without a colour."""
+    row = {"shape": "octagon", "confidence": 0.9, "views": 3, "best_time_ns": TIME_NS}
+    row |= {"y": 3.0, "z": 1.5, "covariance": [1, 0, 0, 4, 0, 9], "lat_deg": LAT, "alt_m": ALT}
+    row |= {"panel_width_m": 0.762, "station_m": 304.8, "residual_px": 0.5, "facing_deg": 2.0}
+    row |= {"route": "US-36 EB", "measure": 12.35, "measure_unit": "mi"}
     rows = []
-    for number in (1, 2):
-        row = {"shape": "octagon", "confidence": 0.9, "views": 3}
-        row |= {"x": 10.0 * number, "y": 3.0, "z": 1.5, "covariance": [1, 0, 0, 4, 0, 9]}
-        row |= {"panel_width_m": 0.762, "station_m": 304.8, "residual_px": 0.5, "facing_deg": 2.0}
-        row |= {"best_frame": number, "best_time_ns": TIME_NS}
-        row |= {"color": "red" if number == 1 else None}
-        row |= {"lon_deg": LON + number * 1e-4, "lat_deg": LAT, "alt_m": ALT}
-        row |= {"route": "US-36 EB", "measure": 12.35, "measure_unit": "mi"}
-        rows.append(sign_row(f"d-{number:04d}", **row | changes))
+    for number, color in ((1, "red"), (2, None)):
+        own = {"x": 10.0 * number, "color": color, "lon_deg": LON + number * 1e-4}
+        rows.append(sign_row(f"d-{number:04d}", **row | own | {"best_frame": number} | changes))
     frame = {"frame": 0, "log_time_ns": 0, "status": "used"}
     frame |= dict.fromkeys(("x", "y", "z", "station_m"), 0.0)
     about = {"log": "d.mcap", "world": "drive_start", "files": {SIGNS.file: {"sha256": "0" * 64}}}
@@ -66,20 +62,23 @@ def local(tmp_path):
 export = partial(invoke, "export")
 
 
+def read_csv(file):
+    return list(csv.DictReader(io.StringIO(file.read_text())))
+
+
 def test_a_geopackage_has_every_column_with_its_words_and_the_measured_place(out):
     assert "signs.gpkg: 2 rows" in export(out, "-f", "gpkg")
     meta, table, points = read_by_gdal(out / "signs.gpkg")
     assert meta["crs"] == "EPSG:4326"
     np.testing.assert_allclose(points, [[LON + 1e-4, LAT, ALT], [LON + 2e-4, LAT, ALT]], atol=1e-12)
-    rows = {row["sign_id"]: row for row in table.to_pylist()}
-    first = rows["d-0001"]
-    assert (first["color"], rows["d-0002"]["color"]) == ("red", None)
+    first, second = table.to_pylist()
+    assert (first["color"], second["color"]) == ("red", None)
     assert (first["best_time_ns"], first["cov_yy"], first["measure"]) == (TIME_NS, 4.0, 12.35)
     with sqlite3.connect(out / "signs.gpkg") as content:
         words = dict(content.execute("select column_name, description from gpkg_data_columns"))
         (version,) = content.execute("pragma user_version").fetchone()
-    assert version == 10200  # GDAL before 3.7 warns of later ones
     content.close()
+    assert version == 10200  # GDAL before 3.7 warns of later ones
     assert words["panel_width_m"] == "width of the face [m]"
 
 
@@ -87,13 +86,13 @@ def test_a_shapefile_has_the_short_names_of_the_page_and_keeps_times_whole(out, 
     export(out, "-o", tmp_path / "signs.shp")
     meta, table, points = read_by_gdal(tmp_path / "signs.shp")
     row = table.to_pylist()[0]
-    assert row["best_ns"] == str(TIME_NS)
-    assert (row["width_m"], row["meas_unit"]) == (pytest.approx(0.762), "mi")
+    assert (row["best_ns"], row["meas_unit"]) == (str(TIME_NS), "mi")
+    assert row["width_m"] == pytest.approx(0.762)
     np.testing.assert_allclose(points[0], [LON + 1e-4, LAT, ALT], atol=1e-9)
     assert meta["crs"] == "EPSG:4326"
     short = dict(re.findall(r"\| `(\w+)` \| `(\w+)` ", PAGE.read_text()))
     export(out, "-f", "csv")
-    names = next(csv.reader(io.StringIO((out / "signs.csv").read_text())))
+    names = read_csv(out / "signs.csv")[0]
     assert {short.get(name, name) for name in names} == set(table.column_names)
 
 
@@ -109,16 +108,14 @@ def test_a_kml_names_each_sign_and_leaves_it_on_the_ground(out, tmp_path):
 
 def test_feet_and_inches_are_in_the_names_the_values_and_the_units(out, tmp_path):
     export(out, "-o", tmp_path / "us.csv", "--units", "us")
-    row = next(csv.DictReader(io.StringIO((tmp_path / "us.csv").read_text())))
-    assert float(row["panel_width_in"]) == pytest.approx(30)
-    assert float(row["station_ft"]) == pytest.approx(1000)
-    assert float(row["cov_yy_ft2"]) == pytest.approx(4 / 0.3048**2)
+    row = read_csv(tmp_path / "us.csv")[0]
+    found = [float(row[name]) for name in ("panel_width_in", "station_ft", "cov_yy_ft2")]
+    assert found == pytest.approx([30, 1000, 4 / 0.3048**2])
     assert (row["facing_deg"], row["residual_px"], row["measure"]) == ("2.0", "0.5", "12.35")
     assert not [name for name in row if name.endswith("_m")]
     export(out, "-o", tmp_path / "us.shp", "--units", "us")
-    assert {"width_in", "station_ft", "cov_yy_ft2"} <= set(
-        read_by_gdal(tmp_path / "us.shp")[1].column_names
-    )
+    short = set(read_by_gdal(tmp_path / "us.shp")[1].column_names)
+    assert {"width_in", "station_ft", "cov_yy_ft2"} <= short
 
 
 def test_a_projection_is_that_of_proj_and_says_how_exact_it_is(out, tmp_path):
@@ -133,17 +130,22 @@ def test_a_projection_is_that_of_proj_and_says_how_exact_it_is(out, tmp_path):
     assert (row["crs"], row["crs_x"], row["crs_y"]) == (UTM, points[0, 0], points[0, 1])
 
 
-@pytest.mark.parametrize("name", ["EPSG:4326", "WGS84"])
-def test_the_system_of_the_signs_themselves_leaves_them_as_they_are(out, tmp_path, name):
-    words = export(out, "-o", tmp_path / "signs.gpkg", "--crs", name)
-    assert "coordinates in WGS 84, as they are" in words
+@pytest.mark.parametrize(
+    ("crs", "words"),
+    [
+        ("EPSG:4326", "coordinates in WGS 84, as they are"),
+        ("WGS84", "coordinates in WGS 84, as they are"),
+        (
+            "EPSG:25832",
+            "2 signs lie outside of the area that ETRS89 / UTM zone 32N is made for",
+        ),
+    ],
+)
+def test_the_system_of_the_signs_and_one_for_elsewhere_are_told(out, tmp_path, crs, words):
+    assert words in export(out, "-o", tmp_path / "signs.gpkg", "--crs", crs)
     _, _, points = read_by_gdal(tmp_path / "signs.gpkg")
-    np.testing.assert_allclose(points[0], [LON + 1e-4, LAT, ALT], atol=1e-9)
-
-
-def test_a_projection_made_for_elsewhere_is_told(out, tmp_path):
-    words = export(out, "-o", tmp_path / "a.csv", "--crs", "EPSG:25832")
-    assert "2 signs lie outside of the area that ETRS89 / UTM zone 32N is made for" in words
+    same = np.allclose(points[0], [LON + 1e-4, LAT, ALT], atol=1e-9)
+    assert same == words.startswith("coordinates")
 
 
 def test_signs_without_fixes_lie_in_the_frame_of_the_drive(local, tmp_path):
@@ -177,14 +179,14 @@ def test_what_does_not_go_together_is_refused_in_words(local, options, words):
         export(local, *options)
 
 
-def test_the_same_result_gives_the_same_bytes_and_another_file_is_kept(out, tmp_path):
+def test_the_same_result_gives_the_same_bytes_and_another_file_is_kept(out, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))  # scratch files lie beside
+    (tmp_path / "again").mkdir()
     for kind in ("gpkg", "shp", "kml"):
-        first, second = tmp_path / f"signs.{kind}", tmp_path / "again" / f"signs.{kind}"
-        second.parent.mkdir(exist_ok=True)
-        export(out, "-o", first)
-        export(out, "-o", second)
+        for folder in (tmp_path, tmp_path, tmp_path / "again"):
+            assert "2 rows" in export(out, "-o", folder / f"signs.{kind}")
+        first, second = (tmp_path / f"signs.{kind}", tmp_path / "again" / f"signs.{kind}")
         assert first.read_bytes() == second.read_bytes()
-    export(out, "-o", tmp_path / "signs.shp")  # once more is no fault
     (tmp_path / "mine.dbf").write_text("mine")
     with pytest.raises(OutputError, match="--overwrite"):
         export(out, "-o", tmp_path / "mine.shp")
@@ -222,11 +224,13 @@ def test_short_names_are_short_and_of_one_column_each(found):
     assert all(1 <= len(name) <= SHORT_NAME for name in short.values())
 
 
-@given(st.floats(-1e6, 1e6))
-def test_feet_are_metres_again_after_the_way_back(metres):
-    table = FlatTable((Column("up_m", pa.float64(), "m", ""),), ({"up_m": metres},))
-    (row,) = in_feet_and_inches(table).rows
-    assert row["up_ft"] * 0.3048 == pytest.approx(metres)
+def test_a_foot_is_exactly_0_3048_m_and_an_inch_a_twelfth_of_it():
+    of_length = imperial_column(Column("up_m", pa.float64(), "m", ""))
+    of_size = imperial_column(Column("panel_width_m", pa.float64(), "m", ""))
+    assert [(c.name, c.unit, factor) for c, factor in (of_length, of_size)] == [
+        ("up_ft", "ft", 1 / 0.3048),
+        ("panel_width_in", "in", 12 / 0.3048),
+    ]
 
 
 TOO_FEW = {"csv": 512, "geojson": 512, "gpkg": 4096, "shp": 1024, "kml": 1024}
@@ -251,8 +255,11 @@ def test_a_file_that_finds_no_room_is_not_written_and_the_earlier_one_stays(out,
     }
 
 
-def cut_by(monkeypatch, suffix, kept):
-    """GDAL, saying nothing, leaves a share of the bytes of its files of this suffix."""
+@pytest.mark.parametrize("kept", [0.0, 0.4, 0.7, 0.95])
+@pytest.mark.parametrize("suffix", [".gpkg", ".shp", ".dbf", ".shx", ".kml"])
+def test_what_gdal_cuts_silently_is_seen_when_it_is_read_back(
+    out, tmp_path, monkeypatch, suffix, kept
+):
     whole = pyogrio.write_arrow
 
     def cut(batches, path, **options):
@@ -261,39 +268,10 @@ def cut_by(monkeypatch, suffix, kept):
         part.write_bytes(part.read_bytes()[: int(kept * part.stat().st_size)])
 
     monkeypatch.setattr(pyogrio, "write_arrow", cut)
-
-
-@pytest.mark.parametrize("kept", [0.0, 0.4, 0.7, 0.95])
-@pytest.mark.parametrize("suffix", [".gpkg", ".shp", ".dbf", ".shx", ".kml"])
-def test_what_is_cut_is_seen_when_it_is_read_back(out, tmp_path, monkeypatch, suffix, kept):
-    cut_by(monkeypatch, suffix, kept)
     end = suffix if suffix in (".gpkg", ".kml") else ".shp"
     with pytest.raises(OutputError, match="read back"):
         export(out, "-o", tmp_path / f"signs{end}")
     assert list(tmp_path.glob("*signs*")) == []
-
-
-@pytest.mark.parametrize("kind", ["csv", "geojson"])
-def test_rows_that_a_text_file_lacks_are_seen_when_it_is_read_back(
-    out, tmp_path, monkeypatch, kind
-):
-    writer = {"csv": write_csv, "geojson": write_geojson}[kind]
-
-    def lacking(columns, chunks, stream):
-        made = io.BytesIO()
-        writer(columns, chunks, made)
-        stream.write(made.getvalue()[:-40] if kind == "geojson" else made.getvalue()[:400])
-
-    monkeypatch.setattr(f"wayside.pipeline.exporting.export.write_{kind}", lacking)
-    with pytest.raises(OutputError, match="read back"):
-        export(out, "-o", tmp_path / f"signs.{kind}")
-    assert list(tmp_path.glob("*signs*")) == []
-
-
-def test_a_full_folder_for_scratch_files_does_not_matter(out, tmp_path, monkeypatch):
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
-    for end in ("gpkg", "shp", "kml"):
-        assert "2 rows" in export(out, "-o", tmp_path / f"signs.{end}")
 
 
 def test_of_files_that_belong_together_none_is_replaced_where_one_finds_no_room(

@@ -14,7 +14,6 @@ from wayside.pipeline.labels.wayside_labels import read_label_file
 from wayside.pipeline.reviewing.review import (
     COLUMNS,
     FILES,
-    REVIEWS,
     find_review,
     is_review,
     read_review,
@@ -86,13 +85,6 @@ def command(*arguments, status=0):
     return done.output
 
 
-def test_a_review_written_by_hand_needs_only_signs_and_verdicts(out, tmp_path):
-    path = tmp_path / "review.json"
-    path.write_text(json.dumps({"reviews": [{"sign_id": "d-0001", "review": "accepted"}]}))
-    assert is_review(path)
-    assert [one.review for one in read_review(path, out).rows.values()] == ["accepted"]
-
-
 def test_an_exported_table_with_reviews_filled_in_is_a_review(out, tmp_path):
     table = tmp_path / "signs.csv"
     command("export", out, "-o", table)
@@ -118,41 +110,31 @@ def test_an_exported_table_with_reviews_filled_in_is_a_review(out, tmp_path):
         read_review(saved(), out)
 
 
-def test_csv_and_json_say_the_same(out, review, tmp_path):
+def test_csv_and_json_say_the_same_and_by_hand_signs_and_verdicts_are_enough(out, review, tmp_path):
+    path = tmp_path / "review.json"
     read = read_review(review, out)
-    assert read == read_review(as_json(tmp_path / "review.json"), out)
-    assert {name: one.review for name, one in read.rows.items()} == {
-        "d-0001": "accepted",
-        "d-0002": "rejected",
-        "d-0003": "edited",
-    }
+    assert read == read_review(as_json(path), out)
+    said = {"d-0001": "accepted", "d-0002": "rejected", "d-0003": "edited"}
+    assert {name: one.review for name, one in read.rows.items()} == said
     assert [(one.x, one.y, one.shape) for one in read.missing] == [(31.5, 4.0, "octagon")]
+    path.write_text(json.dumps({"reviews": [{"sign_id": "d-0001", "review": "accepted"}]}))
+    assert is_review(path)
+    assert [one.review for one in read_review(path, out).rows.values()] == ["accepted"]
 
 
 def test_the_exported_table_has_the_review_beside_what_was_measured(out, review, tmp_path):
     file = tmp_path / "signs.csv"
     assert "5 rows, 4 of them reviewed" in command("export", out, "-o", file, "--review", review)
     rows = {row["sign_id"]: row for row in csv.DictReader(file.read_text().splitlines())}
-    assert [row["review"] for row in rows.values()] == [
-        "accepted",
-        "rejected",
-        "edited",
-        "",
-        "missing",
-    ]
+    reviews = ["accepted", "rejected", "edited", "", "missing"]
+    assert [row["review"] for row in rows.values()] == reviews
     edited = rows["d-0003"]
     assert (edited["color"], edited["reviewed_color"]) == ("white", "green")
     assert (edited["reviewer"], rows["d-0002"]["review_note"]) == ("Ann", "a bin, not a sign")
     assert (edited["cov_zz"], edited["best_y_max"]) == ("1.0", "9.0")
-    missing = rows["d-missing-1"]
-    assert (missing["x"], missing["y"], missing["station_m"], missing["best_frame"]) == (
-        *("31.5", "4.0", "30.0", "3"),
-    )
-    assert (missing["color"], missing["confidence"], missing["reviewed_shape"]) == (
-        "",
-        "",
-        "octagon",
-    )
+    names = ("x", "y", "station_m", "best_frame", "color", "confidence", "reviewed_shape")
+    missing = [rows["d-missing-1"][name] for name in names]
+    assert missing == ["31.5", "4.0", "30.0", "3", "", "", "octagon"]
     plain = tmp_path / "plain.csv"
     command("export", out, "-o", plain)
     measured = [column for column in rows["d-0001"] if "review" not in column]
@@ -169,20 +151,17 @@ def test_geojson_has_longitude_first_and_places_missing_signs_by_the_others(out,
     assert places["d-missing-1"] == pytest.approx([10 + 31.5e-5, 50 + 4e-5], abs=1e-9)
 
 
-def test_geojson_without_fixes_is_refused_with_what_to_do(out, tmp_path):
-    rows = [sign(1, lon_deg=None, lat_deg=None, alt_m=None)]
-    pq.write_table(table_of(SIGNS, rows), out / SIGNS.file)
-    done = CliRunner().invoke(app, ["export", str(out), "-o", str(tmp_path / "a.geojson")])
-    assert "Export CSV" in str(done.exception)
-    assert not (tmp_path / "a.geojson").exists()
-
-
-def test_a_file_that_stands_there_is_kept(out, tmp_path):
+def test_geojson_without_fixes_is_refused_and_a_file_that_stands_there_kept(out, tmp_path):
     file = tmp_path / "signs.csv"
     file.write_text("mine")
     done = CliRunner().invoke(app, ["export", str(out), "-o", str(file)])
     assert "--overwrite" in str(done.exception)
     assert file.read_text() == "mine"
+    rows = [sign(1, lon_deg=None, lat_deg=None, alt_m=None)]
+    pq.write_table(table_of(SIGNS, rows), out / SIGNS.file)
+    done = CliRunner().invoke(app, ["export", str(out), "-o", str(tmp_path / "a.geojson")])
+    assert "Export CSV" in str(done.exception)
+    assert not (tmp_path / "a.geojson").exists()
 
 
 def test_a_review_evaluates_the_rows_with_status_sign(out, review, tmp_path):
@@ -196,19 +175,21 @@ def test_a_review_evaluates_the_rows_with_status_sign(out, review, tmp_path):
     assert (content["color_right"], content["shape_right"]) == (1, 2)
 
 
-def test_reviewed_rows_of_another_status_are_told(out, review):
-    rows = [sign(1), sign(2), sign(3, status="back")]
+def test_rows_of_another_status_and_looks_that_a_row_does_not_state_are_not_counted(out, review):
+    rows = [sign(1, shape=None), sign(2), sign(3, color=None)]
     pq.write_table(table_of(SIGNS, rows), out / SIGNS.file)
-    assert "not counted: 1 reviewed rows with status back" in command(
-        "evaluate", out, "--truth", review
-    )
+    words = command("evaluate", out, "--truth", review)
+    assert "colour     1.000   1 of 1 right" in words
+    assert "shape      1.000   1 of 1 right" in words
+    pq.write_table(table_of(SIGNS, [*rows[:2], sign(3, status="back")]), out / SIGNS.file)
+    words = command("evaluate", out, "--truth", review)
+    assert "not counted: 1 reviewed rows with status back" in words
 
 
-def test_a_review_gives_labels_of_every_measured_view(out, review, tmp_path):
+def test_a_reviewed_result_gives_labels_of_every_measured_view(out, review, tmp_path):
     shutil.copy(review, out / "review.csv")
     file = tmp_path / "labels.parquet"
-    words = command("label", out, "-o", file, status=4)
-    assert "1 missing_without_box" in words
+    assert "1 missing_without_box" in command("label", out, "-o", file, status=4)
     labels = read_label_file(file).labels
     assert [(one.image.frame, one.kind, one.color, one.shape) for one in labels] == [
         (1, "sign", "white", "rectangle"),
@@ -217,26 +198,13 @@ def test_a_review_gives_labels_of_every_measured_view(out, review, tmp_path):
     ]
     assert [one.image.log_time_ns for one in labels] == [100, 200, 300]
     assert [one.box for one in labels] == [(1, 2, 11, 12 + n) for n in (1, 2, 3)]
-
-
-def test_a_reviewed_result_is_read_as_labels_and_its_review_alone_is_not(out, review, tmp_path):
-    shutil.copy(review, out / "review.csv")
-    command("label", out, "-o", tmp_path / "labels.parquet", status=4)
-    assert read_labels(out).labels == read_label_file(tmp_path / "labels.parquet").labels
-    for file in (out / "review.csv", as_json(tmp_path / "review.json")):
+    assert read_labels(out).labels == labels
+    for alone in (out / "review.csv", as_json(tmp_path / "review.json")):
         with pytest.raises(UsageError, match=r"this is a review.* give that folder"):
-            read_labels(file)
+            read_labels(alone)
     (out / "review.csv").unlink()
     with pytest.raises(UsageError, match=r"no review\.json or review\.csv"):
         read_labels(out)
-
-
-def test_looks_that_a_row_does_not_state_are_not_counted_as_right(out, review):
-    rows = [sign(1, shape=None), sign(2), sign(3, color=None)]
-    pq.write_table(table_of(SIGNS, rows), out / SIGNS.file)
-    words = command("evaluate", out, "--truth", review)
-    assert "colour     1.000   1 of 1 right" in words
-    assert "shape      1.000   1 of 1 right" in words
 
 
 def test_a_review_in_the_folder_of_the_result_is_taken(out, review, tmp_path):
@@ -266,7 +234,3 @@ def test_what_a_review_cannot_say_is_refused(out, review, old, new, words):
     review.write_text(CSV.replace(old, new))
     with pytest.raises(InputError, match=words):
         read_review(review, out)
-
-
-def test_every_review_has_words():
-    assert set(REVIEWS) == {"accepted", "rejected", "edited", "missing"}

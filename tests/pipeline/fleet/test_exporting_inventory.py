@@ -12,7 +12,7 @@ import pyarrow.dataset as ds
 import pyogrio
 import pytest
 
-from wayside.pipeline.exporting.sources import inventory_rows
+from wayside.pipeline.exporting.table import inventory_rows
 from wayside.pipeline.fleet.merging import merge_inventory
 from wayside.schemas.errors import InputError, UsageError
 
@@ -104,7 +104,7 @@ def test_without_a_name_the_file_is_that_of_the_table_and_bytes_repeat(inventory
 def test_one_cell_is_read_at_a_time(inventory):
     cells = len(list((inventory / "panels").glob("cell=*")))
     source = inventory_rows(inventory, "panels")
-    assert [len(chunk.rows) > 0 for chunk in source.chunks()] == [True] * cells
+    assert [len(chunk) > 0 for chunk in source.chunks()] == [True] * cells
 
 
 @pytest.mark.parametrize(

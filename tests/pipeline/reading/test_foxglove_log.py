@@ -28,10 +28,8 @@ def write_result(folder, log, world):
     rotation = Rotation.from_matrix(np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]]).astype(float))
     quaternion = dict(zip(("qx", "qy", "qz", "qw"), rotation.as_quat().tolist(), strict=True))
     with log.open("rb") as stream:
-        images = [
-            (m.log_time, m.publish_time)
-            for _, channel, m in make_reader(stream).iter_messages(topics=["/camera/image"])
-        ]
+        read = make_reader(stream).iter_messages(topics=["/camera/image"])
+        images = [(m.log_time, m.publish_time) for _, _, m in read]
     frames = [
         {"frame": n, "log_time_ns": t, "header_time_ns": p - 12_000_000, "status": "used"}
         | {"x": 2.0 * n, "y": 0.0, "z": 1.5, "station_m": 2.0 * n}
@@ -84,20 +82,18 @@ def test_boxes_have_the_times_of_the_images_they_lie_on(new_log, tmp_path):
     found = export_log(new_log, tmp_path)
     with (tmp_path / "drive.mcap").open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        images = [
-            (message.log_time, content.timestamp.ToNanoseconds())
-            for _, _, message, content in reader.iter_decoded_messages(topics=["/camera/image"])
-        ]
-    for topic in ("signs", "rejected"):
+        read = reader.iter_decoded_messages(topics=["/camera/image"])
+        images = [(m.log_time, content.timestamp.ToNanoseconds()) for _, _, m, content in read]
+    shown = {}
+    for topic, words in (("signs", "d-0001 red octagon"), ("rejected", "moving")):
         messages = found[topic, "foxglove.ImageAnnotations"]
         assert [(time, one.timestamp.ToNanoseconds()) for time, one in messages] == images
         assert [len(content.points) for _, content in messages] == [0, 1, 0]
-    (shown,) = found["signs", "foxglove.ImageAnnotations"][1][1].points
-    assert [(p.x, p.y) for p in shown.points] == [(4, 5), (14, 5), (14, 15), (4, 15)]
-    assert (shown.type, shown.outline_color.r > 0.7) == (shown.LINE_LOOP, True)
-    signs, rejected = (found[t, "foxglove.ImageAnnotations"][1][1] for t in ("signs", "rejected"))
-    assert [text.text for text in signs.texts] == ["d-0001 red octagon"]
-    assert [text.text for text in rejected.texts] == ["moving"]
+        assert [text.text for text in messages[1][1].texts] == [words]
+        (shown[topic],) = messages[1][1].points
+    sign = shown["signs"]
+    assert [(p.x, p.y) for p in sign.points] == [(4, 5), (14, 5), (14, 15), (4, 15)]
+    assert (sign.type, sign.outline_color.r > 0.7) == (sign.LINE_LOOP, True)
 
 
 def test_a_panel_stands_in_the_frame_of_the_poses_turned_as_it_faces(new_log, tmp_path):
@@ -107,15 +103,12 @@ def test_a_panel_stands_in_the_frame_of_the_poses_turned_as_it_faces(new_log, tm
     path, sign = scene.entities
     assert [(p.x, p.z) for p in path.lines[0].points] == [(0, 1.5), (2, 1.5), (4, 1.5)]
     assert (sign.id, sign.frame_id, sign.texts[0].text) == ("d-0001", "map", "d-0001 red octagon")
-    cube = sign.cubes[0]
+    cube, turn = sign.cubes[0], sign.cubes[0].pose.orientation
     assert (cube.pose.position.x, cube.pose.position.y, cube.pose.position.z) == (12, -3, 2.5)
     assert (cube.size.x, cube.size.y) == pytest.approx((0.76, 0.75))
-    turn = cube.pose.orientation
     axes = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
     np.testing.assert_allclose(axes[:, 1], [0, 0, -1], atol=1e-6)  # its height is upright
-    np.testing.assert_allclose(
-        np.abs(axes[:, 0]), [1, 0, 0], atol=1e-6
-    )  # its width lies along the road
+    np.testing.assert_allclose(np.abs(axes[:, 0]), [1, 0, 0], atol=1e-6)  # its width is along
     assert sign.texts[0].pose.position.z == pytest.approx(2.5 + 0.375 + 0.3)
 
 
@@ -159,13 +152,11 @@ def test_transforms_of_the_drive_are_not_contradicted(new_log, tmp_path):
 
 def test_the_same_bytes_come_again_and_another_log_is_refused(new_log, tmp_path):
     export_log(new_log, tmp_path)
-    first = (tmp_path / "signs.mcap").read_bytes()
-    export(tmp_path / "out", NO_REVIEW, tmp_path / "again.mcap", "mcap")
-    assert (tmp_path / "again.mcap").read_bytes() == first
+    out, again = tmp_path / "out", tmp_path / "again.mcap"
+    export(out, NO_REVIEW, again, "mcap")
+    assert again.read_bytes() == (tmp_path / "signs.mcap").read_bytes()
     with pytest.raises(InputError, match="is not the log that"):
-        export(
-            tmp_path / "out", NO_REVIEW, tmp_path / "b.mcap", "mcap", log=tmp_path / "again.mcap"
-        )
+        export(out, NO_REVIEW, tmp_path / "b.mcap", "mcap", log=again)
     assert not (tmp_path / "b.mcap").exists()
 
 

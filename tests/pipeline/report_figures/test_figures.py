@@ -15,7 +15,7 @@ from wayside.pipeline.report_figures.command import MARK, PAGE, write_figures
 from wayside.pipeline.report_figures.drive import around, cut, labels_beside, photo
 from wayside.pipeline.report_figures.segments import evenly, misfit
 from wayside.pipeline.statistics import rate_words, share_words
-from wayside.pipeline.view.outlines import CURVES
+from wayside.pipeline.view.drawing import CURVES
 from wayside.schemas.errors import InputError, OutputError
 
 ANGLE = np.arange(64) * 2 * np.pi / 64

@@ -27,20 +27,17 @@ def memory():
     return rr.RecordingStream("test", recording_id="test")
 
 
-def to_file(path):
+def test_what_is_put_is_in_the_file(tmp_path):
+    path = tmp_path / "a.rrd"
+
     def opened():
         stream = memory()
         stream.save(path)
         return stream
 
-    return opened
-
-
-def test_what_is_put_is_in_the_file(tmp_path):
-    path = tmp_path / "a.rrd"
-    one = Recorder("a.rrd", to_file(path), 5.0)
+    one = Recorder("a.rrd", opened, 5.0)
     for _ in range(3):
-        one.put(BATCH)
+        one.put([BATCH])
     one.close()
     assert one.fault is None
     found = [c for c in rr.chunk.RrdReader(str(path)).stream() if c.entity_path == "/words"]
@@ -51,7 +48,7 @@ def test_a_live_viewer_that_is_too_slow_misses_frames_and_costs_no_time(tmp_path
     slow = Blocking()
     one = Recorder("viewer", memory, 0.0)
     for _ in range(WAITING + 10):
-        one.put(slow)
+        one.put([slow])
     slow.go.set()
     one.close()
     assert one.dropped >= 9
@@ -62,7 +59,7 @@ def test_a_file_that_takes_nothing_is_given_up():
     stuck = Blocking()
     one = Recorder("file", memory, 0.05)
     for _ in range(WAITING + 3):
-        one.put(stuck)
+        one.put([stuck])
     assert one.fault == "took nothing for 0.05 s"
     stuck.go.set()
     one.close()
@@ -72,7 +69,7 @@ def test_a_sink_that_never_answers_is_left_behind(monkeypatch):
     monkeypatch.setattr(recorder, "CLOSING_S", 0.1)
     stuck = Blocking()
     one = Recorder("viewer", memory, 0.0)
-    one.put(stuck)
+    one.put([stuck])
     one.close()
     assert one.fault == "did not end within 0.1 s"
     stuck.go.set()
@@ -88,11 +85,11 @@ def test_a_fault_is_kept_and_the_rest_is_let_go(when, tmp_path):
         raise RuntimeError("no such folder")
 
     one = Recorder("file", absent if when == "opened" else memory, 5.0)
-    one.put(Broken())
+    one.put([Broken()])
     until = time.monotonic() + 5
     while one.fault is None and time.monotonic() < until:
         time.sleep(0.01)
     for _ in range(3 * WAITING):
-        one.put(BATCH)
+        one.put([BATCH])
     one.close()
     assert one.fault in ("RuntimeError: no such folder", "ValueError: no such shape")

@@ -10,12 +10,11 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args, get_origin, get_type_hints
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 import rerun as rr
@@ -26,12 +25,24 @@ from wayside.pipeline.files.writing import PART
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.run import RECORDING, RunRequest, run_log
+from wayside.pipeline.view import entities
 from wayside.pipeline.view.blueprint import GROUND
-from wayside.pipeline.view.candidates import candidate_words, verdict_entities
-from wayside.pipeline.view.chains import sign_name
-from wayside.pipeline.view.landmarks import GREY, face_in_image, rejection
-from wayside.pipeline.view.outlines import CURVES
-from wayside.pipeline.view.sinks import Viewing, open_observer
+from wayside.pipeline.view.closing import (
+    GATE_NAMES,
+    inventory_table,
+    opening,
+    sign_figures,
+    sign_name,
+)
+from wayside.pipeline.view.drawing import (
+    CURVES,
+    GREY,
+    candidate_entities,
+    candidate_words,
+    face_in_image,
+    rejection,
+)
+from wayside.pipeline.view.observer import Viewing, open_observer
 from wayside.pipeline.view.viewer import import_log, viewer_program
 from wayside.pipeline.view.views import (
     AFTER,
@@ -45,6 +56,7 @@ from wayside.pipeline.view.views import (
 from wayside.schemas.detections import COLOR_RGB, VERDICTS, Candidates, Regions
 from wayside.schemas.frame import Camera, Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
+from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.schemas.motion import Motion
 from wayside.schemas.settings import ReadSettings
 from wayside.schemas.signs import Sign
@@ -52,7 +64,7 @@ from wayside.stages.georeference import DrivePath
 from wayside.stages.georeference.path import PathPoint
 
 from ...made_landmarks import made_landmark
-from .everything import EVERYTHING
+from ..results import sign_row
 
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
 FRAMES, SHORT_S = 7, 0.7
@@ -60,24 +72,14 @@ START_BYTES = 2_600_000
 """Length of the start of the demo log that holds so many frames."""
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
 TWO_FRAMES_S, SHAPES_AND_SIFT = 0.4, "report-shape"
-OUTLINES = "/world/vehicle/camera/outlines"
 AFTER_THE_DRIVE = {PathPoint, DrivePath, Landmark, Sign}
 """Shown all at once, by `closing`."""
+CAMERA = "/world/vehicle/camera"
+LAYERS = ("image", "keypoints", "matches", "tracks", "signs", "candidates/score", "candidates/sign")
 EVERY_FRAME = (
-    "/world/vehicle",
-    "/world/vehicle/camera/image",
-    "/world/vehicle/camera/keypoints",
-    "/world/vehicle/camera/matches",
-    "/world/vehicle/camera/tracks",
-    "/world/vehicle/camera/signs",
-    "/world/path",
-    "/world/rays",
-    "/world/places",
-    "/world/points/straight",
-    "/world/points/adjusted",
-    "/location/places",
-    "/world/vehicle/camera/candidates/score",
-    "/world/vehicle/camera/candidates/sign",
+    *(f"{CAMERA}/{layer}" for layer in LAYERS),
+    *("/world/vehicle", "/world/path", "/world/rays", "/world/places", "/location/places"),
+    *("/world/points/straight", "/world/points/adjusted"),
 )
 TIMELINES = {"frame", "capture_time", "station_cm", "message_log_time"}
 
@@ -180,64 +182,35 @@ def test_every_type_that_travels_has_a_view():
     assert stream_types() - set(VIEWS) == AFTER_THE_DRIVE
 
 
-def fields_of(kind):
-    return set(kind._fields if issubclass(kind, tuple) else (f.name for f in fields(kind)))
-
-
-def types_within(hint):
-    """Types of the project that an annotation names, inside of unions and containers."""
-    inner = [found for part in get_args(hint) for found in types_within(part)]
-    own = isinstance(hint, type) and hint.__module__.startswith("wayside.schemas")
-    return [*inner, hint] if own else inner
-
-
-def travelling_types():
-    """All that travels, and all types of the schemas inside it."""
-    found, waiting = set(), list(stream_types())
-    while waiting:
-        kind = waiting.pop()
-        if kind not in found:
-            found.add(kind)
-            for name, hint in get_type_hints(kind).items():
-                waiting += types_within(hint) if name in fields_of(kind) else []
-    return found
-
-
-def test_every_intermediate_of_the_flow_is_listed_with_its_view_or_a_reason():
-    assert {kind.__name__ for kind in travelling_types() ^ set(EVERYTHING)} == set()
-    for kind, listed in EVERYTHING.items():
-        assert set(listed) ^ fields_of(kind) == set(), kind.__name__
-
-
-def test_every_view_that_is_listed_holds_something(chunks, report_chunks):
-    filled = {path for path in filled_paths(chunks) | filled_paths(report_chunks)}
-    named = {told for listed in EVERYTHING.values() for told in listed.values()}
-    views = {told for told in named if not told.startswith("not: ")}
-    assert len(views) > 30
-    missing = {v for v in views if not any(f == v or f.startswith(f"{v}/") for f in filled)}
-    assert missing == set()
+def test_every_path_of_the_viewer_holds_something(chunks, report_chunks):
+    filled = filled_paths(chunks) | filled_paths(report_chunks)
+    no_paths = {entities.APPLICATION, entities.FRAME, entities.CAPTURE, entities.STATION}
+    named = [v for name, v in vars(entities).items() if name.isupper()]
+    paths = {path for v in named for path in (v if isinstance(v, tuple) else (v,))}
+    paths |= {f"gates/{stage}" for stage in GATE_NAMES if stage != "trajectory"}  # of report-2d
+    paths |= {f"{entities.CANDIDATES}/{verdict}" for verdict in ("score", "sign")}
+    paths |= {"map/route", "map/signs", "residuals/straight", "residuals/adjusted"}
+    paths -= no_paths | {entities.LOG}
+    assert len(paths) > 40
+    assert {p for p in paths if not any(f"{f}/".startswith(f"/{p}/") for f in filled)} == set()
 
 
 def filled_paths(chunks):
-    """Entities with a component that has a value in some row; what only clears others is none."""
+    """Entities with a component that has a value in some row; what clears others or names a series is none."""
     found = set()
     for chunk in chunks:
-        names = chunk.to_record_batch().schema.names
-        if any(filled(chunk, n) for n in names if ":" in n and not n.startswith("Clear")):
+        batch = chunk.to_record_batch()
+        names = [
+            n for n in batch.schema.names if ":" in n and not n.startswith(("Clear", "Series"))
+        ]
+        if any(pc.max(pc.list_value_length(batch.column(name))).as_py() for name in names):
             found.add(chunk.entity_path)
     return found
 
 
-def filled(chunk, name):
-    """Whether a component has a value in some row; each row is a list."""
-    batch = chunk.to_record_batch()
-    rows = batch.column(name) if name in batch.schema.names else pa.array([], pa.list_(pa.int8()))
-    return bool(pc.max(pc.list_value_length(rows)).as_py())
-
-
 def test_outlines_are_shown_with_their_circle_ellipse_and_six_terms(report_chunks):
     strips = {
-        name: column(report_chunks, f"{OUTLINES}/{name}", "LineStrips2D:strips")
+        name: column(report_chunks, f"{CAMERA}/outlines/{name}", "LineStrips2D:strips")
         for name in ("traced", *CURVES)
     }
     assert [len(frame) for frame in strips["traced"]] == [len(f) for f in strips["circle"]]
@@ -276,9 +249,8 @@ def test_a_type_without_a_view_is_an_error():
         entities_of(3, "segment", ViewState())
 
 
-@pytest.mark.parametrize("path", EVERY_FRAME)
-def test_every_frame_logs_each_layer_so_that_nothing_stale_is_shown(rows, path):
-    assert rows[path] == FRAMES
+def test_every_frame_logs_each_layer_so_that_nothing_stale_is_shown(rows):
+    assert {path: rows[path] for path in EVERY_FRAME} == dict.fromkeys(EVERY_FRAME, FRAMES)
 
 
 def test_images_pass_through_as_they_were_recorded(chunks, recorded):
@@ -289,17 +261,16 @@ def test_images_pass_through_as_they_were_recorded(chunks, recorded):
     assert first in DEMO.read_bytes()
 
 
-@pytest.mark.parametrize(
-    ("path", "name"),
-    [
-        ("/world/vehicle/camera/candidates/sign", "Boxes2D:centers"),
-        ("/world/vehicle/camera/candidates/sign", "Boxes2D:labels"),
+def test_boxes_rays_and_classes_of_places_are_drawn(chunks):
+    drawn = {(c.entity_path, n) for c in chunks for n in c.to_record_batch().schema.names}
+    for path, name in (
+        (f"{CAMERA}/candidates/sign", "Boxes2D:centers"),
+        (f"{CAMERA}/candidates/sign", "Boxes2D:labels"),
         ("/world/rays", "LineStrips3D:strips"),
         ("/location/right", "LineStrips2D:strips"),
-    ],
-)
-def test_boxes_rays_and_classes_of_places_are_drawn(chunks, path, name):
-    assert any(filled(chunk, name) for chunk in chunks if chunk.entity_path == path)
+    ):
+        assert (path, name) in drawn
+        assert any(column(chunks, path, name))
 
 
 def test_all_rows_of_a_frame_have_all_timelines(chunks):
@@ -327,25 +298,17 @@ def test_signs_are_named_in_space_all_at_once_and_those_in_view_of_each_frame(ch
     (everything,) = column(chunks, "/world/names/all", "Points3D:labels")
     assert sorted(", ".join(everything).split(", ")) == sorted(names)
     assert len(everything) == len({row["assembly_id"] for row in rows})
-    (batch,) = [
-        c.to_record_batch()
-        for c in chunks
-        if c.entity_path == "/world/names/in_view" and not c.is_static
-    ]
-    labels = dict(
-        zip(
-            batch.column("frame").to_pylist(),
-            batch.column("Points3D:labels").to_pylist(),
-            strict=True,
-        )
-    )
-    assert list(labels) == list(range(FRAMES))
+    frames = column(chunks, "/world/names/in_view", "frame")
+    words = column(chunks, "/world/names/in_view", "Points3D:labels")
+    shown = dict(zip(frames, (", ".join(one).split(", ") for one in words), strict=True))
+    assert sorted(shown) == list(range(FRAMES))
+    firsts = {}
     for name, row in zip(names, rows, strict=True):
-        assert name in ", ".join(labels[row["best_frame"]]).split(", ")
-    for assembly in {row["assembly_id"] for row in rows}:
-        panels = [(n, r) for n, r in zip(names, rows, strict=True) if r["assembly_id"] == assembly]
-        for frame in range(min(row["first_frame"] for _, row in panels)):
-            assert all(name not in ", ".join(labels[frame]) for name, _ in panels)
+        assert name in shown[row["best_frame"]]
+        first = firsts.get(row["assembly_id"], FRAMES)
+        firsts[row["assembly_id"]] = min(first, row["first_frame"])
+    for name, row in zip(names, rows, strict=True):
+        assert all(name not in shown[frame] for frame in range(firsts[row["assembly_id"]]))
 
 
 AHEAD = np.array([2.0, -1.0, 20.0])
@@ -387,14 +350,8 @@ def overlap(points, box):
 
 @pytest.mark.parametrize("facing", [0.0, 30.0])
 def test_a_face_in_an_image_has_its_corners_where_a_pinhole_has_them(facing):
-    place = replace(
-        refused_place(),
-        shape="diamond",
-        width_m=2.0,
-        height_m=1.0,
-        facing_deg=facing,
-        position=AHEAD,
-    )
+    look = {"shape": "diamond", "width_m": 2.0, "height_m": 1.0, "facing_deg": facing}
+    place = replace(refused_place(), position=AHEAD, **look)
     camera = Camera(1600, 1200, 1400.0, 1300.0, 799.5, 599.5)
     found = face_in_image(place, Pose(np.eye(3), np.zeros(3)), camera)
     axis = np.array([np.cos(np.radians(facing)), 0.0, -np.sin(np.radians(facing))])
@@ -433,15 +390,8 @@ def test_a_refused_place_is_listed_with_its_reason_and_the_numbers_that_decided(
     pose = Pose(np.eye(3), np.zeros(3))
     place = refused_place()
     motion = Motion(pose, None, None, "start", 0.0, 0.0, None, 0.1, 0.1, False, 0, 2.0)
-    settled = TrackedFrame(
-        frame,
-        motion,
-        Candidates.of(Regions.empty()),
-        np.zeros(0, np.int32),
-        np.zeros(0, np.float32),
-        0,
-        (place,),
-    )
+    none, empty = np.zeros(0, np.int32), np.zeros(0, np.float32)
+    settled = TrackedFrame(frame, motion, boxes(0), none, empty, 0, (place,))
     logged = [e for e in entities_of(settled, LAST_STAGE, ViewState()) if e.path == "rejections"]
     assert len(logged) == 1
     text = logged[0].parts[0].text.as_arrow_array()[0].as_py()
@@ -451,10 +401,14 @@ def test_a_refused_place_is_listed_with_its_reason_and_the_numbers_that_decided(
     assert rejection(behind).startswith("place_score: back rectangle 5.10 x 1.90 m")
 
 
+def boxes(count, **columns):
+    box = np.tile(np.array([[0, 0, 9, 9]], np.float32), (count, 1))
+    inks, zeros = np.zeros((count, 3), np.float32), np.zeros(count, np.uint8)
+    return replace(Candidates.of(Regions(box, np.ones(count, np.int32), inks, zeros)), **columns)
+
+
 def test_what_may_be_a_back_says_how_surely_beside_its_score_as_a_face():
-    box = np.array([[0, 0, 9, 9]], np.float32)
-    region = Regions(box, np.ones(1, np.int32), np.zeros((1, 3), np.float32), np.zeros(1, np.uint8))
-    one = replace(Candidates.of(region), score=np.array([-4.0], np.float32))
+    one = boxes(1, score=np.array([-4.0], np.float32))
     assert candidate_words(one, 0) == "open, score -4.0"
     told = replace(one, back_score=np.array([2.5], np.float32))
     assert candidate_words(told, 0) == "open, score -4.0, back 2.5"
@@ -466,13 +420,32 @@ def test_what_may_be_a_back_says_how_surely_beside_its_score_as_a_face():
 
 @pytest.mark.parametrize("verdict", ["sign", "location", "panel_size", "residual"])
 def test_words_of_candidates_do_not_cover_the_image(verdict):
-    box = np.tile(np.array([[0, 0, 9, 9]], np.float32), (3, 1))
-    region = Regions(box, np.ones(3, np.int32), np.zeros((3, 3), np.float32), np.zeros(3, np.uint8))
-    some = replace(Candidates.of(region), verdict=np.full(3, VERDICTS.index(verdict), np.uint8))
-    (entity,) = verdict_entities(some, set(), detail=False)
-    boxes = entity.parts[0]
-    assert len(boxes.labels.as_arrow_array()) == 3
-    assert boxes.show_labels.as_arrow_array().to_pylist() == [False]
+    some = boxes(3, verdict=np.full(3, VERDICTS.index(verdict), np.uint8))
+    (entity,) = candidate_entities(some, set(), detail=False)
+    assert len(entity.parts[0].labels.as_arrow_array()) == 3
+    assert entity.parts[0].show_labels.as_arrow_array().to_pylist() == [False]
+
+
+def test_a_row_is_headed_by_what_it_looks_like():
+    lengths = ("station_m", "lateral_m", "up_m", "panel_width_m", "panel_height_m", "sigma_along_m")
+    look = {"color": "red", "shape": "octagon", "views": 4, "confidence": 0.9}
+    row = sign_row("d-0001", **dict.fromkeys(lengths, 1.5) | look)
+    behind = row | {"status": "back", "color": None}
+    heads = [sign_figures(one).split("\n")[0] for one in (row, row | {"color": None}, behind)]
+    assert heads == ["# d-0001: red octagon", "# d-0001: ? octagon", "# d-0001: back octagon"]
+    assert "| d-0001 |  | back | octagon | 1.50 |" in inventory_table([behind])
+
+
+def test_every_class_of_places_is_drawn_where_it_lies():
+    places = {"right": (7.0, 0.5), "left": (-9.0, 0.4)}
+    classes = tuple(
+        GaussianClass(name, np.array(mean), np.eye(2), 4.0, "test", 1)
+        for name, mean in places.items()
+    )
+    drawn = {one.path: one.parts[0] for one in opening(GaussianModel("s", classes, "t")).entities}
+    for name, (right, above) in places.items():
+        (ring,) = drawn[f"location/{name}"].strips.as_arrow_array().to_pylist()
+        np.testing.assert_allclose(np.mean(ring[:-1], axis=0), (right, -above), atol=0.1)
 
 
 def test_viewing_changes_no_table_and_goes_when_it_is_not_asked_for(short, tmp_path):
