@@ -8,7 +8,6 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -36,7 +35,7 @@ from wayside.schemas.settings import MergeSettings, Settings
 
 _POLL_S, _SAVE_S = 0.5, 2.0
 
-OpenEngine = Callable[[], AbstractContextManager[Engine]]
+OpenEngine = Callable[[], Engine]
 Watch = Callable[[Manifest], None]
 WatchMerging = Callable[[int, int], None]
 
