@@ -122,21 +122,15 @@ def test_every_sighting_is_of_one_panel_and_no_panel_has_two_of_a_drive(seed, dr
     assert (again.position == merged.position).all()
 
 
-def test_the_error_bar_of_n_drives_is_that_of_the_mean_of_their_common_errors():
+def test_a_panel_is_the_mean_by_covariance_with_the_error_bar_of_the_mean_of_common_errors():
     for drives in (1, 4, 16):
         sightings = make_sightings(road(1), [[0, 0, 0]] * drives, common_m=0.9)
         _, covariance = combine(sightings, sightings.position, np.zeros(drives, np.int64))
         assert np.sqrt(covariance[0, 0, 0]) == pytest.approx(np.hypot(0.9, 0.05) / drives**0.5)
         assert covariance[0, 0, 0] >= 0.9**2 / drives
-
-
-def test_the_merged_position_weighs_by_the_inverse_of_the_covariances():
-    sightings = make_sightings(road(1), [[0, 0, 0], [0.3, 0, 0]])
-    sharper = sightings.covariance.copy()
-    sharper[1] /= 4
-    position, _ = combine(
-        replace(sightings, covariance=sharper), sightings.position, np.zeros(2, np.int64)
-    )
+    two = make_sightings(road(1), [[0, 0, 0], [0.3, 0, 0]])
+    two.covariance[1] /= 4
+    position, _ = combine(two, two.position, np.zeros(2, np.int64))
     assert position[0, 0] == pytest.approx(0.8 * 0.3)
 
 
@@ -151,17 +145,16 @@ def test_a_pair_does_not_vouch_for_itself():
     assert (relative_variance(more, offsets, offsets.pairs) < 0.1).all()
 
 
-def test_one_drive_that_reads_a_face_wrong_makes_no_second_panel():
+@pytest.mark.parametrize(
+    ("colors", "days", "panels"),
+    [((1, 1, 3, 1), (0, 1, 2, 3), [0, 0, 0, 0]), ((1, 1, 3, 3), (0, 1, 366, 367), [0, 0, 1, 1])],
+)
+def test_a_face_read_wrong_once_is_no_other_panel_and_one_that_differs_a_year_later_is(
+    colors, days, panels
+):
     sightings = make_sightings(road(1), [[0, 0, 0]] * 4)
-    sightings = replace(sightings, color=np.array([1, 1, 3, 1]))
-    assert face_runs(sightings, np.zeros(4, np.int64), SETTINGS).tolist() == [0, 0, 0, 0]
-
-
-def test_a_face_that_differs_a_year_later_for_good_is_another_panel():
-    sightings = make_sightings(road(1), [[0, 0, 0]] * 4)
-    year = np.array([0, 1, 366, 367]) * DAY_NS
-    sightings = replace(sightings, color=np.array([1, 1, 3, 3]), time_ns=year)
-    assert face_runs(sightings, np.zeros(4, np.int64), SETTINGS).tolist() == [0, 0, 1, 1]
+    sightings = replace(sightings, color=np.array(colors), time_ns=np.array(days) * DAY_NS)
+    assert face_runs(sightings, np.zeros(4, np.int64), SETTINGS).tolist() == panels
 
 
 @pytest.mark.parametrize(("days", "one_place"), [(1, False), (366, True)])

@@ -64,16 +64,10 @@ def test_a_place_that_is_told_by_no_texture_takes_a_larger_window():
 def test_noise_and_one_image_tell_nothing():
     camera = LENSES[0]
     rng = np.random.default_rng(1)
+    centres = [np.array([0, 0, k * STEP_M]) - PLACE for k in range(3)]
+    pixels = rng.integers(0, 256, (3, 600, 800)).astype(np.uint8)
     noisy = [
-        PlaceImage(
-            rng.integers(0, 256, (600, 800)).astype(np.uint8),
-            np.eye(3),
-            np.array([0, 0, k * STEP_M]) - PLACE,
-        )
-        for k in range(3)
+        PlaceImage(grey, np.eye(3), centre) for grey, centre in zip(pixels, centres, strict=True)
     ]
-    assert measure_occlusion(noisy, camera, (0.9, 0.9), ChangeSettings()) == (0, 0)
-    assert measure_occlusion(
-        [image_of(camera, 0, 300.0)], camera, (0.9, 0.9), ChangeSettings()
-    ) == (0, 0)
-    assert measure_occlusion([], camera, (0.9, 0.9), ChangeSettings()) == (0, 0)
+    for images in (noisy, [image_of(camera, 0, 300.0)], []):
+        assert measure_occlusion(images, camera, (0.9, 0.9), ChangeSettings()) == (0, 0)
