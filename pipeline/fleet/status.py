@@ -7,16 +7,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 from wayside.pipeline.fleet.folders import is_merged, is_under_way, open_inventory
-from wayside.pipeline.fleet.manifest import (
-    DONE,
-    ENDED,
-    LOGS,
-    MANIFEST,
-    QUARANTINE,
-    QUARANTINED,
-    RUNNING,
-    Manifest,
-)
+from wayside.pipeline.fleet.manifest import ENDED, LOGS, MANIFEST, QUARANTINE, Manifest, State
 
 _MOST_LISTED = 20
 
@@ -24,11 +15,11 @@ _MOST_LISTED = 20
 def describe_progress(manifest: Manifest, now: float) -> str:
     """How far a fleet is at a time, seconds since 1970, in a line; rate and time left are of its own logs, by bytes."""
     counts = Counter(entry.state for entry in manifest.logs.values())
-    words = [f"{counts[DONE]} of {len(manifest.logs)} logs done"]
-    if counts[QUARANTINED]:
-        words.append(f"{counts[QUARANTINED]} in quarantine")
+    words = [f"{counts[State.DONE]} of {len(manifest.logs)} logs done"]
+    if counts[State.QUARANTINED]:
+        words.append(f"{counts[State.QUARANTINED]} in quarantine")
     own = [entry for entry in manifest.logs.values() if entry.since >= manifest.started]
-    ended = [entry for entry in own if entry.state == DONE]
+    ended = [entry for entry in own if entry.state == State.DONE]
     elapsed, worked = now - manifest.started, sum(entry.bytes for entry in ended)
     if elapsed > 0 and worked:
         words.append(f"{sum(entry.images for entry in ended) / elapsed:.1f} images/s")
@@ -53,19 +44,19 @@ def format_status(inventory: Path) -> str:
         describe_progress(manifest, manifest.updated),
         f"{images} images, {rows} rows of signs before merging",
     ]
-    if lost := sum(entry.state == DONE and entry.status != 0 for entry in entries):
+    if lost := sum(entry.state == State.DONE and entry.status != 0 for entry in entries):
         lines.append(f"{lost} logs done with parts lost: see `accounting` in their run.json")
     lines.append(f"panels: {_merging(inventory, manifest, running=running)}")
     lines += _listed("drives off by a vector", list(manifest.vectors))
     at_work = [
         f"{e.name}: since {_clock(e.since)}, {LOGS}/{e.name}.txt"
         for e in entries
-        if running and e.state == RUNNING
+        if running and e.state == State.RUNNING
     ]
     held = [
         f"{e.name}: exit status {e.status}, attempts {e.attempts}: {e.words.partition(chr(10))[0]}"
         for e in entries
-        if e.state == QUARANTINED
+        if e.state == State.QUARANTINED
     ]
     lines += [*_listed("running", at_work), *_listed("in quarantine", held)]
     if held:
