@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from wayside.schemas.settings.merging import MergeSettings
-from wayside.schemas.sightings import Sightings
 from wayside.stages.inventory import match_moved, merge_sightings
 from wayside.stages.inventory.association import (
     DENSITY,
@@ -22,32 +21,21 @@ from wayside.stages.inventory.association import (
 from wayside.stages.inventory.grouping import combine, face_runs
 from wayside.stages.inventory.offsets import CORRELATION_S, relative_variance, solve_offsets
 
+from . import made_sightings
+
 SETTINGS = MergeSettings()
 DAY_NS = 86_400 * 10**9
 
 
 def make_sightings(truth, offsets, *, noise_m=0.0, common_m=1.0, apart_ns=DAY_NS, seed=0):
     """Every drive sees every panel at the same times along the road, off by an offset of its own."""
-    rng = np.random.default_rng(seed)
     n, drives = len(truth), len(offsets)
-    drive = np.repeat(np.arange(drives), n)
-    panel = np.tile(np.arange(n), drives)
-    count = n * drives
-    return Sightings(
-        drive=drive,
-        row=panel,
-        time_ns=drive * apart_ns + (truth[panel, 0] / 25 * 1e9).astype(np.int64),
-        position=truth[panel] + np.repeat(offsets, n, axis=0) + rng.normal(0, noise_m, (count, 3)),
-        covariance=np.tile(np.eye(3) * 0.05**2, (count, 1, 1)),
-        common_sigma_m=np.full((count, 2), common_m),
-        assembly=panel,
-        color=panel % 5,
-        shape=panel % 3,
-        front=np.ones(count, bool),
-        bearing_rad=np.zeros(count),
-        size_m=np.full((count, 2), 0.75),
-        size_sigma_m=np.full((count, 2), 0.02),
-    )
+    noise = np.random.default_rng(seed).normal(0, noise_m, (n * drives, 3))
+    place = np.tile(truth, (drives, 1))
+    time = np.repeat(np.arange(drives), n) * apart_ns + (place[:, 0] / 25 * 1e9).astype(np.int64)
+    position = place + np.repeat(offsets, n, axis=0) + noise
+    about = {"own_m": 0.05, "common_m": common_m, "face": np.arange(n)}
+    return made_sightings.make_sightings(position, drives, **about, time_ns=time)
 
 
 def road(n=40):
