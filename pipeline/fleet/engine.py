@@ -9,6 +9,7 @@ from __future__ import annotations
 import multiprocessing.connection
 import os
 import signal
+import sys
 import threading
 import time
 from abc import ABC, abstractmethod
@@ -23,7 +24,7 @@ from typing import Any, Self
 from wayside.pipeline.fleet.manifest import Entry
 from wayside.pipeline.fleet.task import Task
 from wayside.pipeline.running.process import interrupt_on_signals
-from wayside.schemas.errors import OutputError, UsageError, WaysideError
+from wayside.schemas.errors import INTERRUPTED, OutputError, UsageError, WaysideError
 
 Run = Callable[[Task], Entry]
 LOCAL = "local"
@@ -97,8 +98,6 @@ class ProcessEngine(Engine):
             del self.workers[worker]
             raise WorkerDeathError(_death(worker.exitcode)) from end
         self._idle.append(worker)
-        if isinstance(error, KeyboardInterrupt):
-            raise WorkerDeathError("its worker was asked to end")
         if error is not None:
             raise error
         entry: Entry = outcome
@@ -117,6 +116,8 @@ class ProcessEngine(Engine):
 
 def _death(code: int | None) -> str:
     """How a process ended, in words, by its exit code."""
+    if code == INTERRUPTED:
+        return "its worker was asked to end"
     if code is None or code >= 0:
         return f"its worker ended with exit status {code}"
     with suppress(ValueError):
@@ -129,14 +130,18 @@ def _serve(run: Run, tasks: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that gave the tasks
     interrupt_on_signals()
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    with suppress(EOFError, KeyboardInterrupt):
+    try:
         while True:
             task = tasks.recv()
             try:
-                answer: tuple[Any, BaseException | None] = run(task), None
-            except BaseException as error:
+                answer: tuple[Entry | None, Exception | None] = run(task), None
+            except Exception as error:
                 answer = None, error
             tasks.send(answer)
+    except EOFError:
+        return
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
 
 
 def _end_with_parent() -> None:
