@@ -200,10 +200,10 @@ def _print_table(names: list[str], rows: list[list[str | None]]) -> None:
 
 def _summary(report: FleetReport, out: Path) -> str:
     """What became of the logs: each of a few, of many those that are not simply done."""
-    from wayside.pipeline.fleet.manifest import DONE, DRIVES, QUARANTINE
+    from wayside.pipeline.fleet.manifest import DRIVES, QUARANTINE, State
 
     def describe(entry: Entry) -> str:
-        if entry.state != DONE:
+        if entry.state != State.DONE:
             where = f"; see {out / QUARANTINE / entry.name}" if entry.attempts else ""
             return f"not done, exit status {entry.status}: {entry.words}{where}"
         words = "unchanged, result" if entry.name in report.kept else "done, result"
@@ -220,7 +220,7 @@ def _summary(report: FleetReport, out: Path) -> str:
     if report.left:
         some = ", ".join(report.left[:_MOST_LISTED])
         lines.append(f"{len(report.left)} logs taken out, as their results are gone: {some}")
-    done = sum(entry.state == DONE for entry in report.entries)
+    done = sum(entry.state == State.DONE for entry in report.entries)
     lines.append(f"{done} of {len(report.entries)} logs done, {len(report.kept)} of them before")
     lines.append("panels unchanged" if report.merged is None else f"merged: {report.merged}")
     return "\n".join(lines)

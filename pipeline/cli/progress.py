@@ -16,7 +16,7 @@ from rich.text import Text
 
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.fleet.manifest import ENDED, Manifest
-from wayside.pipeline.fleet.status import figures_of
+from wayside.pipeline.fleet.status import describe_progress
 
 if TYPE_CHECKING:
     from wayside.pipeline.running.run import Run
@@ -151,10 +151,9 @@ class FleetProgress(_Shown):
 
     def watch(self, manifest: Manifest) -> None:
         """The logs are so far."""
-        figures = figures_of(manifest, time.time())
         done = sum(entry.bytes for entry in manifest.logs.values() if entry.state in ENDED)
         total = sum(entry.bytes for entry in manifest.logs.values())
-        self._tell(done, total, str(figures))
+        self._tell(done, total, describe_progress(manifest, time.time()))
 
     def watch_merging(self, done: int, total: int) -> None:
         """So many cells of the inventory are merged."""

@@ -25,7 +25,6 @@ from wayside.stages.georeference import LocalOrigin
 from wayside.stages.inventory import (
     YEAR_NS,
     PanelPlaces,
-    PanelViews,
     PlaceImage,
     gone_probability,
     measure_occlusion,
@@ -59,19 +58,28 @@ class DriveView:
     smallest_px: float
     """Height of a face from which on it measures them."""
 
-    def views(
+    def coverages(
         self, places: PanelPlaces, origin: LocalOrigin, offset_m: Floats, settings: ChangeSettings
-    ) -> tuple[Ints, PanelViews]:
-        """Rows of its frames near places about an origin, and what these show.
+    ) -> list[tuple[Ints, int, Floats] | None]:
+        """For each place about an origin the rows of the frames that show it largest, the best of them, the box there.
 
-        offset_m (3,): error of the drive's positions there.
+        None: it was not in view. offset_m (3,): error of the drive's positions there.
         """
         centre = self.centres(origin, offset_m, slice(None))
         low, high = places.position[:, :2].min(axis=0), places.position[:, :2].max(axis=0)
         low, high = low - settings.farthest_m, high + settings.farthest_m
         rows = np.flatnonzero(((centre[:, :2] > low) & (centre[:, :2] < high)).all(axis=1))
         turned = self.frames.rotation[rows]
-        return rows, views_of(places, centre[rows], turned, self.camera, self.smallest_px)
+        found = views_of(places, centre[rows], turned, self.camera, self.smallest_px)
+        told: list[tuple[Ints, int, Floats] | None] = []
+        for height, box in zip(found.height, found.box, strict=True):
+            largest = np.argsort(-height, kind="stable")[: settings.images]
+            largest = largest[height[largest] > 0]
+            if np.count_nonzero(height) < VIEWS:
+                told.append(None)
+            else:
+                told.append((rows[np.sort(largest)], int(rows[largest[0]]), box[largest[0]]))
+        return told
 
     def centres(self, origin: LocalOrigin, offset_m: Floats, rows: Ints | slice) -> Floats:
         """Positions of its cameras about an origin, (k, 3)."""
@@ -169,21 +177,6 @@ class Absence:
                 confidence, between / YEAR_NS, len(clear), misses, settings
             )
         return row
-
-
-def coverage_of(
-    found: PanelViews, rows: Ints, settings: ChangeSettings
-) -> list[tuple[Ints, int, Floats] | None]:
-    """For each place the rows of the frames that show it largest, the best of them, and the box there."""
-    coverages: list[tuple[Ints, int, Floats] | None] = []
-    for height, box in zip(found.height, found.box, strict=True):
-        largest = np.argsort(-height, kind="stable")[: settings.images]
-        largest = largest[height[largest] > 0]
-        if np.count_nonzero(height) < VIEWS:
-            coverages.append(None)
-        else:
-            coverages.append((rows[np.sort(largest)], int(rows[largest[0]]), box[largest[0]]))
-    return coverages
 
 
 def mark_hidden(

@@ -23,7 +23,6 @@ from wayside.pipeline.fleet.absence import (
     Coverage,
     Row,
     Side,
-    coverage_of,
     mark_hidden,
     read_view,
 )
@@ -308,9 +307,8 @@ class _Comparison:
                 continue
             self._offset |= {drive: cell.offset[drive]} if drive in cell.offset else {}
             offset = self._offset.get(drive, np.zeros(3))  # of a cell before, where it saw none
-            rows, shown = view.views(level, origin, offset, self.settings)
             about = drive, self._side[drive], self._time_ns[drive], offset
-            for k, images in enumerate(coverage_of(shown, rows, self.settings)):
+            for k, images in enumerate(view.coverages(level, origin, offset, self.settings)):
                 saw = any(one["drive"] == drive for one in cell.seen[side][names[k]])
                 if images is not None and not saw:
                     found[k].coverages.append(Coverage(*about, *images))

@@ -9,67 +9,75 @@ from __future__ import annotations
 import multiprocessing.connection
 import os
 import signal
+import sys
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import AbstractContextManager, suppress
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Self
 
 from wayside.pipeline.fleet.manifest import Entry
 from wayside.pipeline.fleet.task import Task
 from wayside.pipeline.running.process import interrupt_on_signals
-from wayside.schemas.errors import OutputError, UsageError, WaysideError
+from wayside.schemas.errors import INTERRUPTED, OutputError, UsageError, WaysideError
 
 Run = Callable[[Task], Entry]
 LOCAL = "local"
 _PATIENCE_S, _CONNECT_S = 10.0, 30
+_MANY = 1 << 30
 
 
 class WorkerDeathError(WaysideError):
     """How the worker of a task died, in words."""
 
 
-class Engine(Protocol):
-    """Carries tasks out side by side, in any order; leaving the block ends what is under way."""
+class Engine(ABC):
+    """Carries tasks out side by side, in any order; leaving the block ends what is under way.
+
+    run: a function that another process can import. jobs: tasks side by side.
+    """
+
+    def __init__(self, run: Run, jobs: int) -> None:
+        self._run, self._jobs = run, jobs
+
+    def __enter__(self) -> Self:
+        return self
+
+    @abstractmethod
+    def __exit__(self, *_: object) -> None:
+        """End what is under way."""
 
     def places(self) -> int:
         """How many tasks it takes at a time, now."""
+        return self._jobs
 
+    @abstractmethod
     def submit(self, task: Task) -> Future[Entry]:
         """Begin a task; to be called while fewer than `places` are under way."""
 
     def result(self, future: Future[Entry]) -> Entry:
         """What became of the task of a future that is done; raises WorkerDeathError where its worker died."""
+        return future.result()
 
 
-class ProcessEngine(AbstractContextManager["ProcessEngine"]):
-    """Worker processes on this machine, each for many tasks one after the other; a dead one is replaced.
-
-    run: a function that another process can import. jobs: processes side by side.
-    """
+class ProcessEngine(Engine):
+    """Worker processes on this machine, each for many tasks one after the other; a dead one is replaced."""
 
     def __init__(self, run: Run, jobs: int) -> None:
-        self._run, self._jobs = run, jobs
+        super().__init__(run, jobs)
         self._threads = ThreadPoolExecutor(jobs)
         self.workers: dict[BaseProcess, Connection] = {}
         self._idle: list[BaseProcess] = []
-
-    def places(self) -> int:
-        """As of `Engine`."""
-        return self._jobs
 
     def submit(self, task: Task) -> Future[Entry]:
         """As of `Engine`; a worker is started where none waits."""
         worker = self._idle.pop() if self._idle else self._start()
         return self._threads.submit(self._ask, worker, task)
-
-    def result(self, future: Future[Entry]) -> Entry:
-        """As of `Engine`."""
-        return future.result()
 
     def _start(self) -> BaseProcess:
         context = multiprocessing.get_context("spawn")  # nothing of this process is shared
@@ -90,8 +98,6 @@ class ProcessEngine(AbstractContextManager["ProcessEngine"]):
             del self.workers[worker]
             raise WorkerDeathError(_death(worker.exitcode)) from end
         self._idle.append(worker)
-        if isinstance(error, KeyboardInterrupt):
-            raise WorkerDeathError("its worker was asked to end")
         if error is not None:
             raise error
         entry: Entry = outcome
@@ -110,6 +116,8 @@ class ProcessEngine(AbstractContextManager["ProcessEngine"]):
 
 def _death(code: int | None) -> str:
     """How a process ended, in words, by its exit code."""
+    if code == INTERRUPTED:
+        return "its worker was asked to end"
     if code is None or code >= 0:
         return f"its worker ended with exit status {code}"
     with suppress(ValueError):
@@ -122,14 +130,18 @@ def _serve(run: Run, tasks: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that gave the tasks
     interrupt_on_signals()
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    with suppress(EOFError, KeyboardInterrupt):
+    try:
         while True:
             task = tasks.recv()
             try:
-                answer: tuple[Any, BaseException | None] = run(task), None
-            except BaseException as error:
+                answer: tuple[Entry | None, Exception | None] = run(task), None
+            except Exception as error:
                 answer = None, error
             tasks.send(answer)
+    except EOFError:
+        return
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
 
 
 def _end_with_parent() -> None:
@@ -142,7 +154,7 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-class DaskEngine(AbstractContextManager["DaskEngine"]):
+class DaskEngine(Engine):
     """Tasks on the workers of a Dask scheduler, an address such as `tcp://host:8786`.
 
     With `local` they are workers on this machine that listen on the loopback address. jobs: workers of `local`; of
@@ -159,7 +171,7 @@ class DaskEngine(AbstractContextManager["DaskEngine"]):
                 f"--scheduler: Dask distributed cannot be loaded: {error}. Install it with `pip install "
                 "'wayside[fleet]'`, or leave --scheduler out to use processes of this machine."
             ) from error
-        self._run, self._jobs = run, jobs
+        super().__init__(run, jobs or _MANY)
         self._dask: Any = distributed  # it has no types
         self._cluster = None
         if scheduler == LOCAL:
@@ -186,7 +198,7 @@ class DaskEngine(AbstractContextManager["DaskEngine"]):
     def places(self) -> int:
         """As of `Engine`; workers may come and go."""
         threads: int = sum(self._client.nthreads().values())
-        return threads if self._jobs is None else min(threads, self._jobs)
+        return min(threads, self._jobs)
 
     def submit(self, task: Task) -> Future[Entry]:
         """As of `Engine`."""

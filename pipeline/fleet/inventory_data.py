@@ -31,9 +31,8 @@ METRES_PER_DEGREE = 111_320.0
 _SIGNS = (
     "sign_id", "assembly_id", "status", "confidence", "color", "shape", "covariance", "station_m", "up_m",
     "panel_width_m", "panel_height_m", "sigma_width_m", "sigma_height_m", "facing_deg", "lon_deg", "lat_deg", "alt_m",
-    "sigma_east_m", "sigma_north_m", "sigma_alt_m", "best_frame", "best_time_ns", "best_box",
-    "first_frame", "route", "measure",
-    "measure_unit", "mutcd", "vienna",
+    "sigma_east_m", "sigma_north_m", "sigma_alt_m", "best_frame", "best_time_ns", "best_box", "first_frame", "route",
+    "measure", "measure_unit", "mutcd", "vienna",
 )  # fmt: skip
 _PLACE = ("lon_deg", "lat_deg", "alt_m")
 _FRAMES = ("frame", "log_time_ns", "header_time_ns", "qx", "qy", "qz", "qw", *_PLACE, "heading_deg")

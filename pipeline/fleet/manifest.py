@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, fields, replace
+from enum import StrEnum
 from importlib.metadata import version
 from itertools import chain, count
 from pathlib import Path
@@ -28,11 +29,20 @@ from wayside.schemas.errors import PARTS_LOST, InputError, OutputError
 from wayside.schemas.tables import SIGNS
 
 MANIFEST, DRIVES, LOGS, QUARANTINE = "fleet.json", "drives", "logs", "quarantine"
-WAITING, RUNNING, DONE, QUARANTINED = "waiting", "running", "done", "quarantined"
-ENDED = (DONE, QUARANTINED)
-STATES = (WAITING, RUNNING, *ENDED)
 _READERS = 8
 """Logs and results that are looked at side by side: it is waiting for disks and networks, not computing."""
+
+
+class State(StrEnum):
+    """What became of a log so far."""
+
+    WAITING = "waiting"
+    RUNNING = "running"
+    DONE = "done"
+    QUARANTINED = "quarantined"
+
+
+ENDED = (State.DONE, State.QUARANTINED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +59,7 @@ class Entry:
     """Length of the log."""
     key: str | None
     """Digest of the log, settings, models and code that make the result. None: the log could not be read."""
-    state: str = WAITING
-    """One of `STATES`."""
+    state: State = State.WAITING
     status: int = 0
     """Exit status of the log alone, once it is done or in quarantine."""
     attempts: int = 0
@@ -91,7 +100,7 @@ class Manifest:
 
     def done(self) -> list[Entry]:
         """Logs whose results are part of the inventory, by name."""
-        return [entry for _, entry in sorted(self.logs.items()) if entry.state == DONE]
+        return [entry for _, entry in sorted(self.logs.items()) if entry.state == State.DONE]
 
     def results(self) -> str:
         """Digest that says which results are part of the inventory now."""
@@ -106,13 +115,13 @@ def read_manifest(inventory: Path) -> Manifest:
         content = parse_json(read_input_text(file))
         known = {each.name for each in fields(Entry)}
         logs = {
-            name: Entry(**{k: v for k, v in entry.items() if k in known})
+            name: Entry(
+                **{k: v for k, v in entry.items() if k in known} | {"state": State(entry["state"])}
+            )
             for name, entry in content["logs"].items()
         }
         for name, entry in logs.items():
-            if entry.state not in STATES or name != entry.name:
-                raise ValueError("a log of an unknown state or another name")
-            if not is_folder_name(name):
+            if name != entry.name or not is_folder_name(name):
                 raise ValueError(f"the log {name!r} has no name of a folder in the inventory")
         told = {each.name: content[each.name] for each in fields(Manifest) if each.name in content}
         vectors = [str(line) for line in told.get("vectors", ())]
@@ -153,7 +162,7 @@ def finished(folder: Path, entry: Entry) -> Entry:
         counts = run["accounting"]
         return replace(
             entry,
-            state=DONE,
+            state=State.DONE,
             status=PARTS_LOST if counts["lost"] else 0,
             seconds=round(float(run["times"]["wall_s"]), 3),
             images=int(counts["frames_read"]),
@@ -243,7 +252,9 @@ def _begun_with(
         return Entry(name, uri, *found, key_of(found[0]))
     content, size = ("", 0) if known is None else (known.fingerprint, known.bytes)
     key = key_of(content) if content else None
-    return Entry(name, uri, content, size, key, QUARANTINED, InputError.exit_status, words=found)
+    return Entry(
+        name, uri, content, size, key, State.QUARANTINED, InputError.exit_status, words=found
+    )
 
 
 def _standing(inventory: Path, entry: Entry, known: Entry | None, *, retry: bool) -> Entry:
@@ -252,9 +263,15 @@ def _standing(inventory: Path, entry: Entry, known: Entry | None, *, retry: bool
     finish_replacement(folder)
     same = known is not None and known.key == entry.key
     if is_finished(folder, entry.key):
-        if known is not None and same and known.state == DONE:
+        if known is not None and same and known.state == State.DONE:
             return replace(known, source=entry.source)
         return finished(folder, entry)
-    if known is not None and same and known.state == QUARANTINED and known.attempts and not retry:
-        return replace(known, source=entry.source) if entry.state == WAITING else entry
+    if (
+        known is not None
+        and same
+        and known.state == State.QUARANTINED
+        and known.attempts
+        and not retry
+    ):
+        return replace(known, source=entry.source) if entry.state == State.WAITING else entry
     return entry

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.fleet.folders import replaced_tables
 from wayside.pipeline.fleet.inventory_data import (
-    DriveSigns,
     cell_name,
     cell_origin,
     read_frames,
@@ -114,7 +113,9 @@ class _Merging:
 
     def __init__(self, folders: Sequence[Path], settings: MergeSettings) -> None:
         self.settings, self.report, self._folders = settings, MergeReport(len(folders)), folders
-        self._read = lru_cache(settings.drives_in_memory)(self._read_drive)
+        self._read = lru_cache(settings.drives_in_memory)(
+            lambda number: read_signs(folders[number], read_frames(folders[number]), settings)
+        )
         self._by_cell: defaultdict[tuple[int, int], list[int]] = defaultdict(list)
         self._taken: set[int] = set()
         for number, folder in enumerate(folders):
@@ -129,10 +130,6 @@ class _Merging:
 
     def _name(self, cell: tuple[int, int]) -> str:
         return cell_name(*cell, self.settings.cell_zoom)
-
-    def _read_drive(self, number: int) -> DriveSigns:
-        folder = self._folders[number]
-        return read_signs(folder, read_frames(folder), self.settings)
 
     def write(self, part: Path, watch: Callable[[int, int], None]) -> MergeReport:
         """Merge cell by cell into a folder."""

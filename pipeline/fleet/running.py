@@ -8,7 +8,6 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,13 +15,11 @@ from typing import Any
 from wayside.pipeline.fleet.engine import DaskEngine, Engine, ProcessEngine, WorkerDeathError
 from wayside.pipeline.fleet.folders import is_merged, locked_inventory
 from wayside.pipeline.fleet.manifest import (
-    DONE,
     DRIVES,
     MANIFEST,
-    RUNNING,
-    WAITING,
     Entry,
     Manifest,
+    State,
     earlier_logs,
     planned_logs,
     write_manifest,
@@ -36,7 +33,7 @@ from wayside.schemas.settings import MergeSettings, Settings
 
 _POLL_S, _SAVE_S = 0.5, 2.0
 
-OpenEngine = Callable[[], AbstractContextManager[Engine]]
+OpenEngine = Callable[[], Engine]
 Watch = Callable[[Manifest], None]
 WatchMerging = Callable[[int, int], None]
 
@@ -85,12 +82,12 @@ def run_fleet(
         tasks = [
             Task(entry, inventory, settings, options)
             for entry in planned.values()
-            if entry.state == WAITING
+            if entry.state == State.WAITING
         ]
         if tasks:
             _carry_out(tasks, open_engine or _engine_of(options, inventory, len(tasks)), book)
         merged = _merge(inventory, book, settings.merge, watch_merging)
-        kept = frozenset(name for name, entry in planned.items() if entry.state == DONE)
+        kept = frozenset(name for name, entry in planned.items() if entry.state == State.DONE)
         gone = tuple(name for name in left if name not in planned)
         return FleetReport(tuple(book.given()), kept, tuple(copies), gone, merged)
 
@@ -103,7 +100,7 @@ class _Book:
     ) -> None:
         self._inventory, self._watch, self._names = inventory, watch, tuple(planned)
         begun = [
-            replace(e, since=manifest.started) if e.state == WAITING else e
+            replace(e, since=manifest.started) if e.state == State.WAITING else e
             for e in planned.values()
         ]
         self.manifest = manifest.with_entries(begun)
@@ -143,7 +140,10 @@ def _carry_out(tasks: Sequence[Task], open_engine: OpenEngine, book: _Book) -> N
                 task.note_end()
             book.note(replace(task.entry, attempts=before))
         if isinstance(error, KeyboardInterrupt):
-            done, total = sum(entry.state == DONE for entry in book.given()), len(book.given())
+            done, total = (
+                sum(entry.state == State.DONE for entry in book.given()),
+                len(book.given()),
+            )
             raise InterruptionError(
                 f"interrupted: {done} of {total} logs are done. The same command continues from here."
             ) from error
@@ -164,7 +164,7 @@ def _work(
         while waiting and len(under_way) < engine.places():
             task = waiting.popleft()
             under_way[engine.submit(task)] = task, task.begun()
-            book.note(replace(task.entry, state=RUNNING))
+            book.note(replace(task.entry, state=State.RUNNING))
         wait(under_way, _POLL_S, FIRST_COMPLETED)
         for future in [one for one in under_way if one.done()]:
             task, before = under_way[future]
@@ -182,7 +182,7 @@ def _work(
                 )
             del under_way[future]
             book.note(entry)
-            if entry.state == WAITING:
+            if entry.state == State.WAITING:
                 waiting.append(task)
         book.show()
 

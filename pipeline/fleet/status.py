@@ -3,61 +3,29 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 
 from wayside.pipeline.fleet.folders import is_merged, is_under_way, open_inventory
-from wayside.pipeline.fleet.manifest import (
-    DONE,
-    ENDED,
-    LOGS,
-    MANIFEST,
-    QUARANTINE,
-    QUARANTINED,
-    RUNNING,
-    STATES,
-    Manifest,
-)
+from wayside.pipeline.fleet.manifest import ENDED, LOGS, MANIFEST, QUARANTINE, Manifest, State
 
 _MOST_LISTED = 20
 
 
-@dataclass(frozen=True, slots=True)
-class Figures:
-    """How far a fleet is."""
-
-    counts: dict[str, int]
-    """Logs by state."""
-    images_per_s: float | None
-    """Rate of this fleet; None before the first log is done."""
-    left_s: float | None
-    """Time for the rest: by bytes, at the rate so far."""
-
-    def __str__(self) -> str:
-        """One line."""
-        total, done = sum(self.counts.values()), self.counts[DONE]
-        words = [f"{done} of {total} logs done"]
-        if self.counts[QUARANTINED]:
-            words.append(f"{self.counts[QUARANTINED]} in quarantine")
-        if self.images_per_s is not None:
-            words.append(f"{self.images_per_s:.1f} images/s")
-        if self.left_s:
-            words.append(f"about {describe_duration(self.left_s)} left")
-        return ", ".join(words)
-
-
-def figures_of(manifest: Manifest, now: float) -> Figures:
-    """Figures of a fleet at a time, seconds since 1970; rate and time are of its own logs."""
+def describe_progress(manifest: Manifest, now: float) -> str:
+    """How far a fleet is at a time, seconds since 1970, in a line; rate and time left are of its own logs, by bytes."""
     counts = Counter(entry.state for entry in manifest.logs.values())
-    by_state = {state: counts[state] for state in STATES}
+    words = [f"{counts[State.DONE]} of {len(manifest.logs)} logs done"]
+    if counts[State.QUARANTINED]:
+        words.append(f"{counts[State.QUARANTINED]} in quarantine")
     own = [entry for entry in manifest.logs.values() if entry.since >= manifest.started]
-    ended = [entry for entry in own if entry.state == DONE]
+    ended = [entry for entry in own if entry.state == State.DONE]
     elapsed, worked = now - manifest.started, sum(entry.bytes for entry in ended)
-    if elapsed <= 0 or not worked:
-        return Figures(by_state, None, None)
-    left = elapsed / worked * sum(entry.bytes for entry in own if entry.state not in ENDED)
-    return Figures(by_state, sum(entry.images for entry in ended) / elapsed, left)
+    if elapsed > 0 and worked:
+        words.append(f"{sum(entry.images for entry in ended) / elapsed:.1f} images/s")
+        if left := sum(entry.bytes for entry in own if entry.state not in ENDED):
+            words.append(f"about {describe_duration(elapsed / worked * left)} left")
+    return ", ".join(words)
 
 
 def format_status(inventory: Path) -> str:
@@ -73,22 +41,22 @@ def format_status(inventory: Path) -> str:
     images, rows = (sum(getattr(entry, name) for entry in entries) for name in ("images", "rows"))
     lines = [
         f"{inventory}: {told}",
-        str(figures_of(manifest, manifest.updated)),
+        describe_progress(manifest, manifest.updated),
         f"{images} images, {rows} rows of signs before merging",
     ]
-    if lost := sum(entry.state == DONE and entry.status != 0 for entry in entries):
+    if lost := sum(entry.state == State.DONE and entry.status != 0 for entry in entries):
         lines.append(f"{lost} logs done with parts lost: see `accounting` in their run.json")
     lines.append(f"panels: {_merging(inventory, manifest, running=running)}")
     lines += _listed("drives off by a vector", list(manifest.vectors))
     at_work = [
         f"{e.name}: since {_clock(e.since)}, {LOGS}/{e.name}.txt"
         for e in entries
-        if running and e.state == RUNNING
+        if running and e.state == State.RUNNING
     ]
     held = [
         f"{e.name}: exit status {e.status}, attempts {e.attempts}: {e.words.partition(chr(10))[0]}"
         for e in entries
-        if e.state == QUARANTINED
+        if e.state == State.QUARANTINED
     ]
     lines += [*_listed("running", at_work), *_listed("in quarantine", held)]
     if held:

@@ -21,15 +21,7 @@ from pathlib import Path
 from wayside.pipeline.files.output_folder import finish_replacement
 from wayside.pipeline.files.visible_text import visible_lines
 from wayside.pipeline.files.writing import not_written, write_file
-from wayside.pipeline.fleet.manifest import (
-    DRIVES,
-    LOGS,
-    QUARANTINE,
-    QUARANTINED,
-    WAITING,
-    Entry,
-    finished,
-)
+from wayside.pipeline.fleet.manifest import DRIVES, LOGS, QUARANTINE, Entry, State, finished
 from wayside.pipeline.fleet.sources import UnreachableError, fetched
 from wayside.pipeline.models.model_files import Models, load_models
 from wayside.pipeline.results.earlier_result import is_finished, log_fingerprint
@@ -152,7 +144,7 @@ def run_task(task: Task) -> Entry:
             _leave_quarantine(task)
             return finished(task.folder, entry)
     seconds = round(time.perf_counter() - start, 3)
-    entry = replace(entry, state=WAITING, status=status, seconds=seconds, words=words)
+    entry = replace(entry, state=State.WAITING, status=status, seconds=seconds, words=words)
     return _quarantined(task, entry) if last else entry
 
 
@@ -225,7 +217,7 @@ def _quarantined(task: Task, entry: Entry) -> Entry:
         f"{entry.source}\nattempts: {entry.attempts}\nexit status: {entry.status}\n{entry.words}\n"
     )
     write_file(folder / _QUARANTINED_ERROR, visible_lines(text).encode(), overwrite=True)
-    return replace(entry, state=QUARANTINED)
+    return replace(entry, state=State.QUARANTINED)
 
 
 def _leave_quarantine(task: Task) -> None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import atan, degrees, inf, isfinite, radians, tan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.pipeline.files.writing import write_json
 from wayside.pipeline.simulation.bound import motion_jacobian, point_bound, step_bound
@@ -57,27 +56,30 @@ class SimulationResult:
         """Distance between reported and true position (n,)."""
         return np.asarray(np.linalg.norm(self.error, axis=1))
 
-    def fraction_within(self, sigmas: float) -> Array:
-        """Fraction of errors within so many stated sigmas: (3,)."""
-        return np.asarray((np.abs(self.error) < sigmas * self.sigma).mean(axis=0))
+    def figures(self, axis: int) -> dict[str, float]:
+        """Figures of the errors along an axis."""
+        error, sigma = self.error[:, axis], self.sigma[:, axis]
+        return _quantiles(error) | {
+            "sigma_m": float(np.median(sigma)),
+            "bound_m": float(np.median(self.bound[:, axis])),
+            "within_1_sigma": float((np.abs(error) < sigma).mean()),
+            "within_2_sigma": float((np.abs(error) < 2 * sigma).mean()),
+        }
 
     def to_json(self) -> dict[str, Any]:
         """All figures, rounded to a tenth of a millimetre."""
         survey = {name: _plain(getattr(self.survey, name)) for name in Survey.__slots__}
-        rows = {}
-        for k, axis in enumerate(AXES):
-            rows[axis] = _figures(self.error[:, k]) | {
-                "sigma_m": _median(self.sigma[:, k]),
-                "bound_m": _median(self.bound[:, k]),
-                "within_1_sigma": round(float(self.fraction_within(1)[k]), 3),
-                "within_2_sigma": round(float(self.fraction_within(2)[k]), 3),
-            }
+        error = {axis: self.figures(k) for k, axis in enumerate(AXES)}
+        error["total"] = _quantiles(self.total)
         return {
             "survey": survey,
             "signs": self.wanted,
             "found": len(self.error),
-            "nearest_m": _median(self.nearest),
-            "error": rows | {"total": _figures(self.total)},
+            "nearest_m": round(float(np.median(self.nearest)), 4),
+            "error": {
+                axis: {k: round(v, 3 if "within" in k else 4) for k, v in told.items()}
+                for axis, told in error.items()
+            },
         }
 
 
@@ -202,13 +204,12 @@ def format_simulation(one: SimulationResult) -> str:
         f"{'error, m':<10}{'median':>9}{'68 %':>9}{'95 %':>9}"
         f"{'sigma':>9}{'bound':>9}{'in 1 sigma':>12}{'in 2 sigma':>12}",
     ]
-    within = 100 * np.stack([one.fraction_within(1), one.fraction_within(2)])
     for k, axis in enumerate(AXES):
+        *metres, one_sigma, two_sigma = one.figures(k).values()
         lines.append(
-            f"{axis:<10}{_quantiles(one.error[:, k])}{np.median(one.sigma[:, k]):9.3f}"
-            f"{np.median(one.bound[:, k]):9.3f}{within[0, k]:10.0f} %{within[1, k]:10.0f} %"
+            f"{axis:<10}{_cells(metres)}{100 * one_sigma:10.0f} %{100 * two_sigma:10.0f} %"
         )
-    lines += [f"{'total':<10}{_quantiles(one.total)}", ""]
+    lines += [f"{'total':<10}{_cells(_quantiles(one.total).values())}", ""]
     lines += [
         "sigma: as stated with each sign; bound: Cramér-Rao, the least that any method",
         "could reach (both 68 %)",
@@ -308,21 +309,13 @@ def _step_bound(drive: SimulatedDrive, frame: int) -> Array:
     return bound_of_step(survey, drive.camera, step, pixels, known)
 
 
-def _figures(errors: Array) -> dict[str, float]:
-    size = np.abs(errors)
-    return {
-        "median_m": _median(size),
-        "p68_m": round(float(np.quantile(size, 0.6827)), 4),
-        "p95_m": round(float(np.quantile(size, 0.95)), 4),
-    }
+def _quantiles(errors: Array) -> dict[str, float]:
+    found = np.quantile(np.abs(errors), [0.5, 0.6827, 0.95]).tolist()
+    return dict(zip(("median_m", "p68_m", "p95_m"), found, strict=True))
 
 
-def _quantiles(errors: Array) -> str:
-    return "".join(f"{value:9.3f}" for value in np.quantile(np.abs(errors), [0.5, 0.6827, 0.95]))
-
-
-def _median(values: NDArray[np.float64]) -> float:
-    return round(float(np.median(values)), 4)
+def _cells(metres: Iterable[float]) -> str:
+    return "".join(f"{value:9.3f}" for value in metres)
 
 
 def _plain(value: Any) -> Any:

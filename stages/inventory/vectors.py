@@ -37,34 +37,34 @@ _TRIED = 64
 
 @dataclass(frozen=True, slots=True)
 class Differences(Rows):
-    """Pairs of sightings that may be of one panel; m rows.
-
-    `drive` (m, 2): the lower first. `support` (m,): assembly of the first. `alone_m` (m,): longest of the
-    `VECTOR_REACH_M` within which no other pair of these drives holds one of the two, 0: none. `apart_m` (m, 3): second
-    less first, east, north, up. `own`, `stated` (m, 3): variances of that, of the panels relative to the cameras nearby
-    and of the errors common to neighbouring panels.
-    """
+    """Pairs of sightings that may be of one panel; m rows. The second less the first, east, north, up."""
 
     drive: Ints
+    """The lower first, (m, 2)."""
     support: Ints
+    """Assembly of the first, (m,)."""
     alone_m: Floats
+    """Longest of `VECTOR_REACH_M` within which no other pair of these drives holds one of the two, 0: none, (m,)."""
     apart_m: Floats
+    """(m, 3)."""
     own: Floats
+    """Variances by the errors of the panels relative to the cameras nearby, (m, 3)."""
     stated: Floats
+    """Variances by the errors common to neighbouring panels, (m, 3)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """What the panels of two drives agree on.
-
-    `vector_m`, `sigma_m` (3,): the second drive less the first, east, north, up; zero where the errors that both state
-    explain it. `supports`: how many agree. `clear`: False where only equal panels that are next to one another do.
-    """
+    """What the panels of two drives agree on: the second less the first, east, north, up."""
 
     vector_m: Floats
+    """Zero where the errors that both state explain it, (3,)."""
     sigma_m: Floats
+    """(3,)."""
     supports: int
+    """How many agree."""
     clear: bool = True
+    """False where only equal panels that are next to one another do."""
 
     def __str__(self) -> str:
         """The vector for a person."""
@@ -106,20 +106,18 @@ def agreement_of(pairs: Differences) -> Agreement | None:
     length = np.hypot(*pairs.apart_m.T[:2])
     for reach in VECTOR_REACH_M:
         alone = pairs.select((length <= reach) & (pairs.alone_m >= reach))
-        found = _agreement(alone, reach)
-        if found is not None:
+        if (found := _agreement(alone, reach)) is not None:
             return found
     found = _agreement(pairs, max(VECTOR_REACH_M))
-    if found is None or not found.vector_m.any():
-        return None
-    return replace(found, clear=False)
+    return None if found is None or not found.vector_m.any() else replace(found, clear=False)
 
 
 def _agreement(pairs: Differences, reach_m: float) -> Agreement | None:
     """What most supports agree on, to within the errors of their panels or all stated errors."""
-    spreads = (pairs.own, pairs.own + pairs.stated) if len(pairs.apart_m) else ()
-    tried = (_consensus(pairs, spread, reach_m) for spread in spreads)
-    return next((found for found in tried if found is not None), None)
+    if not len(pairs.apart_m):
+        return None
+    found = _consensus(pairs, pairs.own, reach_m)
+    return found or _consensus(pairs, pairs.own + pairs.stated, reach_m)
 
 
 def _consensus(pairs: Differences, spread: Floats, reach_m: float) -> Agreement | None:
@@ -174,17 +172,14 @@ def reference_vectors(
     for drive in sorted(alike, key=lambda drive: (-len(alike[drive]), first_ns[drive], drive)):
         if drive not in placed:
             placed |= dict.fromkeys(alike[drive], (drive, none))
-        joining: tuple[int, int] | None = (drive, drive)
-        while joining is not None:
-            joining = next((p for p in order if (p[0] in placed) != (p[1] in placed)), None)
-            if joining is not None:
-                one, (known, other) = clear[joining], joining
-                sign = 1.0
-                if other in placed:
-                    known, other, sign = other, known, -1.0
-                reference, before = placed[known]
-                vector = before.vector_m + sign * one.vector_m
-                placed |= dict.fromkeys(alike[other], (reference, replace(one, vector_m=vector)))
+        while joining := [pair for pair in order if (pair[0] in placed) != (pair[1] in placed)]:
+            one, (known, other) = clear[joining[0]], joining[0]
+            sign = 1.0
+            if other in placed:
+                known, other, sign = other, known, -1.0
+            reference, before = placed[known]
+            vector = before.vector_m + sign * one.vector_m
+            placed |= dict.fromkeys(alike[other], (reference, replace(one, vector_m=vector)))
     return {drive: told for drive, told in placed.items() if told[1].vector_m.any()}
 
 

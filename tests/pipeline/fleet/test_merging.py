@@ -20,7 +20,7 @@ from wayside.pipeline.fleet.changes import find_changes, parse_survey, same_face
 from wayside.pipeline.fleet.changes_page import write_page
 from wayside.pipeline.fleet.folders import locked_inventory, merge_settings_of
 from wayside.pipeline.fleet.inventory_data import cell_name, cells
-from wayside.pipeline.fleet.manifest import DONE, QUARANTINED, Entry, Manifest, write_manifest
+from wayside.pipeline.fleet.manifest import Entry, Manifest, State, write_manifest
 from wayside.pipeline.fleet.merging import MergeReport, merge_inventory
 from wayside.pipeline.fleet.status import format_status
 from wayside.pipeline.reviewing.review import NO_REVIEW
@@ -49,7 +49,7 @@ def changed_rows(inventory):
 
 def done(*names):
     """A manifest of logs that are done."""
-    return Manifest({name: Entry(name, name, name, 1, name, DONE) for name in names})
+    return Manifest({name: Entry(name, name, name, 1, name, State.DONE) for name in names})
 
 
 @dataclass(frozen=True)
@@ -364,11 +364,11 @@ def test_results_that_are_not_merged_yet_are_not_compared(copied):
     merged = done(*(path.name for path in drives_of(copied)))
     (copied / "drives" / "begun").mkdir()  # a run that was killed
     assert read_changes(copied).counts == expected
-    tried = Entry("begun", "begun", "begun", 1, "begun", QUARANTINED)
+    tried = Entry("begun", "begun", "begun", 1, "begun", State.QUARANTINED)
     merged = replace(merged.with_entries([tried]), merged=merged.results())
     write_manifest(copied, merged)
     assert read_changes(copied).counts == expected
-    later = Entry("y1p1", "y1p1", "y1p1", 1, "another run", DONE)
+    later = Entry("y1p1", "y1p1", "y1p1", 1, "another run", State.DONE)
     write_manifest(copied, merged.with_entries([later]))
     with pytest.raises(InputError, match="newer than the merged tables"):
         read_changes(copied)

@@ -9,7 +9,7 @@ import pytest
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.fleet.folders import locked_inventory
 from wayside.pipeline.fleet.manifest import Entry, Manifest, read_manifest, write_manifest
-from wayside.pipeline.fleet.status import describe_duration, figures_of, format_status
+from wayside.pipeline.fleet.status import describe_duration, describe_progress, format_status
 from wayside.schemas.errors import InputError, InterruptionError, OutputError
 
 DONE = ("done", 0)
@@ -206,10 +206,11 @@ def test_time_left_is_by_bytes_at_the_rate_of_this_fleet():
     logs = [entry("before", 900, "done", 5.0), entry("a", 100, "done", 150.0)]
     logs += [entry("b", 300, "running", 150.0), entry("c", 100, "waiting", 100.0)]
     manifest = Manifest({e.name: e for e in logs}, started=100.0)
-    figures = figures_of(manifest, now=150.0)
-    assert figures.left_s == pytest.approx(50 / 100 * 400)
-    assert figures.images_per_s == pytest.approx(10 / 50)
-    assert figures_of(manifest.with_entries([entry("a", 100, "waiting", 100)]), 150).left_s is None
+    assert (
+        describe_progress(manifest, now=150.0) == "2 of 4 logs done, 0.2 images/s, about 3 min left"
+    )
+    none = manifest.with_entries([entry("a", 100, "waiting", 100)])
+    assert describe_progress(none, now=150.0) == "1 of 4 logs done"
 
 
 @pytest.mark.parametrize(

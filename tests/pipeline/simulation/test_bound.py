@@ -16,17 +16,9 @@ EXACT = np.repeat(1e-18 * np.eye(6)[None], FRAMES, axis=0)
 LOOSE = np.repeat(np.diag([3e-4, 3e-4, 3e-4, 0.01, 0.01, 0.03])[None] ** 2, FRAMES, axis=0)
 
 
-def bound(steps, sigma=1 / 1400, views=FRAMES, **kwargs):
-    return point_bound(
-        ROTATIONS,
-        CENTRES,
-        POINT,
-        np.arange(views),
-        np.full(views, sigma),
-        steps,
-        FRAMES - 1,
-        **kwargs,
-    )
+def bound(steps, sigma=1 / 1400, **kwargs):
+    views, spread = np.arange(FRAMES), np.full(FRAMES, sigma)
+    return point_bound(ROTATIONS, CENTRES, POINT, views, spread, steps, FRAMES - 1, **kwargs)
 
 
 def test_derivatives_of_the_motion_are_those_of_the_distance():
@@ -53,16 +45,8 @@ def test_with_known_motion_it_is_the_formula_for_views_on_a_line():
 
 
 def test_nothing_that_weighs_the_views_alone_can_beat_it():
-    stated = point_covariance(
-        ROTATIONS,
-        CENTRES,
-        POINT,
-        np.arange(FRAMES),
-        np.full(FRAMES, 1 / 1400),
-        np.full(FRAMES, 1 / 1400),
-        LOOSE,
-        FRAMES - 1,
-    )
+    views, sigma = np.arange(FRAMES), np.full(FRAMES, 1 / 1400)
+    stated = point_covariance(ROTATIONS, CENTRES, POINT, views, sigma, sigma, LOOSE, FRAMES - 1)
     least = bound(LOOSE)
     assert (np.linalg.eigvalsh(stated - least) > -1e-9).all()
     assert (np.diag(least) > np.diag(bound(EXACT))).all()

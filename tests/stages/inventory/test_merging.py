@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from wayside.schemas.settings.merging import MergeSettings
-from wayside.schemas.sightings import Sightings
 from wayside.stages.inventory import match_moved, merge_sightings
 from wayside.stages.inventory.association import (
     DENSITY,
@@ -22,32 +21,21 @@ from wayside.stages.inventory.association import (
 from wayside.stages.inventory.grouping import combine, face_runs
 from wayside.stages.inventory.offsets import CORRELATION_S, relative_variance, solve_offsets
 
+from . import made_sightings
+
 SETTINGS = MergeSettings()
 DAY_NS = 86_400 * 10**9
 
 
 def make_sightings(truth, offsets, *, noise_m=0.0, common_m=1.0, apart_ns=DAY_NS, seed=0):
     """Every drive sees every panel at the same times along the road, off by an offset of its own."""
-    rng = np.random.default_rng(seed)
     n, drives = len(truth), len(offsets)
-    drive = np.repeat(np.arange(drives), n)
-    panel = np.tile(np.arange(n), drives)
-    count = n * drives
-    return Sightings(
-        drive=drive,
-        row=panel,
-        time_ns=drive * apart_ns + (truth[panel, 0] / 25 * 1e9).astype(np.int64),
-        position=truth[panel] + np.repeat(offsets, n, axis=0) + rng.normal(0, noise_m, (count, 3)),
-        covariance=np.tile(np.eye(3) * 0.05**2, (count, 1, 1)),
-        common_sigma_m=np.full((count, 2), common_m),
-        assembly=panel,
-        color=panel % 5,
-        shape=panel % 3,
-        front=np.ones(count, bool),
-        bearing_rad=np.zeros(count),
-        size_m=np.full((count, 2), 0.75),
-        size_sigma_m=np.full((count, 2), 0.02),
-    )
+    noise = np.random.default_rng(seed).normal(0, noise_m, (n * drives, 3))
+    place = np.tile(truth, (drives, 1))
+    time = np.repeat(np.arange(drives), n) * apart_ns + (place[:, 0] / 25 * 1e9).astype(np.int64)
+    position = place + np.repeat(offsets, n, axis=0) + noise
+    about = {"own_m": 0.05, "common_m": common_m, "face": np.arange(n)}
+    return made_sightings.make_sightings(position, drives, **about, time_ns=time)
 
 
 def road(n=40):
@@ -122,21 +110,15 @@ def test_every_sighting_is_of_one_panel_and_no_panel_has_two_of_a_drive(seed, dr
     assert (again.position == merged.position).all()
 
 
-def test_the_error_bar_of_n_drives_is_that_of_the_mean_of_their_common_errors():
+def test_a_panel_is_the_mean_by_covariance_with_the_error_bar_of_the_mean_of_common_errors():
     for drives in (1, 4, 16):
         sightings = make_sightings(road(1), [[0, 0, 0]] * drives, common_m=0.9)
         _, covariance = combine(sightings, sightings.position, np.zeros(drives, np.int64))
         assert np.sqrt(covariance[0, 0, 0]) == pytest.approx(np.hypot(0.9, 0.05) / drives**0.5)
         assert covariance[0, 0, 0] >= 0.9**2 / drives
-
-
-def test_the_merged_position_weighs_by_the_inverse_of_the_covariances():
-    sightings = make_sightings(road(1), [[0, 0, 0], [0.3, 0, 0]])
-    sharper = sightings.covariance.copy()
-    sharper[1] /= 4
-    position, _ = combine(
-        replace(sightings, covariance=sharper), sightings.position, np.zeros(2, np.int64)
-    )
+    two = make_sightings(road(1), [[0, 0, 0], [0.3, 0, 0]])
+    two.covariance[1] /= 4
+    position, _ = combine(two, two.position, np.zeros(2, np.int64))
     assert position[0, 0] == pytest.approx(0.8 * 0.3)
 
 
@@ -151,17 +133,16 @@ def test_a_pair_does_not_vouch_for_itself():
     assert (relative_variance(more, offsets, offsets.pairs) < 0.1).all()
 
 
-def test_one_drive_that_reads_a_face_wrong_makes_no_second_panel():
+@pytest.mark.parametrize(
+    ("colors", "days", "panels"),
+    [((1, 1, 3, 1), (0, 1, 2, 3), [0, 0, 0, 0]), ((1, 1, 3, 3), (0, 1, 366, 367), [0, 0, 1, 1])],
+)
+def test_a_face_read_wrong_once_is_no_other_panel_and_one_that_differs_a_year_later_is(
+    colors, days, panels
+):
     sightings = make_sightings(road(1), [[0, 0, 0]] * 4)
-    sightings = replace(sightings, color=np.array([1, 1, 3, 1]))
-    assert face_runs(sightings, np.zeros(4, np.int64), SETTINGS).tolist() == [0, 0, 0, 0]
-
-
-def test_a_face_that_differs_a_year_later_for_good_is_another_panel():
-    sightings = make_sightings(road(1), [[0, 0, 0]] * 4)
-    year = np.array([0, 1, 366, 367]) * DAY_NS
-    sightings = replace(sightings, color=np.array([1, 1, 3, 3]), time_ns=year)
-    assert face_runs(sightings, np.zeros(4, np.int64), SETTINGS).tolist() == [0, 0, 1, 1]
+    sightings = replace(sightings, color=np.array(colors), time_ns=np.array(days) * DAY_NS)
+    assert face_runs(sightings, np.zeros(4, np.int64), SETTINGS).tolist() == panels
 
 
 @pytest.mark.parametrize(("days", "one_place"), [(1, False), (366, True)])

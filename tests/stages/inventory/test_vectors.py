@@ -6,8 +6,6 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from wayside.schemas.settings.merging import MergeSettings
-from wayside.schemas.sightings import Sightings
 from wayside.stages.inventory import (
     Agreement,
     agreement_of,
@@ -15,31 +13,17 @@ from wayside.stages.inventory import (
     reference_vectors,
 )
 
-SETTINGS = MergeSettings()
+from .made_sightings import make_sightings
+
 OWN_M, STATED_M = 0.06, 0.03
 
 
 def make_drives(places, moved, *, alike=False, stated_m=STATED_M):
     """Two drives that see panels at the same places (n, 3), the second with all of them moved by (n, 3) or (3,)."""
-    rng = np.random.default_rng(5)
-    n = len(places)
-    face = np.zeros(n, np.int64) if alike else np.arange(n)
-    position = np.concatenate([places, places + moved]) + rng.normal(0, OWN_M / 2, (2 * n, 3))
-    return Sightings(
-        drive=np.repeat([0, 1], n),
-        row=np.tile(np.arange(n), 2),
-        time_ns=np.arange(2 * n) * 10**9,
-        position=position,
-        covariance=np.tile(np.eye(3) * OWN_M**2, (2 * n, 1, 1)),
-        common_sigma_m=np.full((2 * n, 2), stated_m),
-        assembly=np.tile(np.arange(n), 2),
-        color=np.tile(face % 5, 2),
-        shape=np.tile(face % 3, 2),
-        front=np.ones(2 * n, bool),
-        bearing_rad=np.zeros(2 * n),
-        size_m=np.full((2 * n, 2), 0.75),
-        size_sigma_m=np.full((2 * n, 2), 0.02),
-    )
+    noise = np.random.default_rng(5).normal(0, OWN_M / 2, (2 * len(places), 3))
+    position = np.concatenate([places, places + moved]) + noise
+    face = np.zeros(len(places), np.int64) if alike else np.arange(len(places))
+    return make_sightings(position, 2, own_m=OWN_M, common_m=stated_m, face=face)
 
 
 def road(n, step_m=60.0):
