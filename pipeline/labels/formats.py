@@ -18,7 +18,6 @@ from xml.etree import ElementTree
 from wayside.pipeline.files.input_files import files_below, open_input, read_input, read_input_text
 from wayside.pipeline.files.json_text import CONTENT_FAULTS
 from wayside.pipeline.files.yaml_text import parse_yaml
-from wayside.pipeline.labels.coco import Entry, coco_box, coco_classes
 from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.pipeline.reading.image_order import natural_key
 from wayside.schemas.detections import COLORS, SHAPES
@@ -36,6 +35,7 @@ from wayside.schemas.labels import (
 )
 
 Classes = Mapping[str, SignClass]
+Entry = Mapping[str, Any]
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".avif")
 _HEADER_BYTES = 1 << 20
 _BEYOND = 0.01
@@ -148,6 +148,21 @@ def read_coco(content: Entry, classes: Classes | None, source: str) -> Labels:
     for image in images.values():
         found.is_complete(image)
     return found.done()
+
+
+def coco_box(entry: Entry) -> Box:
+    """Corners of the box of an annotation or a result, pixels. Raises ValueError without a box."""
+    values = entry.get("bbox")
+    try:
+        x, y, width, height = (float(value) for value in values or ())
+    except (OverflowError, TypeError, ValueError) as error:
+        raise ValueError(f"bbox is {str(values)[:40]}, not x, y, width, height") from error
+    return x, y, x + width, y + height
+
+
+def coco_classes(content: Entry) -> dict[Any, str]:
+    """Names of the classes of a data set by their ids."""
+    return {one["id"]: str(one["name"]) for one in content.get("categories", ())}
 
 
 def _coco_image(one: Entry) -> LabelledImage:
