@@ -114,9 +114,9 @@ def test_a_panel_at_its_true_place_has_no_error_and_what_is_unknown_is_left_out(
     assert (evaluation.recall, evaluation.precision) == (1.0, 1.0)
     assert evaluation.error_m["total"].median == pytest.approx(0, abs=1e-4)
     assert evaluation.class_right("color") == evaluation.class_right("shape") == 1.0
-    assert (evaluation.width_error.n, evaluation.bottom_error_m.n) == (0, 0)
+    assert (evaluation.size_error("width").n, evaluation.bottom_error_m.n) == (0, 0)
     assert (evaluation.sigma_share["up"].n, evaluation.sigma_share["along"].n) == (0, 0)
-    assert evaluation.height_error.median == 0.0
+    assert evaluation.size_error("height").median == 0.0
 
 
 @pytest.mark.parametrize(
