@@ -102,7 +102,9 @@ clean:
 	@.venv/bin/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	@.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@ln -sfn ../pipeline ../schemas ../stages wayside/
-	@$(RUN) wayside.pipeline.cli.warm_up recordings/demo.mcap
+	@scratch=$$(mktemp -d) && for preset in default report report-2d report-shape; do \
+		.venv/bin/wayside run recordings/demo.mcap --preset $$preset -o $$scratch/$$preset >/dev/null || exit 1; \
+	done && rm -r $$scratch  # compiles every kernel, so that no run waits for it later
 	@touch $@
 
 # PyTorch is large and only the learning needs it.

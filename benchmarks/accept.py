@@ -304,7 +304,7 @@ def rendered_cells(name: str, e: RenderedEvaluation) -> list[str]:
         f"{e.precision:.3f}",
         *map(str, (len(e.false), len(e.duplicates))),
         *(spread_cell(e.error_m[axis], 1.0) for axis in ("along", "lateral", "up")),
-        *(spread_cell(error, 100.0) for error in (e.width_error, e.height_error)),
+        *(spread_cell(error, 100.0) for error in map(e.size_error, ("width", "height"))),
         *("-" if share is None else f"{100 * share:.0f} %" for share in shares),
         f"{e.backs.right} of {e.backs.reported} / {e.backs.in_view}",
     ]

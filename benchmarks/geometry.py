@@ -100,7 +100,7 @@ def sign_table(runs: list[Run]) -> Iterator[str]:
             cells += [pair(spread.median, spread.p95, 100), f"{100 * bound[k]:.1f}"]
         total, bottom = e.error_m["total"], e.bottom_error_m
         cells.append(pair(total.median, total.p95, 100))
-        cells += [pair(s.median, s.p95, 100) for s in (e.width_error, e.height_error)]
+        cells += [pair(s.median, s.p95, 100) for s in map(e.size_error, ("width", "height"))]
         cells.append(pair(bottom.median, bottom.p95, 100))
         turned = facing_errors(e)
         cells.append(pair(*np.quantile(turned, [0.5, 0.95]), 1) if len(turned) else "-")

@@ -9,7 +9,7 @@ import typer
 
 import wayside
 from wayside.pipeline.cli import drive, fleet, learning, planning, result, running
-from wayside.pipeline.cli.help import Application, Commands
+from wayside.pipeline.cli.help import Application
 from wayside.pipeline.cli.running import EXIT_STATUSES, leave_stuck_viewer
 from wayside.pipeline.running.process import (
     flush_standard_streams,
@@ -22,17 +22,18 @@ from wayside.pipeline.running.process import (
 from wayside.schemas.errors import INTERRUPTED, InterruptionError, UsageError, WaysideError
 
 app = Application(
-    cls=Commands,
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
-    rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     help="Road sign inventory from recorded drives: MCAP in, Parquet out.",
     epilog="Start with `wayside info drive.mcap`, then `wayside run drive.mcap -o out`.\n\n"
     + EXIT_STATUSES,
 )
-for group in (drive, running, result, fleet, learning, planning):
-    app.add_typer(group.app)
+for group in (drive.app, running.app, result.app):
+    app.add_typer(group)
+app.add_typer(fleet.fleet_app, name="fleet", rich_help_panel=fleet.HEADING)
+for group in (fleet.app, learning.app, planning.app):
+    app.add_typer(group)
 
 
 @app.callback(invoke_without_command=True)

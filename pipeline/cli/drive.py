@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,13 +12,20 @@ from typing import Annotated, Any
 import typer
 
 from wayside.pipeline.cli.help import Application, examples
-from wayside.pipeline.cli.options import Log, Overwrite, chosen_settings, settings_of, takes
+from wayside.pipeline.cli.options import (
+    Log,
+    Option,
+    Overwrite,
+    chosen_settings,
+    settings_of,
+    takes,
+)
 from wayside.pipeline.cli.running import exit_with, read_as_log
 from wayside.pipeline.files.lengths import parse_length
 from wayside.pipeline.files.visible_text import fitted, visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
-app = Application()
+app = Application("A drive")
 
 
 class Order(StrEnum):
@@ -109,6 +117,22 @@ def join(
     exit_with([PARTS_LOST] if joined.lost else [])
 
 
+HOW_TO_CALIBRATE = {
+    "out": Option(Path, "The ROS camera_info YAML to write.", names=("-o", "--out")),
+    "board": Option(str, "Inner corners along both sides of the chessboard: 9x6."),
+    "square": Option(str, "Side of a square: 25.4mm. Only the distances printed depend on it."),
+    "model": Option(
+        str,
+        "Boards: plumb_bob (k1 k2 p1 p2), plumb_bob_k3 (and k3) or rational (and k4 k5 k6).  "
+        "[default: plumb_bob]",
+    ),
+    "coverage": Option(
+        Path, "Boards: picture of the corners.  [default: beside the YAML, .coverage.png]"
+    ),
+    "name": Option(str, "Name of the camera in the YAML.", default="camera"),
+}
+
+
 @app.command(
     epilog=examples(
         "wayside calibrate boards/ --board 9x6 --square 25.4mm -o camera.yaml",
@@ -119,6 +143,7 @@ def join(
 @takes(
     *("spacing", "camera", "calibration", "start", "until", "every", "settings", "assignments"),
     heading="Of a log",
+    own=HOW_TO_CALIBRATE,
 )
 def calibrate(
     paths: Annotated[
@@ -128,30 +153,6 @@ def calibrate(
             help="The log of a drive; with --board images of a chessboard, or a folder of them.",
         ),
     ],
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="The ROS camera_info YAML to write.")
-    ] = None,
-    board: Annotated[
-        str | None, typer.Option(help="Inner corners along both sides of the chessboard: 9x6.")
-    ] = None,
-    square: Annotated[
-        str | None,
-        typer.Option(help="Side of a square: 25.4mm. Only the distances printed depend on it."),
-    ] = None,
-    model: Annotated[
-        str | None,
-        typer.Option(
-            help="Boards: plumb_bob (k1 k2 p1 p2), plumb_bob_k3 (and k3) or rational (and k4 k5 k6).  "
-            "[default: plumb_bob]"
-        ),
-    ] = None,
-    coverage: Annotated[
-        Path | None,
-        typer.Option(
-            help="Boards: picture of the corners.  [default: beside the YAML, .coverage.png]"
-        ),
-    ] = None,
-    name: Annotated[str, typer.Option(help="Name of the camera in the YAML.")] = "camera",
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
@@ -159,43 +160,53 @@ def calibrate(
 
     `--calibration camera.yaml` of `run`, `import` and `replay` takes the result.
     """
-    from wayside.pipeline.calibration.boards import parse_board
-    from wayside.pipeline.calibration.command import calibrate_by_boards, calibrate_by_drive
+    from wayside.pipeline.calibration.command import calibrate_by_drive
     from wayside.pipeline.reading.parts import is_bag
     from wayside.pipeline.running.tuning import tune_process
 
     tune_process()
     chosen = chosen_settings(given)
-    if board is None and (folder := next((p for p in paths if p.is_dir() and not is_bag(p)), None)):
+    if given["board"] is not None:
+        typer.echo(visible_lines(_by_boards(paths, given, overwrite=overwrite)))
+        return
+    if folder := next((path for path in paths if path.is_dir() and not is_bag(path)), None):
         raise UsageError(
             f"{folder}: this is a folder, not a log. For images of a board, give its inner corners, as in --board "
             "9x6."
         )
-    if board is not None:
-        if settings_of(given):
-            raise UsageError(
-                "--board takes images, which the options of a log (--spacing, --camera, --calibration, --from, "
-                "--until, --every) do not apply to. Leave them out, or leave out --board."
-            )
-        square_m = math.nan if square is None else parse_length(square, "--square")
-        report = calibrate_by_boards(
-            paths,
-            parse_board(board, square_m),
-            model=model or "plumb_bob",
-            name=name,
-            out=out,
-            coverage=coverage,
-            overwrite=overwrite,
+    if any(given[name] is not None for name in ("square", "model", "coverage")):
+        raise UsageError(
+            "--square, --model and --coverage need --board. A board of 10 x 7 squares is --board 9x6."
         )
-    else:
-        if square is not None or model is not None or coverage is not None:
-            raise UsageError(
-                "--square, --model and --coverage need --board. A board of 10 x 7 squares is --board 9x6."
-            )
-        if len(paths) != 1:
-            raise UsageError(
-                f"{len(paths)} logs are given, but one is calibrated at a time. Calibrate each by itself, or give "
-                "--board for images of a board."
-            )
-        report = calibrate_by_drive(paths[0], chosen, name=name, out=out, overwrite=overwrite)
+    if len(paths) != 1:
+        raise UsageError(
+            f"{len(paths)} logs are given, but one is calibrated at a time. Calibrate each by itself, or give "
+            "--board for images of a board."
+        )
+    report = calibrate_by_drive(
+        paths[0], chosen, name=given["name"], out=given["out"], overwrite=overwrite
+    )
     typer.echo(visible_lines(report))
+
+
+def _by_boards(paths: list[Path], given: Mapping[str, Any], *, overwrite: bool) -> str:
+    """Calibrate by images of a board; the report."""
+    from wayside.pipeline.calibration.boards import parse_board
+    from wayside.pipeline.calibration.command import calibrate_by_boards
+
+    if settings_of(given):
+        raise UsageError(
+            "--board takes images, which the options of a log (--spacing, --camera, --calibration, --from, --until, "
+            "--every) do not apply to. Leave them out, or leave out --board."
+        )
+    square = given["square"]
+    square_m = math.nan if square is None else parse_length(square, "--square")
+    return calibrate_by_boards(
+        paths,
+        parse_board(given["board"], square_m),
+        model=given["model"] or "plumb_bob",
+        name=given["name"],
+        out=given["out"],
+        coverage=given["coverage"],
+        overwrite=overwrite,
+    )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from wayside.pipeline.cli.help import Application, CommandGroup, examples
-from wayside.pipeline.cli.options import Overwrite, chosen_settings, takes
+from wayside.pipeline.cli.options import Option, Overwrite, chosen_settings, flag, takes
 from wayside.pipeline.cli.running import exit_with
 from wayside.pipeline.files.visible_text import visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from wayside.pipeline.fleet.manifest import Entry
     from wayside.pipeline.fleet.running import FleetReport
 
-app = Application()
+HEADING = "Many drives"
+app = Application(HEADING)
 _MOST_LISTED = 40
 _LOGS_FIRST = "run"
 FLEET_EPILOG = examples(
@@ -43,11 +44,9 @@ class LogsFirst(CommandGroup):
 fleet_app = Application(
     cls=LogsFirst,
     no_args_is_help=True,
-    rich_markup_mode="markdown",
     help="Many logs to one inventory: `wayside fleet LOGS... -o INVENTORY`; `wayside fleet run --help` lists options.",
     epilog=FLEET_EPILOG,
 )
-app.add_typer(fleet_app, name="fleet")
 
 Inventory = Annotated[
     Path, typer.Argument(metavar="INVENTORY", help="Folder written by `wayside fleet`.")
@@ -63,10 +62,31 @@ class AnswerFormat(StrEnum):
     parquet = "parquet"
 
 
+HOW_TO_RUN = {
+    "jobs": Option(
+        int,
+        "Logs side by side.  [default: 1; of a scheduler: its threads]",
+        names=("-j", "--jobs"),
+        least=1,
+    ),
+    "scheduler": Option(
+        str,
+        "Run on Dask distributed: on a cluster, or on workers of this machine.",
+        metavar="tcp://HOST:PORT|local",
+    ),
+    "attempts": Option(
+        int, "Times a log is begun before it goes into quarantine.", default=3, least=1
+    ),
+    "retry": flag("--retry", "Try the logs in quarantine again."),
+    "overwrite": flag("--overwrite", "Replace results of logs whose content has changed."),
+}
+
+
 @fleet_app.command(_LOGS_FIRST, epilog=FLEET_EPILOG)
 @takes(
     *("spacing", "camera", "calibration", "every", "workers", "preset", "settings", "assignments"),
     *("detector", "classes", "models", "route", "routes"),
+    own=HOW_TO_RUN,
 )
 def fleet(
     logs: Annotated[
@@ -82,31 +102,6 @@ def fleet(
             "-o", "--out", metavar="INVENTORY", help="Folder of the inventory; logs may be added."
         ),
     ],
-    jobs: Annotated[
-        int | None,
-        typer.Option(
-            "-j",
-            "--jobs",
-            min=1,
-            help="Logs side by side.  [default: 1; of a scheduler: its threads]",
-        ),
-    ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="tcp://HOST:PORT|local",
-            help="Run on Dask distributed: on a cluster, or on workers of this machine.",
-        ),
-    ] = None,
-    attempts: Annotated[
-        int, typer.Option(min=1, help="Times a log is begun before it goes into quarantine.")
-    ] = 3,
-    retry: Annotated[
-        bool, typer.Option("--retry", help="Try the logs in quarantine again.")
-    ] = False,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace results of logs whose content has changed.")
-    ] = False,
     **given: Any,
 ) -> None:
     """Run many logs into one inventory, each once, and merge their signs.
@@ -122,9 +117,8 @@ def fleet(
     for name, value in given.items():
         if isinstance(value, Path):  # workers may have other working folders
             given[name] = value.absolute()
-    chosen = chosen_settings(given)
-    uris = expand_sources(logs)
-    how = FleetOptions(jobs, scheduler, attempts, retry, overwrite, tuple(sys.argv[1:]))
+    chosen, uris = chosen_settings(given), expand_sources(logs)
+    how = FleetOptions(**{name: given[name] for name in HOW_TO_RUN}, arguments=tuple(sys.argv[1:]))
     with FleetProgress() as progress:
         report = run_fleet(uris, out, chosen, how, progress.watch, progress.watch_merging)
     typer.echo(visible_lines(_summary(report, out)))

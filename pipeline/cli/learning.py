@@ -9,16 +9,21 @@ from typing import Annotated, Any, Literal
 import typer
 
 from wayside.pipeline.cli.help import Application, examples
-from wayside.pipeline.cli.options import MovedLog, Overwrite, chosen_settings, settings_of, takes
+from wayside.pipeline.cli.options import (
+    MovedLog,
+    Option,
+    Overwrite,
+    chosen_settings,
+    flag,
+    settings_of,
+    takes,
+)
 from wayside.pipeline.cli.running import RunOptions, process
-from wayside.pipeline.files.lengths import parse_length
 from wayside.pipeline.files.visible_text import visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
-app = Application()
+app = Application("Your own roads")
 _RESULT = "result"
-
-
 Fitted = StrEnum("Fitted", ["color", "shape", "location", "confidence"])
 """What can be fitted."""
 Space = Literal["auto", "rgb", "chromaticity", "log_chromaticity", "log_rgb", "lab"]
@@ -82,7 +87,10 @@ def label(
             f"{result}: labels cannot be written to {out}. Give a file of labels, as in -o labels.parquet."
         )
     if result.is_file():
-        lost = _run(result, out / _RESULT, spacing, preset, overwrite=overwrite)
+        from wayside.pipeline.files.settings_file import load_settings
+
+        settings = load_settings(preset, None, [], settings_of({"spacing": spacing}))[0]
+        lost = process(result, out / _RESULT, settings, how=RunOptions(overwrite=overwrite))
         result = out / _RESULT
     if _write(result, out, most, log, overwrite=overwrite) or lost:
         raise typer.Exit(PARTS_LOST)
@@ -93,18 +101,8 @@ def _convert(
 ) -> None:
     from wayside.pipeline.labels.read import joined, read_labels
     from wayside.pipeline.labels.wayside_labels import write_labels
-    from wayside.pipeline.results.result import RUN_FILE
-    from wayside.pipeline.reviewing.labels import review_labels
-    from wayside.pipeline.reviewing.review import required_review
 
-    labels = joined(
-        [
-            review_labels(source, required_review(source, review))
-            if (source / RUN_FILE).is_file()
-            else read_labels(source, classes)
-            for source in sources
-        ]
-    )
+    labels = joined([read_labels(source, classes, review) for source in sources])
     write_labels(labels, out, overwrite=overwrite)
     kinds = [one.kind for one in labels.labels]
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
@@ -115,15 +113,6 @@ def _convert(
         typer.echo(visible(f"wayside: left out: {labels.reasons}; see docs/labels.md"), err=True)
         if set(labels.left_out) - {"other_class"}:  # which the class map asks for
             raise typer.Exit(PARTS_LOST)
-
-
-def _run(log: Path, folder: Path, spacing: str | None, preset: str, *, overwrite: bool) -> int:
-    """Run a log first; the exit status that this asks for."""
-    from wayside.pipeline.files.settings_file import load_settings
-
-    options = {} if spacing is None else {"read.spacing_m": parse_length(spacing, "--spacing")}
-    settings = load_settings(preset, None, [], options)[0]
-    return process(log, folder, settings, how=RunOptions(overwrite=overwrite))
 
 
 def _write(result: Path, folder: Path, most: int, log: Path | None, *, overwrite: bool) -> int:
@@ -137,19 +126,31 @@ def _write(result: Path, folder: Path, most: int, log: Path | None, *, overwrite
         written = write_page(
             result, folder, most=most, log=log, watch=progress.watch, overwrite=overwrite
         )
-    asked = written.questions
-    more = (
-        f", {asked.left_out} single boxes farther from the threshold left out"
-        if asked.left_out
-        else ""
-    )
+    asked, more = written.questions, ""
+    if asked.left_out:
+        more = f", {asked.left_out} single boxes farther from the threshold left out"
     typer.echo(visible(f"{len(asked.items)} to mark{more}; open {written.path}"))
     if written.lost:
-        typer.echo(
-            f"wayside: {written.lost} have no image: the log no longer holds it, or it does not decode",
-            err=True,
-        )
+        words = "have no image: the log no longer holds it, or it does not decode"
+        typer.echo(f"wayside: {written.lost} {words}", err=True)
     return written.lost
+
+
+HOW_TO_FIT = {
+    "model": Option(list[Fitted], "Fit this model only; may be repeated.", names=("--model",)),
+    "alpha": Option(
+        float, "False-alarm rate of each gate, 0.01 for instance.  [default: the knee]"
+    ),
+    "space": Option(Space, "Space of the colours; auto: by cross-validation.", default="auto"),
+    "complete": flag("--complete", "Every sign of the labelled images is labelled."),
+    "only_labelled": flag(
+        "--only-labelled",
+        "Leave out classes with too few labelled signs instead of keeping the shipped ones.",
+    ),
+    "classes": Option(Path, "TOML: which classes of COCO, YOLO, VOC are which signs."),
+    "source": Option(str, "Who made images and labels, for the models.", default=""),
+    "licence": Option(str, "Licence of the images, for the models.", default=""),
+}
 
 
 @app.command(
@@ -160,7 +161,7 @@ def _write(result: Path, folder: Path, most: int, log: Path | None, *, overwrite
         "wayside run drive.mcap --models my_models -o out",
     )
 )
-@takes("spacing", "camera", "calibration", "start", "until", heading="Of a log")
+@takes("spacing", "camera", "calibration", "start", "until", heading="Of a log", own=HOW_TO_FIT)
 def fit(
     labels: Annotated[
         list[Path],
@@ -175,31 +176,6 @@ def fit(
         typer.Option("--images", metavar="LOG|DIR", help="What is labelled; may be repeated."),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the models.")],
-    model: Annotated[
-        list[Fitted] | None, typer.Option("--model", help="Fit this model only; may be repeated.")
-    ] = None,
-    alpha: Annotated[
-        float | None,
-        typer.Option(help="False-alarm rate of each gate, 0.01 for instance.  [default: the knee]"),
-    ] = None,
-    space: Annotated[
-        Space, typer.Option(help="Space of the colours; auto: by cross-validation.")
-    ] = "auto",
-    complete: Annotated[
-        bool, typer.Option("--complete", help="Every sign of the labelled images is labelled.")
-    ] = False,
-    only_labelled: Annotated[
-        bool,
-        typer.Option(
-            "--only-labelled",
-            help="Leave out classes with too few labelled signs instead of keeping the shipped ones.",
-        ),
-    ] = False,
-    classes: Annotated[
-        Path | None, typer.Option(help="TOML: which classes of COCO, YOLO, VOC are which signs.")
-    ] = None,
-    source: Annotated[str, typer.Option(help="Who made images and labels, for the models.")] = "",
-    licence: Annotated[str, typer.Option(help="Licence of the images, for the models.")] = "",
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
@@ -211,21 +187,22 @@ def fit(
     from wayside.pipeline.fitting.command import FitOptions, fit_labels
     from wayside.pipeline.running.tuning import tune_process
 
+    alpha, space = given["alpha"], given["space"]
     if alpha is not None and not 0 < alpha < 1:
         raise UsageError(f"--alpha: a false-alarm rate lies between 0 and 1, not at {alpha:g}")
     tune_process()
     options = FitOptions(
         tuple(labels),
         tuple(images),
-        classes,
-        settings_of(given),
-        tuple(one.value for one in Fitted if model is None or one in model),
+        given["classes"],
+        settings_of({name: value for name, value in given.items() if name not in HOW_TO_FIT}),
+        tuple(one.value for one in Fitted if one in (given["model"] or Fitted)),
         alpha,
         None if space == "auto" else space,
-        complete,
-        only_labelled,
-        source,
-        licence,
+        given["complete"],
+        given["only_labelled"],
+        given["source"],
+        given["licence"],
     )
     report = fit_labels(
         options, out, overwrite=overwrite, notify=lambda words: typer.echo(visible(words), err=True)
@@ -263,15 +240,10 @@ def roc(
     from wayside.pipeline.roc.command import format_characteristics, measure_roc
     from wayside.pipeline.running.tuning import tune_process
 
+    def say(line: str) -> None:
+        typer.echo(visible_lines(line), err=True)
+
     tune_process()
     chosen = chosen_settings(given)
-    measured = measure_roc(
-        logs,
-        labels,
-        out,
-        chosen,
-        load_models(chosen),
-        lambda line: typer.echo(visible_lines(line), err=True),
-        overwrite=overwrite,
-    )
+    measured = measure_roc(logs, labels, out, chosen, load_models(chosen), say, overwrite=overwrite)
     typer.echo(visible_lines(format_characteristics(measured)))

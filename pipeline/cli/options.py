@@ -75,6 +75,8 @@ class Option:
     parsed: Callable[[str, str], Any] | None = None
     """Makes the value of a text and the option's name. None: it is as given, a path as text."""
     names: tuple[str, ...] = ()
+    least: int | None = None
+    """Of a number."""
     metavar: str | None = None
     panel: str | None = None
     """Heading in the help. None: that of the setting."""
@@ -83,11 +85,15 @@ class Option:
         """How it is written on the command line."""
         return self.names[0] if self.names else f"--{name.replace('_', '-')}"
 
-    def parameter(self, name: str, heading: str | None) -> inspect.Parameter:
+    def parameter(self, name: str, heading: str | None = None) -> inspect.Parameter:
         """As a parameter of a command."""
         panel = heading or self.panel or _HEADINGS.get(self.sets.partition(".")[0])
         option = typer.Option(
-            *self.names, help=self.help, rich_help_panel=panel, metavar=self.metavar
+            *self.names,
+            help=self.help,
+            rich_help_panel=panel,
+            metavar=self.metavar,
+            min=self.least,
         )
         kind = self.kind if self.default is not None else self.kind | None
         return inspect.Parameter(
@@ -102,6 +108,11 @@ class Option:
         if self.parsed is not None:
             return self.parsed(given, option)
         return str(given) if isinstance(given, Path) else given
+
+
+def flag(name: str, words: str, sets: str = "", panel: str | None = None) -> Option:
+    """An option without a value."""
+    return Option(bool, words, sets, default=False, names=(name,), panel=panel)
 
 
 _HEADINGS = {"read": READ, "models": DETECT, "route": ROUTE}
@@ -170,12 +181,8 @@ SHARED = {
     "milepost": Option(
         str, "Measure at the first used image: 12.35 (miles), 19.875km.", panel=ROUTE
     ),
-    "decreasing": Option(
-        bool,
-        "Mileposts fall in the direction of travel.",
-        "route.decreasing",
-        default=False,
-        names=("--decreasing",),
+    "decreasing": flag(
+        "--decreasing", "Mileposts fall in the direction of travel.", "route.decreasing"
     ),
     "routes": Option(
         Path,
@@ -199,11 +206,9 @@ SHARED = {
         default=RecordedImages.all,
         panel=VIEW,
     ),
-    "view_detail": Option(
-        bool,
+    "view_detail": flag(
+        "--view-detail",
         "Presets of the report: also record the label images of both passes.",
-        default=False,
-        names=("--view-detail",),
         panel=VIEW,
     ),
 }
@@ -211,20 +216,21 @@ SHARED = {
 
 
 def takes(
-    *names: str, heading: str | None = None, options: Mapping[str, Option] = SHARED
+    *names: str, heading: str | None = None, own: Mapping[str, Option] | None = None
 ) -> Callable[[Command], Command]:
-    """Give a command options of a table, which its parameter `given` (``**given``) holds by name.
+    """Give a command shared options, then those of a table of its own; its ``**given`` holds them by name.
 
-    In the help they stand behind the arguments and options that must be given, under their own headings or `heading`.
+    In the help they stand behind the arguments and options that must be given. Shared ones stand under their own
+    headings, or `heading`.
     """
 
     def declared(command: Command) -> Command:
-        *own, _ = inspect.signature(command, eval_str=True).parameters.values()
-        own = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own]
-        needed = [one for one in own if one.default is one.empty]
-        rest = [one for one in own if one.default is not one.empty]
-        shared = [options[name].parameter(name, heading) for name in names]
-        every = [*needed, *shared, *rest]
+        *typed, _ = inspect.signature(command, eval_str=True).parameters.values()
+        typed = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in typed]
+        needed = [one for one in typed if one.default is one.empty]
+        shared = [SHARED[name].parameter(name, heading) for name in names]
+        listed = [option.parameter(name) for name, option in (own or {}).items()]
+        every = [*needed, *shared, *listed, *(one for one in typed if one not in needed)]
         command.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
         command.__annotations__ = {one.name: one.annotation for one in every}
         return command

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from wayside.pipeline.simulation.drive import Survey
     from wayside.pipeline.simulation.simulate import SimulationResult
 
-app = Application()
+app = Application("Settings and planning")
 
 
 @app.command(epilog=examples("wayside settings --preset report > mine.toml"))
@@ -93,7 +93,7 @@ def _survey(given: Mapping[str, Any]) -> Survey:
         "wayside simulate --pose-sigma 2cm --json plan.json",
     )
 )
-@takes(*SURVEY, options=SURVEY)
+@takes(own=SURVEY)
 def simulate(
     target: Annotated[
         str | None,

@@ -6,8 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable
 from datetime import timedelta
-from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from rich.console import Console, RenderableType
 from rich.markup import escape
@@ -24,50 +23,6 @@ if TYPE_CHECKING:
 COMPILING = "compiling, once after installation"
 _LONGEST_LABEL = 16
 _TOLD_S = 60.0
-
-
-class _Shown:
-    """A bar on stderr while its block runs; `what` says how far the work is."""
-
-    def __init__(self, *what: ProgressColumn, refresh: Callable[[], None] = lambda: None) -> None:
-        self._console = Console(stderr=True)
-        self._bar = _Bar(
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=None),
-            *what,
-            console=self._console,
-            disable=not self._console.is_terminal,
-            redirect_stdout=sys.stdout.isatty(),
-            transient=True,
-        )
-        self._bar.refreshed = refresh
-        self._told = False
-
-    def __enter__(self) -> Self:
-        self._bar.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._bar.stop()
-
-    @property
-    def description(self) -> str:
-        """The start of the line: the label, or that kernels are compiled."""
-        return self._bar.tasks[0].description
-
-    def compiling(self, active: bool) -> None:
-        """Say that kernels are compiled, so that a first run explains its minute; where no bar is shown, in a line."""
-        task = self._bar.tasks[0]
-        description = COMPILING if active else task.fields["label"]
-        self._bar.update(task.id, description=description)
-        if self._bar.disable and active and not self._told:
-            self._told = True
-            self._console.print(f"wayside: {COMPILING}, takes about a minute", soft_wrap=True)
 
 
 class _Bar(Progress):
@@ -101,19 +56,54 @@ class _TimeTaken(ProgressColumn):
         return Text(str(timedelta(seconds=int(task.elapsed or 0))))
 
 
+class _Shown:
+    """A bar on stderr while its block runs; `what` says how far the work is."""
+
+    def __init__(self, label: str, *what: ProgressColumn, **fields: Any) -> None:
+        self._console = Console(stderr=True)
+        self._bar = _Bar(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=None),
+            *what,
+            console=self._console,
+            disable=not self._console.is_terminal,
+            redirect_stdout=sys.stdout.isatty(),
+            transient=True,
+        )
+        self._label, self._told = label, False
+        self._task = self._bar.add_task(label, total=None, **fields)
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._bar.stop()
+
+    @property
+    def description(self) -> str:
+        """The start of the line: the label, or that kernels are compiled."""
+        return self._bar.tasks[0].description
+
+    def compiling(self, active: bool) -> None:
+        """Say that kernels are compiled, so that a first run explains its minute; where no bar is shown, in a line."""
+        self._bar.update(self._task, description=COMPILING if active else self._label)
+        if self._bar.disable and active and not self._told:
+            self._told = True
+            self._console.print(f"wayside: {COMPILING}, takes about a minute", soft_wrap=True)
+
+
 class FrameProgress(_Shown):
     """Shows how many images are analysed, how many are finished, which comes later, and the time left."""
 
     def __init__(self, label: str, run: Run) -> None:
-        counts = "{task.fields[looked_at]} looked at, {task.fields[settled]} of {task.fields[held]} settled"
-        super().__init__(TextColumn(counts), _TimeLeft(), refresh=self._refresh)
-        self._run = run
         name = visible(label)  # shortened, it leaves room for the counts on a line of 80 columns
         shown = name if len(name) <= _LONGEST_LABEL else f"{name[: _LONGEST_LABEL - 3]}..."
-        label = escape(shown)
-        self._task = self._bar.add_task(
-            label, total=None, label=label, looked_at=0, settled=0, held="?"
-        )
+        counts = "{task.fields[looked_at]} looked at, {task.fields[settled]} of {task.fields[held]} settled"
+        fields = {"looked_at": 0, "settled": 0, "held": "?"}
+        super().__init__(escape(shown), TextColumn(counts), _TimeLeft(), **fields)
+        self._run = run
+        self._bar.refreshed = self._refresh
 
     def _refresh(self) -> None:
         """An analysed image is half done: only both counts together rise evenly."""
@@ -133,8 +123,7 @@ class SheetProgress(_Shown):
     """Shows how many of a known number of sheets, or of something else, are done."""
 
     def __init__(self, label: str, things: str = "sheets") -> None:
-        super().__init__(MofNCompleteColumn(), TextColumn(things), _TimeTaken())
-        self._task = self._bar.add_task(label, total=None, label=label)
+        super().__init__(label, MofNCompleteColumn(), TextColumn(things), _TimeTaken())
 
     def watch(self, done: int, total: int | None) -> None:
         """So many are done."""
@@ -145,8 +134,7 @@ class FleetProgress(_Shown):
     """Shows how far a fleet is; where nobody looks, as a line every minute."""
 
     def __init__(self) -> None:
-        super().__init__(TextColumn("{task.fields[words]}"), _TimeTaken())
-        self._task = self._bar.add_task("fleet", total=None, words="")
+        super().__init__("fleet", TextColumn("{task.fields[words]}"), _TimeTaken(), words="")
         self._told_at = time.monotonic()
 
     def watch(self, manifest: Manifest) -> None:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from wayside.pipeline.cli.help import Application, examples
-from wayside.pipeline.cli.options import MovedLog, Out, Overwrite, parse_size
+from wayside.pipeline.cli.options import MovedLog, Option, Out, Overwrite, parse_size, takes
 from wayside.pipeline.files.visible_text import visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
-app = Application()
+app = Application("Its result")
 SignOption = Annotated[str | None, typer.Option("--sign", metavar="ID", help="A sign_id.")]
 OverOption = Annotated[
     Path | None,
@@ -88,10 +88,8 @@ def evidence(
             out, sheets, sign_id=sign, log=log, watch=progress.watch, png=png, overwrite=overwrite
         )
     count = len(written.sheets)
-    if written.index is not None:
-        typer.echo(visible(f"{count} {'sheet' if count == 1 else 'sheets'}; open {written.index}"))
-    else:
-        typer.echo(visible(str(written.sheets[0])))
+    index = f"{count} sheet{'s' * (count != 1)}; open {written.index}"
+    typer.echo(visible(str(written.sheets[0]) if written.index is None else index))
     if written.lost_views:
         typer.echo(
             f"wayside: {written.lost_views} views have no image: the log no longer holds it, or it does not decode; "
@@ -146,6 +144,27 @@ def picture(
     typer.echo(visible(f"{png}"))
 
 
+HOW_TO_EXPORT = {
+    "file": Option(
+        Path,
+        "The file to write.  [default: signs.FORMAT in OUT; of an inventory TABLE.FORMAT]",
+        names=("-o", "--out"),
+    ),
+    "kind": Option(Format, "Default: by the end of the name.", names=("-f", "--format")),
+    "table": Option(InventoryTable, "Of an inventory: what has a row each.  [default: panels]"),
+    "units": Option(
+        Units, "`us`: distances in feet, sizes of signs in inches.", default=Units.metric
+    ),
+    "crs": Option(
+        str, "csv, gpkg, shp: coordinate reference system.  [default: WGS 84]", metavar="EPSG:..."
+    ),
+    "review": Option(
+        Path, "Corrections saved by the evidence index; default: review.json or .csv in OUT."
+    ),
+    "log": Option(Path, "mcap: where the log lies now, if it has moved since the run."),
+}
+
+
 @app.command(
     epilog=examples(
         "wayside export out -o signs.csv",
@@ -155,6 +174,7 @@ def picture(
         "wayside export inventory -f gpkg --table supports",
     )
 )
+@takes(own=HOW_TO_EXPORT)
 def export(
     out: Annotated[
         Path,
@@ -163,52 +183,18 @@ def export(
             help="Folder written by `wayside run`, or an inventory of `wayside fleet`.",
         ),
     ],
-    file: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--out",
-            help="The file to write.  [default: signs.FORMAT in OUT; of an inventory TABLE.FORMAT]",
-        ),
-    ] = None,
-    kind: Annotated[
-        Format | None, typer.Option("-f", "--format", help="Default: by the end of the name.")
-    ] = None,
-    table: Annotated[
-        InventoryTable | None,
-        typer.Option(help="Of an inventory: what has a row each.  [default: panels]"),
-    ] = None,
-    units: Annotated[
-        Units, typer.Option(help="`us`: distances in feet, sizes of signs in inches.")
-    ] = Units.metric,
-    crs: Annotated[
-        str | None,
-        typer.Option(
-            metavar="EPSG:...",
-            help="csv, gpkg, shp: coordinate reference system.  [default: WGS 84]",
-        ),
-    ] = None,
-    review: Annotated[
-        Path | None,
-        typer.Option(
-            help="Corrections saved by the evidence index; default: review.json or .csv in OUT."
-        ),
-    ] = None,
-    log: Annotated[
-        Path | None,
-        typer.Option(help="mcap: where the log lies now, if it has moved since the run."),
-    ] = None,
     overwrite: Overwrite = False,
+    **given: Any,
 ) -> None:
     """Write the signs for other programs, with corrections beside what was measured."""
     from wayside.pipeline.exporting.export import export as write
     from wayside.pipeline.exporting.table import is_inventory
     from wayside.pipeline.reviewing.review import NO_REVIEW, find_review
 
-    chosen = _format_of(file, kind)
-    inventory = is_inventory(out)
-    name = (table or InventoryTable.panels).value if inventory else "signs"
-    target = out / f"{name}.{chosen}" if file is None else file
+    chosen = _format_of(given["file"], given["kind"])
+    inventory, review, table = is_inventory(out), given["review"], given["table"]
+    name = (table or InventoryTable.panels) if inventory else "signs"
+    target = given["file"] or out / f"{name}.{chosen}"
     if inventory and review is not None:
         raise UsageError(
             f"--review {review}: {out} is an inventory, and reviews are of one drive. Leave --review out."
@@ -220,9 +206,9 @@ def export(
         target,
         chosen,
         table=None if table is None else table.value,
-        units=units.value,
-        crs=crs,
-        log=log,
+        units=given["units"].value,
+        crs=given["crs"],
+        log=given["log"],
         overwrite=overwrite,
     )
     reviewed = len(said.rows) + len(said.missing)

@@ -6,6 +6,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from wayside.pipeline.view.observer import Viewing
     from wayside.schemas.settings import Settings
 
-app = Application()
+app = Application("A drive")
 EXIT_STATUSES = """Exit status:
 
 - 0 done
@@ -226,43 +227,53 @@ def process_all(
     InterruptionError
         Somebody ended the work: of all logs.
     """
-    from wayside.pipeline.models.model_files import load_models
-    from wayside.pipeline.results.earlier_result import is_finished
-    from wayside.pipeline.running.journal import result_key
-
     if len(logs) == 1:
         exit_with([process(read_as_log(logs[0]), folders[0], settings, viewing, how)])
         return
+    from wayside.pipeline.models.model_files import load_models
+
     _check_places(logs, folders, overwrite=how.overwrite)
     digests = load_models(settings).digests()
     ends: list[tuple[int, str]] = []
     for number, (log, folder) in enumerate(zip(logs, folders, strict=True), 1):
         typer.echo(visible(f"log {number} of {len(logs)}: {log}"))
         try:
-            source = read_as_log(log)
-            key = result_key(source, settings, digests, every_region=how.every_region)
-            if viewing is None and not how.overwrite and is_finished(folder, key):
-                ends.append((0, f"unchanged, result in {folder} kept"))
-                continue
-            status = process(source, folder, settings, viewing, how)
+            ends.append(_one_of_several(log, folder, settings, viewing, how, digests))
         except InterruptionError:
             raise
         except (WaysideError, OSError) as error:
             told = in_words(error) if isinstance(error, OSError) else error
             status = report_error(told, debug="--debug" in sys.argv[1:])
-            ends.append((status, f"not done, exit status {status}"))
-        else:
-            words = f"done, result in {folder}"
-            ends.append((status, f"{words}, exit status {status}" if status else words))
+            ends.append((status, "not done"))
     typer.echo("")
-    for log, (_, words) in zip(logs, ends, strict=True):
-        typer.echo(visible(f"{log}: {words}"))
+    for log, (status, words) in zip(logs, ends, strict=True):
+        typer.echo(visible(f"{log}: {words}{f', exit status {status}' if status else ''}"))
     exit_with([status for status, _ in ends])
+
+
+def _one_of_several(
+    log: Path,
+    folder: Path,
+    settings: Settings,
+    viewing: Viewing | None,
+    how: RunOptions,
+    digests: dict[str, str],
+) -> tuple[int, str]:
+    """Run a log unless its result is there; its status, and what became of it in words."""
+    from wayside.pipeline.results.earlier_result import is_finished
+    from wayside.pipeline.running.journal import result_key
+
+    source = read_as_log(log)
+    key = result_key(source, settings, digests, every_region=how.every_region)
+    if viewing is None and not how.overwrite and is_finished(folder, key):
+        return 0, f"unchanged, result in {folder} kept"
+    return process(source, folder, settings, viewing, how), f"done, result in {folder}"
 
 
 def _check_places(logs: Sequence[Path], folders: Sequence[Path], *, overwrite: bool) -> None:
     """Look at all places of results; raises as `process_all`."""
     from wayside.pipeline.files.output_folder import finish_replacement
+    from wayside.pipeline.logs.joining import joined_log
     from wayside.pipeline.results.earlier_result import check_earlier
 
     twice = next((folder for folder in folders if list(folders).count(folder) > 1), None)
@@ -272,9 +283,10 @@ def _check_places(logs: Sequence[Path], folders: Sequence[Path], *, overwrite: b
         )
     for log, folder in zip(logs, folders, strict=True):
         finish_replacement(folder)
-        standing = _standing_log(log)
-        if standing is not None:
-            check_earlier(folder, standing, overwrite=overwrite)
+        with suppress(InputError, OSError):  # of the log: told when it is its turn
+            source = joined_log(log) or log
+            if source == log or source.exists():  # else a bag that is not joined yet
+                check_earlier(folder, source, overwrite=overwrite)
 
 
 def read_as_log(path: Path) -> Path:
@@ -282,17 +294,6 @@ def read_as_log(path: Path) -> Path:
     from wayside.pipeline.logs.joining import readable_log
 
     return readable_log(path, lambda words: typer.echo(visible(words), err=True))
-
-
-def _standing_log(path: Path) -> Path | None:
-    """The result of `read_as_log` if it exists already; None for a bag that is not joined or has a fault."""
-    from wayside.pipeline.logs.joining import joined_log
-
-    try:
-        log = joined_log(path)
-        return path if log is None else log if log.exists() else None
-    except (InputError, OSError):
-        return None  # told when it is its turn
 
 
 def process(

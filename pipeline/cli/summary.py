@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections import Counter
+from collections.abc import Mapping
 from typing import Any
 
 from rich.console import Console
@@ -38,35 +39,33 @@ def print_summary(
     verbose: also what became of the regions, and the share of each stage in the time.
     """
     rows = result.inventory.sign_rows
-    signs = [row for row in rows if row["status"] == "sign"]
     if rows:
         console.print(sign_table(rows[:_MOST_SIGNS], console.width))
     if len(rows) > _MOST_SIGNS:
         console.print(f"... and {len(rows) - _MOST_SIGNS} more in signs.parquet")
-    console.print(f"[bold]{len(signs)} signs[/bold]{_by_color(signs)}{_others(rows)}")
+    console.print(_signs(rows))
     console.print(_images(result))
     if result.boxes is not None:
         console.print(result.boxes.words)
     if verbose:
-        console.print(_regions(result.inventory.verdicts))
-        console.print(_times(result))
-    for note in result.notes:
-        console.print(f"[yellow]note:[/yellow] {plain(note)}", highlight=False)
-    for part in result.lost:
-        console.print(f"[yellow]lost:[/yellow] {plain(part)}")
-    for fault in result.view_faults:
-        console.print(f"[yellow]viewer:[/yellow] {plain(fault)}")
+        regions = _counts(result.inventory.verdicts)
+        console.print(f"regions by verdict: {regions}" if regions else "no regions")
+        total = sum(result.stage_seconds.values()) or 1.0
+        shares = (f"{name} {100 * s / total:.0f} %" for name, s in result.stage_seconds.items())
+        console.print(f"processor time {total:.1f} s: {', '.join(shares)}")
+    said = [("note", words) for words in result.notes] + [("lost", part) for part in result.lost]
+    said += [("viewer", fault) for fault in result.view_faults]
+    if kept and result.recorded is False:
+        said.append(("not written", f"{RECORDING}; the tables are whole"))
+    for what, words in said:
+        console.print(f"[yellow]{what}:[/yellow] {plain(words)}", highlight=False)
     if not kept:
         return
-    if result.recorded is False:
-        console.print(f"[yellow]not written:[/yellow] {RECORDING}; the tables are whole")
-    recorded = bool(result.recorded)
-    console.print(
-        f"written to {plain(result.folder)}: {_files(result.inventory.rows)}, run.json"
-        f"{f', {RECORDING}' if recorded else ''}"
-    )
+    tables = (f"{name} ({count} rows)" for name, count in result.inventory.rows.items())
+    files = [*tables, "run.json", *[RECORDING] * bool(result.recorded)]
+    console.print(f"written to {plain(result.folder)}: {', '.join(files)}")
     folder = plain(shlex.quote(str(result.folder)))
-    further = [f"wayside view {folder} (every step)"] * recorded
+    further = [f"wayside view {folder} (every step)"] * bool(result.recorded)
     if rows:
         further += [
             f"wayside evidence {folder} (a page of each sign, to check and correct)",
@@ -74,6 +73,31 @@ def print_summary(
         ]
     if further:
         console.print(f"next: {'; '.join(further)}")
+
+
+def _signs(rows: list[dict[str, Any]]) -> str:
+    """How many signs, by colour, and how many rows of other kinds."""
+    signs = [row for row in rows if row["status"] == "sign"]
+    colors = Counter(str(row["color"] or "unknown colour").replace("_", " ") for row in signs)
+    others = Counter(row["status"] for row in rows if row["status"] != "sign")
+    words = f"[bold]{len(signs)} signs[/bold]"
+    if colors:
+        words += f": {_counts(dict(colors.most_common()))}"
+    return words + "".join(f"; {count} {status}" for status, count in sorted(others.items()))
+
+
+def _images(result: RunResult) -> str:
+    total = sum(result.frames.values())
+    reasons = "".join(f", {v} {k}" for k, v in sorted(result.frames.items()) if k != USED)
+    rate = total / result.wall_seconds if result.wall_seconds else 0.0
+    return (
+        f"{total} images read: {result.frames.get(USED, 0)} used{reasons}; "
+        f"{result.wall_seconds:.1f} s, {rate:.1f} images/s"
+    )
+
+
+def _counts(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{count} {name}" for name, count in counts.items())
 
 
 def plain(text: object) -> str:
@@ -110,39 +134,3 @@ def sign_table(signs: list[dict[str, Any]], width: int = _WIDE) -> Table:
 
 def _number(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
-
-
-def _by_color(signs: list[dict[str, Any]]) -> str:
-    counts = Counter(str(row["color"] or "unknown colour").replace("_", " ") for row in signs)
-    words = ", ".join(f"{count} {color}" for color, count in counts.most_common())
-    return f": {words}" if words else ""
-
-
-def _others(signs: list[dict[str, Any]]) -> str:
-    counts = Counter(row["status"] for row in signs if row["status"] != "sign")
-    return "".join(f"; {count} {status}" for status, count in sorted(counts.items()))
-
-
-def _images(result: RunResult) -> str:
-    total = sum(result.frames.values())
-    reasons = "".join(f", {v} {k}" for k, v in sorted(result.frames.items()) if k != USED)
-    rate = total / result.wall_seconds if result.wall_seconds else 0.0
-    return (
-        f"{total} images read: {result.frames.get(USED, 0)} used{reasons}; "
-        f"{result.wall_seconds:.1f} s, {rate:.1f} images/s"
-    )
-
-
-def _regions(verdicts: dict[str, int]) -> str:
-    words = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
-    return f"regions by verdict: {words}" if words else "no regions"
-
-
-def _times(result: RunResult) -> str:
-    total = sum(result.stage_seconds.values()) or 1.0
-    words = ", ".join(f"{name} {100 * s / total:.0f} %" for name, s in result.stage_seconds.items())
-    return f"processor time {total:.1f} s: {words}"
-
-
-def _files(rows: dict[str, int]) -> str:
-    return ", ".join(f"{name} ({count} rows)" for name, count in rows.items())

@@ -193,8 +193,8 @@ def _errors(evaluation: RenderedEvaluation) -> list[str]:
         f"{axis}, m": evaluation.error_m[axis] for axis in ("along", "lateral", "up", "total")
     }
     rows |= {
-        "width, share": evaluation.width_error,
-        "height, share": evaluation.height_error,
+        "width, share": evaluation.size_error("width"),
+        "height, share": evaluation.size_error("height"),
         "bottom edge, m": evaluation.bottom_error_m,
     }
     head = f"{'error of found':<18}{'n':>5}{'median':>9}{'95 %':>9}"

@@ -236,15 +236,10 @@ class RenderedEvaluation(Evaluation):
             for i, (axis, column) in enumerate(AXES.items())
         }
 
-    @property
-    def width_error(self) -> Spread:
-        """Error of the width as a fraction of the true one."""
-        return spread(abs(a - b) / b for a, b in self._pairs("panel_width_m", "width_m"))
-
-    @property
-    def height_error(self) -> Spread:
-        """Error of the height as a fraction of the true one."""
-        return spread(abs(a - b) / b for a, b in self._pairs("panel_height_m", "height_m"))
+    def size_error(self, name: str) -> Spread:
+        """Error of the `width` or the `height` as a fraction of the true one."""
+        pairs = self._pairs(f"panel_{name}_m", f"{name}_m")
+        return spread(abs(a - b) / b for a, b in pairs)
 
     @property
     def bottom_error_m(self) -> Spread:
@@ -268,8 +263,8 @@ class RenderedEvaluation(Evaluation):
         """All figures under plain keys."""
         return super().to_json() | {
             "error_m": {name: asdict(value) for name, value in self.error_m.items()},
-            "width_error": asdict(self.width_error),
-            "height_error": asdict(self.height_error),
+            "width_error": asdict(self.size_error("width")),
+            "height_error": asdict(self.size_error("height")),
             "bottom_error_m": asdict(self.bottom_error_m),
             "sigma_share": {name: value.to_json() for name, value in self.sigma_share.items()},
             "color_right": self.class_right("color"),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from wayside.pipeline.files.input_files import decoded, read_input, read_parquet
 from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_json
 from wayside.pipeline.labels.class_map import numbered, read_class_map
-from wayside.pipeline.labels.coco import Entry, coco_box, coco_classes
+from wayside.pipeline.labels.formats import Entry, coco_box, coco_classes
 from wayside.pipeline.reading.image_order import natural_key
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.schemas.detectors import IMAGE_KEYS, BoxFile, ExternalBoxes, SignClass

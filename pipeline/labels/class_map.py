@@ -43,6 +43,21 @@ def read_class_map(path: Path) -> dict[str, SignClass]:
     return {name: _sign_class(path, name, values) for name, values in classes.items()}
 
 
+def _sign_class(path: Path, name: str, values: Any) -> SignClass:
+    if not isinstance(values, dict) or set(values) - {"color", "shape"}:
+        raise InputError(
+            f"models.classes: class {name!r} in {path} must have a color and a shape, or be {{}} where wayside names "
+            f"them, but is {values!r}. Write it as in\n{EXAMPLE}"
+        )
+    for what, known in (("color", COLORS), ("shape", SHAPES)):
+        if what in values and values[what] not in known:
+            raise InputError(
+                f"models.classes: the {what} of class {name!r} in {path} is {values[what]!r}, which is unknown. "
+                f"Choose one of {', '.join(known)}."
+            )
+    return SignClass(values.get("color"), values.get("shape"))
+
+
 def numbered(
     classes: Mapping[str, SignClass], names: Mapping[int, str], path: str, *, complete: bool
 ) -> dict[int, SignClass]:
@@ -67,38 +82,18 @@ def numbered(
     by_name = {name: number for number, name in names.items()}
     found: dict[int, SignClass] = {}
     for name, sign in classes.items():
-        number = by_name.get(name)
-        if number is None and name.isdecimal() and (int(name) in names or not names):
-            number = int(name)
-        if number is not None:
-            found[number] = sign
-        elif complete or not names:
-            raise InputError(_unknown(name, names, path))
-    return found
-
-
-def _unknown(name: str, names: Mapping[int, str], path: str) -> str:
-    if not names:
-        return (
-            f"models.classes: {path} does not name its classes, which makes {name!r} unknown. Write their numbers as "
-            'keys in [classes], such as "0".'
-        )
-    near = difflib.get_close_matches(name, list(names.values()), n=1)
-    known = ", ".join(list(names.values())[:20]) + (" ..." if len(names) > 20 else "")
-    meant = f"; did you mean {near[0]!r}?" if near else ""
-    return f"models.classes: {path} has no class {name!r}; it has {known}{meant}"
-
-
-def _sign_class(path: Path, name: str, values: Any) -> SignClass:
-    if not isinstance(values, dict) or set(values) - {"color", "shape"}:
-        raise InputError(
-            f"models.classes: class {name!r} in {path} must have a color and a shape, or be {{}} where wayside names "
-            f"them, but is {values!r}. Write it as in\n{EXAMPLE}"
-        )
-    for what, known in (("color", COLORS), ("shape", SHAPES)):
-        if what in values and values[what] not in known:
+        if name in by_name:
+            found[by_name[name]] = sign
+        elif name.isdecimal() and (int(name) in names or not names):
+            found[int(name)] = sign
+        elif not names:
             raise InputError(
-                f"models.classes: the {what} of class {name!r} in {path} is {values[what]!r}, which is unknown. "
-                f"Choose one of {', '.join(known)}."
+                f"models.classes: {path} does not name its classes, which makes {name!r} unknown. Write their numbers "
+                'as keys in [classes], such as "0".'
             )
-    return SignClass(values.get("color"), values.get("shape"))
+        elif complete:
+            near = difflib.get_close_matches(name, by_name, n=1)
+            known = ", ".join(list(by_name)[:20]) + (" ..." if len(by_name) > 20 else "")
+            meant = f"; did you mean {near[0]!r}?" if near else ""
+            raise InputError(f"models.classes: {path} has no class {name!r}; it has {known}{meant}")
+    return found

@@ -17,7 +17,6 @@ from xml.etree import ElementTree
 
 from wayside.pipeline.files.input_files import files_below, open_input, read_input, read_input_text
 from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_yaml
-from wayside.pipeline.labels.coco import Entry, coco_box, coco_classes
 from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.pipeline.reading.image_order import natural_key
 from wayside.schemas.detections import COLORS, SHAPES
@@ -35,6 +34,7 @@ from wayside.schemas.labels import (
 )
 
 Classes = Mapping[str, SignClass]
+Entry = Mapping[str, Any]
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".avif")
 _HEADER_BYTES = 1 << 20
 _BEYOND = 0.01
@@ -149,6 +149,21 @@ def read_coco(content: Entry, classes: Classes | None, source: str) -> Labels:
     return found.done()
 
 
+def coco_box(entry: Entry) -> Box:
+    """Corners of the box of an annotation or a result, pixels. Raises ValueError without a box."""
+    values = entry.get("bbox")
+    try:
+        x, y, width, height = (float(value) for value in values or ())
+    except (OverflowError, TypeError, ValueError) as error:
+        raise ValueError(f"bbox is {str(values)[:40]}, not x, y, width, height") from error
+    return x, y, x + width, y + height
+
+
+def coco_classes(content: Entry) -> dict[Any, str]:
+    """Names of the classes of a data set by their ids."""
+    return {one["id"]: str(one["name"]) for one in content.get("categories", ())}
+
+
 def _coco_image(one: Entry) -> LabelledImage:
     size = (int(one["width"]), int(one["height"])) if {"width", "height"} <= one.keys() else None
     name = one.get("file_name")
@@ -223,23 +238,26 @@ def read_yolo(folder: Path, classes: Classes | None) -> Labels:
                 header = read_image_header(stream.read(_HEADER_BYTES))
             if header is None:
                 raise ValueError("no image of a known format")
-            image = LabelledImage(image_name=inside.name, size=(header.width, header.height))
+            size = header.width, header.height
+            image = LabelledImage(image_name=inside.name, size=size)
             for row, line in enumerate(read_input_text(text).splitlines(), 1):
                 with found.entry(f"{text.relative_to(folder)}, line {row}", image):
                     if line.strip():
-                        number, *values = (float(value) for value in line.split())
-                        if not number.is_integer():
-                            raise ValueError(f"class {number} is no whole number")
-                        (x0, y0, x1, y1), corners = _yolo_outline(values, points)
-                        w, h = header.width, header.height
-                        box, polygon = (
-                            (x0 * w, y0 * h, x1 * w, y1 * h),
-                            tuple((x * w, y * h) for x, y in corners),
-                        )
-                        name = names.get(int(number), f"{number:.0f}")
-                        found.named(image, name, box, polygon=polygon)
+                        number, box, polygon = _yolo_line(line, size, points)
+                        found.named(image, names.get(number, str(number)), box, polygon=polygon)
             found.is_complete(image)
     return found.done()
+
+
+def _yolo_line(line: str, size: tuple[int, int], points: int) -> tuple[int, Box, Polygon]:
+    """Class, box and polygon of a line, pixels; raises ValueError as `_yolo_outline`."""
+    number, *values = (float(value) for value in line.split())
+    if not number.is_integer():
+        raise ValueError(f"class {number} is no whole number")
+    (x0, y0, x1, y1), corners = _yolo_outline(values, points)
+    w, h = size
+    polygon = tuple((x * w, y * h) for x, y in corners)
+    return int(number), (x0 * w, y0 * h, x1 * w, y1 * h), polygon
 
 
 def _yolo_outline(values: Sequence[float], points: int) -> tuple[Box, Polygon]:
@@ -256,8 +274,7 @@ def _yolo_outline(values: Sequence[float], points: int) -> tuple[Box, Polygon]:
     is_polygon = is_polygon and _is_tail(values[len(corners) :])
     if is_polygon and (is_box or _may_be_key_points(values)):
         raise ValueError(
-            f"{count} numbers can be a box with more behind it or a polygon; kpt_shape in data.yaml says that they are "
-            "a box and its key points"
+            f"{count} numbers can be a polygon or a box with more behind it; key points need kpt_shape in data.yaml"
         )
     if is_box:
         x, y, w, h = values[:4]

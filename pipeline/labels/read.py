@@ -35,7 +35,9 @@ class FrameLabels:
     left_out: dict[str, int]
 
 
-def read_labels(path: Path | str, class_map: Path | None = None) -> Labels:
+def read_labels(
+    path: Path | str, class_map: Path | None = None, review: Path | None = None
+) -> Labels:
     """Labels from a file or folder, its format told by what is there.
 
     Parameters
@@ -46,6 +48,8 @@ def read_labels(path: Path | str, class_map: Path | None = None) -> Labels:
         else of YOLO.
     class_map
         TOML file that says which classes of COCO, YOLO and VOC are signs, and what these look like.
+    review
+        Of a result. None: the one in its folder.
 
     Raises
     ------
@@ -56,7 +60,7 @@ def read_labels(path: Path | str, class_map: Path | None = None) -> Labels:
     """
     path = Path(path)
     if (path / RUN_FILE).is_file():
-        return review_labels(path, required_review(path, None))
+        return review_labels(path, required_review(path, review))
     if path.is_file() and is_review(path):
         raise UsageError(
             f"{path}: this is a review, which names signs and has no boxes. Save it in the folder of its result, and "

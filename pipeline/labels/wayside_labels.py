@@ -14,8 +14,7 @@ from wayside.pipeline.files.input_files import open_input, read_input_text, read
 from wayside.pipeline.files.parquet import record_batch
 from wayside.pipeline.files.parsing import parse_json
 from wayside.pipeline.files.writing import whole_file
-from wayside.pipeline.labels.coco import Entry
-from wayside.pipeline.labels.formats import Classes, Collected, read_coco
+from wayside.pipeline.labels.formats import Classes, Collected, Entry, read_coco
 from wayside.schemas.detections import SHAPES
 from wayside.schemas.errors import InputError
 from wayside.schemas.labels import (

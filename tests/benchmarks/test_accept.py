@@ -37,19 +37,16 @@ GOOD = RenderedEvaluation(2, (found(0.1), found(-0.3)), 2, backs=Backs(3, 2, 5))
 POOR = RenderedEvaluation(2, (found(0.8),), 1, (FALSE,), (MISSED,))
 
 
-def test_drives_together_are_evaluated_as_one():
-    total = together([GOOD, POOR])
-    assert (total.recall, total.precision) == (3 / 4, 3 / 4)
-    assert total.error_m["along"].median == 0.3
-    assert total.missed == (MISSED,)
-    assert together([]).recall == 1.0
+@pytest.fixture
+def outcome(accept):
+    """What came of a drive of a name."""
+    return lambda name, evaluation, *more: accept.Outcome(
+        accept.BenchmarkDrive(name, Path(), Path(), ""), evaluation, *more
+    )
 
 
-def test_the_table_has_a_line_a_drive_and_one_for_all(accept):
-    outcomes = [
-        accept.Outcome(accept.BenchmarkDrive(name, Path(), Path(), ""), evaluation)
-        for name, evaluation in (("good", GOOD), ("poor", POOR), ("lost", None))
-    ]
+def test_the_table_has_a_line_a_drive_and_one_for_all(accept, outcome):
+    outcomes = [outcome("good", GOOD), outcome("poor", POOR), outcome("lost", None)]
     lines = accept.rendered_table(outcomes)
     assert [line.split(" | ")[0] for line in lines[2:]] == ["| good", "| poor", "| **together**"]
     assert lines[2] == (
@@ -85,12 +82,9 @@ def test_models_without_a_drive_say_that_they_have_not_learned_from_it():
         assert not any(folder.name in text for text in said.values())
 
 
-def test_real_drives_are_listed_without_the_rendered_ones(accept):
+def test_real_drives_are_listed_without_the_rendered_ones(accept, outcome):
     real = RealEvaluation(3, ("R1",), 1, (FALSE,), ("R2", "R3"))
-    outcomes = [
-        accept.Outcome(accept.BenchmarkDrive(name, Path(), Path(), ""), evaluation, 2)
-        for name, evaluation in (("good", GOOD), ("road", real), ("lost", None))
-    ]
+    outcomes = [outcome("good", GOOD), outcome("road", real, 2), outcome("lost", None)]
     assert accept.real(outcomes) == [("road", real, 2, ())]
 
 
@@ -105,27 +99,23 @@ def test_the_line_of_a_drive_counts_duplicates_among_the_false_or_beside_them(ac
     )
 
 
-def test_a_total_below_the_floor_is_named(accept, tmp_path, monkeypatch):
+def test_a_total_below_the_floor_is_named(accept, outcome, tmp_path, monkeypatch):
     floor = tmp_path / "floor.toml"
     floor.write_text("[default]\nrecall = 0.8\nprecision = 0.7\n")
     monkeypatch.setattr(accept, "FLOOR", floor)
-    drive = accept.BenchmarkDrive("d", Path(), Path(), "")
-    outcomes = [accept.Outcome(drive, GOOD), accept.Outcome(drive, POOR)]
+    outcomes = [outcome("d", GOOD), outcome("d", POOR)]
     assert list(accept.below_floor({"default": outcomes})) == [
         "default: recall 0.7500 is below the floor of 0.8"
     ]
+    assert together([]).recall == 1.0
 
 
-def test_a_rendered_drive_that_a_model_was_learned_from_is_named(accept):
-    real = RealEvaluation(1, ("R1",), 1, (), (), learned_by=("network",))
+def test_a_rendered_drive_that_a_model_was_learned_from_is_named(accept, outcome):
     outcomes = [
-        accept.Outcome(accept.BenchmarkDrive(name, Path(), Path(), ""), evaluation)
-        for name, evaluation in (
-            ("clean", replace(GOOD, learned_by=())),
-            ("seen", replace(GOOD, learned_by=("box", "place"))),
-            ("road", real),
-            ("lost", None),
-        )
+        outcome("clean", replace(GOOD, learned_by=())),
+        outcome("seen", replace(GOOD, learned_by=("box", "place"))),
+        outcome("road", RealEvaluation(learned_by=("network",))),
+        outcome("lost", None),
     ]
     assert list(accept.learned_from({"default": outcomes})) == [
         "default: box, place learned from seen"
@@ -139,15 +129,10 @@ def test_a_run_that_fails_is_told_and_not_evaluated(accept, tmp_path, monkeypatc
     assert "status 3" in capsys.readouterr().out
 
 
-def test_the_floor_knows_every_preset_and_asks_for_shares(accept):
+def test_every_drive_that_is_measured_has_a_specification_and_every_preset_a_floor(accept):
     floor = tomllib.loads((ROOT / "benchmarks" / "floor.toml").read_text())
     assert set(floor) == set(accept.PRESETS)
-    for preset in floor.values():
-        assert set(preset) == {"recall", "precision"}
-        assert all(0.0 <= value <= 1.0 for value in preset.values())
-
-
-def test_every_drive_that_is_measured_has_a_specification_that_no_model_was_learned_from(accept):
+    assert {tuple(sorted(shares)) for shares in floor.values()} == {("precision", "recall")}
     for name in accept.RENDERED:
         assert not name.startswith("learn_")
         assert (ROOT / "recordings" / "drives" / "specs" / f"{name}.toml").is_file()

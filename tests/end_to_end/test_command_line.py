@@ -27,18 +27,18 @@ def files_in(folder):
     return {path.name for path in folder.iterdir()} if folder.exists() else set()
 
 
+def program(*arguments, **env):
+    """Runs the installed program."""
+    line, env = [WAYSIDE, *arguments], os.environ | env
+    return subprocess.run(line, capture_output=True, env=env, timeout=300, check=False)
+
+
 def test_0_a_run_that_is_done_says_what_it_found_and_leaves_its_tables(tmp_path):
     log = tmp_path / "learn_alley.mcap"
     log.symlink_to(DEMO)
-    done = subprocess.run(
-        [WAYSIDE, "run", log, *SHORT, "-o", tmp_path / "out"],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    done = program("run", log, *SHORT, "-o", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    assert "3 used, 21 outside" in done.stdout
+    assert b"3 used, 21 outside" in done.stdout
     assert files_in(tmp_path / "out") == {*TABLES, "run.json"}
     # a log of that name is among those that the models say they were learned from
     about = json.loads((tmp_path / "out" / "run.json").read_text())
@@ -163,22 +163,14 @@ def test_a_path_that_names_no_file_or_folder_is_refused_at_once(command, tmp_pat
     ("encoding", "shown"), [("ascii", b"+-along m"), ("cp1252", b"\xb1along m"), ("utf-8", None)]
 )
 def test_output_is_written_with_the_characters_that_the_terminal_has(tmp_path, encoding, shown):
-    def say(*words):
-        environment = os.environ | {"PYTHONIOENCODING": encoding}
-        done = subprocess.run(
-            [WAYSIDE, *words], capture_output=True, env=environment, timeout=300, check=False
-        )
-        return done.stdout + done.stderr
-
-    out = tmp_path / "Bögen"
-    said = say("run", DEMO, *SHORT, "-o", out)
-    assert (shown or "±along m".encode()) in said
-    assert "Bögen".encode(encoding, "replace") in said
-    for words in (
-        ("export", out, "-o", tmp_path / "Bögen.mcap"),
-        ("info", tmp_path / "Bögen.mcap"),
-    ):
-        assert "Bögen.mcap".encode(encoding, "replace") in say(*words)
+    folder, absent = tmp_path / "Bögen", tmp_path / "Bögen.mcap"
+    done = program("run", DEMO, *SHORT, "-o", folder, PYTHONIOENCODING=encoding)
+    assert done.returncode == 0, done.stderr
+    assert (shown or "±along m".encode()) in done.stdout
+    assert "Bögen".encode(encoding, "replace") in done.stdout
+    done = program("info", absent, PYTHONIOENCODING=encoding)
+    assert done.returncode == 3
+    assert "Bögen.mcap".encode(encoding, "replace") in done.stderr
 
 
 @pytest.mark.parametrize("logs", [["a.mcap"], ["a.mcap", "b.mcap"]])

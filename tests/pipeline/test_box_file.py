@@ -56,34 +56,22 @@ def test_boxes_are_found_by_the_frame_they_are_of(tmp_path):
     np.testing.assert_allclose(certain.boxes[0].score, score_log_odds(np.ones(1)))
 
 
-@pytest.mark.parametrize(
-    ("key", "frame"),
-    [
-        ("log_time_ns", Frame(2, 1700000000000000001, None, USED, "jpeg", b"", None)),
-        ("header_time_ns", Frame(2, 5, 1700000000000000001, USED, "jpeg", b"", None)),
-    ],
-)
-def test_times_are_exact(tmp_path, key, frame):
-    path = parquet(tmp_path, **{key: [1700000000000000001]}, **corners(BOX))
-    assert len(boxes_of(load(path), frame)) == 1
-    other = Frame(2, 1700000000000000002, 1700000000000000002, USED, "jpeg", b"", None)
-    assert len(boxes_of(load(path), other)) == 0
+def test_times_are_exact(tmp_path):
+    time = 1700000000000000001
+    for key, times in (("log_time_ns", (time, None)), ("header_time_ns", (5, time))):
+        found = load(parquet(tmp_path, **{key: [time]}, **corners(BOX)))
+        assert len(boxes_of(found, Frame(2, *times, USED, "jpeg", b"", None))) == 1
+        assert len(boxes_of(found, Frame(2, time + 1, time + 1, USED, "jpeg", b"", None))) == 0
 
 
-def test_names_of_images_are_matched_in_their_natural_order(tmp_path):
+def test_names_of_images_are_matched_in_their_natural_order_and_all_must_be_named(tmp_path):
     names = ["img10.jpg", "img2.jpg", "img10.jpg"]
-    path = parquet(tmp_path, image_name=names, **corners(*[BOX] * 3))
-    found = load(path)
+    found = load(parquet(tmp_path, image_name=names, **corners(*[BOX] * 3)))
     assert {number: len(one) for number, one in found.boxes.items()} == {0: 1, 1: 2}
-    assert len(found.names) == 2
-
-
-@pytest.mark.parametrize("count", [1, 3])
-def test_names_of_more_or_fewer_images_than_the_log_has_are_refused(tmp_path, count):
-    path = parquet(tmp_path, image_name=["a1", "a2"], **corners(*[BOX] * 2))
-    with pytest.raises(InputError, match=f"has {count}. The log does not name its images"):
-        found_in(load(path), frames_of(count))
-    assert found_in(load(path), frames_of(2)) == [1, 1]
+    assert found_in(found, frames_of(2)) == [1, 2]
+    for count in (1, 3):
+        with pytest.raises(InputError, match=f"has {count}. The log does not name its images"):
+            found_in(found, frames_of(count))
 
 
 def test_rows_that_cannot_be_used_are_counted_by_reason(tmp_path):
@@ -202,7 +190,12 @@ def test_images_of_coco_may_say_their_frame_and_boxes_have_width_and_height(tmp_
         [1],
         "boxes",
         [{"image_id": 1, "bbox": [1, 2, 3]}],
-        [{"bbox": [1, 2, 3, 4]}],
+        [{"image_id": 1, "bbox": {}}],
+        [{"image_id": float("inf"), "bbox": BOX}],
+        [{"image_id": 2**70, "bbox": BOX}],
+        [{"image_id": 1, "bbox": BOX, "score": [0.5, 0.5]}],
+        [{"image_id": 1, "bbox": BOX, "category_id": []}],
+        [{"bbox": BOX}],
         {**data_set(), "images": []},
         {**data_set(), "images": [{"id": 70, "file_name": "a"}, {"id": 5, "file_name": "a"}]},
     ],
@@ -253,14 +246,13 @@ def test_an_image_id_that_is_no_frame_is_refused(tmp_path, images):
         found_in(found, frames_of(4))
 
 
-def test_frames_from_1_to_n_are_refused_and_others_that_are_none_are_counted(tmp_path):
+def test_numbers_that_begin_at_1_are_refused_or_noted_and_others_that_are_none_are_counted(
+    tmp_path,
+):
     box = corners(*[BOX] * 3)
     with pytest.raises(InputError, match=r"frame 3 in .* is no frame"):
         found_in(load(parquet(tmp_path, frame=[1, 2, 3], **box)), frames_of(3))
     assert found_in(load(parquet(tmp_path, frame=[0, 2, 3], **box)), frames_of(3)) == [1, 0, 1]
-
-
-def test_image_ids_that_begin_at_1_and_may_be_frames_are_taken_with_a_note(tmp_path):
     first = frames_of(3)[0]
     assert paired(load(coco(tmp_path, results(0, 2))), first, 3) == []
     (note,) = paired(load(coco(tmp_path, results(1, 2))), first, 3)

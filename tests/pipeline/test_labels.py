@@ -326,7 +326,9 @@ def test_labels_find_the_images_of_an_imported_log_by_their_files(tmp_path):
     assert list(labels_by_frame(read, "drive", known.times_ns, known.names).labels) == [1]
 
 
-@pytest.mark.parametrize("content", ["", "{}", "[]", '{"images": [{}], "annotations": []}'])
+@pytest.mark.parametrize(
+    "content", ["", "{}", "[]", '{"images": [{"id": 1, "width": Infinity}], "annotations": []}']
+)
 def test_json_of_something_else_is_refused(tmp_path, content):
     file = tmp_path / "some.json"
     file.write_text(content)

@@ -84,7 +84,9 @@ def test_a_line_that_is_no_box_is_left_out_and_named(tmp_path, bad):
 )
 def test_a_line_that_can_be_a_box_or_a_polygon_is_refused(tmp_path, line):
     data_set(tmp_path, [[0, *line]])
-    with pytest.raises(InputError, match=r"line 1: .* numbers can be a box .* kpt_shape"):
+    with pytest.raises(
+        InputError, match=r"line 1: .* numbers can be a polygon or a box .* kpt_shape"
+    ):
         read_labels(tmp_path)
 
 
