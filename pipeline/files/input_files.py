@@ -94,11 +94,8 @@ def read_parquet(
     where
         The rows; its columns need not be among `columns`.
 
-    Raises
-    ------
-    OSError, ValueError
-        As `open_input`; `pa.ArrowException` where it is no Parquet file, `pa.ArrowInvalid` beyond the bound or
-        where a column is missing.
+    Raises as `open_input`; `pa.ArrowException` where it is no Parquet file, `pa.ArrowInvalid` beyond the bound or where
+    a column is missing.
     """
     with open_input(path) as stream:
         try:

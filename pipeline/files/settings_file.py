@@ -59,11 +59,8 @@ def load_settings(
     settings, origins
         Origins by full name: `default`, `preset report`, the file's name, `--set` or `option`.
 
-    Raises
-    ------
-    UsageError
-        Unknown preset, group or name (with the nearest known one), a value of the wrong type or out of range, a file
-        that cannot be read.
+    Raises UsageError for an unknown preset, group or name (with the nearest known one), a value of the wrong type or
+    out of range, and a file that cannot be read.
     """
     settings = Settings()
     leaves = {

@@ -142,10 +142,7 @@ def whole_file(
     read_back
         Called with the file when all is written, before it takes its place; raises OutputError where it is not whole.
 
-    Raises
-    ------
-    OutputError
-        It cannot be written, or something of the user's stands there.
+    Raises OutputError where it cannot be written, or something of the user's stands there.
     """
     try:
         if is_stream(path):

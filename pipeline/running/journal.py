@@ -113,10 +113,7 @@ class Journal:
     key
         What the results depend on; a journal of another key is begun anew.
 
-    Raises
-    ------
-    OutputError
-        The journal cannot be read or written.
+    Raises OutputError where the journal cannot be read or written.
     """
 
     def __init__(self, folder: Path, key: dict[str, Any]) -> None:
