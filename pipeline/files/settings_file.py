@@ -206,7 +206,6 @@ def _limits(leaf: Field[Any]) -> str:
 
 def _nearest(name: str, known: Collection[str]) -> str:
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    near = near or [full for full in known if full.rpartition(".")[2] == name.rpartition(".")[2]]
     return f"; did you mean {near[0]}?" if near else ""
 
 

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import pytest
 
-from wayside.pipeline.running.pace import paced
+from wayside.pipeline.running.flow import paced
 from wayside.schemas.frame import Frame
 
 FRAME = Frame(0, 0, None, "used", "jpeg", b"", None)
