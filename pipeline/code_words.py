@@ -19,17 +19,13 @@ def code_of(row: Mapping[str, Any]) -> str | None:
 
 def system_words(row: Mapping[str, Any]) -> str:
     """The system that the code of a row is of."""
-    return SYSTEM_WORDS[_system(row)]
+    return SYSTEM_WORDS[US if row.get("mutcd") else VIENNA]
 
 
 def series_words(row: Mapping[str, Any]) -> str | None:
     """What the series means that is stated instead of a code; None where a code is, or nothing."""
-    series = SERIES[_system(row)].get(code_of(row) or "")
+    series = SERIES[US if row.get("mutcd") else VIENNA].get(code_of(row) or "")
     return None if series is None else series[0]
-
-
-def _system(row: Mapping[str, Any]) -> str:
-    return US if row.get("mutcd") else VIENNA
 
 
 def nominal_words(row: Mapping[str, Any]) -> str | None:

@@ -227,10 +227,7 @@ def run(
 def open_inventory(folder: PathLike) -> Inventory:
     """The inventory that a run left in a folder; its tables are read when they are asked for.
 
-    Raises
-    ------
-    InputError
-        The folder holds no result of a run.
+    Raises InputError where the folder holds no result of a run.
     """
     _read(Path(folder), "about")
     return Inventory(lambda folder: iter(()), Path(folder))

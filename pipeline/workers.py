@@ -90,10 +90,7 @@ class StageClock:
     def timed(self, name: str, items: Iterator[Result]) -> Iterator[Result]:
         """The items of a stage, its time counted; a fault in it names the stage and the frame it worked on.
 
-        Raises
-        ------
-        StageError
-            Where the stage raised anything that is not already a `WaysideError`.
+        Raises StageError where the stage raised anything that is not already a `WaysideError`.
         """
         for item in self._counted(name, items):
             self._thread.frame = item.frame.index
@@ -147,10 +144,7 @@ def ordered_parallel(
     A fault in a worker is raised here, after the results before it. Leaving the generator early (an error downstream,
     an interrupt) ends all workers.
 
-    Raises
-    ------
-    StageError
-        A chain ended without a result or an error that could be raised here.
+    Raises StageError where a chain ended without a result or an error that could be raised here.
     """
     if workers == 1:
         yield from chain(items)

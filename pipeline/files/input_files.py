@@ -94,48 +94,41 @@ def read_parquet(
     where
         The rows; its columns need not be among `columns`.
 
-    Raises
-    ------
-    OSError, ValueError
-        As `open_input`; `pa.ArrowException` where it is no Parquet file, `pa.ArrowInvalid` beyond the bound or
-        where a column is missing.
+    Raises as `open_input`; `pa.ArrowException` where it is no Parquet file, `pa.ArrowInvalid` beyond the bound or where
+    a column is missing.
     """
-    with open_input(path) as stream:
-        try:
-            return _bounded_table(stream, columns, where or {})
-        except (OSError, pa.ArrowException):
-            raise
-        except (
-            LookupError,
-            TypeError,
-            ValueError,
-        ) as error:  # names that are no text or not unique
-            raise pa.ArrowInvalid(f"{type(error).__name__}: {error}") from error
-
-
-def _bounded_table(stream: BinaryIO, columns: Sequence[str] | None, where: Where) -> pa.Table:
-    file = pq.ParquetFile(stream, pre_buffer=False)
-    schema = file.schema_arrow
-    names = schema.names if columns is None else list(columns)
-    read = list(dict.fromkeys((*names, *where)))
-    missing = [name for name in read if name not in schema.names]
-    if missing:
-        raise pa.ArrowInvalid(
-            f"it has no column {missing[0]}; its columns are {', '.join(schema.names)}"
-        )
-    kept = pa.schema([schema.field(name) for name in names]).with_metadata(schema.metadata)
-    found, size = [kept.empty_table()], 0
-    for batch in file.iter_batches(_BATCH_ROWS, columns=read, use_threads=False):
-        size += batch.nbytes
-        if size > MOST_BYTES:
-            raise pa.ArrowInvalid(
-                f"Parquet that unpacks to more than {MOST_BYTES} bytes: leave rows or columns out"
-            )
-        table = pa.Table.from_batches([batch])
-        for name, held in where.items():
-            values = [held] if isinstance(held, str) else sorted(held)
-            column = table.column(name)
-            kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
-            table = table.filter(pc.is_in(column.cast(kind), pa.array(values, kind)))
-        found.append(table.select(names).cast(kept))
+    found, size = [], 0
+    try:
+        with open_input(path) as stream:
+            file = pq.ParquetFile(stream, pre_buffer=False)
+            schema = file.schema_arrow
+            names = schema.names if columns is None else list(columns)
+            read = list(dict.fromkeys((*names, *(where or {}))))
+            missing = [name for name in read if name not in schema.names]
+            if missing:
+                listed = ", ".join(schema.names)
+                raise pa.ArrowInvalid(f"it has no column {missing[0]}; its columns are {listed}")
+            kept = pa.schema([schema.field(name) for name in names]).with_metadata(schema.metadata)
+            found.append(kept.empty_table())
+            for batch in file.iter_batches(_BATCH_ROWS, columns=read, use_threads=False):
+                size += batch.nbytes
+                if size > MOST_BYTES:
+                    raise pa.ArrowInvalid(
+                        f"Parquet that unpacks to more than {MOST_BYTES} bytes: leave rows or columns out"
+                    )
+                chosen = _rows(pa.Table.from_batches([batch]), where or {})
+                found.append(chosen.select(names).cast(kept))
+    except (OSError, pa.ArrowException):
+        raise
+    except (LookupError, TypeError, ValueError) as error:  # names that are no text or not unique
+        raise pa.ArrowInvalid(f"{type(error).__name__}: {error}") from error
     return pa.concat_tables(found)
+
+
+def _rows(table: pa.Table, where: Where) -> pa.Table:
+    for name, held in where.items():
+        column = table.column(name)
+        kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
+        values = pa.array([held] if isinstance(held, str) else sorted(held), kind)
+        table = table.filter(pc.is_in(column.cast(kind), values))
+    return table

@@ -39,10 +39,7 @@ class OutputFolder:
     kept
         Files that stay in `part` where the block ends with an error that is not about the output.
 
-    Raises
-    ------
-    OutputError
-        The folder cannot be written, or another process writes to it.
+    Raises OutputError where the folder cannot be written, or another process writes to it.
     """
 
     def __init__(self, folder: Path, kept: Collection[str] = ()) -> None:
@@ -78,10 +75,7 @@ class OutputFolder:
     def commit(self, drop: Collection[str] = ()) -> None:
         """Replace: the files in `part` go to `folder`, those of an earlier result that are named in `drop` go away.
 
-        Raises
-        ------
-        OutputError
-            A file cannot be brought to the disk; nothing has changed.
+        Raises OutputError where a file cannot be brought to the disk; nothing has changed.
         """
         names = sorted(path.name for path in self.part.iterdir())
         try:

@@ -20,10 +20,7 @@ from wayside.schemas.tables import Table
 class ParquetFile:
     """A new Parquet file at a path, removed where the block ends with an error, or in a stream that its owner closes.
 
-    Raises
-    ------
-    OSError
-        It cannot be written, or something stands there.
+    Raises OSError where it cannot be written, or something stands there.
     """
 
     def __init__(self, file: Path | BinaryIO, schema: pa.Schema, geo: str | None = None) -> None:

@@ -75,10 +75,7 @@ def read_csv(path: Path, numbers: Collection[str] = ()) -> tuple[list[str], list
     Columns are divided by commas, semicolons or tabs, whichever the first row has most of. Where that is no comma, the
     columns of `numbers` may have one for the decimal point.
 
-    Raises
-    ------
-    OSError, ValueError, csv.Error
-        It cannot be read, or a row has more values than the first.
+    Raises OSError, ValueError, csv.Error where it cannot be read, or a row has more values than the first.
     """
     text = read_input_text(path)
     stated = re.match(r"sep=(.)\r?\n", text)  # for Excel

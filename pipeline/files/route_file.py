@@ -68,8 +68,12 @@ class RouteFile:
             names, lines = self._read((low[0], low[1], high[0], high[1]))
         except Exception as error:
             raise _unreadable(self.path, error) from error
-        chosen = np.array([self.settings.name in ("", name) for name in names], bool)
+        chosen = self._chosen(names)
         return _segments(names[chosen], lines[chosen], self, (*low, *high))
+
+    def _chosen(self, names: NDArray[Any]) -> NDArray[np.bool_]:
+        """Which lines are of the route that the settings name, or of any."""
+        return np.array([self.settings.name in ("", name) for name in names], bool)
 
     def _read(
         self, box: Bounds | None = None, most: int | None = None
@@ -137,6 +141,7 @@ def open_routes(settings: RouteSettings) -> RouteFile | None:
             f"--routes {path}: there is no route {settings.name!r} among the {len(known)} of its column {file.column}; "
             f"the nearest: {', '.join(near or known[:_MOST_LISTED])}"
         )
+    lines = lines[file._chosen(names)]
     if not any(shapely.has_m(lines)):
         kinds = sorted({str(line.geom_type) for line in lines})
         raise InputError(

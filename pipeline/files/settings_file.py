@@ -59,11 +59,8 @@ def load_settings(
     settings, origins
         Origins by full name: `default`, `preset report`, the file's name, `--set` or `option`.
 
-    Raises
-    ------
-    UsageError
-        Unknown preset, group or name (with the nearest known one), a value of the wrong type or out of range, a file
-        that cannot be read.
+    Raises UsageError for an unknown preset, group or name (with the nearest known one), a value of the wrong type or
+    out of range, and a file that cannot be read.
     """
     settings = Settings()
     leaves = {
@@ -209,7 +206,6 @@ def _limits(leaf: Field[Any]) -> str:
 
 def _nearest(name: str, known: Collection[str]) -> str:
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    near = near or [full for full in known if full.rpartition(".")[2] == name.rpartition(".")[2]]
     return f"; did you mean {near[0]}?" if near else ""
 
 

@@ -139,10 +139,7 @@ def whole_file(
     overwrite
         Replace whatever file stands there.
 
-    Raises
-    ------
-    OutputError
-        It cannot be written, or something of the user's stands there.
+    Raises OutputError where it cannot be written, or something of the user's stands there.
     """
     try:
         if is_stream(path):

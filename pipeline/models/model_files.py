@@ -151,10 +151,7 @@ def onnx_metadata(content: bytes) -> dict[str, str]:
 def load_models(settings: Settings) -> Models:
     """The models that the settings ask for, each of the folder `models.folder` where it is there, else as it ships.
 
-    Raises
-    ------
-    InputError
-        If the folder or a file of it cannot be used.
+    Raises InputError where the folder or a file of it cannot be used.
     """
     folder = _Folder.of(settings.models.folder)
     models = (_report_models if settings.report.on else _default_models)(folder, settings)

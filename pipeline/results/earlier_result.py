@@ -77,10 +77,7 @@ def check_earlier(folder: Path, log: Path, *, overwrite: bool = False) -> Earlie
     A result of the same log, by its fingerprint, may be replaced where each table is as `run.json` states it; with
     `overwrite`, whatever stands there.
 
-    Raises
-    ------
-    OutputError
-        A result of another log stands there, or files that no run of wayside has left there.
+    Raises OutputError where a result of another log stands there, or files that no run of wayside has left there.
     """
     standing = [name for name in (*TABLES, RUN_FILE) if _is_there(folder, name)]
     run = _read_run(folder)

@@ -50,11 +50,8 @@ def read_table(
     where
         The rows; its columns need not be among `columns`.
 
-    Raises
-    ------
-    InputError
-        The folder is no result folder, or the file is damaged or something else: a column is of another type, or lacks
-        values that every row must have.
+    Raises InputError where the folder is no result folder, or the file is damaged or something else: a column is of
+    another type, or lacks values that every row must have.
     """
     finish_replacement(out)
     file, schema = out / table.file, table.schema

@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 from wayside.pipeline.workers import Result
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Frame
-from wayside.schemas.settings import Settings
-from wayside.stages.mapping import WINDOW_STEP
 
 _BYTES_A_PIXEL = 3 + 1 + 3 * (1 / 4 + 1 / 16)
 """Colour, grey, and colour at half and quarter size."""
@@ -70,8 +68,3 @@ class ImageMemory:
         self._bytes += one
         self._largest = max(self._largest, one)
         self.peak_bytes = max(self.peak_bytes, self._bytes)
-
-
-def image_memory(settings: Settings) -> ImageMemory:
-    """The count of a run with these settings."""
-    return ImageMemory(settings.run.memory_mb, settings.track.longest + WINDOW_STEP)

@@ -32,6 +32,7 @@ import numpy as np
 from wayside.pipeline.files.settings_file import settings_digest
 from wayside.pipeline.files.writing import create, not_written
 from wayside.pipeline.models.model_files import Models
+from wayside.pipeline.models.model_json import digest
 from wayside.pipeline.results.earlier_result import file_digest, log_fingerprint
 from wayside.schemas.detections import (
     Candidates,
@@ -60,9 +61,8 @@ def journal_key(log: Path, settings: Settings, models: Models) -> dict[str, Any]
     fingerprint = log_fingerprint(log)
     if fingerprint is None:
         raise UsageError(f"--resume: there is no log at {log} that can be read again")
-    return _key(fingerprint, settings, models.digests()) | {
-        "machine": [platform.machine(), platform.processor(), platform.python_version()],
-    }
+    machine = [platform.machine(), platform.processor(), platform.python_version()]
+    return _key(settings, models.digests()) | {"log": fingerprint, "machine": machine}
 
 
 def result_key(
@@ -70,28 +70,20 @@ def result_key(
 ) -> str | None:
     """Digest of all that the tables of a run depend on, models by their `digests`; None for what is no file."""
     fingerprint = log_fingerprint(log)
-    if fingerprint is None:
-        return None
-    return result_keys(settings, digests, every_region=every_region)(fingerprint)
+    key_of = result_keys(settings, digests, every_region=every_region)
+    return None if fingerprint is None else key_of(fingerprint)
 
 
 def result_keys(
     settings: Settings, digests: dict[str, str], *, every_region: bool
 ) -> Callable[[str], str]:
     """The same for many logs: a function of the fingerprint of each."""
-    rest = _key("", settings, digests) | {"every_region": every_region}
-
-    def of(fingerprint: str) -> str:
-        return hashlib.sha256(
-            json.dumps(rest | {"log": fingerprint}, sort_keys=True).encode()
-        ).hexdigest()
-
-    return of
+    rest = _key(settings, digests) | {"every_region": every_region}
+    return lambda fingerprint: digest(json.dumps(rest | {"log": fingerprint}, sort_keys=True))
 
 
-def _key(fingerprint: str, settings: Settings, digests: dict[str, str]) -> dict[str, Any]:
+def _key(settings: Settings, digests: dict[str, str]) -> dict[str, Any]:
     return {
-        "log": fingerprint,
         "settings": settings_digest(settings),
         "models": digests,
         "files": [
@@ -113,10 +105,7 @@ class Journal:
     key
         What the results depend on; a journal of another key is begun anew.
 
-    Raises
-    ------
-    OutputError
-        The journal cannot be read or written.
+    Raises OutputError where the journal cannot be read or written.
     """
 
     def __init__(self, folder: Path, key: dict[str, Any]) -> None:
@@ -251,9 +240,8 @@ def _table(kind: type[T], arrays: dict[str, Any]) -> T:
 def _code_digest() -> str:
     """SHA-256 of all sources that a result depends on."""
     root = Path(__file__).parents[2]
-    digest = hashlib.sha256()
+    found = hashlib.sha256()
     for room in ("schemas", "stages", "pipeline"):
-        files = (path for kind in ("*.py", "*.csv") for path in (root / room).rglob(kind))
-        for path in sorted(files):
-            digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
-    return digest.hexdigest()
+        for path in sorted([*(root / room).rglob("*.py"), *(root / room).rglob("*.csv")]):
+            found.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    return found.hexdigest()

@@ -11,7 +11,6 @@ import sys
 import traceback
 from contextlib import suppress
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING
 
 from wayside.pipeline.files.visible_text import visible_lines
@@ -38,7 +37,7 @@ def interrupt_on_signals() -> None:
     for name in _ENDING_SIGNALS:
         number = getattr(signal, name, None)  # Windows has no SIGHUP
         if number is not None and signal.getsignal(number) == signal.SIG_DFL:
-            signal.signal(number, _interrupt)
+            signal.signal(number, signal.default_int_handler)
 
 
 def open_standard_streams() -> None:
@@ -101,10 +100,6 @@ def silence_standard_streams() -> None:
             getattr(sys, name).flush()
         except OSError:
             setattr(sys, name, _nowhere())
-
-
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
 
 
 def _in_plain_characters(error: UnicodeError) -> tuple[str, int]:

@@ -2,30 +2,40 @@
 
 from __future__ import annotations
 
+import json
+import os
+import platform
 import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from wayside.pipeline.code_words import system_notes
 from wayside.pipeline.files.output_folder import RECORDING, OutputFolder
 from wayside.pipeline.files.route_file import RouteFile, open_routes, route_notes
+from wayside.pipeline.files.settings_file import settings_digest
 from wayside.pipeline.files.visible_text import visible
+from wayside.pipeline.files.writing import create, not_written
 from wayside.pipeline.labels.box_accounting import BoxAccounting, paired
-from wayside.pipeline.models.model_files import Models
+from wayside.pipeline.models.model_files import Models, learned_from
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.selection import describe_duplicates
-from wayside.pipeline.results.earlier_result import EarlierResult, check_earlier
+from wayside.pipeline.results.earlier_result import (
+    EarlierResult,
+    check_earlier,
+    file_digest,
+    log_fingerprint,
+)
 from wayside.pipeline.results.inventory import InventoryWriter, WrittenTables
-from wayside.pipeline.running.flow import Drive, Flow, FrameCounts, Observer
-from wayside.pipeline.running.image_memory import image_memory
-from wayside.pipeline.running.journal import Journal, journal_key, remove_journal
-from wayside.pipeline.running.pace import paced
-from wayside.pipeline.running.run_file import write_run
+from wayside.pipeline.results.result import RUN_FILE
+from wayside.pipeline.running.flow import Drive, Flow, FrameCounts, Observer, paced
+from wayside.pipeline.running.image_memory import ImageMemory
+from wayside.pipeline.running.journal import Journal, journal_key, remove_journal, result_key
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.detectors import BoxFile
 from wayside.schemas.errors import InputError
@@ -43,6 +53,7 @@ from wayside.schemas.frame import (
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
 from wayside.stages.calibration import LensCheck
+from wayside.stages.mapping import WINDOW_STEP
 
 
 class RunObserver(Observer, Protocol):
@@ -185,7 +196,7 @@ def process_log(asked: RunRequest, run: Run) -> Iterator[TrackedFrame]:
             journal = Journal(folder, journal_key(asked.log, asked.settings, asked.models))
             ended.callback(journal.close)
         result = yield from _Task(asked, run, output.part, earlier, journal).process()
-        write_run(result, asked, output.part)
+        _write_run(result, asked, output.part)
         output.commit([RECORDING] if earlier.recorded and not result.recorded else [])
         run.result, run.committed = result, True
         remove_journal(folder)
@@ -270,7 +281,7 @@ class _Task:
 
     def _flow(self, observer: RunObserver | None, routes: RouteFile | None) -> Flow:
         settings, models = self.asked.settings, self.asked.models
-        memory = image_memory(settings)
+        memory = ImageMemory(settings.run.memory_mb, settings.track.longest + WINDOW_STEP)
         return Flow(
             settings, models, self.clock, observer, self.journal, routes, memory, self.run.counts
         )
@@ -313,3 +324,65 @@ def _no_image(log: Path, statuses: Counter[str]) -> str:
         f"{log}: there are no images to process: {reasons}. See `wayside info` for what the log holds, and loosen "
         "--from, --until, --every or the calibration."
     )
+
+
+def _write_run(result: RunResult, asked: RunRequest, part: Path) -> None:
+    """`run.json`: everything needed to repeat the run, and all that differs between two runs of it."""
+    settings, models, drive = asked.settings, asked.models, result.inventory
+    used = result.frames.get(USED, 0)
+    rejected = {k: v for k, v in sorted(result.frames.items()) if k != USED}
+    digests = models.digests()
+    content: dict[str, Any] = {
+        "wayside": version("wayside"),
+        "arguments": list(asked.arguments),
+        "log": result.log.name,
+        "log_path": str(result.log.absolute()),
+        "log_fingerprint": log_fingerprint(result.log),
+        "camera_topic": result.report.camera_topic,
+        "view_images": result.view_images,
+        "recording": RECORDING if result.recorded else None,
+        "settings": asdict(settings),
+        "settings_digest": settings_digest(settings),
+        "models": digests,
+        "result_key": result_key(result.log, settings, digests, every_region=asked.every_region),
+        "learned_from_log": list(learned_from(result.log.stem, models.provenances())),
+        "detector": None if result.boxes is None else result.boxes.source,
+        "camera": drive.camera and asdict(drive.camera),
+        "world": drive.path.world,
+        "camera_height_m": drive.path.camera_height_m,
+        "camera_by_motion": result.lens.found and asdict(result.lens.found),
+        "focal_length": {"correction": result.lens.correction, "sigma": result.lens.sigma},
+        "us_probability": drive.us_probability,
+        "notes": result.notes,
+        "accounting": {
+            "frames_read": sum(result.frames.values()),
+            "used": used,
+            "rejected": rejected,
+            "regions": drive.verdicts,
+            "boxes": None if result.boxes is None else result.boxes.counts,
+            "lost": result.lost,
+        },
+        "files": {
+            name: {"rows": rows, "sha256": file_digest(part / name)}
+            for name, rows in drive.rows.items()
+        },
+        "times": {
+            "wall_s": round(result.wall_seconds, 3),
+            "replayed_frames": result.replayed,
+            "cpu_s_by_stage": {k: round(v, 3) for k, v in result.stage_seconds.items()},
+        },
+        "memory": {
+            "limit_mb": settings.run.memory_mb or None,
+            "images_at_most_mb": round(result.image_bytes / 1e6, 1),
+        },
+        "machine": {
+            "system": platform.platform(),
+            "python": platform.python_version(),
+            "cores": os.cpu_count(),
+        },
+    }
+    try:
+        with create(part / RUN_FILE) as stream:
+            stream.write((json.dumps(content, indent=1) + "\n").encode())
+    except OSError as error:
+        raise not_written(part, error) from error

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes
 import gc
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import cv2
 import scipy.linalg  # noqa: F401  (loads its linear algebra)
@@ -30,21 +30,20 @@ def tune_process() -> None:
     cv2.setNumThreads(1)
     # Acts on libraries that are loaded: those of numpy and scipy.
     threadpool_limits(1, user_api="blas")
-    keep_heap()
+    _keep_heap()
 
 
-def keep_heap() -> bool:
-    """Ask the C library not to give the memory of each image back to the system; whether it took the advice.
+def _keep_heap() -> None:
+    """Ask the C library not to give the memory of each image back to the system.
 
     By default glibc maps every block of some megabytes again: about 1800 page faults for a 1600 x 1200 image, which
     makes decoding a half slower. Other libraries have no such call or ignore it.
     """
-    try:
+    with suppress(AttributeError, OSError, TypeError):
         advise = ctypes.CDLL(None).mallopt
-    except (AttributeError, OSError, TypeError):
-        return False
-    advise.argtypes, advise.restype = (ctypes.c_int, ctypes.c_int), ctypes.c_int
-    return bool(advise(_MMAP_THRESHOLD, _LARGEST_BLOCK) and advise(_TRIM_THRESHOLD, _KEPT))
+        advise.argtypes, advise.restype = (ctypes.c_int, ctypes.c_int), ctypes.c_int
+        advise(_MMAP_THRESHOLD, _LARGEST_BLOCK)
+        advise(_TRIM_THRESHOLD, _KEPT)
 
 
 @contextmanager

@@ -84,7 +84,7 @@ def other_encoding(content, encoding):
     height, width = grey.shape
     raw = RawImage(frame_id=content.frame_id, width=width, height=height, step=width)
     raw.encoding, raw.data = encoding, grey.tobytes()
-    raw.timestamp.CopyFrom(content.timestamp)
+    raw.timestamp.seconds, raw.timestamp.nanos = content.timestamp.seconds, content.timestamp.nanos
     return raw
 
 

@@ -68,30 +68,6 @@ def out(old, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_same_log_replaces_its_own_result(out, old):
-    done = run(out)
-    assert done.returncode == 0, done.stderr
-    found = digests(out)
-    assert sorted(found) == sorted(FILES)
-    assert not set(found.values()) & set(digests(old).values())
-    stated = json.loads((out / "run.json").read_text())["files"]
-    assert {name: stated[name]["sha256"] for name in TABLES} == {n: found[n] for n in TABLES}
-
-
-@pytest.mark.slow
-def test_another_log_leaves_everything_and_says_what_stands_there(out, old, tmp_path):
-    other = tmp_path / "demo.mcap"
-    other.write_bytes(DEMO.read_bytes()[:2_000_000])
-    done = run(out, log=other)
-    assert done.returncode == 5
-    assert f"the result of {DEMO} (of another log)" in done.stderr
-    assert "--overwrite" in done.stderr
-    assert digests(out) == digests(old)
-    assert run(out, "--overwrite", log=other).returncode == 4
-    assert not set(digests(out).values()) & set(digests(old).values())
-
-
-@pytest.mark.slow
 def test_a_log_that_cannot_be_read_leaves_the_old_result_with_its_recording(tmp_path):
     out, text = tmp_path / "out", tmp_path / "notes.mcap"
     shutil.copy(DEMO, text)
@@ -116,19 +92,6 @@ def test_signals_that_ask_to_end_are_interrupts(out, old, number):
     assert running.returncode == 130
     assert b"wayside: interrupted; this log's tables were not written" in words
     assert digests(out) == digests(old)
-
-
-@pytest.mark.slow
-def test_two_runs_do_not_mix(out):
-    line = [str(WAYSIDE), "run", str(DEMO), "-o", str(out)]
-    with subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as first:
-        wait_for(out / ".wayside-part" / ".observations.scratch")
-        second = run(out)
-        assert first.wait(300) == 0
-    assert second.returncode == 5
-    assert "another wayside" in second.stderr
-    frames = json.loads((out / "run.json").read_text())
-    assert frames["accounting"]["used"] == 24
 
 
 @pytest.mark.slow

@@ -243,7 +243,8 @@ def test_the_demo_drive_as_video_gives_its_signs(tmp_path, altered_demo, default
     )
 
     def as_video(content):
-        return video_message(next(packets), content.timestamp.ToNanoseconds())
+        stamp = content.timestamp
+        return video_message(next(packets), stamp.seconds * 10**9 + stamp.nanos)
 
     video = altered_demo(tmp_path / "demo.mcap", message=as_video, most=None)
     found, wanted = signs_of(run_log_file(video, tmp_path / "out")), signs_of(default_demo)

@@ -1,5 +1,7 @@
 """Several logs in one command: what becomes of each, and the exit status."""
 
+import json
+
 import pytest
 import typer
 
@@ -7,7 +9,7 @@ from wayside.pipeline.cli import running
 from wayside.pipeline.cli.running import RunOptions, process_all
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.models import model_files
-from wayside.pipeline.results.earlier_result import file_digest
+from wayside.pipeline.results.earlier_result import file_digest, log_fingerprint
 from wayside.pipeline.running.journal import result_key
 from wayside.schemas.errors import InputError, InterruptionError, OutputError, UsageError
 
@@ -36,9 +38,9 @@ def drives(tmp_path, monkeypatch):
         table = folder / "signs.parquet"
         table.write_text(content)
         key = result_key(log, settings, NoModels().digests(), every_region=how.every_region)
-        files = f'{{"signs.parquet": {{"sha256": "{file_digest(table)}"}}}}'
-        about = f'{{"wayside": "1", "log": "{log.name}", "result_key": "{key}", "files": {files}}}'
-        (folder / "run.json").write_text(about)
+        files = {"signs.parquet": {"sha256": file_digest(table)}}
+        about = {"wayside": "1", "log_fingerprint": log_fingerprint(log), "files": files}
+        (folder / "run.json").write_text(json.dumps(about | {"result_key": key}))
         return int(content)
 
     monkeypatch.setattr(running, "process", process)
@@ -90,8 +92,9 @@ def test_finished_logs_are_passed_over_until_something_changes(drives, tmp_path,
     other, _ = load_settings(options={"read.every": 2})
     assert drives(contents, other)[1] == ["a.mcap", "b.mcap"]
     drives(contents)
-    assert drives(contents | {"b": "4"}) == (4, ["b.mcap"])
-    assert drives(contents) == (0, ["b.mcap"])
+    with pytest.raises(OutputError, match="of another log"):
+        drives(contents | {"b": "4"})
+    drives(contents)
     (tmp_path / "out" / "b" / "signs.parquet").unlink()
     assert drives(contents)[1] == ["b.mcap"]
 

@@ -120,9 +120,6 @@ def test_the_mean_of_the_report_stands_as_a_location_model_of_its_own():
     assert kansas.mean == pytest.approx([10.2391 * feet, 1.9783 * feet], abs=1e-3)
     assert kansas.covariance.tolist() == [[1, 0], [0, 1]]
     assert kansas.threshold_rule.startswith("knee of the ROC")
-
-
-def test_a_location_model_that_is_not_there_is_named():
     with pytest.raises(InputError, match=r"no model file at nowhere.*report-kansas"):
         load_models(settings("report", location="nowhere"))
 
@@ -304,16 +301,13 @@ def test_a_model_of_other_inputs_or_names_is_refused_before_the_first_image(tmp_
         load_models(settings(folder=tmp_path))
 
 
-def test_a_folder_that_is_not_there_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"models\.folder"):
-        load_models(settings(folder=tmp_path / "none"))
-
-
 @pytest.mark.parametrize("name", ["location_report.json", "colour.json"])
 def test_a_folder_without_a_model_that_the_preset_reads_is_refused(tmp_path, name):
     (tmp_path / name).write_text((shipped_models() / "location_report.json").read_text())
     with pytest.raises(InputError, match=r"models\.folder: .* holds no model file of this preset"):
         load_models(settings("default", tmp_path))
+    with pytest.raises(InputError, match=r"models\.folder: there is no folder"):
+        load_models(settings(folder=tmp_path / "none"))
 
 
 NO_MODEL = {

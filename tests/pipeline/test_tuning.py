@@ -10,11 +10,7 @@ from numba import njit
 
 from wayside.pipeline.cli.progress import COMPILING, FrameProgress
 from wayside.pipeline.running.run import Run
-from wayside.pipeline.running.tuning import keep_heap, watched_compilation
-
-
-def test_keeping_the_heap_is_advice_that_may_be_declined():
-    assert keep_heap() in (True, False)
+from wayside.pipeline.running.tuning import watched_compilation
 
 
 def test_linear_algebra_runs_in_one_thread_whatever_the_machine():

@@ -83,23 +83,6 @@ def test_a_name_that_is_not_utf8_is_named_in_the_error(tmp_path, command, words)
     assert r"caf\udce9\x1b[2J.mcap: the log cannot be read" in done.stderr
 
 
-@pytest.mark.parametrize("option", ["26.4", "far", "nan m"])
-@pytest.mark.parametrize("words", [["run"], ["import", "--calibration", "camera.yaml"]])
-def test_a_spacing_without_a_unit_is_refused_by_every_command(tmp_path, command, words, option):
-    done = command(*words, "drive.mcap", f"--spacing={option}", "-o", tmp_path / "out")
-    assert done.returncode == 2
-    assert "is not a length with its unit" in done.stderr
-
-
-@pytest.mark.parametrize("text", ["[" * 100_000, "a = " + "[" * 50_000, "a = {b = " * 5000])
-def test_a_settings_file_of_endless_depth_is_refused(tmp_path, command, text):
-    file = tmp_path / "mine.toml"
-    file.write_text(text)
-    done = command("settings", "--settings", file)
-    assert done.returncode == 2
-    assert "not valid TOML" in done.stderr
-
-
 def test_a_run_json_of_endless_depth_is_refused(tmp_path, command):
     (tmp_path / "run.json").write_text("[" * 100_000)
     assert command("evidence", tmp_path).returncode == 3
