@@ -149,7 +149,7 @@ def _rates_table(fitted: FittedModel) -> tuple[str, Table]:
     compared: dict[str, Rates] = {f"fitted, held out ({fitted.model.space})": fitted.held}
     compared["shipped, same samples"] = fitted.shipped
     compared |= {f"in space {name}, held out": held for name, held in fitted.compared.items()}
-    rows = [("", "signs accepted", "under the right name", "others accepted")]
+    rows: list[Sequence[str]] = [("", "signs accepted", "under the right name", "others accepted")]
     for name, rates in compared.items():
         shares = (rates.accepted, rates.named, rates.false_rate)
         rows.append((name, *(_with_ends(value, ends) for value, *ends in shares)))
@@ -158,7 +158,7 @@ def _rates_table(fitted: FittedModel) -> tuple[str, Table]:
 
 def _class_table(fitted: FittedModel) -> tuple[str, Table]:
     classes = {one.name: one for one in fitted.model.classes}
-    rows = [("class", "signs", "views", "right name", "area", "threshold")]
+    rows: list[Sequence[str]] = [("class", "signs", "views", "right name", "area", "threshold")]
     for score in fitted.held.classes:
         value, *ends = score.named
         shares = _with_ends(value, ends), _area(score.curve), _threshold(classes[score.name])

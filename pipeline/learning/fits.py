@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -56,10 +56,6 @@ class Samples(Rows):
     sign: NDArray[np.int64]
     stretch: NDArray[np.int64]
     fold: NDArray[np.int64]
-
-    def with_values(self, values: Values) -> Samples:
-        """The same samples in another space."""
-        return replace(self, values=values)
 
     def signs(self, name: str) -> int:
         """How many signs of a class there are."""
