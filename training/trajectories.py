@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from training.landmarks import NEITHER, SIGN, KnownPanels, label_in_images
-from training.truth import read_truth
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.files.writing import write_file
 from wayside.pipeline.learning.curves import KNEE_RULE, Scores, roc_curve
+from wayside.pipeline.learning.truth import read_truth
 from wayside.pipeline.models.model_files import TRAJECTORY_FILES, load_models
 from wayside.pipeline.models.model_json import model_to_json
 from wayside.pipeline.reading.frames import ReadReport, read_frames
