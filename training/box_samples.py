@@ -20,7 +20,7 @@ from training.detector_crops import (
     shown_faces,
 )
 from training.detector_images import LabelledImage
-from training.truth import UNION, second_faces
+from wayside.pipeline.learning.truth import UNION, second_faces
 from wayside.schemas.detections import NONE
 from wayside.stages.detection import STRIDE, DetectionNetwork, boxes_of_maps
 from wayside.stages.geometry import iou_matrix

@@ -16,16 +16,21 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from training.learn import learning_logs, run, write_model
-from training.truth import LEARN_READ, SignViews, box_labels, read_truth, views_by_frame
 from wayside.pipeline.files.settings_file import load_settings
-from wayside.pipeline.learning.fits import logistic
+from wayside.pipeline.learning.fits import platt
 from wayside.pipeline.learning.labelled import NEAR_FACE, NEITHER, ON
+from wayside.pipeline.learning.truth import (
+    LEARN_READ,
+    SignViews,
+    box_labels,
+    read_truth,
+    views_by_frame,
+)
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.flow import Flow
@@ -36,9 +41,6 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.models import NetworkSum, ScoreModel
 from wayside.stages.detection import SAME_FACE_IOU
 from wayside.stages.geometry import non_maximum_suppression
-
-THREADS = 2
-"""How many drives are read at a time."""
 
 EVERY = 4
 """Every n-th image of a drive: three numbers are learned."""
@@ -186,7 +188,7 @@ def learn(logs: Sequence[Path], folder: Path) -> dict[str, ScoreModel]:
     InputError
         If a drive or the networks of the folder cannot be used.
     """
-    with ThreadPoolExecutor(THREADS) as pool:
+    with ThreadPoolExecutor(2) as pool:  # drives read at a time
         found = list(pool.map(lambda log: scored_boxes(log, folder), logs))
     faces, backs = [drive[0] for drive in found], [drive[1] for drive in found]
     provenance = "thresholds by " + ", ".join(
@@ -198,17 +200,6 @@ def learn(logs: Sequence[Path], folder: Path) -> dict[str, ScoreModel]:
     threshold, interval = rule_threshold(backs, np.ones(1), FALSE_BACKS)
     back = ScoreModel(threshold, provenance, None, false_boxes_rule(FALSE_BACKS), interval)
     return {"front.json": front, "back.json": back}
-
-
-def platt(
-    scores: NDArray[np.floating[Any]], positive: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], float]:
-    """Slopes (k,) and shift that make one log odds of k scores (n, k), by Platt's softened targets."""
-    count, rest = positive.sum(), (~positive).sum()
-    target = np.where(positive, (count + 1) / (count + 2), 1 / (rest + 2))
-    start = np.append(np.full(scores.shape[1], 1 / scores.shape[1]), 0.0)
-    found = logistic(np.asarray(scores, np.float64), target, start, np.zeros(len(start)))
-    return found[:-1], float(found[-1])
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -16,8 +16,8 @@ import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from training.truth import LEARN_READ, height_px, read_truth, visible_fraction
 from wayside.pipeline.learning.labelled import FACE_FRACTION, FACE_PX
+from wayside.pipeline.learning.truth import LEARN_READ, height_px, read_truth, visible_fraction
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.schemas.errors import InputError

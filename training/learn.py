@@ -15,20 +15,18 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from training.outlines import gather_choices, learn_outlines
-from training.truth import LEARN_READ, read_truth, sign_positions
 from wayside.pipeline.chains import panel_method
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.files.writing import not_written, write_file
-from wayside.pipeline.learning.fits import PLACE_FLOOR, SIDES, moments, sides
+from wayside.pipeline.learning.truth import LEARN_READ, location_model, read_truth, sign_positions
 from wayside.pipeline.models.model_files import load_models, shipped_models
 from wayside.pipeline.models.model_json import model_to_json
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError, OutputError, WaysideError
 from wayside.schemas.frame import Image
-from wayside.schemas.models import GaussianClass, GaussianModel, Model
+from wayside.schemas.models import Model
 from wayside.stages.imaging import decode
 
 PREFIX = "learn_"
@@ -36,9 +34,6 @@ PREFIX = "learn_"
 
 PROCESSES = 2
 """How many drives are run at a time."""
-
-FEWEST_SIGNS = 4
-"""A side of the road of fewer signs is not learned."""
 
 
 def learning_logs(folder: Path) -> list[Path]:
@@ -119,29 +114,6 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args(arguments)
     return run(lambda: learn(given.drives, given.out, given.seed))
-
-
-def location_model(places: NDArray[np.float64], provenance: str) -> GaussianModel:
-    """Where signs stand, (right of the path, above the camera's path) in metres: the mixture of preset `default`.
-
-    places (n, 2): of signs. Overhead panels hang 4 m above the camera or higher; the rest stands right or left. A
-    component holds all of its own signs within 4 sigma, because the next sign may lie beyond the last one seen. Those
-    of preset `report` are learned by `gates`.
-    """
-    side, classes = sides(places, 4.0), []
-    for name in SIDES:
-        own = side == name
-        if own.sum() < FEWEST_SIGNS:
-            continue
-        mean, covariance = moments(
-            places[own], np.full(own.sum(), 1 / own.sum()), np.array(PLACE_FLOOR)
-        )
-        if name == "overhead":
-            # Over any lane: three lanes either way are as likely as the middle.
-            mean[0], covariance = 0.0, np.diag([5.0**2, covariance[1, 1]])
-        rule = "four sigma, drawn only: no gate asks for it"
-        classes.append(GaussianClass(name, mean, covariance, 4.0, rule, int(own.sum())))
-    return GaussianModel("right_up_m", tuple(classes), provenance)
 
 
 if __name__ == "__main__":

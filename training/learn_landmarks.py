@@ -26,10 +26,10 @@ from training.landmarks import (
     samples_of,
 )
 from training.learn import PROCESSES, learning_logs, run, write_model
-from training.truth import LEARN_READ, read_truth
 from wayside.pipeline.chains import panel_method
 from wayside.pipeline.detectors import detector_of
 from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.learning.truth import LEARN_READ, read_truth
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.flow import Flow

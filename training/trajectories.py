@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from training.landmarks import NEITHER, SIGN, KnownPanels, label_in_images
 from training.learn import run, write_model
-from training.truth import read_truth
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.learning.curves import KNEE_RULE, Scores, roc_curve
+from wayside.pipeline.learning.truth import read_truth
 from wayside.pipeline.models.model_files import TRAJECTORY_FILES, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.flow import Flow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,6 @@ from wayside.pipeline.learning.fits import (
     COLOR_FLOOR,
     SEED,
     VIEWS,
-    Fit,
     Floor,
     Held,
     Rates,
@@ -141,7 +141,7 @@ def fit_colors(
     standard error. The shipped classes are in RGB. Takes and raises the same as `fit_gaussians`.
     """
     tried = {
-        one: (samples.with_values(color_features(samples.values, one)), color_floor(one))
+        one: (replace(samples, values=color_features(samples.values, one)), color_floor(one))
         for one in ([space] if space else COLOR_SPACES)
     }
     return fit_gaussians(samples, tried, COLORS, "colour", shipped, task)
@@ -233,15 +233,14 @@ def _validated(
     samples: Samples, floor: Floor, names: Sequence[str], task: Task
 ) -> tuple[float, Held]:
     """The strength of the prior that does best on held-out folds, and how the classes do there with it."""
-
-    def fit(prior: float) -> Fit:
-        return lambda part: fit_classes(part, names, floor, prior)
-
+    fits = {
+        one: partial(fit_classes, names=names, floor=floor, prior_signs=one) for one in PRIOR_SIGNS
+    }
     own = samples.select(np.isin(samples.kind, names))
     # rounded: where there is one class alone, all do the same
-    prior = max(PRIOR_SIGNS, key=lambda one: round(held_out_log_density(own, fit(one)), 6))
+    prior = max(fits, key=lambda one: round(held_out_log_density(own, fits[one]), 6))
     asked = _asked(samples, names)
-    distance = held_out_distances(asked, names, fit(prior))
+    distance = held_out_distances(asked, names, fits[prior])
     return prior, score_held_out(asked, names, distance, task.alpha)
 
 
@@ -260,10 +259,7 @@ def _model(
     A kept class has no labels, or few: values drawn from its density stand in for one sign more (Laplace's rule of
     succession).
     """
-
-    def fit(part: Samples) -> tuple[GaussianClass, ...]:
-        return fit_classes(part, names, floor, prior)
-
+    fit = partial(fit_classes, names=names, floor=floor, prior_signs=prior)
     kept = {
         one.name: (_drawn(one, space), one.count)
         for one in shipped.classes

@@ -158,7 +158,7 @@ def _rates_table(fitted: FittedModel) -> tuple[str, Table]:
 
 def _class_table(fitted: FittedModel) -> tuple[str, Table]:
     classes = {one.name: one for one in fitted.model.classes}
-    rows = [("class", "signs", "views", "right name", "area", "threshold")]
+    rows: list[Sequence[str]] = [("class", "signs", "views", "right name", "area", "threshold")]
     for score in fitted.held.classes:
         value, *ends = score.named
         shares = _with_ends(value, ends), _area(score.curve), _threshold(classes[score.name])

@@ -87,10 +87,6 @@ class LabelledDrive:
         complete = sorted(self.labels.complete)
         return Labels(every, tuple(LabelledImage(self.name, frame) for frame in complete))
 
-    def fold_of(self, stretch: NDArray[np.int64]) -> NDArray[np.int64]:
-        """What is held out together with samples of these stretches (n,)."""
-        return stretch if self.fold is None else np.full_like(stretch, self.fold)
-
 
 def labelled_drives(
     labels: Sequence[Labels], images: Sequence[Path], settings: ReadSettings, *, complete: bool
@@ -212,7 +208,7 @@ def region_samples(
         for item in segment(images, settings.segment, settings.gate):
             regions = item.regions
             label, face = drive.faces.label_regions(item.frame.index, regions.box)
-            kind = np.array(["" if f < 0 else names[f] for f in face], np.str_)
+            kind = np.append(names, "")[face]
             off = label == OFF
             if accepting is not None:
                 features = color_features(regions.rgb, accepting.space)
@@ -226,7 +222,7 @@ def region_samples(
             )
             known = np.isfinite(values).all(axis=1)
             rows, values = rows[known], values[known]
-            sign = np.array([-1 if f < 0 else drive.faces.sign[f] for f in face[rows]], np.int64)
+            sign = np.append(drive.faces.sign, -1)[face[rows]]
             frames = np.full(len(rows), item.frame.index, np.int64)
             parts.append(_samples(drive, frames, values, kind[rows], sign))
             seen.update(face[rows][face[rows] >= 0].tolist())
@@ -295,4 +291,5 @@ def _samples(
     sign: NDArray[np.int64],
 ) -> Samples:
     stretch = drive.stretch_of(frames, sign)
-    return Samples(values, kind, sign, stretch, drive.fold_of(stretch))
+    fold = stretch if drive.fold is None else np.full_like(stretch, drive.fold)
+    return Samples(values, kind, sign, stretch, fold)

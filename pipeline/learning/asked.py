@@ -285,9 +285,8 @@ class _Collector:
         columns = {"frame": frame, "label": label, "accepted": accepted, "box": box}
         if names is not None:
             of_face, classes, code = names
-            columns["kind"] = [NO_CLASS if i < 0 else of_face[i] for i in face]
-            given = zip(code, accepted, strict=True)
-            columns["named"] = [classes[c] if c >= 0 and ok else NO_CLASS for c, ok in given]
+            columns["kind"] = np.append(of_face, NO_CLASS)[face]
+            columns["named"] = np.array([*classes, NO_CLASS])[np.where(accepted, code, -1)]
         return self._ask(classifier, space, values, **columns)
 
     def _tracked(self, frame: TrackedFrame) -> Iterator[ClassifierSamples]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,10 +56,6 @@ class Samples(Rows):
     sign: NDArray[np.int64]
     stretch: NDArray[np.int64]
     fold: NDArray[np.int64]
-
-    def with_values(self, values: Values) -> Samples:
-        """The same samples in another space."""
-        return replace(self, values=values)
 
     def signs(self, name: str) -> int:
         """How many signs of a class there are."""
@@ -334,3 +330,12 @@ def log_loss(score: Values, on: NDArray[np.bool_]) -> float:
 def brier_score(score: Values, on: NDArray[np.bool_]) -> float:
     """Mean squared error of the probabilities of log odds (n,)."""
     return float(((expit(score) - on) ** 2).mean())
+
+
+def platt(scores: NDArray[np.floating[Any]], positive: NDArray[np.bool_]) -> tuple[Values, float]:
+    """Slopes (k,) and shift that make one log odds of k scores (n, k), by Platt's softened targets."""
+    count, rest = positive.sum(), (~positive).sum()
+    target = np.where(positive, (count + 1) / (count + 2), 1 / (rest + 2))
+    start = np.append(np.full(scores.shape[1], 1 / scores.shape[1]), 0.0)
+    found = logistic(np.asarray(scores, np.float64), target, start, np.zeros(len(start)))
+    return found[:-1], float(found[-1])

@@ -14,6 +14,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,8 @@ CHAINS = {"report-shape": ("shape",), "report": ("color", *TRAJECTORIES.values()
 FEWEST = 5
 """A component of fewer signs is not learned."""
 
+Gate = TypeVar("Gate", GaussianModel, MixtureModel)
+
 SIGMA_PER_MAD = 1.4826
 """Standard deviation of a normal distribution by its median absolute deviation."""
 
@@ -71,39 +74,34 @@ def learn_gates(
     for name, model, one_knee in gates:
         if name in samples and model is not None:
             found = with_learned_thresholds(model, samples[name], one_knee=one_knee)
-            origin = _with_origin(model, "thresholds by", samples[name])
-            learned[OWN[name]] = replace(found, provenance=origin)
+            learned[OWN[name]] = _of_origin(found, "thresholds by", samples[name])
     for density in densities:
-        asked = samples.get(TRAJECTORIES[density.space])
-        if asked is not None:
-            origin = _with_origin(density, "threshold by", asked)
-            learned[TRAJECTORY_FILES[density.space]] = replace(
-                with_score_threshold(density, asked), provenance=origin
+        name = TRAJECTORIES[density.space]
+        if name in samples:
+            scored = with_score_threshold(density, samples[name])
+            learned[TRAJECTORY_FILES[density.space]] = _of_origin(
+                scored, "threshold by", samples[name]
             )
     if "location" not in samples:
         return learned
     places = samples["location"]
-    origin = _origin(places)
-    known = places.known()
+    known, origin = places.known(), _origin(places)
     mixture = location_components(known.values[known.label == ON], origin)
     single = GaussianClass("report", np.array(KANSAS_MEAN), np.eye(2), 0.0, "", 50)
     kansas = "mean of 50 images of Kansas, unit covariance (report chapters 8 and 11); radius by "
-    learned[REPORT_LOCATION] = with_learned_thresholds(mixture, places)
-    learned[KANSAS] = with_learned_thresholds(
-        GaussianModel("right_up_m", (single,), kansas + origin), places
-    )
+    one = GaussianModel("right_up_m", (single,), kansas + origin)
+    for file, gate in ((REPORT_LOCATION, mixture), (KANSAS, one)):
+        learned[file] = with_learned_thresholds(gate, places)
     return learned
 
 
 def trajectory_densities(options: Mapping[str, object]) -> tuple[MixtureModel, ...]:
     """The density of each form; options: settings by name, as `models.folder`."""
-    found = []
-    for form in TRAJECTORY_FILES:
-        settings, _ = load_settings("report-2d", None, [f"report.trajectory={form}"], options)
-        density = load_models(settings).trajectory_density
-        if density is not None:
-            found.append(density)
-    return tuple(found)
+    every = (
+        load_models(load_settings("report-2d", None, [f"report.trajectory={form}"], options)[0])
+        for form in TRAJECTORY_FILES
+    )
+    return tuple(one.trajectory_density for one in every if one.trajectory_density is not None)
 
 
 def location_components(places: NDArray[np.float64], provenance: str) -> GaussianModel:
@@ -129,10 +127,10 @@ def location_components(places: NDArray[np.float64], provenance: str) -> Gaussia
     return GaussianModel("right_up_m", tuple(classes), provenance)
 
 
-def _with_origin(model: GaussianModel | MixtureModel, what: str, samples: ClassifierSamples) -> str:
-    """The provenance of a model with the provenance of its new thresholds or points."""
+def _of_origin(model: Gate, what: str, samples: ClassifierSamples) -> Gate:
+    """The model with the provenance of its new thresholds behind its own."""
     learned_from = re.split(r"; (?:thresholds?|operating points) by ", model.provenance)[0]
-    return f"{learned_from}; {what} {_origin(samples)}"
+    return replace(model, provenance=f"{learned_from}; {what} {_origin(samples)}")
 
 
 def _origin(samples: ClassifierSamples) -> str:

@@ -64,9 +64,8 @@ class FaceOutline:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """One image again: rgb (height, width, 3), its segmentation, the difference image of the segmented rows."""
+    """One image again, and its segmentation."""
 
-    frame: int
     segmentation: Segmentation
 
     @property
@@ -133,7 +132,7 @@ class Drive:
         """Images of frames, segmented again."""
         s = self.settings
         found = segment(decode(self._frames(wanted)), settings=s.segment, gate=s.gate)
-        return {one.frame.index: Scene(one.frame.index, one) for one in found if one.frame.used}
+        return {one.frame.index: Scene(one) for one in found if one.frame.used}
 
     def _frames(self, wanted: Collection[int]) -> Iterator[Frame]:
         read = read_frames(self.log, self.settings.read, ReadReport())

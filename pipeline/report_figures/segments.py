@@ -110,7 +110,7 @@ def _clustered(drive: Drive, blank: Figure, scene: Scene | None, row: int | None
     pixels = scene.clustered[y0:y1, x0:x1].reshape(-1, 3)
     (color, count) = Counter(map(tuple, pixels.tolist())).most_common(1)[0]
     ours = (
-        f"frame {scene.frame}, {drive.faces.color[row] or 'unknown'} sign {box[2] - box[0]:.0f} x "
+        f"frame {scene.segmentation.frame.index}, {drive.faces.color[row] or 'unknown'} sign {box[2] - box[0]:.0f} x "
         f"{box[3] - box[1]:.0f} px, k = {len(scene.segmentation.palette)}: {100 * count / len(pixels):.0f} % of its "
         f"pixels are of one cluster, whose colour is {color}; its pixels lie {np.median(own):.0f} levels from the "
         f"colours of their clusters (median; whole image {np.median(scene.difference):.0f})"
@@ -125,7 +125,7 @@ def _difference(drive: Drive, scene: Scene | None, row: int | None) -> Figure:
     by_source = _found_by_source(drive)
     corners = around(drive.faces.box[row], scene.rgb.shape[:2])
     counts = ", ".join(f"{count} {words}" for words, count in by_source.items())
-    whole = f"frame {scene.frame}: distance of each pixel to its cluster, three times as bright"
+    whole = f"frame {scene.segmentation.frame.index}: distance of each pixel to its cluster, three times as bright"
     return figure("2.3").shown(
         f"of {sum(by_source.values())} labelled views of signs, by the connected regions that pass the size gate: "
         f"{counts}",

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.pipeline.calibration.boards import calibrate_images, parse_board
 from wayside.pipeline.calibration.coverage import draw_coverage
@@ -97,10 +96,11 @@ def residual_figure(drive: Drive) -> Figure:
     frames, steps = np.array(sorted(drive.frames)), [m for _, m in sorted(drive.frames.items())]
     straight = np.array([m.residual_straight_px for m in steps])
     adjusted = np.array([m.residual_px for m in steps])
-    turns = np.array([0.0 if m.step is None else _turn_deg(m.step.rotation) for m in steps])
     good = np.isfinite(straight)
     if not good.any():
         return figure("7.2").left_out("two images that follow each other")
+    rotations = np.array([np.eye(3) if m.step is None else m.step.rotation for m in steps])
+    turns = np.degrees(np.arctan2(rotations[:, 0, 2], rotations[:, 2, 2]))
     top = 1.1 * float(np.nanmax([straight, adjusted]))
     span = (float(frames[0]), float(frames[-1]))
     axes = new_axes(span, (0, top), ("image", "residual per coordinate, px"))
@@ -153,10 +153,6 @@ def _track(drive: Drive, sign: Landmark) -> Figure:
 def _named(sign: Landmark) -> str:
     words = " ".join(word for word in (sign.color, sign.shape) if word)
     return words.replace("_", " ") or "sign"
-
-
-def _turn_deg(rotation: NDArray[np.float64]) -> float:
-    return float(np.degrees(np.arctan2(rotation[0, 2], rotation[2, 2])))
 
 
 def _scene(drive: Drive, signs: list[Landmark]) -> Figure:

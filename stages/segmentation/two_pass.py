@@ -201,50 +201,74 @@ def connected_regions(
     require_array(rgb, "rgb", np.uint8, (height, width, 3))
     if labels.size == 0:
         return Regions.empty(), 0
-    number = np.empty(labels.size, np.int32)
-    total = _number_regions(labels.ravel(), width, number)
-    area = np.bincount(number)
+    number, areas = np.empty(labels.size, np.int32), np.empty(labels.size, np.int32)
+    total = _number_regions(labels, number, areas)
+    area = areas[:total]
     kept = np.flatnonzero((area >= gate.smallest_px) & (area <= gate.largest_px))
-    row = np.full(total, -1)
+    row = np.full(total, -1, np.int32)
     row[kept] = np.arange(len(kept))
-    pixel = np.flatnonzero(row[number] >= 0)
-    region = row[number[pixel]]
-    box = np.tile((width, height, 0, 0), (len(kept), 1))
-    for column, at in enumerate((pixel % width, pixel // width)):
-        np.minimum.at(box[:, column], region, at)
-        np.maximum.at(box[:, column + 2], region, at + 1)
-    colors = rgb.reshape(-1, 3)[pixel].T
-    sums = np.stack([np.bincount(region, one, len(kept)) for one in colors], axis=1)
+    box = np.tile(np.array([width, height, 0, 0], np.int32), (len(kept), 1))
+    sums = np.zeros((len(kept), 3), np.int64)
+    _measure(number, row, rgb, box, sums)
     return Regions(
         box.astype(np.float32),
-        area[kept].astype(np.int32),
+        area[kept],
         (sums / area[kept, None]).astype(np.float32),
         np.full(len(kept), SOURCES.index(source), np.uint8),
     ), total
 
 
 @compiled
-def _number_regions(labels: NDArray[np.uint8], width: int, number: NDArray[np.int32]) -> int:
-    """Number (n,) of the region of each pixel, from 0 on in reading order of their first pixels; how many there are.
+def _number_regions(
+    labels: NDArray[np.uint8], number: NDArray[np.int32], area: NDArray[np.int32]
+) -> int:
+    """Number (n,) of the region of each pixel, in reading order of their first pixels, and areas; how many there are.
 
     Union-find: the root of a region is its first pixel.
     """
+    height, width = labels.shape
     parent = np.empty(labels.size, np.int32)
-    for i in range(labels.size):
-        parent[i] = i
-        if i % width > 0 and labels[i - 1] == labels[i]:
-            parent[i] = _root(parent, i - 1)
-        if i >= width and labels[i - width] == labels[i]:
-            above, own = _root(parent, i - width), parent[i]
-            parent[max(above, own)] = min(above, own)
+    for y in range(height):
+        for x in range(width):
+            i, label = y * width + x, labels[y, x]
+            beside = x > 0 and labels[y, x - 1] == label
+            parent[i] = parent[i - 1] if beside else i
+            if y == 0 or labels[y - 1, x] != label or (beside and labels[y - 1, x - 1] == label):
+                continue  # none above, or joined already
+            above, own = _root(parent, i - width), _root(parent, i)
+            parent[max(above, own)] = parent[i] = min(above, own)
     total = np.int32(0)
     for i in range(labels.size):
         if parent[i] == i:
             number[i] = total
+            area[total] = 0
             total += 1
         else:
             number[i] = number[parent[i]]
+        area[number[i]] += 1
     return int(total)
+
+
+@compiled
+def _measure(
+    number: NDArray[np.int32],
+    row: NDArray[np.int32],
+    rgb: NDArray[np.uint8],
+    box: NDArray[np.int32],
+    sums: NDArray[np.int64],
+) -> None:
+    """Boxes (k, 4) and sums of colours (k, 3) of the regions that have a row."""
+    i = 0
+    for y in range(rgb.shape[0]):
+        for x in range(rgb.shape[1]):
+            k = row[number[i]]
+            i += 1
+            if k < 0:
+                continue
+            box[k, 0], box[k, 1] = min(box[k, 0], x), min(box[k, 1], y)
+            box[k, 2], box[k, 3] = max(box[k, 2], x + 1), y + 1
+            for c in range(3):
+                sums[k, c] += rgb[y, x, c]
 
 
 @compiled

@@ -16,10 +16,10 @@ from training.box_thresholds import (
     false_scores,
     learn_network_sum,
     main,
-    platt,
     rule_threshold,
     scored_boxes,
 )
+from wayside.pipeline.learning.fits import platt
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
 from wayside.pipeline.models.model_files import shipped_models
 from wayside.pipeline.models.model_json import model_from_json, model_to_json

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from training.learn import location_model, main
+from training.learn import main
 from training.outlines import FEWEST
+from wayside.pipeline.learning.truth import location_model
 from wayside.pipeline.models.model_files import shipped_models
 from wayside.pipeline.models.model_json import model_from_json
 from wayside.schemas.errors import OutputError

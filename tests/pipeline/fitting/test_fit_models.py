@@ -106,7 +106,7 @@ def test_light_that_varies_leads_to_a_space_that_does_not_follow_it():
         one.named.value - one.false_rate.value for one in (fitted.held, fitted.compared["rgb"])
     ]
     assert gains[0] > gains[1]
-    in_space = samples.with_values(color_features(samples.values, fitted.model.space))
+    in_space = replace(samples, values=color_features(samples.values, fitted.model.space))
     assert model_rates(fitted.model, in_space, COLORS).named.value > 0.8
 
 

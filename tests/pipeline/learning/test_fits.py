@@ -70,7 +70,7 @@ def test_a_class_of_few_signs_takes_its_covariance_from_the_others():
 
 def test_no_axis_is_narrower_than_its_floor():
     samples = road(signs=5)
-    same = samples.with_values(np.zeros_like(samples.values))
+    same = replace(samples, values=np.zeros_like(samples.values))
     for one in fit(same):
         assert (np.sqrt(np.diag(one.covariance)) >= 0.1).all()
 
@@ -109,22 +109,18 @@ def scored(samples, alpha=None):
     return score_held_out(samples, NAMES, held_out_distances(samples, NAMES, fit), alpha)
 
 
-def test_classes_far_from_the_rest_are_found_by_name():
-    held = scored(road(apart=20))
-    for one in held.classes:
+def test_classes_far_from_the_rest_are_found_by_name_and_those_that_overlap_say_so():
+    far, near = scored(road(apart=20)), scored(road(apart=0.2, others=400))
+    assert far.others == 200
+    assert far.false_rate.value == 0
+    assert far.confusion.get("red -> blue", 0) == 0
+    for one in (far, *far.classes):
         assert one.named.value > 0.9
+    assert near.named.value - near.false_rate.value < 0.5
+    assert near.named.low <= near.named.value <= near.named.high
+    for one, other in zip(far.classes, near.classes, strict=True):
         assert one.curve.area == pytest.approx(1.0)
-    assert held.named.value > 0.9
-    assert held.false_rate.value == 0
-    assert held.others == 200
-    assert held.confusion.get("red -> blue", 0) == 0
-
-
-def test_classes_that_overlap_with_the_rest_say_so():
-    held = scored(road(apart=0.2, others=400))
-    assert held.named.value - held.false_rate.value < 0.5
-    assert held.named.low <= held.named.value <= held.named.high
-    assert all(one.curve.area < 0.75 for one in held.classes)
+        assert other.curve.area < 0.75
 
 
 def test_a_threshold_for_alpha_keeps_the_false_alarm_rate_on_what_is_held_out():

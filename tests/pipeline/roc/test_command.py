@@ -162,13 +162,17 @@ def test_a_drive_is_asked_about_by_every_classifier_of_the_preset(preset):
     if preset == "report":
         # the shape is not asked about in every chain of the report
         used = replace(used, location_classes=at_alpha(used.location_classes, 1.0))
-    found = gather_samples(DEMO, labels, settings, used)
+    densities = trajectory_densities({}) if preset == "report" else ()
+    found = gather_samples(DEMO, labels, settings, used, undecided=densities)
     wanted = {
         "report-2d": {"size", "color", "trajectory"},
-        "report": {"size", "color", "location"},
+        "report": {"size", "color", "location", *TRAJECTORIES.values()},
         "default": {"detector", "landmark", "confidence"},
     }
     assert wanted[preset] == found.keys()
+    for name in TRAJECTORIES.values() if preset == "report" else ():  # those that decide nothing
+        assert (found[name].box == found["location"].box).all()
+        assert 0 < found[name].accepted.mean() < 1
     for own in found.values():
         assert (np.diff(own.frame) >= 0).all()
         assert set(own.drive.tolist()) == {"demo"}
@@ -187,22 +191,3 @@ def test_a_drive_is_asked_about_by_every_classifier_of_the_preset(preset):
         sums, *ratios = found["landmark"].values.T
         shift = used.landmark_classifier.shift
         assert sums == pytest.approx(shift + np.sum(ratios, axis=0), abs=1e-6)
-
-
-@pytest.mark.slow
-def test_densities_that_decide_nothing_are_asked_about_the_tracks_that_reach_the_location():
-    settings = load_settings("report", None, ["read.until_s=2"])[0]
-    labels = read_labels(DEMO.with_suffix(".truth.json"))
-    wanted = ("location", *TRAJECTORIES.values())
-    found = gather_samples(
-        DEMO,
-        labels,
-        settings,
-        load_models(settings),
-        undecided=trajectory_densities({}),
-        only=wanted,
-    )
-    assert found.keys() == set(wanted)
-    for name in TRAJECTORIES.values():
-        assert (found[name].box == found["location"].box).all()
-        assert 0 < found[name].accepted.mean() < 1

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from training.truth import (
+from wayside.pipeline.learning.labelled import FACE_PX, NEITHER, OFF, ON
+from wayside.pipeline.learning.truth import (
     box_labels,
     face_labels,
     read_truth,
     sign_positions,
     views_by_frame,
 )
-from wayside.pipeline.learning.labelled import FACE_PX, NEITHER, OFF, ON
 from wayside.schemas.errors import InputError
 
 SIGN, PLAQUE = [100, 100, 140, 140], [105, 141, 135, 156]

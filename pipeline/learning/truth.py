@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.learning.fits import PLACE_FLOOR, SIDES, moments, sides
 from wayside.pipeline.learning.labelled import (
     ANY_SPACING_M,
     FACE_FRACTION,
@@ -20,6 +21,7 @@ from wayside.pipeline.learning.labelled import (
     ON_FACE,
 )
 from wayside.schemas.errors import InputError
+from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.geometry import intersection_areas, iou_matrix
 
@@ -33,6 +35,9 @@ share: more, and one lies on the other."""
 
 LEARN_READ = ReadSettings(thin_m=0.0, spacing_m=ANY_SPACING_M)
 """Every image."""
+
+FEWEST_SIGNS = 4
+"""A side of the road of fewer signs is not learned."""
 
 SignViews = list[tuple[dict[str, Any], dict[str, Any]]]
 """Signs of which an image shows the front (or the back), each with its view there (box, visible fraction)."""
@@ -139,3 +144,26 @@ def second_faces(
     apart = intersection_areas(faces, faces) < APART * np.minimum(area[:, None], area[None])
     shown = intersection_areas(box, faces) > SHOWN * area
     return np.asarray(shown & apart[nearest])
+
+
+def location_model(places: NDArray[np.float64], provenance: str) -> GaussianModel:
+    """Where signs stand, (right of the path, above the camera's path) in metres: the mixture of preset `default`.
+
+    places (n, 2): of signs. Overhead panels hang 4 m above the camera or higher; the rest stands right or left. A
+    component holds all of its own signs within 4 sigma, because the next sign may lie beyond the last one seen. Those
+    of preset `report` are learned by `gates`.
+    """
+    side, classes = sides(places, 4.0), []
+    for name in SIDES:
+        own = side == name
+        if own.sum() < FEWEST_SIGNS:
+            continue
+        mean, covariance = moments(
+            places[own], np.full(own.sum(), 1 / own.sum()), np.array(PLACE_FLOOR)
+        )
+        if name == "overhead":
+            # Over any lane: three lanes either way are as likely as the middle.
+            mean[0], covariance = 0.0, np.diag([5.0**2, covariance[1, 1]])
+        rule = "four sigma, drawn only: no gate asks for it"
+        classes.append(GaussianClass(name, mean, covariance, 4.0, rule, int(own.sum())))
+    return GaussianModel("right_up_m", tuple(classes), provenance)
