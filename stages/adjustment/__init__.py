@@ -1,6 +1,6 @@
 """Bundle adjustment of frames and points together (report chapter 8)."""
 
-from wayside.stages.adjustment.bundle_adjustment import WINDOW_ITERATIONS, adjust_window
+from wayside.stages.adjustment.bundle_adjustment import WINDOW_ITERATIONS, Window, adjust_window
 from wayside.stages.adjustment.correlated_errors import (
     TIE_ERRORS,
     TieErrors,
@@ -41,6 +41,7 @@ __all__ = [
     "StepConstraints",
     "StepTies",
     "TieErrors",
+    "Window",
     "adjust_window",
     "constraint_residuals",
     "correlated_covariance",

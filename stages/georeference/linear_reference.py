@@ -24,7 +24,6 @@ SIGMA_M = 8.0
 """Scatter of the path about the line of its route: two lanes, and the scatter of fix and line."""
 CHANGE = 25.0
 """Cost of a change of route, five standard deviations squared: crossing roads and ramps are left out."""
-_BLOCK = 64
 
 
 def measure_along_route(
@@ -72,25 +71,18 @@ def _by_lines(listed: list[Sign], path: DrivePath, segments: RouteSegments) -> I
         return
     places = path.globe.route()[[path.globe.rows[frame] for frame in path.stations], :2]
     stations = np.array(list(path.stations.values()))
-    at_signs = np.array([sign.station_m for sign in listed])
-    every = np.concatenate([stations, at_signs])
+    every = np.concatenate([[sign.station_m for sign in listed], stations])
     order = np.argsort(every, kind="stable")
-    points, directions = _along(places, stations, every[order])
-    distance, measure = nearest_on_routes(points, directions, segments)
+    distance, measure = nearest_on_routes(*_along(places, stations, every[order]), segments)
     followed = np.empty(len(every), np.int64)
-    measures = np.full(len(every), math.nan)
-    chosen = follow_routes(distance)
-    followed[order] = chosen
-    known = chosen >= 0
-    measures[order[known]] = measure[known, chosen[known]]
-    for sign, route, value in zip(
-        listed, followed[len(stations) :], measures[len(stations) :], strict=True
-    ):
-        if route >= 0 and math.isfinite(value):
+    followed[order] = follow_routes(distance)
+    row = np.argsort(order)
+    for sign, route, here in zip(listed, followed, row, strict=False):
+        if route >= 0 and math.isfinite(measure[here, route]):
             sign = replace(
                 sign,
                 route=segments.names[route],
-                measure=float(value),
+                measure=float(measure[here, route]),
                 measure_unit=segments.unit,
             )
         yield sign
@@ -114,48 +106,23 @@ def nearest_on_routes(
     """
     distance = np.full((len(points), len(segments.names)), math.inf)
     measure = np.full(distance.shape, math.nan)
-    low = np.minimum(segments.start, segments.end)
-    high = np.maximum(segments.start, segments.end)
-    for first in range(0, len(points), _BLOCK):
-        block = slice(first, first + _BLOCK)
-        narrowest = math.cos(math.radians(min(float(np.abs(points[block, 1]).max()), 89.0)))
-        margin = math.degrees(ROUTE_REACH_M / EARTH_RADIUS_M) / np.array([narrowest, 1.0])
-        inside = (high >= points[block].min(axis=0) - margin) & (
-            low <= points[block].max(axis=0) + margin
-        )
-        near = np.flatnonzero(inside.all(axis=1))
-        for row in range(first, min(first + _BLOCK, len(points))):
-            _compare(row, near, points, directions, segments, distance, measure)
+    gained = segments.end_measure - segments.start_measure
+    for row, (point, direction) in enumerate(zip(points, directions, strict=True)):
+        shrink = math.cos(math.radians(point[1]))
+        to_metres = math.radians(EARTH_RADIUS_M) * np.array([shrink, 1.0])
+        start = (segments.start - point) * to_metres
+        span = (segments.end - segments.start) * to_metres
+        squared = (span**2).sum(axis=1)
+        part = np.clip(-(start * span).sum(axis=1) / np.maximum(squared, 1e-12), 0.0, 1.0)
+        apart = np.linalg.norm(start + part[:, None] * span, axis=1)
+        along = np.abs(span @ direction) >= math.cos(math.radians(ANGLE_DEG)) * np.sqrt(squared)
+        fits = np.flatnonzero((apart <= ROUTE_REACH_M) & along & (squared > 0))
+        nearest_first = fits[np.argsort(apart[fits], kind="stable")]
+        routes, first = np.unique(segments.route[nearest_first], return_index=True)
+        near = nearest_first[first]
+        distance[row, routes] = apart[near]
+        measure[row, routes] = segments.start_measure[near] + part[near] * gained[near]
     return distance, measure
-
-
-def _compare(
-    row: int,
-    near: np.ndarray[tuple[int], np.dtype[np.int64]],
-    points: Array,
-    directions: Array,
-    segments: RouteSegments,
-    distance: Array,
-    measure: Array,
-) -> None:
-    """Fill the row of one point from the segments `near` it."""
-    to_metres = math.radians(EARTH_RADIUS_M) * np.array(
-        [math.cos(math.radians(points[row, 1])), 1.0]
-    )
-    start = (segments.start[near] - points[row]) * to_metres
-    span = (segments.end[near] - segments.start[near]) * to_metres
-    squared = (span**2).sum(axis=1)
-    part = np.clip(-(start * span).sum(axis=1) / np.maximum(squared, 1e-12), 0.0, 1.0)
-    apart = np.linalg.norm(start + part[:, None] * span, axis=1)
-    along = np.abs(span @ directions[row])
-    cosine = math.cos(math.radians(ANGLE_DEG))
-    fits = (apart <= ROUTE_REACH_M) & (along >= cosine * np.sqrt(squared)) & (squared > 0)
-    here = near[fits]
-    ends = segments.start_measure[here], segments.end_measure[here]
-    found = ends[0] + part[fits] * (ends[1] - ends[0])
-    for route, value, metres in zip(segments.route[here], found, apart[fits], strict=True):
-        if metres < distance[row, route]:
-            distance[row, route], measure[row, route] = metres, value
 
 
 def follow_routes(distance: Array) -> np.ndarray[Any, np.dtype[np.int64]]:

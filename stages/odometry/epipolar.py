@@ -8,6 +8,7 @@ Together they are the relative pose up to its length.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -16,15 +17,16 @@ from wayside.schemas.motion import StepPrior
 from wayside.stages.adjustment import StepConstraints, constraint_residuals
 from wayside.stages.geometry import (
     Schedule,
-    cholesky_solve,
     minimiser,
     rotation_from_vector,
     tangent_basis,
 )
-from wayside.stages.kernels import Array, compiled, require_array
+from wayside.stages.kernels import Array, require_array
 
 DIFFERENCE_STEP = 1e-6
 """Step of forward differences, radians: half of the digits of a double."""
+FLOOR = 1e-9
+"""Added to the diagonal of the normal equations: what nothing measures stays where it is."""
 
 
 class EpipolarFit(NamedTuple):
@@ -34,8 +36,9 @@ class EpipolarFit(NamedTuple):
     direction: Array
 
 
-class _Problem(NamedTuple):
-    """Rays (n, 2), prior and settings of a fit; tangent basis of the direction, Jacobians, normal equations."""
+@dataclass
+class _Problem:
+    """Rays (n, 3), the prior of one step for each of five pairs of cameras, and the normal equations at an estimate."""
 
     previous: Array
     current: Array
@@ -43,21 +46,19 @@ class _Problem(NamedTuple):
     focal_px: float
     sigma_px: float
     scale_px: float
-    basis: Array
-    jacobian: Array
-    normal: Array
-    right: Array
-    damped: Array
-    step: Array
+    basis: Array = field(init=False)
+    normal: Array = field(init=False)
+    right: Array = field(init=False)
 
 
-class _Estimate(NamedTuple):
-    """Poses of both cameras, Sampson distances (n,) in px, and residuals (1, 6) of the prior in sigmas."""
+@dataclass
+class _Estimate:
+    """Relative pose, Sampson distances (n,) in px and residuals (6,) of the prior in sigmas."""
 
-    rotations: Array
-    centres: Array
-    distances: Array
-    known: Array
+    rotation: Array
+    direction: Array
+    distances: Array = field(default_factory=lambda: np.zeros(0))
+    known: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def fit_epipolar(
@@ -97,189 +98,101 @@ def fit_epipolar(
     ValueError
         Where an array has another shape or type.
     """
-    n = len(previous)
-    require_array(previous, "previous", np.float64, (n, 2))
-    require_array(current, "current", np.float64, (n, 2))
-    rotation = np.array(start[0], np.float64).reshape(3, 3)
-    direction = np.array(start[1], np.float64).reshape(3)
-    known = StepConstraints.of([prior._replace(length_m=1.0, sigma_m=1.0)])
-    for scale in scales_px:
-        _fit(previous, current, rotation, direction, known, focal_px, sigma_px, scale, schedule)
-    return EpipolarFit(rotation, direction)
+    p, q = _homogeneous(previous, current)
+    estimate = _Estimate(np.asarray(start[0], np.float64), np.asarray(start[1], np.float64))
+    priors = StepConstraints.of([prior._replace(length_m=1.0, sigma_m=1.0)] * 5)
+    priors = priors._replace(frames=np.array([[0, k] for k in range(1, 6)], np.int64))
+    for scale_px in scales_px:
+        problem = _Problem(p, q, priors, focal_px, sigma_px, scale_px)
+        trial = _Estimate(estimate.rotation, estimate.direction)
+        estimate, _, _ = _minimise(problem, estimate, trial, schedule)
+    return EpipolarFit(estimate.rotation, estimate.direction)
 
 
 def sampson_px(
     previous: Array, current: Array, rotation: Array, direction: Array, focal_px: float
 ) -> Array:
     """Signed Sampson distances (n,) of pairs of rays (n, 2) for a relative pose, in pixels."""
+    distances: Array = _sampson(
+        *_homogeneous(previous, current), rotation[None], direction[None], focal_px
+    )[0]
+    return distances
+
+
+def _homogeneous(previous: Array, current: Array) -> tuple[Array, Array]:
+    """Rays as columns (3, n)."""
     n = len(previous)
     require_array(previous, "previous", np.float64, (n, 2))
     require_array(current, "current", np.float64, (n, 2))
-    result = np.empty(n)
-    _sampson(
-        previous,
-        current,
-        np.ascontiguousarray(rotation, np.float64),
-        np.ascontiguousarray(direction, np.float64),
-        focal_px,
-        result,
-    )
-    return result
+    ones = np.ones((1, n))
+    return np.concatenate([previous.T, ones]), np.concatenate([current.T, ones])
 
 
-@compiled
-def _updated_pose(
-    rotation: Array, direction: Array, basis: Array, step: Array, out_r: Array, out_t: Array
-) -> None:
-    # After a step (5,): rotation vector, then along `basis` (2, 3). The direction stays of unit length: that holds the
-    # baseline.
-    out_r[:] = np.dot(rotation_from_vector(step[:3]), rotation)
-    square = 0.0
-    for i in range(3):
-        out_t[i] = direction[i] + step[3] * basis[0, i] + step[4] * basis[1, i]
-        square += out_t[i] * out_t[i]
-    out_t /= np.sqrt(square)
-
-
-@compiled
-def _sampson(
-    previous: Array,
-    current: Array,
-    rotation: Array,
-    direction: Array,
-    focal_px: float,
-    result: Array,
-) -> None:
+def _sampson(p: Array, q: Array, rotations: Array, directions: Array, focal_px: float) -> Array:
+    """Distances (k, n) for k relative poses."""
     # Coplanarity: p . (t x R q) = 0, that is p' E q with E = [t]x R.
-    e = np.empty((3, 3))
-    t = direction
-    for j in range(3):
-        e[0, j] = t[1] * rotation[2, j] - t[2] * rotation[1, j]
-        e[1, j] = t[2] * rotation[0, j] - t[0] * rotation[2, j]
-        e[2, j] = t[0] * rotation[1, j] - t[1] * rotation[0, j]
-    for i in range(previous.shape[0]):
-        x, y, u, v = previous[i, 0], previous[i, 1], current[i, 0], current[i, 1]
-        a = e[0, 0] * u + e[0, 1] * v + e[0, 2]
-        b = e[1, 0] * u + e[1, 1] * v + e[1, 2]
-        c = e[2, 0] * u + e[2, 1] * v + e[2, 2]
-        p = e[0, 0] * x + e[1, 0] * y + e[2, 0]
-        q = e[0, 1] * x + e[1, 1] * y + e[2, 1]
-        square = a * a + b * b + p * p + q * q
-        # All epipolar lines meet at the focus of expansion: the distance is undefined there.
-        result[i] = focal_px * (x * a + y * b + c) / np.sqrt(max(square, 1e-12))
+    essential = np.cross(directions[:, :, None], rotations, axis=1)
+    line = np.einsum("kij,jn->kin", essential, q)
+    back = np.einsum("kji,jn->kin", essential[:, :, :2], p)
+    squares = line[:, 0] ** 2 + line[:, 1] ** 2 + back[:, 0] ** 2 + back[:, 1] ** 2
+    # All epipolar lines meet at the focus of expansion: the distance is undefined there.
+    gap = np.einsum("in,kin->kn", p, line)
+    return np.asarray(focal_px * gap / np.sqrt(np.maximum(squares, 1e-12)))
 
 
-@compiled
+def _known(prior: StepConstraints, rotations: Array, directions: Array) -> Array:
+    """Residuals (k, 6) of the prior for k relative poses, in sigmas."""
+    count = len(rotations)
+    residuals = np.empty((count, 6))
+    some = StepConstraints._make(column[:count] for column in prior)
+    with_first = (
+        np.concatenate([np.eye(3)[None], rotations]),
+        np.concatenate([np.zeros((1, 3)), directions]),
+    )
+    constraint_residuals(*with_first, some, residuals)
+    return residuals
+
+
+def _moved(estimate: _Estimate, basis: Array, step: Array) -> tuple[Array, Array]:
+    """The relative pose after a step (5,): rotation vector, then along `basis` (2, 3)."""
+    direction = estimate.direction + step[3:] @ basis
+    # It stays of unit length: that holds the baseline.
+    direction /= np.sqrt((direction**2).sum())
+    return np.dot(rotation_from_vector(step[:3]), estimate.rotation), direction
+
+
 def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
-    _sampson(
-        problem.previous,
-        problem.current,
-        estimate.rotations[1],
-        estimate.centres[1],
-        problem.focal_px,
-        estimate.distances,
-    )
-    constraint_residuals(estimate.rotations, estimate.centres, problem.prior, estimate.known)
-    total = 0.0
-    for i in range(estimate.distances.shape[0]):
-        total += np.log1p((estimate.distances[i] / problem.scale_px) ** 2)
-    total *= (problem.scale_px / problem.sigma_px) ** 2
-    for i in range(6):
-        total += estimate.known[0, i] ** 2
-    return total
+    poses = estimate.rotation[None], estimate.direction[None]
+    (estimate.distances,) = _sampson(problem.previous, problem.current, *poses, problem.focal_px)
+    (estimate.known,) = _known(problem.prior, *poses)
+    costs = np.log1p((estimate.distances / problem.scale_px) ** 2)
+    of_rays = (problem.scale_px / problem.sigma_px) ** 2 * costs.sum()
+    return float(of_rays + (estimate.known**2).sum())
 
 
-@compiled
 def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
-    jacobian, normal, right = problem.jacobian, problem.normal, problem.right
-    problem.basis[:] = tangent_basis(estimate.centres[1])
-    n = problem.previous.shape[0]
-    rotations, centres = estimate.rotations.copy(), estimate.centres.copy()
-    known, unit = np.empty((1, 6)), np.empty(5)
-    for k in range(5):
-        unit[:] = 0.0
-        unit[k] = DIFFERENCE_STEP
-        _updated_pose(
-            estimate.rotations[1],
-            estimate.centres[1],
-            problem.basis,
-            unit,
-            rotations[1],
-            centres[1],
-        )
-        _sampson(
-            problem.previous,
-            problem.current,
-            rotations[1],
-            centres[1],
-            problem.focal_px,
-            jacobian[k],
-        )
-        constraint_residuals(rotations, centres, problem.prior, known)
-        for i in range(n):
-            jacobian[k, i] = (jacobian[k, i] - estimate.distances[i]) / DIFFERENCE_STEP
-        for i in range(6):
-            jacobian[k, n + i] = (known[0, i] - estimate.known[0, i]) / DIFFERENCE_STEP
-    normal[:] = 0.0
-    right[:] = 0.0
-    for i in range(n + 6):
-        if i < n:
-            residual = estimate.distances[i]
-            weight = 1.0 / ((1.0 + (residual / problem.scale_px) ** 2) * problem.sigma_px**2)
-        else:
-            residual, weight = estimate.known[0, i - n], 1.0
-        for k in range(5):
-            right[k] -= weight * jacobian[k, i] * residual
-            for m in range(k + 1):
-                normal[k, m] += weight * jacobian[k, i] * jacobian[m, i]
+    problem.basis = tangent_basis(estimate.direction)
+    moved = [_moved(estimate, problem.basis, step) for step in DIFFERENCE_STEP * np.eye(5)]
+    poses = np.array([one[0] for one in moved]), np.array([one[1] for one in moved])
+    distances = _sampson(problem.previous, problem.current, *poses, problem.focal_px)
+    by_distance = (distances - estimate.distances) / DIFFERENCE_STEP
+    by_known = (_known(problem.prior, *poses) - estimate.known) / DIFFERENCE_STEP
+    flattened = 1.0 + (estimate.distances / problem.scale_px) ** 2
+    weighted = by_distance / (flattened * problem.sigma_px**2)
+    problem.normal = np.einsum("kn,mn->km", weighted, by_distance)
+    problem.normal += np.einsum("kn,mn->km", by_known, by_known)
+    problem.right = -np.einsum("kn,n->k", weighted, estimate.distances)
+    problem.right -= np.einsum("kn,n->k", by_known, estimate.known)
 
 
-@compiled
 def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estimate) -> bool:
-    problem.damped[:] = problem.normal
-    for k in range(5):
-        problem.damped[k, k] += damping * problem.normal[k, k] + 1e-9
-    problem.step[:] = problem.right
-    if not cholesky_solve(problem.damped, problem.step):
+    damped = problem.normal + np.diag(damping * np.diag(problem.normal) + FLOOR)
+    try:
+        step: Array = np.asarray(np.linalg.solve(damped, problem.right), np.float64)
+    except np.linalg.LinAlgError:
         return False
-    _updated_pose(
-        estimate.rotations[1],
-        estimate.centres[1],
-        problem.basis,
-        problem.step,
-        trial.rotations[1],
-        trial.centres[1],
-    )
-    return True
+    trial.rotation, trial.direction = _moved(estimate, problem.basis, step)
+    return bool(np.isfinite(step).all())
 
 
-_minimise = minimiser(_evaluate, _linearise, _solve)
-
-
-@compiled
-def _fit(
-    previous: Array,
-    current: Array,
-    rotation: Array,
-    direction: Array,
-    prior: StepConstraints,
-    focal_px: float,
-    sigma_px: float,
-    scale_px: float,
-    schedule: Schedule,
-) -> None:
-    # Rotation and direction are the start and become the result.
-    n = previous.shape[0]
-    problem = _Problem(
-        previous, current, prior, focal_px, sigma_px, scale_px, np.empty((2, 3)), np.empty((5, n + 6)),
-        np.empty((5, 5)), np.empty(5), np.empty((5, 5)), np.empty(5),
-    )  # fmt: skip
-    start = _Estimate(np.zeros((2, 3, 3)), np.zeros((2, 3)), np.empty(n), np.empty((1, 6)))
-    for k in range(3):
-        start.rotations[0, k, k] = 1.0
-    start.rotations[1] = rotation
-    start.centres[1] = direction
-    trial = _Estimate(start.rotations.copy(), start.centres.copy(), np.empty(n), np.empty((1, 6)))
-    best, _, _ = _minimise(problem, start, trial, schedule)
-    rotation[:] = best.rotations[1]
-    direction[:] = best.centres[1]
+_minimise = minimiser(_evaluate, _linearise, _solve, plain=True)

@@ -19,6 +19,7 @@ from wayside.stages.adjustment import (
     ResidualBlocks,
     StepConstraints,
     TieErrors,
+    Window,
     adjust_window,
     correlated_covariance,
     correlated_sigma_px,
@@ -120,15 +121,16 @@ def adjust_pair(
     met = pair_midpoint(previous, current, *start)
     depth = np.where(met.ahead & (met.point[:, 2] > 1), met.point[:, 2], np.inf)
     found = adjust_window(
-        np.stack([np.eye(3), start[0]]),
-        np.stack([np.zeros(3), start[1]]),
-        0,
-        np.column_stack([previous, 1 / depth]),
-        np.zeros(n, np.int64),
+        Window(
+            np.stack([np.eye(3), start[0]]),
+            np.stack([np.zeros(3), start[1]]),
+            0,
+            np.column_stack([previous, 1 / depth]),
+            np.zeros(n, np.int64),
+        ),
         blocks,
         StepConstraints.of([prior._replace(length_m=1.0, sigma_m=LENGTH_SIGMA)]),
-        wanted=1,
-        of_pose=True,
+        pose=1,
         iterations=iterations,
         gain=gain,
     )

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from wayside.stages.adjustment.bundle_adjustment import adjust_window
+from wayside.stages.adjustment.bundle_adjustment import Window, adjust_window
 from wayside.stages.adjustment.residuals import (
     QUADRATIC,
     PointAnchors,
@@ -48,11 +48,13 @@ class Scene:
     def solve(self, start=None, held=None, iterations=15):
         rotations, centres = (self.rotations, self.centres) if start is None else start
         return adjust_window(
-            rotations,
-            centres,
-            self.last if held is None else held,
-            self.points,
-            self.anchors,
+            Window(
+                rotations,
+                centres,
+                self.last if held is None else held,
+                self.points,
+                self.anchors,
+            ),
             self.rows,
             self.links,
             iterations=iterations,

