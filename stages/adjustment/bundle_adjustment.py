@@ -190,25 +190,20 @@ def _solve(
     if not cholesky_solve(normal.reduced, step):
         return False
     for f in range(estimate.rotations.shape[0]):
-        rotation = rotation_from_vector(step[6 * f : 6 * f + 3])
-        for i in range(3):
-            trial.centres[f, i] = estimate.centres[f, i] + step[6 * f + 3 + i]
-            for j in range(3):
-                trial.rotations[f, i, j] = 0.0
-                for k in range(3):
-                    trial.rotations[f, i, j] += rotation[i, k] * estimate.rotations[f, k, j]
+        move = step[6 * f : 6 * f + 6]
+        trial.rotations[f] = np.dot(rotation_from_vector(move[:3]), estimate.rotations[f])
+        trial.centres[f] = estimate.centres[f] + move[3:]
     rest = np.empty(3)
     for n in range(estimate.points.shape[0]):
-        for k in range(3):
-            trial.points[n, k] = estimate.points[n, k]
-        for k in range(3):
-            rest[k] = normal.own_right[n, k]
-            for f in range(normal.span[n, 0], normal.span[n, 1] + 1):
-                for j in range(6):
+        rest[:] = normal.own_right[n]
+        for f in range(normal.span[n, 0], normal.span[n, 1] + 1):
+            for j in range(6):
+                for k in range(3):
                     rest[k] -= normal.mixed[n, f, j, k] * step[6 * f + j]
         for k in range(3):
-            for j in range(3):
-                trial.points[n, k] += normal.inverse[n, k, j] * rest[j]
+            own = normal.inverse[n, k]
+            gained = own[0] * rest[0] + own[1] * rest[1] + own[2] * rest[2]
+            trial.points[n, k] = estimate.points[n, k] + gained
     return True
 
 

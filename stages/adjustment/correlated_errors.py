@@ -44,16 +44,9 @@ def correlated_covariance(
 ) -> Array:
     """Covariance (k, k) of an estimate by smooth random fields of errors, one in each image, independent of each other.
 
-    Parameters
-    ----------
-    position
-        Positions of ties in their images, (n, 2) px.
-    image
-        Number of that image, (n,).
-    effect
-        Change of the estimate by one standard deviation of the field in both coordinates of each tie, (n, 2, k).
-    reach_px
-        Of the correlation exp(-d^2 / (2 reach_px^2)).
+    position (n, 2): of ties in their images, px. image (n,): number of that image. effect (n, 2, k): change of the
+    estimate by one standard deviation of the field in both coordinates of each tie. reach_px: of the correlation
+    exp(-d^2 / (2 reach_px^2)).
     """
     order = np.argsort(image, kind="stable")
     first = np.flatnonzero(np.diff(image[order], prepend=-1)).astype(np.int64)

@@ -47,12 +47,20 @@ class NormalEquations(NamedTuple):
     @staticmethod
     def empty(frames: int, points: int, blocks: int) -> NormalEquations:
         """Room for so many."""
-        n, p, size = frames, points, 6 * frames
-        shapes: list[tuple[int, ...]] = [(size, size), (size,), (p, n, 6, 3), (p, 3, 3), (p, 3)]
-        shapes += [(p, 3, 3), (blocks, 2, 12), (blocks, 2, 3)]
-        parts = [np.empty(shape) for shape in shapes]
-        span = np.empty((p, 2), np.int64)
-        return NormalEquations(*parts, span, np.empty((size, size)), np.empty(size))
+        size = 6 * frames
+        return NormalEquations(
+            poses=np.empty((size, size)),
+            poses_right=np.empty(size),
+            mixed=np.empty((points, frames, 6, 3)),
+            own=np.empty((points, 3, 3)),
+            own_right=np.empty((points, 3)),
+            inverse=np.empty((points, 3, 3)),
+            by_pose=np.empty((blocks, 2, 12)),
+            by_point=np.empty((blocks, 2, 3)),
+            span=np.empty((points, 2), np.int64),
+            reduced=np.empty((size, size)),
+            step=np.empty(size),
+        )
 
 
 class WindowProblem(NamedTuple):
@@ -201,28 +209,62 @@ def uncertainty(
     From the inverse of the normal equations at the estimate; the gain is the derivative by the targets of the blocks.
     Both are nan where there is no inverse.
     """
-    normal, blocks = problem.normal, problem.blocks
+    normal, count = problem.normal, 3 if pose is None else 6
+    gain = np.full((len(problem.blocks.point), 2, count), np.nan)
     reduce_points(normal, 0.0)
-    points, size = len(normal.own), len(normal.step)
-    mixed = normal.mixed.reshape(points, size, 3)
+    size = len(normal.step)
     if pose is None:
         own = normal.inverse[0]
-        reach = mixed[0] @ own  # change of the reduced right side by the point, negative
+        reach = (
+            normal.mixed[0].reshape(size, 3) @ own
+        )  # change of the right side by the point, negative
     else:
         own, reach = np.zeros((6, 3)), -np.eye(size)[:, 6 * pose : 6 * pose + 6]
-    count = reach.shape[1]
     try:
         half = np.linalg.inv(np.linalg.cholesky(normal.reduced))
     except np.linalg.LinAlgError:
-        return np.full((count, count), np.nan), np.full((len(blocks.point), 2, count), np.nan)
-    spread = half.T @ (half @ reach)  # covariance of the poses with what is wanted
-    covariance = reach.T @ spread
-    back = np.einsum("sk,psi->pki", spread, mixed) @ normal.inverse
+        return np.full((count, count), np.nan), gain
+    spread = np.ascontiguousarray(
+        half.T @ (half @ reach)
+    )  # covariance of the poses with what is wanted
+    back = np.zeros((len(normal.own), count, 3))
     if pose is None:
-        covariance += own
-        back[0] += own
-    by_pose = spread.reshape(-1, 6, count)[blocks.frames].reshape(-1, 12, count)
-    gain = normal.by_point @ back[blocks.point].transpose(0, 2, 1) - normal.by_pose @ by_pose
-    square = (estimate.residuals**2).sum(axis=1)
-    weight = 1.0 / ((1.0 + square / blocks.scale**2) * blocks.sigma)
-    return covariance, gain * weight[:, None, None]
+        back[0] = own
+    _add_through_poses(normal, spread, back)
+    _gains(problem, estimate.residuals, spread, back, gain)
+    return reach.T @ spread + (own if pose is None else 0.0), gain
+
+
+@compiled
+def _add_through_poses(normal: NormalEquations, spread: Array, back: Array) -> None:
+    # To the change (p, k, 3) of what is wanted by each point's right side: that through the poses.
+    product = np.empty(3)
+    for n in range(back.shape[0]):
+        for k in range(back.shape[1]):
+            product[:] = 0.0
+            for f in range(normal.span[n, 0], normal.span[n, 1] + 1):
+                for j in range(6):
+                    for i in range(3):
+                        product[i] += spread[6 * f + j, k] * normal.mixed[n, f, j, i]
+            for i in range(3):
+                for j in range(3):
+                    back[n, k, j] += product[i] * normal.inverse[n, i, j]
+
+
+@compiled
+def _gains(
+    problem: WindowProblem, residuals: Array, spread: Array, back: Array, gain: Array
+) -> None:
+    normal, blocks = problem.normal, problem.blocks
+    for i in range(blocks.point.shape[0]):
+        n, square = blocks.point[i], residuals[i, 0] ** 2 + residuals[i, 1] ** 2
+        weight = 1.0 / ((1.0 + square / blocks.scale[i] ** 2) * blocks.sigma[i])
+        for r in range(2):
+            by_pose, by_point = normal.by_pose[i, r], normal.by_point[i, r]
+            for k in range(spread.shape[1]):
+                total = 0.0
+                for j in range(3):
+                    total += back[n, k, j] * by_point[j]
+                for j in range(12):
+                    total -= spread[6 * blocks.frames[i, j // 6] + j % 6, k] * by_pose[j]
+                gain[i, r, k] = weight * total

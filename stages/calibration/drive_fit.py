@@ -15,11 +15,12 @@ import numpy as np
 
 from wayside.schemas.frame import Camera
 from wayside.stages.adjustment import ANCHOR_SIGMA_PX, TIE_ERRORS, TIE_SCALE, correlated_covariance
-from wayside.stages.calibration.lens import LENS, changed_camera
 from wayside.stages.calibration.segment import Segment
 from wayside.stages.calibration.segment_equations import (
+    LENS,
     Equations,
     Weights,
+    changed_camera,
     evaluate,
     lens_gain,
     linearise,
@@ -102,14 +103,8 @@ def calibrate_drive(
 
     Poses and points are solved again after each step of the lens: the cost depends on the lens alone.
 
-    Parameters
-    ----------
-    segments
-        One or more.
-    camera
-        Where the estimate starts; the ratio of both focal lengths and the coefficients but k1 and k2 are held.
-    principal_sigma_px
-        How far off its principal point may be.
+    The ratio of both focal lengths and the coefficients but k1 and k2 are held. principal_sigma_px: how far off the
+    principal point of the camera may be.
     """
     problem, estimate = _start(segments, camera, principal_sigma_px)
     estimate, cost = _fitted(problem, estimate, ITERATIONS)

@@ -38,12 +38,7 @@ def midpoint(
 ) -> Midpoints:
     """Midpoint of the shortest segment between two rays (report eqs. 7.1 to 7.4).
 
-    Parameters
-    ----------
-    c0, c1
-        Camera centres, (3,).
-    d0, d1
-        Directions of the rays in the same frame, (n, 3), of any length.
+    c0, c1 (3,): camera centres. d0, d1 (n, 3): directions of the rays in the same frame, of any length.
 
     Returns
     -------
@@ -104,14 +99,9 @@ def pair_residual(
 ) -> Array:
     """Sum of the four squared pixel differences of each midpoint's projections (report eqs. 7.5, 7.6).
 
-    Parameters
-    ----------
-    previous, current
-        Rays (n, 2) as (x/z, y/z) of both images.
-    rotation, direction
-        Current camera in the previous one's frame: axes (3, 3) and centre (3,), of any length.
-    focal_px
-        fx, fy. The report's single f assumes square, undistorted pixels.
+    previous, current: rays (n, 2) as (x/z, y/z). rotation (3, 3), direction (3,): of the current camera in the
+    previous one's frame, the direction of any length. focal_px: fx, fy; the report's single f assumes square,
+    undistorted pixels.
 
     Returns
     -------

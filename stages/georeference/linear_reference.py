@@ -39,16 +39,8 @@ def measure_along_route(
     measure is taken at the point of the followed line that is nearest to the path abreast of the sign. A sign near a
     crossing keeps the route of the drive, also where another line is nearer.
 
-    Parameters
-    ----------
-    signs
-        Of the drive.
-    path
-        Where it followed no route, and without a place on the globe, signs stay as they are.
-    settings
-        Route and milepost; what counts as following.
-    segments
-        Of routes near the path; None: by milepost.
+    Without a place on the globe, and where the path followed no route, signs stay as they are. segments: of routes near
+    the path; None: by milepost.
     """
     if segments is None:
         yield from _by_milepost(signs, settings)
@@ -97,12 +89,7 @@ def nearest_on_routes(
     the distance is infinite and the measure nan. Distances are those on the plane that touches the sphere at the point:
     exact to 1e-5 within the reach.
 
-    Parameters
-    ----------
-    points, directions
-        Longitude and latitude (p, 2), degrees; unit vectors of travel (p, 2), east and north.
-    segments
-        Of the routes.
+    points, directions: longitude and latitude (p, 2), degrees; unit vectors of travel (p, 2), east and north.
     """
     distance = np.full((len(points), len(segments.names)), math.inf)
     measure = np.full(distance.shape, math.nan)
@@ -131,10 +118,7 @@ def follow_routes(distance: Array) -> np.ndarray[Any, np.dtype[np.int64]]:
     Being on a route costs the squared distance in standard deviations, on none that of `ROUTE_REACH_M`; a change costs
     `CHANGE`. Of two routes with the same line the first by name stays.
 
-    Parameters
-    ----------
-    distance
-        (p, r), metres, of the points in order of travel to each route.
+    distance (p, r), metres: of the points in order of travel to each route.
     """
     none = (ROUTE_REACH_M / SIGMA_M) ** 2
     costs = np.column_stack([(distance / SIGMA_M) ** 2, np.full(len(distance), none)])

@@ -8,7 +8,6 @@ Together they are the relative pose up to its length.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -17,16 +16,15 @@ from wayside.schemas.motion import StepPrior
 from wayside.stages.adjustment import StepConstraints, constraint_residuals
 from wayside.stages.geometry import (
     Schedule,
+    cholesky_solve,
     minimiser,
     rotation_from_vector,
     tangent_basis,
 )
-from wayside.stages.kernels import Array, require_array
+from wayside.stages.kernels import Array, compiled, require_array
 
 DIFFERENCE_STEP = 1e-6
 """Step of forward differences, radians: half of the digits of a double."""
-FLOOR = 1e-9
-"""Added to the diagonal of the normal equations: what nothing measures stays where it is."""
 
 
 class EpipolarFit(NamedTuple):
@@ -36,9 +34,8 @@ class EpipolarFit(NamedTuple):
     direction: Array
 
 
-@dataclass
-class _Problem:
-    """Rays (n, 3), the prior of one step for each of five pairs of cameras, and the normal equations at an estimate."""
+class _Problem(NamedTuple):
+    """Rays (n, 2), prior and settings of a fit; tangent basis of the direction, Jacobians, normal equations."""
 
     previous: Array
     current: Array
@@ -46,19 +43,20 @@ class _Problem:
     focal_px: float
     sigma_px: float
     scale_px: float
-    basis: Array = field(init=False)
-    normal: Array = field(init=False)
-    right: Array = field(init=False)
+    basis: Array
+    jacobian: Array
+    normal: Array
+    damped: Array
+    right: Array
+    step: Array
 
 
-@dataclass
-class _Estimate:
-    """Relative pose, Sampson distances (n,) in px and residuals (6,) of the prior in sigmas."""
+class _Estimate(NamedTuple):
+    """Poses of both cameras, and residuals (n + 6,): Sampson distances, px, then of the prior, sigmas."""
 
-    rotation: Array
-    direction: Array
-    distances: Array = field(default_factory=lambda: np.zeros(0))
-    known: Array = field(default_factory=lambda: np.zeros(0))
+    rotations: Array
+    centres: Array
+    residuals: Array
 
 
 def fit_epipolar(
@@ -76,123 +74,156 @@ def fit_epipolar(
 
     One fit for each scale, from the result of the one before: a wide cost finds the minimum that a narrow one refines.
 
-    Parameters
-    ----------
-    previous, current
-        Rays (n, 2) as (x/z, y/z).
-    start
-        Rotation (3, 3) and unit direction (3,).
-    prior
-        What is known beforehand.
-    focal_px
-        Pixels of one unit of the rays.
-    sigma_px
-        Standard deviation of the distance of a correct pair, px: the weight of the rays against the prior.
-    scales_px
-        Distance where the Cauchy cost starts to flatten, of each fit.
-    schedule
-        When a fit ends.
+    previous, current: rays (n, 2) as (x/z, y/z). start: rotation (3, 3) and unit direction (3,). focal_px: pixels of
+    one unit of the rays. sigma_px: standard deviation of a correct pair, the weight of the rays against the prior.
+    scales_px: where the Cauchy cost starts to flatten, of each fit.
 
     Raises
     ------
     ValueError
         Where an array has another shape or type.
     """
-    p, q = _homogeneous(previous, current)
-    estimate = _Estimate(np.asarray(start[0], np.float64), np.asarray(start[1], np.float64))
-    priors = StepConstraints.of([prior._replace(length_m=1.0, sigma_m=1.0)] * 5)
-    priors = priors._replace(frames=np.array([[0, k] for k in range(1, 6)], np.int64))
-    for scale_px in scales_px:
-        problem = _Problem(p, q, priors, focal_px, sigma_px, scale_px)
-        trial = _Estimate(estimate.rotation, estimate.direction)
-        estimate, _, _ = _minimise(problem, estimate, trial, schedule)
-    return EpipolarFit(estimate.rotation, estimate.direction)
+    n = len(previous)
+    require_array(previous, "previous", np.float64, (n, 2))
+    require_array(current, "current", np.float64, (n, 2))
+    known = StepConstraints.of([prior._replace(length_m=1.0, sigma_m=1.0)])
+    best, trial = (
+        _Estimate(
+            np.array([np.eye(3), start[0]]), np.array([np.zeros(3), start[1]]), np.empty(n + 6)
+        )
+        for _ in range(2)
+    )
+    work = np.empty((2, 3)), np.empty((5, n + 6)), np.empty((5, 5)), np.empty((5, 5))
+    for scale in scales_px:
+        problem = _Problem(
+            previous, current, known, focal_px, sigma_px, scale, *work, np.empty(5), np.empty(5)
+        )
+        best = _fit(problem, best, trial, schedule)
+        trial = _Estimate(best.rotations.copy(), best.centres.copy(), np.empty(n + 6))
+    return EpipolarFit(best.rotations[1], best.centres[1])
 
 
 def sampson_px(
     previous: Array, current: Array, rotation: Array, direction: Array, focal_px: float
 ) -> Array:
     """Signed Sampson distances (n,) of pairs of rays (n, 2) for a relative pose, in pixels."""
-    distances: Array = _sampson(
-        *_homogeneous(previous, current), rotation[None], direction[None], focal_px
-    )[0]
-    return distances
-
-
-def _homogeneous(previous: Array, current: Array) -> tuple[Array, Array]:
-    """Rays as columns (3, n)."""
     n = len(previous)
     require_array(previous, "previous", np.float64, (n, 2))
     require_array(current, "current", np.float64, (n, 2))
-    ones = np.ones((1, n))
-    return np.concatenate([previous.T, ones]), np.concatenate([current.T, ones])
-
-
-def _sampson(p: Array, q: Array, rotations: Array, directions: Array, focal_px: float) -> Array:
-    """Distances (k, n) for k relative poses."""
-    # Coplanarity: p . (t x R q) = 0, that is p' E q with E = [t]x R.
-    essential = np.cross(directions[:, :, None], rotations, axis=1)
-    line = np.einsum("kij,jn->kin", essential, q)
-    back = np.einsum("kji,jn->kin", essential[:, :, :2], p)
-    squares = line[:, 0] ** 2 + line[:, 1] ** 2 + back[:, 0] ** 2 + back[:, 1] ** 2
-    # All epipolar lines meet at the focus of expansion: the distance is undefined there.
-    gap = np.einsum("in,kin->kn", p, line)
-    return np.asarray(focal_px * gap / np.sqrt(np.maximum(squares, 1e-12)))
-
-
-def _known(prior: StepConstraints, rotations: Array, directions: Array) -> Array:
-    """Residuals (k, 6) of the prior for k relative poses, in sigmas."""
-    count = len(rotations)
-    residuals = np.empty((count, 6))
-    some = StepConstraints._make(column[:count] for column in prior)
-    with_first = (
-        np.concatenate([np.eye(3)[None], rotations]),
-        np.concatenate([np.zeros((1, 3)), directions]),
+    result = np.empty(n)
+    _sampson(
+        previous,
+        current,
+        np.ascontiguousarray(rotation, np.float64),
+        np.ascontiguousarray(direction, np.float64),
+        focal_px,
+        result,
     )
-    constraint_residuals(*with_first, some, residuals)
-    return residuals
+    return result
 
 
-def _moved(estimate: _Estimate, basis: Array, step: Array) -> tuple[Array, Array]:
-    """The relative pose after a step (5,): rotation vector, then along `basis` (2, 3)."""
-    direction = estimate.direction + step[3:] @ basis
-    # It stays of unit length: that holds the baseline.
-    direction /= np.sqrt((direction**2).sum())
-    return np.dot(rotation_from_vector(step[:3]), estimate.rotation), direction
+@compiled
+def _move(problem: _Problem, estimate: _Estimate, rotation: Array, direction: Array) -> None:
+    # By `step` (5,): rotation vector, then along `basis` (2, 3). The direction stays of unit length: that holds the
+    # baseline.
+    step, basis = problem.step, problem.basis
+    rotation[:] = np.dot(rotation_from_vector(step[:3]), estimate.rotations[1])
+    direction[:] = estimate.centres[1] + step[3] * basis[0] + step[4] * basis[1]
+    direction /= np.sqrt((direction * direction).sum())
 
 
+@compiled
+def _sampson(
+    previous: Array,
+    current: Array,
+    rotation: Array,
+    direction: Array,
+    focal_px: float,
+    result: Array,
+) -> None:
+    # Coplanarity: p . (t x R q) = 0, that is p' E q with E = [t]x R.
+    e = np.empty((3, 3))
+    t = direction
+    for j in range(3):
+        e[0, j] = t[1] * rotation[2, j] - t[2] * rotation[1, j]
+        e[1, j] = t[2] * rotation[0, j] - t[0] * rotation[2, j]
+        e[2, j] = t[0] * rotation[1, j] - t[1] * rotation[0, j]
+    for i in range(previous.shape[0]):
+        x, y, u, v = previous[i, 0], previous[i, 1], current[i, 0], current[i, 1]
+        a = e[0, 0] * u + e[0, 1] * v + e[0, 2]
+        b = e[1, 0] * u + e[1, 1] * v + e[1, 2]
+        c = e[2, 0] * u + e[2, 1] * v + e[2, 2]
+        p = e[0, 0] * x + e[1, 0] * y + e[2, 0]
+        q = e[0, 1] * x + e[1, 1] * y + e[2, 1]
+        square = a * a + b * b + p * p + q * q
+        # All epipolar lines meet at the focus of expansion: the distance is undefined there.
+        result[i] = focal_px * (x * a + y * b + c) / np.sqrt(max(square, 1e-12))
+
+
+@compiled
+def _residuals(problem: _Problem, rotations: Array, centres: Array, result: Array) -> None:
+    # Of the rays (n,) in px, then of the prior (6,) in sigmas.
+    n = problem.previous.shape[0]
+    _sampson(
+        problem.previous, problem.current, rotations[1], centres[1], problem.focal_px, result[:n]
+    )
+    constraint_residuals(rotations, centres, problem.prior, result[n:].reshape(1, 6))
+
+
+@compiled
 def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
-    poses = estimate.rotation[None], estimate.direction[None]
-    (estimate.distances,) = _sampson(problem.previous, problem.current, *poses, problem.focal_px)
-    (estimate.known,) = _known(problem.prior, *poses)
-    costs = np.log1p((estimate.distances / problem.scale_px) ** 2)
-    of_rays = (problem.scale_px / problem.sigma_px) ** 2 * costs.sum()
-    return float(of_rays + (estimate.known**2).sum())
+    residuals, n = estimate.residuals, problem.previous.shape[0]
+    _residuals(problem, estimate.rotations, estimate.centres, residuals)
+    of_rays, of_prior = 0.0, 0.0
+    for i in range(n):
+        of_rays += np.log1p((residuals[i] / problem.scale_px) ** 2)
+    for i in range(n, n + 6):
+        of_prior += residuals[i] ** 2
+    return of_rays * (problem.scale_px / problem.sigma_px) ** 2 + of_prior
 
 
+@compiled
 def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
-    problem.basis = tangent_basis(estimate.direction)
-    moved = [_moved(estimate, problem.basis, step) for step in DIFFERENCE_STEP * np.eye(5)]
-    poses = np.array([one[0] for one in moved]), np.array([one[1] for one in moved])
-    distances = _sampson(problem.previous, problem.current, *poses, problem.focal_px)
-    by_distance = (distances - estimate.distances) / DIFFERENCE_STEP
-    by_known = (_known(problem.prior, *poses) - estimate.known) / DIFFERENCE_STEP
-    flattened = 1.0 + (estimate.distances / problem.scale_px) ** 2
-    weighted = by_distance / (flattened * problem.sigma_px**2)
-    problem.normal = np.einsum("kn,mn->km", weighted, by_distance)
-    problem.normal += np.einsum("kn,mn->km", by_known, by_known)
-    problem.right = -np.einsum("kn,n->k", weighted, estimate.distances)
-    problem.right -= np.einsum("kn,n->k", by_known, estimate.known)
+    jacobian, normal, right = problem.jacobian, problem.normal, problem.right
+    residuals, n = estimate.residuals, problem.previous.shape[0]
+    problem.basis[:] = tangent_basis(estimate.centres[1])
+    rotations, centres = estimate.rotations.copy(), estimate.centres.copy()
+    for k in range(5):
+        problem.step[:] = 0.0
+        problem.step[k] = DIFFERENCE_STEP
+        _move(problem, estimate, rotations[1], centres[1])
+        _residuals(problem, rotations, centres, jacobian[k])
+        jacobian[k] -= residuals
+        jacobian[k] /= DIFFERENCE_STEP
+    normal[:] = 0.0
+    right[:] = 0.0
+    for i in range(n + 6):
+        weight = 1.0
+        if i < n:
+            flattened = 1.0 + (residuals[i] / problem.scale_px) ** 2
+            weight = 1.0 / (flattened * problem.sigma_px**2)
+        for k in range(5):
+            right[k] -= weight * jacobian[k, i] * residuals[i]
+            for m in range(k + 1):
+                normal[k, m] += weight * jacobian[k, i] * jacobian[m, i]
 
 
+@compiled
 def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estimate) -> bool:
-    damped = problem.normal + np.diag(damping * np.diag(problem.normal) + FLOOR)
-    try:
-        step: Array = np.asarray(np.linalg.solve(damped, problem.right), np.float64)
-    except np.linalg.LinAlgError:
+    problem.damped[:] = problem.normal
+    for k in range(5):
+        problem.damped[k, k] += damping * problem.normal[k, k] + 1e-9
+    problem.step[:] = problem.right
+    if not cholesky_solve(problem.damped, problem.step):
         return False
-    trial.rotation, trial.direction = _moved(estimate, problem.basis, step)
-    return bool(np.isfinite(step).all())
+    _move(problem, estimate, trial.rotations[1], trial.centres[1])
+    return True
 
 
-_minimise = minimiser(_evaluate, _linearise, _solve, plain=True)
+_minimise = minimiser(_evaluate, _linearise, _solve)
+
+
+@compiled
+def _fit(problem: _Problem, start: _Estimate, trial: _Estimate, schedule: Schedule) -> _Estimate:
+    best, _, _ = _minimise(problem, start, trial, schedule)
+    return best

@@ -78,22 +78,9 @@ def adjust_pair(
 ) -> PairAdjustment:
     """Adjust motion and points together to the rays of two images.
 
-    Parameters
-    ----------
-    previous, current
-        Rays (n, 2) as (x/z, y/z), of the same points.
-    start
-        Rotation (3, 3) and unit direction (3,) to start from.
-    prior
-        What is known of the motion beforehand.
-    focal_px
-        Pixels of one unit of the rays.
-    errors, scale_px
-        Stated errors of ties, and the scale of their robust cost.
-    iterations, gain
-        Iterations at most; they end where one lowers the cost by a smaller fraction.
-    scatter
-        Errors of these ties over the stated ones, 1 or more (`tie_scatter`): the covariance states them.
+    previous, current: rays (n, 2) as (x/z, y/z), of the same points. start: rotation (3, 3) and unit direction (3,).
+    focal_px: pixels of one unit of the rays. scale_px: of the robust cost. scatter: errors of these ties over the
+    stated ones, 1 or more (`tie_scatter`): the covariance states them.
 
     Returns
     -------

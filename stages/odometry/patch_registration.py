@@ -61,19 +61,10 @@ def register_patches(
 ) -> PatchRegistration:
     """Register the 15 x 15 px patches round `corners` of the far image in the near one.
 
-    Parameters
-    ----------
-    far, near
-        Grey images (height, width).
-    corners
-        Centre of each patch, (n, 2) whole pixels.
-    starts
-        Where the patches are expected in the near image, (n, 2) px.
-    warps
-        Their expected warp, (n, 3): stretch along u, shear of u by v, stretch along v. A plate seen from nearer has
-        (s, 0, s), the road about (s, k, s * s).
-    search_px
-        Whole pixels searched round the start before the fit.
+    far, near: grey images (height, width). corners: centre of each patch, (n, 2) whole pixels. starts: where the
+    patches are expected in the near image, (n, 2) px. warps: their expected warp, (n, 3): stretch along u, shear of u
+    by v, stretch along v; a plate seen from nearer has (s, 0, s), the road about (s, k, s * s). search_px: whole
+    pixels searched round the start before the fit.
 
     Returns
     -------
@@ -155,24 +146,39 @@ def _coarse(
 def _template(
     far: NDArray[np.uint8], u: int, v: int, template: Array, jacobian: Array, normal: Array
 ) -> float:
-    # The patch round a whole pixel less its mean, its derivatives by position and scale, and their normal matrix;
-    # returns the sum of the patch's squares. The derivatives are made orthogonal to gain and bias, which then need no
-    # unknowns of their own.
-    edge = RADIUS + 1
-    wide = far[v - edge : v + edge + 1, u - edge : u + edge + 1].astype(np.float64)
-    template[:] = wide[1:-1, 1:-1] - wide[1:-1, 1:-1].mean()
-    jacobian[0] = 0.5 * (wide[1:-1, 2:] - wide[1:-1, :-2])
-    jacobian[1] = 0.5 * (wide[2:, 1:-1] - wide[:-2, 1:-1])
+    # The patch round a whole pixel less its mean, its derivatives by position and scale, and the upper half of their
+    # normal matrix; returns the sum of the patch's squares. The derivatives are made orthogonal to gain and bias, which
+    # then need no unknowns of their own.
+    mean, square = 0.0, 0.0
     for i in range(SIDE):
-        jacobian[2, i] = jacobian[1, i] * (i - RADIUS)
         for j in range(SIDE):
-            jacobian[2, i, j] += jacobian[0, i, j] * (j - RADIUS)
-    square: float = (template * template).sum()
-    for k in range(3):
-        along = (jacobian[k] * template).sum() / square
-        jacobian[k] -= jacobian[k].mean() + along * template
-        for m in range(k + 1):
-            normal[m, k] = (jacobian[k] * jacobian[m]).sum()
+            mean += float(far[v + i - RADIUS, u + j - RADIUS])
+    mean /= SIDE * SIDE
+    m0, m1, m2, f0, f1, f2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(SIDE):
+        for j in range(SIDE):
+            y, x = v + i - RADIUS, u + j - RADIUS
+            value = float(far[y, x]) - mean
+            by_u = 0.5 * (float(far[y, x + 1]) - float(far[y, x - 1]))
+            by_v = 0.5 * (float(far[y + 1, x]) - float(far[y - 1, x]))
+            by_scale = by_u * (j - RADIUS) + by_v * (i - RADIUS)
+            template[i, j], square = value, square + value * value
+            jacobian[0, i, j], jacobian[1, i, j], jacobian[2, i, j] = by_u, by_v, by_scale
+            m0, m1, m2 = m0 + by_u, m1 + by_v, m2 + by_scale
+            f0, f1, f2 = f0 + by_u * value, f1 + by_v * value, f2 + by_scale * value
+    m0, m1, m2 = m0 / (SIDE * SIDE), m1 / (SIDE * SIDE), m2 / (SIDE * SIDE)
+    f0, f1, f2 = f0 / square, f1 / square, f2 / square
+    n00, n01, n02, n11, n12, n22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(SIDE):
+        for j in range(SIDE):
+            a = jacobian[0, i, j] - (m0 + f0 * template[i, j])
+            b = jacobian[1, i, j] - (m1 + f1 * template[i, j])
+            c = jacobian[2, i, j] - (m2 + f2 * template[i, j])
+            jacobian[0, i, j], jacobian[1, i, j], jacobian[2, i, j] = a, b, c
+            n00, n01, n02 = n00 + a * a, n01 + a * b, n02 + a * c
+            n11, n12, n22 = n11 + b * b, n12 + b * c, n22 + c * c
+    normal[0, 0], normal[0, 1], normal[0, 2] = n00, n01, n02
+    normal[1, 1], normal[1, 2], normal[2, 2] = n11, n12, n22
     return square
 
 

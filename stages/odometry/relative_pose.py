@@ -99,17 +99,6 @@ def estimate_relative_pose(
 ) -> RelativePose | None:
     """Relative pose of two images: coarse motion, then ties registered by it.
 
-    Parameters
-    ----------
-    before, now
-        The images.
-    expected
-        What is expected of the step.
-    mount
-        Of the camera, as learnt so far.
-    fewest
-        Fewest inliers.
-
     Returns
     -------
     RelativePose
@@ -185,16 +174,7 @@ def find_coarse_motion(
 ) -> tuple[EpipolarFit | None, int]:
     """Rotation and direction from matched corners, and the number of inliers; None with too few matches.
 
-    Parameters
-    ----------
-    before, now
-        The images.
-    prior
-        What is known of the relative pose.
-    predicted
-        Rotation (3, 3) by which corners are predicted.
-    slack_px
-        Half width of the search band round the prediction.
+    predicted: rotation (3, 3) by which corners are predicted. slack_px: half width of the band round the prediction.
     """
     pair = PairMotion(before, now, predicted, prior.direction)
     pairs = pair.matches(slack_px, COARSE_BITS, COARSE_RATIO)

@@ -42,16 +42,7 @@ def step_length(
 ) -> StepLength:
     """Mean of the length by points and of the one that is expected; where they contradict each other, one of both.
 
-    Parameters
-    ----------
-    last
-        Length of the step before.
-    by_points
-        Length by points common with that step and its scatter, metres; nan where there are too few.
-    expected
-        The prior.
-    settings
-        Scatter of a stated spacing.
+    by_points: length by points common with the step before and its scatter, metres; nan where there are too few.
     """
     given, sigma = expected.prior.length_m, expected.prior.sigma_m
     spacing, (carried, scatter) = expected.spacing_m, by_points

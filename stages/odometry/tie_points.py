@@ -30,8 +30,6 @@ GUIDED_RATIO = 0.92
 """Largest ratio of best to second distance on the line."""
 GUIDED_WIDTH_PX = 4.0
 """Half width of the band along an epipolar line."""
-SAME_CORNER_PX = 6.0
-"""Matches this near to the best are no second best."""
 LARGEST_GROWTH = 2.6
 """Largest growth of an object from image to image."""
 SMALLEST_GROWTH = 0.8
@@ -154,7 +152,6 @@ class PairMotion:
             self.now.descriptors,
             farthest=bits,
             ratio=ratio,
-            same_corner_px=SAME_CORNER_PX,
         )
 
 
@@ -187,7 +184,6 @@ def match_around(
         now.descriptors,
         farthest=COARSE_BITS,
         ratio=ratio,
-        same_corner_px=SAME_CORNER_PX,
     )
 
 
