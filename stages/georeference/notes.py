@@ -57,8 +57,8 @@ def notes_on_spacing(points: Sequence[PathPoint]) -> tuple[str, ...]:
         return ()
     lengths = [p.baseline_m or 0.0 for p in followed]
     return (
-        f"the distance between images is not constant: in {len(followed)} steps, the first to frame "
-        f"{followed[0].frame}, it follows the points seen in successive steps, {min(lengths):.2f} m to "
+        f"the distance between images is not constant: {len(followed)} of {len(points) - 1} steps, the first to frame "
+        f"{followed[0].frame}, follow the points seen in successive steps, {min(lengths):.2f} m to "
         f"{max(lengths):.2f} m; the spacing only holds their mean, so positions and sizes share an error of scale",
     )
 

@@ -70,7 +70,7 @@ def test_lengths_by_points_are_said_and_the_error_of_their_scale_is_that_of_size
     ]
     path = path_through(points)
     (note,) = path.notes
-    assert "in 3 steps, the first to frame 3" in note
+    assert "3 of 5 steps, the first to frame 3, follow" in note
     assert "11.00 m to 13.00 m" in note
     assert list(path.scales) == [3, 4, 5]
     np.testing.assert_allclose(path.poses[5].centre, [40, 0, 0], atol=1e-9)
