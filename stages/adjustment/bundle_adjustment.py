@@ -116,11 +116,8 @@ def adjust_window(
     iterations, gain
         At most so many; ended where one lowers the cost by a smaller fraction.
 
-    Returns
-    -------
-    WindowAdjustment
-        covariance and gain are nan where the normal equations cannot be solved, very large where nothing measures what
-        is asked for.
+    Covariance and gain are nan where the normal equations cannot be solved, very large where nothing measures what
+    is asked for.
 
     Raises
     ------

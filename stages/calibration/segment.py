@@ -87,9 +87,7 @@ def make_segment(motions: Sequence[Motion], camera: Camera) -> Segment | None:
 
     camera: that the ties were undistorted with. What led to the first image is ignored.
 
-    Returns
-    -------
-    None without a track over three images.
+    Returns None without a track over three images.
     """
     all_ties = StepTies.joined(
         ties_of_step(k, motion, camera, camera, SLIDING_PX, inliers=False)

@@ -40,11 +40,8 @@ def midpoint(
 
     c0, c1 (3,): camera centres. d0, d1 (n, 3): directions of the rays in the same frame, of any length.
 
-    Returns
-    -------
-    Midpoints
-        nan where the rays are parallel (q1 x q2 = 0: at the focus of expansion, or without a baseline they meet at
-        the common centre).
+    Returns nan where the rays are parallel (q1 x q2 = 0: at the focus of expansion, or without a baseline they meet at
+    the common centre).
 
     Raises
     ------
@@ -103,11 +100,8 @@ def pair_residual(
     previous one's frame, the direction of any length. focal_px: fx, fy; the report's single f assumes square,
     undistorted pixels.
 
-    Returns
-    -------
-    Array
-        (n,) px squared. Where the rays do not meet ahead of both cameras the point is taken at infinity, the nearest
-        valid position, with its residual divided between both images.
+    Returns (n,) px squared. Where the rays do not meet ahead of both cameras the point is taken at infinity, the
+    nearest valid position, with its residual divided between both images.
     """
     first, second = np.asarray(previous, np.float64), np.asarray(current, np.float64)
     axes = np.asarray(rotation, np.float64)

@@ -29,15 +29,9 @@ def match_in_bands(
     points, others: positions (m, 2) px and descriptors (m, 32) of the second corners. farthest: largest Hamming
     distance, bits. ratio: the best distance must lie below this fraction of the second best in the band.
 
-    Returns
-    -------
-    NDArray
-        (k, 2) rows: first corner, second corner; in order of the first.
+    Returns (k, 2) rows: first corner, second corner; in order of the first.
 
-    Raises
-    ------
-    ValueError
-        Where an array has another shape or type.
+    Raises ValueError where an array has another shape or type.
     """
     n, m = len(bands), len(points)
     require_array(bands, "bands", np.float64, (n, 6))

@@ -78,10 +78,7 @@ def fit_epipolar(
     one unit of the rays. sigma_px: standard deviation of a correct pair, the weight of the rays against the prior.
     scales_px: where the Cauchy cost starts to flatten, of each fit.
 
-    Raises
-    ------
-    ValueError
-        Where an array has another shape or type.
+    Raises ValueError where an array has another shape or type.
     """
     n = len(previous)
     require_array(previous, "previous", np.float64, (n, 2))

@@ -82,15 +82,9 @@ def adjust_pair(
     focal_px: pixels of one unit of the rays. scale_px: of the robust cost. scatter: errors of these ties over the
     stated ones, 1 or more (`tie_scatter`): the covariance states them.
 
-    Returns
-    -------
-    PairAdjustment
-        covariance is nan where the normal equations are singular (no points and no prior).
+    The covariance is nan where the normal equations are singular (no points and no prior).
 
-    Raises
-    ------
-    ValueError
-        Where an array has another shape or type.
+    Raises ValueError where an array has another shape or type.
     """
     n = len(previous)
     require_array(previous, "previous", np.float64, (n, 2))

@@ -66,16 +66,10 @@ def register_patches(
     by v, stretch along v; a plate seen from nearer has (s, 0, s), the road about (s, k, s * s). search_px: whole
     pixels searched round the start before the fit.
 
-    Returns
-    -------
-    PatchRegistration
-        zncc is 0 and the point nan where the patch leaves an image, has no texture, the fit exceeds its limits, or the
-        correlation is low.
+    `zncc` is 0 and the point nan where the patch leaves an image, has no texture, the fit exceeds its limits, or the
+    correlation is low.
 
-    Raises
-    ------
-    ValueError
-        Where an array has another shape or type.
+    Raises ValueError where an array has another shape or type.
     """
     n = len(corners)
     require_array(far, "far", np.uint8, (None, None))

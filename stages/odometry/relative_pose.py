@@ -99,10 +99,7 @@ def estimate_relative_pose(
 ) -> RelativePose | None:
     """Relative pose of two images: coarse motion, then ties registered by it.
 
-    Returns
-    -------
-    RelativePose
-        None with fewer than `fewest` inliers.
+    Returns None with fewer than `fewest` inliers.
     """
     prior, ground = expected.prior, mount.ground(expected.prior.length_m)
     coarse, inliers = find_coarse_motion(before, now, prior, expected.search, expected.slack_px)
