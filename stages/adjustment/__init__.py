@@ -6,6 +6,7 @@ from wayside.stages.adjustment.correlated_errors import (
     TieErrors,
     correlated_covariance,
     correlated_sigma_px,
+    tie_scatter,
 )
 from wayside.stages.adjustment.residuals import (
     QUADRATIC,
@@ -13,7 +14,6 @@ from wayside.stages.adjustment.residuals import (
     StepConstraints,
     constraint_residuals,
 )
-from wayside.stages.adjustment.scatter import tie_scatter
 from wayside.stages.adjustment.tie_tracks import (
     ANCHOR_SIGMA_PX,
     DISPLACEMENT_SIGMA,

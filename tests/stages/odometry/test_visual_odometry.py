@@ -1,6 +1,5 @@
 """A drive past textured plates under a textured sky, painted here, and the motion found in it."""
 
-import math
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
@@ -396,25 +395,12 @@ def test_images_without_texture_are_no_duplicates():
     assert [m.baseline_m for m in found] == [0, SPACING, SPACING]
 
 
-def known_by(source, poses):
-    """Frame fields that tell the lengths of steps."""
-    if source == "poses":
-        return {"pose": [PosePrior(pose, 0.02, 0.002, "poses") for pose in poses]}
-    if source == "spacing":
-        return {"spacing_m": [SPACING] * len(poses)}
-    north = [math.degrees(pose.centre[2] / 6371000.0) for pose in poses]
-    return {"fix": [Fix(n, 0.0, 0.0, (0.5, 0.5, 1.0)) for n in north]}
-
-
-def stage(images, **known):
-    return list(estimate_motion(detections_of(images, **known), MotionSettings()))
-
-
 def test_a_vehicle_that_reverses_as_its_poses_say_keeps_all_images():
     poses, images = painted(8)
     order = [*range(5), *range(3, 0, -1)]
     given = [images[i] for i in order]
-    found = stage(given, **known_by("poses", [poses[i] for i in order]))
+    places = [PosePrior(poses[i], 0.02, 0.002, "poses") for i in order]
+    found = list(estimate_motion(detections_of(given, pose=places), MotionSettings()))
     assert all(item.frame.used for item in found)
     for item, i in zip(found, order, strict=True):
         true = poses[i].relative_to(poses[0]).centre
