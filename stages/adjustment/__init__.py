@@ -1,11 +1,12 @@
 """Bundle adjustment of frames and points together (report chapter 8)."""
 
-from wayside.stages.adjustment.bundle_adjustment import WINDOW_ITERATIONS, adjust_window
+from wayside.stages.adjustment.bundle_adjustment import WINDOW_ITERATIONS, Window, adjust_window
 from wayside.stages.adjustment.correlated_errors import (
     TIE_ERRORS,
     TieErrors,
     correlated_covariance,
     correlated_sigma_px,
+    tie_scatter,
 )
 from wayside.stages.adjustment.residuals import (
     QUADRATIC,
@@ -13,7 +14,6 @@ from wayside.stages.adjustment.residuals import (
     StepConstraints,
     constraint_residuals,
 )
-from wayside.stages.adjustment.scatter import tie_scatter
 from wayside.stages.adjustment.tie_tracks import (
     ANCHOR_SIGMA_PX,
     DISPLACEMENT_SIGMA,
@@ -41,6 +41,7 @@ __all__ = [
     "StepConstraints",
     "StepTies",
     "TieErrors",
+    "Window",
     "adjust_window",
     "constraint_residuals",
     "correlated_covariance",

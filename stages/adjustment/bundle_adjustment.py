@@ -63,17 +63,41 @@ class WindowAdjustment(NamedTuple):
     gain: Array
 
 
+class Window(NamedTuple):
+    """Frames and points to start from.
+
+    `rotations` (n, 3, 3), `centres` (n, 3), m: world from camera. `held`: the frame whose pose is fixed. `points`
+    (p, 3): ray (x/z, y/z) and one over the depth in the anchor's frame. `anchors` (p,): that frame, at its pose here.
+    """
+
+    rotations: Array
+    centres: Array
+    held: int
+    points: Array
+    anchors: NDArray[np.int64]
+
+    def checked(self, pose: int | None) -> Window:
+        """The same; ValueError where compiled code would read outside of an array."""
+        n, p = len(self.rotations), len(self.points)
+        require_array(self.rotations, "rotations", np.float64, (n, 3, 3))
+        require_array(self.centres, "centres", np.float64, (n, 3))
+        require_array(self.points, "points", np.float64, (p, 3))
+        require_array(self.anchors, "anchors", np.int64, (p,))
+        numbers = np.array([self.held, *([] if pose is None else [pose]), *self.anchors])
+        if numbers.min() < 0 or numbers.max() >= n or (pose is None and p == 0):
+            raise ValueError(
+                f"held {self.held}, pose {pose} and anchors {self.anchors.min(initial=0)} to "
+                f"{self.anchors.max(initial=0)} must be below {n} frames, and there must be a point ({p}) or a pose"
+            )
+        return self
+
+
 def adjust_window(
-    rotations: Array,
-    centres: Array,
-    held: int,
-    points: Array,
-    anchors: NDArray[np.int64],
+    window: Window,
     blocks: ResidualBlocks,
     constraints: StepConstraints,
     *,
-    wanted: int = 0,
-    of_pose: bool = False,
+    pose: int | None = None,
     iterations: int,
     gain: float,
 ) -> WindowAdjustment:
@@ -81,79 +105,48 @@ def adjust_window(
 
     Parameters
     ----------
-    rotations, centres
-        Poses to start from: world from camera (n, 3, 3), centres (n, 3) in metres.
-    held
-        The frame whose pose is fixed.
-    points
-        Coordinates to start from (p, 3): ray (x/z, y/z) in the anchor's frame and one over the depth there.
-    anchors
-        The frame of each point, (p,), at whose start pose its coordinates are given.
+    window
+        Poses and points to start from.
     blocks
         Residuals of the points in the images.
     constraints
         What is known of the steps.
-    wanted, of_pose
-        The point whose position, covariance and gain are asked for, or the frame whose pose's are.
+    pose
+        The frame whose pose the covariance and gain are asked of; None: the first point's.
     iterations, gain
         At most so many; ended where one lowers the cost by a smaller fraction.
 
-    Returns
-    -------
-    WindowAdjustment
-        covariance and gain are nan where the normal equations cannot be solved, very large where nothing measures what
-        is asked for.
+    Covariance and gain are nan where the normal equations cannot be solved, very large where nothing measures what
+    is asked for.
 
     Raises
     ------
     ValueError
         Where an array has another shape or type, or a number refers to no frame or point.
     """
+    rotations, centres, held, points, anchors = window.checked(pose)
     n, p = len(rotations), len(points)
-    require_array(rotations, "rotations", np.float64, (n, 3, 3))
-    require_array(centres, "centres", np.float64, (n, 3))
-    require_array(points, "points", np.float64, (p, 3))
-    require_array(anchors, "anchors", np.int64, (p,))
-    known = 0 <= held < n and 0 <= wanted < (n if of_pose else p)
-    if not (known and ((anchors >= 0) & (anchors < n)).all()):
-        raise ValueError(
-            f"held {held} and anchors {anchors.min(initial=0)} to {anchors.max(initial=0)} must be below {n} frames, "
-            f"and targets {wanted} below {n if of_pose else p}"
-        )
     blocks, constraints = blocks.checked(n, p), constraints.checked(n)
     origins = PointAnchors(rotations[anchors].copy(), centres[anchors].copy())
-    m = len(blocks.point)
-    start = WindowEstimate(
-        rotations.copy(),
-        centres.copy(),
-        points.copy(),
-        np.empty((m, 2)),
-        np.empty((len(constraints.frames), 6)),
+    m, steps = len(blocks.point), len(constraints.frames)
+    start, trial = (
+        WindowEstimate(
+            rotations.copy(), centres.copy(), points.copy(), np.empty((m, 2)), np.empty((steps, 6))
+        )
+        for _ in range(2)
     )
-    count = 6 if of_pose else 3
-    covariance, slopes = np.full((count, count), np.nan), np.full((m, 2, count), np.nan)
-    history = np.empty(iterations + 1)
+    history, normal = np.empty(iterations + 1), NormalEquations.empty(n, p, m)
+    problem = WindowProblem(held, origins, blocks, constraints, history, normal)
     schedule = Schedule(iterations, gain, damping=1e-4, least_damping=1e-10)
-    best, cost, done = _adjust(
-        start,
-        held,
-        origins,
-        blocks,
-        constraints,
-        wanted,
-        of_pose,
-        schedule,
-        history,
-        covariance,
-        slopes,
-    )
-    if of_pose:
-        position = best.centres[wanted]
+    best, cost, done = _adjust(problem, start, trial, schedule)
+    covariance, slopes = uncertainty(problem, best, pose)
+    if pose is not None:
+        position = best.centres[pose]
     else:
-        a, b, rho = best.points[wanted]
-        ray = origins.rotation[wanted] @ np.array([a, b, 1.0])
-        position = origins.centre[wanted] + ray / rho
-        by_point = np.column_stack([origins.rotation[wanted][:, :2], -ray / rho]) / rho
+        a, b, rho = best.points[0]
+        ray = origins.rotation[0] @ np.array([a, b, 1.0])
+        position = origins.centre[0] + ray / rho
+        by_point = np.column_stack([origins.rotation[0][:, :2], -ray / rho]) / rho
         covariance, slopes = by_point @ covariance @ by_point.T, slopes @ by_point.T
     return WindowAdjustment(
         best.rotations,
@@ -189,30 +182,25 @@ def _evaluate(problem: WindowProblem, estimate: WindowEstimate) -> float:
 def _solve(
     problem: WindowProblem, estimate: WindowEstimate, damping: float, trial: WindowEstimate
 ) -> bool:
-    normal, step = problem.normal, problem.step
-    reduce_points(normal, damping, problem.reduced, step)
-    if not cholesky_solve(problem.reduced, step):
+    normal, step = problem.normal, problem.normal.step
+    reduce_points(normal, damping)
+    if not cholesky_solve(normal.reduced, step):
         return False
     for f in range(estimate.rotations.shape[0]):
-        rotation = rotation_from_vector(step[6 * f : 6 * f + 3])
-        for i in range(3):
-            trial.centres[f, i] = estimate.centres[f, i] + step[6 * f + 3 + i]
-            for j in range(3):
-                trial.rotations[f, i, j] = 0.0
-                for k in range(3):
-                    trial.rotations[f, i, j] += rotation[i, k] * estimate.rotations[f, k, j]
+        move = step[6 * f : 6 * f + 6]
+        trial.rotations[f] = np.dot(rotation_from_vector(move[:3]), estimate.rotations[f])
+        trial.centres[f] = estimate.centres[f] + move[3:]
     rest = np.empty(3)
     for n in range(estimate.points.shape[0]):
-        for k in range(3):
-            trial.points[n, k] = estimate.points[n, k]
-        for k in range(3):
-            rest[k] = normal.own_right[n, k]
-            for f in range(normal.span[n, 0], normal.span[n, 1] + 1):
-                for j in range(6):
+        rest[:] = normal.own_right[n]
+        for f in range(normal.span[n, 0], normal.span[n, 1] + 1):
+            for j in range(6):
+                for k in range(3):
                     rest[k] -= normal.mixed[n, f, j, k] * step[6 * f + j]
         for k in range(3):
-            for j in range(3):
-                trial.points[n, k] += normal.inverse[n, k, j] * rest[j]
+            own = normal.inverse[n, k]
+            gained = own[0] * rest[0] + own[1] * rest[1] + own[2] * rest[2]
+            trial.points[n, k] = estimate.points[n, k] + gained
     return True
 
 
@@ -221,32 +209,9 @@ _minimise = minimiser(_evaluate, linearise, _solve)
 
 @compiled
 def _adjust(
-    start: WindowEstimate,
-    held: int,
-    anchors: PointAnchors,
-    blocks: ResidualBlocks,
-    constraints: StepConstraints,
-    wanted: int,
-    of_pose: bool,
-    schedule: Schedule,
-    history: Array,
-    covariance: Array,
-    gain: Array,
+    problem: WindowProblem, start: WindowEstimate, trial: WindowEstimate, schedule: Schedule
 ) -> tuple[WindowEstimate, float, int]:
-    n, p = len(start.rotations), len(start.points)
-    span = np.empty((p, 2), np.int64)
-    normal = NormalEquations(
-        np.empty((6 * n, 6 * n)), np.empty(6 * n), np.empty((p, n, 6, 3)), np.empty((p, 3, 3)),
-        np.empty((p, 3)), np.empty((p, 3, 3)), span,
-    )  # fmt: skip
-    reduced, step = np.empty((6 * n, 6 * n)), np.empty(6 * n)
-    point_spans(blocks, held, span)
-    problem = WindowProblem(held, anchors, blocks, constraints, history, normal, reduced, step)
-    trial = WindowEstimate(
-        np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((p, 3)),
-        np.empty(start.residuals.shape), np.empty(start.step_residuals.shape),
-    )  # fmt: skip
+    point_spans(problem.blocks, problem.held, problem.normal.span)
     best, cost, done = _minimise(problem, start, trial, schedule)
     linearise(problem, best, done)
-    uncertainty(problem, best, wanted, of_pose, covariance, gain)
     return best, cost, done

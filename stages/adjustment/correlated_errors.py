@@ -1,4 +1,4 @@
-"""Effect of errors that neighbouring ties share on motion and points; residuals do not show it.
+"""Errors of ties: how large they are by their residuals, and the effect of those that neighbours share.
 
 Patches near each other lie on the same surface and are imaged by the same part of the lens, so their errors are
 correlated. The part of such a field of errors that resembles motion is absorbed by the fit, so its size is given.
@@ -6,6 +6,7 @@ correlated. The part of such a field of errors that resembles motion is absorbed
 
 from __future__ import annotations
 
+from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +29,25 @@ class TieErrors(NamedTuple):
 
 
 TIE_ERRORS = TieErrors()
+SCATTER_QUANTILE = 0.75
+"""Quantile that is compared: by the median, errors of directions are raised too little."""
+
+
+def tie_scatter(distance_px: Array) -> float:
+    """How many times larger the errors of the ties of a step are than stated, by their Sampson distances (n,).
+
+    A quantile of the distances, in stated standard deviations, over that of a normal distribution: how large gross
+    errors are does not matter (Huber, Robust Statistics, section 5). At least 1, also without ties: what is compared is
+    the error that each tie has alone. The one that neighbours share is absorbed by the fit, hardly shows, and is taken
+    to grow with it: both are errors of registering patches in the same light.
+    """
+    if len(distance_px) == 0:
+        return 1.0
+    quantile = SCATTER_QUANTILE
+    normal = NormalDist().inv_cdf((1 + quantile) / 2)
+    return max(
+        1.0, float(np.quantile(np.abs(distance_px), quantile)) / TIE_ERRORS.sigma_px / normal
+    )
 
 
 def correlated_sigma_px(displacement_px: Array, errors: TieErrors = TIE_ERRORS) -> Array:
@@ -44,16 +64,9 @@ def correlated_covariance(
 ) -> Array:
     """Covariance (k, k) of an estimate by smooth random fields of errors, one in each image, independent of each other.
 
-    Parameters
-    ----------
-    position
-        Positions of ties in their images, (n, 2) px.
-    image
-        Number of that image, (n,).
-    effect
-        Change of the estimate by one standard deviation of the field in both coordinates of each tie, (n, 2, k).
-    reach_px
-        Of the correlation exp(-d^2 / (2 reach_px^2)).
+    position (n, 2): of ties in their images, px. image (n,): number of that image. effect (n, 2, k): change of the
+    estimate by one standard deviation of the field in both coordinates of each tie. reach_px: of the correlation
+    exp(-d^2 / (2 reach_px^2)).
     """
     order = np.argsort(image, kind="stable")
     first = np.flatnonzero(np.diff(image[order], prepend=-1)).astype(np.int64)

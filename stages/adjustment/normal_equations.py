@@ -18,7 +18,7 @@ from wayside.stages.adjustment.residuals import (
     block_jacobian,
     constraint_jacobian,
 )
-from wayside.stages.geometry import cholesky_solve, invert_symmetric
+from wayside.stages.geometry import invert_symmetric
 from wayside.stages.kernels import Array, compiled
 
 FLOOR = 1e-9
@@ -26,7 +26,11 @@ FLOOR = 1e-9
 
 
 class NormalEquations(NamedTuple):
-    """Normal equations in blocks: poses (6 n, 6 n), lower half, mixed (p, n, 6, 3), own (p, 3, 3), and right sides."""
+    """Normal equations in blocks: poses (6 n, 6 n), lower half, mixed (p, n, 6, 3), own (p, 3, 3), and right sides.
+
+    `by_pose` (m, 2, 12), `by_point` (m, 2, 3): derivatives of the blocks. `span` (p, 2): frames that measure a point.
+    `reduced`, `step`: equations of the poses alone, and their solution.
+    """
 
     poses: Array
     poses_right: Array
@@ -34,11 +38,33 @@ class NormalEquations(NamedTuple):
     own: Array
     own_right: Array
     inverse: Array
+    by_pose: Array
+    by_point: Array
     span: NDArray[np.int64]
+    reduced: Array
+    step: Array
+
+    @staticmethod
+    def empty(frames: int, points: int, blocks: int) -> NormalEquations:
+        """Room for so many."""
+        size = 6 * frames
+        return NormalEquations(
+            poses=np.empty((size, size)),
+            poses_right=np.empty(size),
+            mixed=np.empty((points, frames, 6, 3)),
+            own=np.empty((points, 3, 3)),
+            own_right=np.empty((points, 3)),
+            inverse=np.empty((points, 3, 3)),
+            by_pose=np.empty((blocks, 2, 12)),
+            by_point=np.empty((blocks, 2, 3)),
+            span=np.empty((points, 2), np.int64),
+            reduced=np.empty((size, size)),
+            step=np.empty(size),
+        )
 
 
 class WindowProblem(NamedTuple):
-    """What is measured and known of a window, which frame is held, and its normal equations with work arrays."""
+    """What is measured and known of a window, which frame is held, and its normal equations."""
 
     held: int
     anchors: PointAnchors
@@ -46,8 +72,6 @@ class WindowProblem(NamedTuple):
     constraints: StepConstraints
     history: Array
     normal: NormalEquations
-    reduced: Array
-    step: Array
 
 
 class WindowEstimate(NamedTuple):
@@ -112,11 +136,12 @@ def linearise(problem: WindowProblem, estimate: WindowEstimate, iteration: int) 
     normal.mixed[:] = 0.0
     normal.own[:] = 0.0
     normal.own_right[:] = 0.0
-    jacobian, point_jacobian, work = np.empty((2, 12)), np.empty((2, 3)), np.empty((2, 2, 9))
+    work = np.empty((2, 2, 9))
     for i in range(blocks.point.shape[0]):
         n = blocks.point[i]
         square = residuals[i, 0] ** 2 + residuals[i, 1] ** 2
         weight = 1.0 / (1.0 + square / blocks.scale[i] ** 2)
+        jacobian, point_jacobian = normal.by_pose[i], normal.by_point[i]
         block_jacobian(
             rotations, centres, problem.anchors, points, blocks, i, work, jacobian, point_jacobian
         )
@@ -142,8 +167,9 @@ def linearise(problem: WindowProblem, estimate: WindowEstimate, iteration: int) 
 
 
 @compiled
-def reduce_points(normal: NormalEquations, damping: float, reduced: Array, right: Array) -> None:
-    """Schur complement of the points: (6 n, 6 n), lower half, and its right side; fills the inverses of the points."""
+def reduce_points(normal: NormalEquations, damping: float) -> None:
+    """Schur complement of the points in `reduced`, lower half; its right side in `step`; inverses of the points."""
+    reduced, right = normal.reduced, normal.step
     size = right.shape[0]
     for k in range(size):
         right[k] = normal.poses_right[k]
@@ -175,78 +201,70 @@ def reduce_points(normal: NormalEquations, damping: float, reduced: Array, right
                         )
 
 
-@compiled
 def uncertainty(
-    problem: WindowProblem,
-    estimate: WindowEstimate,
-    wanted: int,
-    of_pose: bool,
-    covariance: Array,
-    gain: Array,
-) -> None:
-    """Block (k, k) of a point (k = 3) or of a pose (k = 6) in the inverse of the normal equations; gain (m, 2, k).
+    problem: WindowProblem, estimate: WindowEstimate, pose: int | None
+) -> tuple[Array, Array]:
+    """Covariance (k, k) of a pose (k = 6) or of the first point (k = 3), and its gain (m, 2, k).
 
-    The gain is the derivative by the targets of the blocks. Both stay as they are where there is no inverse.
+    From the inverse of the normal equations at the estimate; the gain is the derivative by the targets of the blocks.
+    Both are nan where there is no inverse.
     """
-    normal, blocks, residuals = problem.normal, problem.blocks, estimate.residuals
-    reduced, step = problem.reduced, problem.step
-    size, count = step.shape[0], covariance.shape[0]
-    reach = np.zeros((size, count))  # change of the reduced right side by what is wanted, negative
-    spread = np.zeros((size, count))  # covariance of the poses with it
-    own = np.zeros((count, 3))
-    reduce_points(normal, 0.0, reduced, step)
-    if of_pose:
-        for k in range(6):
-            reach[6 * wanted + k, k] = -1.0
+    normal, count = problem.normal, 3 if pose is None else 6
+    gain = np.full((len(problem.blocks.point), 2, count), np.nan)
+    reduce_points(normal, 0.0)
+    size = len(normal.step)
+    if pose is None:
+        own = normal.inverse[0]
+        reach = (
+            normal.mixed[0].reshape(size, 3) @ own
+        )  # change of the right side by the point, negative
     else:
-        own[:] = normal.inverse[wanted]
-        for row in range(size):
-            for k in range(3):
-                for j in range(3):
-                    reach[row, k] += normal.mixed[wanted, row // 6, row % 6, j] * own[j, k]
-    factor = np.empty((size, size))
-    for k in range(count):
-        factor[:] = reduced
-        step[:] = reach[:, k]
-        if not cholesky_solve(factor, step):
-            return
-        spread[:, k] = step
-    for k in range(count):
-        for j in range(count):
-            covariance[k, j] = 0.0 if of_pose else own[k, j]
-            for row in range(size):
-                covariance[k, j] += reach[row, k] * spread[row, j]
-    jacobian, point_jacobian = np.empty((2, 12)), np.empty((2, 3))
-    product, work = np.empty((count, 3)), np.empty((2, 2, 9))
-    back = np.zeros((normal.own.shape[0], count, 3))
-    for n in range(normal.own.shape[0]):
-        product[:] = 0.0
-        for f in range(normal.span[n, 0], normal.span[n, 1] + 1):
-            for j in range(6):
-                for k in range(count):
+        own, reach = np.zeros((6, 3)), -np.eye(size)[:, 6 * pose : 6 * pose + 6]
+    try:
+        half = np.linalg.inv(np.linalg.cholesky(normal.reduced))
+    except np.linalg.LinAlgError:
+        return np.full((count, count), np.nan), gain
+    spread = np.ascontiguousarray(
+        half.T @ (half @ reach)
+    )  # covariance of the poses with what is wanted
+    back = np.zeros((len(normal.own), count, 3))
+    if pose is None:
+        back[0] = own
+    _add_through_poses(normal, spread, back)
+    _gains(problem, estimate.residuals, spread, back, gain)
+    return reach.T @ spread + (own if pose is None else 0.0), gain
+
+
+@compiled
+def _add_through_poses(normal: NormalEquations, spread: Array, back: Array) -> None:
+    # To the change (p, k, 3) of what is wanted by each point's right side: that through the poses.
+    product = np.empty(3)
+    for n in range(back.shape[0]):
+        for k in range(back.shape[1]):
+            product[:] = 0.0
+            for f in range(normal.span[n, 0], normal.span[n, 1] + 1):
+                for j in range(6):
                     for i in range(3):
-                        product[k, i] += spread[6 * f + j, k] * normal.mixed[n, f, j, i]
-        for k in range(count):
-            for j in range(3):
-                for i in range(3):
-                    back[n, k, j] += product[k, i] * normal.inverse[n, i, j]
-    for i in range(blocks.point.shape[0]):
-        n = blocks.point[i]
-        weight = residuals[i, 0] ** 2 + residuals[i, 1] ** 2
-        weight = 1.0 / (1.0 + weight / blocks.scale[i] ** 2) / blocks.sigma[i]
-        block_jacobian(
-            estimate.rotations, estimate.centres, problem.anchors, estimate.points, blocks, i, work,
-            jacobian, point_jacobian,
-        )  # fmt: skip
-        for r in range(2):
-            for k in range(count):
-                total = 0.0
-                for x in range(2):
-                    if blocks.frames[i, x] != problem.held:
-                        for j in range(6):
-                            total -= spread[6 * blocks.frames[i, x] + j, k] * jacobian[r, 6 * x + j]
+                        product[i] += spread[6 * f + j, k] * normal.mixed[n, f, j, i]
+            for i in range(3):
                 for j in range(3):
-                    total += back[n, k, j] * point_jacobian[r, j]
-                    if n == wanted and not of_pose:
-                        total += own[k, j] * point_jacobian[r, j]
+                    back[n, k, j] += product[i] * normal.inverse[n, i, j]
+
+
+@compiled
+def _gains(
+    problem: WindowProblem, residuals: Array, spread: Array, back: Array, gain: Array
+) -> None:
+    normal, blocks = problem.normal, problem.blocks
+    for i in range(blocks.point.shape[0]):
+        n, square = blocks.point[i], residuals[i, 0] ** 2 + residuals[i, 1] ** 2
+        weight = 1.0 / ((1.0 + square / blocks.scale[i] ** 2) * blocks.sigma[i])
+        for r in range(2):
+            by_pose, by_point = normal.by_pose[i, r], normal.by_point[i, r]
+            for k in range(spread.shape[1]):
+                total = 0.0
+                for j in range(3):
+                    total += back[n, k, j] * by_point[j]
+                for j in range(12):
+                    total -= spread[6 * blocks.frames[i, j // 6] + j % 6, k] * by_pose[j]
                 gain[i, r, k] = weight * total

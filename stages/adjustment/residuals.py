@@ -71,14 +71,7 @@ class ResidualBlocks(NamedTuple):
 
     def checked(self, frames: int, points: int) -> ResidualBlocks:
         """The same; ValueError where compiled code would read outside of an array."""
-        m = len(self.frames)
-        require_array(self.frames, "frames", np.int64, (m, 2))
-        require_array(self.point, "point", np.int64, (m,))
-        require_array(self.source, "source", np.float64, (m, 2))
-        require_array(self.target, "target", np.float64, (m, 2))
-        require_array(self.warp, "warp", np.float64, (m, 3))
-        require_array(self.sigma, "sigma", np.float64, (m,))
-        require_array(self.scale, "scale", np.float64, (m,))
+        _require_rows(self)
         _require_below(self.frames, "frames", frames)
         _require_below(self.point, "point", points)
         return self
@@ -122,15 +115,7 @@ class StepConstraints(NamedTuple):
 
     def checked(self, frames: int) -> StepConstraints:
         """The same; ValueError where compiled code would read outside of an array."""
-        n = len(self.frames)
-        require_array(self.frames, "frames", np.int64, (n, 2))
-        require_array(self.rotation, "rotation", np.float64, (n, 3, 3))
-        require_array(self.sigma_rotation, "sigma_rotation", np.float64, (n,))
-        require_array(self.direction, "direction", np.float64, (n, 3))
-        require_array(self.sigma_direction, "sigma_direction", np.float64, (n, 2))
-        require_array(self.halfway, "halfway", np.bool_, (n,))
-        require_array(self.length, "length", np.float64, (n,))
-        require_array(self.sigma_length, "sigma_length", np.float64, (n,))
+        _require_rows(self)
         _require_below(self.frames, "frames", frames)
         return self
 
@@ -144,6 +129,24 @@ class PointAnchors(NamedTuple):
 
     rotation: Array
     centre: Array
+
+
+_KINDS = {"frames": np.int64, "point": np.int64, "halfway": np.bool_}
+_WIDTHS: dict[str, tuple[int, ...]] = {
+    "frames": (2,),
+    "source": (2,),
+    "target": (2,),
+    "warp": (3,),
+    "direction": (3,),
+}
+_WIDTHS |= {"rotation": (3, 3), "sigma_direction": (2,)}
+
+
+def _require_rows(rows: ResidualBlocks | StepConstraints) -> None:
+    """Refuse columns of another kind, shape or number of rows than compiled code takes."""
+    for name, column in zip(rows._fields, rows, strict=True):
+        shape = (len(rows.frames), *_WIDTHS.get(name, ()))
+        require_array(column, name, _KINDS.get(name, np.float64), shape)
 
 
 def _require_below(numbers: NDArray[np.int64], name: str, count: int) -> None:

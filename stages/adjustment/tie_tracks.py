@@ -94,14 +94,7 @@ def ties_of_step(
 def translation_px(rotation: Array, before: Array, after: Array, focal_px: float) -> Array:
     """How far ties move in the image by the translation of the camera alone, (n,) px.
 
-    Parameters
-    ----------
-    rotation
-        Of the later camera in the earlier one, (3, 3).
-    before, after
-        Rays in the earlier and in the later camera, (n, 2).
-    focal_px
-        Focal length.
+    rotation (3, 3): of the later camera in the earlier one. before, after: rays (n, 2) in both.
     """
     far = before @ rotation[:2] + rotation[2]
     moved = after - far[:, :2] / np.maximum(far[:, 2:], NEAREST_DEPTH)
@@ -111,14 +104,9 @@ def translation_px(rotation: Array, before: Array, after: Array, focal_px: float
 def link_tracks(step: Numbers, corners: Numbers) -> Numbers:
     """Number of the track of each tie, (n,), in the order of first appearance.
 
-    Parameters
-    ----------
-    step
-        Step of each tie, ascending, (n,).
-    corners
-        Corners of the earlier and the later image that a tie joins, (n, 2); -1: of none, a track of its own. A tie
-        that ends at a corner is followed by the tie of the next step that starts there; of two that end at the same
-        corner the last is followed.
+    step (n,): ascending. corners (n, 2): of the earlier and the later image that a tie joins; -1: of none, a track of
+    its own. A tie that ends at a corner is followed by the tie of the next step that starts there; of two that end at
+    the same corner the last is followed.
     """
     n = len(step)
     track = np.full(n, -1, np.int64)

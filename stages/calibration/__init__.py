@@ -1,12 +1,13 @@
 """Calibration of a camera: by views of a chessboard, and by the point tracks of a drive."""
 
-from wayside.stages.calibration.board_corners import Board, find_board
 from wayside.stages.calibration.board_fit import (
     LENS_MODELS,
+    Board,
     BoardCalibration,
     CalibrationError,
     FittedView,
     calibrate_boards,
+    find_board,
     format_residuals,
 )
 from wayside.stages.calibration.drive_fit import (
@@ -15,8 +16,8 @@ from wayside.stages.calibration.drive_fit import (
     calibrate_drive,
     lens_step,
 )
-from wayside.stages.calibration.lens import LENS, changed_camera
 from wayside.stages.calibration.segment import cut_segments
+from wayside.stages.calibration.segment_equations import LENS, changed_camera
 from wayside.stages.calibration.watch import (
     CalibrationWatch,
     LensCheck,

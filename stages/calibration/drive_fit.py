@@ -8,23 +8,26 @@ it contains those that neighbouring ties share, and is no smaller than the scatt
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from math import sqrt
-from typing import NamedTuple
 
 import numpy as np
 
 from wayside.schemas.frame import Camera
 from wayside.stages.adjustment import ANCHOR_SIGMA_PX, TIE_ERRORS, TIE_SCALE, correlated_covariance
-from wayside.stages.calibration.lens import LENS, changed_camera
 from wayside.stages.calibration.segment import Segment
 from wayside.stages.calibration.segment_equations import (
-    Linear,
+    LENS,
+    Equations,
     Weights,
+    changed_camera,
     evaluate,
+    lens_gain,
     linearise,
+    reduced,
     updated,
 )
+from wayside.stages.geometry import Schedule, minimiser
 from wayside.stages.kernels import Array
 
 PRINCIPAL_POINT_SIGMA = 0.006
@@ -38,7 +41,7 @@ ITERATIONS = 15
 START_ITERATIONS = 10
 """Steps of poses and points at the start, before the lens is free, at most."""
 INNER_ITERATIONS = 4
-"""Steps of poses and points after each step of the lens at most."""
+"""The same after each step of the lens: points and poses follow it along a curved valley of the cost."""
 GAIN = 0.5
 """Steps end where twice the log likelihood changes by less: one standard error changes it by 1."""
 LONGEST_STEP = 0.1
@@ -49,9 +52,6 @@ SAME_ERRORS = 0.95
 """The last fit is one after which these errors are at least so many times those before."""
 _RAYLEIGH_MEDIAN = sqrt(2 * np.log(2))
 """Median length of a residual of two normal coordinates, in their sigmas."""
-
-_SMALLEST_DAMPING, _LARGEST_DAMPING = 1e-9, 1e3
-"""Numerical guards: damping leads to the same minimum."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,39 +76,53 @@ class DriveCalibration:
         return sqrt(float(self.covariance[0, 0]))
 
 
+@dataclass
+class _Problem:
+    """The camera of the start, weights, the inverse covariance (5, 5) of the lens beforehand, and the equations."""
+
+    camera: Camera
+    weights: Weights
+    known: Array
+    free: bool = True
+    """Whether the lens is fitted, or only poses and points."""
+    equations: list[Equations] = field(default_factory=list)
+
+
+@dataclass
+class _Estimate:
+    """Change of the lens (5,), and the segments with their poses and points."""
+
+    lens: Array
+    segments: Sequence[Segment]
+
+
 def calibrate_drive(
     segments: Sequence[Segment], camera: Camera, principal_sigma_px: float
 ) -> DriveCalibration:
     """Estimate the lens of a camera from the segments of a drive.
 
-    Gauss-Newton on the lens. Poses and points are solved again after each step, and the cost depends on the lens alone.
+    Poses and points are solved again after each step of the lens: the cost depends on the lens alone.
 
-    Parameters
-    ----------
-    segments
-        One or more.
-    camera
-        Where the estimate starts; the ratio of both focal lengths and the coefficients but k1 and k2 are held.
-    principal_sigma_px
-        How far off its principal point may be.
+    The ratio of both focal lengths and the coefficients but k1 and k2 are held. principal_sigma_px: how far off the
+    principal point of the camera may be.
     """
-    problem, state = _start(segments, camera, principal_sigma_px)
-    for _ in range(REWEIGHTINGS):
-        state = _minimise(state, problem)
-        factor = _error_factor(state, problem)
+    problem, estimate = _start(segments, camera, principal_sigma_px)
+    estimate, cost = _fitted(problem, estimate, ITERATIONS)
+    for _ in range(REWEIGHTINGS - 1):
+        factor = _error_factor(problem, estimate)
         if factor > SAME_ERRORS * problem.weights.factor:
             break
         # A wrong lens has larger residuals, which let its errors pass for those of ties.
-        problem = problem._replace(weights=problem.weights._replace(factor=factor))
-        state = _settled(state.segments, state.lens, problem, INNER_ITERATIONS)
-    covariance, _ = _solve(state, problem)
+        problem = replace(problem, weights=problem.weights._replace(factor=factor))
+        estimate, cost = _fitted(problem, estimate, ITERATIONS)
+    covariance, _ = _solution(problem, estimate)
     count = sum(len(one.track) for one in segments)
     return DriveCalibration(
-        changed_camera(camera, state.lens),
-        state.lens,
+        changed_camera(camera, estimate.lens),
+        estimate.lens,
         covariance,
         problem.weights.factor,
-        state.cost / count,
+        cost / count,
         len(segments),
         count,
     )
@@ -119,128 +133,97 @@ def lens_step(
 ) -> tuple[Array, Array]:
     """The change (5,) of the lens to first order, in the order of `LENS`, and its covariance (5, 5).
 
-    The first step of `calibrate_drive`, for half of its time; the arguments are the same. It falls short of large
-    errors.
+    A part of the time of `calibrate_drive`; the arguments are the same. It falls short of large errors.
     """
-    problem, state = _start(segments, camera, principal_sigma_px)
-    covariance, step = _solve(state, problem)
+    covariance, step = _solution(*_start(segments, camera, principal_sigma_px))
     return step, covariance
-
-
-class _Problem(NamedTuple):
-    """The camera of the start, weights, the inverse covariance (5, 5) of the lens beforehand."""
-
-    camera: Camera
-    weights: Weights
-    known: Array
-
-
-class _State(NamedTuple):
-    lens: Array
-    segments: list[Segment]
-    cost: float
 
 
 def _start(
     segments: Sequence[Segment], camera: Camera, principal_sigma_px: float
-) -> tuple[_Problem, _State]:
+) -> tuple[_Problem, _Estimate]:
     """Poses and points for the lens as given, with the errors of ties as large as their residuals say."""
-    lens = np.zeros(len(LENS))
     scatter = [np.inf, principal_sigma_px, principal_sigma_px, DISTORTION_SIGMA, DISTORTION_SIGMA]
     weights = Weights(1.0, TIE_SCALE, ANCHOR_SIGMA_PX, LENGTH_SIGMA)
-    problem = _Problem(camera, weights, np.diag(1 / np.array(scatter) ** 2))
-    state = _settled(segments, lens, problem, START_ITERATIONS)
+    problem = _Problem(camera, weights, np.diag(1 / np.array(scatter) ** 2), free=False)
+    estimate, _ = _fitted(problem, _Estimate(np.zeros(len(LENS)), segments), START_ITERATIONS)
     # Compressed images have larger errors than stated.
-    problem = problem._replace(weights=weights._replace(factor=_error_factor(state, problem)))
-    return problem, _settled(state.segments, lens, problem, START_ITERATIONS)
+    weights = weights._replace(factor=_error_factor(problem, estimate))
+    problem = replace(problem, weights=weights)
+    estimate, _ = _fitted(problem, estimate, START_ITERATIONS)
+    return replace(problem, free=True), estimate
 
 
-def _error_factor(state: _State, problem: _Problem) -> float:
+def _error_factor(problem: _Problem, estimate: _Estimate) -> float:
     """Errors of ties over those stated, by the median residual; 1 at least."""
-    here = changed_camera(problem.camera, state.lens)
-    lengths = [evaluate(one, here, problem.weights)[1] for one in state.segments]
+    here = changed_camera(problem.camera, estimate.lens)
+    lengths = [evaluate(one, here, problem.weights)[1] for one in estimate.segments]
     median = float(np.median(np.concatenate(lengths)))
     return max(1.0, problem.weights.factor * median / _RAYLEIGH_MEDIAN)
 
 
-def _minimise(start: _State, problem: _Problem) -> _State:
-    best, damping = start, 0.0
-    for _ in range(ITERATIONS):
-        linear, matrix, right = _equations(best, problem, _SMALLEST_DAMPING)
+def _fitted(problem: _Problem, start: _Estimate, iterations: int) -> tuple[_Estimate, float]:
+    """The estimate of least cost, and that cost."""
+    count = sum(len(one.track) for one in start.segments)
+    schedule = Schedule(iterations, GAIN / count, damping=1e-6)
+    best, cost, _ = _minimise(problem, start, replace(start), schedule)
+    return best, cost
+
+
+def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
+    here = changed_camera(problem.camera, estimate.lens)
+    costs = (evaluate(one, here, problem.weights)[0] for one in estimate.segments)
+    return sum(costs) + float(estimate.lens @ problem.known @ estimate.lens)
+
+
+def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
+    here = changed_camera(problem.camera, estimate.lens)
+    problem.equations = [linearise(one, here, problem.weights) for one in estimate.segments]
+
+
+def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estimate) -> bool:
+    solved = [reduced(one, damping) for one in problem.equations]
+    step: Array = np.zeros(len(LENS))
+    if problem.free:
+        matrix = sum((one.matrix for one in solved), problem.known)
+        right = sum((one.right for one in solved), -problem.known @ estimate.lens)
         damped = matrix + damping * np.diag(np.diag(matrix))
-        step: Array = np.asarray(np.linalg.solve(damped, right), np.float64)
-        shortened = min(1.0, LONGEST_STEP / max(abs(float(step[0])), 1e-12))
-        step *= shortened
-        moved = [updated(a, b, step) for a, b in zip(best.segments, linear, strict=True)]
-        trial = _settled(moved, best.lens + step, problem, INNER_ITERATIONS)
-        if trial.cost < best.cost:
-            gain, best = best.cost - trial.cost, trial
-            damping = damping / 10 if damping > 1e-6 else 0.0
-            if gain < GAIN:
-                break
-        else:
-            damping = max(10 * damping, 1e-3)
-            if damping > _LARGEST_DAMPING:
-                break
-    return best
+        step = np.asarray(np.linalg.solve(damped, right), np.float64)
+        step *= min(1.0, LONGEST_STEP / max(abs(float(step[0])), 1e-12))
+    trial.lens = estimate.lens + step
+    parts = zip(estimate.segments, problem.equations, solved, strict=True)
+    trial.segments = [updated(*part, step) for part in parts]
+    if problem.free:
+        settled, _ = _fitted(replace(problem, free=False), replace(trial), INNER_ITERATIONS)
+        trial.segments = settled.segments
+    return True
 
 
-def _equations(
-    state: _State, problem: _Problem, damping: float
-) -> tuple[list[Linear], Array, Array]:
-    """Linearised segments, and the normal equations of the lens: matrix (5, 5) and right side (5,)."""
-    here = changed_camera(problem.camera, state.lens)
-    linear = [linearise(one, here, problem.weights, damping) for one in state.segments]
-    matrix = sum((one.matrix for one in linear), problem.known)
-    return linear, matrix, sum((one.right for one in linear), -problem.known @ state.lens)
+_minimise = minimiser(_evaluate, _linearise, _solve, plain=True)
 
 
-def _settled(segments: Sequence[Segment], lens: Array, problem: _Problem, rounds: int) -> _State:
-    """Poses and points for a lens, and the cost of it."""
-    here = changed_camera(problem.camera, lens)
-    gain = GAIN
-    settled = [_settle(one, here, problem.weights, rounds, gain) for one in segments]
-    cost = sum(cost for _, cost in settled) + float(lens @ problem.known @ lens)
-    return _State(lens, [segment for segment, _ in settled], cost)
-
-
-def _settle(
-    segment: Segment, camera: Camera, weights: Weights, rounds: int, least_gain: float
-) -> tuple[Segment, float]:
-    cost, damping = evaluate(segment, camera, weights)[0], 1e-6
-    for _ in range(rounds):
-        linear = linearise(segment, camera, weights, damping)
-        trial = updated(segment, linear, np.zeros(len(LENS)))
-        trial_cost = evaluate(trial, camera, weights)[0]
-        if trial_cost < cost:
-            gain, segment, cost = cost - trial_cost, trial, trial_cost
-            damping = max(damping / 10, _SMALLEST_DAMPING)
-            if gain < least_gain:
-                break
-        else:
-            damping = max(30 * damping, 1e-4)
-    return segment, cost
-
-
-def _solve(state: _State, problem: _Problem) -> tuple[Array, Array]:
+def _solution(problem: _Problem, estimate: _Estimate) -> tuple[Array, Array]:
     """Covariance (5, 5) of the lens and the Gauss-Newton step (5,) from here.
 
     Of independent errors and of those that neighbouring ties share; raised to what the scatter between segments says.
     """
-    linear, matrix, right = _equations(state, problem, 0.0)
-    inverse = np.asarray(np.linalg.inv(matrix), np.float64)
+    _linearise(problem, estimate, 0)
+    solved = [reduced(one, 0.0) for one in problem.equations]
+    matrix = sum((one.matrix for one in solved), problem.known)
+    right = sum((one.right for one in solved), -problem.known @ estimate.lens)
+    inverse: Array = np.asarray(np.linalg.inv(matrix), np.float64)
     result = inverse.copy()
-    for segment, one in zip(state.segments, linear, strict=True):
+    for segment, equations, one in zip(estimate.segments, problem.equations, solved, strict=True):
         shared_px = problem.weights.factor * segment.shared_px
-        effect = (one.gain @ inverse) * shared_px[:, None, None]
+        effect = (lens_gain(segment, equations, one) @ inverse) * shared_px[:, None, None]
         result += correlated_covariance(
             segment.end, segment.frames[:, 1], effect, TIE_ERRORS.reach_px
         )
-    step = np.asarray(inverse @ right, np.float64)
-    count = len(linear)
+    step: Array = np.asarray(inverse @ right, np.float64)
+    count = len(solved)
     if count > 1:
         # What each segment would still change after the step.
-        rights = np.array([one.right - one.matrix @ step for one in linear])
+        rights = np.array([one.right - one.matrix @ step for one in solved])
         scatter = inverse @ (rights.T @ rights) @ inverse * count / (count - 1)
         ratio = np.sqrt(np.maximum(1.0, np.diag(scatter) / np.diag(result)))
         result *= np.outer(ratio, ratio)

@@ -85,16 +85,9 @@ def cut_segments(
 def make_segment(motions: Sequence[Motion], camera: Camera) -> Segment | None:
     """Link the ties of a part of a drive to tracks and place their points.
 
-    Parameters
-    ----------
-    motions
-        Of its images in order; what led to the first one is ignored.
-    camera
-        The camera that the ties were undistorted with.
+    camera: that the ties were undistorted with. What led to the first image is ignored.
 
-    Returns
-    -------
-    None without a track over three images.
+    Returns None without a track over three images.
     """
     all_ties = StepTies.joined(
         ties_of_step(k, motion, camera, camera, SLIDING_PX, inliers=False)

@@ -8,6 +8,8 @@ held: it is the gauge.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from math import exp
 from typing import NamedTuple
 
 import cv2
@@ -15,11 +17,79 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera
-from wayside.stages.calibration.lens import LENS, Projection, project
 from wayside.stages.calibration.segment import Segment
+from wayside.stages.geometry import to_rays
 from wayside.stages.kernels import Array
 
 _FLOOR = 1e-9
+
+LENS = ("focal", "cx", "cy", "k1", "k2")
+"""Changes of a lens: logarithm of the factor of both focal lengths; principal point, px; radial distortion."""
+
+RADIAL = [0, 3, 4]
+"""Of `LENS`, what moves points along their radius. Motion in the images says little of the principal point."""
+
+_NEAREST = 1e-3
+
+_RAYS = 20
+"""From the axis to a corner."""
+
+
+def changed_camera(camera: Camera, lens: Array) -> Camera:
+    """The camera after a change of its lens by `lens` (5,), in the order of `LENS`."""
+    focal, cx, cy, k1, k2 = lens.tolist()
+    d = [*camera.distortion, *[0.0] * (5 - len(camera.distortion))]
+    return replace(
+        camera,
+        fx=camera.fx * exp(focal),
+        fy=camera.fy * exp(focal),
+        cx=camera.cx + cx,
+        cy=camera.cy + cy,
+        distortion=(d[0] + k1, d[1] + k2, *d[2:]),
+    )
+
+
+def displacement(camera: Camera, lens: Array) -> float:
+    """Largest displacement of a point of the image by the radial part of a change of its lens (5,), to first order.
+
+    Relative to its distance from the principal point; of rays from the axis to the farthest corner.
+    """
+    centre = np.array([camera.cx, camera.cy])
+    corners = np.array([[x, y] for x in (0, camera.width - 1) for y in (0, camera.height - 1)])
+    farthest = max(corners - centre, key=np.linalg.norm)
+    arms = np.linspace(0.05, 1, _RAYS)[:, None] * farthest
+    rays = np.column_stack([to_rays(camera, centre + arms), np.ones(_RAYS)])
+    by_lens = project(changed_camera(camera, np.zeros(len(LENS))), rays).by_lens
+    moved = by_lens[:, :, RADIAL] @ lens[RADIAL]
+    return float((np.linalg.norm(moved, axis=1) / np.linalg.norm(arms, axis=1)).max())
+
+
+class Projection(NamedTuple):
+    """Recorded pixels (n, 2), and their Jacobians.
+
+    `by_turn` (n, 2, 3): by a rotation of the camera (rad, its axes). `by_ray` (n, 2, 3). `by_lens` (n, 2, 5).
+    """
+
+    pixels: Array
+    by_turn: Array
+    by_ray: Array
+    by_lens: Array
+
+
+def project(camera: Camera, rays: Array) -> Projection:
+    """Project rays (n, 3) of the camera frame; those beside or behind the camera as if just ahead of it.
+
+    The distortion has at least the two coefficients k1 and k2.
+    """
+    solid = np.column_stack([rays[:, :2], np.maximum(rays[:, 2], _NEAREST)])
+    still, coefficients = np.zeros(3), np.array(camera.distortion)
+    found, slopes = cv2.projectPoints(solid, still, still, camera.matrix, coefficients)
+    # Columns of OpenCV: rotation and position of the points, focal lengths, principal point, distortion.
+    by: Array = np.asarray(slopes, np.float64).reshape(len(rays), 2, -1)
+    scale = by[:, :, 6:8] @ np.array([[camera.fx], [camera.fy]])
+    by_lens = np.concatenate([scale, by[:, :, 8 : 7 + len(LENS)]], axis=2)
+    pixels = np.asarray(found, np.float64).reshape(-1, 2)
+    return Projection(pixels, -by[:, :, :3], by[:, :, 3:6], by_lens)
 
 
 class Weights(NamedTuple):
@@ -35,19 +105,36 @@ class Weights(NamedTuple):
     length: float
 
 
-class Linear(NamedTuple):
-    """Normal equations of the lens, matrix (5, 5) and right (5,), and what the other unknowns follow from.
+class Equations(NamedTuple):
+    """Normal equations of a segment of m images, of which the last 5 of s = 6 m + 5 unknowns are the lens.
 
-    `gain` (n, 2, 5): part of the right side by each pixel of the residual of each tie. `poses`: their change by the
-    lens (6 m - 6, 5) and alone (6 m - 6,). `points`: inverse blocks (p, 3, 3), cross terms (p, 6 m + 5, 3), right sides
-    (p, 3).
+    `matrix` (s, s), `right` (s,): of poses and lens. `block` (p, 3, 3), `cross` (p, s, 3), `point_right` (p, 3): of the
+    points. `by_all` (n, 2, s), `by_point` (n, 2, 3), `weight` (n,): Jacobians of the ties, px, and one over their
+    squared sigmas.
     """
 
     matrix: Array
     right: Array
-    gain: Array
-    poses: tuple[Array, Array]
-    points: tuple[Array, Array, Array]
+    block: Array
+    cross: Array
+    point_right: Array
+    by_all: Array
+    by_point: Array
+    weight: Array
+
+
+class Reduced(NamedTuple):
+    """Equations of the lens alone, matrix (5, 5) and right (5,), and how the other unknowns follow from it.
+
+    `by_lens` (6 m - 6, 5), `alone` (6 m - 6,): change of the poses by the lens and without it. `inverse` (p, 3, 3): of
+    the blocks of the points.
+    """
+
+    matrix: Array
+    right: Array
+    by_lens: Array
+    alone: Array
+    inverse: Array
 
 
 class _View(NamedTuple):
@@ -83,8 +170,8 @@ def evaluate(segment: Segment, camera: Camera, weights: Weights) -> tuple[float,
     return float(cost + (anchors**2).sum() + (turns**2).sum() + (steps**2).sum()), lengths
 
 
-def linearise(segment: Segment, camera: Camera, weights: Weights, damping: float) -> Linear:
-    """Eliminate poses and points, with `damping` added, relative, to the diagonals of their equations."""
+def linearise(segment: Segment, camera: Camera, weights: Weights) -> Equations:
+    """Normal equations of a segment, about its poses and points and the lens of the camera."""
     s, count, tracks = segment, len(segment.rotations), len(segment.head)
     size = 6 * count + len(LENS)
     residual, early, late = _tie_residuals(s, camera)
@@ -111,42 +198,59 @@ def linearise(segment: Segment, camera: Camera, weights: Weights, damping: float
     order = np.argsort(track, kind="stable")  # sums over the rows of each track
     jacobian, points, errors = jacobian[order], points[order], errors[order]
     heads = np.searchsorted(track[order], np.arange(tracks))
-    flat = jacobian.reshape(-1, size)
+    flat, turned = jacobian.reshape(-1, size), points.transpose(0, 2, 1)
     matrix, right = flat.T @ flat, -flat.T @ errors.ravel()
-    turned = points.transpose(0, 2, 1)
-    block = np.add.reduceat(turned @ points, heads)
-    cross = np.add.reduceat(jacobian.transpose(0, 2, 1) @ points, heads)
-    point_right = -np.add.reduceat((turned @ errors[:, :, None])[:, :, 0], heads)
-    block[:, range(3), range(3)] *= 1 + damping
-    block[:, range(3), range(3)] += _FLOOR
-    inverse = np.linalg.inv(block)
-    wide = cross @ inverse
-    matrix -= np.tensordot(wide, cross, axes=((0, 2), (0, 2)))
-    right -= np.tensordot(wide, point_right, axes=((0, 2), (0, 1)))
     _add_priors(s, weights, matrix, right)
-    free, lens = slice(6, 6 * count), slice(6 * count, size)
-    poses = matrix[free, free] + damping * np.diag(np.diag(matrix[free, free]))
-    poses += _FLOOR * np.eye(len(poses))
-    solved = np.linalg.solve(poses, np.column_stack([matrix[free, lens], right[free]]))
-    by_lens, alone = solved[:, :-1], solved[:, -1]
-    response = np.concatenate([np.zeros((6, len(LENS))), -by_lens, np.eye(len(LENS))])
-    moved = -inverse @ (cross.transpose(0, 2, 1) @ response)
-    gain = (by_all @ response + by_point @ moved[s.track]) * (weight**2)[:, None, None]
-    return Linear(
-        matrix[lens, lens] - matrix[lens, free] @ by_lens,
-        right[lens] - matrix[lens, free] @ alone,
-        gain,
-        (by_lens, alone),
-        (inverse, cross, point_right),
+    return Equations(
+        matrix,
+        right,
+        np.add.reduceat(turned @ points, heads),
+        np.add.reduceat(jacobian.transpose(0, 2, 1) @ points, heads),
+        -np.add.reduceat((turned @ errors[:, :, None])[:, :, 0], heads),
+        by_all,
+        by_point,
+        weight**2,
     )
 
 
-def updated(segment: Segment, linear: Linear, lens: Array) -> Segment:
+def reduced(equations: Equations, damping: float) -> Reduced:
+    """Eliminate points and poses, with `damping` added, relative, to the diagonals of their equations."""
+    e, size = equations, len(equations.right)
+    block = e.block.copy()
+    block[:, range(3), range(3)] *= 1 + damping
+    block[:, range(3), range(3)] += _FLOOR
+    inverse: Array = np.asarray(np.linalg.inv(block), np.float64)
+    wide = e.cross @ inverse
+    matrix = e.matrix - np.tensordot(wide, e.cross, axes=((0, 2), (0, 2)))
+    right = e.right - np.tensordot(wide, e.point_right, axes=((0, 2), (0, 1)))
+    free, lens = slice(6, size - len(LENS)), slice(size - len(LENS), size)
+    poses = matrix[free, free] + np.diag(damping * np.diag(matrix[free, free]) + _FLOOR)
+    both = np.column_stack([matrix[free, lens], right[free]])
+    solved: Array = np.asarray(np.linalg.solve(poses, both), np.float64)
+    by_lens, alone = -solved[:, :-1], solved[:, -1]
+    return Reduced(
+        matrix[lens, lens] + matrix[lens, free] @ by_lens,
+        right[lens] - matrix[lens, free] @ alone,
+        by_lens,
+        alone,
+        inverse,
+    )
+
+
+def lens_gain(segment: Segment, equations: Equations, solved: Reduced) -> Array:
+    """Part (n, 2, 5) of the right side of the lens by each pixel of the residual of each tie."""
+    e = equations
+    response = np.concatenate([np.zeros((6, len(LENS))), solved.by_lens, np.eye(len(LENS))])
+    moved = -solved.inverse @ (e.cross.transpose(0, 2, 1) @ response)
+    by_lens = e.by_all @ response + e.by_point @ moved[segment.track]
+    return np.asarray(by_lens * e.weight[:, None, None])
+
+
+def updated(segment: Segment, equations: Equations, solved: Reduced, lens: Array) -> Segment:
     """The segment after a step of the lens by `lens` (5,)."""
-    by_lens, alone = linear.poses
-    poses = np.concatenate([np.zeros(6), alone - by_lens @ lens])
-    inverse, cross, right = linear.points
-    rest = right - cross.transpose(0, 2, 1) @ np.concatenate([poses, lens])
+    poses = np.concatenate([np.zeros(6), solved.alone + solved.by_lens @ lens])
+    everything = np.concatenate([poses, lens])
+    rest = equations.point_right - equations.cross.transpose(0, 2, 1) @ everything
     moves = poses.reshape(-1, 6)
     turned = [
         rotation @ cv2.Rodrigues(move[:3])[0]
@@ -155,7 +259,7 @@ def updated(segment: Segment, linear: Linear, lens: Array) -> Segment:
     return segment._replace(
         rotations=np.array(turned),
         centres=segment.centres + moves[:, 3:],
-        points=segment.points + (inverse @ rest[:, :, None])[:, :, 0],
+        points=segment.points + (solved.inverse @ rest[:, :, None])[:, :, 0],
     )
 
 

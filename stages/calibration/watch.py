@@ -13,8 +13,8 @@ from scipy import stats
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion, PosedDetections
 from wayside.stages.calibration.drive_fit import PRINCIPAL_POINT_SIGMA, calibrate_drive, lens_step
-from wayside.stages.calibration.lens import RADIAL, displacement
 from wayside.stages.calibration.segment import SEGMENT_IMAGES, Segment, cut_segments
+from wayside.stages.calibration.segment_equations import RADIAL, displacement
 
 CHECK_SEGMENTS = 3
 """Segments of a run by which its calibration is checked, those that turn most: 0.2 s to 0.5 s each."""

@@ -13,8 +13,12 @@ from wayside.stages.geometry.linear_algebra import (
     cross_matrices,
     invert_symmetric,
 )
-from wayside.stages.geometry.longitude import median_longitude_deg, turn_deg
-from wayside.stages.geometry.path import FrenetOffset, frenet_offset
+from wayside.stages.geometry.path import (
+    FrenetOffset,
+    frenet_offset,
+    median_longitude_deg,
+    turn_deg,
+)
 from wayside.stages.geometry.ray_midpoint import (
     meet_rays,
     pair_midpoint,

@@ -1,7 +1,7 @@
 """Levenberg-Marquardt minimisation: one driver for every robust least-squares fit (Nocedal and Wright, chapter 10.3).
 
-The driver owns the damping, the acceptance of steps and the end. What is fitted comes as three kernels, which work on
-two named tuples of arrays: the problem (data, settings, work arrays) and the estimate (unknowns and their residuals).
+The driver owns the damping, the acceptance of steps and the end. What is fitted comes as three functions, which work
+on two objects: the problem (data, settings, equations) and the estimate (unknowns and their residuals).
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ class Schedule(NamedTuple):
     fraction of the cost plus `offset`. `damping`: at the start, relative to the diagonal of the normal equations.
     `least_damping`: its lower limit. `tries`: damping is multiplied by ten at most this often in one iteration.
 
-    `iterations`, `gain` and `offset` decide how near to the minimum a fit ends: callers take them from settings. The
-    damping and the tries are numerical guards: they lead to the same minimum and stay here.
+    `iterations`, `gain` and `offset` decide how near to the minimum a fit ends. The damping and the tries are numerical
+    guards: they lead to the same minimum.
     """
 
     iterations: int
@@ -38,26 +38,27 @@ def minimiser(
     evaluate: Callable[[Problem, Estimate], float],
     linearise: Callable[[Problem, Estimate, int], None],
     solve: Callable[[Problem, Estimate, float, Estimate], bool],
+    *,
+    plain: bool = False,
 ) -> Callable[[Problem, Estimate, Estimate, Schedule], tuple[Estimate, float, int]]:
-    """Kernel that minimises a cost from a start.
+    """Function that minimises a cost from a start.
 
-    The kernel takes the problem, the estimate to start from, a second estimate as scratch (both are overwritten) and
-    the schedule. It returns the best estimate (one of the two it was given), its cost and the number of iterations. At
-    the returned estimate no linearisation has been made: a caller that needs a covariance makes it.
+    It takes the problem, the estimate to start from, a second estimate as scratch (both are overwritten) and the
+    schedule. It returns the best estimate (one of the two it was given), its cost and the number of iterations. At the
+    returned estimate no linearisation has been made: a caller that needs a covariance makes it.
 
     Parameters
     ----------
     evaluate
-        Kernel that fills the residuals of an estimate and returns its cost.
+        Fills the residuals of an estimate and returns its cost.
     linearise
-        Kernel that fills the normal equations in the problem at an estimate; its last argument counts iterations from
-        0.
+        Fills the normal equations in the problem at an estimate; its last argument counts iterations from 0.
     solve
-        Kernel that writes the unknowns after the damped step into its last argument; False where the equations cannot
-        be solved.
+        Writes the unknowns after the damped step into its last argument; False where the equations cannot be solved.
+    plain
+        The three are plain Python on mutable objects; else kernels on named tuples of arrays, and so is the result.
     """
 
-    @compiled_within
     def minimise(
         problem: Problem, estimate: Estimate, trial: Estimate, schedule: Schedule
     ) -> tuple[Estimate, float, int]:
@@ -83,4 +84,4 @@ def minimiser(
                 break
         return estimate, cost, done
 
-    return minimise
+    return minimise if plain else compiled_within(minimise)

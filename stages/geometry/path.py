@@ -1,11 +1,13 @@
-"""Frenet coordinates of a point relative to the travelled path."""
+"""Frenet coordinates of a point relative to the travelled path; longitudes and directions, which go round."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+Degrees = TypeVar("Degrees", float, NDArray[np.float64])
 
 
 class FrenetOffset(NamedTuple):
@@ -25,18 +27,9 @@ def frenet_offset(
 ) -> FrenetOffset:
     """Project a point onto the polyline of camera centres, which is extended straight beyond both ends.
 
-    Parameters
-    ----------
-    point
-        (3,) in the world.
-    centres
-        Camera centres in the order of travel, (n, 3), n at least 1.
-    ups
-        Up axis of each camera in the world, (n, 3).
-    stations
-        Distance along the path at each centre, (n,), metres.
-    ahead
-        Direction of travel, used where there is only one camera, (3,).
+    point (3,). centres (n, 3): of cameras in the order of travel, n at least 1. ups (n, 3): up axis of each in the
+    world. stations (n,): distance along the path, metres. ahead (3,): direction of travel, used where there is only
+    one.
     """
     if len(centres) == 1:
         starts, steps, lengths = centres, ahead[None], np.ones(1)
@@ -55,3 +48,14 @@ def frenet_offset(
     offset = point - foot[nearest]
     station = stations[nearest] + fraction[nearest] * lengths[nearest]
     return FrenetOffset(float(station), float(offset @ np.cross(along, up)), float(offset @ up))
+
+
+def turn_deg(start: float, end: Degrees) -> Degrees:
+    """From one longitude, or compass direction, to another the short way round, degrees, -180 to 180."""
+    return (end - start + 180.0) % 360.0 - 180.0
+
+
+def median_longitude_deg(longitudes: NDArray[np.float64]) -> float:
+    """Median of longitudes (n,), degrees, on whichever side of 180 they lie; of a drive, not of the earth."""
+    first = float(longitudes[0])
+    return turn_deg(0.0, first + float(np.median(turn_deg(first, longitudes))))

@@ -38,18 +38,10 @@ def midpoint(
 ) -> Midpoints:
     """Midpoint of the shortest segment between two rays (report eqs. 7.1 to 7.4).
 
-    Parameters
-    ----------
-    c0, c1
-        Camera centres, (3,).
-    d0, d1
-        Directions of the rays in the same frame, (n, 3), of any length.
+    c0, c1 (3,): camera centres. d0, d1 (n, 3): directions of the rays in the same frame, of any length.
 
-    Returns
-    -------
-    Midpoints
-        nan where the rays are parallel (q1 x q2 = 0: at the focus of expansion, or without a baseline they meet at
-        the common centre).
+    Returns nan where the rays are parallel (q1 x q2 = 0: at the focus of expansion, or without a baseline they meet at
+    the common centre).
 
     Raises
     ------
@@ -104,20 +96,12 @@ def pair_residual(
 ) -> Array:
     """Sum of the four squared pixel differences of each midpoint's projections (report eqs. 7.5, 7.6).
 
-    Parameters
-    ----------
-    previous, current
-        Rays (n, 2) as (x/z, y/z) of both images.
-    rotation, direction
-        Current camera in the previous one's frame: axes (3, 3) and centre (3,), of any length.
-    focal_px
-        fx, fy. The report's single f assumes square, undistorted pixels.
+    previous, current: rays (n, 2) as (x/z, y/z). rotation (3, 3), direction (3,): of the current camera in the
+    previous one's frame, the direction of any length. focal_px: fx, fy; the report's single f assumes square,
+    undistorted pixels.
 
-    Returns
-    -------
-    Array
-        (n,) px squared. Where the rays do not meet ahead of both cameras the point is taken at infinity, the nearest
-        valid position, with its residual divided between both images.
+    Returns (n,) px squared. Where the rays do not meet ahead of both cameras the point is taken at infinity, the
+    nearest valid position, with its residual divided between both images.
     """
     first, second = np.asarray(previous, np.float64), np.asarray(current, np.float64)
     axes = np.asarray(rotation, np.float64)

@@ -39,16 +39,9 @@ class BandedNormal:
     ) -> None:
         """Add measurements of one kind.
 
-        Parameters
-        ----------
-        block
-            (m,) the block that each measurement belongs to, no block twice.
-        columns
-            Of the c unknowns touched, counted from the first of the block; down to -size for the block before.
-        jacobian, residual
-            (m, r, c) and (m, r): Jacobian of the prediction, and measured minus predicted.
-        weight
-            One over the variance: of all, or (m, r) or (m, 1).
+        block (m,): that each measurement belongs to, no block twice. columns: of the c unknowns touched, counted from
+        the first of the block; down to -size for the block before. jacobian (m, r, c), residual (m, r): of the
+        prediction, and measured minus predicted. weight: one over the variance, of all, or (m, r) or (m, 1).
         """
         weighted = jacobian * np.asarray(weight)[..., None]
         first = block * self.size
@@ -77,10 +70,7 @@ def block_covariances(factor: Array, size: int) -> Array:
 
     Only entries within the band of the inverse are computed (Takahashi, Fagan and Chin 1973).
 
-    Parameters
-    ----------
-    factor
-        (2 size, n) lower Cholesky factor in band form, n a multiple of size.
+    factor (2 size, n): lower Cholesky factor in band form, n a multiple of size.
     """
     columns = np.ascontiguousarray(factor.T)
     require_array(columns, "factor", np.float64, (None, 2 * size))

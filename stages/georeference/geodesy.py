@@ -14,6 +14,9 @@ from wayside.stages.geometry import cross_matrices, median_longitude_deg, turn_d
 from wayside.stages.georeference.trajectory import Trajectory
 from wayside.stages.kernels import Array
 
+ORIGIN_REACH_DEG = 1.0
+"""A fix farther from the median of all is no origin: receivers that start up report other continents."""
+
 
 @dataclass(frozen=True, slots=True)
 class LocalOrigin:
@@ -65,12 +68,7 @@ class Globe:
     def point_covariance(self, frame: int, position: Array, covariance: Array) -> Array:
         """Covariance (3, 3) east, north, up of a point: its own relative to a camera, and that of the camera.
 
-        Parameters
-        ----------
-        frame
-            Of the camera.
-        position, covariance
-            (3,) and (3, 3) in the camera's axes, metres.
+        position (3,), covariance (3, 3): in the axes of the camera of `frame`, metres.
         """
         row = self.rows[frame]
         rotation = self.trajectory.rotation[row]
@@ -79,14 +77,16 @@ class Globe:
         return np.asarray(jacobian @ camera @ jacobian.T + rotation @ covariance @ rotation.T)
 
 
-def origin_of(fixes: Sequence[Fix], reach_deg: float) -> LocalOrigin:
+def origin_of(fixes: Sequence[Fix]) -> LocalOrigin:
     """The first fix within reach of the median of all: receivers that start up report other continents."""
     latitude = float(np.median([f.latitude_deg for f in fixes]))
     longitude = median_longitude_deg(np.array([f.longitude_deg for f in fixes]))
 
     def near(fix: Fix) -> bool:
         eastward = turn_deg(longitude, fix.longitude_deg)
-        return abs(fix.latitude_deg - latitude) < reach_deg and abs(eastward) < reach_deg
+        return (
+            abs(fix.latitude_deg - latitude) < ORIGIN_REACH_DEG and abs(eastward) < ORIGIN_REACH_DEG
+        )
 
     first = next((f for f in fixes if near(f)), fixes[0])
     return LocalOrigin(first.latitude_deg, first.longitude_deg, first.altitude_m)

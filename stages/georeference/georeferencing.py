@@ -38,8 +38,6 @@ WHITE_M = 0.02
 """Smallest independent scatter of a fix, that of carrier phase receivers."""
 UP_FACTOR = 1.6
 """Scatter of heights over that of level positions, where the log does not say: usual satellite geometry."""
-ORIGIN_REACH_DEG = 1.0
-"""A fix farther from the median of all is no origin: receivers that start up report other continents."""
 FIRST_TILT_DEG = 5.0
 """Scatter of pitch and roll of the first camera where only fixes are given (estimate)."""
 WORLD_TILT_DEG = 0.5
@@ -65,13 +63,6 @@ def georeference(points: Iterator[PathPoint], motion: MotionSettings) -> Iterato
     fix, the chain of steps bounded by all fixes. Else `drive_start`: origin at the first used camera, x along the first
     step, y left, z the camera's own up.
 
-    Parameters
-    ----------
-    points
-        Used frames in the order of travel.
-    motion
-        The antenna of the fixes.
-
     Raises
     ------
     InputError
@@ -83,11 +74,11 @@ def georeference(points: Iterator[PathPoint], motion: MotionSettings) -> Iterato
     if any(p.given is not None for p in path):
         yield _in_world_of_poses(path, _chain(path), motion)
         return
-    start = _drive_start(path, HEADING_STEP_M) if path else None
+    start = _drive_start(path) if path else None
     poses = [] if start is None else [start.compose(p.chained) for p in path]
     if sum(p.fix is not None for p in path) < 2:
         in_order = {p.frame: q for p, q in zip(path, poses, strict=True)}
-        scales = _scales_by_points(path, _chain(path), SCALE_STEPS)
+        scales = _scales_by_points(path, _chain(path))
         yield drive_path(path, "drive_start", in_order, None, scales, notes_on_spacing(path))
         return
     chain = _chain(path)
@@ -204,7 +195,7 @@ def _on_globe(
     fixed = [(row, p.fix) for row, p in enumerate(path) if p.fix is not None]
     rows = np.array([row for row, _ in fixed])
     fixes = [fix for _, fix in fixed]
-    origin = origin_of(fixes, ORIGIN_REACH_DEG)
+    origin = origin_of(fixes)
     position = origin.local(fixes)
     unknown = (FIX_SIGMA_M, FIX_SIGMA_M, UP_FACTOR * FIX_SIGMA_M)
     sigma = np.array([unknown if f.sigma_m is None else f.sigma_m for f in fixes])
@@ -258,15 +249,16 @@ def _scales(
 
 
 def _scales_by_points(
-    path: Sequence[PathPoint], chain: RelativeMotionChain, steps: int
+    path: Sequence[PathPoint], chain: RelativeMotionChain
 ) -> dict[int, StepScale]:
     """Scales of the steps whose length follows points, each from the one before.
 
-    `steps` of them have one error, which positions have in their covariance (`local_adjustment`), but sizes have not.
+    `SCALE_STEPS` of them have one error, which positions have in their covariance (`local_adjustment`), but sizes have
+    not.
     """
     sigma = chain.relative_length_sigma
     return {
-        p.frame: StepScale(1.0, float(sigma[row]), float(sigma[row]) * steps**0.5)
+        p.frame: StepScale(1.0, float(sigma[row]), float(sigma[row]) * SCALE_STEPS**0.5)
         for row, p in enumerate(path)
         if p.source == "points"
     }
@@ -285,12 +277,12 @@ def _follow_given(path: Sequence[PathPoint]) -> list[Pose]:
     return result
 
 
-def _drive_start(path: Sequence[PathPoint], heading_step_m: float) -> Pose:
+def _drive_start(path: Sequence[PathPoint]) -> Pose:
     """The first camera in the frame `drive_start`; without a step, travel is along the optical axis."""
     first = path[0].chained
     steps = (first.to_camera(p.chained.centre) for p in path[1:])
     optical_axis = np.array([0.0, 0.0, 1.0])
-    ahead = next((step for step in steps if np.linalg.norm(step) > heading_step_m), optical_axis)
+    ahead = next((step for step in steps if np.linalg.norm(step) > HEADING_STEP_M), optical_axis)
     forward = ahead / np.linalg.norm(ahead)
     camera_up = np.array([0.0, -1.0, 0.0])
     up = camera_up - (camera_up @ forward) * forward

@@ -24,7 +24,6 @@ SIGMA_M = 8.0
 """Scatter of the path about the line of its route: two lanes, and the scatter of fix and line."""
 CHANGE = 25.0
 """Cost of a change of route, five standard deviations squared: crossing roads and ramps are left out."""
-_BLOCK = 64
 
 
 def measure_along_route(
@@ -40,16 +39,8 @@ def measure_along_route(
     measure is taken at the point of the followed line that is nearest to the path abreast of the sign. A sign near a
     crossing keeps the route of the drive, also where another line is nearer.
 
-    Parameters
-    ----------
-    signs
-        Of the drive.
-    path
-        Where it followed no route, and without a place on the globe, signs stay as they are.
-    settings
-        Route and milepost; what counts as following.
-    segments
-        Of routes near the path; None: by milepost.
+    Without a place on the globe, and where the path followed no route, signs stay as they are. segments: of routes near
+    the path; None: by milepost.
     """
     if segments is None:
         yield from _by_milepost(signs, settings)
@@ -72,25 +63,18 @@ def _by_lines(listed: list[Sign], path: DrivePath, segments: RouteSegments) -> I
         return
     places = path.globe.route()[[path.globe.rows[frame] for frame in path.stations], :2]
     stations = np.array(list(path.stations.values()))
-    at_signs = np.array([sign.station_m for sign in listed])
-    every = np.concatenate([stations, at_signs])
+    every = np.concatenate([[sign.station_m for sign in listed], stations])
     order = np.argsort(every, kind="stable")
-    points, directions = _along(places, stations, every[order])
-    distance, measure = nearest_on_routes(points, directions, segments)
+    distance, measure = nearest_on_routes(*_along(places, stations, every[order]), segments)
     followed = np.empty(len(every), np.int64)
-    measures = np.full(len(every), math.nan)
-    chosen = follow_routes(distance)
-    followed[order] = chosen
-    known = chosen >= 0
-    measures[order[known]] = measure[known, chosen[known]]
-    for sign, route, value in zip(
-        listed, followed[len(stations) :], measures[len(stations) :], strict=True
-    ):
-        if route >= 0 and math.isfinite(value):
+    followed[order] = follow_routes(distance)
+    row = np.argsort(order)
+    for sign, route, here in zip(listed, followed, row, strict=False):
+        if route >= 0 and math.isfinite(measure[here, route]):
             sign = replace(
                 sign,
                 route=segments.names[route],
-                measure=float(value),
+                measure=float(measure[here, route]),
                 measure_unit=segments.unit,
             )
         yield sign
@@ -105,57 +89,27 @@ def nearest_on_routes(
     the distance is infinite and the measure nan. Distances are those on the plane that touches the sphere at the point:
     exact to 1e-5 within the reach.
 
-    Parameters
-    ----------
-    points, directions
-        Longitude and latitude (p, 2), degrees; unit vectors of travel (p, 2), east and north.
-    segments
-        Of the routes.
+    points, directions: longitude and latitude (p, 2), degrees; unit vectors of travel (p, 2), east and north.
     """
     distance = np.full((len(points), len(segments.names)), math.inf)
     measure = np.full(distance.shape, math.nan)
-    low = np.minimum(segments.start, segments.end)
-    high = np.maximum(segments.start, segments.end)
-    for first in range(0, len(points), _BLOCK):
-        block = slice(first, first + _BLOCK)
-        narrowest = math.cos(math.radians(min(float(np.abs(points[block, 1]).max()), 89.0)))
-        margin = math.degrees(ROUTE_REACH_M / EARTH_RADIUS_M) / np.array([narrowest, 1.0])
-        inside = (high >= points[block].min(axis=0) - margin) & (
-            low <= points[block].max(axis=0) + margin
-        )
-        near = np.flatnonzero(inside.all(axis=1))
-        for row in range(first, min(first + _BLOCK, len(points))):
-            _compare(row, near, points, directions, segments, distance, measure)
+    gained = segments.end_measure - segments.start_measure
+    for row, (point, direction) in enumerate(zip(points, directions, strict=True)):
+        shrink = math.cos(math.radians(point[1]))
+        to_metres = math.radians(EARTH_RADIUS_M) * np.array([shrink, 1.0])
+        start = (segments.start - point) * to_metres
+        span = (segments.end - segments.start) * to_metres
+        squared = (span**2).sum(axis=1)
+        part = np.clip(-(start * span).sum(axis=1) / np.maximum(squared, 1e-12), 0.0, 1.0)
+        apart = np.linalg.norm(start + part[:, None] * span, axis=1)
+        along = np.abs(span @ direction) >= math.cos(math.radians(ANGLE_DEG)) * np.sqrt(squared)
+        fits = np.flatnonzero((apart <= ROUTE_REACH_M) & along & (squared > 0))
+        nearest_first = fits[np.argsort(apart[fits], kind="stable")]
+        routes, first = np.unique(segments.route[nearest_first], return_index=True)
+        near = nearest_first[first]
+        distance[row, routes] = apart[near]
+        measure[row, routes] = segments.start_measure[near] + part[near] * gained[near]
     return distance, measure
-
-
-def _compare(
-    row: int,
-    near: np.ndarray[tuple[int], np.dtype[np.int64]],
-    points: Array,
-    directions: Array,
-    segments: RouteSegments,
-    distance: Array,
-    measure: Array,
-) -> None:
-    """Fill the row of one point from the segments `near` it."""
-    to_metres = math.radians(EARTH_RADIUS_M) * np.array(
-        [math.cos(math.radians(points[row, 1])), 1.0]
-    )
-    start = (segments.start[near] - points[row]) * to_metres
-    span = (segments.end[near] - segments.start[near]) * to_metres
-    squared = (span**2).sum(axis=1)
-    part = np.clip(-(start * span).sum(axis=1) / np.maximum(squared, 1e-12), 0.0, 1.0)
-    apart = np.linalg.norm(start + part[:, None] * span, axis=1)
-    along = np.abs(span @ directions[row])
-    cosine = math.cos(math.radians(ANGLE_DEG))
-    fits = (apart <= ROUTE_REACH_M) & (along >= cosine * np.sqrt(squared)) & (squared > 0)
-    here = near[fits]
-    ends = segments.start_measure[here], segments.end_measure[here]
-    found = ends[0] + part[fits] * (ends[1] - ends[0])
-    for route, value, metres in zip(segments.route[here], found, apart[fits], strict=True):
-        if metres < distance[row, route]:
-            distance[row, route], measure[row, route] = metres, value
 
 
 def follow_routes(distance: Array) -> np.ndarray[Any, np.dtype[np.int64]]:
@@ -164,10 +118,7 @@ def follow_routes(distance: Array) -> np.ndarray[Any, np.dtype[np.int64]]:
     Being on a route costs the squared distance in standard deviations, on none that of `ROUTE_REACH_M`; a change costs
     `CHANGE`. Of two routes with the same line the first by name stays.
 
-    Parameters
-    ----------
-    distance
-        (p, r), metres, of the points in order of travel to each route.
+    distance (p, r), metres: of the points in order of travel to each route.
     """
     none = (ROUTE_REACH_M / SIGMA_M) ** 2
     costs = np.column_stack([(distance / SIGMA_M) ** 2, np.full(len(distance), none)])

@@ -18,8 +18,6 @@ JUMP_M = 0.5
 """Shorter jumps are not reported."""
 JUMP_FACTOR = 8.0
 """A reported jump exceeds the median disagreement of neighbouring frames by this factor."""
-
-
 LONGEST_LEVER_M = 15.0
 """No vehicle on a road carries its antenna further from its camera."""
 
@@ -32,25 +30,36 @@ def notes_on(
     what: str,
 ) -> tuple[str, ...]:
     """Notes on `what` was measured ("poses" or "fixes"); frames: the index of each row."""
-    every = (
-        _time_offset(chain, found, what),
-        _outliers(found, what),
-        _jumps(frames, chain, measured, found, what),
-        _gap(frames, chain, measured, found, what, GAP_S),
-    )
-    return tuple(note for note in every if note)
+    notes = [_time_offset(chain, found, what)]
+    if found.outliers:
+        notes.append(
+            f"{found.outliers} of {len(found.weight)} {what} do not fit the motion between the frames: excluded"
+        )
+    # Positions leave the relative motion and stay off; an outlier, which comes back at once, is no jump.
+    off, later = _disagreement(chain, measured, found)
+    alone: list[int] = []
+    if len(off) > 2:
+        far = np.pad(off > max(JUMP_M, JUMP_FACTOR * float(np.median(off))), 1)
+        alone = np.flatnonzero(far[1:-1] & ~far[:-2] & ~far[2:]).tolist()
+    if alone:
+        largest = max(alone, key=lambda k: off[k])
+        times = "once" if len(alone) == 1 else f"{len(alone)} times"
+        where = frames[later[largest]]
+        notes.append(f"the {what} jump {times}, furthest by {off[largest]:.1f} m at frame {where}")
+    notes.append(_gap(frames, chain, measured, found, what))
+    return tuple(note for note in notes if note)
 
 
 def notes_on_spacing(points: Sequence[PathPoint]) -> tuple[str, ...]:
     """Where images are not the stated spacing apart, and what their distances are by points instead."""
-    lengths = [p.baseline_m for p in points if p.source == "points" and p.baseline_m]
-    if not lengths:
+    followed = [p for p in points if p.source == "points" and p.baseline_m]
+    if not followed:
         return ()
-    first = next(p.frame for p in points if p.source == "points")
+    lengths = [p.baseline_m or 0.0 for p in followed]
     return (
-        f"the distance between images is not constant: from frame {first} on it follows the points seen in successive "
-        f"steps, {min(lengths):.2f} m to {max(lengths):.2f} m; the spacing only holds their mean, so positions and "
-        "sizes share an error of scale",
+        f"the distance between images is not constant: {len(followed)} of {len(points) - 1} steps, the first to frame "
+        f"{followed[0].frame}, follow the points seen in successive steps, {min(lengths):.2f} m to "
+        f"{max(lengths):.2f} m; the spacing only holds their mean, so positions and sizes share an error of scale",
     )
 
 
@@ -90,36 +99,6 @@ def contradiction(chain: RelativeMotionChain, found: Trajectory) -> str:
     return ""
 
 
-def _outliers(found: Trajectory, what: str) -> str:
-    if not found.outliers:
-        return ""
-    count = len(found.weight)
-    return f"{found.outliers} of {count} {what} do not fit the motion between the frames: excluded"
-
-
-def _jumps(
-    frames: Sequence[int],
-    chain: RelativeMotionChain,
-    measured: AbsoluteMeasurements,
-    found: Trajectory,
-    what: str,
-) -> str:
-    """Where positions leave the relative motion and stay off; an outlier, which comes back at once, is no jump."""
-    off, later = _disagreement(chain, measured, found)
-    if len(off) < 3:
-        return ""
-    far = off > max(JUMP_M, JUMP_FACTOR * float(np.median(off)))
-    beside = np.zeros(len(off), bool)
-    beside[1:] |= far[:-1]
-    beside[:-1] |= far[1:]
-    alone = np.flatnonzero(far & ~beside)
-    if not len(alone):
-        return ""
-    largest = alone[np.argmax(off[alone])]
-    times = "once" if len(alone) == 1 else f"{len(alone)} times"
-    return f"the {what} jump {times}, furthest by {off[largest]:.1f} m at frame {frames[later[largest]]}"
-
-
 def _disagreement(
     chain: RelativeMotionChain, measured: AbsoluteMeasurements, found: Trajectory
 ) -> tuple[Array, NDArray[np.int64]]:
@@ -139,15 +118,12 @@ def _gap(
     measured: AbsoluteMeasurements,
     found: Trajectory,
     what: str,
-    longest_s: float,
 ) -> str:
     held = np.unique(np.concatenate([[0], measured.row, [len(frames) - 1]]))
-    if len(held) < 2:
-        return ""
     gaps = np.diff(chain.time_s[held])
-    longest = int(np.argmax(gaps))
-    if gaps[longest] <= longest_s:
+    if not gaps.max(initial=0.0) > GAP_S:
         return ""
+    longest = int(np.argmax(gaps))
     first, last = int(held[longest]), int(held[longest + 1])
     variance = found.covariance[first : last + 1, :2, :2].trace(axis1=1, axis2=2)
     return (

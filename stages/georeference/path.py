@@ -16,6 +16,9 @@ from wayside.stages.geometry import FrenetOffset, frenet_offset
 from wayside.stages.georeference.geodesy import Globe
 from wayside.stages.kernels import Array
 
+FRAMES_BEFORE, FRAMES_AFTER = 3, 20
+"""Used frames before the best one of a sign, and from it on, in which the camera may pass it."""
+
 
 @dataclass(frozen=True, slots=True)
 class PathPoint:
@@ -82,22 +85,17 @@ class DrivePath:
         inside = float(np.clip(given_m, before[0], before[-1]))
         return float(np.interp(inside, before, after)) + given_m - inside
 
-    def offset_of(self, point: Array, frame: int, before: int, after: int) -> FrenetOffset | None:
+    def offset_of(self, point: Array, frame: int) -> FrenetOffset | None:
         """Offset of a world point (3,) from the path near a frame; None where only the cameras know which way is up.
 
         With given poses up is the world's z: a camera rolled by half a degree puts a panel 8 m aside 7 cm off in
         height.
-
-        Parameters
-        ----------
-        before, after
-            Used frames before `frame`, and from it on, that make the path.
         """
         if self.world != "log":
             return None
         frames = sorted(self.poses)
         at = bisect_left(frames, frame)
-        near = [self.poses[f] for f in frames[max(0, at - before) : at + after]]
+        near = [self.poses[f] for f in frames[max(0, at - FRAMES_BEFORE) : at + FRAMES_AFTER]]
         centres = np.array([pose.centre for pose in near])
         ups = np.tile([0.0, 0.0, 1.0], (len(near), 1))
         return frenet_offset(point, centres, ups, np.zeros(len(near)), near[0].rotation[:, 2])

@@ -18,10 +18,6 @@ SCALE_STEPS = 3
 """Steps up to a sign's best frame whose mean scale is the sign's: its distance depends on these."""
 SCALE_FRACTION = 0.9
 """Largest part of a sign's variance along its ray that is taken for that of the steps: leaves a covariance."""
-FRAMES_BEFORE = 3
-"""Used frames before the best one in which the camera may pass a sign."""
-FRAMES_AFTER = 20
-"""Used frames from the best one on in which it may."""
 
 
 def place_signs(
@@ -29,14 +25,7 @@ def place_signs(
 ) -> Iterator[Sign]:
     """Signs in the order of their numbers: by station, then lateral offset.
 
-    Parameters
-    ----------
-    landmarks
-        All of the drive that are signs, in any order.
-    path
-        Of the whole drive.
-    confidence
-        Signs below get the status `uncertain`; backs keep theirs.
+    confidence: signs below get the status `uncertain`; backs keep theirs.
     """
     ordered = sorted(landmarks, key=lambda p: (p.station_m, p.right_m, p.track_id))
     assemblies: dict[int, int] = {}
@@ -49,12 +38,12 @@ def place_signs(
 def _sign(
     landmark: Landmark, number: int, assembly: int, path: DrivePath, confidence: float
 ) -> Sign:
-    scale = _scale(landmark, path, SCALE_STEPS)
+    scale = _scale(landmark, path)
     position = scale.factor * landmark.position
-    covariance = _scaled_covariance(landmark, scale, SCALE_FRACTION)
+    covariance = _scaled_covariance(landmark, scale)
     pose = path.poses[landmark.best_frame]
     centre = pose.to_world(position)
-    offset = path.offset_of(centre, landmark.best_frame, FRAMES_BEFORE, FRAMES_AFTER)
+    offset = path.offset_of(centre, landmark.best_frame)
     right, above = (
         (scale.factor * landmark.right_m, scale.factor * landmark.above_m)
         if offset is None
@@ -100,11 +89,11 @@ def _on_globe(
     return GlobePosition(longitude, latitude, altitude, (east, north, up))
 
 
-def _scale(landmark: Landmark, path: DrivePath, steps: int) -> StepScale:
+def _scale(landmark: Landmark, path: DrivePath) -> StepScale:
     """Scale of the steps up to the best frame: the landmark is measured against these."""
     frames = sorted(path.poses)
     at = bisect_right(frames, landmark.best_frame)
-    near = frames[max(0, at - steps) : at]
+    near = frames[max(0, at - SCALE_STEPS) : at]
     return mean_scale([path.scales[f] for f in near if f in path.scales])
 
 
@@ -120,13 +109,13 @@ def mean_scale(scales: Sequence[StepScale]) -> StepScale:
     )
 
 
-def _scaled_covariance(landmark: Landmark, scale: StepScale, fraction: float) -> Array:
+def _scaled_covariance(landmark: Landmark, scale: StepScale) -> Array:
     """Covariance (3, 3) of the scaled position: the scatter of the steps' lengths replaced by their final one."""
     if not scale.sigma:
         return landmark.covariance
     ray = landmark.position
     # at most this fraction of the variance along the ray can be taken away: it stays a covariance
     along = 1 / float(ray @ np.linalg.solve(landmark.covariance, ray))
-    before = min(scale.sigma_before**2, fraction * along)
+    before = min(scale.sigma_before**2, SCALE_FRACTION * along)
     change = (scale.sigma**2 - before) * np.outer(ray, ray)
     return np.asarray(scale.factor**2 * (landmark.covariance + change))

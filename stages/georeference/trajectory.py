@@ -88,12 +88,7 @@ def smooth(
 
     A constant time offset of the absolute measurements is estimated, and undone where it is significant.
 
-    Parameters
-    ----------
-    chain, measured
-        Relative motion of all frames, and absolute measurements of some.
-    rotation, centre
-        (n, 3, 3) and (n, 3): initial values, tens of metres and some degrees away at most.
+    rotation (n, 3, 3), centre (n, 3): initial values, tens of metres and some degrees away at most.
 
     Raises
     ------

@@ -34,6 +34,7 @@ from wayside.stages.adjustment import (
     ResidualBlocks,
     StepConstraints,
     StepTies,
+    Window,
     adjust_window,
     correlated_covariance,
     correlated_sigma_px,
@@ -148,11 +149,13 @@ def adjust_jointly(
     )
     x, y, z = home.to_camera(point)
     found = adjust_window(
-        np.stack([p.rotation for p in poses]),
-        np.stack([p.centre for p in poses]),
-        best - first,
-        np.vstack([[x / z, y / z, 1 / z], start]),
-        np.concatenate([[best - first], anchors]),
+        Window(
+            np.stack([p.rotation for p in poses]),
+            np.stack([p.centre for p in poses]),
+            best - first,
+            np.vstack([[x / z, y / z, 1 / z], start]),
+            np.concatenate([[best - first], anchors]),
+        ),
         rows,
         StepConstraints.of(known, common=any(h.motion.source in ROUGH_LENGTHS for h in window[1:])),
         iterations=WINDOW_ITERATIONS,

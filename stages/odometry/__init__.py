@@ -1,6 +1,5 @@
 """Tie points of two images and the motion of the camera between them (report chapters 6 to 8)."""
 
-from wayside.stages.odometry.drive_motion import estimate_motion
 from wayside.stages.odometry.epipolar import sampson_px
 from wayside.stages.odometry.features import extract_features, tie_corners
 from wayside.stages.odometry.motion_agreement import (
@@ -20,7 +19,7 @@ from wayside.stages.odometry.relative_pose import (
     fit_relative_pose,
 )
 from wayside.stages.odometry.tie_points import KeypointImage, RegisteredTies
-from wayside.stages.odometry.visual_odometry import VisualOdometry
+from wayside.stages.odometry.visual_odometry import VisualOdometry, estimate_motion
 
 __all__ = [
     "AXES",

@@ -9,6 +9,8 @@ from wayside.stages.kernels import Array, compiled, require_array
 
 CELL_PX = 32.0
 """Side of a cell of the index of corners; any value gives the same matches."""
+SAME_CORNER_PX = 6.0
+"""Corners this near to the best one are no second best: a corner is often found at several scales."""
 
 
 def match_in_bands(
@@ -19,35 +21,17 @@ def match_in_bands(
     *,
     farthest: int,
     ratio: float,
-    same_corner_px: float,
 ) -> NDArray[np.int64]:
     """Pairs of corners whose descriptors agree, one to one.
 
-    Parameters
-    ----------
-    bands
-        Where the match of each first corner may lie, (n, 6) px: start u, v, unit direction u, v, length along it,
-        half width across it; the width is allowed beyond both ends too.
-    descriptors
-        Of the first corners, (n, 32).
-    points, others
-        Positions (m, 2) px and descriptors (m, 32) of the second corners.
-    farthest
-        Largest Hamming distance of a match, bits.
-    ratio
-        The best distance must lie below this fraction of the second best in the band.
-    same_corner_px
-        Corners this near to the best one are no second best: a corner is often found at several scales.
+    bands: where the match of each first corner may lie, (n, 6) px: start u, v, unit direction u, v, length along it,
+    half width across it; the width is allowed beyond both ends too. descriptors: of the first corners, (n, 32).
+    points, others: positions (m, 2) px and descriptors (m, 32) of the second corners. farthest: largest Hamming
+    distance, bits. ratio: the best distance must lie below this fraction of the second best in the band.
 
-    Returns
-    -------
-    NDArray
-        (k, 2) rows: first corner, second corner; in order of the first.
+    Returns (k, 2) rows: first corner, second corner; in order of the first.
 
-    Raises
-    ------
-    ValueError
-        Where an array has another shape or type.
+    Raises ValueError where an array has another shape or type.
     """
     n, m = len(bands), len(points)
     require_array(bands, "bands", np.float64, (n, 6))
@@ -74,7 +58,6 @@ def match_in_bands(
         first,
         farthest,
         ratio,
-        same_corner_px,
         owner,
     )
     found = np.flatnonzero(owner >= 0)
@@ -104,7 +87,6 @@ def _match(
     first: NDArray[np.int64],
     farthest: int,
     ratio: float,
-    same_corner_px: float,
     owner: NDArray[np.int64],
 ) -> None:
     # The second corners come by cell, the first of each cell in `first`; `owner` becomes the first corner of each.
@@ -146,7 +128,7 @@ def _match(
             apart = max(
                 abs(points[j, 0] - points[winner, 0]), abs(points[j, 1] - points[winner, 1])
             )
-            if apart > same_corner_px and distances[k] < second:
+            if apart > SAME_CORNER_PX and distances[k] < second:
                 second = distances[k]
         if least < ratio * second and (owner[winner] < 0 or least < closest[winner]):
             # of several with the same best one the closest keeps it

@@ -46,18 +46,17 @@ class _Problem(NamedTuple):
     basis: Array
     jacobian: Array
     normal: Array
-    right: Array
     damped: Array
+    right: Array
     step: Array
 
 
 class _Estimate(NamedTuple):
-    """Poses of both cameras, Sampson distances (n,) in px, and residuals (1, 6) of the prior in sigmas."""
+    """Poses of both cameras, and residuals (n + 6,): Sampson distances, px, then of the prior, sigmas."""
 
     rotations: Array
     centres: Array
-    distances: Array
-    known: Array
+    residuals: Array
 
 
 def fit_epipolar(
@@ -75,37 +74,30 @@ def fit_epipolar(
 
     One fit for each scale, from the result of the one before: a wide cost finds the minimum that a narrow one refines.
 
-    Parameters
-    ----------
-    previous, current
-        Rays (n, 2) as (x/z, y/z).
-    start
-        Rotation (3, 3) and unit direction (3,).
-    prior
-        What is known beforehand.
-    focal_px
-        Pixels of one unit of the rays.
-    sigma_px
-        Standard deviation of the distance of a correct pair, px: the weight of the rays against the prior.
-    scales_px
-        Distance where the Cauchy cost starts to flatten, of each fit.
-    schedule
-        When a fit ends.
+    previous, current: rays (n, 2) as (x/z, y/z). start: rotation (3, 3) and unit direction (3,). focal_px: pixels of
+    one unit of the rays. sigma_px: standard deviation of a correct pair, the weight of the rays against the prior.
+    scales_px: where the Cauchy cost starts to flatten, of each fit.
 
-    Raises
-    ------
-    ValueError
-        Where an array has another shape or type.
+    Raises ValueError where an array has another shape or type.
     """
     n = len(previous)
     require_array(previous, "previous", np.float64, (n, 2))
     require_array(current, "current", np.float64, (n, 2))
-    rotation = np.array(start[0], np.float64).reshape(3, 3)
-    direction = np.array(start[1], np.float64).reshape(3)
     known = StepConstraints.of([prior._replace(length_m=1.0, sigma_m=1.0)])
+    best, trial = (
+        _Estimate(
+            np.array([np.eye(3), start[0]]), np.array([np.zeros(3), start[1]]), np.empty(n + 6)
+        )
+        for _ in range(2)
+    )
+    work = np.empty((2, 3)), np.empty((5, n + 6)), np.empty((5, 5)), np.empty((5, 5))
     for scale in scales_px:
-        _fit(previous, current, rotation, direction, known, focal_px, sigma_px, scale, schedule)
-    return EpipolarFit(rotation, direction)
+        problem = _Problem(
+            previous, current, known, focal_px, sigma_px, scale, *work, np.empty(5), np.empty(5)
+        )
+        best = _fit(problem, best, trial, schedule)
+        trial = _Estimate(best.rotations.copy(), best.centres.copy(), np.empty(n + 6))
+    return EpipolarFit(best.rotations[1], best.centres[1])
 
 
 def sampson_px(
@@ -128,17 +120,13 @@ def sampson_px(
 
 
 @compiled
-def _updated_pose(
-    rotation: Array, direction: Array, basis: Array, step: Array, out_r: Array, out_t: Array
-) -> None:
-    # After a step (5,): rotation vector, then along `basis` (2, 3). The direction stays of unit length: that holds the
+def _move(problem: _Problem, estimate: _Estimate, rotation: Array, direction: Array) -> None:
+    # By `step` (5,): rotation vector, then along `basis` (2, 3). The direction stays of unit length: that holds the
     # baseline.
-    out_r[:] = np.dot(rotation_from_vector(step[:3]), rotation)
-    square = 0.0
-    for i in range(3):
-        out_t[i] = direction[i] + step[3] * basis[0, i] + step[4] * basis[1, i]
-        square += out_t[i] * out_t[i]
-    out_t /= np.sqrt(square)
+    step, basis = problem.step, problem.basis
+    rotation[:] = np.dot(rotation_from_vector(step[:3]), estimate.rotations[1])
+    direction[:] = estimate.centres[1] + step[3] * basis[0] + step[4] * basis[1]
+    direction /= np.sqrt((direction * direction).sum())
 
 
 @compiled
@@ -170,66 +158,49 @@ def _sampson(
 
 
 @compiled
-def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
+def _residuals(problem: _Problem, rotations: Array, centres: Array, result: Array) -> None:
+    # Of the rays (n,) in px, then of the prior (6,) in sigmas.
+    n = problem.previous.shape[0]
     _sampson(
-        problem.previous,
-        problem.current,
-        estimate.rotations[1],
-        estimate.centres[1],
-        problem.focal_px,
-        estimate.distances,
+        problem.previous, problem.current, rotations[1], centres[1], problem.focal_px, result[:n]
     )
-    constraint_residuals(estimate.rotations, estimate.centres, problem.prior, estimate.known)
-    total = 0.0
-    for i in range(estimate.distances.shape[0]):
-        total += np.log1p((estimate.distances[i] / problem.scale_px) ** 2)
-    total *= (problem.scale_px / problem.sigma_px) ** 2
-    for i in range(6):
-        total += estimate.known[0, i] ** 2
-    return total
+    constraint_residuals(rotations, centres, problem.prior, result[n:].reshape(1, 6))
+
+
+@compiled
+def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
+    residuals, n = estimate.residuals, problem.previous.shape[0]
+    _residuals(problem, estimate.rotations, estimate.centres, residuals)
+    of_rays, of_prior = 0.0, 0.0
+    for i in range(n):
+        of_rays += np.log1p((residuals[i] / problem.scale_px) ** 2)
+    for i in range(n, n + 6):
+        of_prior += residuals[i] ** 2
+    return of_rays * (problem.scale_px / problem.sigma_px) ** 2 + of_prior
 
 
 @compiled
 def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
     jacobian, normal, right = problem.jacobian, problem.normal, problem.right
+    residuals, n = estimate.residuals, problem.previous.shape[0]
     problem.basis[:] = tangent_basis(estimate.centres[1])
-    n = problem.previous.shape[0]
     rotations, centres = estimate.rotations.copy(), estimate.centres.copy()
-    known, unit = np.empty((1, 6)), np.empty(5)
     for k in range(5):
-        unit[:] = 0.0
-        unit[k] = DIFFERENCE_STEP
-        _updated_pose(
-            estimate.rotations[1],
-            estimate.centres[1],
-            problem.basis,
-            unit,
-            rotations[1],
-            centres[1],
-        )
-        _sampson(
-            problem.previous,
-            problem.current,
-            rotations[1],
-            centres[1],
-            problem.focal_px,
-            jacobian[k],
-        )
-        constraint_residuals(rotations, centres, problem.prior, known)
-        for i in range(n):
-            jacobian[k, i] = (jacobian[k, i] - estimate.distances[i]) / DIFFERENCE_STEP
-        for i in range(6):
-            jacobian[k, n + i] = (known[0, i] - estimate.known[0, i]) / DIFFERENCE_STEP
+        problem.step[:] = 0.0
+        problem.step[k] = DIFFERENCE_STEP
+        _move(problem, estimate, rotations[1], centres[1])
+        _residuals(problem, rotations, centres, jacobian[k])
+        jacobian[k] -= residuals
+        jacobian[k] /= DIFFERENCE_STEP
     normal[:] = 0.0
     right[:] = 0.0
     for i in range(n + 6):
+        weight = 1.0
         if i < n:
-            residual = estimate.distances[i]
-            weight = 1.0 / ((1.0 + (residual / problem.scale_px) ** 2) * problem.sigma_px**2)
-        else:
-            residual, weight = estimate.known[0, i - n], 1.0
+            flattened = 1.0 + (residuals[i] / problem.scale_px) ** 2
+            weight = 1.0 / (flattened * problem.sigma_px**2)
         for k in range(5):
-            right[k] -= weight * jacobian[k, i] * residual
+            right[k] -= weight * jacobian[k, i] * residuals[i]
             for m in range(k + 1):
                 normal[k, m] += weight * jacobian[k, i] * jacobian[m, i]
 
@@ -242,14 +213,7 @@ def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estim
     problem.step[:] = problem.right
     if not cholesky_solve(problem.damped, problem.step):
         return False
-    _updated_pose(
-        estimate.rotations[1],
-        estimate.centres[1],
-        problem.basis,
-        problem.step,
-        trial.rotations[1],
-        trial.centres[1],
-    )
+    _move(problem, estimate, trial.rotations[1], trial.centres[1])
     return True
 
 
@@ -257,29 +221,6 @@ _minimise = minimiser(_evaluate, _linearise, _solve)
 
 
 @compiled
-def _fit(
-    previous: Array,
-    current: Array,
-    rotation: Array,
-    direction: Array,
-    prior: StepConstraints,
-    focal_px: float,
-    sigma_px: float,
-    scale_px: float,
-    schedule: Schedule,
-) -> None:
-    # Rotation and direction are the start and become the result.
-    n = previous.shape[0]
-    problem = _Problem(
-        previous, current, prior, focal_px, sigma_px, scale_px, np.empty((2, 3)), np.empty((5, n + 6)),
-        np.empty((5, 5)), np.empty(5), np.empty((5, 5)), np.empty(5),
-    )  # fmt: skip
-    start = _Estimate(np.zeros((2, 3, 3)), np.zeros((2, 3)), np.empty(n), np.empty((1, 6)))
-    for k in range(3):
-        start.rotations[0, k, k] = 1.0
-    start.rotations[1] = rotation
-    start.centres[1] = direction
-    trial = _Estimate(start.rotations.copy(), start.centres.copy(), np.empty(n), np.empty((1, 6)))
+def _fit(problem: _Problem, start: _Estimate, trial: _Estimate, schedule: Schedule) -> _Estimate:
     best, _, _ = _minimise(problem, start, trial, schedule)
-    rotation[:] = best.rotations[1]
-    direction[:] = best.centres[1]
+    return best

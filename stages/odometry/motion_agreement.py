@@ -16,8 +16,8 @@ from wayside.schemas.frame import EARTH_RADIUS_M
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import rays_of_ideal
 from wayside.stages.kernels import Array
-from wayside.stages.odometry.drive_motion import shows_no_motion
 from wayside.stages.odometry.tie_points import COARSE_RATIO, KeypointImage, match_around
+from wayside.stages.odometry.visual_odometry import shows_no_motion
 
 _REACH_SHARE = 0.12
 """Corners are matched up to this share of the image's width away: further ones are few and near the border."""

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field, replace
 from math import cos, inf, isfinite, nan, radians, sqrt
 
 import numpy as np
 
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import EARTH_RADIUS_M, Fix, Frame, Pose, PosePrior
+from wayside.schemas.frame import (
+    EARTH_RADIUS_M,
+    USUAL_SIGMA_M,
+    USUAL_SIGMA_RAD,
+    Fix,
+    Frame,
+    Pose,
+    PosePrior,
+)
 from wayside.schemas.motion import StepPrior
 from wayside.schemas.settings import MotionSettings
-from wayside.stages.geometry import halfway_direction, turn_deg
+from wayside.stages.geometry import halfway_direction, turn_deg, vector_from_rotation
 from wayside.stages.kernels import Array
+from wayside.stages.odometry.pair_adjustment import PairAdjustment
 
 _LEAST_COSINE = 1e-6
 """Of the angle between the direction of travel that poses give and the optical axis."""
@@ -35,6 +45,11 @@ ACCELERATION_MPS2 = 2.0
 braking is 3 to 4."""
 DOUBT_SIGMAS = 3.0
 """Difference of two lengths of a step, and length of a step back, that is more than chance, in standard deviations."""
+
+PRIOR_STEPS, MEMORY = 3, 60
+"""Steps that the usual noise counts for, and steps that are remembered: a receiver loses and finds its signal."""
+MEDIANS = np.array([1.386, 2.366])
+"""Of chi squared with two and with three degrees of freedom: direction across the travel, rotation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,20 +91,8 @@ def predict_motion(
     Poses that stand still give way to a known spacing. Where points have shown that the spacing varies, the step is as
     long in spacings as the one before.
 
-    Parameters
-    ----------
-    before, now
-        The frames.
-    travel
-        Direction of travel of the mounted camera.
-    last_rotation
-        Rotation (3, 3) of the step before, None where it is not known.
-    speed_mps
-        Speed over the step before, nan where it is not known.
-    settings
-        Scatter of a stated spacing.
-    length_in_spacings
-        Length of the step before in stated spacings, where these vary; else nan.
+    last_rotation: of the step before, (3, 3), None where it is not known. speed_mps: over that step, nan where it is
+    not known. length_in_spacings: its length in stated spacings, where these vary; else nan.
 
     Raises
     ------
@@ -193,3 +196,41 @@ def _between_fixes(first: Fix, second: Fix, seconds: float) -> tuple[float, floa
 def _fix_sigma_m(first: Fix, second: Fix) -> float:
     known = [max(f.sigma_m[:2]) for f in (first, second) if f.sigma_m is not None]
     return FIX_STEP_FRACTION * max(known, default=FIX_SIGMA_M)
+
+
+@dataclass(slots=True)
+class PoseNoise:
+    """Variance (2,) of the positions, m^2, and rotations, rad^2, of poses whose log states none.
+
+    A pose is compared with the adjusted step, which rests on it in part. The mean square of its error is the square of
+    the difference plus the variance of the adjusted step: the expectation step of Dempster, Laird and Rubin (1977).
+    Medians over the last steps keep single wrong poses and steps from counting. Only directions show the error of
+    positions, so it includes what the rotation of the earlier pose adds to them.
+    """
+
+    variance: Array = field(default_factory=lambda: np.array([USUAL_SIGMA_M, USUAL_SIGMA_RAD]) ** 2)
+    squares: deque[Array] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.squares = deque([self.variance] * PRIOR_STEPS, maxlen=MEMORY)
+
+    def of(self, frame: Frame) -> Frame:
+        """The frame with the noise learnt so far in its pose, where it has one."""
+        if frame.pose is None:
+            return frame
+        sigma_m, sigma_rad = frame.pose.sigmas(*np.sqrt(self.variance).tolist())
+        return replace(frame, pose=replace(frame.pose, sigma_m=sigma_m, sigma_rad=sigma_rad))
+
+    def learn(self, expected: MotionPrior, adjusted: PairAdjustment) -> None:
+        """Take in a step that was expected by poses and adjusted to its images."""
+        if expected.source not in ("poses", "odometry"):
+            return
+        rotation, direction = expected.straight
+        turned = vector_from_rotation(adjusted.rotation @ rotation.T)
+        aside = np.cross(adjusted.direction, direction)
+        square = np.array([aside @ aside, turned @ turned]) / MEDIANS
+        variance = np.diag(adjusted.covariance)
+        square += variance[3:].sum() / 2, variance[:3].sum() / 3
+        square[0] *= expected.prior.length_m**2
+        self.squares.append(square / 2)  # two poses of the same noise
+        self.variance = np.median(np.array(self.squares), axis=0)

@@ -19,6 +19,7 @@ from wayside.stages.adjustment import (
     ResidualBlocks,
     StepConstraints,
     TieErrors,
+    Window,
     adjust_window,
     correlated_covariance,
     correlated_sigma_px,
@@ -77,32 +78,13 @@ def adjust_pair(
 ) -> PairAdjustment:
     """Adjust motion and points together to the rays of two images.
 
-    Parameters
-    ----------
-    previous, current
-        Rays (n, 2) as (x/z, y/z), of the same points.
-    start
-        Rotation (3, 3) and unit direction (3,) to start from.
-    prior
-        What is known of the motion beforehand.
-    focal_px
-        Pixels of one unit of the rays.
-    errors, scale_px
-        Stated errors of ties, and the scale of their robust cost.
-    iterations, gain
-        Iterations at most; they end where one lowers the cost by a smaller fraction.
-    scatter
-        Errors of these ties over the stated ones, 1 or more (`tie_scatter`): the covariance states them.
+    previous, current: rays (n, 2) as (x/z, y/z), of the same points. start: rotation (3, 3) and unit direction (3,).
+    focal_px: pixels of one unit of the rays. scale_px: of the robust cost. scatter: errors of these ties over the
+    stated ones, 1 or more (`tie_scatter`): the covariance states them.
 
-    Returns
-    -------
-    PairAdjustment
-        covariance is nan where the normal equations are singular (no points and no prior).
+    The covariance is nan where the normal equations are singular (no points and no prior).
 
-    Raises
-    ------
-    ValueError
-        Where an array has another shape or type.
+    Raises ValueError where an array has another shape or type.
     """
     n = len(previous)
     require_array(previous, "previous", np.float64, (n, 2))
@@ -120,15 +102,16 @@ def adjust_pair(
     met = pair_midpoint(previous, current, *start)
     depth = np.where(met.ahead & (met.point[:, 2] > 1), met.point[:, 2], np.inf)
     found = adjust_window(
-        np.stack([np.eye(3), start[0]]),
-        np.stack([np.zeros(3), start[1]]),
-        0,
-        np.column_stack([previous, 1 / depth]),
-        np.zeros(n, np.int64),
+        Window(
+            np.stack([np.eye(3), start[0]]),
+            np.stack([np.zeros(3), start[1]]),
+            0,
+            np.column_stack([previous, 1 / depth]),
+            np.zeros(n, np.int64),
+        ),
         blocks,
         StepConstraints.of([prior._replace(length_m=1.0, sigma_m=LENGTH_SIGMA)]),
-        wanted=1,
-        of_pose=True,
+        pose=1,
         iterations=iterations,
         gain=gain,
     )

@@ -61,30 +61,15 @@ def register_patches(
 ) -> PatchRegistration:
     """Register the 15 x 15 px patches round `corners` of the far image in the near one.
 
-    Parameters
-    ----------
-    far, near
-        Grey images (height, width).
-    corners
-        Centre of each patch, (n, 2) whole pixels.
-    starts
-        Where the patches are expected in the near image, (n, 2) px.
-    warps
-        Their expected warp, (n, 3): stretch along u, shear of u by v, stretch along v. A plate seen from nearer has
-        (s, 0, s), the road about (s, k, s * s).
-    search_px
-        Whole pixels searched round the start before the fit.
+    far, near: grey images (height, width). corners: centre of each patch, (n, 2) whole pixels. starts: where the
+    patches are expected in the near image, (n, 2) px. warps: their expected warp, (n, 3): stretch along u, shear of u
+    by v, stretch along v; a plate seen from nearer has (s, 0, s), the road about (s, k, s * s). search_px: whole
+    pixels searched round the start before the fit.
 
-    Returns
-    -------
-    PatchRegistration
-        zncc is 0 and the point nan where the patch leaves an image, has no texture, the fit exceeds its limits, or the
-        correlation is low.
+    `zncc` is 0 and the point nan where the patch leaves an image, has no texture, the fit exceeds its limits, or the
+    correlation is low.
 
-    Raises
-    ------
-    ValueError
-        Where an array has another shape or type.
+    Raises ValueError where an array has another shape or type.
     """
     n = len(corners)
     require_array(far, "far", np.uint8, (None, None))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from math import radians
 
 import numpy as np
 
-from wayside.schemas.motion import StepPrior
+from wayside.schemas.motion import StepPrior, Ties
 from wayside.stages.adjustment import TIE_ERRORS, tie_scatter
 from wayside.stages.geometry import (
     Schedule,
@@ -24,16 +24,13 @@ from wayside.stages.odometry.pair_adjustment import FINE_LAST_SCALE_PX
 from wayside.stages.odometry.tie_points import (
     COARSE_BITS,
     COARSE_RATIO,
-    GroundPlane,
     KeypointImage,
+    PairMotion,
     RegisteredTies,
-    match_corners,
     register_road,
     register_ties,
 )
 
-WIDE_SLACK_PX = 160.0
-"""Half width of the band of the fit that gives another start."""
 FIT_ITERATIONS = 15
 """Of a fit at most."""
 FIT_GAIN = 1e-7
@@ -86,6 +83,11 @@ class RelativePose:
         distance = sampson_px(*held, self.rotation, self.direction, focal_px)
         return tie_scatter(distance)
 
+    def ties(self, points: Array, scatter: float) -> Ties:
+        """The ties with their points (n, 3) in the second camera."""
+        t = self.tied
+        return Ties(t.previous, t.current, self.inlier, points, t.rows, t.warp, t.sigma, scatter)
+
 
 RelativePoseEstimator = Callable[
     [KeypointImage, KeypointImage, MotionPrior, Mount, int], RelativePose | None
@@ -97,71 +99,46 @@ def estimate_relative_pose(
 ) -> RelativePose | None:
     """Relative pose of two images: coarse motion, then ties registered by it.
 
-    Parameters
-    ----------
-    before, now
-        The images.
-    expected
-        What is expected of the step.
-    mount
-        Of the camera, as learnt so far.
-    fewest
-        Fewest inliers.
-
-    Returns
-    -------
-    RelativePose
-        None with fewer than `fewest` inliers.
+    Returns None with fewer than `fewest` inliers.
     """
     prior, ground = expected.prior, mount.ground(expected.prior.length_m)
     coarse, inliers = find_coarse_motion(before, now, prior, expected.search, expected.slack_px)
     if coarse is None or inliers < fewest:
         return None
-    pose = _refine(before, now, (coarse.rotation, coarse.direction), prior, ground)
+    pair = PairMotion(before, now, coarse.rotation, coarse.direction, ground)
+    pose = _refine(pair, prior)
     if pose.inliers < INLIER_RATIO * len(pose.inlier):
         # With a wrong rotation the inlier ratio is low. Of all starts, that with the most inliers is kept.
-        starts = _other_starts(before, now, expected, pose)
-        others = [_refine(before, now, start, prior, ground) for start in starts]
+        others = (_refine(start, prior) for start in _turned(pair, expected))
         pose = max(pose, *others, key=lambda one: one.inliers)
     return pose if pose.inliers >= fewest else None
 
 
-def _other_starts(
-    before: KeypointImage, now: KeypointImage, expected: MotionPrior, pose: RelativePose
-) -> list[tuple[Array, Array]]:
-    """Rotations and directions to start from: the current pose, a fit in a wide band, yaws off the prediction."""
+def _turned(pair: PairMotion, expected: MotionPrior) -> Iterator[PairMotion]:
+    """The pair with rotations that are yaws off the prediction."""
     prior = expected.prior
-    wide, _ = find_coarse_motion(before, now, prior, expected.straight[0], WIDE_SLACK_PX)
-    starts = [(pose.rotation, pose.direction)]
-    starts += [] if wide is None else [(wide.rotation, wide.direction)]
-    steps = np.arange(-START_YAWS, START_YAWS + 1)
-    for yaw in np.radians(np.round(START_YAW_STEP_DEG * steps, 6)):
-        rotation = rotation_from_vector(np.array([0.0, yaw, 0.0])) @ expected.search
+    for step in range(-START_YAWS, START_YAWS + 1):
+        yaw = np.array([0.0, radians(START_YAW_STEP_DEG * step), 0.0])
+        rotation = rotation_from_vector(yaw) @ expected.search
         ahead = halfway_direction(rotation, prior.direction) if prior.halfway else prior.direction
-        starts.append((rotation, ahead))
-    return starts
+        yield replace(pair, rotation=rotation, direction=ahead)
 
 
-def _refine(
-    before: KeypointImage,
-    now: KeypointImage,
-    start: tuple[Array, Array],
-    prior: StepPrior,
-    ground: GroundPlane | None,
-) -> RelativePose:
+def _refine(pair: PairMotion, prior: StepPrior) -> RelativePose:
     # Ties selected by a motion are biased towards it: they are selected again while it still changes.
     tied = None
     for _ in range(ROUNDS):
-        tied = register_ties(before, now, *start, ground, tied)
-        pose = fit_relative_pose(before, now, tied, start, prior)
-        change = np.abs(pose.direction - start[1]).max()
-        start = pose.rotation, pose.direction
-        if change < radians(SETTLED_DEG):
+        tied = register_ties(pair, tied)
+        start = pair.rotation, pair.direction
+        pose = fit_relative_pose(pair.before, pair.now, tied, start, prior)
+        pair = replace(pair, rotation=pose.rotation, direction=pose.direction)
+        if np.abs(pose.direction - start[1]).max() < radians(SETTLED_DEG):
             break
-    if ground is None:
+    if pair.ground is None:
         return pose
-    tied = register_road(before, now, *start, ground, pose.tied)
-    return fit_relative_pose(before, now, tied, start, prior)
+    tied = register_road(pair, pair.ground, pose.tied)
+    start = pair.rotation, pair.direction
+    return fit_relative_pose(pair.before, pair.now, tied, start, prior)
 
 
 def fit_relative_pose(
@@ -194,20 +171,10 @@ def find_coarse_motion(
 ) -> tuple[EpipolarFit | None, int]:
     """Rotation and direction from matched corners, and the number of inliers; None with too few matches.
 
-    Parameters
-    ----------
-    before, now
-        The images.
-    prior
-        What is known of the relative pose.
-    predicted
-        Rotation (3, 3) by which corners are predicted.
-    slack_px
-        Half width of the search band round the prediction.
+    predicted: rotation (3, 3) by which corners are predicted. slack_px: half width of the band round the prediction.
     """
-    pairs = match_corners(
-        before, now, (predicted, prior.direction), slack_px, (COARSE_BITS, COARSE_RATIO)
-    )
+    pair = PairMotion(before, now, predicted, prior.direction)
+    pairs = pair.matches(slack_px, COARSE_BITS, COARSE_RATIO)
     if len(pairs) < FEWEST_COARSE:
         return None, 0
     previous = rays_of_ideal(before.camera, before.ideal[pairs[:, 0]])

@@ -30,8 +30,6 @@ GUIDED_RATIO = 0.92
 """Largest ratio of best to second distance on the line."""
 GUIDED_WIDTH_PX = 4.0
 """Half width of the band along an epipolar line."""
-SAME_CORNER_PX = 6.0
-"""Matches this near to the best are no second best."""
 LARGEST_GROWTH = 2.6
 """Largest growth of an object from image to image."""
 SMALLEST_GROWTH = 0.8
@@ -75,10 +73,9 @@ class KeypointImage:
     @staticmethod
     def of(detections: Detections) -> KeypointImage | None:
         """Of the detections of an image; None where it has no pixels or no camera."""
-        camera, grey = detections.frame.camera, detections.image.grey
+        camera, grey, features = detections.frame.camera, detections.image.grey, detections.features
         if camera is None or grey is None:
             return None
-        features = detections.features
         return KeypointImage.of_corners(camera, grey, features.corners, features.descriptors)
 
     @staticmethod
@@ -103,6 +100,59 @@ class GroundPlane(NamedTuple):
     down: Array
     height_m: float
     baseline_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class PairMotion:
+    """A motion between two images that is to be tried: rotation (3, 3), direction (3,), and the road under them."""
+
+    before: KeypointImage
+    now: KeypointImage
+    rotation: Array
+    direction: Array
+    ground: GroundPlane | None = None
+
+    def far_points(self, rows: NDArray[np.int64] | slice) -> tuple[Array, Array]:
+        """Ideal pixels (n, 2) of the first image's corners in the second one, if at infinity, and its epipole (2,)."""
+        rays = rays_of_ideal(self.before.camera, self.before.ideal[rows])
+        turned = rays @ self.rotation[:2] + self.rotation[2]
+        far = ideal_of_rays(self.now.camera, turned[:, :2] / np.maximum(turned[:, 2:], 1e-6))
+        toward = self.rotation.T @ self.direction
+        epipole = ideal_of_rays(self.now.camera, (toward[:2] / toward[2])[None])[0]
+        return far, epipole
+
+    def on_road(self, ideal: Array, ground: GroundPlane) -> tuple[Array, Array]:
+        """Ideal pixels (n, 2) of road points in the second image, and the warp (n, 3) of their surroundings."""
+        steps = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        rays = rays_of_ideal(self.before.camera, (ideal + steps[:, None]).reshape(-1, 2))
+        solid = np.hstack([rays, np.ones((len(rays), 1))])
+        depth = ground.height_m / np.maximum(solid @ ground.down, 1e-6)
+        local = (solid * depth[:, None] - ground.baseline_m * self.direction) @ self.rotation
+        seen = ideal_of_rays(self.now.camera, local[:, :2] / np.maximum(local[:, 2:], 1e-6))
+        place, along_u, along_v = seen.reshape(3, -1, 2)
+        by_u, by_v = along_u - place, along_v - place
+        return place, np.column_stack([by_u[:, 0], by_v[:, 0], by_v[:, 1]])
+
+    def matches(self, slack_px: float, bits: int, ratio: float) -> NDArray[np.int64]:
+        """Rows (n, 2) of matched corners of both images, searched in bands along the epipolar lines.
+
+        slack_px: half width of the bands. bits, ratio: largest descriptor distance, and its largest ratio to the second
+        best.
+        """
+        far, epipole = self.far_points(slice(None))
+        outward = far - epipole
+        reach = np.sqrt(outward[:, 0] ** 2 + outward[:, 1] ** 2)
+        outward /= np.maximum(reach, 1e-9)[:, None]
+        length = np.minimum(reach * (LARGEST_GROWTH - 1), LONGEST_PX)
+        bands = np.column_stack([far, outward, length, np.full(len(far), slack_px)])
+        return match_in_bands(
+            bands,
+            self.before.descriptors,
+            self.now.ideal,
+            self.now.descriptors,
+            farthest=bits,
+            ratio=ratio,
+        )
 
 
 class RegisteredTies(NamedTuple):
@@ -134,81 +184,57 @@ def match_around(
         now.descriptors,
         farthest=COARSE_BITS,
         ratio=ratio,
-        same_corner_px=SAME_CORNER_PX,
     )
 
 
-def register_ties(
-    before: KeypointImage,
-    now: KeypointImage,
-    rotation: Array,
-    direction: Array,
-    ground: GroundPlane | None = None,
-    last: RegisteredTies | None = None,
-) -> RegisteredTies:
+def register_ties(pair: PairMotion, last: RegisteredTies | None = None) -> RegisteredTies:
     """Match in narrow bands along the epipolar lines of a motion and register every match to sub-pixel.
 
     Matches that `last` has tried already keep their result: it does not depend on the motion.
     """
-    pairs = match_corners(
-        before, now, (rotation, direction), GUIDED_WIDTH_PX, (GUIDED_BITS, GUIDED_RATIO)
-    )
-    pairs = pairs[first_of_cells(before.corners[pairs[:, 0]], CELL_PX, PER_CELL)]
-    found = np.full((len(pairs), 6), np.nan)
-    fresh = np.ones(len(pairs), np.bool_)
+    before, now = pair.before, pair.now
+    rows = pair.matches(GUIDED_WIDTH_PX, GUIDED_BITS, GUIDED_RATIO)
+    rows = rows[first_of_cells(before.corners[rows[:, 0]], CELL_PX, PER_CELL)]
+    found = np.full((len(rows), 6), np.nan)
+    fresh = np.ones(len(rows), np.bool_)
     if last is not None:
-        keys, known = _keys(pairs, now), _keys(last.tried[0], now)
+        keys, known = (one @ [len(now.corners), 1] for one in (rows, last.tried[0]))
         _, here, there = np.intersect1d(keys, known, assume_unique=True, return_indices=True)
         found[here] = last.tried[1][there]
         fresh[here] = False
-    found[fresh] = _register(before, now, rotation, direction, ground, pairs[fresh])
+    found[fresh] = _register(pair, rows[fresh])
     good = np.isfinite(found[:, 0])
-    corners = np.rint(before.corners[pairs[good, 0]]).astype(np.float64)
+    corners = np.rint(before.corners[rows[good, 0]]).astype(np.float64)
     return RegisteredTies(
         ideal_points(before.camera, corners),
         ideal_points(now.camera, np.ascontiguousarray(found[good, :2])),
-        pairs[good],
+        rows[good],
         found[good, 2:5],
         found[good, 5],
-        (pairs, found),
+        (rows, found),
     )
 
 
-def _keys(pairs: NDArray[np.int64], now: KeypointImage) -> NDArray[np.int64]:
-    keys: NDArray[np.int64] = pairs[:, 0] * len(now.corners) + pairs[:, 1]
-    return keys
-
-
-def _register(
-    before: KeypointImage,
-    now: KeypointImage,
-    rotation: Array,
-    direction: Array,
-    ground: GroundPlane | None,
-    pairs: NDArray[np.int64],
-) -> Array:
+def _register(pair: PairMotion, rows: NDArray[np.int64]) -> Array:
     """Positions of the first image's corners in the second one, recorded pixels, with warp and sigma: (n, 6).
 
     The position is nan where they are not found.
     """
-    far, epipole = _far_points(before, now, rotation, direction, pairs[:, 0])
-    corners = np.rint(before.corners[pairs[:, 0]]).astype(np.int64)
+    before, now = pair.before, pair.now
+    far, epipole = pair.far_points(rows[:, 0])
+    matched = now.ideal[rows[:, 1]]
+    corners = np.rint(before.corners[rows[:, 0]]).astype(np.int64)
     # Growth is the ratio of distances from the epipole; near it the ratio is undefined, and growth is small.
     reach = np.linalg.norm(far - epipole, axis=1)
-    growth = np.linalg.norm(now.ideal[pairs[:, 1]] - epipole, axis=1) / np.maximum(reach, 1e-9)
-    growth = np.where(
-        reach > NEAR_EPIPOLE_PX,
-        np.clip(growth, SMALLEST_GROWTH, LARGEST_GROWTH),
-        NEAR_EPIPOLE_GROWTH,
-    )
-    shift = corners - before.corners[pairs[:, 0]].astype(np.float64)
-    starts = np.ascontiguousarray(now.corners[pairs[:, 1]] + shift * growth[:, None])
+    growth = np.linalg.norm(matched - epipole, axis=1) / np.maximum(reach, 1e-9)
+    growth = np.clip(growth, SMALLEST_GROWTH, LARGEST_GROWTH)
+    growth = np.where(reach > NEAR_EPIPOLE_PX, growth, NEAR_EPIPOLE_GROWTH)
+    shift = corners - before.corners[rows[:, 0]].astype(np.float64)
+    starts = np.ascontiguousarray(now.corners[rows[:, 1]] + shift * growth[:, None])
     warps = np.column_stack([growth, np.zeros(len(growth)), growth])
-    if ground is not None:
-        place, on_road = _on_road(
-            before, now, rotation, direction, ground, before.ideal[pairs[:, 0]]
-        )
-        gap = np.linalg.norm(place - now.ideal[pairs[:, 1]], axis=1)
+    if pair.ground is not None:
+        place, on_road = pair.on_road(before.ideal[rows[:, 0]], pair.ground)
+        gap = np.linalg.norm(place - matched, axis=1)
         flow = np.linalg.norm(place - far, axis=1)
         flat = gap < ROAD_GAP_PX + ROAD_GAP_FRACTION * flow
         warps[flat] = on_road[flat]
@@ -216,18 +242,12 @@ def _register(
     return np.column_stack([registered.point, warps * registered.scale[:, None], registered.sigma])
 
 
-def register_road(
-    before: KeypointImage,
-    now: KeypointImage,
-    rotation: Array,
-    direction: Array,
-    ground: GroundPlane,
-    tied: RegisteredTies,
-) -> RegisteredTies:
+def register_road(pair: PairMotion, ground: GroundPlane, tied: RegisteredTies) -> RegisteredTies:
     """The ties with more on the road: unmatched corners, registered at the position that the ground plane predicts.
 
     Their rows are -1: they take part in no comparison of lengths, which the ground plane would bias.
     """
+    before, now = pair.before, pair.now
     free = np.ones(len(before.corners), np.bool_)
     free[tied.tried[0][:, 0]] = False
     rows = np.flatnonzero(free)
@@ -238,7 +258,7 @@ def register_road(
     rows = rows[first_of_cells(before.corners[rows], CELL_PX, PER_CELL)]
     corners = np.rint(before.corners[rows]).astype(np.int64)
     ideal = ideal_points(before.camera, corners.astype(np.float64))
-    place, warps = _on_road(before, now, rotation, direction, ground, ideal)
+    place, warps = pair.on_road(ideal, ground)
     starts = distort_points(now.camera, place)
     found = register_patches(before.grey, now.grey, corners, starts, warps, ROAD_SEARCH_PX)
     good = found.zncc > 0
@@ -250,82 +270,3 @@ def register_road(
         np.concatenate([tied.sigma, found.sigma[good]]),
         tied.tried,
     )
-
-
-def _on_road(
-    before: KeypointImage,
-    now: KeypointImage,
-    rotation: Array,
-    direction: Array,
-    ground: GroundPlane,
-    ideal: Array,
-) -> tuple[Array, Array]:
-    """Ideal pixels (n, 2) of road points in the second image, and the warp (n, 3) of their surroundings."""
-    centre = ground.baseline_m * direction
-
-    def projected(points: Array) -> Array:
-        rays = rays_of_ideal(before.camera, points)
-        solid = np.hstack([rays, np.ones((len(rays), 1))])
-        depth = ground.height_m / np.maximum(solid @ ground.down, 1e-6)
-        local = (solid * depth[:, None] - centre) @ rotation
-        return ideal_of_rays(now.camera, local[:, :2] / np.maximum(local[:, 2:], 1e-6))
-
-    place = projected(ideal)
-    by_u = projected(ideal + np.array([1.0, 0.0])) - place
-    by_v = projected(ideal + np.array([0.0, 1.0])) - place
-    return place, np.column_stack([by_u[:, 0], by_v[:, 0], by_v[:, 1]])
-
-
-def match_corners(
-    before: KeypointImage,
-    now: KeypointImage,
-    motion: tuple[Array, Array],
-    slack_px: float,
-    descriptors: tuple[int, float],
-) -> NDArray[np.int64]:
-    """Rows (n, 2) of matched corners of both images, searched in bands along the epipolar lines of a motion.
-
-    Parameters
-    ----------
-    before, now
-        The images.
-    motion
-        Rotation (3, 3) and direction (3,).
-    slack_px
-        Half width of the bands.
-    descriptors
-        Largest descriptor distance, bits, and its largest ratio to the second best.
-    """
-    far, epipole = _far_points(before, now, *motion, slice(None))
-    outward = far - epipole
-    reach = np.sqrt(outward[:, 0] ** 2 + outward[:, 1] ** 2)
-    outward /= np.maximum(reach, 1e-9)[:, None]
-    length = np.minimum(reach * (LARGEST_GROWTH - 1), LONGEST_PX)
-    width = np.full(len(far), slack_px)
-    bands = np.column_stack([far, outward, length, width])
-    return match_in_bands(
-        bands,
-        before.descriptors,
-        now.ideal,
-        now.descriptors,
-        farthest=descriptors[0],
-        ratio=descriptors[1],
-        same_corner_px=SAME_CORNER_PX,
-    )
-
-
-def _far_points(
-    before: KeypointImage,
-    now: KeypointImage,
-    rotation: Array,
-    direction: Array,
-    rows: NDArray[np.int64] | slice,
-) -> tuple[Array, Array]:
-    """Ideal pixels (n, 2) of the first image's corners in the second one, if at infinity, and its epipole (2,)."""
-    rays = rays_of_ideal(before.camera, before.ideal[rows])
-    turned = rays @ rotation[:2] + rotation[2]
-    ahead = np.maximum(turned[:, 2:], 1e-6)
-    far = ideal_of_rays(now.camera, turned[:, :2] / ahead)
-    toward = rotation.T @ direction
-    epipole = ideal_of_rays(now.camera, (toward[:2] / toward[2])[None])[0]
-    return far, epipole

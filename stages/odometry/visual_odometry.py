@@ -1,4 +1,4 @@
-"""Visual odometry: motion of the camera from image to image (report chapters 7 and 8).
+"""The motion stage: which images of a drive show motion, and the camera's motion between them (report chapters 7, 8).
 
 Each used image is compared with the used one before it. The prior is a straight line of known length, odometry, poses
 or fixes. Tie points over the whole image measure the motion. A two-view adjustment with the baseline held joins both.
@@ -6,27 +6,33 @@ or fixes. Tie points over the whole image measure the motion. A two-view adjustm
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from math import inf, isfinite, nan, radians, sqrt
 
 import numpy as np
 
-from wayside.schemas.frame import Frame, Pose
-from wayside.schemas.motion import Motion, StepPrior, Ties
+from wayside.schemas.detections import NOTHING_DROPPED, Candidates, Detections, Regions
+from wayside.schemas.frame import DUPLICATE, Frame, Image, Pose
+from wayside.schemas.motion import Motion, PosedDetections
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import halfway_direction, pair_residual, points_of_second
 from wayside.stages.kernels import Array
-from wayside.stages.odometry.motion_prior import MotionPrior, predict_motion
+from wayside.stages.odometry.motion_prior import MotionPrior, PoseNoise, predict_motion
 from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.pair_adjustment import PairAdjustment, adjust_pair
-from wayside.stages.odometry.pose_noise import PoseNoise
 from wayside.stages.odometry.relative_pose import (
     RelativePose,
     RelativePoseEstimator,
     estimate_relative_pose,
 )
 from wayside.stages.odometry.step_length import StepLength, step_length
-from wayside.stages.odometry.tie_points import KeypointImage
+from wayside.stages.odometry.tie_points import (
+    GUIDED_RATIO,
+    SEARCH_PX,
+    KeypointImage,
+    match_around,
+)
 
 FEWEST_COMMON = 5
 """Points common with the step before that give the length of a step."""
@@ -37,25 +43,74 @@ UNMEASURED_SIGMA_DEG = 1.0
 TRIMMED = 0.9
 """Fraction of the ties that the residuals are means of."""
 
+STANDING_SHARE = 0.4
+"""Share of corners found again in place of a camera that stands: drives show 0.26 at most, shaken images 0.43."""
 
-@dataclass(frozen=True, slots=True)
-class OdometryStep:
-    """A step and what it leaves behind for the next one.
 
-    `motion`: None before the first image. `depths` (n,), metres, of the corners of the image. `rotation` (3, 3) or None
-    where unknown. `length` and `speed_mps` of the step.
+def estimate_motion(
+    images: Iterator[Detections], settings: MotionSettings
+) -> Iterator[PosedDetections]:
+    """Add the camera's motion to each image.
+
+    Frames that are not used pass with motion None. The first used frame is the origin of the drive's own frame. An
+    image that shows no motion since the last used one becomes a frame with the status `duplicate`, without candidates.
+    Rays of both have no baseline, and a panel would get the same measurement twice. Slow motion adds up, since images
+    are compared with the one that was used last.
+
+    Raises
+    ------
+    InputError
+        Where no source gives the length of a step.
     """
+    odometry = VisualOdometry(settings)
+    for item in images:
+        if not item.frame.used:
+            yield PosedDetections(item, None)
+            continue
+        image = KeypointImage.of(item)
+        if shows_no_motion(odometry.image, image, settings):
+            yield PosedDetections(_left_out(item), None)
+        else:
+            yield PosedDetections(item, odometry.advance(image, item.frame))
 
-    motion: Motion | None
-    depths: Array = field(default_factory=lambda: np.zeros(0))
-    rotation: Array | None = None
-    length: StepLength = field(default_factory=StepLength)
-    speed_mps: float = nan
+
+def shows_no_motion(
+    before: KeypointImage | None, now: KeypointImage | None, settings: MotionSettings
+) -> bool:
+    """Whether enough corners of an image are found again at the same place to show that the camera stands.
+
+    This needs no prior: a wrong pose or spacing does not hide a copy. Travel moves most corners, and leaves only those
+    that are far away, or on the vehicle itself; corners on other vehicles move while the camera stands. False where an
+    image has too few corners to tell.
+    """
+    if before is None or now is None or before.grey.shape != now.grey.shape:
+        return False
+    most = min(len(before.corners), len(now.corners))
+    if most < settings.smallest_ties:
+        return False
+    again = match_around(before, now, SEARCH_PX, GUIDED_RATIO)
+    return len(again) >= STANDING_SHARE * most
+
+
+def _left_out(item: Detections) -> Detections:
+    """An image that takes no part, without pixels and candidates; the number of its regions stays.
+
+    So none is lost uncounted. Recorded bytes go as well: where a vehicle stands, any number of duplicates waits behind
+    the tracking window.
+    """
+    frame = replace(item.frame, status=DUPLICATE, data=b"")
+    segmentation = replace(
+        item.segmentation,
+        image=Image(frame, None, None),
+        regions=Regions.empty(),
+        dropped=NOTHING_DROPPED,
+    )
+    return Detections(segmentation, Candidates.of(Regions.empty()))
 
 
 @dataclass(slots=True)
 class VisualOdometry:
-    """State between images: the last image and its frame, the step to it, the camera's mount, the noise of poses.
+    """State between images: the last one and its frame, the motion to it, the camera's mount, the noise of poses.
 
     `estimate` gives the relative pose of two images; simulated drives, which have ties but no pixels, replace it.
     """
@@ -64,52 +119,49 @@ class VisualOdometry:
     estimate: RelativePoseEstimator = field(default_factory=lambda: estimate_relative_pose)
     image: KeypointImage | None = None
     frame: Frame | None = None
-    last: OdometryStep = field(default_factory=lambda: OdometryStep(None))
-    mount: Mount = field(init=False)
+    motion: Motion | None = None
+    depths: Array = field(default_factory=lambda: np.zeros(0))
+    """Of the corners of the last image, (n,), metres."""
+    rotation: Array | None = None
+    """Of the last step, (3, 3), None where unknown."""
+    length: StepLength = field(default_factory=StepLength)
+    speed_mps: float = nan
+    mount: Mount = field(default_factory=Mount)
     noise: PoseNoise = field(default_factory=PoseNoise)
 
-    def __post_init__(self) -> None:
-        self.mount = Mount()
-
     def advance(self, image: KeypointImage | None, frame: Frame) -> Motion:
-        """Motion from the last image to this one; without pixels the expected one. The step is `last` then."""
-        given, step = self.noise.of(frame), OdometryStep(None)
-        motion = replace(_START, given=given.pose)
-        if self.frame is not None and self.last.motion is not None:
+        """Motion from the last image to this one; without pixels the expected one."""
+        given, motion = self.noise.of(frame), _START
+        if self.frame is not None and self.motion is not None:
             expected = predict_motion(
                 self.noise.of(self.frame),
                 given,
                 self.mount.travel,
-                self.last.rotation,
-                self.last.speed_mps,
+                self.rotation,
+                self.speed_mps,
                 self.settings,
-                self.last.length.length_in_spacings,
+                self.length.length_in_spacings,
             )
-            motion, step = self._step(self.last.motion, image, expected)
-            motion = replace(motion, given=given.pose)
+            step = None
+            if self.image is not None and image is not None:
+                fewest = self.settings.smallest_ties
+                step = self.estimate(self.image, image, expected, self.mount, fewest)
+            if step is None or image is None:
+                motion = self._unmeasured(self.motion, expected)
+            else:
+                motion = self._measured(self.motion, step, image, expected)
             seconds = (frame.time_ns - self.frame.time_ns) * 1e-9
-            speed_mps = motion.baseline_m / seconds if seconds > 0 else nan
-            step = replace(step, speed_mps=speed_mps)
-        self.image, self.frame, self.last = image, frame, replace(step, motion=motion)
-        return motion
+            self.speed_mps = motion.baseline_m / seconds if seconds > 0 else nan
+        self.image, self.frame = image, frame
+        self.motion = replace(motion, given=given.pose)
+        return self.motion
 
-    def _step(
-        self, last: Motion, image: KeypointImage | None, expected: MotionPrior
-    ) -> tuple[Motion, OdometryStep]:
-        """A motion, and what else of the step is known: `motion` and `speed_mps` there are not set yet."""
-        step = None
-        if self.image is not None and image is not None:
-            fewest = self.settings.smallest_ties
-            step = self.estimate(self.image, image, expected, self.mount, fewest)
-        if step is None or image is None or self.image is None:
-            # The rotation of the last step is kept for one step without measurement, and is unknown after two.
-            rotation = None if last.ties is None else self.last.rotation
-            kept = replace(self.last, depths=np.zeros(0), rotation=rotation)
-            return _unmeasured(last, expected, self.mount.height_m), kept
+    def _measured(
+        self, last: Motion, step: RelativePose, image: KeypointImage, expected: MotionPrior
+    ) -> Motion:
         focal = (image.camera.fx, image.camera.fy)
         held = step.previous[step.inlier], step.current[step.inlier]
         scatter = step.scatter(image.focal_px)
-        straight_px = self._root_mean(pair_residual(*held, *expected.straight, focal))
         adjusted = adjust_pair(
             *held,
             (step.rotation, step.direction),
@@ -117,56 +169,77 @@ class VisualOdometry:
             focal_px=image.focal_px,
             scatter=scatter,
         )
+        straight_px = _root_mean(pair_residual(*held, *expected.straight, focal))
         carried = self._carried_length(step, adjusted)
-        length = step_length(self.last.length, carried, expected, self.settings)
-        baseline, sigma_m = length.length_m, length.sigma_m
+        self.length = step_length(self.length, carried, expected, self.settings)
+        baseline, sigma_m = self.length.length_m, self.length.sigma_m
         needed = self.settings.always_adjust or not straight_px <= self.settings.residual_px
         rotation, direction = (
             (adjusted.rotation, adjusted.direction) if needed else expected.straight
         )
         points = points_of_second(step.previous, step.current, rotation, baseline * direction)
-        depths = np.full(len(image.corners), np.nan)
+        self.rotation, self.depths = adjusted.rotation, np.full(len(image.corners), np.nan)
+        # Only matched ties measure lengths and the height of the road: those predicted by the ground plane are biased.
         matched = step.inlier & (step.tied.rows[:, 1] >= 0)
-        depths[step.tied.rows[matched, 1]] = points[matched, 2]
-        # Only matched ties measure the height of the road: those predicted by the ground plane are biased.
+        self.depths[step.tied.rows[matched, 1]] = points[matched, 2]
         self.mount.learn(adjusted.rotation, adjusted.direction, points[matched])
         self.noise.learn(expected, adjusted)
+        prior = expected.prior
+        if expected.source not in ("poses", "odometry"):
+            # Averaged so far, as the path is fitted to the fixes with these lengths; poses enter as they are given.
+            prior = prior._replace(length_m=baseline, sigma_m=sigma_m)
         pose = Pose(rotation, baseline * direction)
-        motion = Motion(
-            last.pose.compose(pose),
-            pose,
-            adjusted.step_covariance(baseline, sigma_m),
-            "points" if isfinite(length.length_in_spacings) else expected.source,
-            baseline,
-            last.station_m + baseline,
-            Ties(
-                step.tied.previous,
-                step.tied.current,
-                step.inlier,
-                points,
-                step.tied.rows,
-                step.tied.warp,
-                step.tied.sigma,
-                scatter,
-            ),
-            straight_px,
-            self._root_mean(pair_residual(*held, rotation, direction, focal)),
-            needed,
-            adjusted.iterations if needed else 0,
-            self.mount.height_m,
-            Pose(expected.straight[0], baseline * expected.straight[1]),
-            tuple(adjusted.history_px.tolist()),
-            _ratio(carried, last.baseline_m),
-            _window_prior(expected, baseline, sigma_m),
+        return Motion(
+            pose=last.pose.compose(pose),
+            step=pose,
+            covariance=adjusted.step_covariance(baseline, sigma_m),
+            source="points" if isfinite(self.length.length_in_spacings) else expected.source,
+            baseline_m=baseline,
+            station_m=last.station_m + baseline,
+            ties=step.ties(points, scatter),
+            residual_straight_px=straight_px,
+            residual_px=_root_mean(pair_residual(*held, rotation, direction, focal)),
+            adjusted=needed,
+            iterations=adjusted.iterations if needed else 0,
+            camera_height_m=self.mount.height_m,
+            expected=Pose(expected.straight[0], baseline * expected.straight[1]),
+            history_px=tuple(adjusted.history_px.tolist()),
+            length_ratio=tuple(np.divide(carried, last.baseline_m or nan).tolist()),
+            prior=prior,
         )
-        return motion, OdometryStep(None, depths, adjusted.rotation, length)
+
+    def _unmeasured(self, last: Motion, expected: MotionPrior) -> Motion:
+        """Motion of a step with too few ties: the prior, with the rotation of the step before."""
+        prior, rotation, direction = expected.prior, expected.search, expected.straight[1]
+        # That rotation is kept for one step without measurement, and is unknown after two.
+        self.rotation = None if last.ties is None else self.rotation
+        self.depths = np.zeros(0)
+        if prior.halfway:
+            direction = halfway_direction(rotation, prior.direction)
+        baseline = prior.length_m
+        sigma_rotation = min(prior.sigma_rotation, radians(UNMEASURED_SIGMA_DEG))
+        sigma_aside = baseline * float(prior.sigma_direction.max())
+        covariance = np.diag([sigma_rotation**2] * 3 + [sigma_aside**2] * 3)
+        covariance[3:, 3:] += prior.sigma_m**2 * np.outer(direction, direction)
+        pose = Pose(rotation, baseline * direction)
+        return replace(
+            _START,
+            pose=last.pose.compose(pose),
+            step=pose,
+            covariance=covariance,
+            source=expected.source,
+            baseline_m=baseline,
+            station_m=last.station_m + baseline,
+            camera_height_m=self.mount.height_m,
+            prior=prior._replace(rotation=rotation, sigma_rotation=sigma_rotation),
+        )
 
     def _carried_length(self, step: RelativePose, adjusted: PairAdjustment) -> tuple[float, float]:
         """Length of this step and its scatter, metres, by points common with the step before; nan with too few."""
-        if len(self.last.depths) == 0:
+        if len(self.depths) == 0:
             return nan, nan
         rows = step.tied.rows[step.inlier, 0]
-        known = np.where(rows >= 0, self.last.depths[rows], nan)
+        known = np.where(rows >= 0, self.depths[rows], nan)
         lengths = known * adjusted.points[:, 2]
         lengths = lengths[adjusted.displacement_px > SMALLEST_PARALLAX_PX]
         common = lengths[np.isfinite(lengths)]
@@ -177,71 +250,27 @@ class VisualOdometry:
         scatter = 1.86 * float(np.median(np.abs(common - length))) / sqrt(len(common))
         return length, scatter
 
-    def _root_mean(self, squares: Array) -> float:
-        """Eq. 7.5 of each tie (n,) as RMS per coordinate over the smallest of them (`TRIMMED`).
 
-        Midpoints near the focus of expansion can lie to the side of the camera; a few such ties would dominate the
-        mean.
-        """
-        best = np.sort(squares)[: max(1, int(TRIMMED * len(squares)))]
-        return float(np.sqrt(best.mean() / 4)) if np.isfinite(best).all() and len(best) else inf
+def _root_mean(squares: Array) -> float:
+    """Eq. 7.5 of each tie (n,) as RMS per coordinate over the smallest of them (`TRIMMED`).
 
-
-def _ratio(carried: tuple[float, float], last_m: float) -> tuple[float, float]:
-    """Length over that of the step before, and its scatter."""
-    return (carried[0] / last_m, carried[1] / last_m) if last_m > 0 else (nan, nan)
-
-
-def _window_prior(expected: MotionPrior, baseline_m: float, sigma_m: float) -> StepPrior:
-    """Prior of a step for its adjustment together with its neighbours.
-
-    Distances between poses enter as given: the ties of all steps average them. Those between fixes enter as averaged
-    so far, since the final path is fitted to the fixes with these lengths.
+    Midpoints near the focus of expansion can lie to the side of the camera; a few such ties would dominate the mean.
     """
-    if expected.source in ("poses", "odometry"):
-        return expected.prior
-    return expected.prior._replace(length_m=baseline_m, sigma_m=sigma_m)
-
-
-def _unmeasured(last: Motion, expected: MotionPrior, height_m: float) -> Motion:
-    """Motion of a step with too few ties: the prior, with the rotation of the step before."""
-    prior, rotation, direction = expected.prior, expected.search, expected.straight[1]
-    if prior.halfway:
-        direction = halfway_direction(rotation, prior.direction)
-    baseline = prior.length_m
-    sigma_rotation = min(prior.sigma_rotation, radians(UNMEASURED_SIGMA_DEG))
-    sigma_aside = baseline * float(prior.sigma_direction.max())
-    covariance = np.diag([sigma_rotation**2] * 3 + [sigma_aside**2] * 3)
-    covariance[3:, 3:] += prior.sigma_m**2 * np.outer(direction, direction)
-    pose = Pose(rotation, baseline * direction)
-    return Motion(
-        last.pose.compose(pose),
-        pose,
-        covariance,
-        expected.source,
-        baseline,
-        last.station_m + baseline,
-        None,
-        nan,
-        nan,
-        False,
-        0,
-        height_m,
-        prior=prior._replace(rotation=rotation, sigma_rotation=sigma_rotation),
-    )
+    best = np.sort(squares)[: max(1, int(TRIMMED * len(squares)))]
+    return float(np.sqrt(best.mean() / 4)) if np.isfinite(best).all() and len(best) else inf
 
 
 _START = Motion(
-    Pose(np.eye(3), np.zeros(3)),
-    None,
-    None,
-    "start",
-    0.0,
-    0.0,
-    None,
-    nan,
-    nan,
-    False,
-    0,
-    nan,
+    pose=Pose(np.eye(3), np.zeros(3)),
+    step=None,
+    covariance=None,
+    source="start",
+    baseline_m=0.0,
+    station_m=0.0,
+    ties=None,
+    residual_straight_px=nan,
+    residual_px=nan,
+    adjusted=False,
+    iterations=0,
+    camera_height_m=nan,
 )

@@ -68,7 +68,7 @@ def test_without_errors_signs_stand_where_they_are():
 def test_a_dropped_trigger_is_seen_by_the_ties():
     drive = SimulatedDrive(replace(SMALL, drop_rate=0.1, trigger_m=0.0))
     baselines = np.array([m.motion.baseline_m for m in drive.posed(MotionSettings())])[1:]
-    assert baselines == pytest.approx(np.diff(drive.station), abs=1e-6)
+    assert baselines == pytest.approx(np.diff(drive.station), rel=0.01)
     assert (baselines > 15).any()
 
 

@@ -19,7 +19,7 @@ from wayside.stages.calibration import (
     lens_step,
     watch_calibration,
 )
-from wayside.stages.calibration.lens import displacement, project
+from wayside.stages.calibration.segment_equations import displacement, project
 from wayside.stages.geometry import distort_points, ideal_points, to_rays
 
 SETTINGS = Settings()

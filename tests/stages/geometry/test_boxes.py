@@ -36,29 +36,6 @@ def test_kept_boxes_are_those_of_the_plain_comparison_of_all_pairs(rows, same):
     assert non_maximum_suppression(box, same).tolist() == kept
 
 
-def test_many_boxes_of_all_sizes_are_compared_like_by_the_plain_method():
-    rng = np.random.default_rng(1)
-    box = as_boxes(
-        np.column_stack([rng.uniform(0, 700, (1200, 2)), rng.uniform(4, 150, (1200, 2))])
-    )
-    overlap = iou_matrix(box, box)
-    kept = []
-    for i in range(len(box)):
-        if not (overlap[i, kept] > 0.7).any():
-            kept.append(i)
-    assert non_maximum_suppression(box, 0.7).tolist() == kept
-
-
-def test_the_first_of_two_overlapping_boxes_stays():
-    box = np.array([[0, 0, 10, 10], [1, 0, 11, 10], [30, 0, 40, 10]], np.float32)
-    assert non_maximum_suppression(box, 0.5).tolist() == [0, 2]
-
-
-def test_overlap_is_one_for_equal_and_zero_for_separate_boxes():
-    box = np.array([[0, 0, 4, 4], [10, 10, 12, 12]], np.float64)
-    assert iou_matrix(box, box) == pytest.approx(np.eye(2))
-
-
 @settings(max_examples=80)
 @given(boxes)
 def test_a_covered_fraction_is_one_in_the_box_itself_and_never_more(rows):

@@ -48,18 +48,6 @@ def test_a_camera_without_distortion_changes_no_pixel():
     np.testing.assert_allclose(rays_of_ideal(camera, np.array([[320.0, 240.0]])), [[0.0, 0.0]])
 
 
-def test_no_points_give_no_points():
-    assert ideal_points(BROWN, np.zeros((0, 2))).shape == (0, 2)
-    assert distort_points(BROWN, np.zeros((0, 2))).shape == (0, 2)
-
-
-def test_the_points_handed_in_are_left_alone():
-    camera = Camera(640, 480, 500, 510, 320, 240)
-    points = np.ones((2, 2))
-    ideal_points(camera, points)[:] = 7
-    assert (points == 1).all()
-
-
 def test_points_of_another_shape_are_refused():
     with pytest.raises(ValueError, match=r"\(n, 2\)"):
         ideal_points(BROWN, np.zeros((2, 3)))

@@ -70,7 +70,7 @@ def test_lengths_by_points_are_said_and_the_error_of_their_scale_is_that_of_size
     ]
     path = path_through(points)
     (note,) = path.notes
-    assert "from frame 3 on" in note
+    assert "3 of 5 steps, the first to frame 3, follow" in note
     assert "11.00 m to 13.00 m" in note
     assert list(path.scales) == [3, 4, 5]
     np.testing.assert_allclose(path.poses[5].centre, [40, 0, 0], atol=1e-9)
@@ -144,7 +144,7 @@ def test_heights_beside_the_path_follow_given_poses_and_not_the_roll_of_the_came
     ]
     path = path_through(points)
     slope = np.arctan(0.02)
-    found = path.offset_of(np.array([30.0, -8.0, 0.6 + 2.5]), 2, 3, 20)
+    found = path.offset_of(np.array([30.0, -8.0, 0.6 + 2.5]), 2)
     assert found.right == pytest.approx(8.0)
     assert found.above == pytest.approx(2.5 * np.cos(slope))
 
@@ -153,7 +153,7 @@ def test_without_given_poses_the_camera_is_all_that_knows_up():
     points = [
         PathPoint(n, pose, None, None) for n, pose in enumerate(chain([camera_at(0), camera_at(8)]))
     ]
-    assert path_through(points).offset_of(np.zeros(3), 0, 3, 20) is None
+    assert path_through(points).offset_of(np.zeros(3), 0) is None
 
 
 def fixes_on(poses, heading_deg=0.0, sigma=None, turn=None):
@@ -224,12 +224,6 @@ def test_lengths_that_came_from_fixes_are_known_better_in_the_end():
     np.testing.assert_allclose(factor, 1 / wrong[1:], atol=0.003)
     assert np.mean([one.factor for one in path.scales.values()]) == pytest.approx(1.0, abs=0.02)
     assert all(one.sigma < 0.01 for one in path.scales.values())
-
-
-def test_lengths_that_were_given_stay():
-    poses = bend(10)
-    path = path_through(path_of(poses, fixes_on(poses), source=["straight"] * 10))
-    assert path.scales == {}
 
 
 def test_outliers_and_gaps_of_fixes_are_noted():

@@ -11,14 +11,12 @@ from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import Motion
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.georeference import (
-    DrivePath,
     DriveRecord,
     StepScale,
     collect,
     georeference,
     place_signs,
 )
-from wayside.stages.georeference.placement import mean_scale
 
 from ...made_landmarks import made_landmark
 
@@ -122,16 +120,3 @@ def test_lengths_known_better_in_the_end_leave_less_scatter_and_still_a_covarian
         (sign,) = signs(landmark(), path=scaled(path_of(), 1.0, 0.001, before))
         assert sign.covariance[2, 2] < landmark().covariance[2, 2]
         assert (np.linalg.eigvalsh(sign.covariance) > 0).all()
-
-
-def test_errors_of_neighbouring_steps_are_independent_at_first_and_common_in_the_end():
-    common = mean_scale([StepScale(1.0, 0.02, 0.03), StepScale(1.1, 0.02, 0.03)])
-    assert (common.factor, common.sigma) == pytest.approx((1.05, 0.02))
-    assert common.sigma_before == pytest.approx(0.03 / np.sqrt(2))
-    assert mean_scale([]) == StepScale()
-
-
-def test_a_path_without_points_is_empty():
-    (path,) = georeference(iter(()), MotionSettings())
-    assert isinstance(path, DrivePath)
-    assert (path.world, path.poses, path.camera_height_m) == ("drive_start", {}, None)

@@ -24,16 +24,7 @@ def match(bands, descriptors, points, others, farthest=64, ratio=0.9):
         others,
         farthest=farthest,
         ratio=ratio,
-        same_corner_px=6.0,
     )
-
-
-def test_shuffled_corners_find_themselves():
-    points, descriptors = corners(300, 1)
-    order = np.random.default_rng(2).permutation(300)
-    pairs = match(bands_round(points), descriptors, points[order], descriptors[order])
-    np.testing.assert_array_equal(pairs[:, 0], np.arange(300))
-    np.testing.assert_array_equal(order[pairs[:, 1]], np.arange(300))
 
 
 def test_with_wide_bands_the_matches_are_those_of_opencv():

@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -62,15 +60,6 @@ def test_rays_without_noise_give_the_motion_itself():
     assert np.abs(gaps).max() < 1e-3
 
 
-def test_a_tenth_of_a_pixel_gives_the_rotation_to_a_hundredth_of_a_degree():
-    errors = []
-    for seed in range(20):
-        rotation, direction, previous, current = pair(seed=seed)
-        errors.append(error_deg(fit(previous, current), rotation, direction))
-    assert np.median(errors, axis=0)[0] < 0.005
-    assert np.median(errors, axis=0)[1] < 0.03
-
-
 def test_a_third_of_wrong_matches_is_ignored():
     rotation, direction, previous, current = pair(count=240, seed=3)
     current[::3] += np.random.default_rng(4).uniform(-60, 60, current[::3].shape) / FOCAL
@@ -119,15 +108,6 @@ def test_a_held_direction_stays_with_the_law_of_half_the_turn():
     found = fit(previous, current, prior=held)
     expected = halfway_direction(found.rotation, AHEAD)
     np.testing.assert_allclose(found.direction, expected / np.linalg.norm(expected), atol=1e-5)
-
-
-@settings(max_examples=30)
-@given(st.floats(-0.2, 0.2), st.floats(-0.05, 0.05))
-def test_half_a_turn_taken_twice_is_the_turn(yaw, pitch):
-    rotation = Rotation.from_rotvec([pitch, yaw, 0.0]).as_matrix()
-    half = halfway_direction(rotation, AHEAD)
-    expected = Rotation.from_rotvec([pitch / 2, yaw / 2, 0.0]).apply(AHEAD)
-    np.testing.assert_allclose(half, expected, atol=1e-9)
 
 
 def test_without_rays_the_prior_is_the_answer():

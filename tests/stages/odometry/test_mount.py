@@ -7,7 +7,6 @@ from wayside.stages.odometry.mount import (
     Mount,
     common_height,
     lane_heights,
-    road_down,
     travel_slopes,
 )
 
@@ -97,25 +96,6 @@ def test_things_on_and_beside_the_road_do_not_matter():
     assert abs(found - 2.1) < 0.03
 
 
-def test_points_ahead_behind_and_beside_the_lane_are_told_apart():
-    points = np.array(
-        [[0.0, 2.0, 10], [0.0, 2.0, -10], [5.0, 2.0, 10], [0.0, 2.0, 60], [0, 9.0, 10]]
-    )
-    assert lane_heights(points, AHEAD).tolist() == [2.0]
-
-
 def test_too_few_points_give_no_height():
     assert np.isnan(height_of(*road(count=7)))
     assert np.isnan(common_height(np.zeros(0)))
-
-
-def test_points_that_share_no_height_give_none():
-    assert np.isnan(common_height(1.1 ** np.arange(12)))
-
-
-def test_down_is_at_right_angles_to_the_road():
-    direction = np.array([0.1, 0.05, 1.0]) / np.linalg.norm([0.1, 0.05, 1.0])
-    down = road_down(direction)
-    assert abs(down @ direction) < 1e-12
-    assert abs(np.linalg.norm(down) - 1) < 1e-12
-    assert down[1] > 0.99

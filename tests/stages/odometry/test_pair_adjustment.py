@@ -54,16 +54,6 @@ def squares(found, previous, current):
     return (gaps**2).sum(axis=1)
 
 
-def test_views_without_noise_give_motion_and_points():
-    rotation, direction, points, previous, current = pair(noise_px=0.0)
-    found = adjust(previous, current)
-    np.testing.assert_allclose(found.rotation, rotation, atol=1e-6)
-    np.testing.assert_allclose(found.direction, direction, atol=1e-5)
-    solid = np.c_[found.points[:, :2], np.ones(len(points))] / found.points[:, 2:]
-    np.testing.assert_allclose(solid, points, rtol=1e-3)
-    assert squares(found, previous, current).max() < 1e-6
-
-
 def test_the_baseline_is_held():
     _, _, _, previous, current = pair()
     found = adjust(previous, current)

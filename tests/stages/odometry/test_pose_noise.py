@@ -7,9 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import USED, Camera, Frame, Pose, PosePrior
 from wayside.schemas.settings import MotionSettings
-from wayside.stages.odometry.motion_prior import TravelDirection, predict_motion
+from wayside.stages.odometry.motion_prior import PoseNoise, TravelDirection, predict_motion
 from wayside.stages.odometry.pair_adjustment import PairAdjustment
-from wayside.stages.odometry.pose_noise import PoseNoise
 
 STEP = Pose(np.eye(3), np.array([0.0, 0.0, 8.0]))
 STRAIGHT = TravelDirection(np.array([0.0, 0.0, 1.0]), np.radians([0.35, 0.25]))

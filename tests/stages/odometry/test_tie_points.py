@@ -12,6 +12,7 @@ from wayside.stages.odometry.relative_pose import find_coarse_motion
 from wayside.stages.odometry.tie_points import (
     GroundPlane,
     KeypointImage,
+    PairMotion,
     register_road,
     register_ties,
 )
@@ -94,11 +95,11 @@ def test_too_few_corners_give_no_motion(pair):
 
 
 def test_knowing_the_road_ties_more_of_it_and_places_it_better(pair):
-    before, now, rotation, direction = pair
+    _, _, rotation, direction = pair
     ground = GroundPlane(np.array([0.0, 1.0, 0.0]), HEIGHT, BASELINE)
-    plain = register_ties(before, now, rotation, direction)
-    warped = register_ties(before, now, rotation, direction, ground)
-    more = register_road(before, now, rotation, direction, ground, warped)
+    plain = register_ties(PairMotion(*pair))
+    warped = register_ties(PairMotion(*pair, ground))
+    more = register_road(PairMotion(*pair, ground), ground, warped)
     assert len(more.rows) > len(warped.rows) + 20
     assert (more.rows[len(warped.rows) :] == -1).all()
     off_plain, off_warped = (off_px(t, rotation, direction) for t in (plain, warped))
@@ -108,9 +109,8 @@ def test_knowing_the_road_ties_more_of_it_and_places_it_better(pair):
 
 
 def test_a_match_is_registered_once(pair):
-    before, now, rotation, direction = pair
-    first = register_ties(before, now, rotation, direction)
-    second = register_ties(before, now, rotation, direction, last=first)
+    first = register_ties(PairMotion(*pair))
+    second = register_ties(PairMotion(*pair), last=first)
     np.testing.assert_array_equal(first.rows, second.rows)
     np.testing.assert_array_equal(first.current, second.current)
 
