@@ -142,7 +142,7 @@ def test_variances_of_fixes_that_cannot_be_are_taken_as_unknown(new_log, dialect
 
 
 @pytest.mark.parametrize("place", [1, 4])
-@pytest.mark.parametrize("variance", [-1.0, math.nan])
+@pytest.mark.parametrize("variance", [-1.0, 0.0, math.nan])
 def test_variances_of_odometry_that_cannot_be_are_taken_as_unknown(new_log, place, variance):
     log = new_log("cdr")
     odd = [variance if k == place else 0.04 for k in range(6)]
