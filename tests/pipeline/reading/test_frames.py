@@ -259,16 +259,6 @@ def test_the_calibration_of_the_camera_is_told_by_frame_then_by_topic(new_log):
         assert frame.camera.fx == focal
 
 
-@pytest.mark.parametrize("dialect", ["protobuf", "json", "cdr"])
-def test_a_calibration_with_skew_is_refused_and_not_used_without_it(new_log, dialect):
-    log = new_log(dialect)
-    k = [40.0, 0.5, 15.5, 0.0, 41.0, 11.5, 0.0, 0.0, 1.0]
-    log.add("/camera/calibration", "calibration", 0, k=k)
-    log.add_image(0)
-    with pytest.raises(InputError, match=r"skew \(0.5 px\)"):
-        read(log.finish(), spacing_m=8.0)
-
-
 def test_a_binned_part_of_the_sensor_has_its_own_matrix(new_log):
     log = new_log("cdr")
     k = [80.0, 0.0, 38.5, 0.0, 82.0, 30.5, 0.0, 0.0, 1.0]
