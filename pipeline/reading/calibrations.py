@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -133,21 +134,10 @@ def make_camera(size: Size, k: Matrix, model: str, d: Matrix) -> Camera:
     width, height = size
     if min(size) <= 0 or width * height > _LARGEST_IMAGE_PX:
         raise ContentError(f"its image size {width} x {height} makes no sense")
-    for focal, centre, length in ((k[0], k[2], width), (k[4], k[5], height)):
-        angle = math.degrees(2 * math.atan2(length / 2, focal))
-        if not _NARROWEST_DEG < angle < _WIDEST_DEG:
-            raise ContentError(
-                f"its focal length {focal:g} px makes an angle of view of {angle:.3g} degrees over {length} px"
-            )
-        if not -length <= centre <= 2 * length:
-            raise ContentError(
-                f"its centre {centre:g} px lies far outside of the image of {length} px"
-            )
-    if max(k[0] / k[4], k[4] / k[0]) > _MOST_OBLONG:
-        raise ContentError(
-            f"its focal lengths {k[0]:g} and {k[4]:g} px differ as those of no camera do"
-        )
+    fault = next(_matrix_faults(size, k), "")
     name = re.sub(r"[\s-]+", "_", model.strip().lower())
+    if fault:
+        raise ContentError(fault)
     if name not in _BROWN_LENSES and not (name in _PINHOLES and not any(d)):
         raise ContentError(
             f"its lens model {model} is not understood; plumb_bob and rational_polynomial are. {OTHER_LENSES}"
@@ -158,13 +148,6 @@ def make_camera(size: Size, k: Matrix, model: str, d: Matrix) -> Camera:
         raise ContentError(
             f"its lens has {len(d)} coefficients; 0, 4, 5, 8, 12 or 14 are understood"
         )
-    if abs(k[1]) > _ROUNDING * k[0]:
-        raise ContentError(
-            f"its camera matrix has skew ({k[1]:g} px), which no point here is corrected for; "
-            "calibrate with skew fixed at 0"
-        )
-    if max(abs(k[3]), abs(k[6]), abs(k[7])) > _ROUNDING * k[0] or abs(k[8] - 1) > _ROUNDING:
-        raise ContentError("its camera matrix is not of the form fx 0 cx, 0 fy cy, 0 0 1")
     camera = Camera(width, height, k[0], k[4], k[2], k[5], d)
     if d and not _is_lens(camera):
         raise ContentError(
@@ -172,6 +155,24 @@ def make_camera(size: Size, k: Matrix, model: str, d: Matrix) -> Camera:
             "direction, or several"
         )
     return camera
+
+
+def _matrix_faults(size: Size, k: Matrix) -> Iterator[str]:
+    for focal, centre, length in ((k[0], k[2], size[0]), (k[4], k[5], size[1])):
+        angle = math.degrees(2 * math.atan2(length / 2, focal))
+        if not _NARROWEST_DEG < angle < _WIDEST_DEG:
+            yield f"its focal length {focal:g} px makes an angle of view of {angle:.3g} degrees over {length} px"
+        if not -length <= centre <= 2 * length:
+            yield f"its centre {centre:g} px lies far outside of the image of {length} px"
+    if max(k[0] / k[4], k[4] / k[0]) > _MOST_OBLONG:
+        yield f"its focal lengths {k[0]:g} and {k[4]:g} px differ as those of no camera do"
+    if abs(k[1]) > _ROUNDING * k[0]:
+        yield (
+            f"its camera matrix has skew ({k[1]:g} px), which no point here is corrected for; "
+            "calibrate with skew fixed at 0"
+        )
+    if max(abs(k[3]), abs(k[6]), abs(k[7])) > _ROUNDING * k[0] or abs(k[8] - 1) > _ROUNDING:
+        yield "its camera matrix is not of the form fx 0 cx, 0 fy cy, 0 0 1"
 
 
 @lru_cache(maxsize=16)

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -38,13 +36,11 @@ from wayside.pipeline.reading.layout import (
     read_summary,
     unpack_chunk,
 )
-from wayside.pipeline.reading.parts import LogParts, log_parts
+from wayside.pipeline.reading.parts import LogParts, ScanReport, log_parts
 from wayside.schemas.errors import InputError
 
-__all__ = ["Attachment", "Message", "Metadata", "Problem", "ScanReport", "messages_at", "scan"]
+__all__ = ["Attachment", "Message", "Metadata", "ScanReport", "messages_at", "scan"]
 
-MOST_PROBLEMS = 200
-"""Problems kept in words; further ones are counted only, so that a hopeless file cannot fill the memory."""
 _LARGEST_ATTACHMENT = 1 << 20
 """Larger attachments are passed over unread: a calibration is a few hundred bytes."""
 _WINDOW = 1 << 14
@@ -65,64 +61,6 @@ class Message(NamedTuple):
 
 
 Content = Message | Metadata | Attachment
-
-
-@dataclass(frozen=True, slots=True)
-class Problem:
-    """Something in the log that could not be used, where it begins, and what it cost."""
-
-    offset: int
-    what: str
-    part: str = ""
-    """File of a bag in which the offset counts; empty: the log is one file."""
-
-    def __str__(self) -> str:
-        """One line for a person."""
-        where = f"{self.part}, at byte" if self.part else "at byte"
-        return f"{where} {self.offset}: {self.what}"
-
-
-@dataclass(slots=True)
-class ScanReport:
-    """What a scan came across, filled while it runs.
-
-    `messages_stated`: how many messages the summary counts, None where it does not say or was not reached.
-    `unchecked_messages`: those outside of chunks with a checksum. `unknown_records`: of kinds that are not known.
-    `part`: file of a bag that is being read, empty where the log is one file.
-    """
-
-    part: str = ""
-    bytes_total: int = 0
-    bytes_read: int = 0
-    messages: int = 0
-    unchecked_messages: int = 0
-    messages_stated: int | None = None
-    chunks: int = 0
-    lost_chunks: int = 0
-    unknown_records: int = 0
-    compressions: Counter[str] = field(default_factory=Counter)
-    problems: list[Problem] = field(default_factory=list)
-    problem_count: int = 0
-
-    @property
-    def unchecked(self) -> list[str]:
-        """What may have been lost without a trace, in words."""
-        notes = []
-        if self.unchecked_messages:
-            some = f"{self.unchecked_messages} of {self.messages} messages have"
-            what = "the log has" if self.unchecked_messages == self.messages else some
-            notes.append(f"{what} no checksum: damage inside of messages would not show")
-        if self.unknown_records:
-            notes.append(f"{self.unknown_records} records of unknown kinds were passed over")
-        return notes
-
-    def add_problem(self, offset: int, what: str) -> None:
-        """Count a problem and keep its words while there is room."""
-        self.problem_count += 1
-        if self.problem_count <= MOST_PROBLEMS:
-            self.problems.append(Problem(offset, what, self.part))
-        elif self.problem_count == MOST_PROBLEMS + 1:
-            self.problems.append(Problem(offset, "more problems follow, not listed"))
 
 
 def scan(path: Path, report: ScanReport) -> Iterator[Content]:

@@ -50,16 +50,15 @@ def image_messages(
     for count, row in enumerate(order.tolist(), start=1):
         report.bytes_read = report.bytes_total * count // len(order)
         offset = int(offsets[row])
+        first, end = np.searchsorted(offsets, offset), np.searchsorted(offsets, offset, "right")
         if offset not in kept:
-            kept[offset] = [
-                m
-                for m in messages_at(parts, offset, survey.channels_at(offset), budget)
-                if m.channel.topic == topic and survey.is_indexed(m.channel)
-            ]
+            channels = index.channels[first:end]
+            held = messages_at(parts, offset, channels, budget)
+            kept[offset] = [message for message in held if message.channel in channels]
             while len(kept) > 1 and sum(map(_size, kept.values())) > _MOST_KEPT_BYTES:
                 del kept[next(iter(kept))]
         found = kept[offset]
-        place = row - int(np.searchsorted(offsets, offset))
+        place = row - int(first)
         if place >= len(found) or found[place].log_time_ns != index.log_ns[row]:
             raise InputError(
                 f"{survey.path}: the log changed while it was read; run it again once it is written"

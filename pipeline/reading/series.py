@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.reading.clocks import Flags, Floats, Integers, StreamTimes, stream_times
 from wayside.pipeline.reading.contents import FixContent, PoseContent
+from wayside.pipeline.reading.layout import Channel
 from wayside.schemas.frame import EARTH_RADIUS_M
 from wayside.stages.geometry import median_longitude_deg, turn_deg
 
@@ -38,15 +39,16 @@ def _floats() -> array[float]:
 class Series:
     """What is kept of the messages of one stream, in file order.
 
-    `header_ns`: 0 where not set. `offset`: of images, where message or chunk begin in the log. `value`: of positions
-    ten numbers a message: position (metres, or latitude and longitude in degrees and height of a fix), quaternion
-    x, y, z, w, and three standard deviations, of position (m) and rotation (rad) of a pose, or east, north, up of a
-    fix; nan where not stated.
+    `header_ns`: 0 where not set. `offset`, `channels`: of images, where message or chunk begin in the log, and what it
+    came on. `value`: of positions ten numbers a message: position (metres, or latitude and longitude in degrees and
+    height of a fix), quaternion x, y, z, w, and three standard deviations, of position (m) and rotation (rad) of a
+    pose, or east, north, up of a fix; nan where not stated.
     """
 
     log_ns: array[int] = field(default_factory=_integers)
     header_ns: array[int] = field(default_factory=_integers)
     offset: array[int] = field(default_factory=_integers)
+    channels: list[Channel] = field(default_factory=list)
     value: array[float] = field(default_factory=_floats)
     first: PoseContent | FixContent | None = None
 

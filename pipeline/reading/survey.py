@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from operator import itemgetter
 from pathlib import Path
 
 from wayside.pipeline.reading.camera_file import parse_camera
@@ -111,8 +109,7 @@ class LogSurvey:
     """What was found in a log.
 
     `images`: of each image topic, of `camera` alone where that is chosen. `calibrations`, `positions`: of each topic
-    and schema, the former with log and header time. `tree`: of all transforms. `channels`: by id, each with the offset
-    of its first message, in file order.
+    and schema, the former with log and header time. `tree`: of all transforms.
     """
 
     path: Path
@@ -124,7 +121,6 @@ class LogSurvey:
         default_factory=dict
     )
     positions: dict[TopicKey, Series] = field(default_factory=dict)
-    channels: dict[int, list[tuple[int, Channel]]] = field(default_factory=dict)
     tree: TransformTree = field(default_factory=TransformTree)
     attached: tuple[str, Camera] | None = None
     spacing_m: float = 0.0
@@ -145,12 +141,6 @@ class LogSurvey:
     def is_indexed(self, channel: Channel) -> bool:
         """Whether messages of a channel are images that `images` has a row of."""
         return kind_of(channel) is Kind.IMAGE and self.camera in ("", channel.topic)
-
-    def channels_at(self, offset: int) -> list[Channel]:
-        """The channels of messages up to the record at an offset."""
-        held = self.channels.values()
-        known = (seen[bisect_right(seen, offset, key=itemgetter(0)) - 1] for seen in held)
-        return [channel for place, channel in known if place <= offset]
 
 
 def survey_log(path: Path, camera: str = "") -> LogSurvey:
@@ -174,9 +164,6 @@ def survey_log(path: Path, camera: str = "") -> LogSurvey:
 def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> None:
     """Count a message, decode it, and note its times and positions."""
     channel = message.channel
-    seen = survey.channels.setdefault(channel.id, [])
-    if not seen or seen[-1][1] is not channel:
-        seen.append((message.offset, channel))
     key = channel.topic, channel.schema_name
     topic = survey.topics.get(key)
     if topic is None:
@@ -200,6 +187,7 @@ def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> No
         index = survey.images.setdefault(channel.topic, Series())
         index.stamp(message.log_time_ns, contents[0].time_ns if contents else None)
         index.offset.append(message.offset)
+        index.channels.append(channel)
     for content in contents:
         _take_content(survey, topic, key, message, content)
 

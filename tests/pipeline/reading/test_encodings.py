@@ -4,40 +4,8 @@ import pytest
 from mcap.records import Schema
 
 from wayside.pipeline.reading.contents import ContentError
-from wayside.pipeline.reading.encodings import unpack_json
 from wayside.pipeline.reading.layout import Channel
 from wayside.pipeline.reading.messages import Decoders
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        '{"frame_id":"a","data":"/+8AAQ==","format":"jpeg"}',
-        '{"frame_id":"a", "format":"jpeg" , "data" : "/+8AAQ=="}',
-        '{"data": "\\/+8AAQ==", "frame_id":"a","format":"jpeg"}',
-        '{"data": [255, 239, 0, 1], "frame_id":"a","format":"jpeg"}',
-    ],
-)
-def test_json_images_are_unpacked_however_they_are_written(text):
-    message, data = unpack_json(memoryview(text.encode()))
-    assert bytes(data) == b"\xff\xef\x00\x01"
-    assert (message.frame_id, message.format) == ("a", "jpeg")
-
-
-def test_json_without_data_has_no_bytes():
-    message, data = unpack_json(memoryview(json.dumps({"pose": {"y": 1.5}}).encode()))
-    assert message.pose.y == 1.5
-    assert len(data) == 0
-
-
-@pytest.mark.parametrize("ends", ["", "=="])
-@pytest.mark.parametrize("break_at", ["", "\\r\\n", "\\n", " "])
-@pytest.mark.parametrize("plus", ["+", "\\u002B", "-"])
-def test_base64_is_read_however_a_serialiser_writes_it(plus, break_at, ends):
-    text = f'{{"data": "/{plus}8A{break_at}AQ{ends}"}}'
-    _, data = unpack_json(memoryview(text.encode()))
-    assert bytes(data) == b"\xff\xef\x00\x01"
-
 
 IMAGE = {"frame_id": "a", "encoding": "rgb8", "data": "", "width": 8, "height": 8, "step": 24}
 POINT = {"x": 0.0, "y": 0.0, "z": 0.0}
@@ -54,7 +22,33 @@ SOUND = {
 def decode(name, content):
     schema = Schema(id=1, name=name, encoding="jsonschema", data=b"{}")
     channel = Channel(1, "/a", "json", 1, schema)
-    return Decoders().decode(channel, memoryview(json.dumps(content).encode()))
+    text = content if isinstance(content, str) else json.dumps(content)
+    return Decoders().decode(channel, memoryview(text.encode()))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"frame_id":"a","data":"/+8AAQ==","format":"jpeg"}',
+        '{"frame_id":"a", "format":"jpeg" , "data" : "/+8AAQ=="}',
+        '{"data": "\\/+8AAQ==", "frame_id":"a","format":"jpeg"}',
+        '{"data": [255, 239, 0, 1], "frame_id":"a","format":"jpeg"}',
+    ],
+)
+def test_json_images_are_unpacked_however_they_are_written(text):
+    (image,) = decode("foxglove.CompressedImage", text)
+    assert bytes(image.data) == b"\xff\xef\x00\x01"
+    assert (image.frame_id, image.encoding) == ("a", "jpeg")
+
+
+@pytest.mark.parametrize("ends", ["", "=="])
+@pytest.mark.parametrize("break_at", ["", "\\r\\n", "\\n", " "])
+@pytest.mark.parametrize("plus", ["+", "\\u002B", "-"])
+def test_base64_is_read_however_a_serialiser_writes_it(plus, break_at, ends):
+    data = f'"/{plus}8A{break_at}AQ{ends}"'
+    text = f'{{"frame_id": "a", "format": "jpeg", "data": {data}}}'
+    (image,) = decode("foxglove.CompressedImage", text)
+    assert bytes(image.data) == b"\xff\xef\x00\x01"
 
 
 @pytest.mark.parametrize("name", SOUND)

@@ -16,19 +16,27 @@ STEP = 10**9 // 4
 COUNT = 24
 
 
-def write(new_log, pose=None, fix=None, calibration=None, poses=True, fixes=True):
-    log = new_log()
+TURN = (0.5, -0.5, 0.5, -0.5)
+
+
+def write(new_log, dialect="protobuf", *, motion="pose", fixes=True, **changes):
+    """A drive; `pose`, `fix`: position by its number and what it was, or the content; `calibration`: content."""
+    log = new_log(dialect)
+
+    def changed(kind, field, index, sound):
+        found = changes[kind](index, sound) if kind in changes else sound
+        return found if isinstance(found, dict) else {field: found}
+
     for index in range(COUNT):
         time = index * STEP
-        more = {} if calibration is None else calibration(index)
-        log.add("/camera/calibration", "calibration", time, **more)
-        if poses:
-            position = [8.0 * index, 0.1 * index, 1.5]
-            position = position if pose is None else pose(index, position)
-            log.add("/pose", "pose", time, position=position, rotation=[0.5, -0.5, 0.5, -0.5])
+        calibration = changes.get("calibration", lambda i: {})(index)
+        log.add("/camera/calibration", "calibration", time, **calibration)
+        if motion:
+            pose = changed("pose", "position", index, [8.0 * index, 0.1 * index, 1.5])
+            log.add(f"/{motion}", motion, time, **({"rotation": TURN} | pose))
         if fixes:
-            place = (48.0 + 7e-5 * index, 11.0, 500.0)
-            log.add("/gps", "fix", time, place=place if fix is None else fix(index, place))
+            fix = changed("fix", "place", index, (48.0 + 7e-5 * index, 11.0, 500.0))
+            log.add("/gps", "fix", time, **fix)
         log.add_image(index)
     return log.finish()
 
@@ -62,7 +70,7 @@ def test_fixes_at_zero_are_no_fixes_and_counted(new_log, place):
     assert [f.index for f in frames if f.fix is not None] == list(range(9, COUNT))
     assert any("9 of 24 messages of /gps hold no position" in n for n in report.notes)
     with pytest.raises(InputError, match=r"none of the 24 messages of /gps can be used.*--spacing"):
-        read(write(new_log, fix=lambda i, p: place, poses=False))
+        read(write(new_log, fix=lambda i, p: place, motion=""))
 
 
 def test_fixes_that_repeat_without_change_are_no_fixes_and_counted(new_log):
@@ -73,7 +81,7 @@ def test_fixes_that_repeat_without_change_are_no_fixes_and_counted(new_log):
 
 
 def test_a_fix_aside_is_left_out_bridged_and_told(new_log):
-    path = write(new_log, fix=lambda i, p: (p[0] + 0.045 * (i == 10), *p[1:]), poses=False)
+    path = write(new_log, fix=lambda i, p: (p[0] + 0.045 * (i == 10), *p[1:]), motion="")
     frames, report = read(path)
     assert [f.fix.latitude_deg for f in frames] == pytest.approx(
         [48.0 + 7e-5 * i for i in range(COUNT)], abs=1e-9
@@ -129,60 +137,43 @@ def test_a_calibration_that_becomes_unusable_is_counted_and_the_last_sound_one_k
 @pytest.mark.parametrize("variance", [-4.0, math.nan])
 @pytest.mark.parametrize("dialect", ["protobuf", "cdr"])
 def test_variances_of_fixes_that_cannot_be_are_taken_as_unknown(new_log, dialect, variance):
-    log = new_log(dialect)
-    for index in range(COUNT):
-        odd = {"variances": (4.0, variance, 16.0)} if index in (5, 6, 7) else {}
-        log.add("/gps", "fix", index * STEP, place=(48.0 + 7e-5 * index, 11.0, 500.0), **odd)
-        log.add("/camera/calibration", "calibration", index * STEP)
-        log.add_image(index, index * STEP)
-    frames, _ = read(log.finish())
+    def fix(index, place):
+        odd = 5 <= index < 8
+        return {"place": place, "variances": (4.0, variance if odd else 9.0, 16.0)}
+
+    frames, _ = read(write(new_log, dialect, motion="", fix=fix))
     assert [f.fix.sigma_m for f in frames][5:8] == [None] * 3
     assert frames[20].fix.sigma_m == pytest.approx((2.0, 3.0, 4.0))
-    assert all(f.fix is not None for f in frames)
 
 
 @pytest.mark.parametrize("place", [1, 4])
-@pytest.mark.parametrize("variance", [-1.0, math.nan])
+@pytest.mark.parametrize("variance", [-1.0, 0.0, math.nan])
 def test_variances_of_odometry_that_cannot_be_are_taken_as_unknown(new_log, place, variance):
-    log = new_log("cdr")
-    odd = [variance if k == place else 0.04 for k in range(6)]
-    for index in range(COUNT):
-        log.add("/camera/calibration", "calibration", index * STEP)
-        log.add(
-            "/odom",
-            "odometry",
-            index * STEP,
-            position=(8.0 * index, 0.0, 1.5),
-            rotation=(0.5, -0.5, 0.5, -0.5),
-            variances=odd if index == 9 else [0.04] * 6,
-        )
-        log.add_image(index, index * STEP)
-    frames, _ = read(log.finish())
+    def pose(index, position):
+        odd = [variance if k == place and index == 9 else 0.04 for k in range(6)]
+        return {"position": position, "variances": odd}
+
+    frames, _ = read(write(new_log, "cdr", motion="odometry", fixes=False, pose=pose))
     known = [(f.pose.sigma_m, f.pose.sigma_rad) for f in frames]
     assert known[9] == ((None, pytest.approx(0.2)) if place < 3 else (pytest.approx(0.2), None))
     assert known[20] == pytest.approx((0.2, 0.2))
 
 
 def test_fixes_of_infinite_variance_hold_no_position(new_log):
-    log = new_log()
-    for index in range(COUNT):
-        vague = {"variances": (math.inf,) * 3} if index < 9 else {}
-        log.add("/gps", "fix", index * STEP, place=(48.0 + 7e-5 * index, 11.0, 500.0), **vague)
-        log.add("/camera/calibration", "calibration", index * STEP)
-        log.add_image(index, index * STEP)
-    _, report = read(log.finish())
+    def fix(index, place):
+        return {"place": place, "variances": (math.inf if index < 9 else 4.0,) * 3}
+
+    _, report = read(write(new_log, motion="", fix=fix))
     assert any("9 of 24 messages of /gps hold no position" in note for note in report.notes)
 
 
 @pytest.mark.parametrize(("factor", "words"), [(7.0, "the length 7, not 1"), (0.0, "the length 0")])
 def test_a_quaternion_of_another_length_than_one_is_lost_with_its_length(new_log, factor, words):
-    log = new_log()
-    for index in range(COUNT):
-        turn = [part * (factor if index == 5 else 1.0) for part in (0.5, -0.5, 0.5, -0.5)]
-        log.add("/pose", "pose", index * STEP, position=(8.0 * index, 0.0, 1.5), rotation=turn)
-        log.add("/camera/calibration", "calibration", index * STEP)
-        log.add_image(index, index * STEP)
-    _, report = read(log.finish())
+    def pose(index, position):
+        turn = [part * (factor if index == 5 else 1.0) for part in TURN]
+        return {"position": position, "rotation": turn}
+
+    _, report = read(write(new_log, fixes=False, pose=pose))
     assert "1 messages of /pose lost" in str(report.problems[0])
     assert words in str(report.problems[0])
 

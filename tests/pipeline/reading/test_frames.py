@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.logs.information import describe_log, format_information
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -13,7 +13,7 @@ from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import FRAME_STATUSES
 from wayside.schemas.settings import ReadSettings
 
-from .conftest import HEIGHT, LATENCY, START, STEP, WIDTH, chunks_of, image, read
+from .conftest import HEIGHT, LATENCY, START, STEP, WIDTH, image, read
 
 FORWARD = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], float)  # optical in x forward, y left, z up
 YAML = """image_width: 32
@@ -120,14 +120,6 @@ def test_odometry_brings_its_sigmas(new_log):
         assert frame.pose.sigma_rad == pytest.approx(0.01)
 
 
-def test_odometry_with_unset_covariance_has_no_sigmas(new_log):
-    log = new_log("cdr").calibrated()
-    log.add("/odom", "odometry", 0, variances=[0.0] * 6, **pose_content(0))
-    log.add_image(0)
-    (frame,), _ = read(log.finish())
-    assert (frame.pose.sigma_m, frame.pose.sigma_rad) == (None, None)
-
-
 def test_odometry_of_a_vehicle_without_mount_looks_straight_ahead_and_says_so(new_log):
     log = new_log("cdr")
     for index in range(4):
@@ -203,55 +195,6 @@ def test_transforms_that_carry_the_camera_come_before_odometry(new_log):
         assert_mounted(frame, index * STEP)
 
 
-def test_poses_between_are_linear_and_slerp(new_log):
-    log = new_log()
-    times = [0, 400_000_000, 800_000_000, 1_200_000_000]
-    log.add("/camera/calibration", "calibration", 0)
-    for time in times:
-        log.add("/pose", "pose", time, **pose_content(time))
-    images = [100_000_000, 395_000_000, 400_000_000, 1_000_000_000]
-    for index, time in enumerate(images):
-        log.add_image(index, time)
-    frames, _ = read(log.finish(), thin_m=0.0)
-    turns = Rotation.concatenate([path_at(t)[1] * Rotation.from_matrix(FORWARD) for t in times])
-    slerp = Slerp(times, turns)
-    positions = np.array([path_at(t)[0] for t in times])
-    for frame, time in zip(frames, images, strict=True):
-        expected = [np.interp(time, times, positions[:, k]) for k in range(3)]
-        assert frame.pose.pose.centre == pytest.approx(expected, abs=1e-9)
-        assert frame.pose.pose.rotation == pytest.approx(slerp(time).as_matrix(), abs=1e-9)
-
-
-def test_poses_logged_after_their_image_are_paired_by_time(new_log):
-    log = new_log().calibrated()
-    waiting = []
-    for index in range(20):
-        log.add_image(index)
-        waiting.append(index * STEP)
-        while len(waiting) > 4:  # a second late
-            time = waiting.pop(0)
-            log.add("/pose", "pose", time, late=10**9, **pose_content(time))
-    for time in waiting:
-        log.add("/pose", "pose", time, late=10**9, **pose_content(time))
-    frames, _ = read(log.finish())
-    for index, frame in enumerate(frames):
-        assert_pose(frame, index * STEP)
-
-
-def test_fixes_once_a_second_are_interpolated(new_log):
-    log = new_log().calibrated()
-    for index in range(13):
-        if index % 4 == 0:
-            log.add("/gps", "fix", index * STEP, late=20_000_000, **place_at(index * STEP))
-        log.add_image(index)
-    frames, report = read(log.finish())
-    assert report.motion_source == ""
-    for index, frame in enumerate(frames):
-        expected = place_at(index * STEP)["place"]
-        found = frame.fix.latitude_deg, frame.fix.longitude_deg, frame.fix.altitude_m
-        assert found == pytest.approx(expected, abs=1e-9)
-
-
 def test_fixes_without_position_are_left_out(new_log):
     log = new_log("cdr").calibrated()
     log.add("/gps", "fix", 0, place=(math.nan, math.nan, math.nan))
@@ -262,17 +205,6 @@ def test_fixes_without_position_are_left_out(new_log):
     frames, report = read(log.finish(), thin_m=0.0)
     assert [f.fix is not None for f in frames] == [False, True, True]
     assert not report.problem_count
-
-
-def test_a_silence_of_the_poses_is_not_bridged(new_log):
-    log = new_log().calibrated()
-    times = [index * STEP for index in range(60)]
-    for index, time in enumerate(times):
-        if not 8 < index < 50:
-            log.add("/pose", "pose", time, **pose_content(time))
-        log.add_image(index)
-    frames, _ = read(log.finish())
-    assert [f.index for f in frames if f.pose is None] == list(range(9, 50))
 
 
 def test_frames_without_header_times_go_by_log_time(new_log):
@@ -287,18 +219,6 @@ def test_frames_without_header_times_go_by_log_time(new_log):
         assert frame.header_time_ns is None
         assert frame.time_ns == START + index * STEP
         assert_pose(frame, index * STEP)
-
-
-def test_header_times_of_another_clock_are_not_mixed(new_log):
-    log = new_log().calibrated(late=0)
-    for index in range(4):
-        time = index * STEP
-        log.add("/pose", "pose", time, late=0, **pose_content(time))
-        log.add_image(index, time - START + 77, late=START - 77)  # since the camera was switched on
-    frames, report = read(log.finish())
-    for index, frame in enumerate(frames):
-        assert_pose(frame, index * STEP)
-    assert any("the clock of the poses of /pose is" in note for note in report.notes)
 
 
 def test_a_calibration_that_comes_late_serves_the_first_images_too(new_log):
@@ -337,16 +257,6 @@ def test_the_calibration_of_the_camera_is_told_by_frame_then_by_topic(new_log):
     for topic, focal in (("/front/image", 40.0), ("/rear/image", 99.0), ("/rear/other", 99.0)):
         (frame,), _ = read(path, spacing_m=8.0, camera=topic)
         assert frame.camera.fx == focal
-
-
-@pytest.mark.parametrize("dialect", ["protobuf", "json", "cdr"])
-def test_a_calibration_with_skew_is_refused_and_not_used_without_it(new_log, dialect):
-    log = new_log(dialect)
-    k = [40.0, 0.5, 15.5, 0.0, 41.0, 11.5, 0.0, 0.0, 1.0]
-    log.add("/camera/calibration", "calibration", 0, k=k)
-    log.add_image(0)
-    with pytest.raises(InputError, match=r"skew \(0.5 px\)"):
-        read(log.finish(), spacing_m=8.0)
 
 
 def test_a_binned_part_of_the_sensor_has_its_own_matrix(new_log):
@@ -529,17 +439,6 @@ def test_a_cut_log_gives_the_frames_before_the_cut_and_says_so(new_log):
     assert [f.index for f in frames] == [0, 1, 2, 3, 4]
     assert report.problem_count
     assert "cut off" in str(report.problems[0]) or "end mark" in str(report.problems[0])
-
-
-def test_a_broken_chunk_costs_its_images_only(new_log):
-    path = fill(new_log(chunk_size=3000), 12)
-    content = bytearray(path.read_bytes())
-    content[chunks_of(content)[2][0] + 200] ^= 4
-    path.write_bytes(content)
-    frames, report = read(path)
-    assert report.lost_chunks == 1
-    assert 6 <= len(frames) < 12
-    assert [f.index for f in frames] == list(range(len(frames)))
 
 
 def test_several_cameras_ask_for_a_choice_and_list_what_there_is(new_log):

@@ -10,25 +10,6 @@ from wayside.stages.imaging import decode
 from .conftest import HEIGHT, STEP, WIDTH, read
 
 
-@pytest.mark.parametrize(
-    "fault", [{"width": "32"}, {"height": None}, {"encoding": 5}, {"step": -1}]
-)
-def test_a_raw_image_in_json_with_wrong_types_is_lost_alone(new_log, fault):
-    log = new_log("json").calibrated()
-    rows = {
-        "width": WIDTH,
-        "height": HEIGHT,
-        "encoding": "mono8",
-        "step": WIDTH,
-        "data": bytes(WIDTH * HEIGHT),
-    }
-    for index in range(4):
-        rows["data"] = bytes([index]) * (WIDTH * HEIGHT)
-        log.add("/camera/image", "raw", index * STEP, **(rows | (fault if index == 1 else {})))
-    frames, _ = read(log.finish(), spacing_m=8.0)
-    assert [f.status for f in frames] == ["used", "undecodable", "used", "used"]
-
-
 def raw_log(log, encoding, step, data):
     log.add("/camera/calibration", "calibration", 0)
     shape = {"width": WIDTH, "height": HEIGHT, "encoding": encoding, "step": step}
