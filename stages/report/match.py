@@ -84,7 +84,7 @@ class _Matcher:
                 if old is None or new is None:
                     continue
                 chain = self._chains.pop(old, ((before, old),))
-                before.paired[old, 1] = frame.paired[new, 0] = True
+                before.followed["paired"][old, 1] = frame.followed["paired"][new, 0] = True
                 going[new] = (*chain, (frame, new))[-self._settings.longest :]
         ended = list(self._chains.values())
         self._window.append(frame)
@@ -139,22 +139,23 @@ class _Matcher:
             score=np.nan,
             verdict=verdict,
         )
-        rays = np.array([window[f].ray[row] for f, row in zip(fit.frames, fit.rows, strict=True)])
+        views = fit.views_in(window)
+        rays = np.array([held.followed["ray"][row] for held, row in views])
         landmark = replace(
             landmark,
             facing_deg=np.nan,
             sigma_facing_deg=np.nan,
-            trajectory=trajectory_of(rays, [window[f].motion for f in fit.frames]),
+            trajectory=trajectory_of(rays, [held.motion for held, _ in views]),
         )
         window[fit.frames[0]].landmarks.append(landmark)
-        for frame, row, residual in zip(fit.frames, fit.rows, fit.residual_px, strict=True):
-            window[frame].assign(row, self._next_id, verdict, float(residual))
+        for held, row in views:
+            held.followed["assigned"][row] = True
         self._next_id += 1
 
 
 def _faces(frame: WindowFrame) -> dict[int, int]:
     """Number among the followed ones of each row that is followed as a face."""
-    return {int(row): i for i, row in enumerate(frame.followed) if not frame.back[i]}
+    return {int(one["candidate"]): i for i, one in enumerate(frame.followed) if not one["back"]}
 
 
 def match_points(

@@ -5,7 +5,7 @@ import pytest
 
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.settings import TrackSettings
-from wayside.stages.mapping import LandmarkClassifier, SideClassifiers
+from wayside.stages.mapping import LandmarkClassifier, SideClassifiers, assemble
 from wayside.stages.mapping.landmark import BORDER
 from wayside.stages.mapping.tracker import WINDOW_STEP, track
 from wayside.stages.report import match_by_descriptors
@@ -23,7 +23,7 @@ def verdicts_of(tracked):
 
 def run(frames, settings=SETTINGS, classifier=None):
     front = SideClassifiers(landmark=classifier or LandmarkClassifier())
-    return list(track(iter(frames), settings, front))
+    return list(assemble(track(iter(frames), settings, front)))
 
 
 def test_a_panel_is_measured_where_it_stands(panel, drive):
@@ -188,17 +188,6 @@ def test_a_single_view_is_unmatched_and_two_are_too_few(panel, drive):
     tracked = run(frames, replace(SETTINGS, fewest_views=3))
     assert landmarks_of(tracked) == []
     assert sorted(verdicts_of(tracked)) == ["few_views", "few_views", "unmatched"]
-
-
-def test_every_claimed_candidate_carries_its_track_and_residual(panel, drive):
-    tracked = run(drive([panel(3.5, 1.2, 120.0)], 20))
-    (landmark,) = landmarks_of(tracked)
-    by_frame = {item.frame.index: item for item in tracked}
-    for view in landmark.views:
-        item = by_frame[view.frame]
-        assert item.track_id[view.row] == landmark.track_id
-        assert item.residual_px[view.row] == pytest.approx(view.residual_px, abs=1e-5)
-        assert VERDICTS[item.candidates.verdict[view.row]] == "sign"
 
 
 def test_frames_come_out_once_in_order_with_unused_ones_between(panel, drive):
