@@ -38,7 +38,7 @@ GATE_NAMES = {
         ("segment", "propose"), (*SOURCES, *(f"dropped, {reason}" for reason in Dropped._fields))
     ),
     **dict.fromkeys(("color", "detect", "shape"), ("kept", "refused")),
-    **dict.fromkeys(("track", "trajectory", "location", "assemble"), ("signs",)),
+    **dict.fromkeys(("track", "trajectory", "location", "assemble"), ("signs first seen",)),
 }
 """What the numbers of a stage are, in the order in which its view gives them."""
 LEAST_HALF_AXIS_M = 0.02

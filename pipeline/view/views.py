@@ -33,7 +33,6 @@ from wayside.pipeline.view.measured import SignMeasurement, difference_entity, m
 from wayside.pipeline.view.outlines import outline_entities
 from wayside.schemas.detections import (
     SOURCES,
-    VERDICTS,
     Detections,
     Segmentation,
     verdict_code,
@@ -273,8 +272,8 @@ def view_tracked(item: TrackedFrame, stage: str, state: ViewState) -> list[Entit
     frame, motion = item.frame, item.motion
     if motion is None or frame.camera is None:
         return []
-    counts = np.bincount(item.candidates.verdict, minlength=len(VERDICTS))
-    signs = Entity(f"{at.GATES}/{stage}", (rr.Scalars([counts[SIGN]]),))
+    count = sum(landmark.verdict == "sign" for landmark in item.landmarks)
+    signs = Entity(f"{at.GATES}/{stage}", (rr.Scalars([count]),))
     if stage != LAST_STAGE:
         return [signs]
     state.poses.setdefault(frame.index, (motion.pose, frame.camera))

@@ -1,4 +1,4 @@
-"""What is left to decide of landmarks: where signs stand, which were measured twice, which hang on one support.
+"""What is left to decide of landmarks: where signs stand, and which hang on one support.
 
 After that the verdict of every candidate is known: it is that of its landmark.
 """
@@ -22,8 +22,6 @@ REMEMBER_M = 60.0
 # Set on the development drives.
 SUPPORT_M = 0.6
 """Panels of one support are nearer than this, with less between them, m."""
-SAME_SHARE = 0.4
-"""Centres nearer than this are one panel's, by its size."""
 ALONG_SIGMAS, ALONG_M = 2.5, 2.0
 """Tolerance along the path, standard deviations, and its largest, m."""
 
@@ -72,12 +70,12 @@ def classify_location(
 
 
 def assemble(tracked: Iterator[TrackedFrame]) -> Iterator[TrackedFrame]:
-    """Refuse later landmarks of one panel (`duplicate`), number the supports from 0, and decide every candidate.
+    """Number the supports from 0, in order of appearance, and decide every candidate.
 
     Parameters
     ----------
     tracked
-        Frames with the landmarks seen first in them, in order of appearance.
+        Frames with the landmarks seen first in them.
     """
     views: defaultdict[int, list[tuple[Landmark, Observation]]] = defaultdict(list)
     recent: list[Landmark] = []
@@ -86,13 +84,10 @@ def assemble(tracked: Iterator[TrackedFrame]) -> Iterator[TrackedFrame]:
         landmarks = []
         for one in frame.landmarks:
             if one.verdict == "sign":
-                if any(same_panel(one, other) for other in recent):
-                    one = replace(one, verdict="duplicate")
-                else:
-                    near = (p.assembly for p in recent if same_support(one, p))
-                    one = replace(one, assembly=next(near, count))
-                    count += one.assembly == count
-                    recent.append(one)
+                near = (p.assembly for p in recent if same_support(one, p))
+                one = replace(one, assembly=next(near, count))
+                count += one.assembly == count
+                recent.append(one)
             landmarks.append(one)
             for view in one.views:
                 views[view.frame].append((one, view))
@@ -114,16 +109,6 @@ def candidates_decided(
         track_id[view.row], residual_px[view.row] = one.track_id, view.residual_px
     candidates = replace(frame.candidates, verdict=verdict)
     return replace(frame, candidates=candidates, track_id=track_id, residual_px=residual_px)
-
-
-def same_panel(one: Landmark, other: Landmark) -> bool:
-    """Whether two landmarks are one panel: centres close in its plane, and along the path within their scatter."""
-    wide, tall = (one.width_m + other.width_m) / 2, (one.height_m + other.height_m) / 2
-    return bool(
-        abs(one.right_m - other.right_m) < SAME_SHARE * wide
-        and abs(one.above_m - other.above_m) < SAME_SHARE * tall
-        and same_station(one, other)
-    )
 
 
 def same_support(one: Landmark, other: Landmark) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import wayside
-from wayside.stages.detection import face_boxes
+from wayside.stages.detection import proposals as face_boxes
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 SMALLER = 4

@@ -107,17 +107,6 @@ def test_a_box_too_small_or_beyond_the_image_has_finite_scores():
     assert all(np.isfinite(values).all() for values in found.values())
 
 
-def test_rows_are_selected_and_replaced():
-    found = network().scores(scene(), some_boxes(4))
-    other = network().scores(scene(), some_boxes(2, seed=9))
-    rows = np.array([3, 1])
-    changed = found.replaced(rows, other)
-    for name, values in columns(changed).items():
-        np.testing.assert_array_equal(values[rows], getattr(other, name))
-        np.testing.assert_array_equal(values[[0, 2]], getattr(found, name)[[0, 2]])
-    np.testing.assert_array_equal(changed.select(rows).best, other.best)
-
-
 def test_a_classifier_has_the_log_odds_of_its_side():
     found, boxes = network().scores(scene(), GROUND), GROUND
     for back, wanted in ((False, found.front), (True, found.back)):

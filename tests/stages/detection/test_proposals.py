@@ -9,8 +9,7 @@ import pytest
 from wayside.schemas.detections import SOURCES, Regions, Segmentation
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
 from wayside.stages.detection import DetectionNetwork, propose, propose_segments
-from wayside.stages.detection.face_boxes import enlargement
-from wayside.stages.detection.proposals import MOST_BOXES, SAME_BOX_IOU
+from wayside.stages.detection.proposals import MOST_BOXES, SAME_BOX_IOU, enlargement
 from wayside.stages.geometry import iou_matrix
 from wayside.stages.imaging import pyramid
 
