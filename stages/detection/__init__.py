@@ -48,7 +48,7 @@ from wayside.stages.detection.onnx_detector import (
     named_boxes,
     score_log_odds,
 )
-from wayside.stages.detection.proposals import propose, propose_segments
+from wayside.stages.detection.proposals import propose, propose_segments, regions_of
 
 __all__ = [
     "BIAS",
@@ -93,5 +93,6 @@ __all__ = [
     "propose",
     "propose_segments",
     "recognised",
+    "regions_of",
     "score_log_odds",
 ]

@@ -72,7 +72,7 @@ def propose(images: Iterator[Image], *, network: DetectionNetwork) -> Iterator[S
         item = replace(
             item,
             image=replace(image, levels=levels),
-            regions=network_regions(found, image.rgb),
+            regions=regions_of(found.box, found.shape.argmax(axis=1), image.rgb, "network"),
             dropped=Dropped(left_out=found.left_out),
             network_score=found.front,
         )
@@ -168,14 +168,14 @@ def boxes_of_bands(bands: Sequence[Band], height: int) -> NetworkBoxes:
     return NetworkBoxes(box[best], score[best], front[best], color[best], shape[best], left_out)
 
 
-def network_regions(found: NetworkBoxes, rgb: NDArray[np.uint8]) -> Regions:
-    """Boxes of the network as regions, best first. Their area assumes the most probable shape."""
-    return Regions(
-        found.box,
-        filled_area(found.box, found.shape.argmax(axis=1)),
-        mean_colors(rgb, found.box),
-        np.full(len(found.box), SOURCES.index("network"), np.uint8),
-    )
+def regions_of(
+    box: NDArray[np.float32], shape: NDArray[np.integer], rgb: NDArray[np.uint8], source: str
+) -> Regions:
+    """Boxes (n, 4) of faces of these shapes (n,) as regions of an image; the area of an unknown shape (-1) is usual."""
+    filled = [OTHER_FILLED if k < 0 else FILLED.get(SHAPES[k], OTHER_FILLED) for k in shape]
+    area = np.array(filled) * np.prod(box[:, 2:] - box[:, :2], axis=1)
+    number = np.full(len(box), SOURCES.index(source), np.uint8)
+    return Regions(box, area.astype(np.int32), mean_colors(rgb, box), number)
 
 
 def enlargement(camera: Camera) -> int:
@@ -188,12 +188,6 @@ def fits_face(box: NDArray[np.floating[Any]], camera: Camera) -> NDArray[np.bool
     wide, tall = box[:, 2] - box[:, 0], box[:, 3] - box[:, 1]
     aspect = (wide >= NARROWEST * tall) & (wide <= WIDEST * tall)
     return np.asarray(aspect & (enlargement(camera) * tall >= SHORTEST_PX))
-
-
-def filled_area(box: NDArray[np.float32], shape: NDArray[np.integer]) -> NDArray[np.int32]:
-    """Areas (n,) of faces of these shapes (n,) in boxes (n, 4); of an unknown shape (-1) that of a usual one."""
-    filled = [OTHER_FILLED if k < 0 else FILLED.get(SHAPES[k], OTHER_FILLED) for k in shape]
-    return np.asarray(np.array(filled) * np.prod(box[:, 2:] - box[:, :2], axis=1), np.int32)
 
 
 def mean_colors(rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import SOURCES, Regions
-from wayside.stages.detection import BoxClassifier
+from wayside.schemas.detections import NONE
+from wayside.stages.detection import BoxClassifier, regions_of
 from wayside.stages.geometry import distort_points, ideal_of_rays
 from wayside.stages.mapping.association import EXPECTED_PX, NEAREST_M
 from wayside.stages.mapping.landmark_fit import LandmarkFit
@@ -65,7 +65,9 @@ def add_predicted_views(
             levels = held.image_pyramid() if found else None
             if levels is None:
                 continue
-            regions = _regions([box for _, box, _ in found], [fits[n] for n, *_ in found], window)
+            boxes = np.array([box for _, box, _ in found], np.float32)
+            unknown = np.full(len(found), NONE)
+            regions = regions_of(boxes, unknown, levels[0], "predicted")
             scores = classifier.scores(levels, regions.box).tolist()
             for i, ((number, _, tall_px), score) in enumerate(zip(found, scores, strict=True)):
                 if score >= classifier.threshold:
@@ -98,30 +100,6 @@ def predicted_box(fit: LandmarkFit, frame: WindowFrame) -> tuple[NDArray[np.floa
     if (low < EDGE_PX).any() or (high > np.array([camera.width, camera.height]) - EDGE_PX).any():
         return None
     return np.concatenate([low, high]), float(tall_px)
-
-
-def _regions(
-    boxes: Sequence[NDArray[np.float64]],
-    fits: Sequence[LandmarkFit],
-    window: Sequence[WindowFrame],
-) -> Regions:
-    """The boxes of landmarks as regions, filled and coloured like the nearest view of each."""
-    area, rgb = [], []
-    for box, fit in zip(boxes, fits, strict=True):
-        nearest = int(fit.depth.argmin())
-        frame, row = window[fit.frames[nearest]], fit.rows[nearest]
-        region, own = frame.candidates.regions, frame.followed["candidate"][row]
-        fill = float(region.area_px[own]) / max(
-            float(np.prod(region.box[own, 2:] - region.box[own, :2])), 1.0
-        )
-        area.append(fill * np.prod(box[2:] - box[:2]))
-        rgb.append(region.rgb[own])
-    return Regions(
-        np.array(boxes, np.float32),
-        np.array(area).astype(np.int32),
-        np.array(rgb, np.float32),
-        np.full(len(boxes), SOURCES.index("predicted"), np.uint8),
-    )
 
 
 def _extended(fit: LandmarkFit, new: Sequence[_View], window: Sequence[WindowFrame]) -> LandmarkFit:

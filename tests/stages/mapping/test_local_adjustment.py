@@ -226,31 +226,20 @@ def test_without_ties_the_known_steps_remain():
     assert np.isfinite(joint.covariance).all()
 
 
-def test_where_nothing_is_known_of_a_step_the_place_is_left_to_the_chain():
+def test_the_place_is_left_to_the_chain_where_the_window_says_too_little():
     held, true = drive()
+    observed = observed_by(true)
+    start = chained_place(held, observed)
+    assert adjusted(held, observed, start, most_frames=2) is None  # misses most of the views
+    one = LandmarkRays(*(column[-1:] for column in observed))
+    assert adjusted(held, one, true[-1].to_world(SIGN)) is None
     held[3].motion = replace(held[3].motion, prior=None)
-    observed = observed_by(true)
-    assert adjusted(held, observed, chained_place(held, observed)) is None
+    assert adjusted(held, observed, start) is None
 
 
-def test_one_view_in_the_window_places_nothing():
-    held, true = drive()
-    observed = LandmarkRays(*(column[-1:] for column in observed_by(true)))
-    assert adjusted(held, observed, true[-1].to_world(SIGN)) is None
-
-
-def test_a_window_that_misses_most_of_the_views_leaves_the_place_to_the_chain():
-    held, true = drive()
-    observed = observed_by(true)
-    assert adjusted(held, observed, chained_place(held, observed), most_frames=2) is None
-
-
-def test_the_window_holds_the_best_frame_and_the_nearest_views():
-    assert window_around(9, np.array([2, 5, 9]), MOST_FRAMES) == (2, 9)
-    assert window_around(9, np.array([0, 1, 5, 9]), MOST_FRAMES) == (5, 9)
-    assert (
-        window_around(5, np.arange(20), MOST_FRAMES)[1]
-        - window_around(5, np.arange(20), MOST_FRAMES)[0]
-        < MOST_FRAMES
-    )
-    assert window_around(3, np.array([2, 4]), MOST_FRAMES) == (2, 4)
+@pytest.mark.parametrize(
+    ("best", "views", "window"),
+    [(9, [2, 5, 9], (2, 9)), (9, [0, 1, 5, 9], (5, 9)), (3, [2, 4], (2, 4))],
+)
+def test_the_window_holds_the_best_frame_and_the_nearest_views(best, views, window):
+    assert window_around(best, np.array(views), MOST_FRAMES) == window

@@ -15,7 +15,6 @@ from wayside.stages.panel.outline_edges import (
     OFFSET_STEP,
     edge_profiles,
     gradients_of,
-    strip_colors,
 )
 from wayside.stages.panel.outline_shapes import OUTLINE_SHAPES, box_round, segments_of
 
@@ -87,11 +86,6 @@ def test_segments_lie_on_the_outline_and_face_outwards(shape):
     )
     assert middles.min() > 19
     assert middles.max() < 81
-
-
-@pytest.mark.parametrize("shape", OUTLINE_SHAPES)
-def test_the_box_round_a_shape_that_is_not_rotated_is_the_box_that_it_fills(shape):
-    box = np.array([20.0, 30.0, 80.0, 70.0])
     np.testing.assert_allclose(box_round(shape, box, 0.0), box, atol=1e-9)
 
 
@@ -126,15 +120,6 @@ def test_no_outline_of_a_narrow_face_is_less_than_a_sample_wide(seed):
     edges, box = gradients_of(views), around(middle, half * rng.uniform(0.5, 1.2, 2))
     for candidate in outline_candidates(views, edges, box):
         assert size_of(candidate.outline.box).min() >= 1
-
-
-def test_strips_take_the_colour_that_is_there():
-    views = np.full((2, 40, 50, 3), 0, np.float32)
-    views[:, :, 25:] = (10, 20, 30)
-    segments = segments_of("rectangle", np.array([10.0, 10.0, 30.0, 30.0]))
-    colors = strip_colors(views, segments, -1.0, 1.0)
-    right = np.flatnonzero(segments.normal[:, 0] > 0.9)
-    np.testing.assert_allclose(colors[right], np.broadcast_to([10, 20, 30], colors[right].shape))
 
 
 @pytest.mark.parametrize(
