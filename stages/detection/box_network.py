@@ -133,15 +133,16 @@ def drawn_patches(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.uint8
     for patch, low, high in zip(patches, corners[:, :2], corners[:, 2:], strict=True):
         step = (high - low) / INNER
         level = int(step.max() >= 2) + int(step.max() >= 4)
-        scale = 1 << level
-        step /= scale
-        start = ((low + high) / scale - 1) / 2 - step * (SIDE - 1) / 2
-        cv2.warpAffine(
-            levels[level],
-            np.column_stack([np.diag(step), start]),
-            (SIDE, SIDE),
-            patch,
-            cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            cv2.BORDER_REPLICATE,
+        step /= 1 << level
+        start = ((low + high) / (1 << level) - 1) / 2 - step * (SIDE - 1) / 2
+        # the part of the image that is shown, as it warps: what is cut to whole levels the network has learned from
+        size = np.array(levels[level].shape[1::-1])
+        left, top = first = np.clip(np.floor(start).astype(int) - 1, 0, size - 1)
+        right, bottom = np.clip(np.ceil(start + SIDE * step).astype(int) + 1, first + 1, size)
+        part = levels[level][top:bottom, left:right].astype(np.float32)
+        move = np.column_stack([np.diag(step), start - first])
+        how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        patch[:] = cv2.warpAffine(
+            part, move, (SIDE, SIDE), flags=how, borderMode=cv2.BORDER_REPLICATE
         )
     return patches

@@ -6,9 +6,9 @@ from wayside.stages.mapping.landmark import STEP_COVARIANCE, build_landmark, mea
 from wayside.stages.mapping.landmark_evidence import (
     FEATURES,
     LandmarkClassifier,
+    SignPlaces,
 )
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_views
-from wayside.stages.mapping.sign_places import SignPlaces
 from wayside.stages.mapping.tracker import WINDOW_STEP, SideClassifiers, track
 from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, Face, same_face
 from wayside.stages.mapping.window import (

@@ -10,8 +10,8 @@ learned from; the other terms count by what they were worth on real drives.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import nan
+from dataclasses import dataclass, field
+from math import exp, log, nan, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +22,6 @@ from wayside.schemas.models import EvidenceModel
 from wayside.stages.classifiers import evidence_ratios
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.landmark_fit import LandmarkFit
-from wayside.stages.mapping.sign_places import SignPlaces
 from wayside.stages.mapping.window import WindowFrame
 
 FEATURES = (
@@ -49,6 +48,57 @@ LEAST_LOG_PROBABILITY = -5.0
 """Least log probability that a view gives a class: each view may be of a wrong box."""
 GUIDE_COLORS = {"green", "blue", "brown", "white", "black"}
 """Colours of rectangles that direct traffic: they are as large as their words need."""
+ASIDE_M, ASIDE_WIDTH_M = 9.0, 8.0
+"""Middle and half width at half height of the distance from the path: carriageways of one to six lanes."""
+ABOVE_M, ABOVE_SIGMA_M = 2.0, 2.5
+"""Mean and deviation of the height above the camera: from plates at its height to boards over the road."""
+LEAST_DENSITY = 1e-5
+"""Per square metre: nowhere is impossible."""
+LIKE_RIGHT_M, LIKE_RIGHT_SHARE, LIKE_ABOVE_M = 3.0, 0.1, 1.5
+"""How far signs of one road scatter about each other, deviations: sideways at least and as a share of the distance
+from the path (the error of the motion grows with it), and in height."""
+PRIOR_SIGNS = 5.0
+"""So many signs weigh as much as what was expected before the first."""
+SURE = 5.5
+"""Box score (log odds) at which a landmark counts as half a sign: of 70 above it on nine real drives 63 were signs."""
+SAME_M = 1.5
+"""Places nearer to each other are one support: it tells nothing of itself."""
+
+
+@dataclass(slots=True)
+class SignPlaces:
+    """Where the signs of a drive stand: along the carriageway, whatever its width, and over it.
+
+    How far from the path depends on the road and on the lane: 3 m on a village street, 20 m on the left lane of a
+    freeway. The expectation before the first sign is broad and the same on both sides. Each sign that its own images
+    show sharpens it for later ones on the same drive.
+    """
+
+    known: list[tuple[float, float, float, float]] = field(default_factory=list)
+    """Places so far: right, above, station, metres, and weight."""
+
+    def add(self, offset: FrenetOffset, score: float) -> None:
+        """Count a landmark by its box score, not by all evidence: its own place must not confirm itself."""
+        weight = 1 / (1 + exp(SURE - score))
+        self.known.append((offset.right, offset.above, offset.station, weight))
+
+    def log_density(self, offset: FrenetOffset) -> float:
+        """Logarithm of the density of signs, per square metre across the path, at an offset from it."""
+        right, above = offset.right, offset.above
+        aside = 1 / (1 + ((abs(right) - ASIDE_M) / ASIDE_WIDTH_M) ** 2) / (2 * pi * ASIDE_WIDTH_M)
+        prior = max(aside * _normal(above - ABOVE_M, ABOVE_SIGMA_M), LEAST_DENSITY)
+        sigma = max(LIKE_RIGHT_M, LIKE_RIGHT_SHARE * abs(right))
+        total, signs = PRIOR_SIGNS * prior, PRIOR_SIGNS
+        for other_right, other_above, station, weight in self.known:
+            if abs(station - offset.station) > SAME_M or abs(other_right - right) > SAME_M:
+                near = _normal(other_right - right, sigma)
+                total += weight * near * _normal(other_above - above, LIKE_ABOVE_M)
+                signs += weight
+        return log(total / signs)
+
+
+def _normal(gap: float, sigma: float) -> float:
+    return exp(-0.5 * (gap / sigma) ** 2) / (sigma * sqrt(2 * pi))
 
 
 @dataclass(frozen=True, slots=True)

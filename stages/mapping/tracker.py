@@ -25,11 +25,14 @@ from wayside.stages.geometry import FrenetOffset
 from wayside.stages.kernels import Array
 from wayside.stages.mapping.association import NEAREST_M, Hypotheses, pair_hypotheses
 from wayside.stages.mapping.landmark import build_landmark, measure_landmark
-from wayside.stages.mapping.landmark_evidence import LandmarkClassifier, LandmarkEvidence
+from wayside.stages.mapping.landmark_evidence import (
+    LandmarkClassifier,
+    LandmarkEvidence,
+    SignPlaces,
+)
 from wayside.stages.mapping.landmark_fit import BOX_SIGMA, LandmarkFit, accept_greedily
 from wayside.stages.mapping.panel import PanelMeasurement, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
-from wayside.stages.mapping.sign_places import SignPlaces
 from wayside.stages.mapping.surroundings import surroundings_correlation
 from wayside.stages.mapping.verdicts import (
     VERDICT_OF_TERM,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import wayside
-from wayside.stages.detection import proposals as face_boxes
+from wayside.stages.detection import proposals
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 SMALLER = 4
@@ -44,5 +44,5 @@ def signs_of(log):
 
 def test_an_image_of_few_pixels_shows_more_where_it_is_seen_enlarged(small, monkeypatch):
     enlarged = signs_of(small)
-    monkeypatch.setattr(face_boxes, "SHORTEST_FOCAL_PX", 1.0)
+    monkeypatch.setattr(proposals, "SHORTEST_FOCAL_PX", 1.0)
     assert enlarged > signs_of(small)
