@@ -4,16 +4,14 @@ from wayside.stages.detection.box_network import (
     BOX_OUTPUT,
     BOX_VALUES,
     COLOR_AT,
-    INNER,
     OFFSET_AT,
     PATCHES,
     SHAPE_AT,
-    SIDE,
     SIZES,
     BoxClassifier,
     BoxNetwork,
-    drawn_patches,
 )
+from wayside.stages.detection.box_patches import INNER, SIDE, drawn_patches
 from wayside.stages.detection.detector import SAME_FACE_IOU, detect
 from wayside.stages.detection.detector_outputs import recognised
 from wayside.stages.detection.external_boxes import (

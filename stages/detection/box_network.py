@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,14 +17,12 @@ from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.frame import Camera
 from wayside.schemas.models import ScoreModel
 from wayside.stages.classifiers import OnnxNetwork
+from wayside.stages.detection.box_patches import SIDE, drawn_patches
 from wayside.stages.detection.proposals import fits_face
 from wayside.stages.imaging import Pyramid
-from wayside.stages.kernels import require_array, require_image
 
 PATCHES, SIZES, BOX_OUTPUT = "patches", "sizes", "boxes"
 """Names of the inputs, patches (n, 48, 48, 3) uint8 and widths and heights (n, 2) in pixels, and of the output."""
-SIDE, INNER = 48, 28
-"""Samples of the patch and of the box in its middle, each way: what the network was learned with, no settings."""
 OFFSET_AT, COLOR_AT, SHAPE_AT = 2, 6, 6 + len(COLORS)
 BOX_VALUES = SHAPE_AT + len(SHAPES)
 """Values of a box: log odds of a front and of a back, offsets of four sides, scores of colours, scores of shapes."""
@@ -109,40 +106,3 @@ class BoxClassifier:
         """Log odds (n,) that boxes (n, 4) show such a panel; levels: the image at full, half and quarter size."""
         found = self.network.scores(levels, box)
         return found.back if self.back else found.front
-
-
-def drawn_patches(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """The patch of each box, (n, 48, 48, 3), from the size of the image that is nearest above its own.
-
-    Parameters
-    ----------
-    levels
-        The image at full, half and quarter size, (height, width, 3) uint8 each.
-    box
-        (n, 4) float32 `[x0, y0, x1, y1]`, half open, full-size pixels; beyond the image its border is repeated.
-
-    Raises
-    ------
-    ValueError
-        If the image or the boxes are of another type or layout.
-    """
-    require_image(levels[0], "levels")
-    require_array(box, "box", np.float32, (None, 4))
-    patches = np.empty((len(box), SIDE, SIDE, 3), np.uint8)
-    corners = box.astype(np.float64)
-    for patch, low, high in zip(patches, corners[:, :2], corners[:, 2:], strict=True):
-        step = (high - low) / INNER
-        level = int(step.max() >= 2) + int(step.max() >= 4)
-        step /= 1 << level
-        start = ((low + high) / (1 << level) - 1) / 2 - step * (SIDE - 1) / 2
-        # the part of the image that is shown, as it warps: what is cut to whole levels the network has learned from
-        size = np.array(levels[level].shape[1::-1])
-        left, top = first = np.clip(np.floor(start).astype(int) - 1, 0, size - 1)
-        right, bottom = np.clip(np.ceil(start + SIDE * step).astype(int) + 1, first + 1, size)
-        part = levels[level][top:bottom, left:right].astype(np.float32)
-        move = np.column_stack([np.diag(step), start - first])
-        how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        patch[:] = cv2.warpAffine(
-            part, move, (SIDE, SIDE), flags=how, borderMode=cv2.BORDER_REPLICATE
-        )
-    return patches

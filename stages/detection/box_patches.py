@@ -1,0 +1,102 @@
+"""The pixels of a box and its surroundings: a patch of 48 x 48 samples with the box in its middle 28 x 28.
+
+Every box is resampled to the same size, so that a far diamond and a near one look alike. The sizes below are the layout
+that the box network was learned with, no settings.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.stages.imaging import Pyramid
+from wayside.stages.kernels import compiled, require_array, require_image
+
+SIDE, INNER = 48, 28
+"""Samples of the patch and of the box in it, each way."""
+
+
+def drawn_patches(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """The patch of each box, (n, 48, 48, 3).
+
+    Parameters
+    ----------
+    levels
+        The image at full, half and quarter size, (height, width, 3) uint8 each.
+    box
+        (n, 4) float32 `[x0, y0, x1, y1]`, half open, full-size pixels; beyond the image its border is repeated.
+
+    Raises
+    ------
+    ValueError
+        If an image or the boxes are of another type or layout.
+    """
+    for level in levels:
+        require_image(level, "levels")
+    require_array(box, "box", np.float32, (None, 4))
+    result = np.empty((len(box), SIDE, SIDE * 3), np.uint8)
+    full, half, quarter = levels
+    _draw_all(full, half, quarter, box, result)
+    return result.reshape(-1, SIDE, SIDE, 3)
+
+
+@compiled
+def _draw(image: Any, scale: Any, box: Any, at: Any, above: Any, below: Any, pixels: Any) -> None:
+    """Sample the patch (48, 144), rows of red, green and blue, linear between pixels, from an image `scale` smaller.
+
+    at (48, 3), above, below (144,) int32: room for columns and their weights, and for two rows of the image at these
+    columns. Boxes are mostly smaller than their patches: the rows between two rows of the image use the same ones.
+    """
+    x0, y0, x1, y1 = box
+    height, width = image.shape[:2]
+    dx = np.float32((x1 - x0) / (INNER * scale))
+    dy = np.float32((y1 - y0) / (INNER * scale))
+    left = np.float32(((x0 + x1) / scale - 1) / 2) - dx * np.float32((SIDE - 1) / 2)
+    top = np.float32(((y0 + y1) / scale - 1) / 2) - dy * np.float32((SIDE - 1) / 2)
+    # Weights are whole 256ths: integers are quick, and the same on every machine.
+    for j in range(SIDE):
+        x = min(max(left + j * dx, np.float32(0)), np.float32(width - 1))
+        at[j, 0] = int(x)
+        at[j, 1] = min(int(x) + 1, width - 1)
+        at[j, 2] = int((x - int(x)) * 256)
+    first = second = -1
+    for i in range(SIDE):
+        y = min(max(top + i * dy, np.float32(0)), np.float32(height - 1))
+        row = int(y)
+        if row != first:
+            if row == second:
+                above, below = below, above
+            else:
+                _sample_row(image[row], at, above)
+            first = row
+            second = min(row + 1, height - 1)
+            _sample_row(image[second], at, below)
+        weight = np.int32((y - row) * 256)
+        for j in range(3 * SIDE):
+            pixels[i, j] = ((256 - weight) * above[j] + weight * below[j]) >> 16
+
+
+@compiled
+def _sample_row(row: Any, at: Any, samples: Any) -> None:
+    """A row (width, 3) of an image at the columns of a patch, times 256."""
+    for j in range(SIDE):
+        left, right, weight = at[j, 0], at[j, 1], at[j, 2]
+        for k in range(3):
+            samples[3 * j + k] = (256 - weight) * row[left, k] + weight * row[right, k]
+
+
+@compiled
+def _draw_all(full: Any, half: Any, quarter: Any, box: Any, pixels: Any) -> None:
+    """The patch of each box, from the size of the image that is nearest above its own."""
+    at = np.empty((SIDE, 3), np.int32)
+    above, below = np.empty(3 * SIDE, np.int32), np.empty(3 * SIDE, np.int32)
+    for n in range(box.shape[0]):
+        longest = max(box[n, 2] - box[n, 0], box[n, 3] - box[n, 1]) / INNER
+        if longest >= 4:
+            _draw(quarter, 4, box[n], at, above, below, pixels[n])
+        elif longest >= 2:
+            _draw(half, 2, box[n], at, above, below, pixels[n])
+        else:
+            _draw(full, 1, box[n], at, above, below, pixels[n])
