@@ -31,7 +31,7 @@ from wayside.pipeline.view.drawing import (
     rejection,
 )
 from wayside.pipeline.view.entities import Entity, cleared, entity
-from wayside.schemas.detections import SOURCES, VERDICTS, Detections, Segmentation, verdict_code
+from wayside.schemas.detections import SOURCES, Detections, Segmentation, verdict_code
 from wayside.schemas.frame import Camera, Frame, Image, Pose
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.measurement import Measurement
@@ -239,8 +239,8 @@ def view_tracked(item: TrackedFrame, stage: str, state: ViewState) -> list[Entit
     frame, motion = item.frame, item.motion
     if motion is None or frame.camera is None:
         return []
-    counts = np.bincount(item.candidates.verdict, minlength=len(VERDICTS))
-    signs = entity(f"{at.GATES}/{stage}", rr.Scalars([counts[SIGN]]))
+    count = sum(landmark.verdict == "sign" for landmark in item.landmarks)
+    signs = entity(f"{at.GATES}/{stage}", rr.Scalars([count]))
     if stage != LAST_STAGE:
         return [signs]
     state.poses.setdefault(frame.index, (motion.pose, frame.camera))

@@ -1,6 +1,5 @@
 """Regions of an image to detected sign faces: proposals, learned classifiers, box regression."""
 
-from wayside.stages.detection.box_classifier import BoxClassifier
 from wayside.stages.detection.box_network import (
     BOX_OUTPUT,
     BOX_VALUES,
@@ -9,6 +8,7 @@ from wayside.stages.detection.box_network import (
     PATCHES,
     SHAPE_AT,
     SIZES,
+    BoxClassifier,
     BoxNetwork,
 )
 from wayside.stages.detection.box_patches import INNER, SIDE, drawn_patches
@@ -46,7 +46,7 @@ from wayside.stages.detection.onnx_detector import (
     named_boxes,
     score_log_odds,
 )
-from wayside.stages.detection.proposals import propose, propose_segments
+from wayside.stages.detection.proposals import propose, propose_segments, regions_of
 
 __all__ = [
     "BIAS",
@@ -91,5 +91,6 @@ __all__ = [
     "propose",
     "propose_segments",
     "recognised",
+    "regions_of",
     "score_log_odds",
 ]

@@ -2,47 +2,47 @@
 
 A small convolutional network on a patch of each box. Outputs are the log odds of the front and of the back of a panel,
 and the colour and shape of the face. They also give the offsets of its sides (box regression; Girshick et al. 2014,
-appendix C).
+appendix C). Every box is resampled to the same size, so that a far diamond and a near one look alike.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.frame import Camera
+from wayside.schemas.models import ScoreModel
 from wayside.stages.classifiers import OnnxNetwork
 from wayside.stages.detection.box_patches import SIDE, drawn_patches
+from wayside.stages.detection.proposals import fits_face
 from wayside.stages.imaging import Pyramid
 
 PATCHES, SIZES, BOX_OUTPUT = "patches", "sizes", "boxes"
 """Names of the inputs, patches (n, 48, 48, 3) uint8 and widths and heights (n, 2) in pixels, and of the output."""
-
 OFFSET_AT, COLOR_AT, SHAPE_AT = 2, 6, 6 + len(COLORS)
 BOX_VALUES = SHAPE_AT + len(SHAPES)
 """Values of a box: log odds of a front and of a back, offsets of four sides, scores of colours, scores of shapes."""
-
 TOGETHER = 64
 """Boxes that are evaluated at once: what lies between two layers stays in the processor's cache."""
 
 
-@dataclass(frozen=True, slots=True)
-class BoxScores:
-    """What the network says of boxes, n rows.
-
-    `front`, `back` (n,): log odds of a face, and of a panel seen from behind. `offset` (n, 4): how far each side of the
-    panel lies right of or below that of the box, in box sizes. `color` (n, colours), `shape` (n, shapes): log
-    probabilities but for a constant a row.
-    """
+class BoxScores(NamedTuple):
+    """What the network says of boxes, n rows."""
 
     front: NDArray[np.float32]
+    """Log odds of a face, (n,)."""
     back: NDArray[np.float32]
+    """Log odds of a panel seen from behind, (n,)."""
     offset: NDArray[np.float32]
+    """How far each side of the panel lies right of or below that of the box, (n, 4), box sizes."""
     color: NDArray[np.float32]
+    """Log probability of each colour but for a constant a row, (n, colours)."""
     shape: NDArray[np.float32]
+    """The same of each shape, (n, shapes)."""
 
     @property
     def best(self) -> NDArray[np.float32]:
@@ -51,14 +51,11 @@ class BoxScores:
 
     def select(self, rows: NDArray[Any]) -> BoxScores:
         """Those rows, in that order."""
-        return BoxScores(*(getattr(self, one.name)[rows] for one in fields(self)))
+        return BoxScores(*(column[rows] for column in self))
 
-    def replaced(self, rows: NDArray[np.int64], others: BoxScores) -> BoxScores:
-        """The same with `others` in `rows` (m,)."""
-        columns = [getattr(self, one.name).copy() for one in fields(self)]
-        for column, one in zip(columns, fields(self), strict=True):
-            column[rows] = getattr(others, one.name)
-        return BoxScores(*columns)
+    def joined(self, others: BoxScores) -> BoxScores:
+        """These rows and then the others."""
+        return BoxScores(*(np.concatenate(pair) for pair in zip(self, others, strict=True)))
 
 
 class BoxNetwork:
@@ -79,15 +76,33 @@ class BoxNetwork:
             some = np.asarray(box[first : first + TOGETHER], np.float32)
             parts.append(self._values(drawn_patches(levels, some), some[:, 2:] - some[:, :2]))
         values = np.concatenate(parts)
-        return BoxScores(
-            values[:, 0],
-            values[:, 1],
-            values[:, OFFSET_AT:COLOR_AT],
-            values[:, COLOR_AT:SHAPE_AT],
-            values[:, SHAPE_AT:],
-        )
+        columns = np.split(values, [1, OFFSET_AT, COLOR_AT, SHAPE_AT], axis=1)
+        return BoxScores(columns[0][:, 0], columns[1][:, 0], *columns[2:])
 
     def _values(
         self, patches: NDArray[np.uint8], sizes: NDArray[np.float32]
     ) -> NDArray[np.float32]:
         return self._network.run({PATCHES: patches, SIZES: sizes})[BOX_OUTPUT]
+
+
+@dataclass(frozen=True, slots=True)
+class BoxClassifier:
+    """The box network as a classifier of panels from the front, or from behind (`back`)."""
+
+    network: BoxNetwork
+    model: ScoreModel
+    back: bool = False
+
+    @property
+    def threshold(self) -> float:
+        """Log odds from which a box is accepted."""
+        return self.model.threshold
+
+    def takes(self, box: NDArray[np.float64], camera: Camera) -> bool:
+        """Whether a box (4,) in an image of a camera has a size that is searched for."""
+        return bool(fits_face(box[None], camera)[0])
+
+    def scores(self, levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Log odds (n,) that boxes (n, 4) show such a panel; levels: the image at full, half and quarter size."""
+        found = self.network.scores(levels, box)
+        return found.back if self.back else found.front

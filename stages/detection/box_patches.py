@@ -33,24 +33,13 @@ def drawn_patches(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.uint8
     ValueError
         If an image or the boxes are of another type or layout.
     """
-    box = _checked(levels, box)
+    for level in levels:
+        require_image(level, "levels")
+    require_array(box, "box", np.float32, (None, 4))
     result = np.empty((len(box), SIDE, SIDE * 3), np.uint8)
     full, half, quarter = levels
     _draw_all(full, half, quarter, box, result)
     return result.reshape(-1, SIDE, SIDE, 3)
-
-
-def _checked(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The boxes as the kernels want them; raises ValueError."""
-    if len(levels) != 3:
-        raise ValueError(f"levels: {len(levels)} images instead of full, half and quarter size")
-    for level in levels:
-        require_image(level, "levels")
-        if level.size == 0:
-            raise ValueError("levels: an image has no pixels")
-    box = np.ascontiguousarray(box, np.float32)
-    require_array(box, "box", np.float32, (None, 4))
-    return box
 
 
 @compiled

@@ -25,7 +25,7 @@ from wayside.schemas.frame import Camera
 from wayside.schemas.models import NetworkSum, ScoreModel
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.box_network import BoxNetwork, BoxScores
-from wayside.stages.detection.face_boxes import fits_face
+from wayside.stages.detection.proposals import fits_face
 from wayside.stages.geometry import non_maximum_suppression
 from wayside.stages.imaging import pyramid
 
@@ -81,7 +81,9 @@ def detect(
         moved = regressed_boxes(box[near], found.offset[near], image.frame.camera)
         again = network.scores(levels, moved)
         better = again.best > found.best[near]
-        found = found.replaced(near[better], again.select(better))
+        rows = np.arange(len(box))
+        rows[near[better]] = len(box) + np.flatnonzero(better)
+        found = found.joined(again).select(rows)
         candidates = candidates.with_boxes(near[better], moved[better])
         scores = found.front
         if item.network_score is not None and front.with_network is not None:

@@ -136,7 +136,7 @@ def read_outputs(outputs: Mapping[str, Array], form: str) -> RawBoxes:
         numbers = _one(outputs, "labels", 2)
         found = RawBoxes(_one(outputs, "boxes", 3), _one(outputs, "scores", 2), _whole(numbers))
     else:
-        found = _READ[form](_only(outputs, form))
+        found = _from_table(_only(outputs, form), form)
     if found.box.shape != (len(found.score), 4):
         raise ValueError(f"boxes {list(found.box.shape)} and scores {list(found.score.shape)}")
     if len(found.score) and not (-1e-3 <= found.score.min() and found.score.max() <= 1 + 1e-3):
@@ -145,33 +145,16 @@ def read_outputs(outputs: Mapping[str, Array], form: str) -> RawBoxes:
     return found
 
 
-def _yolov5(table: Array) -> RawBoxes:
-    return _best(_corners(table[:, :4]), table[:, 5:] * table[:, 4:5])
-
-
-def _yolov8(table: Array) -> RawBoxes:
-    return _best(_corners(table[:4].T), table[4:].T)
-
-
-def _end_to_end(table: Array) -> RawBoxes:
-    return RawBoxes(table[:, :4], table[:, 4], _whole(table[:, 5]))
-
-
-def _detr(table: Array) -> RawBoxes:
-    return RawBoxes(_corners(table[:, :4]), table[:, 4], _whole(table[:, 5]))
-
-
-def _detr_classes(table: Array) -> RawBoxes:
-    return _best(_corners(table[:, :4]), table[:, 4:])
-
-
-_READ = {
-    "yolov5": _yolov5,
-    "yolov8": _yolov8,
-    "end_to_end": _end_to_end,
-    "detr": _detr,
-    "detr_classes": _detr_classes,
-}
+def _from_table(table: Array, form: str) -> RawBoxes:
+    match form:
+        case "yolov5":
+            return _best(_corners(table[:, :4]), table[:, 5:] * table[:, 4:5])
+        case "yolov8":
+            return _best(_corners(table[:4].T), table[4:].T)
+        case "detr_classes":
+            return _best(_corners(table[:, :4]), table[:, 4:])
+    box = _corners(table[:, :4]) if form == "detr" else table[:, :4]
+    return RawBoxes(box, table[:, 4], _whole(table[:, 5]))
 
 
 def _one(outputs: Mapping[str, Array], name: str, axes: int) -> Array:
@@ -183,15 +166,12 @@ def _one(outputs: Mapping[str, Array], name: str, axes: int) -> Array:
 
 def _only(outputs: Mapping[str, Array], form: str) -> Array:
     """The table of a format that has only one."""
-    least = {"yolov5": (0, 6), "yolov8": (5, 0), "detr_classes": (0, 5)}.get(form, (0, 6))
+    rows, columns = {"yolov5": (0, 6), "yolov8": (5, 0), "detr_classes": (0, 5)}.get(form, (0, 6))
     value = next(iter(outputs.values()))
-    if len(outputs) != 1 or value.ndim != 3 or value.shape[0] != 1 or not _at_least(value, least):
+    one = len(outputs) == 1 and value.ndim == 3 and value.shape[0] == 1
+    if not (one and value.shape[1] >= rows and value.shape[2] >= columns):
         raise ValueError(f"outputs {_listed({n: v.shape for n, v in outputs.items()})}")
     return np.asarray(value[0])
-
-
-def _at_least(value: Array, least: tuple[int, int]) -> bool:
-    return all(found >= wanted for found, wanted in zip(value.shape[1:], least, strict=True))
 
 
 def _best(box: Array, scores: Array) -> RawBoxes:

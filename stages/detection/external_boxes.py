@@ -17,7 +17,6 @@ from wayside.schemas.detections import (
     COLORS,
     NONE,
     SHAPES,
-    SOURCES,
     Candidates,
     Detections,
     Regions,
@@ -28,7 +27,7 @@ from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.box_network import BoxNetwork
 from wayside.stages.detection.detector import SAME_FACE_IOU, with_names, with_scores
 from wayside.stages.detection.onnx_detector import OnnxDetector
-from wayside.stages.detection.proposals import filled_area, mean_colors
+from wayside.stages.detection.proposals import regions_of
 from wayside.stages.imaging import pyramid
 from wayside.stages.segmentation import unsegmented
 
@@ -74,7 +73,7 @@ def detect_externally(
             found = source.boxes(item.rgb, settings.external_score, SAME_FACE_IOU)
         segmentation = replace(
             segmentation,
-            regions=external_regions(found, item.rgb),
+            regions=regions_of(found.box, found.shape, item.rgb, "external"),
             region_count=found.found,
         )
         yield Detections(
@@ -130,16 +129,6 @@ def inside_image(found: ExternalBoxes, camera: Camera) -> ExternalBoxes:
     """Those with a part inside the image, cut at its border."""
     box = np.clip(found.box, 0, np.array([camera.width, camera.height] * 2, np.float32))
     return replace(found, box=box).select(np.flatnonzero((box[:, 2:] > box[:, :2]).all(axis=1)))
-
-
-def external_regions(found: ExternalBoxes, rgb: NDArray[np.uint8]) -> Regions:
-    """The boxes as regions: the area of their shape, the mean colour of their middle."""
-    return Regions(
-        found.box,
-        filled_area(found.box, found.shape),
-        mean_colors(rgb, found.box),
-        np.full(len(found), SOURCES.index("external"), np.uint8),
-    )
 
 
 def classified(

@@ -1,17 +1,16 @@
 """Detections of several frames to landmarks in three dimensions (report chapters 5, 7, 8 and 11)."""
 
-from wayside.stages.mapping.assembly import assemble
+from wayside.stages.mapping.assembly import assemble, classify_location
 from wayside.stages.mapping.association import GAP_SHARE
 from wayside.stages.mapping.landmark import STEP_COVARIANCE, build_landmark, measure_landmark
 from wayside.stages.mapping.landmark_evidence import (
     FEATURES,
     LandmarkClassifier,
+    SignPlaces,
 )
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_views
-from wayside.stages.mapping.location import classify_location
-from wayside.stages.mapping.sign_places import SignPlaces
 from wayside.stages.mapping.tracker import WINDOW_STEP, SideClassifiers, track
-from wayside.stages.mapping.verdicts import VERDICT_OF_TERM
+from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, Face, same_face
 from wayside.stages.mapping.window import (
     TravelledPath,
     WindowFrame,
@@ -25,6 +24,7 @@ __all__ = [
     "STEP_COVARIANCE",
     "VERDICT_OF_TERM",
     "WINDOW_STEP",
+    "Face",
     "LandmarkClassifier",
     "LandmarkFit",
     "SideClassifiers",
@@ -37,6 +37,7 @@ __all__ = [
     "classify_location",
     "fit_views",
     "measure_landmark",
+    "same_face",
     "through_window",
     "track",
 ]

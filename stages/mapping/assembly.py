@@ -1,65 +1,114 @@
-"""Assemblies: panels of one support get one number; a panel measured twice is reported once."""
+"""What is left to decide of landmarks: where signs stand, and which hang on one support.
+
+After that the verdict of every candidate is known: it is that of its landmark.
+"""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from wayside.schemas.detections import verdict_code
-from wayside.schemas.landmarks import Landmark, TrackedFrame
-from wayside.stages.mapping.verdicts import SUPPORT_M, same_panel, same_station
+from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
+from wayside.schemas.models import GaussianModel
+from wayside.schemas.settings import LocateSettings
+from wayside.stages.classifiers import class_distances
 
 REMEMBER_M = 60.0
 """Stretch of path over which landmarks are compared, m: longer than the window."""
+# Set on the development drives.
+SUPPORT_M = 0.6
+"""Panels of one support are nearer than this, with less between them, m."""
+ALONG_SIGMAS, ALONG_M = 2.5, 2.0
+"""Tolerance along the path, standard deviations, and its largest, m."""
+
+
+def classify_location(
+    tracked: Iterator[TrackedFrame], model: GaussianModel | None, settings: LocateSettings
+) -> Iterator[TrackedFrame]:
+    """Refuse landmarks where no sign stands (`location`) or of no sign's size (`panel_size`).
+
+    The report's classifier is one mean at 3.1 m right of and .6 m above the camera's path, with a threshold on the
+    Mahalanobis distance (eq. 3.1). Where the evidence for landmarks contains their place, no model refuses them again.
+
+    Parameters
+    ----------
+    tracked
+        Frames with the landmarks seen first in them.
+    model
+        Classes in (right of the path, above the camera's path), metres; None: only sizes are refused.
+    settings
+        Plausible sizes of a panel.
+
+    Raises
+    ------
+    ValueError
+        Where the model is not of that space.
+    """
+    if model is not None and model.space != "right_up_m":
+        raise ValueError(f"a location model of space {model.space} instead of right_up_m")
+
+    def verdict(one: Landmark) -> str:
+        where = np.array([[one.right_m, one.above_m]])
+        sides = (one.width_m, one.height_m)
+        if model is not None:
+            thresholds = np.array([c.threshold for c in model.classes])
+            if (class_distances(where, model)[0] > thresholds).all():
+                return "location"
+        plausible = settings.smallest_side_m <= min(sides) and max(sides) <= settings.largest_side_m
+        return "sign" if plausible else "panel_size"
+
+    for frame in tracked:
+        landmarks = [
+            replace(one, verdict=verdict(one)) if one.verdict == "sign" else one
+            for one in frame.landmarks
+        ]
+        yield replace(frame, landmarks=tuple(landmarks))
 
 
 def assemble(tracked: Iterator[TrackedFrame]) -> Iterator[TrackedFrame]:
-    """Refuse later landmarks of one panel (`duplicate`) and number the supports from 0, in order of appearance.
-
-    Candidates of landmarks that were refused since they were tracked get the verdict of their landmark.
+    """Number the supports from 0, in order of appearance, and decide every candidate.
 
     Parameters
     ----------
     tracked
         Frames with the landmarks seen first in them.
     """
-    refused: dict[int, tuple[str, int]] = {}
+    views: defaultdict[int, list[tuple[Landmark, Observation]]] = defaultdict(list)
     recent: list[Landmark] = []
     count = 0
     for frame in tracked:
         landmarks = []
         for one in frame.landmarks:
             if one.verdict == "sign":
-                if any(same_panel(one, other) for other in recent):
-                    one = replace(one, verdict="duplicate")
-                else:
-                    near = (p.assembly for p in recent if same_support(one, p))
-                    one = replace(one, assembly=next(near, count))
-                    count += one.assembly == count
-                    recent.append(one)
+                near = (p.assembly for p in recent if same_support(one, p))
+                one = replace(one, assembly=next(near, count))
+                count += one.assembly == count
+                recent.append(one)
             landmarks.append(one)
-        yield _revised(frame, landmarks, refused)
+            for view in one.views:
+                views[view.frame].append((one, view))
+        decided = candidates_decided(frame, views.pop(frame.frame.index, ()))
+        yield replace(decided, landmarks=tuple(landmarks))
         if frame.motion is not None:
             passed_m = frame.motion.station_m - REMEMBER_M
             recent = [p for p in recent if p.station_m > passed_m]
 
 
-def _revised(
-    frame: TrackedFrame, landmarks: Sequence[Landmark], refused: dict[int, tuple[str, int]]
+def candidates_decided(
+    frame: TrackedFrame, views: Sequence[tuple[Landmark, Observation]]
 ) -> TrackedFrame:
-    """The frame with these landmarks, its candidates after those refused: verdict and last frame of each by track."""
-    for landmark in landmarks:
-        if landmark.verdict != "sign":
-            last = max(view.frame for view in landmark.views)
-            refused[landmark.track_id] = (landmark.verdict, last)
+    """The frame with its candidates after the landmarks that they are views of: a sign's before any other's."""
     verdict = frame.candidates.verdict.copy()
-    for track, (name, last) in list(refused.items()):
-        own = (frame.track_id == track) & (verdict == verdict_code("sign"))
-        verdict[own] = verdict_code(name)
-        if last <= frame.frame.index:
-            del refused[track]
-    table = replace(frame.candidates, verdict=verdict)
-    return replace(frame, candidates=table, landmarks=tuple(landmarks))
+    track_id, residual_px = frame.track_id.copy(), frame.residual_px.copy()
+    for one, view in sorted(views, key=lambda v: (v[0].verdict == "sign", v[0].track_id)):
+        verdict[view.row] = verdict_code(one.verdict)
+        track_id[view.row], residual_px[view.row] = one.track_id, view.residual_px
+    candidates = replace(frame.candidates, verdict=verdict)
+    return replace(frame, candidates=candidates, track_id=track_id, residual_px=residual_px)
 
 
 def same_support(one: Landmark, other: Landmark) -> bool:
@@ -69,3 +118,10 @@ def same_support(one: Landmark, other: Landmark) -> bool:
         right - (one.width_m + other.width_m) / 2, above - (one.height_m + other.height_m) / 2
     )
     return bool(min(right, above) < SUPPORT_M and between < SUPPORT_M and same_station(one, other))
+
+
+def same_station(one: Landmark, other: Landmark) -> bool:
+    """Whether two landmarks may stand at one station, by the scatter of both along the path."""
+    variance = one.covariance[2, 2] + other.covariance[2, 2]
+    scatter = min(ALONG_M, ALONG_SIGMAS * float(np.sqrt(variance)))
+    return abs(one.station_m - other.station_m) < max(SUPPORT_M, scatter)

@@ -1,4 +1,4 @@
-"""Association: which candidate of each frame belongs to a point that stands still.
+"""Which candidates of a window of frames may be one panel: points where two rays meet, and the views of a point.
 
 Rays are ideal image coordinates (x/z, y/z); sizes are in the same unit, so that size times depth is metres. All
 frames of a window share one world: that of the chained motion.
@@ -6,13 +6,14 @@ frames of a window share one world: that of the chained motion.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import Array, compiled, require_array
+from wayside.stages.geometry import pair_midpoint
+from wayside.stages.kernels import Array, compiled
 
 NOT_EXPECTED, MISSED, SEEN = 0, 1, 2
 """State of a hypothesis in a frame: outside the image or too small; expected, but without a candidate; seen."""
@@ -24,6 +25,14 @@ TALLER, WIDER = 1.35, 1.47
 """Largest ratio of two metric heights, and of two widths, of one panel."""
 NEAREST_M, FARTHEST_M = 4.0, 220.0
 """Least and largest depth of a view, m: nearer panels are cut."""
+ASIDE_M = 45.0
+"""Largest distance of a panel beside the camera, m: the far side of a freeway."""
+ABOVE_M, BELOW_M = 12.0, 1.6
+"""Largest height of a panel above the camera, and largest depth below it, m."""
+HORIZON_SLOPE = 0.06
+"""These three grow with depth by so much, m/m: far off, road and horizon are not known well."""
+SMALLEST_M, LARGEST_M = (0.15, 0.12), (12.0, 8.0)
+"""Least and largest width and height of a panel, m: boards span four lanes."""
 VALUE_SHIFT = 2.0
 """Added to the score of a view, log odds."""
 LEAST_VALUE, MOST_VALUE = -1.0, 6.0
@@ -36,9 +45,8 @@ EXPECTED_PX = 14.0
 """Height from which a view is expected, px."""
 
 
-@dataclass(frozen=True, slots=True)
-class WindowCandidates:
-    """Candidates of n frames as parallel arrays, N rows."""
+class WindowCandidates(NamedTuple):
+    """Candidates of n frames as parallel arrays, N rows, as the kernel takes them: C-contiguous, doubles."""
 
     rotation: NDArray[np.float64]
     """World from camera, (n, 3, 3)."""
@@ -58,24 +66,29 @@ class WindowCandidates:
     """Log odds, (N,)."""
     whole: NDArray[np.bool_]
     """Whether the box does not touch the edge of the image, (N,)."""
-    seeds: NDArray[np.bool_]
+    seed: NDArray[np.bool_]
     """Whether it may form a hypothesis, (N,)."""
+    back: NDArray[np.bool_]
+    """Whether it is followed as the back of a panel, (N,)."""
 
-    def __post_init__(self) -> None:
-        """Refuse shapes that the kernels, which do not check bounds, would run over."""
-        n, rows = len(self.rotation), len(self.ray)
-        require_array(self.rotation, "rotation", np.float64, (n, 3, 3))
-        require_array(self.centre, "centre", np.float64, (n, 3))
-        require_array(self.focal, "focal", np.float64, (n,))
-        require_array(self.bounds, "bounds", np.float64, (n, 4))
-        require_array(self.first, "first", np.int64, (n + 1,))
-        require_array(self.ray, "ray", np.float64, (rows, 2))
-        require_array(self.size, "size", np.float64, (rows, 2))
-        require_array(self.score, "score", np.float64, (rows,))
-        require_array(self.whole, "whole", np.bool_, (rows,))
-        require_array(self.seeds, "seeds", np.bool_, (rows,))
-        if self.first[0] != 0 or self.first[-1] != rows or (np.diff(self.first) < 0).any():
-            raise ValueError("WindowCandidates.first must ascend from 0 to the number of rows")
+
+class Hypotheses(NamedTuple):
+    """Landmarks to try: point (m, 3) in the world, size (m, 2) metres, back (m,): of backs, not of faces."""
+
+    point: NDArray[np.float64]
+    size: NDArray[np.float64]
+    back: NDArray[np.bool_]
+
+    @staticmethod
+    def joined(parts: Sequence[Hypotheses]) -> Hypotheses:
+        """The hypotheses of all parts, in their order."""
+        none = Hypotheses(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0, np.bool_))
+        columns = zip(none, *parts, strict=True)
+        return Hypotheses._make(np.concatenate(column) for column in columns)
+
+    def select(self, rows: NDArray[Any]) -> Hypotheses:
+        """Some of them."""
+        return Hypotheses._make(column[rows] for column in self)
 
 
 class Association(NamedTuple):
@@ -90,10 +103,56 @@ class Association(NamedTuple):
         return np.asarray(np.count_nonzero(self.row >= 0, axis=1))
 
 
+def pair_hypotheses(
+    candidates: WindowCandidates, older: int, newer: int, gap_px: float
+) -> tuple[NDArray[np.int64], Hypotheses]:
+    """Pairs of candidates of two frames whose rays meet at a plausible point with like metric sizes: rows (k, 2).
+
+    The point is the midpoint of the two rays (report eqs. 7.1 to 7.4).
+
+    Parameters
+    ----------
+    candidates
+        The window.
+    older, newer
+        Frames, as positions in the window.
+    gap_px
+        Largest gap of the two rays, pixels, before the share of the height.
+    """
+    c = candidates
+    rows = [
+        c.first[f] + np.flatnonzero(c.seed[c.first[f] : c.first[f + 1]]) for f in (older, newer)
+    ]
+    i, j = (side.ravel() for side in np.meshgrid(*rows, indexing="ij"))
+    one_side = c.back[i] == c.back[j]
+    i, j = i[one_side], j[one_side]
+    # in the newer camera's frame: its axes tell where a panel is plausible
+    to_newer = c.rotation[newer].T
+    older_centre = to_newer @ (c.centre[older] - c.centre[newer])
+    found = pair_midpoint(c.ray[j], c.ray[i], to_newer @ c.rotation[older], older_centre)
+    x, y, z = found.point.T
+    depth = found.along / np.sqrt(1 + (c.ray[np.stack([j, i], axis=1)] ** 2).sum(axis=2))
+    metric = np.stack([c.size[j], c.size[i]]) * depth.T[:, :, None]
+    least, most = metric.min(axis=0), metric.max(axis=0)
+    loose = HORIZON_SLOPE * z
+    with np.errstate(divide="ignore", invalid="ignore"):
+        size = np.sqrt(metric.prod(axis=0))
+        gap = c.focal[newer] * found.gap / z
+    good = (depth > NEAREST_M).all(axis=1) & (depth[:, 0] < FARTHEST_M)
+    good &= (most <= least * (WIDER, TALLER)).all(axis=1)
+    good &= gap <= gap_px + GAP_SHARE * c.focal[newer] * c.size[j, 1]
+    good &= np.abs(x) <= ASIDE_M + loose
+    good &= (y <= BELOW_M + loose) & (-y <= ABOVE_M + loose)
+    good &= (size >= SMALLEST_M).all(axis=1)
+    good &= (size <= LARGEST_M).all(axis=1)
+    point = c.centre[newer] + found.point[good] @ to_newer
+    pairs = np.stack([i[good], j[good]], axis=1)
+    return pairs, Hypotheses(point, size[good], c.back[pairs[:, 1]])
+
+
 def associate(
     candidates: WindowCandidates,
-    point: NDArray[np.floating[Any]],
-    size: NDArray[np.floating[Any]],
+    hypotheses: Hypotheses,
     free: NDArray[np.bool_],
     gap_px: float,
 ) -> Association:
@@ -103,8 +162,8 @@ def associate(
     ----------
     candidates
         The window, N rows.
-    point, size
-        Hypotheses (m, 3) in the world and their metric width and height (m, 2).
+    hypotheses
+        Points to look for.
     free
         Rows that may be used, (N,).
     gap_px
@@ -113,90 +172,70 @@ def associate(
     Raises
     ------
     ValueError
-        Arrays of other shapes.
+        `free` has another length: the kernel checks no bounds.
     """
-    points, sizes = np.ascontiguousarray(point, np.float64), np.ascontiguousarray(size, np.float64)
-    usable = np.ascontiguousarray(free, np.bool_)
-    m, n = len(points), len(candidates.rotation)
-    if points.shape != (m, 3) or sizes.shape != (m, 2) or usable.shape != candidates.score.shape:
-        raise ValueError(
-            f"points, sizes and usable have shapes {points.shape}, {sizes.shape}, {usable.shape} instead of (m, 3), "
-            f"(m, 2), ({len(candidates.score)},)"
-        )
+    if free.shape != candidates.score.shape:
+        raise ValueError(f"free has shape {free.shape} instead of {candidates.score.shape}")
+    m, n = len(hypotheses.point), len(candidates.rotation)
     row, state = np.full((m, n), -1, np.int32), np.zeros((m, n), np.uint8)
-    value = np.zeros(m)
-    c = candidates
-    _associate(
-        c.rotation, c.centre, c.focal, c.bounds, c.first, c.ray, c.size, c.score, points, sizes, usable,
-        gap_px, row, state, value,
-    )  # fmt: skip
-    return Association(row, state, value)
+    found = Association(row, state, np.zeros(m))
+    _associate(candidates, hypotheses, free, gap_px, found)
+    return found
 
 
 @compiled
 def _associate(
-    rotation: Array,
-    centre: Array,
-    focal: Array,
-    bounds: Array,
-    first: NDArray[np.int64],
-    ray: Array,
-    size: Array,
-    score: Array,
-    point: Array,
-    metric: Array,
+    c: WindowCandidates,
+    hypotheses: Hypotheses,
     free: NDArray[np.bool_],
     gap_px: float,
-    row: NDArray[np.int32],
-    state: NDArray[np.uint8],
-    total: Array,
+    found: Association,
 ) -> None:
-    for m in range(point.shape[0]):
-        wide, tall = metric[m, 0], metric[m, 1]
-        for n in range(rotation.shape[0]):
-            a = point[m, 0] - centre[n, 0]
-            b = point[m, 1] - centre[n, 1]
-            c = point[m, 2] - centre[n, 2]
-            r = rotation[n]
-            z = r[0, 2] * a + r[1, 2] * b + r[2, 2] * c
+    for m in range(hypotheses.point.shape[0]):
+        wide, tall = hypotheses.size[m, 0], hypotheses.size[m, 1]
+        for n in range(c.rotation.shape[0]):
+            x, y, z = _projected(hypotheses.point[m], c.rotation[n], c.centre[n])
             if not NEAREST_M < z < FARTHEST_M:
                 continue
-            x = (r[0, 0] * a + r[1, 0] * b + r[2, 0] * c) / z
-            y = (r[0, 1] * a + r[1, 1] * b + r[2, 1] * c) / z
-            if x < bounds[n, 0] or x > bounds[n, 2] or y < bounds[n, 1] or y > bounds[n, 3]:
+            left, top, right, bottom = c.bounds[n]
+            if x < left or x > right or y < top or y > bottom:
                 continue
-            f = focal[n]
+            f = c.focal[n]
             half_wide, half_tall = wide / z / 2, tall / z / 2
             gate = gap_px / f + 2 * GAP_SHARE * half_tall
             best, value = -1, -1e9
-            for k in range(first[n], first[n + 1]):
-                du = abs(ray[k, 0] - x)
-                if du > gate or not free[k]:
-                    continue
-                dv = abs(ray[k, 1] - y)
+            for k in range(c.first[n], c.first[n + 1]):
+                du, dv = abs(c.ray[k, 0] - x), abs(c.ray[k, 1] - y)
                 gap2 = du * du + dv * dv
-                if gap2 > gate * gate:
+                if gap2 > gate * gate or not free[k]:
                     continue
-                ratio = size[k, 1] * z / tall
-                if ratio > TALLER or ratio * TALLER < 1:
+                ratio, other = c.size[k, 1] * z / tall, c.size[k, 0] * z / wide
+                if max(ratio, 1 / ratio) > TALLER or max(other, 1 / other) > WIDER:
                     continue
-                other = size[k, 0] * z / wide
-                if other > WIDER or other * WIDER < 1:
-                    continue
-                this = min(MOST_VALUE, max(LEAST_VALUE, score[k] + VALUE_SHIFT))
+                this = min(MOST_VALUE, max(LEAST_VALUE, c.score[k] + VALUE_SHIFT))
                 off = gap2 / (gate * gate) + np.log(ratio) ** 2 / np.log(TALLER) ** 2
                 this -= GAP_COST * off
                 if this > value:
                     best, value = k, this
             if best >= 0:
-                row[m, n], state[m, n] = best, SEEN
-                total[m] += value
+                found.row[m, n], found.state[m, n] = best, SEEN
+                found.value[m] += value
             elif (
                 2 * half_tall * f >= EXPECTED_PX
-                and x - half_wide > bounds[n, 0]
-                and x + half_wide < bounds[n, 2]
-                and y - half_tall > bounds[n, 1]
-                and y + half_tall < bounds[n, 3]
+                and x - half_wide > left
+                and x + half_wide < right
+                and y - half_tall > top
+                and y + half_tall < bottom
             ):
-                state[m, n] = MISSED
-                total[m] -= MISS_COST
+                found.state[m, n] = MISSED
+                found.value[m] -= MISS_COST
+
+
+@compiled
+def _projected(point: Array, r: Array, centre: Array) -> tuple[float, float, float]:
+    # Ideal image coordinates and depth of a point in a camera of rotation r.
+    a, b, c = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
+    z = r[0, 2] * a + r[1, 2] * b + r[2, 2] * c
+    x = (r[0, 0] * a + r[1, 0] * b + r[2, 0] * c) / z
+    y = (r[0, 1] * a + r[1, 1] * b + r[2, 1] * c) / z
+    return x, y, z

@@ -12,7 +12,7 @@ from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.landmarks import Landmark, Observation
 from wayside.schemas.measurement import WindowResidual
 from wayside.stages.geometry import FrenetOffset, cross_matrices
-from wayside.stages.mapping.class_votes import VotedClass, voted_class
+from wayside.stages.mapping.landmark_evidence import VotedClass, voted_class
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.local_adjustment import LandmarkRays, adjust_jointly
 from wayside.stages.mapping.panel import Panel, box_rays
@@ -165,8 +165,6 @@ def build_landmark(
     track_id: int,
     score: float,
     verdict: str,
-    features: tuple[float, ...] = (),
-    evidence: tuple[tuple[str, float], ...] = (),
 ) -> Landmark:
     """The landmark in the camera frame of the image that shows it largest and whole.
 
@@ -176,10 +174,10 @@ def build_landmark(
     views = tuple(observation(fit, window, i) for i in range(len(fit.rows)))
     frame = window[fit.frames[best]]
     pose = frame.motion.pose
-    color = VotedClass(None, float("nan"))
-    # an outline tells which way a triangle points
-    shape = VotedClass(panel.shape.removesuffix("_up") or None, float("nan"))
-    if not fit.back:
+    if fit.back:
+        # an outline tells which way a triangle points
+        color, shape = VotedClass(None), VotedClass(panel.shape.removesuffix("_up") or None)
+    else:
         color = voted_class(fit, window, "color", COLORS)
         shape = voted_class(fit, window, "shape", SHAPES)
     return Landmark(
@@ -209,8 +207,6 @@ def build_landmark(
         score=score,
         residual_px=fit.rms_px,
         verdict=verdict,
-        features=features,
-        evidence=evidence,
         color_log_probability=color.log_probability,
         shape_log_probability=shape.log_probability,
     )
@@ -218,19 +214,14 @@ def build_landmark(
 
 def best_view(fit: LandmarkFit, window: Sequence[WindowFrame]) -> int:
     """The view with the largest box that is whole; where all are cut, the largest."""
-    rank = [
-        (bool(window[f].whole[row]), float(window[f].size[row].prod()))
-        for f, row in zip(fit.frames, fit.rows, strict=True)
-    ]
-    return max(range(len(rank)), key=lambda i: rank[i])
+    seen = [held.followed[row] for held, row in fit.views_in(window)]
+    return max(range(len(seen)), key=lambda i: (seen[i]["whole"], seen[i]["size"].prod()))
 
 
 def observation(fit: LandmarkFit, window: Sequence[WindowFrame], i: int) -> Observation:
     """View number i of a landmark."""
     frame = window[fit.frames[i]]
-    row = int(frame.followed[fit.rows[i]])
-    u, v = frame.candidates.ideal[row]
-    x0, y0, x1, y1 = (float(c) for c in frame.candidates.regions.box[row])
-    return Observation(
-        frame.frame.index, row, float(u), float(v), (x0, y0, x1, y1), float(fit.residual_px[i])
-    )
+    row = int(frame.followed["candidate"][fit.rows[i]])
+    u, v = frame.candidates.ideal[row].tolist()
+    x0, y0, x1, y1 = frame.candidates.regions.box[row].tolist()
+    return Observation(frame.frame.index, row, u, v, (x0, y0, x1, y1), float(fit.residual_px[i]))

@@ -1,18 +1,24 @@
-"""A landmark fitted to its views: point, covariance, metric size."""
+"""Landmarks fitted to their views, point, covariance and metric size, and accepted best first."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping.association import (
     MISSED,
+    Hypotheses,
     WindowCandidates,
     associate,
 )
 from wayside.stages.mapping.triangulation import POINT_ITERATIONS, triangulate_views
+
+Frames = TypeVar("Frames")
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation of normal errors."""
@@ -31,6 +37,8 @@ LEAST_SPREAD = 0.02
 """Least scatter of the size, by the size."""
 ROUNDS = 3
 """Fits of a hypothesis to its views before the last one, at most."""
+LEAST_SUM = -1.0
+"""Hypotheses with a smaller sum over their views are dropped, log odds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,45 +79,85 @@ class LandmarkFit:
         """RMS of the residuals of the views that were used."""
         return float(np.sqrt((self.residual_px[self.used] ** 2).mean()))
 
+    def views_in(self, window: Sequence[Frames]) -> list[tuple[Frames, int]]:
+        """The frames of its views, each with the row of its candidate."""
+        return [(window[f], int(row)) for f, row in zip(self.frames, self.rows, strict=True)]
 
-def fit_hypothesis(
+
+def accept_greedily(
     candidates: WindowCandidates,
-    row: NDArray[np.int32],
+    hypotheses: Hypotheses,
     free: NDArray[np.bool_],
-    gap_px: float,
-    *,
-    fewest: int,
+    settings: TrackSettings,
     box_sigma: tuple[float, float] = BOX_SIGMA,
-) -> LandmarkFit | None:
-    """Fit a landmark to its views and associate again, in turn, until the views stay the same.
+) -> list[LandmarkFit]:
+    """Landmarks of a window, best first; each removes its candidates from the rest.
+
+    Other boxes on a face make landmarks of their own: which one is the face, all evidence decides
+    (`verdicts.same_face`).
 
     Parameters
     ----------
-    candidates, free, gap_px
-        As in `associate`.
-    row
-        Candidate of each frame or -1, (n,).
-    fewest
-        Views that it needs; with fewer there is no landmark (None), nor where the rays do not meet ahead.
+    candidates
+        The window, N rows.
+    hypotheses
+        Points to try.
+    free
+        Candidates that may be used, (N,).
+    settings
+        Largest gap of a view, and views that a landmark needs.
     box_sigma
         Scatter of the centres of boxes, as `BOX_SIGMA`.
+    """
+    left = free.copy()
+    row, _, value = found = associate(candidates, hypotheses, left, settings.gap_px)
+    alive = (found.views() >= settings.fewest_views) & (value > LEAST_SUM)
+    fits: list[LandmarkFit] = []
+    while alive.any():
+        best = int(np.argmax(np.where(alive, value, -np.inf)))
+        alive[best] = False
+        fit = _fit_hypothesis(candidates, row[best], left, settings, box_sigma)
+        if fit is None or fit.value <= LEAST_SUM:
+            continue
+        fits.append(fit)
+        left[candidates.first[fit.frames] + fit.rows] = False
+        again = np.flatnonzero(alive & ((row >= 0) & ~left[row]).any(axis=1))
+        if len(again):
+            found = associate(candidates, hypotheses.select(again), left, settings.gap_px)
+            row[again], value[again] = found.row, found.value
+            alive[again] = (found.views() >= settings.fewest_views) & (found.value > LEAST_SUM)
+    return fits
+
+
+def _fit_hypothesis(
+    candidates: WindowCandidates,
+    row: NDArray[np.int32],
+    free: NDArray[np.bool_],
+    settings: TrackSettings,
+    box_sigma: tuple[float, float],
+) -> LandmarkFit | None:
+    """Fit a landmark to the candidate of each frame or -1 (n,) and associate again, until the views stay the same.
+
+    None where it has too few views, or the rays do not meet ahead.
     """
     rounds = ROUNDS
     while True:
         frames = np.flatnonzero(row >= 0)
-        if len(frames) < fewest:
+        if len(frames) < settings.fewest_views:
             return None
         fit = fit_views(candidates, row[frames].astype(np.int64), frames, box_sigma=box_sigma)
         if fit is None:
             return None
         if rounds == 0:
             break
-        found = associate(candidates, fit.point[None], fit.metric[None], free, gap_px)
+        one = Hypotheses(fit.point[None], fit.metric[None], np.zeros(1, np.bool_))
+        found = associate(candidates, one, free, settings.gap_px)
         if np.array_equal(found.row[0], row):
             break
         row, rounds = found.row[0], rounds - 1
     missed = int((found.state[0] == MISSED).sum())
-    return replace(fit, missed=missed, value=float(found.value[0]))
+    side = bool(candidates.back[row[frames[0]]])
+    return replace(fit, missed=missed, value=float(found.value[0]), back=side)
 
 
 def fit_views(
@@ -152,7 +200,6 @@ def fit_views(
     if depth.min() < LEAST_M or depth.max() > PARALLEL_M:
         return None
     gap = (local[:, :2] / depth[:, None] - c.ray[rows]) * c.focal[frames][:, None]
-    residual = np.hypot(gap[:, 0], gap[:, 1])
     metric, spread = metric_size(c.size[rows] * depth[:, None], depth, c.whole[rows])
     return LandmarkFit(
         frames,
@@ -160,7 +207,7 @@ def fit_views(
         used,
         point,
         covariance,
-        residual,
+        np.hypot(gap[:, 0], gap[:, 1]),
         depth,
         metric,
         spread,

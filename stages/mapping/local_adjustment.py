@@ -78,13 +78,7 @@ class JointAdjustment(NamedTuple):
 
 
 def adjust_jointly(
-    held: Sequence[WindowFrame],
-    best: int,
-    observed: LandmarkRays,
-    point: Array,
-    *,
-    most_frames: int = MOST_FRAMES,
-    tie_scale: float = TIE_SCALE,
+    held: Sequence[WindowFrame], best: int, observed: LandmarkRays, point: Array
 ) -> JointAdjustment | None:
     """Adjust a landmark with the motion of the frames around it.
 
@@ -100,10 +94,8 @@ def adjust_jointly(
         Measurements of the landmark.
     point
         Its estimated position, (3,).
-    most_frames, tie_scale
-        Length of the window, and scale of the robust cost of ties.
     """
-    first, last = window_around(best, observed.frames, most_frames)
+    first, last = window_around(best, observed.frames, MOST_FRAMES)
     window = held[first : last + 1]
     priors = [h.motion.prior for h in window[1:]]
     known = [p for p in priors if p is not None]
@@ -143,7 +135,7 @@ def adjust_jointly(
                 ties.target,
                 ties.warp,
                 sigma / focal,
-                np.full(len(track), tie_scale),
+                np.full(len(track), TIE_SCALE),
             ),
         ]
     )

@@ -8,30 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import SOURCES, Regions
-from wayside.stages.detection import BoxClassifier
+from wayside.schemas.detections import NONE
+from wayside.stages.detection import BoxClassifier, regions_of
 from wayside.stages.geometry import distort_points, ideal_of_rays
 from wayside.stages.mapping.association import EXPECTED_PX, NEAREST_M
 from wayside.stages.mapping.landmark_fit import LandmarkFit
-from wayside.stages.mapping.window import WindowFrame
+from wayside.stages.mapping.window import EDGE_PX, WindowFrame
 
 SIGMA_SHARE = 0.15
 """Largest scatter of a predicted box by its height (set on the development drives)."""
 SIGMA_PX = 1.0
 """Scatter that is always allowed."""
-
-
-class _PredictedBox(NamedTuple):
-    """A box of one landmark in one frame: number of the landmark, box (4,) in recorded pixels, height in ideal ones."""
-
-    landmark: int
-    box: NDArray[np.float64]
-    tall_px: float
 
 
 class _View(NamedTuple):
@@ -59,23 +51,28 @@ def add_predicted_views(
     classifiers
         Classifier of one view, of faces (False) and of backs (True); without one none is predicted.
     """
-    wanted: dict[tuple[int, bool], list[_PredictedBox]] = {}
-    for number, fit in enumerate(fits):
-        if fit.back not in classifiers:
-            continue
-        for frame in sorted(set(range(len(window))) - set(fit.frames.tolist())):
-            seen = window[frame]
-            found = predicted_box(fit, seen)
-            if found is not None and classifiers[fit.back].takes(found[0], seen.camera):
-                wanted.setdefault((frame, fit.back), []).append(_PredictedBox(number, *found))
     views: list[list[_View]] = [[] for _ in fits]
-    for (frame, back), boxes in sorted(wanted.items()):
-        classifier, regions = classifiers[back], _regions(boxes, fits, window)
-        scores = _scores(window[frame], regions, classifier)
-        for k, (one, score) in enumerate(zip(boxes, scores.tolist(), strict=True)):
-            if score >= classifier.threshold:
-                row = window[frame].add(regions.select(np.array([k])), score, back=back)
-                views[one.landmark].append(_View(frame, row, one.tall_px))
+    for k, held in enumerate(window):
+        for back, classifier in sorted(classifiers.items()):
+            found = [
+                (number, *one)
+                for number, fit in enumerate(fits)
+                if fit.back == back
+                and k not in fit.frames
+                and (one := predicted_box(fit, held)) is not None
+                and classifier.takes(one[0], held.camera)
+            ]
+            levels = held.image_pyramid() if found else None
+            if levels is None:
+                continue
+            boxes = np.array([box for _, box, _ in found], np.float32)
+            unknown = np.full(len(found), NONE)
+            regions = regions_of(boxes, unknown, levels[0], "predicted")
+            scores = classifier.scores(levels, regions.box).tolist()
+            for i, ((number, _, tall_px), score) in enumerate(zip(found, scores, strict=True)):
+                if score >= classifier.threshold:
+                    row = held.add(regions.select(np.array([i])), score, back=back)
+                    views[number].append(_View(k, row, tall_px))
     return [
         _extended(fit, new, window) if new else fit for fit, new in zip(fits, views, strict=True)
     ]
@@ -88,74 +85,38 @@ def predicted_box(fit: LandmarkFit, frame: WindowFrame) -> tuple[NDArray[np.floa
     """
     camera, pose = frame.camera, frame.motion.pose
     x, y, z = pose.to_camera(fit.point)
-    wide, tall = fit.metric / 2
     if frame.rgb is None or z < NEAREST_M:
         return None
+    wide, tall = fit.metric / 2
     tall_px = 2 * tall / z * frame.focal
     project = np.array([[1, 0, -x / z], [0, 1, -y / z]]) @ pose.rotation.T / z
     covariance = project @ fit.covariance @ project.T
     sigma_px = frame.focal * float(np.sqrt(np.linalg.norm(covariance, 2)))
     if sigma_px > max(SIGMA_SHARE * tall_px, SIGMA_PX):
         return None
-    corners = np.array(
-        [[x - wide, y - tall], [x + wide, y - tall], [x + wide, y + tall], [x - wide, y + tall]]
-    )
+    corners = np.array([x, y]) + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [wide, tall]
     pixels = distort_points(camera, ideal_of_rays(camera, corners / z))
     low, high = pixels.min(axis=0) + 0.5, pixels.max(axis=0) + 0.5
-    if (low < 1).any() or high[0] > camera.width - 1 or high[1] > camera.height - 1:
+    if (low < EDGE_PX).any() or (high > np.array([camera.width, camera.height]) - EDGE_PX).any():
         return None
     return np.concatenate([low, high]), float(tall_px)
 
 
-def _regions(
-    boxes: Sequence[_PredictedBox], fits: Sequence[LandmarkFit], window: Sequence[WindowFrame]
-) -> Regions:
-    """The boxes as regions, filled and coloured like the landmark's nearest view."""
-    area, rgb = [], []
-    for one in boxes:
-        fit = fits[one.landmark]
-        nearest = int(fit.depth.argmin())
-        frame = window[fit.frames[nearest]]
-        row = frame.followed[fit.rows[nearest]]
-        region = frame.candidates.regions
-        x0, y0, x1, y1 = region.box[row]
-        fill = float(region.area_px[row]) / max(float((x1 - x0) * (y1 - y0)), 1.0)
-        u0, v0, u1, v1 = one.box
-        area.append(fill * (u1 - u0) * (v1 - v0))
-        rgb.append(region.rgb[row])
-    return Regions(
-        np.array([one.box for one in boxes], np.float32),
-        np.array(area).astype(np.int32),
-        np.array(rgb, np.float32),
-        np.full(len(boxes), SOURCES.index("predicted"), np.uint8),
-    )
-
-
-def _scores(frame: WindowFrame, regions: Regions, classifier: BoxClassifier) -> NDArray[np.float32]:
-    levels = frame.image_pyramid()
-    if levels is None:
-        return np.full(len(regions), -np.inf, np.float32)
-    return classifier.scores(levels, regions.box)
-
-
 def _extended(fit: LandmarkFit, new: Sequence[_View], window: Sequence[WindowFrame]) -> LandmarkFit:
     """The landmark with new views."""
-    added = np.array([view.frame for view in new], np.int64)
-    depth = np.array([window[f].motion.pose.to_camera(fit.point)[2] for f in added])
-    order = np.argsort(np.concatenate([fit.frames, added]), kind="stable")
-    none = np.zeros(len(added))
-
-    def ordered(known: NDArray[np.float64], more: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.concatenate([known, more])[order]
-
-    return replace(
-        fit,
-        frames=np.concatenate([fit.frames, added])[order],
-        rows=np.concatenate([fit.rows, [view.row for view in new]])[order],
-        used=np.concatenate([fit.used, np.zeros(len(added), np.bool_)])[order],
-        residual_px=ordered(fit.residual_px, none),
-        depth=ordered(fit.depth, depth),
-        weight_sigma=ordered(fit.weight_sigma, none + 1.0),
-        ray_sigma=ordered(fit.ray_sigma, none + 1.0),
-        missed=max(fit.missed - sum(view.tall_px >= EXPECTED_PX for view in new), 0),
-    )
+    added: dict[str, Any] = {
+        "frames": [view.frame for view in new],
+        "rows": [view.row for view in new],
+        "used": [False] * len(new),
+        "residual_px": [0.0] * len(new),
+        "depth": [window[v.frame].motion.pose.to_camera(fit.point)[2] for v in new],
+        "weight_sigma": [1.0] * len(new),
+        "ray_sigma": [1.0] * len(new),
+    }
+    order = np.argsort([*fit.frames, *added["frames"]], kind="stable")
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(fit, name), values])[order].astype(getattr(fit, name).dtype)
+        for name, values in added.items()
+    }
+    missed = max(fit.missed - sum(view.tall_px >= EXPECTED_PX for view in new), 0)
+    return replace(fit, missed=missed, **columns)

@@ -1,4 +1,4 @@
-"""Tracking: hypotheses from pairs, association, greedy acceptance, classification, verdict, measurement.
+"""Tracking: hypotheses from pairs, association, greedy acceptance, predicted views, evidence, verdict, measurement.
 
 A panel that stands still is one point that all its views agree on. Every pair of candidates up to a few frames apart
 that may show one panel makes a hypothesis. Hypotheses are associated with candidates in all frames held and accepted
@@ -7,7 +7,7 @@ greedily, best first. A landmark is finished when the vehicle has passed it (rep
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from math import nan
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import SOURCES, Features
+from wayside.schemas.detections import Features
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import PosedDetections
@@ -23,19 +23,20 @@ from wayside.schemas.settings import TrackSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.kernels import Array
-from wayside.stages.mapping.acceptance import accept_greedily
-from wayside.stages.mapping.association import NEAREST_M
-from wayside.stages.mapping.hypotheses import Hypotheses, pair_hypotheses
+from wayside.stages.mapping.association import NEAREST_M, Hypotheses, pair_hypotheses
 from wayside.stages.mapping.landmark import build_landmark, measure_landmark
-from wayside.stages.mapping.landmark_evidence import FEATURES, LandmarkClassifier, LandmarkEvidence
-from wayside.stages.mapping.landmark_fit import BOX_SIGMA, LandmarkFit
+from wayside.stages.mapping.landmark_evidence import (
+    LandmarkClassifier,
+    LandmarkEvidence,
+    SignPlaces,
+)
+from wayside.stages.mapping.landmark_fit import BOX_SIGMA, LandmarkFit, accept_greedily
 from wayside.stages.mapping.panel import PanelMeasurement, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
-from wayside.stages.mapping.sign_places import SignPlaces
 from wayside.stages.mapping.surroundings import surroundings_correlation
 from wayside.stages.mapping.verdicts import (
     VERDICT_OF_TERM,
-    SeenBox,
+    Face,
     in_swept_volume,
     same_face,
 )
@@ -55,10 +56,12 @@ PAIR_REACH = 3
 
 @dataclass(frozen=True, slots=True)
 class SideClassifiers:
-    """Classifiers of panels seen from one side: of a `view` in one image (None: none is predicted), of a `landmark`."""
+    """Classifiers of panels seen from one side."""
 
     view: BoxClassifier | None = None
+    """Of a view in one image. None: none is predicted."""
     landmark: LandmarkClassifier = field(default_factory=LandmarkClassifier)
+    """Of a landmark."""
 
 
 def track(
@@ -93,25 +96,12 @@ def track(
     box_sigma
         Scatter of the centres of boxes, as `BOX_SIGMA`.
     """
-    tracker = _Tracker(settings, front or SideClassifiers(), back, panel, jointly, box_sigma)
-    yield from through_window(posed, tracker)
-
-
-_SCORE = FEATURES.index("score_best")
-
-
-class _Reported(NamedTuple):
-    """A sign as it was measured, and the boxes of its views by image number."""
-
-    fit: LandmarkFit
-    seen: Mapping[int, SeenBox]
+    sides = {False: front or SideClassifiers()} | ({} if back is None else {True: back})
+    yield from through_window(posed, _Tracker(settings, sides, panel, jointly, box_sigma))
 
 
 class _Classified(NamedTuple):
-    """A fitted landmark with what decides on it.
-
-    surroundings: correlation round it, None: not measured; accepted: it may be a sign.
-    """
+    """A fitted landmark with what decides on it; surroundings: correlation round it. None: not measured."""
 
     fit: LandmarkFit
     offset: FrenetOffset
@@ -126,21 +116,19 @@ class _Tracker:
     def __init__(
         self,
         settings: TrackSettings,
-        front: SideClassifiers,
-        back: SideClassifiers | None,
+        sides: dict[bool, SideClassifiers],
         panel: PanelMethod | None,
         jointly: bool,
         box_sigma: tuple[float, float],
     ) -> None:
-        self._settings, self._panel, self._jointly = settings, panel, jointly
-        self._box_sigma = box_sigma
-        self._sides = {False: front} if back is None else {False: front, True: back}
-        self._places = {back: SignPlaces() for back in self._sides}
+        self._settings, self._sides = settings, sides
+        self._panel, self._jointly, self._box_sigma = panel, jointly, box_sigma
+        self._places = {back: SignPlaces() for back in sides}
         self._length = settings.longest + WINDOW_STEP
         self._path = TravelledPath(self._length + settings.longest)
         self._window: list[WindowFrame] = []
         self._hypotheses: list[Hypotheses] = []
-        self._reported: list[_Reported] = []
+        self._reported: list[Face] = []
         self._next_id = 0
 
     def holds(self, frame: WindowFrame) -> bool:
@@ -169,13 +157,11 @@ class _Tracker:
         newest = len(recent) - 1
         candidates = candidates_of(recent)
         first, found = candidates.first, []
-        for back in self._sides:
-            own = replace(candidates, seeds=candidates.seeds & _backs(recent, back))
-            for older in range(newest):
-                pairs = pair_hypotheses(own, older, newest, self._settings.gap_px)
-                found.append(Hypotheses(pairs.point, pairs.size, np.full(len(pairs.point), back)))
-                recent[older].paired[pairs.older - first[older], 1] = True
-                recent[newest].paired[pairs.newer - first[newest], 0] = True
+        for older in range(newest):
+            pairs, hypotheses = pair_hypotheses(candidates, older, newest, self._settings.gap_px)
+            recent[older].followed["paired"][pairs[:, 0] - first[older], 1] = True
+            recent[newest].followed["paired"][pairs[:, 1] - first[newest], 0] = True
+            found.append(hypotheses)
         return Hypotheses.joined(found)
 
     def _solve(self, *, last: bool) -> None:
@@ -183,53 +169,44 @@ class _Tracker:
 
         One waits where another that may be a sign, on the same pixels, is still in sight.
         """
-        passed, ahead = self._fits(last=last)
+        fits = self._fits()
+        over = [last or self._passed(fit) for fit in fits]
+        passed = self._predicted([fit for fit, done in zip(fits, over, strict=True) if done])
+        ahead = [fit for fit, done in zip(fits, over, strict=True) if not done]
         oldest = self._window[0].motion.pose
-        self._reported = [
-            one for one in self._reported if not oldest.to_camera(one.fit.point)[2] < 0
-        ]
-        rivals = [
-            _Reported(fit, self._seen_boxes(fit))
-            for fit in ahead
-            if self._classify(fit, nan).accepted
-        ]
+        self._reported = [one for one in self._reported if not oldest.to_camera(one.point)[2] < 0]
+        rivals = [Face.of(fit, self._window) for fit in ahead if self._classify(fit, nan).accepted]
         for one in sorted(map(self._classify, passed), key=lambda one: -one.evidence.log_odds):
             if one.accepted and self._is_explained(one.fit, rivals):
                 ahead.append(one.fit)
             else:  # once more: the surer ones say where signs stand
                 self._decide(self._classify(one.fit, one.surroundings))
         for fit in ahead:
-            self._note_far_views(fit)
+            # views that leave the window though their landmark is still in sight
+            for k, row in zip(fit.frames, fit.rows, strict=True):
+                if k < WINDOW_STEP:
+                    self._window[k].followed["standing"][row] = True
 
-    def _fits(self, *, last: bool) -> tuple[list[LandmarkFit], list[LandmarkFit]]:
-        """Landmarks of the unassigned candidates: those passed, with predicted views, and those in sight."""
-        settings, window = self._settings, self._window
-        hypotheses = Hypotheses.joined(self._hypotheses)
-        candidates = candidates_of(window)
-        free = ~np.concatenate([f.assigned for f in window])
-        passed: list[LandmarkFit] = []
-        ahead: list[LandmarkFit] = []
-        for back in self._sides:
-            found = accept_greedily(
+    def _fits(self) -> list[LandmarkFit]:
+        """Landmarks of the unassigned candidates, faces before backs."""
+        hypotheses, candidates = Hypotheses.joined(self._hypotheses), candidates_of(self._window)
+        free = ~np.concatenate([f.followed["assigned"] for f in self._window])
+        return [
+            fit
+            for back in self._sides
+            for fit in accept_greedily(
                 candidates,
                 hypotheses.select(hypotheses.back == back),
-                free & _backs(window, back),
-                settings.gap_px,
-                fewest=settings.fewest_views,
-                box_sigma=self._box_sigma,
+                free & (candidates.back == back),
+                self._settings,
+                self._box_sigma,
             )
-            for fit in found:
-                over = last or self._passed(fit)
-                (passed if over else ahead).append(replace(fit, back=back))
-        views = {back: side.view for back, side in self._sides.items() if side.view is not None}
-        more = add_predicted_views(passed, window, views)
-        return more, ahead
+        ]
 
-    def _note_far_views(self, fit: LandmarkFit) -> None:
-        """Remember which candidates of the frames that leave the window show a landmark that is still in sight."""
-        for k, row in zip(fit.frames, fit.rows, strict=True):
-            if k < WINDOW_STEP:
-                self._window[k].standing[row] = True
+    def _predicted(self, fits: list[LandmarkFit]) -> list[LandmarkFit]:
+        """The landmarks with the views that are seen where no candidate was found."""
+        views = {back: side.view for back, side in self._sides.items() if side.view is not None}
+        return add_predicted_views(fits, self._window, views)
 
     def _passed(self, fit: LandmarkFit) -> bool:
         """Whether a landmark lies outside the newest image, or too near to be seen in the next."""
@@ -252,28 +229,30 @@ class _Tracker:
         return _Classified(fit, offset, evidence, surroundings, accepted)
 
     def _decide(self, one: _Classified) -> None:
-        """Give a landmark its verdict, measure it and hand it to its frames."""
+        """Give a landmark its verdict, measure it and hand it to its first frame."""
         fit, evidence = one.fit, one.evidence
         verdict, seen = self._verdict(one)
         jointly = self._jointly and verdict == "sign"
         measured = measure_landmark(fit, self._window, seen.panel, jointly)
-        landmark = build_landmark(
-            fit,
-            self._window,
-            measured,
-            self._path.offset(measured.point),
-            track_id=self._next_id,
-            score=evidence.score,
-            verdict=verdict,
+        landmark = replace(
+            build_landmark(
+                fit,
+                self._window,
+                measured,
+                self._path.offset(measured.point),
+                track_id=self._next_id,
+                score=evidence.score,
+                verdict=verdict,
+            ),
             features=tuple(evidence.features.tolist()),
             evidence=evidence.ratios,
         )
         if verdict == "sign":
             # Its panel as it was measured: boxes around a sign and its plaque would make the plaque a duplicate.
             size = np.array([landmark.width_m, landmark.height_m])
-            face = replace(fit, point=measured.point, metric=size)
-            self._reported.append(_Reported(face, self._seen_boxes(fit)))
-            self._places[fit.back].add(one.offset, evidence.features[_SCORE])
+            face = Face.of(fit, self._window)._replace(point=measured.point, metric=size)
+            self._reported.append(face)
+            self._places[fit.back].add(one.offset, evidence.best_score)
         first = self._window[fit.frames[0]]
         first.landmarks.append(landmark)
         if seen.views or measured.residual is not None:
@@ -283,7 +262,8 @@ class _Tracker:
                     self._next_id, seen.views, seen.segments, shape, seen.face, measured.residual
                 )
             )
-        self._assign(fit, verdict)
+        for held, row in fit.views_in(self._window):
+            held.followed["assigned"][row] = True
         self._next_id += 1
 
     def _verdict(self, one: _Classified) -> tuple[str, PanelMeasurement]:
@@ -302,52 +282,13 @@ class _Tracker:
         confirmed = known or fit.used.sum() > 2 or len(seen.views) > 1
         return "sign" if confirmed else "residual", seen
 
-    def _is_explained(self, fit: LandmarkFit, others: Sequence[_Reported]) -> bool:
+    def _is_explained(self, fit: LandmarkFit, others: list[Face]) -> bool:
         """Whether one of some others explains the same pixels."""
-        boxes = self._boxes_by_image(fit, self._seen_boxes(fit))
-        return any(
-            same_face(boxes, self._boxes_by_image(other.fit, other.seen)) for other in others
-        )
-
-    def _seen_boxes(self, fit: LandmarkFit) -> dict[int, SeenBox]:
-        """The boxes of the views of a landmark, as rays, by image number."""
-        boxes = {}
-        for k, row in zip(fit.frames, fit.rows, strict=True):
-            held = self._window[k]
-            source = held.candidates.regions.source[held.followed[row]]
-            half = held.size[row] / 2
-            box = np.concatenate([held.ray[row] - half, held.ray[row] + half])
-            predicted = source == SOURCES.index("predicted")
-            boxes[held.frame.index] = SeenBox(box, seen=True, measured=bool(not predicted))
-        return boxes
-
-    def _boxes_by_image(self, fit: LandmarkFit, seen: Mapping[int, SeenBox]) -> dict[int, SeenBox]:
-        """The boxes of a landmark in the images of the window: as seen, else where it must be."""
-        boxes = {}
-        for held in self._window:
-            x, y, z = held.motion.pose.to_camera(fit.point)
-            if held.frame.index in seen:
-                boxes[held.frame.index] = seen[held.frame.index]
-            elif z > NEAREST_M:
-                centre, half = np.array([x, y]) / z, fit.metric / z / 2
-                box = np.concatenate([centre - half, centre + half])
-                boxes[held.frame.index] = SeenBox(box, seen=False, measured=False)
-        return boxes
+        boxes = Face.of(fit, self._window).boxes(self._window)
+        return any(same_face(boxes, other.boxes(self._window)) for other in others)
 
     def _views_of(self, fit: LandmarkFit) -> Iterator[tuple[NDArray[np.uint8], Array]]:
         """The images that show a landmark, each with its box."""
-        for frame, row in zip(fit.frames, fit.rows, strict=True):
-            held = self._window[frame]
+        for held, row in fit.views_in(self._window):
             if held.rgb is not None:
-                yield held.rgb, held.candidates.regions.box[held.followed[row]].astype(np.float64)
-
-    def _assign(self, fit: LandmarkFit, verdict: str) -> None:
-        """Give the candidates to the landmark."""
-        track_id, window = self._next_id, self._window
-        for frame, row, residual in zip(fit.frames, fit.rows, fit.residual_px, strict=True):
-            window[frame].assign(row, track_id, verdict, residual)
-
-
-def _backs(window: Sequence[WindowFrame], back: bool) -> NDArray[np.bool_]:
-    """Which of the window's candidates are followed as backs, or as faces."""
-    return np.asarray(np.concatenate([f.back for f in window]) == back)
+                yield held.rgb, held.box(row)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.geometry import Schedule, cholesky_solve, meet_rays, minimiser
+from wayside.stages.geometry import cholesky_solve, meet_rays
 from wayside.stages.kernels import Array, compiled, shaped
 
 CAUCHY_SIGMAS = 2.385
@@ -16,31 +16,25 @@ POINT_ITERATIONS = 30
 """Of the triangulation of a point at most."""
 POINT_GAIN = 1e-12
 """Triangulation ends where an iteration lowers the cost by a smaller fraction."""
+HALVINGS = 10
+"""A step that raises the cost is halved so many times at most."""
 
 
-class _Problem(NamedTuple):
-    """Views of a point, their sigmas (n,), and normal equations (3, 3); cauchy: sigmas where the cost flattens.
-
-    fit (2,): weighted chi square and the sum of the weights.
-    """
+class _Views(NamedTuple):
+    """World from camera (n, 3, 3), camera centres (n, 3), rays (n, 2) and their sigma (n,)."""
 
     rotations: Array
     centres: Array
     rays: Array
     sigma: Array
-    cauchy: float
+
+
+class _Normal(NamedTuple):
+    """Normal equations of a point, (3, 3) and (3,); fit (2,): weighted chi square and the sum of the weights."""
+
     matrix: Array
-    damped: Array
     right: Array
-    step: Array
     fit: Array
-
-
-class _Estimate(NamedTuple):
-    """Point (3,) in the world and its residuals (n, 2), unit of the rays."""
-
-    point: Array
-    residuals: Array
 
 
 def triangulate_views(
@@ -52,8 +46,8 @@ def triangulate_views(
 ) -> tuple[Array, Array]:
     """Point with the lowest robust reprojection cost over all views.
 
-    The start is the midpoint of the pair of views with the lowest cost over all views. Levenberg-Marquardt follows on
-    the residuals with a Cauchy cost, which bounds the influence of a wrong view.
+    The start is the midpoint of the pair of views with the lowest cost over all views. Gauss-Newton follows on the
+    residuals with a Cauchy cost, which bounds the influence of a wrong view.
 
     Parameters
     ----------
@@ -80,139 +74,115 @@ def triangulate_views(
     ValueError
         Where shapes do not fit or a sigma is not positive.
     """
-    turns, origins = shaped(rotations, (-1, 3, 3)), shaped(centres, (-1, 3))
-    seen, spread = shaped(rays, (-1, 2)), shaped(sigma, (-1,))
-    if not len(turns) == len(origins) == len(seen) == len(spread):
+    views = _Views(
+        shaped(rotations, (-1, 3, 3)),
+        shaped(centres, (-1, 3)),
+        shaped(rays, (-1, 2)),
+        shaped(sigma, (-1,)),
+    )
+    counts = [len(column) for column in views]
+    if len(set(counts)) > 1:
         raise ValueError(
-            f"rotations, centres, rays and sigmas differ in number: {len(turns)}, {len(origins)}, {len(seen)}, "
-            f"{len(spread)}"
+            f"rotations, centres, rays and sigmas differ in number: {', '.join(map(str, counts))}"
         )
-    if not (spread > 0).all():
-        raise ValueError(f"a sigma is not positive: {spread.min()}")
+    if not (views.sigma > 0).all():
+        raise ValueError(f"a sigma is not positive: {views.sigma.min()}")
     point, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
-    schedule = Schedule(iterations, POINT_GAIN, damping=1e-4, offset=1.0)
-    _triangulate(turns, origins, seen, spread, CAUCHY_SIGMAS, schedule, point, covariance)
+    _triangulate(views, iterations, point, covariance)
     return point, covariance
 
 
 @compiled
-def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
-    # Residuals are projection less ray; inf where the point lies behind the camera, which adds a large constant.
-    point, residuals, total = estimate.point, estimate.residuals, 0.0
-    for k in range(residuals.shape[0]):
-        r, centre, ray = problem.rotations[k], problem.centres[k], problem.rays[k]
-        a, b, c = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
-        z = r[0, 2] * a + r[1, 2] * b + r[2, 2] * c
-        if z > 1e-6:
-            residuals[k, 0] = (r[0, 0] * a + r[1, 0] * b + r[2, 0] * c) / z - ray[0]
-            residuals[k, 1] = (r[0, 1] * a + r[1, 1] * b + r[2, 1] * c) / z - ray[1]
-        else:
-            residuals[k] = np.inf
-        square = residuals[k, 0] ** 2 + residuals[k, 1] ** 2
-        total += np.log1p(min(square / (problem.sigma[k] * problem.cauchy) ** 2, 1e12))
-    return total
+def _triangulate(views: _Views, iterations: int, point: Array, covariance: Array) -> None:
+    normal = _Normal(np.empty((3, 3)), np.empty(3), np.empty(2))
+    cost = _start(views, normal, point)
+    if not np.isfinite(cost):
+        return
+    step, factor = np.empty(3), np.empty((3, 3))
+    for _ in range(iterations):
+        _linearise(views, point, normal)
+        factor[:] = normal.matrix
+        step[:] = normal.right
+        if not cholesky_solve(factor, step):
+            break
+        before = cost
+        cost = _linearise(views, point + step, normal)
+        for _ in range(HALVINGS):
+            if cost <= before:
+                break
+            step /= 2
+            cost = _linearise(views, point + step, normal)
+        if not cost <= before:
+            break
+        point += step
+        if before - cost <= POINT_GAIN * before:
+            break
+    _linearise(views, point, normal)
+    # 2 n measurements less 3 unknowns, each view counted by its weight
+    freedom = 2.0 * normal.fit[1] - 3.0
+    inflation = max(1.0, normal.fit[0] / freedom) if freedom > 0 else 1.0
+    for i in range(3):
+        factor[:] = normal.matrix
+        step[:] = 0.0
+        step[i] = 1.0
+        if cholesky_solve(factor, step):
+            covariance[i] = step * inflation
 
 
 @compiled
-def _start(problem: _Problem, estimate: _Estimate, best: Array) -> bool:
-    # The midpoint of the pair of views that has the lowest cost over all views; False where no pair meets.
-    rotations, rays, centres = problem.rotations, problem.rays, problem.centres
-    n = rotations.shape[0]
+def _start(views: _Views, normal: _Normal, best: Array) -> float:
+    # Fills `best` with the midpoint of two views that has the lowest cost over all views; inf where no two meet.
+    n = views.rays.shape[0]
     directions = np.empty((n, 3))
     for k in range(n):
+        x, y = views.rays[k]
         for i in range(3):
-            r = rotations[k, i]
-            directions[k, i] = r[0] * rays[k, 0] + r[1] * rays[k, 1] + r[2]
+            r = views.rotations[k, i]
+            directions[k, i] = r[0] * x + r[1] * y + r[2]
     point, gap, along = np.empty((1, 3)), np.empty(1), np.empty((1, 2))
-    lowest, found = np.inf, False
+    lowest = np.inf
     for i in range(n):
         for j in range(i + 1, n):
             first, second = directions[i : i + 1], directions[j : j + 1]
-            meet_rays(centres[i], centres[j], first, second, point, gap, along)
+            meet_rays(views.centres[i], views.centres[j], first, second, point, gap, along)
             if not np.isfinite(gap[0]):
                 continue
-            estimate.point[:] = point[0]
-            cost = _evaluate(problem, estimate)
+            cost = _linearise(views, point[0], normal)
             if cost < lowest:
-                lowest, found = cost, True
+                lowest = cost
                 best[:] = point[0]
-    return found
+    return lowest
 
 
 @compiled
-def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
-    # Weighted J'J and -J'r, weighted chi square and the sum of weights.
-    point, residuals, sigma = estimate.point, estimate.residuals, problem.sigma
-    centres, matrix, right = problem.centres, problem.matrix, problem.right
+def _linearise(views: _Views, point: Array, normal: _Normal) -> float:
+    # The cost, and weighted J'J and -J'r. A view whose camera is behind the point adds a large constant.
+    matrix, right, fit = normal
     matrix[:] = 0.0
     right[:] = 0.0
-    problem.fit[:] = 0.0
-    row = np.empty((2, 3))
-    for k in range(residuals.shape[0]):
-        if not np.isfinite(residuals[k, 0]):
-            continue
-        r = problem.rotations[k]
-        a, b, c = point[0] - centres[k, 0], point[1] - centres[k, 1], point[2] - centres[k, 2]
+    fit[:] = 0.0
+    cost, row = 0.0, np.empty((2, 3))
+    for k in range(views.rays.shape[0]):
+        r, centre, sigma = views.rotations[k], views.centres[k], views.sigma[k]
+        a, b, c = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
         z = r[0, 2] * a + r[1, 2] * b + r[2, 2] * c
-        u = (r[0, 0] * a + r[1, 0] * b + r[2, 0] * c) / z
-        v = (r[0, 1] * a + r[1, 1] * b + r[2, 1] * c) / z
+        if not z > 1e-6:
+            cost += np.log1p(1e12)
+            continue
+        x = (r[0, 0] * a + r[1, 0] * b + r[2, 0] * c) / z
+        y = (r[0, 1] * a + r[1, 1] * b + r[2, 1] * c) / z
+        u, v = x - views.rays[k, 0], y - views.rays[k, 1]
+        square = (u * u + v * v) / sigma**2
+        cost += np.log1p(min(square / CAUCHY_SIGMAS**2, 1e12))
+        robust = 1.0 / (1.0 + square / CAUCHY_SIGMAS**2)
+        fit[0] += robust * square
+        fit[1] += robust
+        weight = robust / sigma**2
         for i in range(3):
-            row[0, i] = (r[i, 0] - u * r[i, 2]) / z
-            row[1, i] = (r[i, 1] - v * r[i, 2]) / z
-        square = (residuals[k, 0] ** 2 + residuals[k, 1] ** 2) / sigma[k] ** 2
-        robust = 1.0 / (1.0 + square / problem.cauchy**2)
-        problem.fit[0] += robust * square
-        problem.fit[1] += robust
-        weight = robust / sigma[k] ** 2
+            row[0, i] = (r[i, 0] - x * r[i, 2]) / z
+            row[1, i] = (r[i, 1] - y * r[i, 2]) / z
         for i in range(3):
-            right[i] -= weight * (row[0, i] * residuals[k, 0] + row[1, i] * residuals[k, 1])
+            right[i] -= weight * (row[0, i] * u + row[1, i] * v)
             for j in range(3):
                 matrix[i, j] += weight * (row[0, i] * row[0, j] + row[1, i] * row[1, j])
-
-
-@compiled
-def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estimate) -> bool:
-    problem.damped[:] = problem.matrix
-    for i in range(3):
-        problem.damped[i, i] *= 1.0 + damping
-    problem.step[:] = problem.right
-    solved = cholesky_solve(problem.damped, problem.step)
-    trial.point[:] = estimate.point + problem.step
-    return solved
-
-
-_minimise = minimiser(_evaluate, _linearise, _solve)
-
-
-@compiled
-def _triangulate(
-    rotations: Array,
-    centres: Array,
-    rays: Array,
-    sigma: Array,
-    cauchy: float,
-    schedule: Schedule,
-    point: Array,
-    covariance: Array,
-) -> None:
-    n = rotations.shape[0]
-    start = _Estimate(np.empty(3), np.empty((n, 2)))
-    trial = _Estimate(np.empty(3), np.empty((n, 2)))
-    problem = _Problem(
-        rotations, centres, rays, sigma, cauchy,
-        np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(2),
-    )  # fmt: skip
-    if not _start(problem, trial, start.point):
-        return
-    best, _, _ = _minimise(problem, start, trial, schedule)
-    _linearise(problem, best, 0)
-    # 2 n measurements less 3 unknowns, each view counted by its weight
-    freedom = 2.0 * problem.fit[1] - 3.0
-    inflation = max(1.0, problem.fit[0] / freedom) if freedom > 0 else 1.0
-    point[:] = best.point
-    for i in range(3):
-        problem.damped[:] = problem.matrix
-        problem.step[:] = 0.0
-        problem.step[i] = 1.0
-        if cholesky_solve(problem.damped, problem.step):
-            covariance[i] = problem.step * inflation
+    return cost

@@ -1,4 +1,4 @@
-"""The frames that tracking holds: their followed candidates as rays, the travelled path, what became of each row."""
+"""The frames that tracking holds: their followed candidates as rays, and the path that was travelled."""
 
 from __future__ import annotations
 
@@ -22,160 +22,112 @@ from wayside.stages.geometry import (
     rays_of_ideal,
     to_rays,
 )
-from wayside.stages.imaging import pyramid
+from wayside.stages.imaging import Pyramid, pyramid
 from wayside.stages.mapping.association import WindowCandidates
-from wayside.stages.mapping.verdicts import unassigned_verdicts
 
 WEAKEST_SCORE = -7.0
 """Log odds of the weakest refused candidate that may join a landmark that others propose."""
 EDGE_PX = 2.0
 """A box nearer to the edge of the image than this is taken as cut."""
-NO_TRACK = -1
+FOLLOWED = np.dtype(
+    [
+        ("candidate", np.int64),  # row among the candidates of the image
+        ("back", np.bool_),  # followed as the back of a panel; a row may be followed as a face, too
+        ("seed", np.bool_),  # may form hypotheses
+        ("ray", np.float64, 2),  # ideal image coordinates of the centre
+        ("size", np.float64, 2),  # width and height in ideal image coordinates
+        ("score", np.float64),  # log odds of what it is followed as
+        ("whole", np.bool_),  # does not touch the edge of the image
+        ("assigned", np.bool_),  # belongs to a finished landmark
+        ("paired", np.bool_, 2),  # meets a candidate of an earlier, of a later frame
+        ("standing", np.bool_),  # its landmark was in sight when the frame left the window
+    ]
+)
+"""Columns of the followed candidates of a frame."""
 
 
 @dataclass(slots=True)
 class WindowFrame:
-    """A frame in the window, k followed candidates. What is known of them changes until it leaves."""
+    """A frame in the window. What is known of its candidates changes until it leaves."""
 
-    plain: TrackedFrame
-    """The frame as it came."""
-    frame: Frame
-    """The frame."""
-    camera: Camera
-    """Its camera."""
+    posed: PosedDetections
+    """The frame as it came, with its image."""
     motion: Motion
     """Its motion."""
-    candidates: Candidates
-    """All its candidates, n rows."""
-    followed: NDArray[np.int64]
-    """Rows of the followed candidates, (k,)."""
-    back: NDArray[np.bool_]
-    """Whether it is followed as the back of a panel, (k,). A row may be followed as a face, too."""
-    seeds: NDArray[np.bool_]
-    """Whether it may form hypotheses, (k,)."""
-    ray: NDArray[np.float64]
-    """Ideal image coordinates of the centre, (k, 2)."""
-    size: NDArray[np.float64]
-    """Width and height in ideal image coordinates, (k, 2)."""
-    score: NDArray[np.float64]
-    """Log odds of what it is followed as, (k,)."""
-    whole: NDArray[np.bool_]
-    """Whether the box does not touch the edge of the image, (k,)."""
+    camera: Camera
+    """Its camera."""
     bounds: NDArray[np.float64]
     """See `image_bounds`, (4,)."""
-    focal: float
-    """Focal length, pixels."""
-    assigned: NDArray[np.bool_]
-    """Whether it belongs to a finished landmark, (k,)."""
-    paired: NDArray[np.bool_]
-    """Whether it meets a candidate of an earlier, of a later frame, (k, 2)."""
-    standing: NDArray[np.bool_]
-    """Whether its landmark was still in sight when the frame left the window, (k,)."""
-    verdict: NDArray[np.uint8]
-    """Index into `VERDICTS`, (n,)."""
-    track_id: NDArray[np.int32]
-    """Landmark that each belongs to, (n,). -1: none."""
-    residual_px: NDArray[np.float32]
-    """Distance of each to its reprojected landmark, (n,). nan: none."""
-    landmarks: list[Landmark]
+    candidates: Candidates
+    """All its candidates, n rows: those of the image, then predicted ones."""
+    followed: NDArray[np.void]
+    """Those that are followed, (k,), with the columns of `FOLLOWED`."""
+    landmarks: list[Landmark] = field(default_factory=list)
     """Those seen first in this frame."""
-    measurements: list[Measurement]
+    measurements: list[Measurement] = field(default_factory=list)
     """What the measurements of those landmarks rest on."""
-    rgb: NDArray[np.uint8] | None = field(default=None, repr=False)
-    """The image. None: there is none."""
     matches: NDArray[np.float32] | None = field(default=None, repr=False)
     """See `TrackedFrame`."""
-    _pyramid: tuple[NDArray[np.uint8], ...] | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, posed: PosedDetections, motion: Motion, camera: Camera) -> WindowFrame:
         """What tracking needs of a frame."""
-        detections = posed.detections
-        table = detections.candidates
-        faces, backs = followed_rows(table, WEAKEST_SCORE), table.back_rows()
-        rows = np.concatenate([faces, backs])
-        back = np.arange(len(rows)) >= len(faces)
-        box = table.regions.box[rows].astype(np.float64)
-        score = table.score[rows].astype(np.float64)
-        if table.back_score is not None:
-            score[back] = table.back_score[backs]
-        cut = (box[:, :2] < EDGE_PX).any(axis=1)
-        cut |= (box[:, 2] > camera.width - EDGE_PX) | (box[:, 3] > camera.height - EDGE_PX)
-        return cls(
-            plain=untracked(posed),
-            frame=detections.frame,
-            camera=camera,
-            motion=motion,
-            candidates=table,
-            followed=rows,
-            back=back,
-            seeds=back | (table.verdict[rows] != verdict_code("score")),
-            ray=np.ascontiguousarray(rays_of_ideal(camera, table.ideal[rows])),
-            size=ideal_size(box, camera),
-            score=np.nan_to_num(score),
-            whole=~cut,
-            bounds=image_bounds(camera),
-            focal=(camera.fx + camera.fy) / 2,
-            assigned=np.zeros(len(rows), np.bool_),
-            paired=np.zeros((len(rows), 2), np.bool_),
-            standing=np.zeros(len(rows), np.bool_),
-            verdict=table.verdict.copy(),
-            track_id=np.full(len(table), NO_TRACK, np.int32),
-            residual_px=np.full(len(table), np.nan, np.float32),
-            landmarks=[],
-            measurements=[],
-            rgb=detections.image.rgb,
-            _pyramid=detections.image.levels,
+        table = posed.detections.candidates
+        followed = np.concatenate(
+            [
+                followed_table(table, face_rows(table), camera),
+                followed_table(table, table.back_rows(), camera, back=True),
+            ]
         )
+        return cls(posed, motion, camera, image_bounds(camera), table, followed)
 
-    def image_pyramid(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """The image at full, half and quarter size, made when first requested, or None."""
-        if self._pyramid is None and self.rgb is not None:
-            self._pyramid = pyramid(self.rgb)
-        return self._pyramid
+    @property
+    def frame(self) -> Frame:
+        """The frame."""
+        return self.posed.frame
+
+    @property
+    def focal(self) -> float:
+        """Focal length, pixels."""
+        return (self.camera.fx + self.camera.fy) / 2
+
+    @property
+    def rgb(self) -> NDArray[np.uint8] | None:
+        """The image. None: there is none."""
+        return self.posed.detections.image.rgb
+
+    def image_pyramid(self) -> Pyramid | None:
+        """The image at full, half and quarter size, or None."""
+        image = self.posed.detections.image
+        return image.levels or (None if image.rgb is None else pyramid(image.rgb))
+
+    def box(self, row: int) -> NDArray[np.float64]:
+        """Box (4,) of a followed candidate, pixels."""
+        own = self.followed["candidate"][row]
+        return np.asarray(self.candidates.regions.box[own], np.float64)
 
     def add(self, region: Regions, score: float, *, back: bool = False) -> int:
         """Take one more candidate, as if it had been followed from the start; its number among the followed ones."""
-        camera, one = self.camera, Candidates.of(region)
         known = np.array([score], np.float32)
-        one = replace(one, ideal=ideal_points(camera, one.center))
+        one = Candidates.of(region)
+        one = replace(one, ideal=ideal_points(self.camera, one.center))
         one = replace(one, back_score=known) if back else replace(one, score=known)
-        self.followed = np.append(self.followed, len(self.candidates))
+        row = followed_table(one, np.zeros(1, np.int64), self.camera, back=back)
+        row["candidate"], row["seed"] = len(self.candidates), False
         self.candidates = self.candidates.joined(one)
-        self.back = np.append(self.back, back)
-        self.seeds = np.append(self.seeds, False)
-        self.ray = np.vstack([self.ray, rays_of_ideal(camera, one.ideal)])
-        self.size = np.vstack([self.size, ideal_size(region.box.astype(np.float64), camera)])
-        self.score = np.append(self.score, score)
-        self.whole = np.append(self.whole, True)
-        self.assigned = np.append(self.assigned, False)
-        self.paired = np.vstack([self.paired, np.zeros((1, 2), np.bool_)])
-        self.standing = np.append(self.standing, False)
-        self.verdict = np.append(self.verdict, np.uint8(verdict_code("open")))
-        self.track_id = np.append(self.track_id, np.int32(NO_TRACK))
-        self.residual_px = np.append(self.residual_px, np.float32(np.nan))
+        self.followed = np.concatenate([self.followed, row])
         return len(self.followed) - 1
 
-    def assign(self, row: int, track_id: int, verdict: str, residual_px: float) -> None:
-        """Give a followed candidate to a landmark; a candidate of a sign stays one."""
-        own = self.followed[row]
-        self.assigned[row] = True
-        if self.verdict[own] != verdict_code("sign"):
-            self.track_id[own], self.residual_px[own] = track_id, residual_px
-            self.verdict[own] = verdict_code(verdict)
-
     def finished(self) -> TrackedFrame:
-        """The frame with every candidate decided."""
-        rest = ~self.back & (self.track_id[self.followed] == NO_TRACK)
-        rest &= self.candidates.verdict[self.followed] == verdict_code("open")
-        self.verdict[self.followed[rest]] = unassigned_verdicts(
-            self.paired[rest], self.standing[rest]
-        )
+        """The frame; of candidates that no landmark has, the verdict says how far they went."""
+        rest = ~(self.followed["back"] | self.followed["assigned"])
+        own = self.followed[rest]
+        verdict = self.candidates.verdict.copy()
+        still_open = verdict[own["candidate"]] == verdict_code("open")
+        own = own[still_open]
+        verdict[own["candidate"]] = unassigned_verdicts(own["paired"], own["standing"])
         return replace(
-            self.plain,
-            candidates=replace(self.candidates, verdict=self.verdict),
-            track_id=self.track_id,
-            residual_px=self.residual_px,
+            untracked(self.posed, replace(self.candidates, verdict=verdict)),
             landmarks=tuple(self.landmarks),
             measurements=tuple(self.measurements),
             matches=self.matches,
@@ -223,35 +175,64 @@ def _released(
                 return
             yield first.finished()
         else:
-            yield untracked(first)
+            yield untracked(first, first.detections.candidates)
         waiting.popleft()
 
 
-def untracked(posed: PosedDetections) -> TrackedFrame:
-    """A frame that takes no part, as it came."""
-    detections = posed.detections
-    table = detections.candidates
+def untracked(posed: PosedDetections, candidates: Candidates) -> TrackedFrame:
+    """A frame with these candidates, none of which belongs to a landmark."""
+    found = posed.detections.segmentation
     return TrackedFrame(
-        detections.frame,
+        posed.frame,
         posed.motion,
-        table,
-        np.full(len(table), NO_TRACK, np.int32),
-        np.full(len(table), np.nan, np.float32),
-        detections.segmentation.region_count,
-        dropped=detections.segmentation.dropped,
+        candidates,
+        np.full(len(candidates), -1, np.int32),
+        np.full(len(candidates), np.nan, np.float32),
+        found.region_count,
+        dropped=found.dropped,
     )
 
 
-def followed_rows(table: Candidates, weakest: float) -> NDArray[np.int64]:
+def face_rows(table: Candidates) -> NDArray[np.int64]:
     """Rows that are followed as faces, ascending: open ones, overlapped ones, and weak ones from a score on.
 
     Which of several overlapping boxes is the face shows only over several frames; and where near views place a sign,
     a weak far view may join it.
     """
-    weak = (table.verdict == verdict_code("score")) & (table.score >= weakest)
-    return np.flatnonzero(
-        (table.verdict == verdict_code("open")) | (table.verdict == verdict_code("overlap")) | weak
+    weak = (table.verdict == verdict_code("score")) & (table.score >= WEAKEST_SCORE)
+    seen = np.isin(table.verdict, [verdict_code("open"), verdict_code("overlap")])
+    return np.flatnonzero(seen | weak)
+
+
+def followed_table(
+    table: Candidates, rows: NDArray[np.int64], camera: Camera, *, back: bool = False
+) -> NDArray[np.void]:
+    """Rows (k,) of a table of candidates, followed as faces or as backs, with the columns of `FOLLOWED`."""
+    box = table.regions.box[rows].astype(np.float64)
+    score = table.back_score if back and table.back_score is not None else table.score
+    found = np.zeros(len(rows), FOLLOWED)
+    found["candidate"], found["back"] = rows, back
+    found["seed"] = back | (table.verdict[rows] != verdict_code("score"))
+    found["ray"] = rays_of_ideal(camera, table.ideal[rows])
+    found["size"] = ideal_size(box, camera)
+    found["score"] = np.nan_to_num(score[rows].astype(np.float64))
+    far = np.array([camera.width, camera.height]) - EDGE_PX
+    found["whole"] = (box[:, :2] >= EDGE_PX).all(axis=1) & (box[:, 2:] <= far).all(axis=1)
+    return found
+
+
+def unassigned_verdicts(
+    paired: NDArray[np.bool_], standing: NDArray[np.bool_]
+) -> NDArray[np.uint8]:
+    """Verdicts (k,) of candidates that no landmark has, paired (k, 2) with an earlier and with a later candidate.
+
+    `far_view` where it was standing (k,): a view of a landmark that was in sight still when the image left the window.
+    Else `unmatched` with neither, `few_views` with one of both; with both it fits no standing point: `moving`.
+    """
+    by_pairs = np.take(
+        [verdict_code(v) for v in ("unmatched", "few_views", "moving")], paired.sum(axis=1)
     )
+    return np.asarray(np.where(standing, verdict_code("far_view"), by_pairs), np.uint8)
 
 
 def ideal_size(box: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
@@ -263,7 +244,7 @@ def ideal_size(box: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
     u, v = (x0 + x1) / 2, (y0 + y1) / 2
     ends = np.concatenate([np.stack(pair, axis=1) for pair in ((x0, v), (x1, v), (u, y0), (u, y1))])
     left, right, top, bottom = to_rays(camera, ends).reshape(4, len(box), 2)
-    return np.ascontiguousarray(np.stack([right[:, 0] - left[:, 0], bottom[:, 1] - top[:, 1]], 1))
+    return np.stack([right[:, 0] - left[:, 0], bottom[:, 1] - top[:, 1]], 1)
 
 
 def image_bounds(camera: Camera) -> NDArray[np.float64]:
@@ -276,18 +257,15 @@ def image_bounds(camera: Camera) -> NDArray[np.float64]:
 
 def candidates_of(window: Sequence[WindowFrame]) -> WindowCandidates:
     """Rays of all followed candidates of consecutive frames."""
-    counts = [len(f.followed) for f in window]
+    table = np.concatenate([f.followed for f in window])
+    columns = ("ray", "size", "score", "whole", "seed", "back")
     return WindowCandidates(
-        rotation=np.stack([f.motion.pose.rotation for f in window]),
-        centre=np.stack([f.motion.pose.centre for f in window]),
-        focal=np.array([f.focal for f in window]),
-        bounds=np.stack([f.bounds for f in window]),
-        first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-        ray=np.concatenate([f.ray for f in window]),
-        size=np.concatenate([f.size for f in window]),
-        score=np.concatenate([f.score for f in window]),
-        whole=np.concatenate([f.whole for f in window]),
-        seeds=np.concatenate([f.seeds for f in window]),
+        np.stack([f.motion.pose.rotation for f in window]),
+        np.stack([f.motion.pose.centre for f in window]),
+        np.array([f.focal for f in window]),
+        np.stack([f.bounds for f in window]),
+        np.cumsum([0, *(len(f.followed) for f in window)], dtype=np.int64),
+        *(np.ascontiguousarray(table[name]) for name in columns),
     )
 
 
@@ -295,18 +273,18 @@ class TravelledPath:
     """The last stretch of the chain of camera centres."""
 
     def __init__(self, longest: int) -> None:
-        self._longest = longest
-        self._points: list[tuple[NDArray[np.float64], NDArray[np.float64], float]] = []
+        self._poses: deque[tuple[NDArray[np.float64], NDArray[np.float64], float]] = deque(
+            maxlen=longest
+        )
         self._ahead = np.array([0.0, 0.0, 1.0])
 
     def append(self, motion: Motion) -> None:
         """Go one frame further."""
         pose = motion.pose
-        self._points.append((pose.centre, -pose.rotation[:, 1], motion.station_m))
+        self._poses.append((pose.centre, -pose.rotation[:, 1], motion.station_m))
         self._ahead = pose.rotation[:, 2]
-        del self._points[: -self._longest]
 
     def offset(self, point: NDArray[np.float64]) -> FrenetOffset:
         """Station and offset of a point (3,) of the drive's frame."""
-        centres, ups, stations = (np.array(column) for column in zip(*self._points, strict=True))
+        centres, ups, stations = (np.array(column) for column in zip(*self._poses, strict=True))
         return frenet_offset(point, centres, ups, stations, self._ahead)

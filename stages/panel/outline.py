@@ -1,9 +1,12 @@
 """The outer outline of a face: chosen among nested candidates by a linear model.
 
 A face has several outlines one within the other: legend, inner field, border line, rim. The strongest of each shape is
-found first. The edges parallel to it are the candidates. A conditional logit (McFadden 1974) over 11 features chooses
-the outer one. The features are strength of the edge, evenness of the strip inside it (a rim has one colour all round,
-the background has not), and difference from the detected box. Lengths are in samples of the template.
+found first, and its sides are aligned. The edges parallel to it are the candidates. A conditional logit (McFadden 1974)
+over 11 features chooses the outer one. The features are strength of the edge, evenness of the strip inside it (a rim
+has one colour all round, the background has not), and difference from the detected box.
+
+Boxes are [left, top, right, bottom] (4,), before the rotation about their centre. Lengths are in samples of the
+template.
 """
 
 from __future__ import annotations
@@ -22,15 +25,70 @@ from wayside.stages.panel.outline_edges import (
     edge_profiles,
     gradients_of,
     strip_colors,
+    strongest_box,
 )
-from wayside.stages.panel.outline_fit import (
-    Outline,
-    refine_outline,
-    rim_correction,
-    side_variances,
-    strongest_outlines,
+from wayside.stages.panel.outline_shapes import (
+    ASPECT,
+    OUTLINE_SHAPES,
+    Segments,
+    box_size,
+    growth,
+    has_area,
+    segments_of,
 )
-from wayside.stages.panel.outline_shapes import box_size, growth, has_area, segments_of
+
+INWARD = 0.12
+"""The strongest outline lies within the box by this fraction of the smaller side at most."""
+OUTWARD = 0.28
+"""The strongest outline lies outside the box by this fraction at most."""
+SEARCH = 3.0
+"""The strongest outline is sought so far, either way, at least."""
+MOST_INNER = 2
+"""Shapes round whose strongest outline candidates are sought."""
+SIDE_ROUNDS = 2
+"""Rounds of aligning the profiles of the sides."""
+SIDE_SEARCH = 4.0
+"""Range of the shift that aligns the profiles of the sides."""
+SIDE_PENALTY = 0.01
+"""Correlation that a shift of a side must gain for each sample."""
+FIT_ITERATIONS = 4
+"""Weights of a fit of sides and rotation are computed so many times."""
+SIDE_SIGMA = 1.0
+"""Scatter of a side about its start (prior)."""
+RIVAL_SIGMAS = 4.0
+"""Edges within so many standard deviations of a side, either way, are its rivals."""
+ROTATION_SIGMA_DEG = 1.5
+"""Scatter of the rotation in the plane (prior)."""
+ASPECT_SIGMA = 0.03
+"""Relative scatter of the proportion of shapes that have one."""
+EDGE_SIGMA = 0.35
+"""Scatter of the edge of one segment."""
+EDGE_CAUCHY = 0.5
+"""Scale of the Cauchy weight of a segment's residual."""
+FLANK = 4.0
+"""Range in which the outer flank of the edge is measured."""
+SHARP_FLANK = 1.7
+"""Width of a plain edge to half of its height."""
+RIM_FRACTION = 0.7
+"""Fraction of the remaining width that is rim."""
+MOST_RIM_INWARD = 0.7
+"""The rim moves the outline inwards by this at most."""
+MOST_RIM_OUTWARD = 1.4
+"""The rim moves the outline outwards by this at most."""
+_DIRECTIONS = {
+    False: np.eye(4),
+    True: np.array(
+        [
+            [0.5, 0, 0.5, 0],
+            [0, 0.5, 0, 0.5],
+            [-0.5, -0.5, 0.5, 0.5],
+            [-0.5, 0, 0.5, 0],
+            [0, -0.5, 0, 0.5],
+        ]
+    ),
+}
+"""How boxes change: sides of a rectangle one by one; shapes of one proportion move and grow."""
+
 
 SMALLEST_INWARD = 1.5
 """Candidates lie within the strongest outline by this at most."""
@@ -42,10 +100,8 @@ SMALLEST_EDGE = 0.15
 """Fraction of the strongest edge below which a candidate is left out."""
 STRIP = 1.5
 """Width of the strip inside a candidate whose colour should be even."""
-REFINE_VIEWS = 2
-"""Nearest views of the last fit."""
-REFINE_SEARCH = 1.5
-"""Range of the edges of the last fit."""
+SHARP_VIEWS = 2
+"""Nearest views, which show a rim too narrow to have an edge of its own."""
 OUTLINE_FEATURES = (
     "edge",
     "log_edge",
@@ -134,9 +190,8 @@ def fit_face_outline(
     probability = np.exp(value - value[best])
     probability /= probability.sum()
     chosen = candidates[best].outline
-    sharp = gradients.nearest(REFINE_VIEWS)
-    fine = refine_outline(sharp, chosen, REFINE_SEARCH, held=True)
-    fine = fine._replace(box=fine.box + rim_correction(sharp, fine))
+    sharp = gradients[:SHARP_VIEWS]
+    fine = chosen._replace(box=chosen.box + rim_correction(sharp, chosen))
     rivals = np.array([candidate.outline.box for candidate in candidates]) - chosen.box
     covariance = (rivals.T * probability) @ rivals
     covariance += np.diag(side_variances(sharp, fine))
@@ -199,3 +254,125 @@ def _features(inner: Outline, outer: Array, detected: Array, edge: float, strip:
 def _peaks(values: Array) -> list[int]:
     inner = values[1:-1]
     return (np.flatnonzero((inner >= values[:-2]) & (inner > values[2:])) + 1).tolist()
+
+
+class Outline(NamedTuple):
+    """A fitted outline: shape, box, rotation (rad, clockwise), mean edge strength 0 to 1."""
+
+    shape: str
+    box: Array
+    rotation: float
+    strength: float
+
+
+def strongest_outlines(gradients: Gradients, box: Array) -> list[Outline]:
+    """Outlines of the best shapes near a box, the strongest one of each."""
+    found = [_strongest(gradients, shape, box) for shape in OUTLINE_SHAPES]
+    found = sorted((o for o in found if has_area(o.box)), key=lambda o: -o.strength)
+    return [align_sides(gradients, o) for o in found[:MOST_INNER]]
+
+
+def _in_proportion(shape: str, box: Array) -> Array:
+    """The box of the shape's own proportion about a box, or the box itself."""
+    if shape not in ASPECT:
+        return box
+    centre, tall = (box[:2] + box[2:]) / 2, np.sqrt(box_size(box).prod() / ASPECT[shape])
+    half = np.array([ASPECT[shape] * tall, tall]) / 2
+    return np.concatenate([centre - half, centre + half])
+
+
+def _strongest(gradients: Gradients, shape: str, detected: Array) -> Outline:
+    """The strongest outline of a shape near a detected box."""
+    box = _in_proportion(shape, detected)
+    side, step = float(box_size(box).min()), OFFSET_STEP
+    low = -step * np.ceil(max(INWARD * side + 1, SEARCH) / step)
+    high = step * np.ceil(max(OUTWARD * side + 1, SEARCH) / step)
+    segments = segments_of(shape, box)
+    profiles = edge_profiles(gradients, segments, low, high)
+    directions = _DIRECTIONS[shape in ASPECT]
+    change, strength = strongest_box(profiles, segments.jacobian, low, directions)
+    return Outline(shape, box + change, 0.0, strength)
+
+
+def align_sides(gradients: Gradients, outline: Outline) -> Outline:
+    """The outline with all sides on the same one of several parallel lines (rim, border line).
+
+    The profiles of all sides are alike: each side is shifted to where its profile correlates best with their mean.
+    Where two sides would meet, it is the given one.
+    """
+    x = np.array([*outline.box, outline.rotation])
+    reach, step = SIDE_SEARCH, OFFSET_STEP
+    for _ in range(SIDE_ROUNDS):
+        segments = segments_of(outline.shape, x[:4], x[4])
+        profiles = edge_profiles(gradients, segments, -2 * reach, 2 * reach)
+        half = round(reach / step)
+        mean = profiles.mean(axis=0)[half:-half]
+        windows = np.lib.stride_tricks.sliding_window_view(profiles, len(mean), axis=1)
+        norm = np.sqrt((windows**2).sum(axis=2) * (mean**2).sum()) + 1e-9
+        shift = (np.arange(windows.shape[1]) - half) * step
+        correlation = (windows @ mean) / norm - SIDE_PENALTY * np.abs(shift)
+        best = correlation.argmax(axis=1)
+        weight = np.maximum(correlation.max(axis=1), 0.0) ** 2
+        x = x + _least_squares(outline.shape, x, segments, shift[best], weight)
+        if not has_area(x[:4]):
+            return outline
+    return outline._replace(box=x[:4], rotation=float(x[4]))
+
+
+def rim_correction(gradients: Gradients, outline: Outline) -> Array:
+    """Change (4,) of a box for a rim too narrow to have an edge of its own: it widens the outer flank of the edge."""
+    segments = segments_of(outline.shape, outline.box, outline.rotation)
+    reach, step = FLANK, OFFSET_STEP
+    profile = edge_profiles(gradients, segments, -reach, reach + 1).mean(axis=0)
+    centre, near = round(reach / step), round(1 / step)
+    top = centre - near + int(np.argmax(profile[centre - near : centre + near + 1]))
+    fallen = np.flatnonzero(profile[top:] < profile[top] / 2)
+    flank = (top + fallen[0] - centre) * step if len(fallen) else reach + 1
+    outward = RIM_FRACTION * (flank - SHARP_FLANK)
+    limited = np.clip(outward, -MOST_RIM_INWARD, MOST_RIM_OUTWARD)
+    return np.asarray(limited * growth(segments))
+
+
+def side_variances(gradients: Gradients, outline: Outline) -> Array:
+    """Variance (4,) of each side of a box about where it lies, by all edges that it could lie on alone, samples^2.
+
+    The posterior of its offset, with the prior of a side and the information of an edge as in `align_sides`; edges
+    count by how far the side moves their segments. One clear edge leaves little; two of like strength, their distance.
+    """
+    segments = segments_of(outline.shape, outline.box, outline.rotation)
+    step = OFFSET_STEP
+    reach = step * np.ceil(RIVAL_SIGMAS * SIDE_SIGMA / step)
+    profiles = edge_profiles(gradients, segments, -reach, reach)
+    offset = np.linspace(-reach, reach, profiles.shape[1])
+    moves = segments.jacobian[:, :4]
+    strength = np.zeros((4, len(offset)))
+    for profile, move in zip(profiles, moves, strict=True):
+        for side in np.flatnonzero(move):
+            strength[side] += abs(move[side]) * np.interp(offset * move[side], offset, profile)
+    strength /= np.abs(moves).sum(axis=0)[:, None]
+    likelihood = strength / EDGE_SIGMA**2 - (offset / SIDE_SIGMA) ** 2 / 2
+    probability = np.exp(likelihood - likelihood.max(axis=1, keepdims=True))
+    return np.asarray(probability @ offset**2 / probability.sum(axis=1))
+
+
+def _least_squares(shape: str, x: Array, segments: Segments, offset: Array, weight: Array) -> Array:
+    """Change (5,) of a box and its rotation x for segments to lie at an offset (k,), with Cauchy weights and priors.
+
+    Sides and rotation scatter about where they are, and a shape of one proportion about that; in units of the scatter
+    of an edge.
+    """
+    sigma = np.array([SIDE_SIGMA] * 4 + [np.radians(ROTATION_SIGMA_DEG)])
+    normal, right = np.diag((EDGE_SIGMA / sigma) ** 2), np.zeros(5)
+    if shape in ASPECT:
+        by = np.array([-1, ASPECT[shape], 1, -ASPECT[shape], 0])
+        hold = (EDGE_SIGMA / (ASPECT_SIGMA * (x[2] - x[0]))) ** 2
+        normal += hold * np.outer(by, by)
+        right -= hold * by * float(by @ x)
+    change: Array = np.zeros(5)
+    for _ in range(FIT_ITERATIONS):
+        residual = offset - segments.jacobian @ change
+        robust = weight / (1 + (residual / EDGE_CAUCHY) ** 2)
+        weighted = segments.jacobian * robust[:, None]
+        matrix = segments.jacobian.T @ weighted + normal
+        change = np.asarray(np.linalg.solve(matrix, weighted.T @ offset + right), np.float64)
+    return change

@@ -15,6 +15,7 @@ from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping import (
     GAP_SHARE,
+    Face,
     LandmarkFit,
     TravelledPath,
     WindowFrame,
@@ -22,6 +23,7 @@ from wayside.stages.mapping import (
     candidates_of,
     fit_views,
     measure_landmark,
+    same_face,
     through_window,
 )
 from wayside.stages.report.trajectory import trajectory_of
@@ -68,6 +70,8 @@ def _smallest_around(points: NDArray[np.float32], box: NDArray[np.float32]) -> N
 
 SIFT_VIEWS = 2
 """Nearest views that place a chain of descriptors, as in report chapter 7."""
+REMEMBERED = 60
+"""Landmarks that a later one may be the same face as, at most."""
 RATIO = 0.8
 """Largest distance to the nearest descriptor over that to the second nearest (Lowe 2004)."""
 
@@ -97,6 +101,7 @@ class _Matcher:
         self._window: list[WindowFrame] = []
         self._features: Features | None = None
         self._chains: dict[int, _Chain] = {}  # by followed candidate of the newest frame
+        self._reported: list[Face] = []
         self._next_id = 0
 
     def holds(self, frame: WindowFrame) -> bool:
@@ -117,7 +122,7 @@ class _Matcher:
                 if old is None or new is None:
                     continue
                 chain = self._chains.pop(old, ((before, old),))
-                before.paired[old, 1] = frame.paired[new, 0] = True
+                before.followed["paired"][old, 1] = frame.followed["paired"][new, 0] = True
                 going[new] = (*chain, (frame, new))[-self._settings.longest :]
         ended = list(self._chains.values())
         self._window.append(frame)
@@ -154,15 +159,23 @@ class _Matcher:
                 self._add_landmark(fit)
 
     def _add_landmark(self, fit: LandmarkFit) -> None:
-        """Measure a landmark and give it to its frames; `residual` where eq. 7.5 says that its rays do not meet.
+        """Measure a landmark and give it to its frames.
 
-        e is the sum of the squared differences, in both coordinates of each view, of the point's projections.
+        `residual` where eq. 7.5 says that its rays do not meet, `duplicate` on the pixels of an earlier one. e is the
+        sum of the squared differences, in both coordinates of each view, of the point's projections.
         """
         window = self._window
         tall_px = fit.metric[1] / fit.depth.min() * window[fit.frames[-1]].focal
         allowed_px = self._settings.gap_px + GAP_SHARE * tall_px
         e = float((fit.residual_px[fit.used] ** 2).sum())
         verdict = "sign" if e < fit.used.sum() * allowed_px**2 else "residual"
+        if verdict == "sign":
+            face = Face.of(fit, window)
+            boxes = face.boxes(window)
+            if any(same_face(boxes, other.boxes(window)) for other in self._reported):
+                verdict = "duplicate"
+            else:
+                self._reported = [*self._reported, face][-REMEMBERED:]
         landmark = build_landmark(
             fit,
             window,
@@ -172,22 +185,23 @@ class _Matcher:
             score=np.nan,
             verdict=verdict,
         )
-        rays = np.array([window[f].ray[row] for f, row in zip(fit.frames, fit.rows, strict=True)])
+        views = fit.views_in(window)
+        rays = np.array([held.followed["ray"][row] for held, row in views])
         landmark = replace(
             landmark,
             facing_deg=np.nan,
             sigma_facing_deg=np.nan,
-            trajectory=trajectory_of(rays, [window[f].motion for f in fit.frames]),
+            trajectory=trajectory_of(rays, [held.motion for held, _ in views]),
         )
         window[fit.frames[0]].landmarks.append(landmark)
-        for frame, row, residual in zip(fit.frames, fit.rows, fit.residual_px, strict=True):
-            window[frame].assign(row, self._next_id, verdict, float(residual))
+        for held, row in views:
+            held.followed["assigned"][row] = True
         self._next_id += 1
 
 
 def _faces(frame: WindowFrame) -> dict[int, int]:
     """Number among the followed ones of each row that is followed as a face."""
-    return {int(row): i for i, row in enumerate(frame.followed) if not frame.back[i]}
+    return {int(one["candidate"]): i for i, one in enumerate(frame.followed) if not one["back"]}
 
 
 def match_points(

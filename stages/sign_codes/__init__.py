@@ -5,12 +5,10 @@ from wayside.stages.sign_codes.face_classes import (
     CLASSES,
     FACE_OUTPUT,
     FACES,
-    FaceClassifier,
-    classify_faces,
-)
-from wayside.stages.sign_codes.face_patches import (
     OTHER_FACE,
     PATCH_SIDE,
+    FaceClassifier,
+    classify_faces,
     face_patch,
     face_samples,
 )

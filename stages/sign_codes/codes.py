@@ -29,7 +29,7 @@ from wayside.schemas.sign_catalogue import (
     Size,
 )
 from wayside.schemas.signs import Sign, SignCode
-from wayside.stages.sign_codes.face_patches import OTHER_FACE
+from wayside.stages.sign_codes.face_classes import OTHER_FACE
 
 FOREIGN = 0.01
 """Share of signs of the other system on a drive (estimate): at borders, on private ground, copied ones."""

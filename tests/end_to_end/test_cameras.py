@@ -17,8 +17,8 @@ from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.flow import Flow
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.settings import ReadSettings
-from wayside.stages.detection import face_boxes
-from wayside.stages.imaging.white_balance import road_chromaticity
+from wayside.stages.detection import proposals
+from wayside.stages.imaging.pixels import road_chromaticity
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 REAL = Path(__file__).parents[2] / "shared" / "data" / "real"
@@ -192,7 +192,7 @@ def count_signs(log):
 
 def test_an_image_of_few_pixels_shows_more_where_it_is_seen_enlarged(small, monkeypatch):
     enlarged = count_signs(small)
-    monkeypatch.setattr(face_boxes, "SHORTEST_FOCAL_PX", 1.0)
+    monkeypatch.setattr(proposals, "SHORTEST_FOCAL_PX", 1.0)
     assert enlarged > count_signs(small)
 
 

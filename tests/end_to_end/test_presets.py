@@ -223,7 +223,7 @@ def codes(result):
 
 
 def test_the_default_preset_tells_the_codes_of_the_demo(default_demo):
-    assert codes(default_demo) == ["R2-1", "R1-1", "D", "TTC", "S1-1", "S", "W", "D9", "D1"]
+    assert codes(default_demo) == ["R2-1", "R1-1", "D", "TTC", "S1-1", None, "W", "D9", "D1"]
     assert default_demo.about["us_probability"] > 0.99
     limit = next(row for row in default_demo.signs if row["mutcd"] == "R2-1")
     assert limit["legend"] in (None, "45")  # 45 has 84 %, 40 the rest; a statement needs 90

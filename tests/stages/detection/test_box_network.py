@@ -77,17 +77,14 @@ def test_every_box_has_a_row_of_each_column(count):
     assert all(values.dtype == np.float32 for values in columns(found).values())
 
 
-def test_a_clear_face_scores_far_higher_than_the_ground():
+def test_a_clear_face_scores_far_higher_than_the_ground_and_has_its_colour_and_shape():
     faces = np.array([DIAMOND, PLATE, STOP], np.float32)
     shown = network().scores(scene(), np.concatenate([faces, GROUND]))
     assert shown.front[:3].min() > shown.front[3:].max() + 4
     assert (shown.front[:3] > shown.back[:3]).all()
-
-
-def test_a_clear_face_has_its_colour_and_shape():
-    shown = network().scores(scene(), np.array([DIAMOND, PLATE, STOP], np.float32))
-    assert [COLORS[k] for k in shown.color.argmax(axis=1)] == ["yellow", "white", "red"]
-    assert [SHAPES[k] for k in shown.shape.argmax(axis=1)] == ["diamond", "rectangle", "octagon"]
+    named = shown.select(np.arange(3))
+    assert [COLORS[k] for k in named.color.argmax(axis=1)] == ["yellow", "white", "red"]
+    assert [SHAPES[k] for k in named.shape.argmax(axis=1)] == ["diamond", "rectangle", "octagon"]
 
 
 @pytest.mark.parametrize("side", range(4))
@@ -105,17 +102,6 @@ def test_a_box_too_small_or_beyond_the_image_has_finite_scores():
     strange = np.array([[50, 50, 50.5, 50.5], [-30, -20, 10, 15], [500, 360, 600, 400]], np.float32)
     found = columns(network().scores(scene(), strange))
     assert all(np.isfinite(values).all() for values in found.values())
-
-
-def test_rows_are_selected_and_replaced():
-    found = network().scores(scene(), some_boxes(4))
-    other = network().scores(scene(), some_boxes(2, seed=9))
-    rows = np.array([3, 1])
-    changed = found.replaced(rows, other)
-    for name, values in columns(changed).items():
-        np.testing.assert_array_equal(values[rows], getattr(other, name))
-        np.testing.assert_array_equal(values[[0, 2]], getattr(found, name)[[0, 2]])
-    np.testing.assert_array_equal(changed.select(rows).best, other.best)
 
 
 def test_a_classifier_has_the_log_odds_of_its_side():

@@ -37,21 +37,11 @@ def test_a_mirrored_image_has_mirrored_patches():
     assert np.abs(patch(scene()) - patch(flipped, box)[:, ::-1]).max() <= 1
 
 
-def test_an_image_of_twice_the_size_looks_the_same():
-    large = cv2.resize(scene(), None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST)
-    # the larger one is drawn from its half size, which is the smaller one
-    assert np.abs(patch(scene()) - patch(large, BOX * 2)).max() <= 2
-
-
 @pytest.mark.parametrize(("side", "level"), [(2 * INNER - 1, 0), (2 * INNER, 1), (4 * INNER, 2)])
 def test_a_large_box_is_drawn_from_a_smaller_image(side, level):
     levels = [np.full((400 >> k, 400 >> k, 3), 50 * (k + 1), np.uint8) for k in range(3)]
     shown = drawn_patches(tuple(levels), np.array([[100, 100, 100 + side, 120]], np.float32))
     assert (shown == 50 * (level + 1)).all()
-
-
-def test_an_even_image_has_even_patches():
-    assert (patch(np.full((160, 200, 3), 90, np.uint8)) == 90).all()
 
 
 @pytest.mark.parametrize(
@@ -67,27 +57,9 @@ def test_beyond_the_border_it_is_repeated(box):
     assert np.abs(found.astype(int) - wanted).max() <= 1
 
 
-def test_each_box_has_its_own_patch_whatever_the_others_are():
-    boxes = np.array([[60, 50, 100, 90], [10, 10, 30, 40], [0, 0, 200, 160]], np.float32)
-    levels = pyramid(scene())
-    together = drawn_patches(levels, boxes)
-    for k, alone in enumerate(boxes):
-        np.testing.assert_array_equal(together[k], drawn_patches(levels, alone[None])[0])
-
-
-def test_no_boxes_give_no_patches():
-    none = drawn_patches(pyramid(scene()), np.zeros((0, 4), np.float32))
-    assert none.shape == (0, SIDE, SIDE, 3)
-    assert none.dtype == np.uint8
-
-
-def test_wrong_images_are_refused_at_the_door():
+def test_other_arrays_are_refused():
     good = pyramid(scene())
-    for levels in (good[:2], (good[0].astype(np.float32), *good[1:]), (good[0][:0], *good[1:])):
-        with pytest.raises(ValueError, match="levels"):
-            drawn_patches(levels, BOX)
-
-
-def test_boxes_of_other_columns_are_refused_at_the_door():
+    with pytest.raises(ValueError, match="levels"):
+        drawn_patches((good[0].astype(np.float32), *good[1:]), BOX)
     with pytest.raises(ValueError, match="box"):
-        drawn_patches(pyramid(scene()), BOX[:, :3])
+        drawn_patches(good, BOX[:, :3])

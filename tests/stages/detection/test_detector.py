@@ -88,25 +88,18 @@ def run(item, network=None, *, front=FRONT, back=None, **settings):
     return next(found)
 
 
-def test_a_score_below_the_threshold_is_a_verdict():
-    found = run(unclassified([[10, 10, 30, 20], [100, 10, 120, 25]]))
-    assert verdicts(found) == ["score", "open"]
-    assert found.candidates.score.tolist() == [-1, 1]
-
-
-def test_of_overlapping_boxes_the_best_stays():
-    found = run(unclassified([[10, 10, 26, 25], [10, 10, 27, 32], [100, 10, 120, 25]]))
-    assert verdicts(found) == ["overlap", "open", "open"]
-
-
-def test_the_first_of_equals_stays():
-    found = run(unclassified([[10, 10, 26, 25], [11, 10, 27, 25]]))
-    assert verdicts(found) == ["open", "overlap"]
-
-
-def test_at_most_the_best_few_are_kept():
-    found = run(unclassified([[10, 10, 25, 25], [100, 10, 120, 35], [200, 10, 215, 25]]), keep=2)
-    assert verdicts(found) == ["open", "open", "score"]
+@pytest.mark.parametrize(
+    ("boxes", "keep", "expected"),
+    [
+        ([[10, 10, 30, 20], [100, 10, 120, 25]], 9, ["score", "open"]),  # below the threshold
+        # of overlapping ones the best stays, and the first of equals
+        ([[10, 10, 26, 25], [10, 10, 27, 32], [100, 10, 120, 25]], 9, ["overlap", "open", "open"]),
+        ([[10, 10, 26, 25], [11, 10, 27, 25]], 9, ["open", "overlap"]),
+        ([[10, 10, 25, 25], [100, 10, 120, 35], [200, 10, 215, 25]], 2, ["open", "open", "score"]),
+    ],
+)
+def test_the_score_decides_and_of_overlapping_boxes_the_best_stays(boxes, keep, expected):
+    assert verdicts(run(unclassified(boxes), keep=keep)) == expected
 
 
 def test_scores_of_both_networks_are_joined_where_it_was_learned_how():
@@ -192,53 +185,34 @@ def test_a_moved_box_has_the_names_of_where_it_is_now():
     assert COLORS[run(wide, GROWN).candidates.color[0]] == "red"
 
 
-def test_a_box_on_part_of_a_back_is_moved_too():
-    item = unclassified([[20, 20, 36, 36]])
-    back = ScoreModel(0.0, "made by hand")
-    moved = run(item, replace(GROWN, behind=2.0, shift=-4.0), back=back)
-    assert moved.candidates.regions.box.tolist() == [[20, 20, 36, 44]]
-    assert moved.candidates.back_score.tolist() == [1]
-    assert verdicts(moved) == ["score"]
-
-
-def test_a_box_that_would_score_less_elsewhere_stays():
-    item = unclassified([[20, 20, 44, 44]])
-    moved = run(item, ByHeight(offset=(0, 0, 0, -0.5)))
-    assert np.array_equal(moved.candidates.regions.box, item.regions.box)
-    assert moved.candidates.score.tolist() == [3]
-
-
-def test_boxes_of_low_scores_are_not_moved():
-    item = unclassified([[20, 20, 36, 31]])
-    for above, bottom in ((0.5, 36.5), (-0.5, 31.0)):
-        found = run(item, replace(GROWN, shift=REGRESSED_FROM + 1.0 + above))
-        assert found.candidates.regions.box[0, 3] == bottom
+@pytest.mark.parametrize(
+    ("box", "network", "bottom"),
+    [
+        ([20, 20, 36, 36], replace(GROWN, behind=2.0, shift=-4.0), 44),  # on part of a back
+        ([20, 20, 44, 44], ByHeight(offset=(0, 0, 0, -0.5)), 44),  # would score less elsewhere
+        ([20, 20, 36, 31], replace(GROWN, shift=REGRESSED_FROM + 1.5), 36.5),
+        ([20, 20, 36, 31], replace(GROWN, shift=REGRESSED_FROM + 0.5), 31),  # of low score
+    ],
+)
+def test_a_box_is_moved_where_it_may_score_better(box, network, bottom):
+    found = run(unclassified([box]), network, back=ScoreModel(0.0, "made by hand"))
+    assert found.candidates.regions.box.tolist() == [[*box[:3], bottom]]
 
 
 BOX = np.array([[100, 80, 120, 100], [10, 20, 50, 40]], np.float32)
 
 
-def moved_boxes(*by):
-    offset = np.tile(np.array(by, np.float32), (len(BOX), 1))
-    return regressed_boxes(BOX, offset, CAMERA)
-
-
-def test_a_box_is_moved_by_fractions_of_its_size():
-    moved = moved_boxes(-0.5, 0.1, 0.25, 1.0)
-    assert moved == pytest.approx(np.array([[90, 82, 125, 120], [0, 22, 60, 60]]))
-    assert moved.dtype == np.float32
-
-
-def test_a_box_ends_at_the_border_of_the_image():
-    assert moved_boxes(-1.0, -1.2, 0.0, 0.0)[1].tolist() == [0, 0, 50, 40]
-
-
 @pytest.mark.parametrize(
-    "by", [(0.9, 0.0, -0.9, 0.0), (0.0, 0.45, 0.0, -0.45), (0.45, -1.0, -0.45, 1.0)]
+    ("by", "moved"),
+    [
+        ((-0.5, 0.1, 0.25, 1.0), [[90, 82, 125, 120], [0, 22, 60, 60]]),  # by fractions of its size
+        ((-1.0, -1.2, 0.0, 0.0), [[80, 56, 120, 100], [0, 0, 50, 40]]),  # to the border
+        ((-9.0, 0.0, 0.0, 0.0), [[100 - LARGEST_OFFSET * 20, 80, 120, 100], [0, 20, 50, 40]]),
+        ((0.9, 0.0, -0.9, 0.0), BOX),  # no face is so small, so low, so narrow
+        ((0.0, 0.45, 0.0, -0.45), BOX),
+        ((0.45, -1.0, -0.45, 1.0), BOX),
+    ],
 )
-def test_a_box_that_no_face_can_have_is_not_taken(by):
-    assert np.array_equal(moved_boxes(*by), BOX)
-
-
-def test_sides_move_no_farther_than_the_limit():
-    assert moved_boxes(-9.0, 0.0, 0.0, 0.0)[0, 0] == 100 - LARGEST_OFFSET * 20
+def test_sides_move_by_fractions_of_the_size_as_far_as_a_face_can_be(by, moved):
+    offset = np.tile(np.array(by, np.float32), (len(BOX), 1))
+    assert regressed_boxes(BOX, offset, CAMERA) == pytest.approx(np.array(moved))

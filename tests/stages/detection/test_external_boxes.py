@@ -78,15 +78,12 @@ def test_an_image_that_is_not_used_has_no_candidates(status, camera):
     assert len(one.candidates) == 0
 
 
-def test_of_boxes_on_one_face_the_best_is_open_and_none_is_lost():
-    source = file_of(_0=boxes((200, 60, 240, 100, 1.0), (201, 60, 241, 100, 3.0)))
-    (one,) = detections([image()], source)
+def test_of_boxes_on_one_face_the_best_is_open_and_those_outside_the_image_are_dropped():
+    rows = (200, 60, 240, 100, 1.0), (201, 60, 241, 100, 3.0)
+    (one,) = detections([image()], file_of(_0=boxes(*rows)))
     assert one.candidates.verdict.tolist() == [verdict_code("overlap"), verdict_code("open")]
-
-
-def test_boxes_are_cut_at_the_border_and_dropped_outside():
-    source = file_of(_0=boxes((300, 60, 340, 100, 1.0), (330, 60, 360, 100, 3.0)))
-    (one,) = detections([image()], source)
+    cut = (300, 60, 340, 100, 1.0), (330, 60, 360, 100, 3.0)
+    (one,) = detections([image()], file_of(_0=boxes(*cut)))
     assert one.candidates.regions.box.tolist() == [[300, 60, 320, 100]]
 
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from wayside.schemas.detections import (
     COLORS,
@@ -42,15 +43,16 @@ def test_a_face_is_found_where_it_is_with_its_side_colour_and_shape():
     assert {SHAPES[k] for k in found.shape.argmax(axis=1)} == {"octagon"}
 
 
-def test_images_that_are_no_multiple_of_the_stride_are_padded_not_scaled():
-    for size in ((64, 96), (61, 90), (50, 70)):
-        found = boxes_in(cells(*size, red=(5, 7)))
-        np.testing.assert_allclose(found.box, [[22, 14, 38, 30]], atol=1e-3)
-
-
-def test_a_box_lies_inside_the_image():
-    found = boxes_in(cells(64, 64, red=(0, 0)))
-    np.testing.assert_allclose(found.box, [[0, 0, 10, 10]], atol=1e-3)
+@pytest.mark.parametrize(
+    ("size", "cell", "box"),
+    [
+        ((61, 90), (5, 7), [22, 14, 38, 30]),  # padded to a multiple of the stride, not scaled
+        ((50, 70), (5, 7), [22, 14, 38, 30]),
+        ((64, 64), (0, 0), [0, 0, 10, 10]),  # cut at the border
+    ],
+)
+def test_a_box_is_in_pixels_of_the_image_and_inside_it(size, cell, box):
+    np.testing.assert_allclose(boxes_in(cells(*size, red=cell)).box, [box], atol=1e-3)
 
 
 def maps_with(*faces):

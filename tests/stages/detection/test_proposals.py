@@ -9,10 +9,8 @@ import pytest
 from wayside.schemas.detections import SOURCES, Regions, Segmentation
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
 from wayside.stages.detection import DetectionNetwork, propose, propose_segments
-from wayside.stages.detection.face_boxes import enlargement
-from wayside.stages.detection.proposals import MOST_BOXES, SAME_BOX_IOU
+from wayside.stages.detection.proposals import MOST_BOXES, SAME_BOX_IOU, enlargement
 from wayside.stages.geometry import iou_matrix
-from wayside.stages.imaging import pyramid
 
 NETWORK = DetectionNetwork(str(Path(__file__).parent / "red_cells.onnx"))
 CAMERA = Camera(640, 480, 700.0, 700.0, 319.5, 239.5)
@@ -98,41 +96,11 @@ def test_faces_are_searched_for_as_tall_as_the_network_sees_them():
     assert len(proposed(segmented(boxes), network=None).regions) == 0
 
 
-def test_segments_of_the_size_of_a_face_stay_and_others_go():
-    item = segmented([[10, 20, 40, 50], [0, 0, 630, 20], [5, 5, 9, 9]])
-    found = proposed(item, network=None)
-    assert found.regions.box.tolist() == [[10, 20, 40, 50]]
-    assert found.dropped.size == 2
-    assert found.network_score is None
-
-
-def test_every_segment_has_a_row_or_is_counted_with_its_reason():
-    item = segmented([[10, 10, 22, 22], [10, 10, 22, 23], [0, 0, 630, 9]])
-    found = proposed(item, network=None)
-    assert (len(found.regions), found.dropped.size, found.dropped.merged) == (1, 1, 1)
-
-
-def test_boxes_of_the_network_have_its_log_odds_of_a_face():
-    found = proposed(segmented(red=[(50, 80)]))
-    assert [SOURCES[k] for k in set(found.regions.source.tolist())] == ["network"]
-    on = iou_matrix(found.regions.box, np.array([[314, 194, 330, 210]], np.float32))[:, 0] > 0.7
-    assert (found.network_score[on] > 0).all()
-    assert on.any()
-
-
 def test_no_more_boxes_of_the_network_than_asked_for():
     red = [(row, column) for row in range(20, 100, 8) for column in range(10, 150, 10)]
     found = proposed(segmented(red=red))
     assert len(of_network(found)) == MOST_BOXES < len(red)
     assert found.dropped.left_out >= len(red) - MOST_BOXES
-
-
-def test_an_image_is_made_smaller_once_for_both_networks():
-    item = segmented(red=[(50, 80)])
-    found = proposed(item)
-    for level, made in zip(pyramid(item.image.rgb), found.image.levels, strict=True):
-        np.testing.assert_array_equal(level, made)
-    assert proposed(item, network=None).image.levels is None
 
 
 @pytest.mark.parametrize(("status", "camera"), [(USED, None), (THINNED, CAMERA)])
@@ -163,3 +131,11 @@ def test_the_same_image_gives_the_same_regions():
     one, other = propose(iter([image, image]), network=NETWORK)
     assert one.regions.box.tobytes() == other.regions.box.tobytes()
     assert one.regions.rgb.tobytes() == other.regions.rgb.tobytes()
+
+
+def test_segments_of_the_size_of_a_face_stay_and_others_are_counted_with_their_reason():
+    item = segmented([[10, 20, 40, 50], [10, 20, 40, 51], [0, 0, 630, 20], [5, 5, 9, 9]])
+    found = proposed(item, network=None)
+    assert found.regions.box.tolist() == [[10, 20, 40, 50]]
+    assert (found.dropped.size, found.dropped.merged) == (2, 1)
+    assert found.network_score is None

@@ -30,7 +30,8 @@ def made_window(boxes: Boxes, noise_px: float = 0.0) -> WindowCandidates:
         size=np.ascontiguousarray(flat[:, 3:5] / flat[:, 2:3]),
         score=np.ascontiguousarray(flat[:, 5]),
         whole=np.ones(len(flat), bool),
-        seeds=np.ones(len(flat), bool),
+        seed=np.ones(len(flat), bool),
+        back=np.zeros(len(flat), bool),
     )
 
 

@@ -1,27 +1,67 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from wayside.stages.mapping.association import MISS_COST, MISSED, VALUE_SHIFT, associate
-from wayside.stages.mapping.hypotheses import pair_hypotheses
+from wayside.stages.mapping.association import (
+    MISS_COST,
+    MISSED,
+    VALUE_SHIFT,
+    Hypotheses,
+    associate,
+    pair_hypotheses,
+)
+
+PANEL = (3.5, -1.0, 60.0, 0.7, 0.7, 1.0)
+
+
+@pytest.fixture
+def paired(window, gap_px):
+    """Hypotheses of the first and the last of some frames, and the rows of each."""
+    return lambda boxes: pair_hypotheses(window(boxes), 0, len(boxes) - 1, gap_px)
+
+
+def hypothesis(point, size):
+    return Hypotheses(np.array([point]), np.array([size]), np.zeros(1, bool))
+
+
+def test_a_hypothesis_lies_where_the_rays_meet(paired, standing):
+    rows, found = paired(standing([(3.5, -1.0, 60.0, 0.7, 0.9, 1.0)], 3))
+    np.testing.assert_allclose(found.point, [[3.5, -1.0, 60.0]], atol=1e-9)
+    np.testing.assert_allclose(found.size, [[0.7, 0.9]], atol=1e-9)
+    assert rows.tolist() == [[0, 2]]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "count"),
+    [
+        ((60.0, -1.0, 60.0, 0.7, 0.7), (60.0, -1.0, 52.0, 0.7, 0.7), 0),  # implausible places
+        ((3.5, 6.5, 60.0, 0.7, 0.7), (3.5, 6.5, 52.0, 0.7, 0.7), 0),
+        ((3.5, -18.0, 60.0, 0.7, 0.7), (3.5, -18.0, 52.0, 0.7, 0.7), 0),
+        ((3.5, -1.0, 60.0, 0.1, 0.1), (3.5, -1.0, 52.0, 0.1, 0.1), 0),  # and sizes
+        ((3.5, -1.0, 40.0, 0.16, 0.13), (3.5, -1.0, 32.0, 0.16, 0.13), 1),  # smallest plaques
+        ((3.5, -1.0, 40.0, 0.7, 0.7), (3.5, -1.4, 32.0, 0.7, 0.7), 0),  # rays that pass by
+        ((3.5, -1.0, 40.0, 0.7, 0.7), (3.5, -1.0, 32.0, 0.7, 1.0), 0),  # growth of no panel
+    ],
+)
+def test_only_plausible_panels_make_hypotheses(paired, first, second, count):
+    assert len(paired([[(*first, 1.0)], [(*second, 1.0)]])[0]) == count
+
+
+def test_a_face_and_a_back_make_no_hypothesis(window, standing, gap_px):
+    s = window(standing([PANEL], 2))._replace(back=np.array([False, True]))
+    assert len(pair_hypotheses(s, 0, 1, gap_px)[0]) == 0
 
 
 def test_candidates_that_are_no_seeds_join_but_make_no_hypothesis(gap_px, window, standing):
-    s = replace(
-        window(standing([(3.5, -1.0, 60.0, 0.7, 0.7, 1.0)], 3)), seeds=np.array([False, True, True])
-    )
-    assert len(pair_hypotheses(s, 0, 1, gap_px).point) == 0
-    pairs = pair_hypotheses(s, 1, 2, gap_px)
-    found = associate(s, pairs.point, pairs.size, np.ones(3, bool), gap_px)
-    assert found.row.tolist() == [[0, 1, 2]]
+    s = window(standing([PANEL], 3))._replace(seed=np.array([False, True, True]))
+    assert len(pair_hypotheses(s, 0, 1, gap_px)[0]) == 0
+    _, found = pair_hypotheses(s, 1, 2, gap_px)
+    assert associate(s, found, np.ones(3, bool), gap_px).row.tolist() == [[0, 1, 2]]
 
 
 def test_assigned_candidates_are_not_associated_and_missed(gap_px, window, standing):
-    s = window(standing([(3.5, -1.0, 60.0, 0.7, 0.7, 1.0)], 3))
-    landmark = np.array([[3.5, -1.0, 60.0]]), np.array([[0.7, 0.7]])
-    all_free = associate(s, *landmark, np.ones(3, bool), gap_px)
-    found = associate(s, *landmark, np.array([True, False, True]), gap_px)
+    s, landmark = window(standing([PANEL], 3)), hypothesis(PANEL[:3], [0.7, 0.7])
+    all_free = associate(s, landmark, np.ones(3, bool), gap_px)
+    found = associate(s, landmark, np.array([True, False, True]), gap_px)
     assert found.row.tolist() == [[0, -1, 2]]
     assert found.state[0, 1] == MISSED
     assert all_free.value[0] - found.value[0] == pytest.approx(1.0 + VALUE_SHIFT + MISS_COST)
@@ -29,26 +69,20 @@ def test_assigned_candidates_are_not_associated_and_missed(gap_px, window, stand
 
 
 def test_of_two_boxes_at_the_point_the_better_scored_is_associated(gap_px, window, standing):
-    boxes = standing([(3.5, -1.0, 60.0, 0.7, 0.7, 1.0)], 2)
+    boxes = standing([PANEL], 2)
     boxes[0].append((3.5, -1.0, 60.0, 0.71, 0.71, 3.0))
-    s = window(boxes)
-    found = associate(s, [[3.5, -1.0, 60.0]], [[0.7, 0.7]], np.ones(3, bool), gap_px)
+    landmark = hypothesis(PANEL[:3], [0.7, 0.7])
+    found = associate(window(boxes), landmark, np.ones(3, bool), gap_px)
     assert found.row.tolist() == [[1, 2]]
 
 
 def test_a_point_outside_the_image_is_not_expected(gap_px, window):
-    s = window([[], [], [], []])
-    found = associate(s, [[6.0, -1.0, 30.0]], [[0.7, 0.7]], np.zeros(0, bool), gap_px)
+    landmark = hypothesis([6.0, -1.0, 30.0], [0.7, 0.7])
+    found = associate(window([[], [], [], []]), landmark, np.zeros(0, bool), gap_px)
     assert found.state.tolist() == [[MISSED, MISSED, MISSED, 0]]
 
 
-def test_shapes_that_kernels_would_run_over_are_refused(gap_px, window, standing):
-    s = window(standing([(3.5, -1.0, 60.0, 0.7, 0.7, 1.0)], 3))
-    with pytest.raises(ValueError, match="usable have shapes"):
-        associate(s, np.zeros((1, 3)), np.zeros((1, 2)), np.ones(2, bool), gap_px)
-    with pytest.raises(ValueError, match="not below 3"):
-        pair_hypotheses(s, 0, 3, gap_px)
-    with pytest.raises(ValueError, match="score"):
-        replace(s, score=np.zeros(2))
-    with pytest.raises(ValueError, match="first"):
-        replace(s, first=np.array([0, 2, 1, 3]))
+def test_a_length_that_the_kernel_would_run_over_is_refused(gap_px, window, standing):
+    landmark = hypothesis(PANEL[:3], [0.7, 0.7])
+    with pytest.raises(ValueError, match="free has shape"):
+        associate(window(standing([PANEL], 3)), landmark, np.ones(2, bool), gap_px)

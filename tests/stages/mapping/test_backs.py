@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wayside.schemas.detections import VERDICTS, Candidates, Regions, verdict_code
+from wayside.schemas.detections import VERDICTS, verdict_code
 from wayside.schemas.measurement import Alignment, PanelView
 from wayside.schemas.settings import TrackSettings
-from wayside.stages.mapping import LandmarkClassifier, SideClassifiers
+from wayside.stages.mapping import LandmarkClassifier, SideClassifiers, assemble, track
 from wayside.stages.mapping.panel import Panel, PanelMeasurement, box_rays
-from wayside.stages.mapping.tracker import track
 
 BEHIND = SideClassifiers()
 NO_PIXELS = np.zeros((1, 1, 3), np.float32)
@@ -39,7 +38,7 @@ def landmarks_of(tracked):
 
 def test_a_panel_seen_from_behind_is_measured_as_a_back_without_a_colour(panel, drive):
     frames = seen_from_behind(drive([panel(-6.0, 1.2, 120.0)], 20), 2.0)
-    tracked = list(track(iter(frames), TrackSettings(), back=BEHIND))
+    tracked = list(assemble(track(iter(frames), TrackSettings(), back=BEHIND)))
     (landmark,) = landmarks_of(tracked)
     assert landmark.back
     assert landmark.verdict == "sign"
@@ -97,7 +96,7 @@ def test_what_may_be_face_or_back_is_reported_once_as_the_likelier(
     classifiers = [
         SideClassifiers(landmark=LandmarkClassifier(evidence_model(odds))) for odds in (face, back)
     ]
-    tracked = list(track(iter(frames), TrackSettings(), *classifiers))
+    tracked = list(assemble(track(iter(frames), TrackSettings(), *classifiers)))
     reported = [landmark for landmark in landmarks_of(tracked) if landmark.verdict == "sign"]
     assert [landmark.back for landmark in reported] == [back > face]
     kept = {track for item in tracked for track in item.track_id.tolist()}
@@ -122,17 +121,3 @@ def test_a_face_and_a_back_apart_are_both_reported(panel, drive):
         (False, "yellow"),
         (True, None),
     ]
-
-
-def test_candidates_of_which_only_some_may_be_backs_are_joined():
-    one = Regions(
-        np.array([[0, 0, 9, 9]], np.float32),
-        np.ones(1, np.int32),
-        np.zeros((1, 3)),
-        np.zeros(1, np.uint8),
-    )
-    plain = Candidates.of(one)
-    back = replace(plain, back_score=np.array([1.5], np.float32))
-    assert plain.joined(back).back_rows().tolist() == [1]
-    assert back.joined(plain).back_rows().tolist() == [0]
-    assert plain.joined(plain).back_rows().tolist() == []

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.motion import Motion, StepPrior, Ties
+from wayside.stages.mapping import local_adjustment
 from wayside.stages.mapping.local_adjustment import (
     MOST_FRAMES,
     LandmarkRays,
@@ -110,9 +111,9 @@ def chained_place(held, observed):
     return point
 
 
-def adjusted(held, observed, point, **changes):
+def adjusted(held, observed, point):
     """Adjusted with the last frame as the one it is reported in."""
-    return adjust_jointly(held, FRAMES - 1, observed, point, **changes)
+    return adjust_jointly(held, FRAMES - 1, observed, point)
 
 
 def error_of(held, point):
@@ -183,13 +184,14 @@ def test_a_step_whose_ties_scatter_gives_way_to_its_neighbours():
     assert abs(doubted[1]) < 0.5 * abs(trusted[1])
 
 
-def test_ties_on_a_vehicle_lose_their_weight():
+def test_ties_on_a_vehicle_lose_their_weight(monkeypatch):
     held, true = drive(shuttle=0.15)
     observed = observed_by(true)
     start = chained_place(held, observed)
     robust = error_of(held, adjusted(held, observed, start).point)
     assert np.linalg.norm(robust) < 0.08
-    squares = error_of(held, adjusted(held, observed, start, tie_scale=1e3).point)
+    monkeypatch.setattr(local_adjustment, "TIE_SCALE", 1e3)
+    squares = error_of(held, adjusted(held, observed, start).point)
     assert np.linalg.norm(squares) > 3 * np.linalg.norm(robust)
 
 
@@ -226,31 +228,23 @@ def test_without_ties_the_known_steps_remain():
     assert np.isfinite(joint.covariance).all()
 
 
-def test_where_nothing_is_known_of_a_step_the_place_is_left_to_the_chain():
-    held, true = drive()
-    held[3].motion = replace(held[3].motion, prior=None)
-    observed = observed_by(true)
-    assert adjusted(held, observed, chained_place(held, observed)) is None
-
-
-def test_one_view_in_the_window_places_nothing():
-    held, true = drive()
-    observed = LandmarkRays(*(column[-1:] for column in observed_by(true)))
-    assert adjusted(held, observed, true[-1].to_world(SIGN)) is None
-
-
-def test_a_window_that_misses_most_of_the_views_leaves_the_place_to_the_chain():
+def test_the_place_is_left_to_the_chain_where_the_window_says_too_little(monkeypatch):
     held, true = drive()
     observed = observed_by(true)
-    assert adjusted(held, observed, chained_place(held, observed), most_frames=2) is None
+    start = chained_place(held, observed)
+    one = LandmarkRays(*(column[-1:] for column in observed))
+    assert adjusted(held, one, true[-1].to_world(SIGN)) is None
+    known = held[3].motion
+    held[3].motion = replace(known, prior=None)
+    assert adjusted(held, observed, start) is None
+    held[3].motion = known
+    monkeypatch.setattr(local_adjustment, "MOST_FRAMES", 2)
+    assert adjusted(held, observed, start) is None  # misses most of the views
 
 
-def test_the_window_holds_the_best_frame_and_the_nearest_views():
-    assert window_around(9, np.array([2, 5, 9]), MOST_FRAMES) == (2, 9)
-    assert window_around(9, np.array([0, 1, 5, 9]), MOST_FRAMES) == (5, 9)
-    assert (
-        window_around(5, np.arange(20), MOST_FRAMES)[1]
-        - window_around(5, np.arange(20), MOST_FRAMES)[0]
-        < MOST_FRAMES
-    )
-    assert window_around(3, np.array([2, 4]), MOST_FRAMES) == (2, 4)
+@pytest.mark.parametrize(
+    ("best", "views", "window"),
+    [(9, [2, 5, 9], (2, 9)), (9, [0, 1, 5, 9], (5, 9)), (3, [2, 4], (2, 4))],
+)
+def test_the_window_holds_the_best_frame_and_the_nearest_views(best, views, window):
+    assert window_around(best, np.array(views), MOST_FRAMES) == window

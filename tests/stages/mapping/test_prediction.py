@@ -8,10 +8,9 @@ from wayside.schemas.models import ScoreModel
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.detection.box_network import BoxScores
-from wayside.stages.mapping import SideClassifiers
+from wayside.stages.mapping import SideClassifiers, assemble, track
 from wayside.stages.mapping.landmark_fit import fit_views
 from wayside.stages.mapping.prediction import add_predicted_views, predicted_box
-from wayside.stages.mapping.tracker import track
 from wayside.stages.mapping.window import WindowFrame, candidates_of
 
 SETTINGS = TrackSettings()
@@ -70,10 +69,6 @@ def fit_of(held, frames):
     return fit
 
 
-def predicted(fit, frame):
-    return predicted_box(fit, frame)
-
-
 def with_predicted_views(fit, held, classifier):
     (found,) = add_predicted_views([fit], held, {fit.back: classifier})
     return found
@@ -84,7 +79,7 @@ def test_the_box_of_a_known_landmark_is_predicted_where_the_panel_stands(shown, 
     held = holding(frames)
     fit = fit_of(held, [9, 10])
     for k in (5, 6, 7, 8):
-        box, tall_px = predicted(fit, held[k])
+        box, tall_px = predicted_box(fit, held[k])
         np.testing.assert_allclose(box, held[k].candidates.regions.box[0], atol=0.02)
         assert tall_px == pytest.approx(box[3] - box[1], rel=1e-3)
 
@@ -93,7 +88,7 @@ def test_a_landmark_of_large_scatter_is_not_predicted(shown, panel):
     held = holding(shown([panel(3.5, 1.2, 100.0)], 11))
     fit = fit_of(held, [9, 10])
     unsure = replace(fit, covariance=fit.covariance * 1e4)
-    assert predicted(unsure, held[6]) is None
+    assert predicted_box(unsure, held[6]) is None
 
 
 def test_a_view_too_small_to_be_searched_for_is_not_predicted(shown, panel):
@@ -120,26 +115,20 @@ def test_views_without_a_candidate_are_predicted(shown, panel):
         assert [SOURCES[s] for s in sources] == ["predicted"]
     for frame, row in zip(followed.frames, followed.rows, strict=True):
         x, y, z = held[frame].motion.pose.to_camera(fit.point)
-        np.testing.assert_allclose(held[frame].ray[row], [x / z, y / z], atol=1e-5)
+        np.testing.assert_allclose(held[frame].followed["ray"][row], [x / z, y / z], atol=1e-5)
 
 
-def test_a_predicted_box_that_the_classifier_refuses_is_no_view(shown, panel):
-    held = holding(shown([panel(3.5, 1.2, 100.0, hidden_in=tuple(range(9)))], 13))
-    fit = fit_of(held, [k for k, h in enumerate(held) if len(h.followed)])
-    before = [len(h.candidates) for h in held]
-    found = with_predicted_views(fit, held, reddish(99.0))
-    assert found.rows.tolist() == fit.rows.tolist()
-    assert [len(h.candidates) for h in held] == before
-
-
-def test_a_landmark_is_not_predicted_where_nothing_is_seen_of_it(shown, panel):
+def test_a_predicted_box_is_a_view_only_where_the_classifier_accepts_it(shown, panel):
     frames = shown([panel(3.5, 1.2, 100.0, hidden_in=tuple(range(9)))], 13)
     for covered in (3, 5):
         frames[covered].detections.image.rgb[:] = 110
     held = holding(frames)
-    found = with_predicted_views(
-        fit_of(held, [k for k, h in enumerate(held) if len(h.followed)]), held, reddish()
-    )
+    fit = fit_of(held, [k for k, h in enumerate(held) if len(h.followed)])
+    before = [len(h.candidates) for h in held]
+    none = with_predicted_views(fit, held, reddish(99.0))
+    assert none.rows.tolist() == fit.rows.tolist()
+    assert [len(h.candidates) for h in held] == before
+    found = with_predicted_views(fit, held, reddish())
     assert {4, 6} <= set(found.frames.tolist())
     assert not {3, 5} & set(found.frames.tolist())
 
@@ -158,7 +147,7 @@ def test_views_of_a_back_are_predicted_by_the_classifier_of_backs(shown, panel):
 def test_views_that_were_predicted_are_views_of_the_sign(shown, panel):
     def tracked(classifier):
         frames = shown([panel(3.5, 1.2, 100.0, only_in=(8, 9, 10, 11))], 18)
-        return list(track(iter(frames), SETTINGS, SideClassifiers(classifier)))
+        return list(assemble(track(iter(frames), SETTINGS, SideClassifiers(classifier))))
 
     (alone,) = [p for s in tracked(None) for p in s.landmarks]
     followed = tracked(reddish())
@@ -199,20 +188,22 @@ def test_two_views_that_no_third_confirms_are_no_sign(shown, panel):
     assert {p.verdict for s in tracked for p in s.landmarks} == {"residual"}
 
 
-def test_joined_tables_keep_probabilities_and_fill_what_is_missing():
-    table = Candidates.of(holding_regions(2))
-    named = replace(table, color_log_probability=np.zeros((2, 8), np.float32))
-    both = named.joined(Candidates.of(holding_regions(1)))
-    assert both.color_log_probability is not None
-    assert np.isnan(both.color_log_probability[2]).all()
-    assert both.color_log_probability.shape == (3, 8)
-    assert both.shape_log_probability is None
-
-
-def holding_regions(count):
-    return Regions(
-        np.tile(np.array([[1, 2, 9, 12]], np.float32), (count, 1)),
-        np.full(count, 40, np.int32),
-        np.zeros((count, 3), np.float32),
-        np.zeros(count, np.uint8),
+def test_joined_tables_fill_what_only_one_of_them_has():
+    one = Regions(
+        np.array([[1, 2, 9, 12]], np.float32),
+        np.full(1, 40, np.int32),
+        np.zeros((1, 3), np.float32),
+        np.zeros(1, np.uint8),
     )
+    plain = Candidates.of(one)
+    named = replace(
+        plain,
+        color_log_probability=np.zeros((1, 8), np.float32),
+        back_score=np.array([1.5], np.float32),
+    )
+    both = named.joined(plain)
+    assert np.isnan(both.color_log_probability).any(axis=1).tolist() == [False, True]
+    assert both.shape_log_probability is None
+    assert both.back_rows().tolist() == [0]
+    assert plain.joined(named).back_rows().tolist() == [1]
+    assert plain.joined(plain).back_rows().tolist() == []

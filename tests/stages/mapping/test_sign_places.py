@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wayside.stages.geometry import FrenetOffset
-from wayside.stages.mapping.sign_places import LEAST_DENSITY, SURE, SignPlaces
+from wayside.stages.mapping.landmark_evidence import LEAST_DENSITY, SURE, SignPlaces
 
 
 def at(right, above=1.0, station=0.0):

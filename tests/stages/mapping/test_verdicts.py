@@ -6,12 +6,8 @@ import pytest
 from wayside.schemas.detections import VERDICTS
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.landmark_fit import fit_views
-from wayside.stages.mapping.verdicts import (
-    SeenBox,
-    in_swept_volume,
-    same_face,
-    unassigned_verdicts,
-)
+from wayside.stages.mapping.verdicts import FaceBoxes, in_swept_volume, same_face
+from wayside.stages.mapping.window import unassigned_verdicts
 
 
 @pytest.fixture
@@ -38,10 +34,12 @@ FACE, HALF, BESIDE = [0.0, 0.0, 0.2, 0.2], [0.0, 0.0, 0.2, 0.1], [0.17, 0.0, 0.3
 
 
 def views(boxes, predicted=(), unseen=()):
-    return {
-        k: SeenBox(np.array(box), k not in unseen, k not in predicted and k not in unseen)
-        for k, box in boxes.items()
-    }
+    """Boxes by number of ten images; in the others the landmark is nowhere."""
+    found = FaceBoxes.none(10)
+    for k, box in boxes.items():
+        found.box[k] = box
+        found.seen[k], found.measured[k] = k not in unseen, k not in (*predicted, *unseen)
+    return found
 
 
 @pytest.mark.parametrize(("box", "one_face"), [(FACE, True), (HALF, True), (BESIDE, False)])
@@ -67,8 +65,8 @@ def test_a_face_that_the_motion_has_placed_twice_is_predicted_on_itself(predicte
 
 
 def test_near_images_tell_more_than_far_ones():
-    far = views({k: [0.0, 0.0, 0.02, 0.02] for k in range(4)})
-    assert not same_face(far | views({4: FACE}), far | views({4: BESIDE}))
+    far = {k: [0.0, 0.0, 0.02, 0.02] for k in range(4)}
+    assert not same_face(views(far | {4: FACE}), views(far | {4: BESIDE}))
 
 
 def test_one_view_that_is_predicted_on_another_face_is_not_enough():

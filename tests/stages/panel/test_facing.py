@@ -63,21 +63,12 @@ def test_the_solution_is_that_of_scipy():
     np.testing.assert_allclose(np.diag(found.covariance), np.diag(expected), rtol=0.1)
 
 
-def test_one_view_leaves_the_angle_to_its_prior():
+def test_of_one_view_the_angle_is_that_of_the_prior_or_of_a_known_proportion():
     found = solve_facing(
         CENTRES[:1], covered(0.3, 0.6, 0.6)[:1], np.full((1, 2), 0.01), angle_sigma=0.14
     )
     assert found.angle == pytest.approx(0.0, abs=1e-6)
     assert np.sqrt(found.covariance[0, 0]) == pytest.approx(0.14, rel=0.01)
-
-
-def test_a_known_proportion_gives_the_angle_of_one_view():
-    found = solve_facing(
-        CENTRES[:1],
-        covered(-0.2, 0.6, 0.6)[:1],
-        np.full((1, 2), 1e-3),
-        angle_sigma=1.0,
-        aspect=1.0,
-        aspect_sigma=1e-3,
-    )
-    assert found.angle == pytest.approx(-0.2, abs=0.02)
+    sizes, sigmas = covered(-0.2, 0.6, 0.6)[:1], np.full((1, 2), 1e-3)
+    square = solve_facing(CENTRES[:1], sizes, sigmas, 1.0, aspect=1.0, aspect_sigma=1e-3)
+    assert square.angle == pytest.approx(-0.2, abs=0.02)

@@ -13,6 +13,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Pose
 from wayside.schemas.models import MixtureModel
 from wayside.schemas.settings import TrackSettings
+from wayside.stages.mapping import assemble
 from wayside.stages.report import classify_trajectory, match_by_descriptors, mean_log_density
 from wayside.stages.report.trajectory import STEP_M, trajectory_of
 
@@ -97,7 +98,7 @@ def test_a_track_that_moves_otherwise_is_refused_and_so_are_its_candidates(panel
         settings = TrackSettings(fewest_views=2)
         frames = drive([panel(3.5, 1.2, 90.0)], 14)
         tracked = match_by_descriptors(iter(frames), settings)
-        items = list(classify_trajectory(tracked, replace(known, threshold=threshold)))
+        items = list(assemble(classify_trajectory(tracked, replace(known, threshold=threshold))))
         (place,) = [p for item in items for p in item.landmarks]
         codes = {v for item in items for v in item.candidates.verdict[item.track_id >= 0]}
         return place.verdict, len(codes), mean_log_density(place.trajectory, known)

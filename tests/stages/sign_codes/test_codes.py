@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wayside.schemas.detections import COLORS, SHAPES
-from wayside.schemas.frame import Pose
-from wayside.schemas.landmarks import Landmark
 from wayside.schemas.settings import CodeSettings
 from wayside.schemas.sign_catalogue import CATALOGUE, INCH_M, SERIES, SYSTEMS
 from wayside.schemas.signs import Sign
 from wayside.stages.sign_codes import OTHER_FACE, assign_codes
+
+from ...made_landmarks import made_landmark
 
 FACES = (
     OTHER_FACE,
@@ -30,15 +30,12 @@ def sure(names, name, wrong=0.01):
 
 
 def sign(color, shape, width_in, height_in, sigma_in=0.3, **changes):
-    landmark = Landmark(
-        track_id=1, views=(), position=np.zeros(3), covariance=np.eye(3), right_m=3.0, above_m=0.5,
-        station_m=12.0, best_frame=1, best_time_ns=1, best_box=(0, 0, 9, 9),
-        best_pose=Pose(np.eye(3), np.zeros(3)), width_m=1.0, height_m=1.0, sigma_width_m=0.1,
-        sigma_height_m=0.1, facing_deg=0.0, sigma_facing_deg=5.0, color=color, color_distance=np.nan,
-        shape=shape, shape_distance=np.nan, score=3.0, residual_px=0.4, verdict="sign",
+    landmark = made_landmark(
+        color=color,
+        shape=shape,
         color_log_probability=() if color is None else sure(COLORS, color),
         shape_log_probability=() if shape is None else sure(SHAPES, shape),
-    )  # fmt: skip
+    )
     landmark = replace(landmark, **changes)
     size = (width_in * INCH_M, height_in * INCH_M, sigma_in * INCH_M, sigma_in * INCH_M)
     where = (np.zeros(3), np.eye(3), np.zeros(3), np.eye(3))
@@ -95,14 +92,9 @@ def test_a_face_that_fits_two_series_has_no_code():
     assert code(sign(None, "rectangle", 25, 40, 8.0)) is None
 
 
-def test_a_size_between_two_standard_ones_is_none_of_them():
-    found = code(sign("red", "octagon", 33, 33, 3.0))
-    assert (found.code, found.nominal_in) == ("R1-1", None)
-    assert code(sign("red", "octagon", 41, 41, 0.3)).nominal_in is None
-
-
-def test_unknown_sizes_leave_the_code_to_colour_and_shape():
-    found = code(sign("red", "octagon", np.nan, np.nan))
+@pytest.mark.parametrize("size", [(33, 33, 3.0), (41, 41, 0.3), (np.nan, np.nan)])
+def test_a_size_that_is_unknown_or_no_standard_leaves_the_code_to_colour_and_shape(size):
+    found = code(sign("red", "octagon", *size))
     assert (found.code, found.nominal_in) == ("R1-1", None)
 
 
