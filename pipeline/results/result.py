@@ -64,6 +64,8 @@ def read_table(
         for name in wanted:
             if name not in present:
                 column = schema.field(name)
+                if not column.nullable:
+                    raise InputError(f"{file} lacks the column {name}: wayside did not write it")
                 found = found.append_column(column, pa.nulls(len(found), column.type))
         return _typed(found.select(wanted), schema)
     except (pa.ArrowException, OSError, *CONTENT_FAULTS) as error:
