@@ -118,7 +118,7 @@ class Inventory:
             self._read = {name: _read(Path(scratch), name) for name in _PARTS}
 
 
-def run(
+def run(  # noqa: PLR0913 - one for each option
     log: PathLike,
     *,
     preset: str = "default",

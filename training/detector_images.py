@@ -70,7 +70,7 @@ Face = tuple[Sequence[float], int, str | None, str | None]
 """Box, side, colour and shape of a face."""
 
 
-def labelled_image(
+def labelled_image(  # noqa: PLR0913 - one for each field
     source: str,
     name: str,
     rgb: NDArray[np.uint8],

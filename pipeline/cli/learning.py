@@ -39,7 +39,7 @@ Space = Literal["auto", "rgb", "chromaticity", "log_chromaticity", "log_rgb", "l
         "wayside label coco.json --classes classes.toml -o labels.parquet",
     )
 )
-def label(
+def label(  # noqa: PLR0913 - one for each option
     sources: Annotated[
         list[Path],
         typer.Argument(

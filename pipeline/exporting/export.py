@@ -52,7 +52,7 @@ class Exported:
     """What must be known to use them."""
 
 
-def export(
+def export(  # noqa: PLR0913 - one for each option
     out: Path,
     review: Review,
     file: Path,

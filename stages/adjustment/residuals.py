@@ -227,7 +227,7 @@ def block_residuals(
 
 
 @compiled
-def block_jacobian(
+def block_jacobian(  # noqa: PLR0913 - arrays of a kernel
     rotations: Array,
     centres: Array,
     anchors: PointAnchors,

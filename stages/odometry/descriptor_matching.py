@@ -77,7 +77,7 @@ def _bits(word: np.uint64) -> np.uint64:
 
 
 @compiled
-def _match(
+def _match(  # noqa: PLR0913 - arrays of a kernel
     bands: Array,
     descriptors: NDArray[np.uint64],
     points: Array,

@@ -63,7 +63,7 @@ class PairAdjustment(NamedTuple):
         return np.asarray(covariance)
 
 
-def adjust_pair(
+def adjust_pair(  # noqa: PLR0913 - half of them are constants that tests vary
     previous: Array,
     current: Array,
     start: tuple[Array, Array],

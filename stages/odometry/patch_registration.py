@@ -246,7 +246,7 @@ def _fit(
 
 
 @compiled
-def _register(
+def _register(  # noqa: PLR0913 - arrays of a kernel
     far: NDArray[np.uint8],
     near: NDArray[np.uint8],
     corners: NDArray[np.int64],
