@@ -117,9 +117,9 @@ def format_drive(found: CalibratedDrive) -> str:
 def calibrate_log(log: Path, settings: Settings) -> CalibratedDrive:
     """Estimate the lens of a log's camera from its images and its poses, where it has them.
 
-    Matching starts from the calibration that is given, or from several focal lengths where none is; it is repeated with
-    the result while that changes much. settings: which images are read and how they are matched, as of a run. Raises
-    UsageError and InputError where the log cannot be read, or too few of its images could be matched.
+    Matching starts from the given calibration, or from several focal lengths. It is repeated with the result while that
+    changes much. settings: which images are read, and how they are matched. Raises UsageError and InputError where the
+    log cannot be read, or too few of its images could be matched.
     """
     read, given, source, size = _plan(log, settings.read)
     settings = replace(settings, read=read)

@@ -72,9 +72,9 @@ _SHORT = {
 class PlacedRows:
     """The rows of a source in one reference system and in the wanted units, counted while they are read.
 
-    Each row has its `geometry`: x, y, z of the world frame in metres if the log has no fixes, else longitude, latitude
-    and ellipsoidal height, or their projection, which adds the columns `crs`, `crs_x` and `crs_y`. Raises UsageError
-    for a system that cannot be used, and while reading, for a point that has no place in it.
+    Each row has its `geometry`. Without fixes it is x, y, z of the world frame in metres. With fixes it is longitude,
+    latitude and ellipsoidal height, or their projection, which adds the columns `crs`, `crs_x` and `crs_y`. Raises
+    UsageError for a system that cannot be used, and while reading, for a point that has no place in it.
     """
 
     def __init__(self, source: Source, wanted: str | None, *, imperial: bool) -> None:

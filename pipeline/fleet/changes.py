@@ -133,9 +133,9 @@ def find_changes(
     panel counts as gone, or as new, only where a drive of the other survey had its place in view. This takes enough
     images in which the panel would show whole, from the front, and as high as the lowest panels that this drive
     measures. Where the log exists, most of the images must also see past the place (`measure_occlusion`). An earlier
-    comparison is replaced, with `overwrite` any file. Raises UsageError where a survey has no drive, or they overlap,
-    InputError where the folder is no inventory, damaged, or its tables are not of its results as they are now, and
-    OutputError.
+    comparison is replaced, with `overwrite` any file. Raises UsageError if a survey has no drive, or they overlap.
+    Raises InputError if the folder is no inventory, is damaged, or has results that are not merged. Raises OutputError
+    if a file cannot be written.
     """
     manifest = open_inventory(inventory, by_fleet=False)
     if not (inventory / PANELS.name).is_dir():

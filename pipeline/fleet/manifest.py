@@ -109,7 +109,7 @@ class Manifest:
 
 
 def read_manifest(inventory: Path) -> Manifest:
-    """Content of `fleet.json`; raises InputError where there is none, or it is damaged."""
+    """Content of `fleet.json`; raises InputError if it is missing or damaged."""
     file = inventory / MANIFEST
     try:
         content = parse_json(read_input_text(file))

@@ -67,9 +67,9 @@ def run_fleet(
 
     uris: as `expand_sources` gives them. inventory: the folder; logs that it holds already stay in it. watch: called
     every few seconds with the given logs; watch_merging: with the number of cells merged and to merge. open_engine:
-    another engine than the options name. Raises UsageError for the scheduler or a setting, InputError for a model file
-    or the manifest, OutputError where the inventory cannot be written, another fleet does so, or the content of logs
-    has changed, and InterruptionError where somebody ended the fleet; done is done.
+    another engine than the options name. Raises UsageError for the scheduler or a setting, and InputError for a model
+    file or the manifest. Raises OutputError if the inventory cannot be written, another fleet writes it, or logs have
+    changed. Raises InterruptionError if somebody ended the fleet; what is done stays.
     """
     inventory = inventory.absolute()
     key_of = result_keys(settings, load_models(settings).digests(), every_region=False)

@@ -147,9 +147,9 @@ def with_learned_thresholds(
     """The model with the thresholds of its knees, their 95 % intervals, and its operating points.
 
     A class without a sign keeps its threshold, and its rule. With `one_knee`, classes that labels tell apart get the
-    operating point with the largest true minus false positive rate of the gate, not the knee of each; one without a
-    sign gets the false positive rate of the others. Intervals resample drives, or the stretches of a single one. Raises
-    InputError where there is no sign among the samples, or nothing else.
+    operating point of the gate with the largest true minus false positive rate. One without a sign gets the false
+    positive rate of the others. Intervals resample drives, or the stretches of a single one. Raises InputError where
+    there is no sign among the samples, or nothing else.
     """
     own = samples.known()
     on, group = own.label == ON, resampled_groups(own.drive, own.frame)[0]

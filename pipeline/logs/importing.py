@@ -63,9 +63,8 @@ def import_images(
     distance between images of neighbouring numbers. order: "name" or "date" decides the order where they contradict
     each other; empty: that is refused. overwrite: replace a file of that name that is not this very log. warn: called
     with what is amiss with the images, in words. watch: called with how many images are written, and of how many.
-    Raises UsageError where the spacing is not positive, or there is no image, InputError where the calibration or none
-    of the files can be used, an image is of another size or to be shown otherwise than it is stored, or nothing tells
-    the order, and OutputError.
+    Raises UsageError without an image or a positive spacing. Raises InputError if the calibration or an image cannot be
+    used, sizes differ, or nothing tells the order. Raises OutputError as `whole_file`.
     """
     if not spacing_m > 0:
         raise UsageError(

@@ -141,7 +141,7 @@ def _overlaps(time_ns: Integers) -> bool:
 
 
 def clock_set_at(time_ns: Integers) -> int:
-    """Row of the first image that is long before the one before it in the file; 0 where there is none.
+    """Row of the first image that is much earlier than the one before it in the file; 0 if there is no such image.
 
     Parts of a file may stand in any order: sorted, their times follow each other without a gap, and that is no fault.
     """

@@ -67,9 +67,9 @@ def scan(path: Path, report: ScanReport) -> Iterator[Content]:
     """Messages, metadata and small attachments of a log in file order; of a bag directory, one part after the other.
 
     Memory is bounded by the largest chunk (at most `LARGEST_RECORD`), time by the size of the log. Damage is counted in
-    `report.problems` and stepped over: a chunk whose checksum, compression or inner lengths are wrong is lost as a
-    whole, and so is one that the end of the file cuts off. A wrong record length costs that record, and the one before
-    where nothing else tells its length.
+    `report.problems` and skipped. A chunk with a wrong checksum, compression or inner length is lost as a whole, and so
+    is a chunk that the end of the file cuts off. A wrong record length costs that record, and the one before where
+    nothing else tells its length.
 
     Raises
     ------

@@ -64,8 +64,8 @@ def decode(frames: Iterator[Frame], balance: BalanceSettings | None = None) -> I
     Orientation tags are ignored.
 
     `rgb` (height, width, 3) uint8, C-contiguous, is balanced by the road where there is a calibration and `balance` is
-    given; `grey` (height, width) uint8 stays as recorded, and of a camera that sees no colour it is each channel of
-    `rgb`, too. Both are None where the frame is not used, and then its recorded bytes are gone.
+    given. `grey` (height, width) uint8 stays as recorded. Of a camera without colour it is each channel of `rgb`. Both
+    are None where the frame is not used, and then its recorded bytes are gone.
     """
     for frame in frames:
         if not frame.used:

@@ -121,7 +121,7 @@ def gone_probability(
     all. The second is supported by other drives of the survey that should have seen it and did not.
 
     confidence: that it is a panel. years: between the surveys. looks: drives of the other survey that had the place in
-    view. misses: drives of the survey that saw it which had the place in view and saw none.
+    view. misses: drives of the same survey that had it in view and saw no panel.
     """
     changed = float(changed_share(np.array(years), settings))
     panel = confidence * settings.missed**misses

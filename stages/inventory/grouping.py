@@ -38,9 +38,9 @@ def merge_sightings(sightings: Sightings, settings: MergeSettings) -> MergedPane
     groups' positions are more likely two panels. Faces at a place follow each other in time: a face that differs for
     good is another panel (`face_runs`).
 
-    A panel's position is the mean of its corrected sightings by the inverse of their covariances. Its covariance is the
-    covariance of the mean of as many independent drives as saw it, with the whole common error of each: relative
-    offsets are known well, their common level only as well as the mean of the drives' fixes.
+    A panel's position is the mean of its corrected sightings by the inverse of their covariances. Its covariance is
+    that of the mean of the drives that saw it, with the whole common error of each. Relative offsets are known well.
+    Their common level is known only as well as the mean of the fixes.
     """
     offsets = solve_offsets(sightings, settings)
     corrected = sightings.position - offsets.offset_m

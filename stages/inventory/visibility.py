@@ -72,8 +72,8 @@ def views_of(
     """Images in which a panel would show whole, at least so high, and from the front.
 
     Objects between the camera and the place are not considered (see `measure_occlusion`), nor is the distortion of the
-    lens. centre, rotation: of cameras, (k, 3) east, north, up, metres, and (k, 3, 3) camera to these axes. smallest_px:
-    height of the face.
+    lens. centre (k, 3): of cameras, metres east, north, up. rotation (k, 3, 3): from the camera to these axes.
+    smallest_px: height of the face.
     """
     n, k = len(places.position), len(centre)
     if not n or not k:

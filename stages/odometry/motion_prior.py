@@ -91,8 +91,8 @@ def predict_motion(
     Poses that stand still give way to a known spacing. Where points have shown that the spacing varies, the step is as
     long in spacings as the one before.
 
-    last_rotation: of the step before, (3, 3), None where it is not known. speed_mps: over that step, nan where it is
-    not known. length_in_spacings: its length in stated spacings, where these vary; else nan.
+    last_rotation (3, 3): of the step before; None: unknown. speed_mps: over that step; nan: unknown.
+    length_in_spacings: its length in stated spacings where these vary, else nan.
 
     Raises
     ------

@@ -162,7 +162,7 @@ class _Matcher:
         """Measure a landmark and give it to its frames.
 
         `residual` where eq. 7.5 says that its rays do not meet, `duplicate` on the pixels of an earlier one. e is the
-        sum of the squared differences, in both coordinates of each view, of the point's projections.
+        sum of the squared distances, in pixels, of the point's projections to the views.
         """
         window = self._window
         tall_px = fit.metric[1] / fit.depth.min() * window[fit.frames[-1]].focal

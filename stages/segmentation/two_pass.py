@@ -141,9 +141,9 @@ def regions_before_gate(segmentation: Segmentation) -> Regions:
 def optimal_breaks(histogram: NDArray[Any], classes: int) -> NDArray[np.int64]:
     """First value of each class in the K-means optimum of whole numbers 0, 1, ... given how often each occurs.
 
-    The best classes are intervals, found by dynamic programming without a start or a seed: the cost of the first i
-    values in j classes is D[j, i] = min over t of D[j-1, t] + cost(t, i), the sum of squared distances to the mean.
-    (Lloyd steps from quantiles end at two to three times this optimum.)
+    The best classes are intervals, found by dynamic programming without a start or a seed. The cost of the first i
+    values in j classes is D[j, i] = min over t of D[j-1, t] + cost(t, i). It is the sum of squared distances to the
+    mean. (Lloyd steps from quantiles end at two to three times this optimum.)
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
 """The stage that says what code each sign of a drive bears, by Bayes' theorem over the catalogue.
 
-The probability of a code given colour, shape, size and the pixels of the face is in proportion to its frequency, and to
-the probability of each of these given the code. They are taken as independent. The system, US or Vienna, is one unknown
-of the whole drive: what all signs say of it together is the prior of each. The narrowest certain statement is made: the
-code with its legend, else the code, else the series, else nothing.
+The probability of a code is proportional to its frequency and to the probabilities of colour, shape, size and face
+pixels given the code. They are taken as independent. The system, US or Vienna, is one unknown of the whole drive: what
+all signs say of it together is the prior of each. The narrowest certain statement is made: the code with its legend,
+else the code, else the series, else nothing.
 """
 
 from __future__ import annotations
