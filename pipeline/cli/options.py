@@ -58,7 +58,7 @@ MovedLog = Annotated[
 ]
 Overwrite = Annotated[
     bool,
-    typer.Option("--overwrite", help="Replace what stands there under the names of the output."),
+    typer.Option("--overwrite", help="Replace files of the same names."),
 ]
 
 

@@ -126,7 +126,7 @@ def write_evaluation(evaluation: Evaluation, file: Path, *, overwrite: bool = Fa
     Raises
     ------
     OutputError
-        The file cannot be written, or something else stands there.
+        The file cannot be written, or something else has its name.
     """
     content = evaluation.to_json()
     write_json(file, content, ("wanted", "found_count", "false"), overwrite=overwrite)

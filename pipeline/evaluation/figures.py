@@ -1,4 +1,4 @@
-"""The figures of a result beside the truth of its drive, and their JSON form."""
+"""The figures of a result compared with the truth of its drive, and their JSON form."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def write_evidence(
     png
         Also write each sheet as an image, to print or to send.
     overwrite
-        Replace whatever stands there under the names of the sheets and the index; else only sheets of this log.
+        Replace any file of the names of the sheets and the index; else only sheets of this log.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def write_evidence(
     InputError
         The result or the log cannot be used.
     OutputError
-        A sheet cannot be written, or a file of its name stands there that is not replaced.
+        A sheet cannot be written, or a file of its name is not replaced.
     """
     run = read_run(out)
     drive, signs = gather(out, sign_id)

@@ -90,7 +90,7 @@ def export(  # noqa: PLR0913 - one for each option
     InputError
         The folder is no result folder and no inventory, or damaged; the log cannot be read.
     OutputError
-        A file cannot be written, or another stands there.
+        A file cannot be written, or another file has its name.
     """
     inventory, imperial = is_inventory(out), units != "metric"
     _require_fitting(out, kind, crs, table, inventory=inventory, imperial=imperial)

@@ -20,7 +20,7 @@ from wayside.schemas.tables import Table
 class ParquetFile:
     """A new Parquet file at a path, removed where the block ends with an error, or in a stream that its owner closes.
 
-    Raises OSError where it cannot be written, or something stands there.
+    Raises OSError where it cannot be written, or exists.
     """
 
     def __init__(self, file: Path | BinaryIO, schema: pa.Schema, geo: str | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Texts of files that others may have written: JSON, TOML, YAML and CSV. What is none raises ValueError."""
+"""Texts of files that others may have written: JSON, TOML, YAML and CSV. Other texts raise ValueError."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FORMULA = r"^'*[=+\-@\t\r]"
 
 
 def parse_json(text: str | bytes) -> Any:
-    """What a JSON text holds; raises ValueError where it is none, or nested too deeply."""
+    """What a JSON text holds; raises ValueError for another text, or one nested too deeply."""
     try:
         return json.loads(text)
     except RecursionError as error:
@@ -32,7 +32,7 @@ def parse_json(text: str | bytes) -> Any:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """What a TOML text holds; raises ValueError where it is none, or nested too deeply."""
+    """What a TOML text holds; raises ValueError for another text, or one nested too deeply."""
     try:
         return tomllib.loads(text)
     except RecursionError as error:
@@ -50,7 +50,7 @@ class YamlLoader(yaml.SafeLoader):
 
 
 def parse_yaml(text: str, loader: type[YamlLoader] = YamlLoader) -> Any:
-    """What a YAML text holds; raises ValueError where it is none, has an alias, or is nested too deeply."""
+    """What a YAML text holds; raises ValueError for another text, an alias, or deep nesting."""
     try:
         return yaml.load(text, loader)
     except RecursionError as error:

@@ -165,7 +165,7 @@ def _tables(groups: Mapping[str, Any], origin: str) -> Iterator[tuple[str, str, 
 
 
 def _value(value: Any, leaf: Field[Any]) -> Any:
-    """A value in the type of its setting; raises ValueError, KeyError or UsageError where it is none within limits."""
+    """A value in the type of its setting; raises ValueError, KeyError or UsageError otherwise."""
     kind: type[Any] = type(leaf.default)
     if isinstance(value, str) and kind is bool:
         value = _FLAGS[value.lower()]

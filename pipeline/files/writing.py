@@ -64,7 +64,7 @@ def not_whole(path: Path) -> OutputError:
 
 
 def create(path: Path) -> BufferedWriter:
-    """A new file, open for writing; raises OSError where something stands there, a symbolic link included."""
+    """A new file, open for writing; raises OSError if the path exists, also as a symbolic link."""
     return os.fdopen(os.open(path, os.O_RDWR | _NEW_FILE, 0o666), "wb")
 
 
@@ -135,11 +135,11 @@ def whole_file(
     path
         Where it goes; a symbolic link stays and what it points to is replaced.
     is_own
-        Whether a file that stands there is one of wayside's own that the new one may replace.
+        Whether an existing file was written by wayside, and may be replaced.
     overwrite
-        Replace whatever file stands there.
+        Replace any existing file.
 
-    Raises OutputError where it cannot be written, or something of the user's stands there.
+    Raises OutputError where it cannot be written, or would replace a file of the user.
     """
     try:
         if is_stream(path):

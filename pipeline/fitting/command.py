@@ -91,7 +91,7 @@ def fit_labels(
     InputError
         Labels or images cannot be used, or not one model can be fitted.
     OutputError
-        A file cannot be written, or stands there already.
+        A file cannot be written, or exists already.
     """
     if len(options.labels) not in (1, len(options.images)):
         raise UsageError(

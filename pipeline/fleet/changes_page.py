@@ -49,7 +49,7 @@ def write_page(
     """Write `changes.parquet` of an inventory as a page, with images from the logs of its drives.
 
     names: of the surveys before and after. every: show unchanged panels, and those not looked at that nothing hides, as
-    well. overwrite: replace whatever stands there; else only such a page. watch: called with the number of drives done
+    well. overwrite: replace any file; else only such a page. watch: called with the number of drives done
     and to do. Raises InputError where there is no comparison, or it is damaged, and OutputError.
     """
     table = inventory / CHANGES.file

@@ -70,7 +70,7 @@ def is_under_way(inventory: Path) -> bool:
 def replaced_tables(inventory: Path) -> Iterator[Path]:
     """A scratch folder with empty folders of the merged tables; they replace the others if the block ends well.
 
-    Raises OutputError where they cannot be written, or something stands there that no merging wrote.
+    Raises OutputError where they cannot be written, or hold files that no merging wrote.
     """
     part = inventory / _PART
     try:

@@ -96,7 +96,7 @@ def merge_inventory(
     order the results are given. Every part holds the settings in its metadata. results: folders that `wayside run`
     wrote, each with a name of its own. watch: called with the number of cells done and to do. Raises UsageError where
     two results have one name, InputError where one is no result, and OutputError where the inventory cannot be written
-    or something stands there that no merging wrote.
+    or hold files that no merging wrote.
     """
     folders = sorted(results, key=lambda folder: folder.name)
     for one, other in pairwise(folders):

@@ -65,14 +65,14 @@ def write_page(
     watch
         Called with the number of crops done and to do.
     overwrite
-        Replace whatever stands there under that name; else only a page of this log.
+        Replace any file of that name; else only a page of this log.
 
     Raises
     ------
     InputError
         The result or the log cannot be used.
     OutputError
-        The page cannot be written, or a file of its name stands there that is not replaced.
+        The page cannot be written, or a file of its name is not replaced.
     """
     run = read_run(out)
     asked = questions(out, most)

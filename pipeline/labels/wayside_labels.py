@@ -162,7 +162,7 @@ def write_labels(labels: Labels, path: Path, *, overwrite: bool = False) -> None
     Raises
     ------
     OutputError
-        The file cannot be written, or one that holds no labels stands there.
+        The file cannot be written, or another file has its name.
     """
     rows = list(_rows(labels))
     values = {column.name: [row.get(column.name) for row in rows] for column in LABELS.columns}

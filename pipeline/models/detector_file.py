@@ -35,7 +35,7 @@ ADVICE = "See docs/detectors.md for the formats."
 def load_detector(settings: ModelSettings) -> DetectorFile:
     """The detector that `models.detector` names, checked by one run on a grey image.
 
-    Raises InputError where the file is none that can be run, or its inputs or outputs are not understood; or the class
+    Raises InputError where the file cannot be run, or its inputs or outputs are not understood; or the class
     map is wrong.
     """
     path = Path(settings.detector)

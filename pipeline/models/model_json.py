@@ -94,7 +94,7 @@ def model_from_json(text: str, name: str = "model") -> Model:
 
 
 def _built(kind: type[Any], data: dict[str, Any]) -> Any:
-    """A model, or a part of one; raises one of `CONTENT_FAULTS` for what is none."""
+    """A model, or a part of one; raises one of `CONTENT_FAULTS` for anything else."""
     names = {field.name for field in fields(kind) if field.init}
     made = kind(**{name: _READERS[name](value) for name, value in data.items() if name in names})
     if kind in _CHECKS:

@@ -74,7 +74,7 @@ def find_review(out: Path, given: Path | None) -> Review:
 
 
 def required_review(out: Path, given: Path | None) -> Review:
-    """The review of a result as `find_review` finds it; raises UsageError if there is none."""
+    """The review of a result as `find_review` finds it; raises UsageError without one."""
     review = find_review(out, given)
     if review == NO_REVIEW:
         raise UsageError(

@@ -85,7 +85,7 @@ def measure_roc(
     """Run logs, and write `roc.parquet`, `classifiers.parquet`, `confusion.parquet`, `roc.rrd` and a PNG a classifier.
 
     `labels`: files or folders, of any format; each log takes those of its images. `notify`: is called with a line about
-    each log. `overwrite`: replace whatever stands there under these names; else only an earlier measurement.
+    each log. `overwrite`: replace any file of these names; else only an earlier measurement.
 
     Raises
     ------

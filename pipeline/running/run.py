@@ -184,7 +184,7 @@ def process_log(asked: RunRequest, run: Run) -> Iterator[TrackedFrame]:
     InputError
         The log cannot be used, or none of its images can.
     OutputError
-        The folder cannot be written, or something stands there that is not replaced.
+        The folder cannot be written, or holds something that is not replaced.
     StageError
         A stage failed; its name and the frame are in the message.
     """

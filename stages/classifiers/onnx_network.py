@@ -35,7 +35,7 @@ class OnnxNetwork:
     Raises
     ------
     ValueError
-        The file is none that can be run.
+        The file cannot be run.
     """
 
     def __init__(self, file: str | bytes, outputs: tuple[str, ...] = ()) -> None:

@@ -93,7 +93,7 @@ class WindowFrame:
 
     @property
     def rgb(self) -> NDArray[np.uint8] | None:
-        """The image. None: there is none."""
+        """The image, or None."""
         return self.posed.detections.image.rgb
 
     def image_pyramid(self) -> Pyramid | None:
