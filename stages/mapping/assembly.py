@@ -1,4 +1,4 @@
-"""What is left to decide of landmarks: where signs stand, and which hang on one support.
+"""What is left to decide of landmarks: where signs stand, which are one panel, and which hang on one support.
 
 After that the verdict of every candidate is known: it is that of its landmark.
 """
@@ -16,6 +16,7 @@ from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.settings import LocateSettings
 from wayside.stages.classifiers import class_distances
+from wayside.stages.mapping.verdicts import MOST
 
 REMEMBER_M = 60.0
 """Stretch of path over which landmarks are compared, m: longer than the window."""
@@ -70,7 +71,7 @@ def classify_location(
 
 
 def assemble(tracked: Iterator[TrackedFrame]) -> Iterator[TrackedFrame]:
-    """Number the supports from 0, in order of appearance, and decide every candidate.
+    """Refuse later landmarks of one panel (`duplicate`), number the supports from 0, and decide every candidate.
 
     Parameters
     ----------
@@ -83,7 +84,9 @@ def assemble(tracked: Iterator[TrackedFrame]) -> Iterator[TrackedFrame]:
     for frame in tracked:
         landmarks = []
         for one in frame.landmarks:
-            if one.verdict == "sign":
+            if one.verdict == "sign" and any(same_panel(one, other) for other in recent):
+                one = replace(one, verdict="duplicate")
+            elif one.verdict == "sign":
                 near = (p.assembly for p in recent if same_support(one, p))
                 one = replace(one, assembly=next(near, count))
                 count += one.assembly == count
@@ -109,6 +112,22 @@ def candidates_decided(
         track_id[view.row], residual_px[view.row] = one.track_id, view.residual_px
     candidates = replace(frame.candidates, verdict=verdict)
     return replace(frame, candidates=candidates, track_id=track_id, residual_px=residual_px)
+
+
+def same_panel(one: Landmark, other: Landmark) -> bool:
+    """Whether two landmarks are one panel: most of the smaller lies on the other, at one station."""
+    wide, high = (
+        (a + b) / 2 - abs(middle - other_middle)
+        for a, b, middle, other_middle in (
+            (one.width_m, other.width_m, one.right_m, other.right_m),
+            (one.height_m, other.height_m, one.above_m, other.above_m),
+        )
+    )
+    shared = max(0.0, min(wide, one.width_m, other.width_m)) * max(
+        0.0, min(high, one.height_m, other.height_m)
+    )
+    smaller = min(one.width_m * one.height_m, other.width_m * other.height_m)
+    return bool(shared > MOST * smaller and same_station(one, other))
 
 
 def same_support(one: Landmark, other: Landmark) -> bool:

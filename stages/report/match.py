@@ -15,7 +15,6 @@ from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping import (
     GAP_SHARE,
-    Face,
     LandmarkFit,
     TravelledPath,
     WindowFrame,
@@ -23,7 +22,6 @@ from wayside.stages.mapping import (
     candidates_of,
     fit_views,
     measure_landmark,
-    same_face,
     through_window,
 )
 from wayside.stages.report.trajectory import trajectory_of
@@ -70,8 +68,6 @@ def _smallest_around(points: NDArray[np.float32], box: NDArray[np.float32]) -> N
 
 SIFT_VIEWS = 2
 """Nearest views that place a chain of descriptors, as in report chapter 7."""
-REMEMBERED = 60
-"""Landmarks that a later one may be the same face as, at most."""
 RATIO = 0.8
 """Largest distance to the nearest descriptor over that to the second nearest (Lowe 2004)."""
 
@@ -101,7 +97,6 @@ class _Matcher:
         self._window: list[WindowFrame] = []
         self._features: Features | None = None
         self._chains: dict[int, _Chain] = {}  # by followed candidate of the newest frame
-        self._reported: list[Face] = []
         self._next_id = 0
 
     def holds(self, frame: WindowFrame) -> bool:
@@ -159,23 +154,15 @@ class _Matcher:
                 self._add_landmark(fit)
 
     def _add_landmark(self, fit: LandmarkFit) -> None:
-        """Measure a landmark and give it to its frames.
+        """Measure a landmark and give it to its frames; `residual` where eq. 7.5 says that its rays do not meet.
 
-        `residual` where eq. 7.5 says that its rays do not meet, `duplicate` on the pixels of an earlier one. e is the
-        sum of the squared distances, in pixels, of the point's projections to the views.
+        e is the sum of the squared distances, in pixels, of the point's projections to the views.
         """
         window = self._window
         tall_px = fit.metric[1] / fit.depth.min() * window[fit.frames[-1]].focal
         allowed_px = self._settings.gap_px + GAP_SHARE * tall_px
         e = float((fit.residual_px[fit.used] ** 2).sum())
         verdict = "sign" if e < fit.used.sum() * allowed_px**2 else "residual"
-        if verdict == "sign":
-            face = Face.of(fit, window)
-            boxes = face.boxes(window)
-            if any(same_face(boxes, other.boxes(window)) for other in self._reported):
-                verdict = "duplicate"
-            else:
-                self._reported = [*self._reported, face][-REMEMBERED:]
         landmark = build_landmark(
             fit,
             window,
