@@ -116,18 +116,16 @@ def candidates_decided(
 
 def same_panel(one: Landmark, other: Landmark) -> bool:
     """Whether two landmarks are one panel: most of the smaller lies on the other, at one station."""
-    wide, high = (
-        (a + b) / 2 - abs(middle - other_middle)
-        for a, b, middle, other_middle in (
-            (one.width_m, other.width_m, one.right_m, other.right_m),
-            (one.height_m, other.height_m, one.above_m, other.above_m),
-        )
-    )
-    shared = max(0.0, min(wide, one.width_m, other.width_m)) * max(
-        0.0, min(high, one.height_m, other.height_m)
-    )
+    wide = _shared(one.right_m, one.width_m, other.right_m, other.width_m)
+    high = _shared(one.above_m, one.height_m, other.above_m, other.height_m)
     smaller = min(one.width_m * one.height_m, other.width_m * other.height_m)
-    return bool(shared > MOST * smaller and same_station(one, other))
+    return bool(wide * high > MOST * smaller and same_station(one, other))
+
+
+def _shared(middle: float, side: float, other_middle: float, other_side: float) -> float:
+    """Length that two intervals share."""
+    high = min(middle + side / 2, other_middle + other_side / 2)
+    return max(0.0, high - max(middle - side / 2, other_middle - other_side / 2))
 
 
 def same_support(one: Landmark, other: Landmark) -> bool:
