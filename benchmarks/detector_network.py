@@ -1,6 +1,6 @@
 r"""Recall of a detection network against false boxes an image.
 
-    OMP_NUM_THREADS=1 PYTHONPATH=. .venv/bin/python benchmarks/detector_network.py MODEL.onnx --sets SET [SET ...] \\
+    OMP_NUM_THREADS=1 PYTHONPATH=. .venv/bin/python benchmarks/networks.py MODEL.onnx --sets SET [SET ...] \\
         [--real FOLDER] [--drives FOLDER] [--every N]
 
 Sets: a rendered drive (its log is in the folder of drives), a real drive with labels, or the start of the names in

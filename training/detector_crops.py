@@ -47,6 +47,10 @@ SPREAD, LEAST_SPREAD, REGRESSED = 0.08, 0.5, 0.3
 KNOWN, UNSURE, UNKNOWN = 0, 1, 2
 """A cell off all boxes is a negative; one unless the network thinks otherwise; nothing is known of it."""
 
+UNSURE_WEIGHTS, DOUBTED = (0.5, 0.2), 0.3
+"""Weights of an unsure negative, a cell or a box, below and above a probability, by the detection network, that it
+shows a face."""
+
 CELLS = 48
 """Most cells of a crop that are regressed."""
 

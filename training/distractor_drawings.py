@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.drives.signs.face import COLORS
-from training.board_drawings import BOARD_WEIGHTS, some_words
 from training.detector_images import FRONT
 from training.face_compositing import (
     blend,
@@ -22,7 +21,7 @@ from training.face_compositing import (
     seen_from_an_angle,
     wear,
 )
-from training.face_drawings import FaceDrawing
+from training.face_drawings import BOARD_WEIGHTS, FaceDrawing, some_words
 from wayside.schemas.detections import NONE
 
 HEIGHTS_PX = (8.0, 110.0)

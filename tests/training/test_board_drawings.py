@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from recordings.drives.signs.face import COLORS
-from training.board_drawings import BOARD_WEIGHTS, draw_board
+from training.face_drawings import BOARD_WEIGHTS, draw_board
 
 
 def boards(color, count=40):

@@ -1,26 +1,99 @@
-"""The box network learns, begins from an earlier one, and gives the same values as a file."""
+"""Both networks learn what their losses say, and say the same as a file, in floating point and in whole numbers."""
 
 import cv2
 import numpy as np
 import pytest
 
+from training.detector_crops import (
+    CELLS,
+    CROP_PX,
+    KNOWN,
+    STRIDE,
+    UNKNOWN,
+    UNSURE,
+)
 from wayside.pipeline.models.model_files import onnx_metadata
 from wayside.schemas.detections import COLORS, NONE, SHAPES
-from wayside.stages.detection import BOX_VALUES, INNER, SIDE, drawn_patches
+from wayside.stages.detection import BOX_VALUES, INNER, MAPS, SIDE, drawn_patches
 from wayside.stages.detection import BoxNetwork as InOnnxRuntime
 from wayside.stages.imaging import pyramid
+
+CELLS_WIDE = CROP_PX // STRIDE
+
+
+@pytest.fixture
+def networks(torch):
+    from training import networks
+
+    return networks
+
+
+@pytest.fixture
+def batch(torch):
+    """Yellow squares of 32 px, each in the middle of its crop."""
+    count = 2
+    rgb = np.full((count, CROP_PX, CROP_PX, 3), 80, np.uint8)
+    rgb[:, 112:144, 112:144] = (250, 200, 20)
+    heat = np.zeros((count, 2, CELLS_WIDE, CELLS_WIDE), np.float16)
+    heat[:, 0, 32, 32] = 1
+    held = {
+        "rgb": rgb,
+        "heat": heat,
+        "doubt": np.zeros((count, 2, CELLS_WIDE, CELLS_WIDE), np.uint8),
+        "cell": np.full((count, CELLS), 32 * CELLS_WIDE + 32),
+        "box": np.tile(np.array([112, 112, 144, 144], np.float32), (count, CELLS, 1)),
+        "weight": np.eye(1, CELLS, dtype=np.float32).repeat(count, axis=0),
+        "color": np.full((count, CELLS), NONE, np.int64),
+        "shape": np.full((count, CELLS), NONE, np.int64),
+    }
+    held["color"][:, 0], held["shape"][:, 0] = 1, 2
+    return {name: torch.from_numpy(values) for name, values in held.items()}
+
+
+def noise(torch, count, height, width):
+    return torch.randint(0, 256, (count, height, width, 3), dtype=torch.uint8)
+
+
+def test_maps_are_a_quarter_of_the_image_and_start_with_few_faces(torch, networks):
+    with torch.no_grad():
+        maps = networks.DetectionNetwork().eval()(noise(torch, 1, 64, 128))
+    assert maps.shape == (1, MAPS, 16, 32)
+    assert maps[:, :2].sigmoid().max() < 0.2
+
+
+def test_a_cell_that_may_show_a_sign_without_a_box_counts_less_where_the_network_sees_one(
+    torch, networks, batch
+):
+    maps = torch.zeros(2, MAPS, CELLS_WIDE, CELLS_WIDE)
+    heat = {}
+    for doubt in (KNOWN, UNSURE, UNKNOWN):
+        held = batch | {"doubt": torch.full_like(batch["doubt"], doubt)}
+        for sure in (False, True):
+            losses = networks.DetectionNetwork.losses(maps, held, sure=sure)
+            heat[doubt, sure] = float(losses["heat"])
+    assert heat[UNKNOWN, True] < heat[UNSURE, True] < heat[UNSURE, False] < heat[KNOWN, True]
+    assert heat[KNOWN, False] == heat[KNOWN, True]
+
+
+def test_the_network_gives_the_same_maps_in_onnxruntime(torch, networks, tmp_path):
+    pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
+    from wayside.stages.detection import DetectionNetwork as InOnnxRuntime
+
+    fresh = networks.DetectionNetwork()
+    fresh.eval()
+    with pytest.warns():
+        fresh.write(tmp_path / "network.onnx", {"seed": 1})
+    rgb = np.random.default_rng(0).integers(0, 256, (96, 128, 3)).astype(np.uint8)
+    with torch.no_grad():
+        expected = fresh(torch.from_numpy(rgb)[None])[0]
+    found = InOnnxRuntime(str(tmp_path / "network.onnx")).maps(rgb).all()
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+
 
 EDGE = (SIDE - INNER) // 2
 
 
-@pytest.fixture
-def network(torch):
-    from training import box_network
-
-    return box_network
-
-
-def batch(count=32, seed=0):
+def boxes(count=32, seed=0):
     """Every second patch shows a red square, the others nothing."""
     random = np.random.default_rng(seed)
     face = np.arange(count) % 2 == 0
@@ -59,15 +132,15 @@ def shown(seed=1):
     return {"patch": drawn_patches(levels, box), "size": box[:, 2:] - box[:, :2]}
 
 
-def values_of(torch, network, seen):
-    return network(torch.from_numpy(seen["patch"]), torch.from_numpy(seen["size"])).detach()
+def values_of(torch, asked, seen):
+    return asked(torch.from_numpy(seen["patch"]), torch.from_numpy(seen["size"])).detach()
 
 
 @pytest.fixture
-def settled(torch, network):
+def settled(torch, networks):
     """A network of random weights whose layers are normalised by images like those that it is asked about."""
     torch.manual_seed(3)
-    made = network.BoxNetwork()
+    made = networks.BoxNetwork()
     for layer in made.modules():
         if isinstance(layer, torch.nn.BatchNorm2d):
             layer.momentum = None  # the mean over all batches
@@ -78,13 +151,13 @@ def settled(torch, network):
 
 def test_every_box_has_its_values(torch, settled):
     for count in (1, 5):
-        assert values_of(torch, settled, batch(count)).shape == (count, BOX_VALUES)
+        assert values_of(torch, settled, boxes(count)).shape == (count, BOX_VALUES)
 
 
-def test_colours_hold_whatever_the_exposure_and_the_brightness_tells_it(torch, network):
+def test_colours_hold_whatever_the_exposure_and_the_brightness_tells_it(torch, networks):
     patches = torch.from_numpy(shown()["patch"]).float() * 0.6 + 60
     (colors, bright), (dimmer, dark) = (
-        network.relative_colors(patches * exposure) for exposure in (1.0, 0.5)
+        networks.relative_colors(patches * exposure) for exposure in (1.0, 0.5)
     )
     assert (colors - dimmer).abs().mean() < 0.06
     np.testing.assert_allclose(bright - dark, np.log(2), atol=0.15)
@@ -92,33 +165,37 @@ def test_colours_hold_whatever_the_exposure_and_the_brightness_tells_it(torch, n
     np.testing.assert_allclose(middle, 0, atol=1e-5)
 
 
-def test_what_weighs_nothing_is_not_learned_from(torch, network):
-    held = batch()
+def test_what_weighs_nothing_is_not_learned_from(torch, networks):
+    held = boxes()
     values = torch.zeros(len(held["size"]), BOX_VALUES)
-    unknown = batch() | {
+    unknown = boxes() | {
         "weight": np.zeros_like(held["weight"]),
         "offset": np.full_like(held["offset"], np.nan),
         "color": np.full_like(held["color"], NONE),
         "shape": np.full_like(held["shape"], NONE),
     }
-    assert all(value > 0 for value in network.losses(values, tensors(torch, held)).values())
-    assert all(value == 0 for value in network.losses(values, tensors(torch, unknown)).values())
+    assert all(
+        value > 0 for value in networks.BoxNetwork.losses(values, tensors(torch, held)).values()
+    )
+    assert all(
+        value == 0 for value in networks.BoxNetwork.losses(values, tensors(torch, unknown)).values()
+    )
 
 
-def test_right_values_have_no_loss(torch, network):
-    held = batch()
+def test_right_values_have_no_loss(torch, networks):
+    held = boxes()
     sure = np.zeros((len(held["size"]), BOX_VALUES), np.float32)
     sure[:, :2] = np.where(held["panel"] > 0, 30, -30)
     sure[:, 2:6] = np.nan_to_num(held["offset"])
     sure[:, 6 + COLORS.index("red")] = sure[:, 6 + len(COLORS) + SHAPES.index("rectangle")] = 30
-    for value in network.losses(torch.from_numpy(sure), tensors(torch, held)).values():
+    for value in networks.BoxNetwork.losses(torch.from_numpy(sure), tensors(torch, held)).values():
         assert float(value) == pytest.approx(0, abs=1e-5)
 
 
-def test_the_file_gives_the_values_of_pytorch(torch, network, settled, tmp_path):
+def test_the_file_gives_the_values_of_pytorch(torch, settled, tmp_path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
     with pytest.warns():
-        network.export(settled, tmp_path / "box.onnx", {"sources": "demo: 3 images", "seed": 1})
+        settled.write(tmp_path / "box.onnx", {"sources": "demo: 3 images", "seed": 1})
     values = values_of(torch, settled, shown())
     found = InOnnxRuntime(str(tmp_path / "box.onnx")).scores(*scene())
     close = {"rtol": 1e-4, "atol": 1e-4}
@@ -131,13 +208,13 @@ def test_the_file_gives_the_values_of_pytorch(torch, network, settled, tmp_path)
     assert said == {"sources": "demo: 3 images", "seed": "1"}
 
 
-def test_the_file_in_whole_numbers_gives_nearly_the_same_values(network, settled, tmp_path):
+def test_the_file_in_whole_numbers_gives_nearly_the_same_values(settled, tmp_path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
     from training.quantization import quantize_boxes
 
     one, other = tmp_path / "box_float.onnx", tmp_path / "box.onnx"
     with pytest.warns():
-        network.export(settled, one, {"sources": "demo: 3 images"})
+        settled.write(one, {"sources": "demo: 3 images"})
     quantize_boxes(one, other, map(shown, range(2, 6)))
     exact, whole = (InOnnxRuntime(str(path)).scores(*scene()) for path in (one, other))
     for name in ("front", "back", "offset", "color", "shape"):
