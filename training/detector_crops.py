@@ -168,8 +168,8 @@ def targets(image: LabelledImage) -> Crop:
     cells = CROP_PX // STRIDE
     heat = np.zeros((2, cells, cells), np.float32)
     doubt = np.zeros((2, cells, cells), np.uint8)
-    doubt[FRONT] = KNOWN if image.fronts_complete else UNSURE
-    doubt[BACK] = KNOWN if image.backs_complete else UNSURE
+    for side in (FRONT, BACK):
+        doubt[side] = KNOWN if image.complete[side] else UNSURE
     inside = np.clip(image.box, 0, CROP_PX)
     area = np.prod(inside[:, 2:] - inside[:, :2], axis=1)
     positive = shown_faces(image)

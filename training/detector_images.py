@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -45,13 +45,17 @@ MAY_BE_SIGN = ("plate", "sign")
 """Words in the description of a distractor of a real drive that may be a sign after all."""
 
 
+Face = tuple[Sequence[float], int, str | None, str | None]
+"""Box, side, colour and shape of a face."""
+
+
 @dataclass(frozen=True, slots=True)
 class LabelledImage:
     """An image with its faces.
 
     `source`: the camera or data set that it is from. `rgb` (height, width, 3) uint8. `box` (n, 4) float32. `side` (n,)
     `FRONT` or `BACK`. `color`, `shape` (n,) classes or `NONE`. `ignored` (m, 4): where nothing is known. `other` (k,
-    4): what is labelled and no sign. `fronts_complete`, `backs_complete`: whether every face of that side has a box.
+    4): what is labelled and no sign. `complete`: whether every face has a box, of fronts and of backs.
     `camera`: where it is known and the image is whole.
     """
 
@@ -64,42 +68,37 @@ class LabelledImage:
     shape: NDArray[np.int8]
     ignored: NDArray[np.float32]
     other: NDArray[np.float32]
-    fronts_complete: bool
-    backs_complete: bool
+    complete: tuple[bool, bool]
     camera: Camera | None = None
 
+    @classmethod
+    def of(
+        cls,
+        name: tuple[str, str],
+        rgb: NDArray[np.uint8],
+        faces: Sequence[Face],
+        ignored: Sequence[Sequence[float]] = (),
+        other: Sequence[Sequence[float]] = (),
+        complete: tuple[bool, bool] = (True, False),
+        camera: Camera | None = None,
+    ) -> LabelledImage:
+        """From source and name, and faces by the names of their classes, `NONE` where these are none of ours."""
+        return cls(
+            *name,
+            rgb,
+            _boxes(box for box, *_ in faces),
+            np.array([side for _, side, *_ in faces], np.int8),
+            np.array([_code(COLORS, color) for *_, color, _ in faces], np.int8),
+            np.array([_code(SHAPES, shape) for *_, shape in faces], np.int8),
+            _boxes(ignored),
+            _boxes(other),
+            complete,
+            camera,
+        )
 
-Face = tuple[Sequence[float], int, str | None, str | None]
-"""Box, side, colour and shape of a face."""
 
-
-def labelled_image(
-    source: str,
-    name: str,
-    rgb: NDArray[np.uint8],
-    faces: Sequence[Face],
-    ignored: Sequence[Sequence[float]],
-    *,
-    fronts_complete: bool,
-    backs_complete: bool,
-    other: Sequence[Sequence[float]] = (),
-    camera: Camera | None = None,
-) -> LabelledImage:
-    """An image with its faces as arrays; names of colours and shapes that are no classes become `NONE`."""
-    return LabelledImage(
-        source,
-        name,
-        rgb,
-        np.array([box for box, *_ in faces], np.float32).reshape(-1, 4),
-        np.array([side for _, side, *_ in faces], np.int8),
-        np.array([_code(COLORS, color) for *_, color, _ in faces], np.int8),
-        np.array([_code(SHAPES, shape) for *_, shape in faces], np.int8),
-        np.array(ignored, np.float32).reshape(-1, 4),
-        np.array(other, np.float32).reshape(-1, 4),
-        fronts_complete,
-        backs_complete,
-        camera,
-    )
+def _boxes(boxes: Iterable[Sequence[float]]) -> NDArray[np.float32]:
+    return np.array(list(boxes), np.float32).reshape(-1, 4)
 
 
 def _code(names: tuple[str, ...], name: str | None) -> int:
@@ -124,14 +123,12 @@ def rendered_images(log: Path, every: int = 1, *, band: bool = True) -> Iterator
                 faces.append((moved, BACK if back else FRONT, sign["color"], sign["shape"]))
             else:
                 ignored.append(moved)
-        yield labelled_image(
-            f"rendered/{truth['name']}",
-            f"{log.stem}/{image.frame.index}",
+        yield LabelledImage.of(
+            (f"rendered/{truth['name']}", f"{log.stem}/{image.frame.index}"),
             np.ascontiguousarray(rgb[top:bottom]),
             faces,
             ignored,
-            fronts_complete=True,
-            backs_complete=True,
+            complete=(True, True),
             camera=None if band else image.frame.camera,
         )
 
@@ -163,16 +160,14 @@ def real_drive_images(log: Path, every: int = 1) -> Iterator[LabelledImage]:
     for image, rgb in images(log, every):
         frame = image.frame
         also = checked.get(str(frame.index), {})
-        yield labelled_image(
-            log.stem,
-            f"{log.stem}/{frame.index}",
+        yield LabelledImage.of(
+            (log.stem, f"{log.stem}/{frame.index}"),
             rgb,
             [*faces.get(frame.index, []), *_checked_faces(also)],
             [*ignored.get(frame.index, []), *also.get("unsure", ())],
-            fronts_complete=str(frame.index) in checked,
-            backs_complete=False,
-            other=[*others.get(frame.index, []), *also.get("other", ())],
-            camera=frame.camera,
+            [*others.get(frame.index, []), *also.get("other", ())],
+            (str(frame.index) in checked, False),
+            frame.camera,
         )
 
 
@@ -192,15 +187,13 @@ def scene_set_images(folder: Path, prefixes: tuple[str, ...] = ("",)) -> Iterato
         unsure = [one["box"] for one in things if _may_be_sign(scene, one)]
         other = [one["box"] for one in things if not _may_be_sign(scene, one)]
         faces = [(sign["box"], FRONT, sign["color"], sign["shape"]) for sign in scene["signs"]]
-        yield labelled_image(
-            f"{folder.name}/{name.split('_')[0]}",
-            name,
+        yield LabelledImage.of(
+            (f"{folder.name}/{name.split('_')[0]}", name),
             np.ascontiguousarray(rgb, np.uint8),
             [*faces, *_checked_faces(also)],
             [*unsure, *also.get("unsure", ())],
-            fronts_complete=complete,
-            backs_complete=False,
-            other=[*other, *also.get("other", ())],
+            [*other, *also.get("other", ())],
+            (complete, False),
         )
 
 

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +42,6 @@ from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.flow import Flow
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError
-from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.models import EvidenceModel
 from wayside.schemas.settings import ReadSettings, TrackSettings
 from wayside.stages.mapping import FEATURES, track
@@ -78,66 +77,32 @@ RULE = "log odds of 0: as likely a sign as anything else, where three landmarks 
 Values = NDArray[np.float64]
 
 
-class LandmarkRow(NamedTuple):
-    """A landmark of a drive with truth.
-
-    back: whether it was followed as the back of a panel; usual: whether its boxes were accepted by the threshold that
-    runs have.
-    """
-
-    features: tuple[float, ...]
-    label: int
-    back: bool
-    usual: bool
-
-
-@dataclass(frozen=True, slots=True)
-class LandmarkSamples:
-    """Landmarks of drives with truth, n rows: values (n, features), label (n,) int8, drive (n,) number of the drive.
-
-    back, usual (n,) bool: as in `LandmarkRow`; source (n,) text: what the drive is left out together with, "" where it
-    was rendered.
-    """
-
-    values: NDArray[np.float32]
-    label: NDArray[np.int8]
-    drive: NDArray[np.int64]
-    back: NDArray[np.bool_]
-    source: NDArray[np.str_]
-    usual: NDArray[np.bool_]
-
-    def select(self, rows: NDArray[np.bool_]) -> LandmarkSamples:
-        """Some of them."""
-        return LandmarkSamples(*(getattr(self, column.name)[rows] for column in fields(self)))
-
-
-def labelled_landmarks(
-    frames: Iterable[TrackedFrame], known: KnownPanels, *, usual: bool
-) -> list[LandmarkRow]:
-    """All landmarks that tracking found on a drive with truth, labelled by it."""
-    return [
-        LandmarkRow(one.features, known.label(one), one.back, usual)
-        for frame in frames
-        for one in frame.landmarks
+SAMPLE = np.dtype(
+    [
+        ("values", np.float32, len(FEATURES)),
+        ("label", np.int8),
+        ("back", np.bool_),
+        ("usual", np.bool_),
+        ("drive", np.int64),
+        ("source", "U16"),
     ]
+)
+"""A landmark of a drive with truth: its features and label; whether it was followed as the back of a panel; whether its
+boxes were accepted by the threshold that runs have; number of the drive; what this is left out together with, "" where
+it was rendered."""
+
+Samples = np.recarray[Any, Any]
+Row = tuple[tuple[float, ...], int, bool, bool]
+"""The first four of `SAMPLE`."""
 
 
-def samples_of(drives: Sequence[tuple[str, Sequence[LandmarkRow]]]) -> LandmarkSamples:
+def samples_of(drives: Sequence[tuple[str, Sequence[Row]]]) -> Samples:
     """The landmarks of several drives, each with its source, in one table; drives are numbered in this order."""
-    rows = [row for _, own in drives for row in own]
-    counts = [len(own) for _, own in drives]
-    values, label, back, usual = zip(*rows, strict=True) if rows else [()] * 4
-    return LandmarkSamples(
-        np.array(values, np.float32).reshape(-1, len(FEATURES)),
-        np.array(label, np.int8),
-        np.repeat(np.arange(len(drives)), counts),
-        np.array(back, np.bool_),
-        np.repeat(np.array([source for source, _ in drives], np.str_), counts),
-        np.array(usual, np.bool_),
-    )
+    rows = [(*row, number, source) for number, (source, own) in enumerate(drives) for row in own]
+    return np.array(rows, SAMPLE).view(np.recarray)
 
 
-def learn_landmark_classifier(samples: LandmarkSamples, provenance: str) -> EvidenceModel:
+def learn_landmark_classifier(samples: Samples, provenance: str) -> EvidenceModel:
     """Fit the curves of all terms together. Operating points are computed on drives held out in turn.
 
     Logistic regression on the segments of the curves weighs terms that depend on each other (views of one board) by
@@ -145,7 +110,7 @@ def learn_landmark_classifier(samples: LandmarkSamples, provenance: str) -> Evid
     held out by source, rendered ones by drive; the points are of real ones, as runs see them, if there are enough.
     Raises InputError where there are too few landmarks of either kind.
     """
-    own = samples.select(samples.label != NEITHER)
+    own = samples[samples.label != NEITHER]
     sign = own.label == ON
     if min(sign.sum(), (~sign).sum()) < FEWEST_EXAMPLES or len(np.unique(own.drive)) < 2:
         raise InputError(
@@ -204,7 +169,7 @@ def _segments(values: NDArray[np.float32]) -> Values:
     return np.column_stack(columns)
 
 
-def _weights(samples: LandmarkSamples, sign: NDArray[np.bool_]) -> Values:
+def _weights(samples: Samples, sign: NDArray[np.bool_]) -> Values:
     """Weights (n,): signs and others alike; a real source by the root of its number, the rendered ones by theirs."""
     weight, real = np.zeros(len(sign)), samples.source != ""
     for source in np.unique(samples.source):
@@ -289,7 +254,7 @@ def learn_landmarks(
         found = pool.map(_landmarks_of, *zip(*tasks, strict=True))
         samples = samples_of(list(zip(sources, found, strict=True)))
     for name, back in (("place.json", False), ("back_place.json", True)):
-        side = samples.select(samples.back == back)
+        side = samples[samples.back == back]
         origin = provenance([log.stem for _, log, *_ in tasks], side)
         try:
             model = learn_landmark_classifier(side, origin)
@@ -299,19 +264,17 @@ def learn_landmarks(
             write_model(out / name, model)
 
 
-def provenance(names: list[str], samples: LandmarkSamples) -> str:
+def provenance(names: list[str], samples: Samples) -> str:
     """What a model was learned from: drives by name, with the number of landmarks of each."""
     counts = [int((samples.drive == number).sum()) for number in range(len(names))]
     listed = ", ".join(f"{n} ({count} landmarks)" for n, count in zip(names, counts, strict=True))
     return f"drives {listed}; the name of a rendered one ends in what was added to the seed of its specification"
 
 
-def _landmarks_of(
-    folder: Path, log: Path, known: KnownPanels, read: ReadSettings
-) -> list[LandmarkRow]:
+def _landmarks_of(folder: Path, log: Path, known: KnownPanels, read: ReadSettings) -> list[Row]:
     """The landmarks of a drive by the models of a folder, once for each threshold of faces."""
     settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
-    models, rows = load_models(settings), list[LandmarkRow]()
+    models, rows = load_models(settings), list[Row]()
     if models.front_scores is None:
         raise InputError(f"{folder}: there are no thresholds of the box network")
     for lower in LENIENT:
@@ -326,7 +289,11 @@ def _landmarks_of(
         settled = TrackSettings(fewest_views=FEWEST)
         panel = panel_method(own)
         tracked = track(moved, settled, detector.front, detector.back, panel)
-        rows += labelled_landmarks(tracked, known, usual=lower == 0)
+        rows += [
+            (one.features, known.label(one), one.back, lower == 0)
+            for frame in tracked
+            for one in frame.landmarks
+        ]
     return rows
 
 

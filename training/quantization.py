@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -42,17 +43,6 @@ LAYERS = "/layers/"
 Feed = dict[str, NDArray[Any]]
 
 
-class _Feeds:
-    """Inputs of a network one after the other; a `CalibrationDataReader` of onnxruntime."""
-
-    def __init__(self, feeds: Iterable[Feed]) -> None:
-        self._feeds = iter(feeds)
-
-    def get_next(self) -> Feed | None:
-        """The next input; None after the last."""
-        return next(self._feeds, None)
-
-
 def quantize(source: Path, target: Path, images: Iterable[NDArray[np.uint8]]) -> None:
     """Write the detection network of an ONNX file in 8 bits, with the metadata of that file.
 
@@ -81,11 +71,12 @@ def _quantize(
     import onnx
     from onnxruntime.quantization import QuantFormat, QuantType, quantize_static
 
+    given = iter(feeds)
     nodes = onnx.load(str(source)).graph.node
     quantize_static(
         source,
         target,
-        _Feeds(feeds),
+        SimpleNamespace(get_next=lambda: next(given, None)),  # a `CalibrationDataReader`
         quant_format=QuantFormat.QDQ,
         per_channel=True,
         reduce_range=True,

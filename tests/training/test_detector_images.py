@@ -66,8 +66,8 @@ def test_boxes_of_single_images_bear_their_classes(tmp_path):
     assert first.shape.tolist() == [SHAPES.index("circle")]
     assert second.color.tolist() == [NONE]
     assert first.source == "set/mi"
-    assert first.fronts_complete
-    assert not first.backs_complete
+    assert first.complete[0]
+    assert not first.complete[1]
 
 
 def test_an_image_whose_boxes_were_looked_at_is_complete(tmp_path, monkeypatch):
@@ -76,7 +76,7 @@ def test_an_image_whose_boxes_were_looked_at_is_complete(tmp_path, monkeypatch):
     )
     scenes = [scene(f"mi_{number}.png", complete=number == 1) for number in (1, 2, 3)]
     images = scene_set_images(write_set(tmp_path / "set", *scenes))
-    assert [image.fronts_complete for image in images] == [True, True, False]
+    assert [image.complete[0] for image in images] == [True, True, False]
 
 
 def test_a_traffic_light_is_no_sign_and_another_distractor_may_be_one(tmp_path):

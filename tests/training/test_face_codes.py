@@ -1,7 +1,8 @@
 """The face classifier: what teaches it, that it learns it, is as sure as it is right, and says the same as a file."""
 
+from pathlib import Path
+
 import numpy as np
-import Path
 import pytest
 
 from training.face_classes import (

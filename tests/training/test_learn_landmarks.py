@@ -1,15 +1,12 @@
 """Learning of the landmark classifiers: what it finds in made-up examples, and what it refuses."""
 
-from dataclasses import fields, replace
-
 import numpy as np
 import pytest
 from scipy.special import expit
 
 from training import learn_landmarks as module
 from training.learn_landmarks import (
-    LandmarkRow,
-    LandmarkSamples,
+    SAMPLE,
     learn_landmark_classifier,
     main,
     provenance,
@@ -24,12 +21,9 @@ from wayside.stages.mapping import FEATURES
 
 def joined(parts):
     """Samples of several drives as one, numbered by drive."""
-    columns = (
-        np.concatenate([getattr(one, field.name) for one in parts])
-        for field in fields(LandmarkSamples)
-    )
-    drive = np.repeat(np.arange(len(parts)), [len(one.label) for one in parts])
-    return replace(LandmarkSamples(*columns), drive=drive)
+    found = np.concatenate(parts).view(np.recarray)
+    found.drive = np.repeat(np.arange(len(parts)), [len(one) for one in parts])
+    return found
 
 
 def examples(count=800, seed=4, source=""):
@@ -41,8 +35,10 @@ def examples(count=800, seed=4, source=""):
     values[:, missed] *= 0.8
     odds = 1.0 * (values[:, score] - 4) - 5.0 * (values[:, missed] - 0.4)
     label = np.where(rng.random(count) < expit(odds), ON, OFF).astype(np.int8)
-    none, source = np.zeros(count, bool), np.full(count, source)
-    return LandmarkSamples(values, label, np.arange(count) % 4, none, source, ~none), odds
+    made = np.zeros(count, SAMPLE).view(np.recarray)
+    made.values, made.label, made.usual, made.source = values, label, True, source
+    made.drive = np.arange(count) % 4
+    return made, odds
 
 
 def sums(model, values):
@@ -66,7 +62,7 @@ def test_a_curve_may_bend_where_the_examples_ask_for_it(monkeypatch):
     score = learned.values[:, FEATURES.index("score_best")]
     odds = 3 * np.clip(score - 6, -1, 1)
     rng = np.random.default_rng(7)
-    learned = replace(learned, label=np.where(rng.random(6000) < expit(odds), ON, OFF))
+    learned.label = np.where(rng.random(6000) < expit(odds), ON, OFF)
     model = learn_landmark_classifier(learned, "test")
     curve = model.curves[model.features.index("score_best")]
     low, steep = curve[2] - curve[1], curve[4] - curve[3]
@@ -115,22 +111,17 @@ def test_a_stated_false_alarm_rate_is_that_of_the_traded_model_and_leaves_the_lo
 
 def test_no_feature_counts_against_its_nature():
     learned, _ = examples(4000)
-    inverted = replace(learned, label=1 - learned.label)
-    model = learn_landmark_classifier(inverted, "test")
+    learned.label = 1 - learned.label
+    model = learn_landmark_classifier(learned, "test")
     for name in ("score_best", "missed"):
         assert np.ptp(model.curves[model.features.index(name)]) == pytest.approx(0, abs=1e-3)
 
 
 def test_examples_of_neither_kind_teach_nothing():
     learned, _ = examples()
-    garbage = LandmarkSamples(
-        np.concatenate([learned.values, learned.values[:50] + 9]),
-        np.concatenate([learned.label, np.full(50, NEITHER, np.int8)]),
-        *(
-            np.concatenate([column, column[:50]])
-            for column in (learned.drive, learned.back, learned.source, learned.usual)
-        ),
-    )
+    neither = learned[:50].copy()
+    neither.values, neither.label = neither.values + 9, NEITHER
+    garbage = np.concatenate([learned, neither]).view(np.recarray)
     one, other = learn_landmark_classifier(learned, "t"), learn_landmark_classifier(garbage, "t")
     np.testing.assert_equal(one.curves, other.curves)
 
@@ -142,14 +133,14 @@ def test_too_few_landmarks_are_refused_with_what_to_do():
 
 
 def test_landmarks_of_several_drives_are_numbered_by_drive_and_the_provenance_counts_them():
-    row = LandmarkRow(tuple(range(len(FEATURES))), ON, False, True)
-    other = row._replace(label=OFF)
+    row = (tuple(range(len(FEATURES))), ON, False, True)
+    other = (row[0], OFF, False, True)
     found = samples_of([("", [row, row]), ("city", []), ("city", [other, row, other])])
     assert found.label.tolist() == [ON, ON, OFF, ON, OFF]
     assert found.drive.tolist() == [0, 0, 2, 2, 2]
     assert found.source.tolist() == ["", "", "city", "city", "city"]
     assert found.values.shape == (5, len(FEATURES))
-    assert len(samples_of([("", [])]).label) == 0
+    assert len(samples_of([("", [])])) == 0
     words = provenance(["learn_a_500", "empty", "b"], found)
     assert "learn_a_500 (2 landmarks), empty (0 landmarks), b (3 landmarks)" in words
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from training.detector_images import FRONT, labelled_image
+from training.detector_images import FRONT, LabelledImage
 from training.face_drawings import FaceLibrary
 from wayside.pipeline.models.model_files import onnx_metadata, shipped_models
 from wayside.stages.detection import SIDE
@@ -18,9 +18,7 @@ def image(source, brightness=90):
     rgb = np.full((300, 400, 3), brightness, np.uint8)
     rgb[100:140, 200:240] = (250, 200, 20)
     face = ([200, 100, 240, 140], FRONT, "yellow", "rectangle")
-    return labelled_image(
-        source, "one", rgb, [face], (), fronts_complete=True, backs_complete=False
-    )
+    return LabelledImage.of((source, "one"), rgb, [face])
 
 
 IMAGES = [image("scenes_mixed/ro"), image("ca_city_garmin", 160)]
@@ -67,7 +65,7 @@ def test_a_crop_has_its_boxes_as_the_detector_draws_them(batches):
 
 def test_of_a_full_buffer_the_oldest_crops_are_replaced(torch, crop_batches):
     held = crop_batches.CropBuffer(torch.device("cpu"), 8)
-    held.add({"count": torch.arange(1, 4), "cell": torch.zeros(3, 5)})
+    held.add({"count": torch.arange(1, 4), "cell": torch.zeros(3, 5, dtype=torch.int64)})
     assert set(held.drawn(200)["count"].tolist()) == {1, 2, 3}  # no more than is there
     for first in range(0, 40, 3):
         number = torch.arange(first, first + 3)
