@@ -139,13 +139,6 @@ def test_the_right_candidate_of_a_face_is_its_outer_edge(method):
         assert len(choice.features) > 1
 
 
-def test_the_same_seed_gives_the_same_choices(method):
-    known = truth(1)
-    one, other = (gather_choices(images(known), known, method, 3) for _ in range(2))
-    assert [c.right for c in one] == [c.right for c in other]
-    np.testing.assert_array_equal(one[0].features, other[0].features)
-
-
 def test_signs_without_a_position_or_a_template_teach_nothing(method):
     known = truth(2)
     shown = list(images(known))

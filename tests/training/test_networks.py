@@ -1,17 +1,20 @@
 """Both networks learn what their losses say, and say the same as a file, in floating point and in whole numbers."""
 
+from dataclasses import fields
+
 import cv2
 import numpy as np
 import pytest
 
 from training.detector_crops import (
-    CELLS,
     CROP_PX,
     KNOWN,
     STRIDE,
     UNKNOWN,
     UNSURE,
+    targets,
 )
+from training.detector_images import FRONT, LabelledImage
 from wayside.pipeline.models.model_files import onnx_metadata
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.stages.detection import BOX_VALUES, INNER, MAPS, SIDE, drawn_patches
@@ -30,33 +33,19 @@ def networks(torch):
 
 @pytest.fixture
 def batch(torch):
-    """Yellow squares of 32 px, each in the middle of its crop."""
-    count = 2
-    rgb = np.full((count, CROP_PX, CROP_PX, 3), 80, np.uint8)
-    rgb[:, 112:144, 112:144] = (250, 200, 20)
-    heat = np.zeros((count, 2, CELLS_WIDE, CELLS_WIDE), np.float16)
-    heat[:, 0, 32, 32] = 1
-    held = {
-        "rgb": rgb,
-        "heat": heat,
-        "doubt": np.zeros((count, 2, CELLS_WIDE, CELLS_WIDE), np.uint8),
-        "cell": np.full((count, CELLS), 32 * CELLS_WIDE + 32),
-        "box": np.tile(np.array([112, 112, 144, 144], np.float32), (count, CELLS, 1)),
-        "weight": np.eye(1, CELLS, dtype=np.float32).repeat(count, axis=0),
-        "color": np.full((count, CELLS), NONE, np.int64),
-        "shape": np.full((count, CELLS), NONE, np.int64),
-    }
-    held["color"][:, 0], held["shape"][:, 0] = 1, 2
-    return {name: torch.from_numpy(values) for name, values in held.items()}
-
-
-def noise(torch, count, height, width):
-    return torch.randint(0, 256, (count, height, width, 3), dtype=torch.uint8)
+    """Targets of two crops with a yellow square of 32 px in the middle of each."""
+    rgb = np.full((CROP_PX, CROP_PX, 3), 80, np.uint8)
+    rgb[112:144, 112:144] = (250, 200, 20)
+    face = ([112, 112, 144, 144], FRONT, "yellow", "rectangle")
+    crop = targets(LabelledImage.of(("set", "one"), rgb, [face]))
+    held = {one.name: np.stack([getattr(crop, one.name)] * 2) for one in fields(crop)}
+    return tensors(torch, held)
 
 
 def test_maps_are_a_quarter_of_the_image_and_start_with_few_faces(torch, networks):
+    rgb = torch.randint(0, 256, (1, 64, 128, 3), dtype=torch.uint8)
     with torch.no_grad():
-        maps = networks.DetectionNetwork().eval()(noise(torch, 1, 64, 128))
+        maps = networks.DetectionNetwork().eval()(rgb)
     assert maps.shape == (1, MAPS, 16, 32)
     assert maps[:, :2].sigmoid().max() < 0.2
 
@@ -149,11 +138,6 @@ def settled(torch, networks):
     return made.eval()
 
 
-def test_every_box_has_its_values(torch, settled):
-    for count in (1, 5):
-        assert values_of(torch, settled, boxes(count)).shape == (count, BOX_VALUES)
-
-
 def test_colours_hold_whatever_the_exposure_and_the_brightness_tells_it(torch, networks):
     patches = torch.from_numpy(shown()["patch"]).float() * 0.6 + 60
     (colors, bright), (dimmer, dark) = (
@@ -166,20 +150,13 @@ def test_colours_hold_whatever_the_exposure_and_the_brightness_tells_it(torch, n
 
 
 def test_what_weighs_nothing_is_not_learned_from(torch, networks):
-    held = boxes()
-    values = torch.zeros(len(held["size"]), BOX_VALUES)
-    unknown = boxes() | {
-        "weight": np.zeros_like(held["weight"]),
-        "offset": np.full_like(held["offset"], np.nan),
-        "color": np.full_like(held["color"], NONE),
-        "shape": np.full_like(held["shape"], NONE),
-    }
-    assert all(
-        value > 0 for value in networks.BoxNetwork.losses(values, tensors(torch, held)).values()
-    )
-    assert all(
-        value == 0 for value in networks.BoxNetwork.losses(values, tensors(torch, unknown)).values()
-    )
+    known = tensors(torch, boxes())
+    names = {"color": NONE, "shape": NONE, "weight": 0, "offset": np.nan}
+    unknown = known | {name: torch.full_like(known[name], none) for name, none in names.items()}
+    values = torch.zeros(len(known["size"]), BOX_VALUES)
+    losses, nothing = (networks.BoxNetwork.losses(values, held) for held in (known, unknown))
+    assert all(value > 0 for value in losses.values())
+    assert all(value == 0 for value in nothing.values())
 
 
 def test_right_values_have_no_loss(torch, networks):
@@ -206,22 +183,3 @@ def test_the_file_gives_the_values_of_pytorch(torch, settled, tmp_path):
     np.testing.assert_allclose(found.shape, values[:, 14:], **close)
     said = onnx_metadata((tmp_path / "box.onnx").read_bytes())
     assert said == {"sources": "demo: 3 images", "seed": "1"}
-
-
-def test_the_file_in_whole_numbers_gives_nearly_the_same_values(settled, tmp_path):
-    pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
-    from training.quantization import quantize_boxes
-
-    one, other = tmp_path / "box_float.onnx", tmp_path / "box.onnx"
-    with pytest.warns():
-        settled.write(one, {"sources": "demo: 3 images"})
-    quantize_boxes(one, other, map(shown, range(2, 6)))
-    exact, whole = (InOnnxRuntime(str(path)).scores(*scene()) for path in (one, other))
-    for name in ("front", "back", "offset", "color", "shape"):
-        kept, changed = getattr(exact, name), getattr(whole, name)
-        assert np.abs(kept - changed).max() > 0
-        assert np.std(kept - changed) < 0.15 * np.std(kept)
-    assert other.stat().st_size < 0.8 * one.stat().st_size
-    said = onnx_metadata(other.read_bytes())
-    assert said["sources"] == "demo: 3 images"
-    assert "7 bits" in said["weights"]
