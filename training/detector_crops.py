@@ -83,13 +83,14 @@ def drawn_crop(
         posts = int(rng.integers(1, 5))
         known = np.concatenate([crop.box, crop.ignored, crop.other])
         drawn = draw_faces(crop.rgb, known, library, noise.smooth, rng, posts)
-        boxes = np.array([d.box for d in drawn], np.float32).reshape(-1, 4)
+        boxes = np.array([box for box, _ in drawn], np.float32).reshape(-1, 4)
+        faces = [face for _, face in drawn]
         crop = replace(
             crop,
             box=np.concatenate([crop.box, boxes]),
-            side=np.append(crop.side, [d.side for d in drawn]).astype(np.int8),
-            color=np.append(crop.color, [d.color for d in drawn]).astype(np.int8),
-            shape=np.append(crop.shape, [d.shape for d in drawn]).astype(np.int8),
+            side=np.append(crop.side, [face.side for face in faces]).astype(np.int8),
+            color=np.append(crop.color, [face.color for face in faces]).astype(np.int8),
+            shape=np.append(crop.shape, [face.shape for face in faces]).astype(np.int8),
         )
     taken, others = np.concatenate([crop.box, crop.ignored]), [crop.other]
     for _ in range(int(rng.integers(0, MOST_DISTRACTORS + 1))):

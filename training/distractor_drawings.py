@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from recordings.drives.signs.face import COLORS
 from training.detector_images import FRONT
 from training.face_compositing import (
+    Box,
     blend,
     overlaps,
     random_brightness,
@@ -59,7 +60,7 @@ def draw_distractor(
     taken: NDArray[np.float32],
     noise: NDArray[np.float32],
     rng: np.random.Generator,
-) -> tuple[float, float, float, float] | None:
+) -> Box | None:
     """One of them somewhere, in place; its box, None where it is not drawn: it would lie on the boxes `taken` (n, 4).
 
     `noise` is a square of smooth noise as `draw_faces` takes it.

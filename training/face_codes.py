@@ -214,7 +214,7 @@ def drawn_patches(
         for k in range(DRAWN_OTHER if name == OTHER_FACE else DRAWN):
             face = FaceDrawing(own[k % len(own)], NONE, NONE)
             if name == OTHER_FACE and rng.random() < 0.25:
-                face, _ = chosen_face("board", FaceLibrary((), ()), rng)
+                face = chosen_face("board", FaceLibrary((), ()), rng)
             patches.append(_drawn(face, backgrounds, noise, rng))
             names.append(name)
     return np.stack(patches), np.array(names)

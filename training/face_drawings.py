@@ -152,11 +152,12 @@ KINDS = (("vector", 0.53), ("cut", 0.15), ("board", 0.18), ("crossbuck", 0.03), 
 
 @dataclass(frozen=True, slots=True)
 class FaceDrawing:
-    """A face as pixels (h, w, 4) uint8 RGBA with its classes, `NONE` where they are none of ours."""
+    """A face as pixels (h, w, 4) uint8 RGBA with its classes, `NONE` where they are none of ours, and the side seen."""
 
     rgba: NDArray[np.uint8]
     color: int
     shape: int
+    side: int = FRONT
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,17 +236,14 @@ def _cut_out(
 
 def chosen_face(
     kind: str, library: FaceLibrary, rng: np.random.Generator, color: int = NONE
-) -> tuple[FaceDrawing, int]:
-    """A face of a kind, boards in a colour if one is given, and the side of it that is seen."""
+) -> FaceDrawing:
+    """A face of a kind, boards in a colour if one is given."""
     if kind == "vector" and library.vector:
         face = library.vector[rng.choice(len(library.vector), p=library.vector_share)]
-        return _recolored(face, rng), FRONT
+        return _recolored(face, rng)
     if kind == "cut" and library.cut:
         face = library.cut[rng.choice(len(library.cut), p=library.cut_share)]
-        return (
-            FaceDrawing(_relit(face.rgba, rng), face.color, face.shape),
-            FRONT,
-        )
+        return FaceDrawing(_relit(face.rgba, rng), face.color, face.shape)
     if kind == "back" and library.vector:
         face = library.vector[rng.choice(len(library.vector), p=library.vector_share)]
         rgba = face.rgba.copy()
@@ -254,8 +252,8 @@ def chosen_face(
         if rng.random() < 0.7:  # the post stands in front of the back
             middle, half = rgba.shape[1] // 2, max(2, int(rgba.shape[1] * rng.uniform(0.02, 0.06)))
             rgba[:, middle - half : middle + half, :3] = int(grey * rng.uniform(0.5, 0.9))
-        return FaceDrawing(rgba, face.color, face.shape), BACK
-    return _crossbuck(rng) if kind == "crossbuck" else _board(rng, color), FRONT
+        return FaceDrawing(rgba, face.color, face.shape, BACK)
+    return _crossbuck(rng) if kind == "crossbuck" else _board(rng, color)
 
 
 def _recolored(face: FaceDrawing, rng: np.random.Generator) -> FaceDrawing:
