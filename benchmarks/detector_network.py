@@ -1,6 +1,6 @@
 r"""Recall of a detection network against false boxes an image.
 
-    OMP_NUM_THREADS=1 PYTHONPATH=. .venv/bin/python benchmarks/detector_network.py MODEL.onnx --sets SET [SET ...] \\
+    OMP_NUM_THREADS=1 PYTHONPATH=. .venv/bin/python benchmarks/networks.py MODEL.onnx --sets SET [SET ...] \\
         [--real FOLDER] [--drives FOLDER] [--every N]
 
 Sets: a rendered drive (its log is in the folder of drives), a real drive with labels, or the start of the names in
@@ -64,7 +64,7 @@ def set_row(name: str, network: DetectionNetwork, given: argparse.Namespace) -> 
     """Recall on a set by height, at each rate and at the network's own threshold."""
     images = images_of(name, given.real, given.drives, given.every)
     found = list(boxes_of(network, images))
-    judged = sum(image.fronts_complete for image in images) or len(images)
+    judged = sum(image.complete[FRONT] for image in images) or len(images)
     false = np.sort(np.array(list(false_scores(images, found))))[::-1]
     cells = [name]
     for low, high in HEIGHTS:
@@ -112,9 +112,9 @@ def face_scores(
 
 def false_scores(images: Sequence[LabelledImage], found: Sequence[Boxes]) -> Iterator[float]:
     """Scores of the false boxes, of images with complete labels where there are any."""
-    complete = any(image.fronts_complete for image in images)
+    complete = any(image.complete[FRONT] for image in images)
     for image, (box, score) in zip(images, found, strict=True):
-        if image.fronts_complete or not complete:
+        if image.complete[FRONT] or not complete:
             near = iou_matrix(image.box, box).max(axis=0, initial=0) >= NEAR_FACE
             unknown = covered_fractions(box, image.ignored).max(axis=1, initial=0) >= 0.5
             yield from score[~near & ~unknown].tolist()

@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 
 from training.detector_crops import (
     CROP_PX,
+    DOUBTED,
     KNOWN,
     UNKNOWN,
     UNSURE,
+    UNSURE_WEIGHTS,
     shown_faces,
 )
 from training.detector_images import LabelledImage
-from wayside.pipeline.learning.truth import UNION, second_faces
+from training.truth import UNION, second_faces
 from wayside.schemas.detections import NONE
 from wayside.stages.detection import STRIDE, DetectionNetwork, boxes_of_maps
 from wayside.stages.geometry import iou_matrix
@@ -48,10 +50,6 @@ NO_FACE, WHOLE_FACE = 0.25, 0.75
 
 REGRESSED, NAMED = 0.3, 0.45
 """Overlap from which the sides of a box, and its colour and shape, are those of the face."""
-
-UNSURE_WEIGHTS, DOUBTED = (0.5, 0.2), 0.3
-"""Weights of a box off all faces as a negative where the image has faces without a box: below and above a probability,
-by the detection network, that it shows one."""
 
 IGNORED = 0.2
 """Overlap with a place where nothing is known from which a box off all faces does not count."""

@@ -10,37 +10,41 @@ folder are written.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from training.learn import learning_logs, run, write_model
-from wayside.pipeline.files.settings_file import load_settings
-from wayside.pipeline.learning.fits import platt
-from wayside.pipeline.learning.labelled import NEAR_FACE, NEITHER, ON
-from wayside.pipeline.learning.truth import (
-    LEARN_READ,
-    SignViews,
+from training.truth import (
+    DRIVES,
+    OUT,
     box_labels,
+    command,
+    frames_of,
+    learning_logs,
     read_truth,
     views_by_frame,
+    write_model,
 )
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.learning.fits import logistic
+from wayside.pipeline.learning.labelled import NEAR_FACE, NEITHER, ON
 from wayside.pipeline.models.model_files import load_models
-from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.flow import Flow
 from wayside.pipeline.statistics import Interval, resampled_interval
 from wayside.pipeline.workers import StageClock
-from wayside.schemas.detections import Candidates
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import NetworkSum, ScoreModel
 from wayside.stages.detection import SAME_FACE_IOU
 from wayside.stages.geometry import non_maximum_suppression
+
+THREADS = 2
+"""How many drives are read at a time."""
 
 EVERY = 4
 """Every n-th image of a drive: three numbers are learned."""
@@ -75,11 +79,7 @@ def learn_network_sum(
     """The sum that is a log odds, but for a shift by which it has the `threshold` of the box network alone.
 
     drives: images of each. With it the 95 % interval of the threshold.
-
-    Raises
-    ------
-    InputError
-        Without boxes on faces, or off them.
+    Raises InputError without boxes on faces, or off them.
     """
     images = [one for drive in drives for one in drive]
     score = np.concatenate([one.score for one in images])
@@ -154,42 +154,34 @@ def scored_boxes(log: Path, folder: Path) -> tuple[list[ScoredBoxes], list[Score
         front_scores=ScoreModel(LOWEST, ""),
         back_scores=ScoreModel(LOWEST, ""),
     )
-    seen, behind = views_by_frame(read_truth(log.with_suffix(".truth.json")))
-    frames = (f for f in read_frames(log, LEARN_READ, ReadReport()) if f.index % EVERY == 0)
+    views = views_by_frame(read_truth(log))
     faces: list[ScoredBoxes] = []
     backs: list[ScoredBoxes] = []
-    for item in Flow(settings, asked, StageClock()).detect(frames):
+    for item in Flow(settings, asked, StageClock()).detect(frames_of(log, EVERY)):
         network, candidates = item.segmentation.network_score, item.candidates
         if network is None or candidates.back_score is None:
             continue
+        here = views.get(item.frame.index, [])
         rows = np.flatnonzero(np.isfinite(candidates.score))
         score = np.stack([candidates.score[rows], network[rows]], axis=1)
-        faces.append(_scored(candidates, rows, score, seen.get(item.frame.index, [])))
+        facing = [view for view in here if view.sign["faces_travel"]]
+        box = candidates.regions.box
+        faces.append(ScoredBoxes(box[rows], score, *box_labels(box[rows], facing)))
         rows = candidates.back_rows()
         score = candidates.back_score[rows, None]
-        backs.append(_scored(candidates, rows, score, behind.get(item.frame.index, [])))
+        behind = [view for view in here if view.back]
+        backs.append(ScoredBoxes(box[rows], score, *box_labels(box[rows], behind)))
     return faces, backs
 
 
-def _scored(
-    candidates: Candidates, rows: NDArray[np.int64], score: NDArray[np.float32], views: SignViews
-) -> ScoredBoxes:
-    """Some candidates of an image with their scores (rows, k), labelled by the panels that it shows."""
-    box = candidates.regions.box[rows]
-    label, overlap = box_labels(box, views)
-    return ScoredBoxes(box, score, label, overlap)
+def learn(drives: Path, out: Path) -> None:
+    """Write the thresholds for the networks of a folder by the rule on the drives of another.
 
-
-def learn(logs: Sequence[Path], folder: Path) -> dict[str, ScoreModel]:
-    """The thresholds for the networks of a folder by the rule on these drives, by the name of their file.
-
-    Raises
-    ------
-    InputError
-        If a drive or the networks of the folder cannot be used.
+    Raises InputError if a drive or the networks of the folder cannot be used.
     """
-    with ThreadPoolExecutor(2) as pool:  # drives read at a time
-        found = list(pool.map(lambda log: scored_boxes(log, folder), logs))
+    logs = learning_logs(drives)
+    with ThreadPoolExecutor(THREADS) as pool:
+        found = list(pool.map(lambda log: scored_boxes(log, out), logs))
     faces, backs = [drive[0] for drive in found], [drive[1] for drive in found]
     provenance = "thresholds by " + ", ".join(
         f"{log.stem} ({len(own)} images)" for log, own in zip(logs, faces, strict=True)
@@ -199,22 +191,22 @@ def learn(logs: Sequence[Path], folder: Path) -> dict[str, ScoreModel]:
     front = ScoreModel(threshold, provenance, joined, false_boxes_rule(FALSE_FACES), interval)
     threshold, interval = rule_threshold(backs, np.ones(1), FALSE_BACKS)
     back = ScoreModel(threshold, provenance, None, false_boxes_rule(FALSE_BACKS), interval)
-    return {"front.json": front, "back.json": back}
+    write_model(out / "front.json", front)
+    write_model(out / "back.json", back)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """The command line; the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m training.box_thresholds")
-    parser.add_argument("--drives", type=Path, required=True, help="folder of rendered drives")
-    parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the model files")
-    given = parser.parse_args(arguments)
+def platt(
+    scores: NDArray[np.floating[Any]], positive: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], float]:
+    """Slopes (k,) and shift that make one log odds of k scores (n, k), by Platt's softened targets."""
+    count, rest = positive.sum(), (~positive).sum()
+    target = np.where(positive, (count + 1) / (count + 2), 1 / (rest + 2))
+    start = np.append(np.full(scores.shape[1], 1 / scores.shape[1]), 0.0)
+    found = logistic(np.asarray(scores, np.float64), target, start, np.zeros(len(start)))
+    return found[:-1], float(found[-1])
 
-    def work() -> None:
-        for name, model in learn(learning_logs(given.drives), given.out).items():
-            write_model(given.out / name, model)
 
-    return run(work)
-
+main = command(__doc__, learn, drives=DRIVES, out=OUT)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -47,6 +47,10 @@ SPREAD, LEAST_SPREAD, REGRESSED = 0.08, 0.5, 0.3
 KNOWN, UNSURE, UNKNOWN = 0, 1, 2
 """A cell off all boxes is a negative; one unless the network thinks otherwise; nothing is known of it."""
 
+UNSURE_WEIGHTS, DOUBTED = (0.5, 0.2), 0.3
+"""Weights of an unsure negative, a cell or a box, below and above a probability, by the detection network, that it
+shows a face."""
+
 CELLS = 48
 """Most cells of a crop that are regressed."""
 
@@ -79,13 +83,14 @@ def drawn_crop(
         posts = int(rng.integers(1, 5))
         known = np.concatenate([crop.box, crop.ignored, crop.other])
         drawn = draw_faces(crop.rgb, known, library, noise.smooth, rng, posts)
-        boxes = np.array([d.box for d in drawn], np.float32).reshape(-1, 4)
+        boxes = np.array([box for box, _ in drawn], np.float32).reshape(-1, 4)
+        faces = [face for _, face in drawn]
         crop = replace(
             crop,
             box=np.concatenate([crop.box, boxes]),
-            side=np.append(crop.side, [d.side for d in drawn]).astype(np.int8),
-            color=np.append(crop.color, [d.color for d in drawn]).astype(np.int8),
-            shape=np.append(crop.shape, [d.shape for d in drawn]).astype(np.int8),
+            side=np.append(crop.side, [face.side for face in faces]).astype(np.int8),
+            color=np.append(crop.color, [face.color for face in faces]).astype(np.int8),
+            shape=np.append(crop.shape, [face.shape for face in faces]).astype(np.int8),
         )
     taken, others = np.concatenate([crop.box, crop.ignored]), [crop.other]
     for _ in range(int(rng.integers(0, MOST_DISTRACTORS + 1))):
@@ -164,8 +169,8 @@ def targets(image: LabelledImage) -> Crop:
     cells = CROP_PX // STRIDE
     heat = np.zeros((2, cells, cells), np.float32)
     doubt = np.zeros((2, cells, cells), np.uint8)
-    doubt[FRONT] = KNOWN if image.fronts_complete else UNSURE
-    doubt[BACK] = KNOWN if image.backs_complete else UNSURE
+    for side in (FRONT, BACK):
+        doubt[side] = KNOWN if image.complete[side] else UNSURE
     inside = np.clip(image.box, 0, CROP_PX)
     area = np.prod(inside[:, 2:] - inside[:, :2], axis=1)
     positive = shown_faces(image)

@@ -1,4 +1,4 @@
-"""Images with boxed faces for the detection network: rendered drives, real drives and single real images.
+"""Images with boxed faces to learn networks from: rendered drives, real drives and single real images.
 
 An image says how far its boxes can be trusted: in most real ones some signs bear no box.
 """
@@ -6,8 +6,10 @@ An image says how far its boxes can be trusted: in most real ones some signs bea
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +18,14 @@ import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.labelled import FACE_FRACTION, FACE_PX
-from wayside.pipeline.learning.truth import LEARN_READ, height_px, read_truth, visible_fraction
-from wayside.pipeline.reading.frames import ReadReport, read_frames
+from training.truth import (
+    images,
+    read_truth,
+    views_by_frame,
+)
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import Camera, Frame
-from wayside.stages.imaging import decode
+from wayside.schemas.frame import Camera
 
 FRONT, BACK = 0, 1
 """Side of a panel that an image shows."""
@@ -42,13 +45,17 @@ MAY_BE_SIGN = ("plate", "sign")
 """Words in the description of a distractor of a real drive that may be a sign after all."""
 
 
+Face = tuple[Sequence[float], int, str | None, str | None]
+"""Box, side, colour and shape of a face."""
+
+
 @dataclass(frozen=True, slots=True)
 class LabelledImage:
     """An image with its faces.
 
     `source`: the camera or data set that it is from. `rgb` (height, width, 3) uint8. `box` (n, 4) float32. `side` (n,)
     `FRONT` or `BACK`. `color`, `shape` (n,) classes or `NONE`. `ignored` (m, 4): where nothing is known. `other` (k,
-    4): what is labelled and no sign. `fronts_complete`, `backs_complete`: whether every face of that side has a box.
+    4): what is labelled and no sign. `complete`: whether every face has a box, of fronts and of backs.
     `camera`: where it is known and the image is whole.
     """
 
@@ -61,42 +68,37 @@ class LabelledImage:
     shape: NDArray[np.int8]
     ignored: NDArray[np.float32]
     other: NDArray[np.float32]
-    fronts_complete: bool
-    backs_complete: bool
+    complete: tuple[bool, bool]
     camera: Camera | None = None
 
+    @classmethod
+    def of(
+        cls,
+        name: tuple[str, str],
+        rgb: NDArray[np.uint8],
+        faces: Sequence[Face],
+        ignored: Sequence[Sequence[float]] = (),
+        other: Sequence[Sequence[float]] = (),
+        complete: tuple[bool, bool] = (True, False),
+        camera: Camera | None = None,
+    ) -> LabelledImage:
+        """From source and name, and faces by the names of their classes, `NONE` where these are none of ours."""
+        return cls(
+            *name,
+            rgb,
+            _boxes(box for box, *_ in faces),
+            np.array([side for _, side, *_ in faces], np.int8),
+            np.array([_code(COLORS, color) for *_, color, _ in faces], np.int8),
+            np.array([_code(SHAPES, shape) for *_, shape in faces], np.int8),
+            _boxes(ignored),
+            _boxes(other),
+            complete,
+            camera,
+        )
 
-Face = tuple[Sequence[float], int, str | None, str | None]
-"""Box, side, colour and shape of a face."""
 
-
-def labelled_image(  # noqa: PLR0913 - one for each field
-    source: str,
-    name: str,
-    rgb: NDArray[np.uint8],
-    faces: Sequence[Face],
-    ignored: Sequence[Sequence[float]],
-    *,
-    fronts_complete: bool,
-    backs_complete: bool,
-    other: Sequence[Sequence[float]] = (),
-    camera: Camera | None = None,
-) -> LabelledImage:
-    """An image with its faces as arrays; names of colours and shapes that are no classes become `NONE`."""
-    return LabelledImage(
-        source,
-        name,
-        rgb,
-        np.array([box for box, *_ in faces], np.float32).reshape(-1, 4),
-        np.array([side for _, side, *_ in faces], np.int8),
-        np.array([_code(COLORS, color) for *_, color, _ in faces], np.int8),
-        np.array([_code(SHAPES, shape) for *_, shape in faces], np.int8),
-        np.array(ignored, np.float32).reshape(-1, 4),
-        np.array(other, np.float32).reshape(-1, 4),
-        fronts_complete,
-        backs_complete,
-        camera,
-    )
+def _boxes(boxes: Iterable[Sequence[float]]) -> NDArray[np.float32]:
+    return np.array(list(boxes), np.float32).reshape(-1, 4)
 
 
 def _code(names: tuple[str, ...], name: str | None) -> int:
@@ -105,39 +107,29 @@ def _code(names: tuple[str, ...], name: str | None) -> int:
 
 def rendered_images(log: Path, every: int = 1, *, band: bool = True) -> Iterator[LabelledImage]:
     """The images of a rendered drive, every n-th one; of a `band`, only the rows in which signs can be."""
-    truth = read_truth(log.with_suffix(".truth.json"))
-    camera = truth["camera"]
-    faces: dict[int, list[Face]] = {}
-    ignored: dict[int, list[Sequence[float]]] = {}
-    for sign in truth["signs"]:
-        for view in sign["frames"]:
-            side = BACK if view["side"] == "back" else FRONT
-            shown = height_px(view) >= FACE_PX and (
-                side == BACK or (sign["faces_travel"] and visible_fraction(view) >= FACE_FRACTION)
-            )
-            if shown:
-                faces.setdefault(view["frame"], []).append(
-                    (view["box"], side, sign["color"], sign["shape"])
-                )
-            else:
-                ignored.setdefault(view["frame"], []).append(view["box"])
+    truth = read_truth(log)
+    camera, views = truth["camera"], views_by_frame(truth)
     top = max(0, round(camera["cy"] - BAND[0] * camera["fy"]))
     bottom = min(camera["height"], round(camera["cy"] + BAND[1] * camera["fy"]))
     if not band:
         top, bottom = 0, camera["height"]
     shift = np.array([0, top, 0, top])
-    frames = (f for f in read_frames(log, LEARN_READ, ReadReport()) if f.index % every == 0)
-    for frame, rgb in _decoded(frames):
-        here = [(np.array(box) - shift, *rest) for box, *rest in faces.get(frame.index, [])]
-        yield labelled_image(
-            f"rendered/{truth['name']}",
-            f"{log.stem}/{frame.index}",
+    for image, rgb in images(log, every):
+        faces: list[Face] = []
+        ignored = []
+        for sign, back, box, example in views.get(image.frame.index, ()):
+            moved = (np.array(box) - shift).tolist()
+            if example and (back or sign["faces_travel"]):
+                faces.append((moved, BACK if back else FRONT, sign["color"], sign["shape"]))
+            else:
+                ignored.append(moved)
+        yield LabelledImage.of(
+            (f"rendered/{truth['name']}", f"{log.stem}/{image.frame.index}"),
             np.ascontiguousarray(rgb[top:bottom]),
-            [(box.tolist(), side, color, shape) for box, side, color, shape in here],
-            [(np.array(box) - shift).tolist() for box in ignored.get(frame.index, [])],
-            fronts_complete=True,
-            backs_complete=True,
-            camera=None if band else frame.camera,
+            faces,
+            ignored,
+            complete=(True, True),
+            camera=None if band else image.frame.camera,
         )
 
 
@@ -165,26 +157,18 @@ def real_drive_images(log: Path, every: int = 1) -> Iterator[LabelledImage]:
         for view in thing.get("boxes", [thing] if "box" in thing else []):
             there.setdefault(index.get(view["source_frame"], -1), []).append(view["box"])
     checked = checked_boxes(log.stem)
-    frames = (f for f in read_frames(log, LEARN_READ, ReadReport()) if f.index % every == 0)
-    for frame, rgb in _decoded(frames):
+    for image, rgb in images(log, every):
+        frame = image.frame
         also = checked.get(str(frame.index), {})
-        yield labelled_image(
-            log.stem,
-            f"{log.stem}/{frame.index}",
+        yield LabelledImage.of(
+            (log.stem, f"{log.stem}/{frame.index}"),
             rgb,
             [*faces.get(frame.index, []), *_checked_faces(also)],
             [*ignored.get(frame.index, []), *also.get("unsure", ())],
-            fronts_complete=str(frame.index) in checked,
-            backs_complete=False,
-            other=[*others.get(frame.index, []), *also.get("other", ())],
-            camera=frame.camera,
+            [*others.get(frame.index, []), *also.get("other", ())],
+            (str(frame.index) in checked, False),
+            frame.camera,
         )
-
-
-def _decoded(frames: Iterator[Frame]) -> Iterator[tuple[Frame, NDArray[np.uint8]]]:
-    for image in decode(frames):
-        if image.rgb is not None:
-            yield image.frame, image.rgb
 
 
 def scene_set_images(folder: Path, prefixes: tuple[str, ...] = ("",)) -> Iterator[LabelledImage]:
@@ -203,15 +187,13 @@ def scene_set_images(folder: Path, prefixes: tuple[str, ...] = ("",)) -> Iterato
         unsure = [one["box"] for one in things if _may_be_sign(scene, one)]
         other = [one["box"] for one in things if not _may_be_sign(scene, one)]
         faces = [(sign["box"], FRONT, sign["color"], sign["shape"]) for sign in scene["signs"]]
-        yield labelled_image(
-            f"{folder.name}/{name.split('_')[0]}",
-            name,
+        yield LabelledImage.of(
+            (f"{folder.name}/{name.split('_')[0]}", name),
             np.ascontiguousarray(rgb, np.uint8),
             [*faces, *_checked_faces(also)],
             [*unsure, *also.get("unsure", ())],
-            fronts_complete=complete,
-            backs_complete=False,
-            other=[*other, *also.get("other", ())],
+            [*other, *also.get("other", ())],
+            (complete, False),
         )
 
 
@@ -235,3 +217,78 @@ def _is_doubtful(name: str) -> bool:
 
 def _may_be_sign(scene: dict[str, Any], thing: dict[str, Any]) -> bool:
     return scene["file"].startswith("jd_") or thing.get("kind") != "traffic light"
+
+
+WEIGHTS = {
+    "rendered": 0.35,
+    "us_freeway_challenge": 0.03,
+    "us_freeway_white_right": 0.03,
+    "ca_city_garmin": 0.14,
+    "scenes": 0.10,
+    "scenes_speed_us": 0.12,
+    "scenes_mixed": 0.23,
+}
+"""How often an image of a kind of source is drawn; within a kind, sources are alike."""
+
+LICENCES = {
+    "rendered": "own",
+    "us_freeway_challenge": "MIT (upstream)",
+    "us_freeway_white_right": "MIT (upstream)",
+    "ca_city_garmin": "MIT",
+    "scenes": "MIT (named by the source)",
+    "scenes_speed_us": "GPL-3.0 (file of the source)",
+    "scenes_mixed": "CC0 1.0 (as published elsewhere), pictures 0-156 left out",
+}
+"""Licences of the kinds of sources, as found; those of the drawn faces are stated with them."""
+
+
+def source_kind(source: str) -> str:
+    """The kind of a source, a key of `WEIGHTS`."""
+    return source.split("/")[0]
+
+
+def drawing_probability(images: Sequence[LabelledImage]) -> NDArray[np.float64]:
+    """How often each image is drawn, (images,)."""
+    count = Counter(image.source for image in images)
+    per_kind = Counter(source_kind(source) for source in count)
+    share = [
+        WEIGHTS[source_kind(i.source)] / per_kind[source_kind(i.source)] / count[i.source]
+        for i in images
+    ]
+    return np.asarray(np.array(share) / np.sum(share), np.float64)
+
+
+def real_sources(
+    folder: Path, without: Collection[str] = ()
+) -> dict[str, Callable[[], Iterator[LabelledImage]]]:
+    """The sources of a folder of real images that the models of one image are learned from, by name.
+
+    Only what its README marks as fit for that; what is not here is for tests. A source is held out as a whole:
+    `without` names those to be left out. Raises InputError if a source has no such name.
+    """
+    drives = ("us_freeway_challenge", "us_freeway_white_right", "ca_city_garmin")
+    sources: dict[str, Callable[[], Iterator[LabelledImage]]] = {
+        name: partial(real_drive_images, folder / f"{name}.mcap") for name in drives
+    }
+    for prefix in ("jd", "mi"):
+        read = partial(scene_set_images, folder / "scenes", (f"{prefix}_",))
+        sources[f"scenes/{prefix}"] = read
+    for name in ("scenes_mixed", "scenes_speed_us"):
+        sources[name] = partial(scene_set_images, folder / name)
+    if unknown := set(without) - sources.keys():
+        raise InputError(
+            f"there are no sources {', '.join(sorted(unknown))} to leave out among {', '.join(sources)}"
+        )
+    return {name: read for name, read in sources.items() if name not in without}
+
+
+def training_images(
+    drives: Path | None, real: Path | None, without: Collection[str] = ()
+) -> list[LabelledImage]:
+    """All images that are learned from; `without` names real sources that are held out."""
+    found: list[LabelledImage] = []
+    for log in sorted(drives.glob("learn_*.mcap")) if drives else []:
+        found += rendered_images(log)
+    for read in real_sources(real, without).values() if real else []:
+        found += read()
+    return found

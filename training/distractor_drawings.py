@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.drives.signs.face import COLORS
-from training.board_drawings import BOARD_WEIGHTS, some_words
 from training.detector_images import FRONT
 from training.face_compositing import (
+    Box,
     blend,
     overlaps,
     random_brightness,
     seen_from_an_angle,
     wear,
 )
-from training.face_drawings import FaceDrawing
+from training.face_drawings import BOARD_WEIGHTS, FaceDrawing, some_words
 from wayside.schemas.detections import NONE
 
 HEIGHTS_PX = (8.0, 110.0)
@@ -60,7 +60,7 @@ def draw_distractor(
     taken: NDArray[np.float32],
     noise: NDArray[np.float32],
     rng: np.random.Generator,
-) -> tuple[float, float, float, float] | None:
+) -> Box | None:
     """One of them somewhere, in place; its box, None where it is not drawn: it would lie on the boxes `taken` (n, 4).
 
     `noise` is a square of smooth noise as `draw_faces` takes it.

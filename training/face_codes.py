@@ -6,14 +6,15 @@ real crops. Whole tracks of those choose its temperature, and other whole tracks
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor, nn
 
 from training.camera_effects import Noise, make_noise, through_a_camera
 from training.detector_images import FRONT
@@ -28,10 +29,136 @@ from training.face_classes import (
 )
 from training.face_compositing import BRIGHTNESS, blend, seen_from_an_angle, wear
 from training.face_drawings import FaceDrawing, FaceLibrary, chosen_face
-from training.face_network import at_temperature, export, fit
-from training.learn import images, run
+from training.networks import write_onnx
+from training.truth import (
+    OUT,
+    REAL,
+    SEED,
+    command,
+    images,
+)
 from wayside.schemas.detections import NONE
-from wayside.stages.sign_codes import OTHER_FACE, face_patch
+from wayside.stages.sign_codes import (
+    CLASSES,
+    FACE_OUTPUT,
+    FACES,
+    OTHER_FACE,
+    OTHER_SHARE,
+    PATCH_SIDE,
+    face_patch,
+    face_samples,
+)
+
+FILTERS, HIDDEN = (16, 32, 64), 64
+"""Filters of each layer, whose output is halved each way; units behind them."""
+
+BATCH, EPOCHS, LEARNING_RATE, WEIGHT_DECAY, DROPOUT = 128, 6, 5e-3, 1e-2, 0.2
+"""Patches of a batch, epochs, largest learning rate, weight decay, fraction of hidden units dropped."""
+
+GREY, RESPONSE = 64, (2.0, 3.0, 1.5)
+"""So many patches of a batch are seen once more by a grey sensor, whose response to red, green and blue is drawn from a
+Dirichlet distribution: one that sees infrared shows red as white."""
+
+SMOOTHING = 0.02
+"""Part of the probability that is given to all classes alike."""
+
+TEMPERATURES = tuple(np.geomspace(0.5, 4.0, 25).tolist())
+"""By which log odds may be divided; the one of the best likelihood of the validated tracks is taken."""
+
+
+class FaceNetwork(nn.Module):  # type: ignore[misc]
+    """Samples (n, 3, 32, 32) of `face_samples` to scores (n, classes)."""
+
+    def __init__(self, classes: Sequence[str]) -> None:
+        super().__init__()
+        self.classes = tuple(classes)
+        layers: list[nn.Module] = []
+        for before, after in zip((3, *FILTERS), FILTERS, strict=False):
+            layers += [nn.Conv2d(before, after, 3, padding=1, bias=False), nn.BatchNorm2d(after)]
+            layers += [nn.ReLU(), nn.MaxPool2d(2)]
+        self.layers = nn.Sequential(*layers)
+        samples = FILTERS[-1] * (PATCH_SIDE // 2 ** len(FILTERS)) ** 2
+        self.hidden = nn.Sequential(nn.Linear(samples, HIDDEN), nn.ReLU(), nn.Dropout(DROPOUT))
+        self.out = nn.Linear(HIDDEN, len(self.classes))
+
+    def forward(self, samples: Tensor) -> Tensor:
+        """Scores whose softmax is the probability of each class."""
+        return self.out(self.hidden(self.layers(samples).flatten(1)))
+
+    @torch.no_grad()  # type: ignore[untyped-decorator]
+    def log_probabilities(self, patches: NDArray[np.uint8]) -> NDArray[np.float64]:
+        """Log probability (n, classes) of each class for patches (n, 32, 32, 3)."""
+        self.eval()
+        scores = self(torch.from_numpy(face_samples(patches)))
+        return np.asarray(torch.log_softmax(scores.double(), dim=1).numpy(), np.float64)
+
+
+def fit(patches: NDArray[np.uint8], names: NDArray[np.str_], seed: int) -> FaceNetwork:
+    """Fit the network to patches (n, 32, 32, 3) in colour and grey, and their classes (n,), drawn alike but `other`."""
+    torch.manual_seed(seed)
+    classes, target = np.unique(names, return_inverse=True)
+    network = FaceNetwork(tuple(map(str, classes)))
+    steps = round(EPOCHS * len(names) / BATCH)
+    descent = torch.optim.AdamW(network.parameters(), lr=LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+    rate = torch.optim.lr_scheduler.OneCycleLR(
+        descent, LEARNING_RATE, total_steps=steps, pct_start=0.15
+    )
+    other = OTHER_SHARE
+    share = np.where(classes == OTHER_FACE, other, (1 - other) / max(len(classes) - 1, 1))
+    weight = (share / np.bincount(target))[target]
+    random = np.random.default_rng(seed)
+    drawn = random.choice(len(names), (steps, BATCH), p=weight / weight.sum())
+    for batch in drawn:
+        rows = np.append(batch, batch[:GREY])
+        seen = np.concatenate([patches[batch], in_grey(patches[batch[:GREY]], random)])
+        found = network(torch.from_numpy(face_samples(seen)))
+        loss = nn.functional.cross_entropy(
+            found, torch.from_numpy(target[rows]), label_smoothing=SMOOTHING
+        )
+        descent.zero_grad()
+        loss.backward()
+        descent.step()
+        rate.step()
+    return network
+
+
+def in_grey(patches: NDArray[np.uint8], random: np.random.Generator) -> NDArray[np.uint8]:
+    """Patches (n, h, w, 3) as grey sensors of any response see them: three equal channels."""
+    response = random.dirichlet(RESPONSE, len(patches))
+    grey = np.rint(np.einsum("nhwc,nc->nhw", patches, response)).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=-1)
+
+
+@torch.no_grad()  # type: ignore[untyped-decorator]
+def at_temperature(
+    network: FaceNetwork, patches: NDArray[np.uint8], truth: NDArray[np.str_]
+) -> None:
+    """Divide its scores by the temperature of the best likelihood (Guo et al. 2017)."""
+    column = [network.classes.index(name) for name in truth]
+    scores = network.log_probabilities(patches)
+
+    def likelihood(temperature: float) -> float:
+        divided = scores / temperature
+        return float(
+            (divided[range(len(column)), column] - np.logaddexp.reduce(divided, axis=1)).mean()
+        )
+
+    best = max(TEMPERATURES, key=likelihood)
+    for values in network.out.parameters():
+        values.div_(best)
+
+
+def export(network: FaceNetwork, path: Path, provenance: str) -> None:
+    """Write the network as ONNX, with its classes and provenance as metadata; needs the package onnx."""
+    write_onnx(
+        network,
+        path,
+        (torch.zeros(2, 3, PATCH_SIDE, PATCH_SIDE),),
+        ([FACES], [FACE_OUTPUT]),
+        {name: {0: "faces"} for name in (FACES, FACE_OUTPUT)},
+        {"provenance": provenance, CLASSES: "\n".join(network.classes)},
+    )
+
 
 FILE = "face_code.onnx"
 
@@ -87,7 +214,7 @@ def drawn_patches(
         for k in range(DRAWN_OTHER if name == OTHER_FACE else DRAWN):
             face = FaceDrawing(own[k % len(own)], NONE, NONE)
             if name == OTHER_FACE and rng.random() < 0.25:
-                face, _ = chosen_face("board", FaceLibrary((), ()), rng)
+                face = chosen_face("board", FaceLibrary((), ()), rng)
             patches.append(_drawn(face, backgrounds, noise, rng))
             names.append(name)
     return np.stack(patches), np.array(names)
@@ -153,23 +280,10 @@ def _moved(box: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.flo
 
 def _backgrounds(real: Path) -> list[NDArray[np.uint8]]:
     """Every eighth image of the drives that drawings are put before."""
-    return [
-        image.rgb
-        for name in BACKGROUNDS
-        for k, image in enumerate(images(real / f"{name}.mcap"))
-        if k % 8 == 0 and image.rgb is not None
-    ]
+    return [rgb for name in BACKGROUNDS for _, rgb in images(real / f"{name}.mcap", 8)]
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """The command line; the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m training.face_codes", description=__doc__)
-    parser.add_argument("--real", type=Path, required=True, help="folder of drawings and crops")
-    parser.add_argument("-o", "--out", type=Path, required=True, help="folder for the model file")
-    parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args(arguments)
-    return run(lambda: learn_face_codes(given.real, given.seed, given.out))
-
+main = command(__doc__, learn_face_codes, real=REAL, seed=SEED, out=OUT)
 
 if __name__ == "__main__":
     sys.exit(main())

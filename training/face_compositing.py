@@ -5,8 +5,6 @@ Each is seen from an angle, faded, dirty, shaded and as bright as its surroundin
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -37,14 +35,7 @@ TOUCHING, SAME_COLOR = 0.2, 0.7
 colour."""
 
 
-@dataclass(frozen=True, slots=True)
-class DrawnFace:
-    """Where a face was drawn: box in pixels, side, classes."""
-
-    box: tuple[float, float, float, float]
-    side: int
-    color: int
-    shape: int
+Box = tuple[float, float, float, float]
 
 
 def draw_faces(
@@ -54,13 +45,13 @@ def draw_faces(
     noise: NDArray[np.float32],
     rng: np.random.Generator,
     wanted: int,
-) -> list[DrawnFace]:
-    """Draw up to `wanted` posts with faces into an image, in place, off the boxes `taken` (n, 4).
+) -> list[tuple[Box, FaceDrawing]]:
+    """Draw up to `wanted` posts with faces into an image, in place, off the boxes `taken` (n, 4); each with its box.
 
     `noise` is a square of smooth noise of mean 0 and deviation 1, larger than the image, for dirt and shade.
     """
     height, width = rgb.shape[:2]
-    drawn: list[DrawnFace] = []
+    drawn: list[tuple[Box, FaceDrawing]] = []
     boxes: list[tuple[float, ...]] = [tuple(box) for box in taken.tolist()]
     for _ in range(wanted):
         at = rng.uniform(-0.05, 0.95) * width, rng.uniform(-0.05, 0.85) * height
@@ -75,7 +66,7 @@ def _draw_assembly(
     library: FaceLibrary,
     noise: NDArray[np.float32],
     rng: np.random.Generator,
-) -> list[DrawnFace]:
+) -> list[tuple[Box, FaceDrawing]]:
     """Draw a post with one face or more, in place, until one would lie on `boxes`; it adds its own to them.
 
     All are seen from one angle, in one light: below each other, touching or not, or side by side.
@@ -91,7 +82,7 @@ def _draw_assembly(
     others, drawn, post_from = list(boxes), [], None
     for number in range(stack):
         alike = touching or number == 0 or kind == "back"
-        drawing, side = chosen_face(kind if alike else "board", library, rng, color)
+        drawing = chosen_face(kind if alike else "board", library, rng, color)
         rows, columns = drawing.rgba.shape[:2]
         if touching and number > 0:
             face_height = face_width * rows / columns
@@ -109,11 +100,11 @@ def _draw_assembly(
         # the margins of faces that touch overlap
         if overlaps(box, others if touching else boxes):
             break
-        wear(patch, side, light, rgb, box, noise, rng)
+        wear(patch, drawing.side, light, rgb, box, noise, rng)
         clipped = blend(rgb, patch, x, round(top))
         boxes.append(box)
         if clipped is not None:
-            drawn.append(DrawnFace(clipped, side, drawing.color, drawing.shape))
+            drawn.append((clipped, drawing))
         post_from = box
         if beside:
             left += wide * rng.uniform(1.0, 1.08) + 1
@@ -187,7 +178,7 @@ def wear(
     side: int,
     light: float,
     rgb: NDArray[np.uint8],
-    box: tuple[float, float, float, float],
+    box: Box,
     noise: NDArray[np.float32],
     rng: np.random.Generator,
 ) -> None:
@@ -217,9 +208,7 @@ def wear(
         patch[:] = cv2.GaussianBlur(patch, (0, 0), rng.uniform(*LENS_PX))
 
 
-def blend(
-    rgb: NDArray[np.uint8], patch: NDArray[np.float32], x: int, y: int
-) -> tuple[float, float, float, float] | None:
+def blend(rgb: NDArray[np.uint8], patch: NDArray[np.float32], x: int, y: int) -> Box | None:
     """Put a patch at (x, y), in place; the box of what is opaque, None where less than half of it is in the image."""
     height, width = rgb.shape[:2]
     solid = patch[..., 3] > 0.5
@@ -239,7 +228,7 @@ def blend(
 
 def _draw_post(
     rgb: NDArray[np.uint8],
-    box: tuple[float, float, float, float],
+    box: Box,
     top: float,
     others: list[tuple[float, ...]],
     light: float,

@@ -12,11 +12,11 @@ last steps, so that a training can be ended whenever one likes.
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,13 +24,12 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from training import box_network, detector_network
-from training.crop_batches import TOGETHER, Columns, CropBatches
-from training.crop_buffer import CropBuffer, boxes_of
-from training.face_drawings import read_face_library
-from training.learn import run
+from training.crop_batches import TOGETHER, Columns, CropBatches, CropBuffer, boxes_of
+from training.detector_images import LICENCES, LabelledImage, source_kind, training_images
+from training.face_drawings import FaceLibrary, read_face_library
+from training.networks import BoxNetwork, DetectionNetwork
 from training.quantization import quantize, quantize_boxes
-from training.training_images import provenance, training_images
+from training.truth import DRIVES, OUT, REAL, SEED, command
 from wayside.pipeline.models.model_files import shipped_models
 
 CROPS, BOXES_EACH = 128, 10
@@ -147,7 +146,7 @@ class Training:
         torch.manual_seed(options.seed + self.step)
         device = torch.device(options.device)
         self.buffer, self.losses = CropBuffer(device), torch.zeros(8, device=device)
-        built = {"network": detector_network.DetectionNetwork, "box": box_network.BoxNetwork}
+        built = {"network": DetectionNetwork, "box": BoxNetwork}
         self.learners = {
             name: Learner(build, LARGEST_GRADIENT[name], device) for name, build in built.items()
         }
@@ -186,8 +185,8 @@ class Training:
             values = box.network(boxes["patch"], boxes["size"])
         sure = self.step >= SURE_FROM
         parts = [
-            network.learn(detector_network.losses(maps.float(), crops, sure=sure), rate, new),
-            box.learn(box_network.losses(values.float(), boxes), rate, new),
+            network.learn(DetectionNetwork.losses(maps.float(), crops, sure=sure), rate, new),
+            box.learn(BoxNetwork.losses(values.float(), boxes), rate, new),
         ]
         self.losses.add_(torch.cat(parts))
         self.step += 1
@@ -227,10 +226,10 @@ class Training:
             "crops": f"{self.step * CROPS} drawn, some {self.step * CROPS // USES} made",
         }
         network, box = (self.learners[name].average.cpu() for name in ("network", "box"))
-        detector_network.export(network, folder / "float.onnx", said)
+        network.write(folder / "float.onnx", said)
         some = (image.rgb for image in images[:: max(1, len(images) // RANGED)])
         quantize(folder / "float.onnx", folder / "network.onnx", some)
-        box_network.export(box, folder / "box_float.onnx", said)
+        box.write(folder / "box_float.onnx", said)
         quantize_boxes(folder / "box_float.onnx", folder / "box.onnx", self.some_boxes())
 
 
@@ -249,30 +248,40 @@ def learn_networks(drives: Path | None, real: Path, folder: Path, options: Train
     training.write()
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """The command line; the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="python -m training.network_training",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--drives", type=Path, required=True, help="folder of rendered drives")
-    parser.add_argument("--real", type=Path, required=True, help="folder of real images")
-    parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the networks")
-    parser.add_argument("--steps", type=int, required=True, help="steps up to which is trained")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--without", action="append", default=[], metavar="SOURCE")
-    proposing = Path(str(shipped_models() / "network.onnx"))
-    parser.add_argument("--proposing", type=Path, default=proposing, metavar="NETWORK.onnx")
-    parser.add_argument("--processes", type=int, default=max(1, (os.cpu_count() or 2) - 1))
-    device = "cuda" if torch.cuda.is_available() else "cpu"
-    parser.add_argument("--device", choices=("cpu", "cuda"), default=device)
-    given = parser.parse_args(arguments)
-    options = TrainingOptions(
-        given.steps, given.seed, given.proposing, given.processes, given.device, given.without
-    )
-    return run(lambda: learn_networks(given.drives, given.real, given.out, options))
+def provenance(images: Sequence[LabelledImage], library: FaceLibrary, seed: int) -> dict[str, str]:
+    """What networks were learned from."""
+    count = Counter(image.source for image in images)
+    faces: Counter[str] = Counter()
+    for image in images:
+        faces[image.source] += len(image.box)
+    sources = [
+        f"{name}: {count[name]} images, {faces[name]} faces, {LICENCES[source_kind(name)]}"
+        for name in sorted(count)
+    ]
+    return {
+        "sources": "; ".join(sources),
+        "faces drawn in": f"{len(library.vector)} vector faces, MIT (mapillary_sprite_source, mutcd-ts); "
+        f"{len(library.cut)} crops of GTSRB, public research set",
+        "seed": str(seed),
+    }
 
+
+main = command(
+    __doc__,
+    lambda drives, real, out, **given: learn_networks(drives, real, out, TrainingOptions(**given)),
+    drives=DRIVES,
+    real=REAL,
+    out=OUT,
+    steps=("--steps", {"type": int, "required": True, "help": "steps up to which is trained"}),
+    seed=SEED,
+    without=("--without", {"action": "append", "default": [], "metavar": "SOURCE"}),
+    proposing=(
+        "--proposing",
+        {"type": Path, "default": shipped_models() / "network.onnx", "metavar": "NETWORK.onnx"},
+    ),
+    processes=("--processes", {"type": int, "default": max(1, (os.cpu_count() or 2) - 1)}),
+    device=("--device", {"default": "cuda" if torch.cuda.is_available() else "cpu"}),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -7,24 +7,26 @@ files.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from training.landmarks import NEITHER, SIGN, KnownPanels, label_in_images
-from training.learn import run, write_model
+from training.truth import (
+    OUT,
+    KnownPanels,
+    command,
+    processes,
+    read_truth,
+    write_model,
+)
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.learning.curves import KNEE_RULE, Scores, roc_curve
-from wayside.pipeline.learning.truth import read_truth
+from wayside.pipeline.learning.labelled import NEITHER, ON
 from wayside.pipeline.models.model_files import TRAJECTORY_FILES, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.flow import Flow
@@ -56,20 +58,20 @@ class Track(NamedTuple):
     steps: NDArray[np.float64]
     """(s, 2, 4): each step in both of `TRAJECTORY_FORMS`."""
     label: int
-    """`SIGN`, `NOTHING` or `NEITHER`."""
+    """`ON`, `OFF` or `NEITHER`."""
     drive: int
     """Number of its drive."""
 
 
 def gather_tracks(log: Path, drive: int) -> list[Track]:
     """Tracks of a rendered drive by the report's chain before its trajectory gate, labelled by its truth."""
-    truth = read_truth(log.with_suffix(".truth.json"))
+    truth = read_truth(log)
     given = {"read.spacing_m": float(truth.get("spacing_m", STEP_M)), "run.workers": 1}
     settings, _ = load_settings("report-2d", None, ["report.trajectory=off"], given)
     flow = Flow(settings, load_models(settings), StageClock())
     known = KnownPanels.of(truth)
     return [
-        Track(one.trajectory, label_in_images(one, known), drive)
+        Track(one.trajectory, known.label_in_images(one), drive)
         for frame in flow.track(read_frames(log, settings.read, ReadReport()))
         for one in frame.landmarks
         if one.verdict in ASKED
@@ -80,15 +82,10 @@ def learn_trajectories(tracks: Sequence[Track], form: str, provenance: str) -> M
     """The density of the steps of signs, with the threshold at the knee of the ROC of whole tracks.
 
     The number of components has the highest likelihood on drives held out in turn. The threshold and its rates are from
-    the same held-out scores.
-
-    Raises
-    ------
-    InputError
-        Where there are too few tracks of signs or drives.
+    the same held-out scores. Raises InputError where there are too few tracks of signs or drives.
     """
     tracks = [one for one in tracks if one.label != NEITHER]
-    sign = np.array([one.label == SIGN for one in tracks], np.bool_)
+    sign = np.array([one.label == ON for one in tracks], np.bool_)
     drive = np.array([one.drive for one in tracks], np.int64)
     drives = len(np.unique(drive))
     if sign.sum() < FEWEST or (~sign).sum() < FEWEST or drives < FOLDS:
@@ -157,39 +154,31 @@ def fitted(values: NDArray[np.float64], form: str, components: int) -> MixtureMo
     )
 
 
-def learn(logs: Sequence[Path], folder: Path, jobs: int) -> None:
+def learn(logs: Sequence[Path], out: Path, jobs: int) -> None:
     """Write both densities into a folder; `jobs`: drives side by side.
 
-    Raises
-    ------
-    InputError
-        If a drive has no truth, or there are too few.
-    OutputError
-        If a file cannot be written.
+    Raises InputError if a drive has no truth, or there are too few; OutputError if a file cannot be written.
     """
-    with ProcessPoolExecutor(
-        jobs, get_context("spawn"), initializer=cv2.setNumThreads, initargs=(1,)
-    ) as processes:
-        found = list(processes.map(gather_tracks, logs, range(len(logs))))
+    logs = sorted(logs)
+    with processes(jobs) as pool:
+        found = list(pool.map(gather_tracks, logs, range(len(logs))))
     tracks = [one for own in found for one in own]
     listed = ", ".join(
         f"{log.stem} ({len(own)} tracks)" for log, own in zip(logs, found, strict=True)
     )
     for form, name in TRAJECTORY_FILES.items():
         model = learn_trajectories(tracks, form, f"rendered drives {listed}")
-        write_model(folder / name, model)
+        write_model(out / name, model)
         print(f"{name}: {len(model.weight)} components, {model.threshold_rule}")
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """The command line; the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m training.trajectories", description=__doc__)
-    parser.add_argument("logs", type=Path, nargs="+", help="rendered drives with truth beside them")
-    parser.add_argument("-o", "--out", type=Path, required=True, help="folder for the model files")
-    parser.add_argument("--jobs", type=int, default=1, help="drives side by side")
-    given = parser.parse_args(arguments)
-    return run(lambda: learn(sorted(given.logs), given.out, given.jobs))
-
+main = command(
+    __doc__,
+    learn,
+    logs=("logs", {"type": Path, "nargs": "+", "help": "rendered drives with truth beside them"}),
+    out=OUT,
+    jobs=("--jobs", {"type": int, "default": 1, "help": "drives side by side"}),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,7 +1,5 @@
 """Boxes and targets of the box network: how far a box is a face, where its face lies, what is known of the rest."""
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,6 @@ from training.box_samples import (
     REGRESSED,
     UNSURE_WEIGHTS,
     WHOLE_FACE,
-    BoxTargets,
     _targets,
     boxes_of_crop,
     laid_around,
@@ -27,7 +24,7 @@ from training.detector_crops import (
     shown_faces,
 )
 from training.detector_crops import targets as crop_targets
-from training.detector_images import BACK, FRONT, labelled_image
+from training.detector_images import BACK, FRONT, LabelledImage
 from training.face_drawings import FaceLibrary
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.stages.detection import MAPS, STRIDE, Maps
@@ -61,9 +58,7 @@ class Seeing(Blind):
 def targets(boxes, faces=((SIGN, FRONT),), ignored=(), weight=1.0):
     rgb = np.zeros((CROP_PX, CROP_PX, 3), np.uint8)
     named = [(box, side, "red", "octagon") for box, side in faces]
-    crop = labelled_image(
-        "set", "one", rgb, named, ignored, fronts_complete=True, backs_complete=True
-    )
+    crop = LabelledImage.of(("set", "one"), rgb, named, ignored)
     box = np.array(boxes, np.float32)
     weights = np.full((len(box), 2), weight, np.float32)
     return _targets(box, crop, shown_faces(crop), weights)
@@ -82,30 +77,17 @@ def test_a_box_on_a_face_is_wholly_one_and_has_its_names():
     assert (found.color.tolist(), found.shape.tolist()) == ([RED], [OCTAGON])
     assert found.weight.tolist() == [[1, 1]]
     assert found.size.tolist() == [[40, 40]]
-
-
-def test_a_box_on_a_back_is_a_back_and_no_front():
     assert targets([SIGN], [(SIGN, BACK)]).panel.tolist() == [[0, 1]]
 
 
 def test_the_less_a_box_overlaps_a_face_the_less_it_is_one():
-    overlaps = [0.9, WHOLE_FACE, 0.6, 0.5, 0.4, NO_FACE, 0.1]
-    share = targets([moved(overlap) for overlap in overlaps]).panel[:, FRONT]
-    assert share == pytest.approx([1, 1, 0.7, 0.5, 0.3, 0, 0], abs=1e-4)
-
-
-def test_a_box_off_all_faces_is_none_and_has_no_names():
-    found = targets([moved(NO_FACE - 0.02), [10, 10, 30, 40]])
-    assert not found.panel.any()
-    assert np.isnan(found.offset).all()
-    assert set(found.color) == set(found.shape) == {NONE}
+    overlaps = [0.9, WHOLE_FACE, 0.6, NAMED + 0.01, 0.4, NO_FACE, 0.1]
+    found = targets([moved(overlap) for overlap in overlaps])
+    wanted = [1, 1, 0.7, 0.42, 0.3, 0, 0]
+    assert found.panel[:, FRONT] == pytest.approx(wanted, abs=1e-4)
+    assert np.isfinite(found.offset).all(axis=1).tolist() == [o >= REGRESSED for o in overlaps]
+    assert found.color.tolist() == [RED if o >= NAMED else NONE for o in overlaps]
     assert (found.weight == 1).all()
-
-
-def test_a_box_that_shows_less_of_a_face_is_moved_onto_it_but_not_named():
-    found = targets([moved((REGRESSED + NAMED) / 2), moved(NAMED + 0.01)])
-    assert np.isfinite(found.offset).all()
-    assert found.color.tolist() == [NONE, RED]
 
 
 def test_offsets_move_a_box_onto_its_face():
@@ -127,24 +109,13 @@ def test_a_box_belongs_to_the_face_that_it_overlaps_most():
 
 
 def test_where_nothing_is_known_a_box_off_all_faces_does_not_count():
-    place = [10, 10, 50, 50]
-    boxes = [place, [12, 12, 52, 52], [200, 10, 240, 50], SIGN]
-    assert targets(boxes, ignored=[place, SIGN]).weight[:, 0].tolist() == [0, 0, 1, 1]
+    place, small = [10, 10, 50, 50], [200, 200, 206, 206]
     beside = [10 + 40 * (1 - IGNORED + 0.05), 10, 50 + 40 * (1 - IGNORED + 0.05), 50]
-    assert targets([beside], ignored=[place]).weight.tolist() == [[1, 1]]
-
-
-def test_faces_that_are_too_small_are_places_where_nothing_is_known():
-    small = [200, 200, 206, 206]
-    found = targets([small, SIGN], [(small, FRONT), (SIGN, FRONT)])
-    assert found.weight.tolist() == [[0, 0], [1, 1]]
-    assert found.panel.tolist() == [[0, 0], [1, 0]]
-
-
-def test_without_a_face_every_box_is_none():
-    found = targets([SIGN, [10, 10, 40, 40]], [], weight=0.5)
-    assert not found.panel.any()
-    assert (found.weight == 0.5).all()
+    boxes = [place, [12, 12, 52, 52], [200, 10, 240, 50], SIGN, beside, small]
+    found = targets(boxes, [(SIGN, FRONT), (small, FRONT)], ignored=[place, SIGN])
+    assert found.weight[:, 0].tolist() == [0, 0, 1, 1, 1, 0]
+    assert found.panel[:, 0].tolist() == [0, 0, 0, 1, 0, 0]
+    assert (targets([SIGN], [], weight=0.5).weight == 0.5).all()
 
 
 def test_a_negative_counts_by_what_is_known_and_by_what_the_detection_network_sees():
@@ -182,13 +153,6 @@ def samples(seed, shown=None, network=None, faces=None):
     return boxes_of_crop(crop, crop_targets(crop).doubt, network, rng)
 
 
-def joined(parts):
-    return {
-        one.name: np.concatenate([getattr(part, one.name) for part in parts])
-        for one in fields(BoxTargets)
-    }
-
-
 def test_the_same_seed_gives_the_same_samples_and_another_one_others(bits):
     one, same, other = (samples(seed, faces=library()) for seed in (3, 3, 4))
     assert bits(one) == bits(same)
@@ -197,19 +161,17 @@ def test_the_same_seed_gives_the_same_samples_and_another_one_others(bits):
 
 def test_samples_of_crops_have_faces_named_and_others():
     parts = [samples(seed) for seed in range(20)]
-    columns = joined(parts)
-    count = len(columns["size"])
-    assert count == sum(len(part.size) for part in parts)
-    assert {len(column) for column in columns.values()} == {count}
-    front = columns["panel"][:, FRONT]
-    assert (front > 0.9).sum() > 20
-    assert (front == 0).sum() > 20
-    named = columns["color"] != NONE
+    panel, color, size = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("panel", "color", "size")
+    )
+    assert (panel[:, FRONT] > 0.9).sum() > 20
+    assert (panel[:, FRONT] == 0).sum() > 20
     least = (NAMED - NO_FACE) / (WHOLE_FACE - NO_FACE)
-    share = columns["panel"][named].max(axis=1)
+    share = panel[color != NONE].max(axis=1)
     assert ((share >= least - 1e-6) | (share == 0)).all()  # one of a second face as well is none
-    assert {NONE, COLORS.index("yellow")} <= set(columns["color"])
-    assert (columns["size"] >= [3, 5]).all()
+    assert {NONE, COLORS.index("yellow")} <= set(color)
+    assert (size >= [3, 5]).all()
 
 
 def test_the_boxes_of_the_detection_network_are_among_the_samples():
@@ -244,21 +206,10 @@ def test_where_all_is_unknown_no_box_counts():
         assert not samples(seed, shown, Seeing()).weight.any()
 
 
-def test_a_small_part_of_a_face_is_known_to_be_none():
-    seen = [samples(seed, image(complete=False)) for seed in range(30)]
-    columns = joined(seen)
-    none = columns["panel"].max(axis=1) == 0
-    assert {*UNSURE_WEIGHTS, 1} >= set(columns["weight"][none, FRONT].round(3).tolist()) > {1}
-
-
 def test_a_box_around_two_faces_is_none_and_one_around_a_face_with_another_on_it_is_one():
     plaque = [100, 101, 140, 120]
     both = [100, 60, 140, 120]
-    assert targets([both, SIGN], faces=((SIGN, FRONT), (plaque, FRONT))).panel[
-        :, FRONT
-    ].tolist() == [
-        0,
-        1,
-    ]
+    found = targets([both, SIGN], faces=((SIGN, FRONT), (plaque, FRONT)))
+    assert found.panel[:, FRONT].tolist() == [0, 1]
     within = [110, 70, 130, 90]
     assert targets([SIGN], faces=((SIGN, FRONT), (within, FRONT))).panel[0, FRONT] == 1

@@ -16,10 +16,10 @@ from training.box_thresholds import (
     false_scores,
     learn_network_sum,
     main,
+    platt,
     rule_threshold,
     scored_boxes,
 )
-from wayside.pipeline.learning.fits import platt
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
 from wayside.pipeline.models.model_files import shipped_models
 from wayside.pipeline.models.model_json import model_from_json, model_to_json
@@ -89,12 +89,13 @@ def threshold_of(drives, accepted=1.0):
     return rule_threshold(drives, np.ones(1), accepted)
 
 
-@pytest.mark.parametrize("accepted", [0.3, 1.0, 3.0])
+@pytest.mark.parametrize("accepted", [0.3, 3.0, 2.0 * OTHERS])
 def test_the_threshold_lets_through_the_stated_rate_of_boxes_off_any_face(accepted):
     drives = [drive(0.0, seed) for seed in range(6)]
     threshold, _ = threshold_of(drives, accepted)
     off = np.concatenate([one.score[one.label == OFF] for images in drives for one in images])
-    assert (off >= threshold).sum() == round(accepted * 6 * IMAGES)
+    # where fewer are false than may be, the least of them is the threshold
+    assert (off >= threshold).sum() == min(round(accepted * 6 * IMAGES), len(off))
     assert f"{accepted:g} boxes off any face" in false_boxes_rule(accepted)
 
 
@@ -116,13 +117,6 @@ def test_the_interval_of_a_mean_over_groups_is_that_of_the_normal_distribution()
     values = np.random.default_rng(3).normal(0, 1, 100)
     low, high = resampled_interval(100, lambda count: float(count @ values / 100), draws=4000)
     assert (high - low) / 2 == pytest.approx(1.96 * values.std() / 10, rel=0.06)
-
-
-def test_where_fewer_boxes_are_false_than_may_be_the_least_of_them_is_the_threshold():
-    drives = [drive(0.0, 1)]
-    threshold, _ = threshold_of(drives, accepted=2.0 * OTHERS)
-    off = np.concatenate([one.score[one.label == OFF] for one in drives[0]])
-    assert threshold == off.min()
 
 
 def test_a_file_keeps_the_rule_the_interval_and_the_sum_of_a_threshold():

@@ -14,8 +14,10 @@ from training.detector_images import (
     BACK,
     FRONT,
     real_drive_images,
+    real_sources,
     rendered_images,
     scene_set_images,
+    source_kind,
 )
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.schemas.errors import InputError
@@ -64,8 +66,8 @@ def test_boxes_of_single_images_bear_their_classes(tmp_path):
     assert first.shape.tolist() == [SHAPES.index("circle")]
     assert second.color.tolist() == [NONE]
     assert first.source == "set/mi"
-    assert first.fronts_complete
-    assert not first.backs_complete
+    assert first.complete[0]
+    assert not first.complete[1]
 
 
 def test_an_image_whose_boxes_were_looked_at_is_complete(tmp_path, monkeypatch):
@@ -74,7 +76,7 @@ def test_an_image_whose_boxes_were_looked_at_is_complete(tmp_path, monkeypatch):
     )
     scenes = [scene(f"mi_{number}.png", complete=number == 1) for number in (1, 2, 3)]
     images = scene_set_images(write_set(tmp_path / "set", *scenes))
-    assert [image.fronts_complete for image in images] == [True, True, False]
+    assert [image.complete[0] for image in images] == [True, True, False]
 
 
 def test_a_traffic_light_is_no_sign_and_another_distractor_may_be_one(tmp_path):
@@ -160,3 +162,23 @@ def test_boxes_of_a_rendered_drive_lie_on_the_same_pixels_in_the_band_and_in_the
             if y0 >= 0 and y1 <= part.rgb.shape[0] and x0 >= 0:
                 same = full.rgb[y0 + shift : y1 + shift, x0:x1]
                 np.testing.assert_array_equal(part.rgb[y0:y1, x0:x1], same)
+
+
+def test_a_source_is_left_out_as_a_whole_and_one_of_another_name_is_refused(tmp_path):
+    without = real_sources(tmp_path, ["ca_city_garmin"])
+    assert real_sources(tmp_path).keys() - without.keys() == {"ca_city_garmin"}
+    with pytest.raises(InputError, match=r"no sources garmin .*scenes_mixed"):
+        real_sources(tmp_path, ["ca_city_garmin", "garmin"])
+
+
+def test_nothing_is_learned_from_sources_that_are_for_tests_only(tmp_path):
+    sources = real_sources(tmp_path)
+    assert {"scenes/jd", "scenes/mi", "us_freeway_challenge"} <= sources.keys()
+    for source in ("kitti", "autobahn", "mb", "crops"):
+        assert source not in " ".join(sources)
+
+
+def test_drives_and_sets_are_kinds_of_their_own():
+    assert source_kind("ca_city_garmin") == "ca_city_garmin"
+    assert source_kind("rendered/learn_alley") == "rendered"
+    assert source_kind("scenes_mixed/ro") == "scenes_mixed"

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from training.detector_images import FRONT, labelled_image
+from training.detector_images import FRONT, LabelledImage
 from training.face_drawings import FaceLibrary
 from wayside.pipeline.models.model_files import onnx_metadata, shipped_models
 from wayside.stages.detection import SIDE
@@ -18,9 +18,7 @@ def image(source, brightness=90):
     rgb = np.full((300, 400, 3), brightness, np.uint8)
     rgb[100:140, 200:240] = (250, 200, 20)
     face = ([200, 100, 240, 140], FRONT, "yellow", "rectangle")
-    return labelled_image(
-        source, "one", rgb, [face], (), fronts_complete=True, backs_complete=False
-    )
+    return LabelledImage.of((source, "one"), rgb, [face])
 
 
 IMAGES = [image("scenes_mixed/ro"), image("ca_city_garmin", 160)]
@@ -65,15 +63,10 @@ def test_a_crop_has_its_boxes_as_the_detector_draws_them(batches):
     assert patch.shape[1:] == (SIDE, SIDE, 3)
 
 
-@pytest.fixture
-def crop_buffer(torch):
-    from training import crop_buffer
-
-    return crop_buffer
-
-
-def test_of_a_full_buffer_the_oldest_crops_are_replaced(torch, crop_buffer):
-    held = crop_buffer.CropBuffer(torch.device("cpu"), 8)
+def test_of_a_full_buffer_the_oldest_crops_are_replaced(torch, crop_batches):
+    held = crop_batches.CropBuffer(torch.device("cpu"), 8)
+    held.add({"count": torch.arange(1, 4), "cell": torch.zeros(3, 5, dtype=torch.int64)})
+    assert set(held.drawn(200)["count"].tolist()) == {1, 2, 3}  # no more than is there
     for first in range(0, 40, 3):
         number = torch.arange(first, first + 3)
         held.add({"count": number, "cell": number[:, None].expand(-1, 5)})
@@ -82,14 +75,8 @@ def test_of_a_full_buffer_the_oldest_crops_are_replaced(torch, crop_buffer):
     assert set(drawn["count"].tolist()) == set(range(34, 42))
 
 
-def test_of_a_buffer_that_is_not_full_only_what_is_there_is_drawn(torch, crop_buffer):
-    held = crop_buffer.CropBuffer(torch.device("cpu"), 8)
-    held.add({"count": torch.arange(1, 4)})
-    assert set(held.drawn(200)["count"].tolist()) == {1, 2, 3}
-
-
-def test_random_rows_are_below_their_counts(torch, crop_buffer):
-    rows = crop_buffer.random_rows(torch.tensor([0, 1, 5]).repeat(300, 1))
+def test_random_rows_are_below_their_counts(torch, crop_batches):
+    rows = crop_batches.random_rows(torch.tensor([0, 1, 5]).repeat(300, 1))
     assert [set(column.tolist()) for column in rows.T] == [{0}, {0}, {0, 1, 2, 3, 4}]
 
 
@@ -121,7 +108,6 @@ def test_the_learning_rate_rises_stays_and_falls(torch):
     assert rates[0] < rates[1] < rates[2] == rates[3] == 1 > rates[4] > rates[5] > 0
 
 
-@pytest.mark.slow
 def test_the_losses_fall_and_the_average_follows_the_weights(
     torch, crop_batches, training, tmp_path
 ):
@@ -146,7 +132,7 @@ def test_the_losses_fall_and_the_average_follows_the_weights(
 
 
 def test_steps_are_no_longer_than_the_largest_gradient_allows(torch, training):
-    from training.box_network import BoxNetwork
+    from training.networks import BoxNetwork
 
     learner = training.Learner(BoxNetwork, 5.0, torch.device("cpu"))
     values = learner.network(torch.zeros(4, 48, 48, 3), torch.ones(4, 2))
@@ -155,7 +141,6 @@ def test_steps_are_no_longer_than_the_largest_gradient_allows(torch, training):
     assert torch.stack(norms).norm() == pytest.approx(5, rel=1e-3)
 
 
-@pytest.mark.slow
 def test_a_training_writes_networks_with_their_provenance_and_can_be_taken_up(training, tmp_path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
     for wanted in (1, 3):
@@ -179,7 +164,6 @@ def test_a_training_writes_networks_with_their_provenance_and_can_be_taken_up(tr
     assert len(line.split(",")) == 1 + 8 + 3
 
 
-@pytest.mark.slow
 def test_the_same_seed_learns_the_same(torch, training, tmp_path):
     pytest.importorskip("onnx", reason="onnx is only needed for learning: make .venv/.learn")
     for name in ("one", "same"):

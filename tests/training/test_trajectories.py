@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from training.landmarks import NEITHER, NOTHING, SIGN
 from training.trajectories import Track, learn_trajectories, steps_in_form
+from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
 from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.schemas.errors import InputError
 from wayside.stages.classifiers import log_density
@@ -17,7 +17,7 @@ def drive(seed, signs=12, others=40):
     """Signs stand 3 m right and half a metre up; the others anywhere, and some between both are of neither kind."""
     rng = np.random.default_rng(seed)
     tracks = []
-    for label, count in ((SIGN, signs), (NOTHING, others), (NEITHER, 3)):
+    for label, count in ((ON, signs), (OFF, others), (NEITHER, 3)):
         for _ in range(count):
             right, down = rng.normal((3.1, -0.6), (0.8, 0.3)) if label else rng.normal(0, 12, 2)
             depth = rng.uniform(30, 70) - STEP * np.arange(4)
@@ -38,11 +38,11 @@ def model(tracks):
 
 
 def test_signs_are_kept_and_what_stands_elsewhere_goes_on_a_drive_not_learned_from(model):
-    kept = {SIGN: [], NOTHING: [], NEITHER: []}
+    kept = {ON: [], OFF: [], NEITHER: []}
     for one in drive(99, 100, 300):
         kept[one.label].append(mean_log_density(one.steps, model) >= model.threshold)
-    assert np.mean(kept[SIGN]) > 0.85
-    assert np.mean(kept[NOTHING]) < 0.3
+    assert np.mean(kept[ON]) > 0.85
+    assert np.mean(kept[OFF]) < 0.3
 
 
 def test_the_file_says_the_rule_its_rates_and_what_it_was_learned_from(model):
@@ -58,7 +58,7 @@ def test_the_file_says_the_rule_its_rates_and_what_it_was_learned_from(model):
 
 
 def test_too_few_tracks_or_drives_are_refused_with_the_number_needed(tracks):
-    for few in ([t for t in tracks if t.drive < 4], [t for t in tracks if t.label != SIGN]):
+    for few in ([t for t in tracks if t.drive < 4], [t for t in tracks if t.label != ON]):
         with pytest.raises(InputError, match="40 tracks of signs, 40 others and 5 drives are"):
             learn_trajectories(few, "image", "made up")
 
