@@ -42,7 +42,7 @@ from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.logs.information import describe_log, format_information
 from wayside.pipeline.models.model_files import shipped_models
 from wayside.pipeline.models.model_json import model_from_json
-from wayside.pipeline.reading.camera_file import read_camera_file
+from wayside.pipeline.reading.calibrations import read_camera_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.pipeline.reading.layout import RECORD_HEAD

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from wayside.pipeline.reading.camera_file import read_camera_file
+from wayside.pipeline.reading.calibrations import read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.plan import check_settings, make_plan

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-from wayside.pipeline.reading.calibrations import is_rectified
-from wayside.pipeline.reading.camera_file import read_camera_file
+from wayside.pipeline.reading.calibrations import is_rectified, read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent, ImageContent
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.image_headers import read_exif, refuse_turned
 from wayside.pipeline.reading.messages import Kind
-from wayside.pipeline.reading.poses import bare
+from wayside.pipeline.reading.series import bare
 from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Camera

@@ -26,7 +26,7 @@ from wayside.pipeline.evidence.write import write_evidence
 from wayside.pipeline.logs.importing import import_images
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.pages import shortened
-from wayside.pipeline.reading.camera_file import format_camera
+from wayside.pipeline.reading.calibrations import format_camera
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reviewing.review import read_review
 from wayside.pipeline.running.run import RunRequest, run_log
