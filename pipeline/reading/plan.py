@@ -60,6 +60,14 @@ class Plan:
         others = frozenset(name for name in frames if _bare_frame(name) not in ("", own))
         return others | self.camera.other_cameras
 
+    @property
+    def first_camera(self) -> Camera | None:
+        """The camera given, else that of the first calibration."""
+        content = None if self.calibration is None else self.calibration.first
+        if isinstance(content, CalibrationContent):
+            return self.camera_of(content)
+        return self.camera_given
+
     def camera_of(self, content: CalibrationContent) -> Camera | None:
         """The camera that a calibration makes of the images, or None."""
         rectified = is_rectified(self.camera.name)
