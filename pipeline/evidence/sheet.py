@@ -15,7 +15,7 @@ from wayside.pipeline.evidence.figures import UNKNOWN, Figure, figures_of
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView
 from wayside.pipeline.evidence.maps import MAP_SIZE, sign_maps
 from wayside.pipeline.evidence.marks import appearance_of
-from wayside.pipeline.files.webp import data_address, encode_png, encode_webp
+from wayside.pipeline.files.pictures import data_address, encode_png, encode_webp
 from wayside.pipeline.pages import render, render_page
 from wayside.schemas.landmarks import EVIDENCE_TERMS
 

@@ -9,8 +9,7 @@ from typing import Any
 
 from wayside.pipeline.evidence.crops import Crop, read_crops, read_times
 from wayside.pipeline.evidence.marks import class_words
-from wayside.pipeline.files.file_marks import is_marked
-from wayside.pipeline.files.webp import data_address, encode_webp
+from wayside.pipeline.files.pictures import data_address, encode_webp, is_marked
 from wayside.pipeline.files.writing import not_written, write_file
 from wayside.pipeline.labelling.items import Item, Questions, questions
 from wayside.pipeline.pages import render_page
