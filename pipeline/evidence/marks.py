@@ -4,21 +4,12 @@ from __future__ import annotations
 
 import math
 
+from wayside.schemas.detections import COLOR_RGB
+
 Ink = tuple[int, int, int]
 Outline = tuple[tuple[float, float], ...]
 
 UNKNOWN_INK: Ink = (150, 156, 164)
-COLOR_INK: dict[str, Ink] = {
-    "white": (252, 252, 252),
-    "yellow": (250, 204, 21),
-    "green": (0, 122, 77),
-    "red": (200, 16, 46),
-    "orange": (255, 121, 0),
-    "blue": (0, 63, 145),
-    "brown": (112, 72, 40),
-    "fluorescent_yellow_green": (190, 240, 20),
-}
-"""sRGB, near the colours of traffic signs."""
 
 
 def _regular(corners: int, first_rad: float) -> Outline:
@@ -52,7 +43,7 @@ OUTLINES: dict[str, Outline] = {
 
 def ink_of(color: str | None) -> Ink:
     """Colour to paint a class in; grey where it is not known."""
-    return UNKNOWN_INK if color is None else COLOR_INK[color]
+    return UNKNOWN_INK if color is None else COLOR_RGB[color]
 
 
 def css(color: str | None) -> str:
