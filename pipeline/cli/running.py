@@ -366,7 +366,7 @@ def exit_with(statuses: list[int]) -> None:
 
 def leave_stuck_viewer(status: int) -> None:
     """End the program at once where a viewer that does not answer would hold the interpreter's own end for ever."""
-    recorder = sys.modules.get("wayside.pipeline.view.recorder")
+    recorder = sys.modules.get("wayside.pipeline.view.observer")
     if recorder is not None and recorder.any_alive():
         sys.stdout.flush()
         sys.stderr.flush()

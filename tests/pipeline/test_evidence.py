@@ -17,10 +17,9 @@ from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
 from wayside.pipeline.evidence.crops import ACCENT, cut, draw_crop, read_images
-from wayside.pipeline.evidence.figures import UNKNOWN, figures_of
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
 from wayside.pipeline.evidence.maps import error_ellipse, fit, panel_line
-from wayside.pipeline.evidence.marks import OUTLINES
+from wayside.pipeline.evidence.marks import OUTLINES, UNKNOWN, figures_of
 from wayside.pipeline.evidence.sheet import BIG, LEFT, PROPORTION, TILE, TOP, WIDTH
 from wayside.pipeline.evidence.write import write_evidence
 from wayside.pipeline.logs.importing import import_images

@@ -11,8 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
-from wayside.pipeline.labelling.items import margins, questions
-from wayside.pipeline.labelling.page import COLOR_KEYS, KINDS, SHAPE_KEYS
+from wayside.pipeline.labelling.page import COLOR_KEYS, KINDS, SHAPE_KEYS, margins, questions
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.labels.wayside_labels import read_label_file
 from wayside.pipeline.logs.importing import import_images

@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wayside.pipeline.logs.information import describe_log
-from wayside.pipeline.reading import layout, replay
+from wayside.pipeline.reading import layout, video
 from wayside.pipeline.reading.clocks import pair_times, stream_times
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.records import ScanReport
-from wayside.pipeline.reading.replay import image_messages
 from wayside.pipeline.reading.survey import survey_log
+from wayside.pipeline.reading.video import image_messages
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings
 
@@ -299,7 +299,7 @@ def test_a_log_that_is_read_in_another_order_is_bounded_in_all(new_log, monkeypa
     topic, report = "/camera/image", ScanReport()
     one_by_one = list(image_messages(survey, topic, backwards, report))
     assert [row for row, _ in one_by_one] == backwards.tolist()
-    monkeypatch.setattr(replay, "_MOST_KEPT_BYTES", 0)
+    monkeypatch.setattr(video, "_MOST_KEPT_BYTES", 0)
     monkeypatch.setattr(layout, "UNPACKED_RATIO", 1)
     monkeypatch.setattr(layout, "EXTRA_BYTES", 0)
     halves = np.arange(count).reshape(2, -1).T.ravel()  # each image is in another chunk
