@@ -6,8 +6,13 @@ from pathlib import Path
 
 import cv2
 
-from wayside.pipeline.calibration.boards import CalibratedImages, Watcher, calibrate_images
-from wayside.pipeline.calibration.coverage import draw_coverage, format_boards
+from wayside.pipeline.calibration.boards import (
+    CalibratedImages,
+    Watcher,
+    calibrate_images,
+    draw_coverage,
+    format_boards,
+)
 from wayside.pipeline.calibration.drives import CalibratedDrive, calibrate_log, format_drive
 from wayside.pipeline.files.writing import refuse, write_file
 from wayside.pipeline.reading.calibrations import format_camera
