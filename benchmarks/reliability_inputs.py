@@ -39,16 +39,15 @@ from wayside.pipeline.files.settings_file import format_settings, load_settings
 from wayside.pipeline.labels.box_file import load_boxes
 from wayside.pipeline.labels.class_map import read_class_map
 from wayside.pipeline.labels.read import read_labels
-from wayside.pipeline.logs.information import describe_log, format_information
+from wayside.pipeline.logs.information import describe_log
 from wayside.pipeline.models.model_files import shipped_models
 from wayside.pipeline.models.model_json import model_from_json
-from wayside.pipeline.reading.camera_file import read_camera_file
+from wayside.pipeline.reading.calibrations import read_camera_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.pipeline.reading.layout import RECORD_HEAD
 from wayside.pipeline.reading.records import ScanReport
-from wayside.pipeline.results.earlier_result import check_earlier
-from wayside.pipeline.results.result import read_run, read_settings
+from wayside.pipeline.results.result import check_earlier, read_run, read_settings
 from wayside.pipeline.reviewing.review import NO_REVIEW, read_review, result_name
 from wayside.pipeline.running import run
 from wayside.pipeline.running.journal import JOURNAL, Journal
@@ -182,7 +181,7 @@ def of_logs(
                 wrong = any(one not in whole for one in found)
                 wrong |= len(found) < len(whole) and not told
             if told:
-                format_information(describe_log(path))
+                describe_log(path)
             return WRONG if wrong else TOLD if told else RIGHT
 
         return attempt
@@ -200,7 +199,7 @@ def of_cut_logs(folder: Path) -> Attempt:
         cut = rng.randrange(len(content))
         path.write_bytes(content[:cut])
         found = small.read(path)
-        format_information(describe_log(path))
+        describe_log(path)
         complete = small.messages_before(content, cut) <= len(found)
         return TOLD if complete and found == whole[: len(found)] else WRONG
 

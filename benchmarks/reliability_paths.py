@@ -30,8 +30,8 @@ from wayside.pipeline import cli
 
 HEADS = ("path", "tried", "refused", "elsewhere", "done", "wrong", "slowest, ms of CPU")
 LIMIT_S, IDLE_S, MORE_BYTES = 15.0, 15.0, 1 << 30
-HEAVY = """evaluate evidence.write exporting.export fitting.command fleet.running fleet.changes information
-joining labelling.page report_figures.command roc.command route_file run""".split()
+HEAVY = """evaluation.compare evidence.write exporting.export fitting.command fleet.running fleet.changes
+logs.information logs.joining labelling.page report_figures.command roc.command files.route_file running.run""".split()
 SHORT = ["--until", "0.9s", "--workers", "1"]
 TRUTH = ROOT / "recordings" / "demo.truth.json"
 IMPORT = "--calibration @/camera.yaml --spacing 26.4ft"

@@ -9,7 +9,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from wayside.pipeline.evidence.marks import class_words, css, outline_of
-from wayside.pipeline.files.file_marks import marked_head
+from wayside.pipeline.files.pictures import marked_head
 
 
 def render(template: str, **values: Any) -> str:

@@ -6,11 +6,16 @@ from pathlib import Path
 
 import cv2
 
-from wayside.pipeline.calibration.boards import CalibratedImages, Watcher, calibrate_images
-from wayside.pipeline.calibration.coverage import draw_coverage, format_boards
+from wayside.pipeline.calibration.boards import (
+    CalibratedImages,
+    Watcher,
+    calibrate_images,
+    draw_coverage,
+    format_boards,
+)
 from wayside.pipeline.calibration.drives import CalibratedDrive, calibrate_log, format_drive
 from wayside.pipeline.files.writing import refuse, write_file
-from wayside.pipeline.reading.camera_file import format_camera
+from wayside.pipeline.reading.calibrations import format_camera
 from wayside.schemas.errors import OutputError
 from wayside.schemas.settings import Settings
 from wayside.stages.calibration import Board

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from wayside.pipeline.reading.camera_file import read_camera_file
-from wayside.pipeline.reading.contents import CalibrationContent
+from wayside.pipeline.reading.calibrations import read_camera_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.plan import check_settings, make_plan
 from wayside.pipeline.reading.survey import LogSurvey, survey_log
@@ -223,8 +222,4 @@ def _given(survey: LogSurvey, settings: ReadSettings) -> tuple[Camera | None, st
         plan = make_plan(survey, settings, None)
     except InputError:  # a log without calibration
         return None, ""
-    content = None if plan.calibration is None else plan.calibration.first
-    camera = (
-        plan.camera_of(content) if isinstance(content, CalibrationContent) else plan.camera_given
-    )
-    return camera, plan.calibration_source
+    return plan.first_camera, plan.calibration_source

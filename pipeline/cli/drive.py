@@ -38,9 +38,9 @@ class Order(StrEnum):
 @app.command(epilog=examples("wayside info drive.mcap"))
 def info(log: Log) -> None:
     """Say what a log holds, and whether and how it can be used."""
-    from wayside.pipeline.logs.information import describe_log, format_information
+    from wayside.pipeline.logs.information import describe_log
 
-    words = visible_lines(format_information(describe_log(read_as_log(log), shown=log)))
+    words = visible_lines(describe_log(read_as_log(log), shown=log))
     typer.echo(fitted(words) if sys.stdout.isatty() else words)
 
 

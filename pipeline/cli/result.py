@@ -266,8 +266,7 @@ def evaluate(
 def _evaluate_review(out: Path, review: Path, json: Path | None, *, overwrite: bool) -> None:
     """Print what a review says of a result, and write its figures where that is asked for."""
     from wayside.pipeline.files.writing import write_json
-    from wayside.pipeline.reviewing.figures import format_figures, review_figures
-    from wayside.pipeline.reviewing.review import read_review
+    from wayside.pipeline.reviewing.review import format_figures, read_review, review_figures
 
     figures = review_figures(out, read_review(review, out))
     if json is not None:

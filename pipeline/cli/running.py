@@ -260,7 +260,7 @@ def _one_of_several(
     digests: dict[str, str],
 ) -> tuple[int, str]:
     """Run a log unless its result is there; its status, and what became of it in words."""
-    from wayside.pipeline.results.earlier_result import is_finished
+    from wayside.pipeline.results.result import is_finished
     from wayside.pipeline.running.journal import result_key
 
     source = read_as_log(log)
@@ -274,7 +274,7 @@ def _check_places(logs: Sequence[Path], folders: Sequence[Path], *, overwrite: b
     """Look at all places of results; raises as `process_all`."""
     from wayside.pipeline.files.output_folder import finish_replacement
     from wayside.pipeline.logs.joining import joined_log
-    from wayside.pipeline.results.earlier_result import check_earlier
+    from wayside.pipeline.results.result import check_earlier
 
     twice = next((folder for folder in folders if list(folders).count(folder) > 1), None)
     if twice is not None:
@@ -366,7 +366,7 @@ def exit_with(statuses: list[int]) -> None:
 
 def leave_stuck_viewer(status: int) -> None:
     """End the program at once where a viewer that does not answer would hold the interpreter's own end for ever."""
-    recorder = sys.modules.get("wayside.pipeline.view.recorder")
+    recorder = sys.modules.get("wayside.pipeline.view.observer")
     if recorder is not None and recorder.any_alive():
         sys.stdout.flush()
         sys.stderr.flush()

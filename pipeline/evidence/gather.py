@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections import defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.files.visible_text import visible
-from wayside.pipeline.results.result import read_rows
-from wayside.schemas.errors import InputError, UsageError
+from wayside.pipeline.results.result import find_sign, read_rows
+from wayside.schemas.errors import InputError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 from wayside.stages.geometry import turn_deg
 
@@ -90,19 +89,14 @@ def gather(out: Path, sign_id: str | None) -> tuple[DriveMap, list[Evidence]]:
         The folder is no result folder, or damaged.
     """
     signs = read_rows(out, SIGNS, _SIGN_COLUMNS)
-    known = [str(sign["sign_id"]) for sign in signs]
-    for name in known:
-        _require_file_name(out, name)
-    if sign_id is not None and sign_id not in known:
-        near = difflib.get_close_matches(sign_id, known, n=1, cutoff=0.0)
-        others = f" among the {len(known)} of {out}. Did you mean {near[0]}?" if near else ""
-        raise UsageError(f"there is no sign {sign_id}{others or f': {out} holds no sign at all'}")
+    for sign in signs:
+        _require_file_name(out, sign["sign_id"])
+    chosen = signs if sign_id is None else [find_sign(out, signs, sign_id)]
     drive = _read_drive(out, signs)
     where = {"verdict": "sign"} if sign_id is None else {"verdict": "sign", "sign_id": sign_id}
     views = defaultdict(list)
     for row in read_rows(out, OBSERVATIONS, ("sign_id", "frame", "box", "residual_px"), where):
         views[row["sign_id"]].append(row)
-    chosen = [sign for sign in signs if sign_id in (None, sign["sign_id"])]
     return drive, [_evidence(sign, views[sign["sign_id"]], drive) for sign in chosen]
 
 

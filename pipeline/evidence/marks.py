@@ -1,24 +1,19 @@
-"""How classes look: the colours of sign faces and unit outlines of their shapes, for sheets and the index alike."""
+"""How classes look, and the figures of a sign in words, for sheets and the index alike."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Any
+
+from wayside.pipeline.code_words import code_of, nominal_words, series_words, system_words
+from wayside.schemas.detections import COLOR_RGB
 
 Ink = tuple[int, int, int]
 Outline = tuple[tuple[float, float], ...]
 
 UNKNOWN_INK: Ink = (150, 156, 164)
-COLOR_INK: dict[str, Ink] = {
-    "white": (252, 252, 252),
-    "yellow": (250, 204, 21),
-    "green": (0, 122, 77),
-    "red": (200, 16, 46),
-    "orange": (255, 121, 0),
-    "blue": (0, 63, 145),
-    "brown": (112, 72, 40),
-    "fluorescent_yellow_green": (190, 240, 20),
-}
-"""sRGB, near the colours of traffic signs."""
+UNKNOWN = "unknown"
 
 
 def _regular(corners: int, first_rad: float) -> Outline:
@@ -52,7 +47,7 @@ OUTLINES: dict[str, Outline] = {
 
 def ink_of(color: str | None) -> Ink:
     """Colour to paint a class in; grey where it is not known."""
-    return UNKNOWN_INK if color is None else COLOR_INK[color]
+    return UNKNOWN_INK if color is None else COLOR_RGB[color]
 
 
 def css(color: str | None) -> str:
@@ -73,3 +68,89 @@ def class_words(name: str | None) -> str:
 def appearance_of(color: str | None, shape: str | None) -> str:
     """Colour and shape in one phrase."""
     return f"{class_words(color)} {class_words(shape)}" if color or shape else "look unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One line: what, its value with unit, and its standard deviation or a remark."""
+
+    label: str
+    value: str
+    remark: str = ""
+
+
+def figures_of(sign: dict[str, Any], world: str) -> dict[str, list[Figure]]:
+    """All figures of a row of `signs.parquet` by heading; `world`: name of the world frame, from `run.json`."""
+    return {
+        "Position": [*_beside_the_road(sign), *_in_the_world(sign, world)],
+        "Panel": _panel(sign),
+        "Measurement": _measurement(sign),
+    }
+
+
+def _beside_the_road(sign: dict[str, Any]) -> list[Figure]:
+    found, lateral = [], sign["lateral_m"]
+    if sign.get("measure") is not None:
+        at = f"{sign['measure']:.3f} {sign['measure_unit']}"
+        found.append(Figure("Route", f"{sign['route']}, {at}" if sign["route"] else at))
+    side = "" if lateral is None else ", right" if lateral >= 0 else ", left"
+    beside = None if lateral is None else abs(lateral)
+    return [
+        *found,
+        _length("Along the road", sign["station_m"], sign["sigma_along_m"]),
+        _length(f"Beside the path{side}", beside, sign["sigma_lateral_m"]),
+        _length("Centre above the road", sign["up_m"], sign["sigma_up_m"]),
+        _length("Lower edge above it", sign["bottom_m"]),
+    ]
+
+
+def _in_the_world(sign: dict[str, Any], world: str) -> list[Figure]:
+    variances = sign["covariance"]
+    sigmas = [None] * 3 if variances is None else [variances[i] ** 0.5 for i in (0, 3, 5)]
+    axes = ("East", "North", "Up") if world == "enu" else ("World x", "World y", "World z")
+    found = [_length(*row) for row in zip(axes, (sign[a] for a in "xyz"), sigmas, strict=True)]
+    if sign["lon_deg"] is not None and sign["lat_deg"] is not None:
+        for label, name, side in (("Latitude", "lat", "north"), ("Longitude", "lon", "east")):
+            sigma = _sigma(sign[f"sigma_{side}_m"], " m")
+            found.append(Figure(label, f"{sign[f'{name}_deg']:.7f}°", sigma))
+    return found
+
+
+def _panel(sign: dict[str, Any]) -> list[Figure]:
+    code, series, nominal = code_of(sign), series_words(sign), nominal_words(sign)
+    found = [Figure("Code", UNKNOWN)]
+    if code is not None:
+        probability = f"probability {sign['code_probability']:.2f}"
+        found = [Figure("Code", f"{code} ({system_words(sign)})", probability)]
+        found += [] if series is None else [Figure("Series", series)]
+    found += [
+        Figure("Colour", class_words(sign["color"])),
+        Figure("Shape", class_words(sign["shape"])),
+        _length("Width", sign["panel_width_m"], sign["sigma_width_m"]),
+        _length("Height", sign["panel_height_m"], sign["sigma_height_m"]),
+    ]
+    found += [] if nominal is None else [Figure("Standard size", nominal)]
+    facing = UNKNOWN if sign["facing_deg"] is None else f"{sign['facing_deg']:z.0f}°"
+    return [*found, Figure("Facing", facing, _sigma(sign["sigma_facing_deg"], "°"))]
+
+
+def _measurement(sign: dict[str, Any]) -> list[Figure]:
+    frames = f"frames {sign['first_frame']} to {sign['last_frame']}"
+    residual = UNKNOWN if sign["residual_px"] is None else f"{sign['residual_px']:.2f} px"
+    found = [Figure("Views", str(sign["views"]), frames), Figure("Residual, RMS", residual)]
+    if name := sign.get("image_name"):
+        found.append(Figure("Best image", name, sign["image_date"]))
+    for name in ("color", "shape"):
+        if (distance := sign[f"{name}_distance"]) is not None:
+            found.append(Figure(f"Mahalanobis distance, {name}", f"{distance:.1f}"))
+    return found
+
+
+def _length(label: str, value: float | None, sigma: float | None = None) -> Figure:
+    return Figure(label, UNKNOWN if value is None else f"{value:z.2f} m", _sigma(sigma, " m"))
+
+
+def _sigma(value: float | None, unit: str) -> str:
+    if value is None:
+        return ""
+    return f"± {value:.0f}{unit}" if unit == "°" else f"± {value:.2f}{unit}"

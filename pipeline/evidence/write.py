@@ -11,11 +11,9 @@ from typing import Any
 
 from wayside.pipeline.evidence.crops import Crop, draw_crop, read_crops
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
-from wayside.pipeline.evidence.index import format_index
-from wayside.pipeline.evidence.sheet import PROPORTION, draw_sheet, format_sheet
-from wayside.pipeline.files.file_marks import is_marked, marked_png
+from wayside.pipeline.evidence.sheet import PROPORTION, draw_sheet, format_index, format_sheet
 from wayside.pipeline.files.output_folder import OutputFolder
-from wayside.pipeline.files.webp import data_address, encode_webp
+from wayside.pipeline.files.pictures import data_address, encode_webp, is_marked, marked_png
 from wayside.pipeline.files.writing import create, not_written, refuse
 from wayside.pipeline.results.result import read_run
 from wayside.pipeline.reviewing.review import result_name

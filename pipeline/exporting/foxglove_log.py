@@ -26,9 +26,14 @@ from wayside.pipeline.exporting.table import Row
 from wayside.pipeline.reading.contents import PoseContent
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.plan import Plan, plan_reading
-from wayside.pipeline.reading.poses import bare
-from wayside.pipeline.results.earlier_result import log_fingerprint
-from wayside.pipeline.results.result import find_log, read_rows, read_run, read_settings
+from wayside.pipeline.reading.series import bare
+from wayside.pipeline.results.result import (
+    find_log,
+    log_fingerprint,
+    read_rows,
+    read_run,
+    read_settings,
+)
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Pose
 from wayside.schemas.tables import FRAMES, OBSERVATIONS

@@ -1,6 +1,6 @@
-"""Several files that belong together and replace the earlier ones all at once, whenever the process ends.
+"""Files and folders that belong together and replace the earlier ones all at once, whenever the process ends.
 
-The files are written into `.wayside-part` in the folder where they belong. When all are whole and on the disk, that
+They are written into `.wayside-part` in the folder where they belong. When all are whole and on the disk, that
 folder is renamed to `.wayside-done`. From then on the new result counts, and its files are moved into place. A process
 that is killed before leaves the old result; one that is killed after leaves the moves to whoever opens the folder next,
 `finish_replacement`.
@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
@@ -64,7 +64,7 @@ class OutputFolder:
                 ended.callback(give_back, held)
                 _move_into_place(self.folder)
                 for scratch in (self.folder / DONE, self.part):
-                    _remove_folder(scratch)
+                    _remove(scratch)
                 self.part.mkdir(mode=0o700)
             except OSError as error:
                 raise not_written(self.folder, error) from error
@@ -73,18 +73,19 @@ class OutputFolder:
         return self
 
     def commit(self, drop: Collection[str] = ()) -> None:
-        """Replace: the files in `part` go to `folder`, those of an earlier result that are named in `drop` go away.
+        """Replace: what is in `part` goes to `folder`, files of an earlier result that are named in `drop` go away.
 
         Raises OutputError where a file cannot be brought to the disk; nothing has changed.
         """
         names = sorted(path.name for path in self.part.iterdir())
         try:
             for name in names:
-                if (self.folder / name).is_dir():
+                if (self.folder / name).is_dir() and not (self.part / name).is_dir():
                     raise OutputError(
                         f"{self.folder / name}: a folder has the name of a file to be written. Move it away."
                     )
-                sync(self.part / name)
+            for path in self.part.rglob("*"):
+                sync(path)
             manifest = self.part / _MANIFEST
             manifest.write_text(json.dumps([names, sorted(set(drop) - set(names))]))
             sync(manifest)
@@ -108,7 +109,7 @@ class OutputFolder:
         with suppress(OSError):  # what is kept keeps the folder
             for path in self.part.iterdir():
                 if path.name not in keep:
-                    path.unlink()
+                    _remove(path)
             self.part.rmdir()
 
     def _remove_made(self, kind: Kind, *_: object) -> None:
@@ -122,19 +123,14 @@ def finish_replacement(folder: Path) -> None:
 
     Raises InputError where another process is at it for too long, or the folder cannot be written.
     """
-    finish_under_lock(folder, DONE, LOCK, _move_into_place)
-
-
-def finish_under_lock(folder: Path, done: str, lock: str, move: Callable[[Path], None]) -> None:
-    """Move what a writer left in `done` of a folder into place, under its lock; raises as `finish_replacement`."""
-    if not _is_folder(folder / done):
+    if not _is_folder(folder / DONE):
         return
     try:
-        held = take_lock(folder / lock, _PATIENCE_S)
+        held = take_lock(folder / LOCK, _PATIENCE_S)
         if held is None:
             raise InputError(f"{folder}: another wayside is replacing the result. Try again.")
         try:
-            move(folder)  # nothing, where another process has done it meanwhile
+            _move_into_place(folder)  # nothing, where another process has done it meanwhile
         finally:
             give_back(held)
     except OSError as error:
@@ -162,12 +158,14 @@ def _move_into_place(folder: Path) -> None:
     if manifest.is_file():
         names, drop = _read_manifest(manifest)
         for name in names:
+            if _is_folder(done / name) and (folder / name).exists():
+                _remove(folder / name)
             with suppress(FileNotFoundError):  # moved before
                 os.replace(done / name, folder / name)
         for name in drop:
             (folder / name).unlink(missing_ok=True)
         sync(folder)
-    _remove_folder(done)
+    _remove(done)
 
 
 def _read_manifest(manifest: Path) -> tuple[list[str], list[str]]:
@@ -187,8 +185,8 @@ def _is_folder(path: Path) -> bool:
     return path.is_dir() and not path.is_symlink()
 
 
-def _remove_folder(path: Path) -> None:
-    """Remove a folder of scratch files; the manifest goes first, so that no half of it is taken for a result."""
+def _remove(path: Path) -> None:
+    """Remove a file or a folder; its manifest goes first, so that no half of it is taken for a result."""
     if _is_folder(path):
         (path / _MANIFEST).unlink(missing_ok=True)
         shutil.rmtree(path)

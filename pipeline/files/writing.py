@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import errno
 import filecmp
-import glob
 import json
 import os
 import secrets
@@ -150,13 +149,10 @@ def whole_file(
         if target.is_dir():
             raise OutputError(f"{path}: this is a folder. Name a file in it.")
         replaced = overwrite or not target.exists() or is_own(target)
-        _sweep(target)
         scratch = target.with_name(f".{target.name}.{secrets.token_hex(4)}{PART}")
         with ExitStack() as ended:
             stream = create(scratch)
             ended.callback(_remove, stream, scratch)
-            if held := take_lock(scratch):
-                ended.callback(held.release)
             yield stream
             stream.flush()
             os.fsync(stream.fileno())
@@ -173,14 +169,6 @@ def _remove(stream: BinaryIO, scratch: Path) -> None:
     scratch.unlink(missing_ok=True)
     with suppress(OSError):
         stream.close()
-
-
-def _sweep(target: Path) -> None:
-    """Remove scratch files of the same name whose writers were killed: nobody holds their locks."""
-    for left in target.parent.glob(f".{glob.escape(target.name)}.*{PART}"):
-        with suppress(OSError):
-            if left.is_file() and (held := take_lock(left)) is not None:
-                give_back(held)
 
 
 def write_file(

@@ -1,13 +1,8 @@
-"""An inventory on disk: its lock, and the merged tables, which replace the earlier ones together.
-
-The tables are written into a scratch folder. From the moment when it is renamed, the new ones count. They are then
-moved into place, which the next `open_inventory` continues after an interruption.
-"""
+"""An inventory on disk: its lock, and the merged tables, which replace the earlier ones together."""
 
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, fields
@@ -17,8 +12,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from wayside.pipeline.files.input_files import read_parquet
-from wayside.pipeline.files.output_folder import finish_under_lock
-from wayside.pipeline.files.writing import give_back, not_written, refuse, sync, take_lock
+from wayside.pipeline.files.output_folder import OutputFolder, finish_replacement
+from wayside.pipeline.files.writing import give_back, not_written, refuse, take_lock
 from wayside.pipeline.fleet.manifest import MANIFEST, Manifest, read_manifest
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
@@ -31,7 +26,6 @@ CELL = "cell="
 """What the names of the folders of a table begin with; a quadkey follows."""
 _ABOUT = b"wayside"
 _LOCK = ".wayside-fleet-lock"
-_PART, _DONE = ".wayside-merge-part", ".wayside-merge-done"
 
 
 @contextmanager
@@ -72,24 +66,15 @@ def replaced_tables(inventory: Path) -> Iterator[Path]:
 
     Raises OutputError where they cannot be written, or hold files that no merging wrote.
     """
-    part = inventory / _PART
-    try:
-        inventory.mkdir(parents=True, exist_ok=True)
-        _move_into_place(inventory)
-        shutil.rmtree(part, ignore_errors=True)
-        for name in MERGED:
-            _require_own(inventory / name)
-            (part / name).mkdir(parents=True)
-        yield part
-        for folder in sorted(part.rglob("*")):
-            sync(folder)
-        part.rename(inventory / _DONE)
-        sync(inventory)
-        _move_into_place(inventory)
-    except OSError as error:
-        raise not_written(inventory, error) from error
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
+    with OutputFolder(inventory) as output:
+        try:
+            for name in MERGED:
+                _require_own(inventory / name)
+                (output.part / name).mkdir()
+            yield output.part
+        except OSError as error:
+            raise not_written(inventory, error) from error
+        output.commit()
 
 
 def open_inventory(inventory: Path, *, by_fleet: bool = True) -> Manifest:
@@ -98,7 +83,7 @@ def open_inventory(inventory: Path, *, by_fleet: bool = True) -> Manifest:
     by_fleet: whether only a fleet's will do; else one that was merged without has an empty manifest. Raises InputError
     where it is no inventory, its manifest is damaged, or the tables cannot be moved.
     """
-    finish_under_lock(inventory, _DONE, _LOCK, _move_into_place)
+    finish_replacement(inventory)
     if by_fleet or (inventory / MANIFEST).exists():
         return read_manifest(inventory)
     return Manifest()
@@ -138,20 +123,6 @@ def merge_settings_of(part: Path) -> MergeSettings:
     said = about.get("settings", {}).get("merge", {})
     known = {each.name for each in fields(MergeSettings)}
     return MergeSettings(**{name: value for name, value in said.items() if name in known})
-
-
-def _move_into_place(inventory: Path) -> None:
-    """Move what a merging wrote to its place; raises OSError where it cannot be moved."""
-    done = inventory / _DONE
-    if not done.is_dir():
-        return
-    for folder in sorted(done.iterdir()):
-        target = inventory / folder.name
-        if target.exists():
-            shutil.rmtree(target)
-        folder.rename(target)
-    done.rmdir()
-    sync(inventory)
 
 
 def _require_own(folder: Path) -> None:

@@ -23,8 +23,7 @@ from wayside.pipeline.fleet.sources import (
     is_folder_name,
     source_name,
 )
-from wayside.pipeline.results.earlier_result import is_finished
-from wayside.pipeline.results.result import read_run
+from wayside.pipeline.results.result import is_finished, read_run
 from wayside.schemas.errors import PARTS_LOST, InputError, OutputError
 from wayside.schemas.tables import SIGNS
 

@@ -16,7 +16,7 @@ from urllib.parse import unquote, urlsplit
 from wayside.pipeline.files.input_files import files_below, read_input_text
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.files.writing import UNWRITABLE, not_written
-from wayside.pipeline.results.earlier_result import stream_fingerprint
+from wayside.pipeline.results.result import stream_fingerprint
 from wayside.schemas.errors import InputError, UsageError, WaysideError
 
 _SUFFIX = ".mcap"

@@ -24,7 +24,7 @@ from wayside.pipeline.files.writing import not_written, write_file
 from wayside.pipeline.fleet.manifest import DRIVES, LOGS, QUARANTINE, Entry, State, finished
 from wayside.pipeline.fleet.sources import UnreachableError, fetched
 from wayside.pipeline.models.model_files import Models, load_models
-from wayside.pipeline.results.earlier_result import is_finished, log_fingerprint
+from wayside.pipeline.results.result import is_finished, log_fingerprint
 from wayside.pipeline.running.journal import result_keys
 from wayside.pipeline.running.run import RunRequest, run_log
 from wayside.pipeline.running.tuning import tune_process

@@ -1,23 +1,39 @@
-"""The page of candidate crops that a person marks: one HTML file, which needs nothing else."""
+"""The page of candidate crops that a person marks, one HTML file, and what it asks about.
+
+Things that a classifier is unsure of teach the most (uncertainty sampling: Lewis and Gale 1994). They are sorted by the
+distance of their score from the threshold. Landmarks come before single boxes: one answer labels all their images.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
 from wayside.pipeline.evidence.crops import Crop, read_crops, read_times
 from wayside.pipeline.evidence.marks import class_words
-from wayside.pipeline.files.file_marks import is_marked
-from wayside.pipeline.files.webp import data_address, encode_webp
+from wayside.pipeline.files.pictures import data_address, encode_webp, is_marked
 from wayside.pipeline.files.writing import not_written, write_file
-from wayside.pipeline.labelling.items import Item, Questions, questions
+from wayside.pipeline.labels.box_matching import overlap
 from wayside.pipeline.pages import render_page
-from wayside.pipeline.results.result import read_run
+from wayside.pipeline.results.result import read_rows, read_run, read_table
 from wayside.schemas.detections import COLORS, SHAPES
-from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, UNSURE
+from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, UNSURE, Box
+from wayside.schemas.tables import OBSERVATIONS, SIGNS
+from wayside.stages.geometry import box_areas
 
+_COLUMNS = (
+    *("frame", "observation_id", "box", "color", "shape", "track_id", "sign_id", "verdict"),
+    *("source", "score", "color_distance", "shape_distance"),
+)
+_CERTAIN = 0.9999
 PAGE_FILE = "index.html"
 KINDS = {
     SIGN: ("S", "sign"),
@@ -30,6 +46,126 @@ SHAPE_KEYS = dict(zip((*SHAPES, None), "RDOTCPFHXKZ", strict=True))
 _PROPORTION, _LARGEST = 4 / 3, (400, 300)
 _WEBP_QUALITY = 80
 Watcher = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A box in an image."""
+
+    frame: int
+    box: Box
+    """x0, y0, x1, y1, half open, pixels."""
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One thing to ask about."""
+
+    name: str
+    """`sign_id` of a reported row, `landmark N` or `box N`."""
+    views: tuple[View, ...]
+    """Its boxes, at least one."""
+    color: str | None
+    """As the run named it."""
+    shape: str | None
+    """As the run named it."""
+    margin: float
+    """Score minus threshold, nan where there is neither."""
+
+    @property
+    def shown(self) -> View:
+        """The largest view."""
+        return self.views[int(np.argmax(box_areas(np.array([v.box for v in self.views]))))]
+
+
+@dataclass(frozen=True, slots=True)
+class Questions:
+    """Items in the order to ask; left_out: single boxes beyond the number wanted."""
+
+    items: tuple[Item, ...]
+    left_out: int
+
+
+def questions(out: Path, most: int) -> Questions:
+    """What to ask about the result in folder `out`: all its landmarks, and `most` single boxes at most.
+
+    Raises InputError if the folder is no result folder, or damaged.
+    """
+    table = read_table(out, OBSERVATIONS, _COLUMNS)
+    names = ("sign_id", "confidence", "color", "shape", "status")
+    signs = {row["sign_id"]: row for row in read_rows(out, SIGNS, names)}
+    tracks: defaultdict[int, list[dict[str, Any]]] = defaultdict(list)
+    single: list[dict[str, Any]] = []
+    with_margin = table.append_column("margin", pa.array(margins(table)))
+    for row in with_margin.to_pylist():
+        if row["verdict"] != "overlap":
+            (single if row["track_id"] is None else tracks[row["track_id"]]).append(row)
+    landmarks = sorted(
+        _landmarks(tracks, signs), key=lambda item: (_urgency(item.margin), item.name)
+    )
+    taken: defaultdict[int, list[Box]] = defaultdict(list)
+    for item in landmarks:
+        for view in item.views:
+            taken[view.frame].append(view.box)
+    boxes: list[Item] = []
+    single.sort(key=lambda row: _urgency(row["margin"]))
+    for looked, row in enumerate(single):
+        if len(boxes) >= most:
+            return Questions((*landmarks, *boxes), len(single) - looked)
+        here, box = taken[row["frame"]], row["box"]
+        if not overlap(np.array(here).reshape(-1, 4), box).any():
+            here.append(tuple(box))  # what overlaps it is another view of the same thing
+            boxes.append(_item(f"box {row['observation_id']}", [row], row, row["margin"]))
+    return Questions((*landmarks, *boxes), 0)
+
+
+def margins(table: pa.Table) -> NDArray[np.float64]:
+    """How far each observation (n,) is above the threshold that its gate has, nan where none has judged it.
+
+    The gate is the classifier of boxes, else (preset `report`) the outline: the worst that it let pass tells its
+    threshold. Predicted boxes are not asked.
+    """
+    verdict = np.array(table["verdict"].to_pylist(), object)
+    asked = np.array(table["source"].to_pylist(), object) != "predicted"
+    score, refusal = table["score"].to_numpy(), "score"
+    gates = np.zeros(len(verdict))
+    if np.isnan(score).all():
+        score, refusal = -table["shape_distance"].to_numpy(), "shape"
+        gates = np.array(table["shape"].to_pylist(), str)
+    margin = np.full(len(verdict), np.nan)
+    known = np.isfinite(score)
+    for gate in np.unique(gates):
+        own = known & (gates == gate)
+        passed = own & asked & (verdict != refusal) & (verdict != "color")
+        worst = score[passed].min() if passed.any() else score[own].max(initial=-np.inf)
+        margin[own] = score[own] - worst
+    return margin
+
+
+def _landmarks(
+    tracks: dict[int, list[dict[str, Any]]], signs: dict[str, dict[str, Any]]
+) -> Iterator[Item]:
+    for track, rows in tracks.items():
+        known = [row["margin"] for row in rows if math.isfinite(row["margin"])]
+        best = max(known, default=math.nan)
+        sign = signs.get(rows[0]["sign_id"])
+        if sign is None:
+            largest = rows[int(np.argmax(box_areas(np.array([row["box"] for row in rows]))))]
+            yield _item(f"landmark {track}", rows, largest, best)
+            continue
+        if sign["confidence"] is not None:
+            probability = min(max(sign["confidence"], 1 - _CERTAIN), _CERTAIN)
+            best = math.log(probability / (1 - probability))
+        yield _item(sign["sign_id"], rows, sign, best)
+
+
+def _item(name: str, rows: list[dict[str, Any]], look: dict[str, Any], margin: float) -> Item:
+    views = tuple(View(row["frame"], tuple(row["box"])) for row in rows)
+    return Item(name, views, look["color"], look["shape"], margin)
+
+
+def _urgency(margin: float) -> float:
+    return abs(margin) if math.isfinite(margin) else math.inf
 
 
 @dataclass(frozen=True, slots=True)

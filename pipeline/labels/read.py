@@ -15,8 +15,7 @@ from wayside.pipeline.labels.formats import read_voc, read_yolo
 from wayside.pipeline.labels.wayside_labels import read_json, read_label_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.results.result import RUN_FILE
-from wayside.pipeline.reviewing.labels import review_labels
-from wayside.pipeline.reviewing.review import is_review, required_review
+from wayside.pipeline.reviewing.review import is_review, required_review, review_labels
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.labels import Label, LabelledImage, Labels
 from wayside.schemas.settings import ReadSettings

@@ -13,7 +13,7 @@ from mcap_protobuf.writer import Writer
 
 from wayside.pipeline.files.input_files import read_input
 from wayside.pipeline.files.writing import whole_file
-from wayside.pipeline.reading.camera_file import read_camera_file
+from wayside.pipeline.reading.calibrations import read_camera_file
 from wayside.pipeline.reading.image_headers import refuse_turned
 from wayside.pipeline.reading.image_order import (
     ImageFile,

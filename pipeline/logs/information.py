@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
-from wayside.pipeline.reading.contents import CalibrationContent
 from wayside.pipeline.reading.plan import Plan, make_plan
 from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
 from wayside.pipeline.reading.timeline import Timeline, make_timeline
@@ -20,53 +19,25 @@ _SPACING_EXAMPLE = ("--spacing", "26.4ft")
 _SOME_CAMERA = Camera(1, 1, 1.0, 1.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Way:
-    """One camera of the log and how to use it."""
-
-    camera: Topic
-    command: str
-    """Empty: none helps."""
-    hindrances: tuple[str, ...] = ()
-    """What is missing; the command gives it."""
-    calibration: Camera | None = None
-    calibration_source: str = ""
-    motion: str = ""
-    notes: tuple[str, ...] = ()
-    """What clocks, order and positions of the log lack, and what is done about it."""
-
-
-@dataclass(frozen=True, slots=True)
-class LogInformation:
-    """What a whole log was found to hold; `hindrance` says why it cannot be used at all."""
-
-    survey: LogSurvey
-    ways: tuple[Way, ...]
-    hindrance: str
-
-    @property
-    def duration_s(self) -> float:
-        """From the first message to the last, seconds of log time."""
-        topics = self.survey.topics.values()
-        first = min((topic.first_log_ns for topic in topics), default=0)
-        return (max((topic.last_log_ns for topic in topics), default=0) - first) / 1e9
-
-
-def describe_log(path: Path, *, shown: Path | None = None) -> LogInformation:
+def describe_log(path: Path, *, shown: Path | None = None) -> str:
     """Read a whole log, in bounded memory, and say what it holds; raises InputError where it cannot be read.
 
     shown: what is named as the log, the bag that it was made of.
     """
     survey = survey_log(path)
-    survey.path = path = shown or path
+    survey.path = shown or path
     cameras = sorted(_most(survey.cameras, _MOST_CAMERAS_SHOWN), key=lambda t: t.name)
-    hindrance = ""
+    lines = [_head(survey), "", *_topics(survey)]
+    for camera in cameras:
+        lines += ["", *_camera(survey, camera)]
+    if more := len(survey.cameras) - len(cameras):
+        lines += ["", f"and {more} more cameras"]
     if not cameras:
         try:
             make_plan(survey, ReadSettings(), None)
         except WaysideError as error:
-            hindrance = str(error).removeprefix(f"{path}: ")
-    return LogInformation(survey, tuple(_way(survey, camera) for camera in cameras), hindrance)
+            lines += ["", f"cannot be used: {_reason(survey, error)}"]
+    return "\n".join([*lines, "", *_damage(survey)])
 
 
 def _most(topics: Iterable[Topic], count: int) -> list[Topic]:
@@ -74,48 +45,61 @@ def _most(topics: Iterable[Topic], count: int) -> list[Topic]:
     return sorted(topics, key=lambda t: (-t.count, t.name))[:count]
 
 
-def _way(survey: LogSurvey, camera: Topic) -> Way:
+def _reason(survey: LogSurvey, error: WaysideError) -> str:
+    return str(error).removeprefix(f"{survey.path}: ")
+
+
+def _camera(survey: LogSurvey, topic: Topic) -> list[str]:
+    """What is known of one camera, and how to use it."""
+    size = topic.image_size
+    shown = "size unknown" if size is None else f"{size[0]} x {size[1]}"
+    lines = [f"camera {topic.name}: {topic.count} images, {shown}, {topic.image_format}"]
+    usable, command, hindrances = _way(survey, topic)
+    if usable is not None:
+        plan, timeline = usable
+        c = plan.first_camera
+        if c is not None and c is not _SOME_CAMERA:
+            lines.append(
+                f"  calibration {plan.calibration_source}: {c.width} x {c.height}, "
+                f"focal length {c.fx:.1f} {c.fy:.1f} px, centre {c.cx:.1f} {c.cy:.1f} px, "
+                f"{len(c.distortion)} distortion coefficients"
+            )
+            if size not in (None, (c.width, c.height)):
+                hindrances.append(
+                    f"the calibration {plan.calibration_source} is of {c.width} x {c.height} pixels"
+                )
+                command += ["--calibration", "camera.yaml"]
+        if motion := _motion_words(plan, timeline):
+            lines.append(f"  motion from {motion}")
+        lines += [f"  note: {note}" for note in (*plan.notes, *timeline.notes)]
+    lines += [f"  not as it is: {hindrance}" for hindrance in hindrances]
+    if usable is None:
+        return lines
+    lead = "with what is missing" if hindrances else "can be used"
+    return [*lines, f"  {lead}: {shlex.join(command)}"]
+
+
+def _way(
+    survey: LogSurvey, camera: Topic
+) -> tuple[tuple[Plan, Timeline] | None, list[str], list[str]]:
+    """How a camera is read (None: nothing helps), the command for it, and what is missing and given in the command."""
     settings, given = ReadSettings(camera=camera.name), None
     choice = ["--camera", camera.name] if len(survey.cameras) > 1 else []
     command = ["wayside", "run", str(survey.path), *choice, "-o", "out"]
     hindrances: list[str] = []
-    timeline = None
-    while timeline is None:
+    while True:
         try:
             plan = make_plan(survey, settings, given)
-            timeline = make_timeline(plan)
+            return (plan, make_timeline(plan)), command, hindrances
         except WaysideError as error:
-            hindrances.append(str(error).removeprefix(f"{survey.path}: "))
-            # What the user can give is taken as given from here on, so that the next obstacle shows as well.
-            if given is None and "--calibration" in hindrances[-1]:
-                given, command = _SOME_CAMERA, [*command, "--calibration", "camera.yaml"]
-            elif not settings.spacing_m and "--spacing" in hindrances[-1]:
-                settings, command = replace(settings, spacing_m=1.0), [*command, *_SPACING_EXAMPLE]
-            else:
-                return Way(camera, "", tuple(hindrances))
-    calibration = _calibration(plan)
-    size = camera.image_size
-    if calibration is not None and size not in (None, (calibration.width, calibration.height)):
-        hindrances.append(
-            f"the calibration {plan.calibration_source} is of {calibration.width} x {calibration.height} pixels"
-        )
-        command += ["--calibration", "camera.yaml"]
-    return Way(
-        camera,
-        shlex.join(command),
-        tuple(hindrances),
-        calibration,
-        plan.calibration_source,
-        _motion_words(plan, timeline),
-        (*plan.notes, *timeline.notes),
-    )
-
-
-def _calibration(plan: Plan) -> Camera | None:
-    if plan.camera_given is not None:
-        return None if plan.camera_given is _SOME_CAMERA else plan.camera_given
-    content = None if plan.calibration is None else plan.calibration.first
-    return plan.camera_of(content) if isinstance(content, CalibrationContent) else None
+            hindrances.append(_reason(survey, error))
+        # What the user can give is taken as given from here on, so that the next obstacle shows as well.
+        if given is None and "--calibration" in hindrances[-1]:
+            given, command = _SOME_CAMERA, [*command, "--calibration", "camera.yaml"]
+        elif not settings.spacing_m and "--spacing" in hindrances[-1]:
+            settings, command = replace(settings, spacing_m=1.0), [*command, *_SPACING_EXAMPLE]
+        else:
+            return None, command, hindrances
 
 
 def _motion_words(plan: Plan, timeline: Timeline) -> str:
@@ -129,31 +113,21 @@ def _motion_words(plan: Plan, timeline: Timeline) -> str:
     return ", ".join(words)
 
 
-def format_information(information: LogInformation) -> str:
-    """The information as text for a terminal."""
-    lines = [*_head(information), "", *_topics(information)]
-    for way in information.ways:
-        lines += ["", *_camera(way)]
-    if more := len(information.survey.cameras) - len(information.ways):
-        lines += ["", f"and {more} more cameras"]
-    if information.hindrance:
-        lines += ["", f"cannot be used: {information.hindrance}"]
-    return "\n".join([*lines, "", *_damage(information)])
-
-
-def _head(information: LogInformation) -> list[str]:
-    scan, path = information.survey.scan, information.survey.path
+def _head(survey: LogSurvey) -> str:
+    scan, topics = survey.scan, survey.topics.values()
+    first = min((topic.first_log_ns for topic in topics), default=0)
+    seconds = (max((topic.last_log_ns for topic in topics), default=0) - first) / 1e9
     packing = " and ".join(sorted(scan.compressions)).replace("none", "not compressed")
     lost = f", {scan.lost_chunks} of them lost" if scan.lost_chunks else ""
     chunks = f"{scan.chunks} chunks ({packing or 'none readable'}){lost}"
-    return [
-        f"{path}: {_size(scan.bytes_total)}, {information.duration_s:.1f} s, "
+    return (
+        f"{survey.path}: {_size(scan.bytes_total)}, {seconds:.1f} s, "
         f"{scan.messages} messages, {chunks if scan.chunks else 'no chunks'}"
-    ]
+    )
 
 
-def _topics(information: LogInformation) -> list[str]:
-    held = information.survey.topics.values()
+def _topics(survey: LogSurvey) -> list[str]:
+    held = survey.topics.values()
     topics = sorted(_most(held, _MOST_TOPICS_SHOWN), key=lambda t: (t.name, t.schema))
     if not topics:
         return ["no topics"]
@@ -173,28 +147,8 @@ def _topics(information: LogInformation) -> list[str]:
     return [*lines, f"and {more} more topics"] if (more := len(held) - len(topics)) else lines
 
 
-def _camera(way: Way) -> list[str]:
-    topic, size = way.camera, way.camera.image_size
-    shown = "size unknown" if size is None else f"{size[0]} x {size[1]}"
-    lines = [f"camera {topic.name}: {topic.count} images, {shown}, {topic.image_format}"]
-    if way.calibration is not None:
-        c = way.calibration
-        lines.append(
-            f"  calibration {way.calibration_source}: {c.width} x {c.height}, "
-            f"focal length {c.fx:.1f} {c.fy:.1f} px, centre {c.cx:.1f} {c.cy:.1f} px, "
-            f"{len(c.distortion)} distortion coefficients"
-        )
-    if way.motion:
-        lines.append(f"  motion from {way.motion}")
-    lines += [f"  note: {note}" for note in way.notes]
-    if way.hindrances:
-        lines += [f"  not as it is: {hindrance}" for hindrance in way.hindrances]
-        return [*lines, f"  with what is missing: {way.command}"] if way.command else lines
-    return [*lines, f"  can be used: {way.command}"]
-
-
-def _damage(information: LogInformation) -> list[str]:
-    scan = information.survey.scan
+def _damage(survey: LogSurvey) -> list[str]:
+    scan = survey.scan
     lines = ["no damage found"]
     if scan.problem_count:
         shown = [f"  {problem}" for problem in scan.problems[:_MOST_PROBLEMS_SHOWN]]

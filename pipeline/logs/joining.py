@@ -17,7 +17,7 @@ from wayside.pipeline.reading.layout import Channel
 from wayside.pipeline.reading.messages import ROS_TYPES
 from wayside.pipeline.reading.parts import bag_parts, is_bag, is_mcap
 from wayside.pipeline.reading.records import Attachment, Metadata, ScanReport, scan
-from wayside.pipeline.results.earlier_result import log_fingerprint
+from wayside.pipeline.results.result import log_fingerprint
 from wayside.schemas.errors import InputError, OutputError, UsageError
 
 _BAG_VERSION = 9

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from wayside.pipeline.reading.clocks import Floats, Integers
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.plan import Plan
-from wayside.pipeline.reading.replay import decoded_images
-from wayside.pipeline.reading.video import CameraImages
+from wayside.pipeline.reading.video import CameraImages, decoded_images
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import FeatureSettings, MotionSettings
 from wayside.stages.odometry import (

@@ -11,10 +11,9 @@ from wayside.pipeline.reading.image_headers import frame_of
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.plan import Plan, plan_reading, shortened
 from wayside.pipeline.reading.records import Message, ScanReport
-from wayside.pipeline.reading.replay import image_messages, is_grey
 from wayside.pipeline.reading.selection import Selection
 from wayside.pipeline.reading.timeline import Timeline, make_timeline
-from wayside.pipeline.reading.video import CameraImages
+from wayside.pipeline.reading.video import CameraImages, image_messages, is_grey
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import (
     NO_POSITION,

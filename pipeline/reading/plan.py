@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-from wayside.pipeline.reading.calibrations import is_rectified
-from wayside.pipeline.reading.camera_file import read_camera_file
+from wayside.pipeline.reading.calibrations import is_rectified, read_camera_file
 from wayside.pipeline.reading.contents import CalibrationContent, ImageContent
 from wayside.pipeline.reading.h264 import H264
 from wayside.pipeline.reading.image_headers import read_exif, refuse_turned
 from wayside.pipeline.reading.messages import Kind
-from wayside.pipeline.reading.poses import bare
+from wayside.pipeline.reading.series import bare
 from wayside.pipeline.reading.survey import LogSurvey, Topic, survey_log
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Camera
@@ -60,6 +59,14 @@ class Plan:
         frames = {t.camera_frame for t in self.survey.cameras} if own else set()
         others = frozenset(name for name in frames if _bare_frame(name) not in ("", own))
         return others | self.camera.other_cameras
+
+    @property
+    def first_camera(self) -> Camera | None:
+        """The camera given, else that of the first calibration."""
+        content = None if self.calibration is None else self.calibration.first
+        if isinstance(content, CalibrationContent):
+            return self.camera_of(content)
+        return self.camera_given
 
     def camera_of(self, content: CalibrationContent) -> Camera | None:
         """The camera that a calibration makes of the images, or None."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from wayside.pipeline.reading.camera_file import parse_camera
+from wayside.pipeline.reading.calibrations import parse_camera
 from wayside.pipeline.reading.contents import (
     CalibrationContent,
     Content,
@@ -23,9 +23,8 @@ from wayside.pipeline.reading.image_headers import (
 )
 from wayside.pipeline.reading.layout import Channel
 from wayside.pipeline.reading.messages import Decoders, Kind, kind_of
-from wayside.pipeline.reading.poses import TransformTree
 from wayside.pipeline.reading.records import Attachment, Message, Metadata, ScanReport, scan
-from wayside.pipeline.reading.series import Series
+from wayside.pipeline.reading.series import Series, TransformTree
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 from wayside.stages.imaging import used_bits

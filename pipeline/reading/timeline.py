@@ -21,14 +21,17 @@ from wayside.pipeline.reading.clocks import (
 )
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.plan import Plan, shortened
-from wayside.pipeline.reading.poses import composed, fixed, mount_of, path_of
 from wayside.pipeline.reading.series import (
     Interpolated,
     Samples,
     Series,
+    composed,
     continuous_longitudes,
+    fixed,
     interpolate,
     metres,
+    mount_of,
+    path_of,
     possible,
 )
 from wayside.schemas.errors import InputError

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.files.file_marks import is_marked, marked_head
+from wayside.pipeline.files.pictures import is_marked, marked_head
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.files.writing import not_written, write_file
 from wayside.pipeline.learning.page import Figure, format_page

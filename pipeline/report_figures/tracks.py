@@ -9,8 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from wayside.pipeline.calibration.boards import calibrate_images, parse_board
-from wayside.pipeline.calibration.coverage import draw_coverage
+from wayside.pipeline.calibration.boards import calibrate_images, draw_coverage, parse_board
 from wayside.pipeline.evaluation.rendered import FEWEST_FRAMES
 from wayside.pipeline.labels.box_matching import overlap
 from wayside.pipeline.learning.gates import KANSAS_MEAN

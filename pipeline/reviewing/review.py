@@ -1,20 +1,23 @@
-"""A review of a result: rows accepted, rejected or corrected, and signs that are missing; JSON or CSV."""
+"""A review of a result, JSON or CSV: what it says of rows and missing signs, its labels and its figures."""
 
 from __future__ import annotations
 
 import csv
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from wayside.pipeline.files.input_files import decoded, open_input, read_input_text
 from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_json, read_csv
 from wayside.pipeline.results.result import read_rows, read_run
+from wayside.pipeline.statistics import Interval, share_interval
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError, UsageError
-from wayside.schemas.tables import SIGNS
+from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, Label, LabelledImage, Labels
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 ACCEPTED, REJECTED, EDITED, MISSING = "accepted", "rejected", "edited", "missing"
 REVIEWS = {
@@ -181,3 +184,133 @@ def _reviewed(entry: Mapping[str, Any]) -> Reviewed:
     look = entry.get("color"), entry.get("shape")
     words = str(entry.get("note", "")), str(entry.get("reviewer", ""))
     return Reviewed(review, sign_id, *look, x, y, *words)
+
+
+def review_labels(out: Path, review: Review) -> Labels:
+    """A label of each measured view of each reviewed row; a missing sign has no box and is left out, counted.
+
+    Raises InputError if the folder is no result folder, or damaged.
+    """
+    names = ["sign_id", "log", "status", "color", "shape"]
+    signs = {row["sign_id"]: row for row in read_rows(out, SIGNS, names)}
+    frames = read_rows(out, FRAMES, ["frame", "log_time_ns"])
+    times_ns = {row["frame"]: row["log_time_ns"] for row in frames}
+    labels = []
+    for row in read_rows(out, OBSERVATIONS, ["sign_id", "frame", "box"], {"verdict": "sign"}):
+        said = review.rows.get(row["sign_id"])
+        if said is None:
+            continue
+        sign = signs[row["sign_id"]]
+        look = said if said.review == EDITED else None
+        kind = BACK if sign["status"] == "back" else SIGN
+        rejected = said.review == REJECTED
+        labels.append(
+            Label(
+                LabelledImage(sign["log"], row["frame"], times_ns[row["frame"]]),
+                NOT_A_SIGN if rejected else kind,
+                tuple(row["box"]),
+                None if rejected else look.color if look else sign["color"],
+                None if rejected else look.shape if look else sign["shape"],
+                panel=row["sign_id"],
+                source=said.reviewer or "review",
+                note=said.note,
+            )
+        )
+    left_out = {"missing_without_box": len(review.missing)} if review.missing else {}
+    return Labels(tuple(labels), (), left_out)
+
+
+@dataclass(frozen=True, slots=True)
+class ReviewFigures:
+    """Counts of rows with status `sign`, by their review.
+
+    color_stated, shape_stated: right rows that state one; color_right, shape_right: of these, those whose is right.
+    """
+
+    rows: int
+    accepted: int
+    edited: int
+    rejected: int
+    missing: int
+    color_stated: int
+    color_right: int
+    shape_stated: int
+    shape_right: int
+    others: int
+    """Reviewed rows of another status, which count for nothing here."""
+
+    @property
+    def right(self) -> int:
+        """Rows that are signs."""
+        return self.accepted + self.edited
+
+    @property
+    def reviewed(self) -> int:
+        """Rows that are reviewed."""
+        return self.right + self.rejected
+
+    @property
+    def known(self) -> int:
+        """Signs known to the reviewer."""
+        return self.right + self.missing
+
+    def to_json(self) -> dict[str, Any]:
+        """All figures under plain keys, with 95 % intervals of both shares."""
+        return asdict(self) | {
+            "reviewed": self.reviewed,
+            "precision": self.right / self.reviewed if self.reviewed else None,
+            "precision_interval": share_interval(self.right, self.reviewed),
+            "recall": self.right / self.known if self.known else None,
+            "recall_interval": share_interval(self.right, self.known),
+        }
+
+
+def review_figures(out: Path, review: Review) -> ReviewFigures:
+    """Figures of a review of the result in folder `out`; raises InputError if it is no result, or damaged."""
+    columns = ["sign_id", "color", "shape"]
+    rows = {row["sign_id"]: row for row in read_rows(out, SIGNS, columns, {"status": "sign"})}
+    said = {name: review.rows[name] for name in rows if name in review.rows}
+    counts = Counter(one.review for one in said.values())
+    looks: dict[str, int] = {}
+    for look in ("color", "shape"):
+        right = [
+            one.review == ACCEPTED or getattr(one, look) == rows[name][look]
+            for name, one in said.items()
+            if one.review in (ACCEPTED, EDITED) and rows[name][look] is not None
+        ]
+        looks |= {f"{look}_stated": len(right), f"{look}_right": sum(right)}
+    return ReviewFigures(
+        rows=len(rows),
+        accepted=counts[ACCEPTED],
+        edited=counts[EDITED],
+        rejected=counts[REJECTED],
+        missing=len(review.missing),
+        others=len(review.rows) - len(said),
+        **looks,
+    )
+
+
+def format_figures(figures: ReviewFigures) -> str:
+    """All figures as plain text."""
+    f = figures
+    precision = _shown(f.right, f.reviewed, share_interval(f.right, f.reviewed))
+    recall = _shown(f.right, f.known, share_interval(f.right, f.known))
+    lines = [
+        f"reviewed   {f.reviewed} of {f.rows} rows with status sign: {f.accepted} accepted, {f.edited} edited, "
+        f"{f.rejected} rejected",
+        f"precision  {precision} of the reviewed rows are signs",
+        f"recall     {recall} of the signs known to the reviewer; {f.missing} missing",
+        f"colour     {_shown(f.color_right, f.color_stated)} right",
+        f"shape      {_shown(f.shape_right, f.shape_stated)} right",
+    ]
+    if f.others:
+        lines.append(f"not counted: {f.others} reviewed rows with status back or uncertain")
+    if f.reviewed < f.rows:
+        lines.append(f"{f.rows - f.reviewed} rows are not reviewed: recall counts none of them")
+    return "\n".join(lines)
+
+
+def _shown(count: int, total: int, interval: Interval | None = None) -> str:
+    share = "-" if total == 0 else f"{count / total:.3f}"
+    between = "" if interval is None else f" ({interval[0]:.3f} to {interval[1]:.3f})"
+    return f"{share}   {count} of {total}{between}"

@@ -33,7 +33,7 @@ from wayside.pipeline.files.settings_file import settings_digest
 from wayside.pipeline.files.writing import create, not_written
 from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.models.model_json import digest
-from wayside.pipeline.results.earlier_result import file_digest, log_fingerprint
+from wayside.pipeline.results.result import file_digest, log_fingerprint
 from wayside.schemas.detections import (
     Candidates,
     Detections,

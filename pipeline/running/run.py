@@ -25,14 +25,14 @@ from wayside.pipeline.labels.box_accounting import BoxAccounting, paired
 from wayside.pipeline.models.model_files import Models, learned_from
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.selection import describe_duplicates
-from wayside.pipeline.results.earlier_result import (
+from wayside.pipeline.results.inventory import InventoryWriter, WrittenTables
+from wayside.pipeline.results.result import (
+    RUN_FILE,
     EarlierResult,
     check_earlier,
     file_digest,
     log_fingerprint,
 )
-from wayside.pipeline.results.inventory import InventoryWriter, WrittenTables
-from wayside.pipeline.results.result import RUN_FILE
 from wayside.pipeline.running.flow import Drive, Flow, FrameCounts, Observer, paced
 from wayside.pipeline.running.image_memory import ImageMemory
 from wayside.pipeline.running.journal import Journal, journal_key, remove_journal, result_key

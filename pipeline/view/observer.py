@@ -1,4 +1,4 @@
-"""Receives every item of the flow and sends its entities to the recordings; no stage knows of it."""
+"""Receives every item of the flow and sends its entities to recordings, each from a thread of its own."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from queue import Full, Queue
 
 import rerun as rr
 
@@ -17,7 +18,6 @@ from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.blueprint import drive_layout
 from wayside.pipeline.view.closing import closing, opening
 from wayside.pipeline.view.entities import APPLICATION, Batch, Entity, Times, entity
-from wayside.pipeline.view.recorder import Recorder
 from wayside.pipeline.view.views import LAST_STAGE, ViewState, active_landmarks, entities_of
 from wayside.pipeline.workers import Item
 from wayside.schemas.frame import Frame
@@ -25,8 +25,79 @@ from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.motion import PosedDetections
 
+THREAD = "view-"
+WAITING = 48
+"""Sets of batches that wait at most."""
+CLOSING_S = 20.0
+"""A sink that has not taken everything this long after the run is abandoned."""
 FILE_PATIENCE_S = 30.0
 """A disk that takes nothing for so long is taken for full or gone."""
+
+
+def any_alive() -> bool:
+    """Whether a recording's thread still runs; after `close`, one that its sink holds for ever."""
+    return any(thread.name.startswith(THREAD) for thread in threading.enumerate())
+
+
+class Recorder:
+    """One recording and the thread that fills it; faults end it and are kept, never raised.
+
+    Parameters
+    ----------
+    name
+        For words about it: a file's name or an address.
+    open_stream
+        Makes the stream with its sink attached; called in the thread.
+    patience_s
+        How long `put` waits for a full queue before the recording is given up (a file); 0 drops the batches and goes on
+        (a live viewer, which shows the next frame instead).
+    """
+
+    def __init__(
+        self, name: str, open_stream: Callable[[], rr.RecordingStream], patience_s: float
+    ) -> None:
+        self.name, self.dropped = name, 0
+        self.fault: str | None = None
+        self._open, self._patience_s = open_stream, patience_s
+        self._queue: Queue[Sequence[Batch] | None] = Queue(WAITING)
+        self._thread = threading.Thread(target=self._work, name=f"{THREAD}{name}", daemon=True)
+        self._thread.start()
+
+    def put(self, batches: Sequence[Batch]) -> None:
+        """Hand over batches, of which none can be left out alone."""
+        if self.fault is not None:
+            return
+        try:
+            self._queue.put(batches, timeout=self._patience_s or None, block=self._patience_s > 0)
+        except Full:
+            self.dropped += 1
+            if self._patience_s > 0:
+                self.fault = f"took nothing for {self._patience_s:g} s"
+
+    def close(self) -> None:
+        """Wait until all is written, but not for ever."""
+        try:
+            self._queue.put(None, timeout=CLOSING_S)
+        except Full:
+            self.fault = self.fault or f"took nothing for {CLOSING_S:g} s"
+            return
+        self._thread.join(CLOSING_S)
+        if self._thread.is_alive():
+            self.fault = self.fault or f"did not end within {CLOSING_S:g} s"
+
+    def _work(self) -> None:
+        try:
+            stream = self._open()
+            while (batches := self._queue.get()) is not None:
+                for batch in batches:
+                    batch.send(stream)
+            stream.flush(timeout_sec=CLOSING_S / 2)
+            stream.disconnect()
+        except Exception as fault:
+            words = str(fault).splitlines() or [""]
+            self.fault = f"{type(fault).__name__}: {words[0]}"
+            while not self._queue.empty():  # so that `put` does not wait for room
+                self._queue.get_nowait()
 
 
 @dataclass(frozen=True, slots=True)

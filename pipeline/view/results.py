@@ -5,18 +5,16 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterable
-from contextlib import suppress
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from rerun.experimental import ViewerClient
 
-from wayside.pipeline.files.file_marks import is_marked, marked_png
 from wayside.pipeline.files.output_folder import RECORDING, finish_replacement
+from wayside.pipeline.files.pictures import is_marked, marked_png
 from wayside.pipeline.files.writing import sync, write_file
-from wayside.pipeline.results.result import read_rows, read_run
+from wayside.pipeline.results.result import find_sign, read_rows, read_run
 from wayside.pipeline.view.blueprint import drive_layout, sign_layout
 from wayside.pipeline.view.entities import APPLICATION, FRAME, LOG
 from wayside.pipeline.view.viewer import (
@@ -91,13 +89,8 @@ def find_target(out: Path, sign_id: str | None, frame: int | None) -> Target:
             raise UsageError(f"--frame {frame}: {out} does not hold this frame, but {known}")
         return Target(chosen, times[chosen])
     signs = read_rows(out, SIGNS, ["sign_id", "best_frame", "best_box", "ahead_m"])
-    by_id = {row["sign_id"]: row for row in signs}
-    if sign_id not in by_id:
-        near = get_close_matches(sign_id, by_id, n=1, cutoff=0.0)
-        offered = f"; did you mean {near[0]}?" if near else ""
-        raise UsageError(f"--sign {sign_id}: {out} has no such sign among {len(by_id)}{offered}")
-    best = by_id[sign_id]["best_frame"]
-    return Target(best, times[best], by_id[sign_id])
+    sign = find_sign(out, signs, sign_id)
+    return Target(sign["best_frame"], times[sign["best_frame"]], sign)
 
 
 def _richest(out: Path, frames: Iterable[int]) -> int:
@@ -176,14 +169,8 @@ def save_screenshot(
             views = ask(client.get_state).views
             ask(lambda: client.save_screenshot(str(drawn)))
         content = marked_png(drawn.read_bytes(), _MARK)
-    write_file(png, content, is_own=_is_picture, overwrite=overwrite)
+    write_file(png, content, is_own=lambda old: is_marked(old, _MARK), overwrite=overwrite)
     reports = [(view.name, report) for view in views for report in view.reports]
     faults = [f"{name}: {report}" for name, report in reports if report.severity == "error"]
     if faults:
         raise OutputError(f"{png}: drawn, but the viewer reports {'; '.join(faults)}")
-
-
-def _is_picture(path: Path) -> bool:
-    with suppress(OSError):
-        return is_marked(path, _MARK)
-    return False

@@ -9,7 +9,7 @@ from html import unescape
 import pytest
 from PIL import Image
 
-from wayside.pipeline.reading.camera_file import format_camera
+from wayside.pipeline.reading.calibrations import format_camera
 from wayside.schemas.frame import Camera
 
 NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "chrome")

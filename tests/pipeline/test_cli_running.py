@@ -9,7 +9,7 @@ from wayside.pipeline.cli import running
 from wayside.pipeline.cli.running import RunOptions, process_all
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.models import model_files
-from wayside.pipeline.results.earlier_result import file_digest, log_fingerprint
+from wayside.pipeline.results.result import file_digest, log_fingerprint
 from wayside.pipeline.running.journal import result_key
 from wayside.schemas.errors import InputError, InterruptionError, OutputError, UsageError
 

@@ -7,7 +7,7 @@ import pytest
 
 from wayside.pipeline.cli import app
 from wayside.pipeline.files.output_folder import RECORDING
-from wayside.pipeline.results.earlier_result import TABLES, check_earlier, log_fingerprint
+from wayside.pipeline.results.result import TABLES, check_earlier, log_fingerprint
 from wayside.schemas.errors import OutputError
 
 

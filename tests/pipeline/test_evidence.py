@@ -17,20 +17,19 @@ from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
 from wayside.pipeline.evidence.crops import ACCENT, cut, draw_crop, read_images
-from wayside.pipeline.evidence.figures import UNKNOWN, figures_of
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
 from wayside.pipeline.evidence.maps import error_ellipse, fit, panel_line
-from wayside.pipeline.evidence.marks import COLOR_INK, OUTLINES
+from wayside.pipeline.evidence.marks import OUTLINES, UNKNOWN, figures_of
 from wayside.pipeline.evidence.sheet import BIG, LEFT, PROPORTION, TILE, TOP, WIDTH
 from wayside.pipeline.evidence.write import write_evidence
 from wayside.pipeline.logs.importing import import_images
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.pages import shortened
-from wayside.pipeline.reading.camera_file import format_camera
+from wayside.pipeline.reading.calibrations import format_camera
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reviewing.review import read_review
 from wayside.pipeline.running.run import RunRequest, run_log
-from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.detections import SHAPES
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings, Settings
@@ -570,8 +569,7 @@ def test_a_map_shows_all_its_points_above_its_scale_bar(points):
     assert (page[:, 1] <= 340 - 40).all()
 
 
-def test_every_class_has_a_colour_and_an_outline():
-    assert set(COLOR_INK) == set(COLORS)
+def test_every_shape_has_an_outline():
     assert set(OUTLINES) == set(SHAPES)
     assert all(np.abs(outline).max() <= 1 for outline in OUTLINES.values())
 

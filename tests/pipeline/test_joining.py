@@ -18,7 +18,7 @@ from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.layout import Budget
 from wayside.pipeline.reading.parts import log_parts
 from wayside.pipeline.reading.records import Message, ScanReport, messages_at, scan
-from wayside.pipeline.results.earlier_result import log_fingerprint
+from wayside.pipeline.results.result import log_fingerprint
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings
 

@@ -11,12 +11,11 @@ import pytest
 from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
-from wayside.pipeline.labelling.items import margins, questions
-from wayside.pipeline.labelling.page import COLOR_KEYS, KINDS, SHAPE_KEYS
+from wayside.pipeline.labelling.page import COLOR_KEYS, KINDS, SHAPE_KEYS, margins, questions
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.labels.wayside_labels import read_label_file
 from wayside.pipeline.logs.importing import import_images
-from wayside.pipeline.reading.camera_file import format_camera
+from wayside.pipeline.reading.calibrations import format_camera
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import OutputError

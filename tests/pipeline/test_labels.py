@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from wayside.pipeline.labels.read import LogImages, labels_by_frame, read_labels
 from wayside.pipeline.labels.wayside_labels import read_label_file, write_labels
 from wayside.pipeline.logs.importing import import_images
-from wayside.pipeline.reading.camera_file import format_camera
+from wayside.pipeline.reading.calibrations import format_camera
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.frame import Camera

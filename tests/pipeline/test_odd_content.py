@@ -11,7 +11,7 @@ from wayside.pipeline.exporting.export import export
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.models import detector_file
 from wayside.pipeline.models.detector_file import load_detector
-from wayside.pipeline.reading.camera_file import parse_camera
+from wayside.pipeline.reading.calibrations import parse_camera
 from wayside.pipeline.reading.parts import bag_parts
 from wayside.pipeline.results.result import read_run, read_table
 from wayside.pipeline.reviewing.review import NO_REVIEW, read_review

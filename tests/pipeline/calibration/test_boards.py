@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from wayside.pipeline.calibration.boards import calibrate_images, parse_board
+from wayside.pipeline.calibration.boards import calibrate_images, format_boards, parse_board
 from wayside.pipeline.calibration.command import calibrate_by_boards
-from wayside.pipeline.calibration.coverage import format_boards
 from wayside.pipeline.cli import app
 from wayside.pipeline.logs.importing import import_images
-from wayside.pipeline.reading.camera_file import read_camera_file
+from wayside.pipeline.reading.calibrations import read_camera_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.settings import ReadSettings

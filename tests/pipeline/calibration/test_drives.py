@@ -17,7 +17,7 @@ from wayside.pipeline.calibration.drives import (
 )
 from wayside.pipeline.cli import app
 from wayside.pipeline.logs.importing import import_images
-from wayside.pipeline.reading.camera_file import format_camera, read_camera_file
+from wayside.pipeline.reading.calibrations import format_camera, read_camera_file
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import Settings

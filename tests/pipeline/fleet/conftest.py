@@ -19,7 +19,7 @@ from wayside.pipeline.fleet.merging import MergeReport
 from wayside.pipeline.fleet.running import run_fleet
 from wayside.pipeline.fleet.sources import expand_sources
 from wayside.pipeline.fleet.task import FleetOptions
-from wayside.pipeline.results.earlier_result import file_digest
+from wayside.pipeline.results.result import file_digest
 from wayside.pipeline.running.journal import result_key
 from wayside.schemas.errors import InputError, OutputError, StageError
 

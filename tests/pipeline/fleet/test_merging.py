@@ -16,9 +16,10 @@ import pytest
 from wayside.pipeline.cli import app
 from wayside.pipeline.exporting.export import export
 from wayside.pipeline.files import output_folder
+from wayside.pipeline.files.output_folder import DONE, OutputFolder
 from wayside.pipeline.fleet.changes import find_changes, parse_survey, same_face
 from wayside.pipeline.fleet.changes_page import write_page
-from wayside.pipeline.fleet.folders import locked_inventory, merge_settings_of
+from wayside.pipeline.fleet.folders import merge_settings_of
 from wayside.pipeline.fleet.inventory_data import cell_name, cells
 from wayside.pipeline.fleet.manifest import Entry, Manifest, State, write_manifest
 from wayside.pipeline.fleet.merging import MergeReport, merge_inventory
@@ -261,15 +262,17 @@ def read_answer(inventory):
 def test_whoever_opens_an_inventory_completes_a_merging_that_was_killed(copied, read, monkeypatch):
     manifest = done(*(path.name for path in drives_of(copied)))
     write_manifest(copied, replace(manifest, merged=manifest.results()))
-    (copied / ".wayside-merge-done").mkdir()
-    (copied / "panels").rename(copied / ".wayside-merge-done" / "panels")
     monkeypatch.setattr(output_folder, "_PATIENCE_S", 0.1)
-    with locked_inventory(copied), pytest.raises(InputError, match="is replacing the result"):
-        read(copied)
-    assert (copied / ".wayside-merge-done" / "panels").is_dir()
+    with OutputFolder(copied):
+        (copied / DONE).mkdir()
+        (copied / "panels").rename(copied / DONE / "panels")
+        (copied / DONE / ".files.json").write_text('[["panels"], []]')
+        with pytest.raises(InputError, match="is replacing the result"):
+            read(copied)
+    assert (copied / DONE / "panels").is_dir()
     read(copied)
     assert (copied / "panels").is_dir()
-    assert not (copied / ".wayside-merge-done").exists()
+    assert not (copied / DONE).exists()
 
 
 def test_most_changes_between_two_surveys_are_found_for_what_they_are(surveyed):

@@ -10,7 +10,7 @@ from wayside.pipeline.fleet.sources import (
     fingerprint_source,
     source_name,
 )
-from wayside.pipeline.results.earlier_result import log_fingerprint
+from wayside.pipeline.results.result import log_fingerprint
 from wayside.schemas.errors import UsageError
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.reading.camera_file import format_camera, parse_camera, read_camera_file
+from wayside.pipeline.reading.calibrations import format_camera, parse_camera, read_camera_file
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.logs.information import describe_log, format_information
-from wayside.pipeline.reading import layout, replay
+from wayside.pipeline.logs.information import describe_log
+from wayside.pipeline.reading import layout, video
 from wayside.pipeline.reading.clocks import pair_times, stream_times
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.records import ScanReport
-from wayside.pipeline.reading.replay import image_messages
 from wayside.pipeline.reading.survey import survey_log
+from wayside.pipeline.reading.video import image_messages
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings
 
@@ -141,7 +141,7 @@ def test_a_clock_set_back_into_what_was_recorded_leaves_no_order_and_is_refused(
     path = write(new_log, moved(messages(), -size, since))
     with pytest.raises(InputError, match=r"order of the images of /camera/image is not known.*Cut"):
         read(path)
-    assert "is not known" in format_information(describe_log(path))
+    assert "is not known" in describe_log(path)
 
 
 def test_headers_tell_the_order_where_the_log_clock_was_set_back(new_log):
@@ -299,7 +299,7 @@ def test_a_log_that_is_read_in_another_order_is_bounded_in_all(new_log, monkeypa
     topic, report = "/camera/image", ScanReport()
     one_by_one = list(image_messages(survey, topic, backwards, report))
     assert [row for row, _ in one_by_one] == backwards.tolist()
-    monkeypatch.setattr(replay, "_MOST_KEPT_BYTES", 0)
+    monkeypatch.setattr(video, "_MOST_KEPT_BYTES", 0)
     monkeypatch.setattr(layout, "UNPACKED_RATIO", 1)
     monkeypatch.setattr(layout, "EXTRA_BYTES", 0)
     halves = np.arange(count).reshape(2, -1).T.ravel()  # each image is in another chunk
@@ -335,7 +335,7 @@ def test_a_log_that_is_changed_while_it_is_read_is_refused(new_log):
 
 def test_information_tells_of_clocks_before_anything_is_run(new_log):
     path = write(new_log, moved(messages(), 18 * SECOND, topics=("/gps",), log=False))
-    text = format_information(describe_log(path))
+    text = describe_log(path)
     assert "note: the clock of the fixes of /gps is 18.01 s ahead of that of the images" in text
     assert "can be used: wayside run" in text
 

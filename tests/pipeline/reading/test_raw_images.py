@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wayside.pipeline.logs.information import describe_log, format_information
+from wayside.pipeline.logs.information import describe_log
 from wayside.schemas.errors import InputError
 from wayside.stages.imaging import decode
 
@@ -41,7 +41,7 @@ def test_images_that_cannot_be_decoded_are_refused_before_the_run_and_by_info(
     ) as error:
         read(path, spacing_m=8.0)
     assert why in str(error.value)
-    text = format_information(describe_log(path))
+    text = describe_log(path)
     assert why in text
     assert "can be used:" not in text
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.files.file_marks import is_marked, marked_head
+from wayside.pipeline.files.pictures import is_marked, marked_head
 from wayside.pipeline.learning.page import Figure, Picture, format_page, new_axes, png, svg
 from wayside.pipeline.report_figures.command import MARK, PAGE, write_figures
 from wayside.pipeline.report_figures.drive import around, cut, labels_beside, photo

@@ -6,9 +6,9 @@ import time
 import pytest
 import rerun as rr
 
-from wayside.pipeline.view import recorder
+from wayside.pipeline.view import observer
 from wayside.pipeline.view.entities import Batch, Entity, Times
-from wayside.pipeline.view.recorder import WAITING, Recorder
+from wayside.pipeline.view.observer import WAITING, Recorder
 
 BATCH = Batch(Times(0, 0, 0, 0.0), (Entity("words", (rr.TextLog("hello"),)),))
 
@@ -66,7 +66,7 @@ def test_a_file_that_takes_nothing_is_given_up():
 
 
 def test_a_sink_that_never_answers_is_left_behind(monkeypatch):
-    monkeypatch.setattr(recorder, "CLOSING_S", 0.1)
+    monkeypatch.setattr(observer, "CLOSING_S", 0.1)
     stuck = Blocking()
     one = Recorder("viewer", memory, 0.0)
     one.put([stuck])
