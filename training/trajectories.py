@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from training.landmarks import NEITHER, SIGN, KnownPanels, label_in_images
 from training.learn import run, write_model
 from wayside.pipeline.files.settings_file import load_settings
-from wayside.pipeline.learning.curves import KNEE_RULE, Scores, roc_curve
+from wayside.pipeline.learning.curves import KNEE_RULE, RocCurve
 from wayside.pipeline.learning.truth import read_truth
 from wayside.pipeline.models.model_files import TRAJECTORY_FILES, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -114,8 +114,7 @@ def learn_trajectories(tracks: Sequence[Track], form: str, provenance: str) -> M
     for own, model in folds(best):
         scores[own] = [mean_log_density(tracks[row].steps, model) for row in np.flatnonzero(own)]
     ones = np.ones(len(scores), np.int64)
-    curve = roc_curve(Scores(scores, sign, ones, drive, accept_below=False))
-    assert curve is not None  # there are tracks of both kinds
+    curve = RocCurve(scores, sign, ones, drive, accept_below=False)
     found, wrong = curve.tpr[curve.knee], curve.fpr[curve.knee]
     return replace(
         fitted(steps(sign), form, best),

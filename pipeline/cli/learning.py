@@ -237,7 +237,7 @@ def roc(
     its stretches.
     """
     from wayside.pipeline.models.model_files import load_models
-    from wayside.pipeline.roc.command import format_characteristics, measure_roc
+    from wayside.pipeline.roc.command import format_curves, measure_roc
     from wayside.pipeline.running.tuning import tune_process
 
     def say(line: str) -> None:
@@ -245,5 +245,5 @@ def roc(
 
     tune_process()
     chosen = chosen_settings(given)
-    measured = measure_roc(logs, labels, out, chosen, load_models(chosen), say, overwrite=overwrite)
-    typer.echo(visible_lines(format_characteristics(measured)))
+    curves = measure_roc(logs, labels, out, chosen, load_models(chosen), say, overwrite=overwrite)
+    typer.echo(visible_lines(format_curves(curves)))

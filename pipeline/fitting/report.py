@@ -176,7 +176,7 @@ def _picture(score: ClassScore, one: GaussianClass) -> Picture:
         return Picture("", f"{words}, all in one stretch")
     axes = new_axes((0, 1), (0, 1), RATES, (300, 290))
     draw_band(axes, curve)
-    draw_roc(axes, curve, INKS[0], "", used=curve.at(one.threshold, accept_below=True))
+    draw_roc(axes, curve, INKS[0], "", used=curve.at(one.threshold))
     words += f"; area {curve.area:.2f}; threshold {_threshold(one)}: {one.threshold_rule}"
     return svg(axes, words)
 
@@ -190,7 +190,7 @@ def _stretches(drives: Sequence[LabelledDrive]) -> int:
 
 
 def _area(curve: RocCurve | None) -> str:
-    return "-" if curve is None else _with_ends(curve.area, curve.area_interval)
+    return "-" if curve is None else _with_ends(curve.area, curve.bands.area)
 
 
 def _threshold(one: GaussianClass) -> str:
@@ -273,7 +273,7 @@ def _class(one: ClassScore) -> dict[str, Any]:
     thresholds = [round(v, 4) if np.isfinite(v) else None for v in curve.threshold.tolist()]
     return body | {
         "area": curve.area,
-        "area_interval": curve.area_interval,
+        "area_interval": curve.bands.area,
         "curve": {
             "threshold": thresholds,
             "true_rate": np.round(curve.tpr, 4).tolist(),

@@ -16,7 +16,7 @@ from scipy.special import erfinv
 from scipy.stats import gaussian_kde
 
 from wayside.pipeline.learning.asked import ClassifierSamples
-from wayside.pipeline.learning.curves import ALL, questions, roc_curve
+from wayside.pipeline.learning.curves import ALL, roc_curves
 from wayside.pipeline.learning.labelled import ON
 from wayside.pipeline.learning.page import INKS, RATES, TEXT, Figure, draw_roc, new_axes, svg
 from wayside.pipeline.report_figures.drive import Drive, figure, photo
@@ -164,19 +164,18 @@ def roc_figures(drive: Drive) -> Iterator[Figure]:
         ("colour", "signs", "others", "area", shipped, "FPR", "FPR where all signs pass")
     ]
     green = "no labelled green sign"
-    for one in questions({"color": samples}, drive.settings, drive.models):
-        curve = None if one.name == ALL else roc_curve(one.scores)
-        if curve is None:
+    for one in roc_curves({"color": samples}, drive.settings, drive.models):
+        if one.name == ALL or not one.two_sided:
             continue
-        name, on, value = one.name.replace("_", " "), one.scores.on, one.scores.value
+        name, on = one.name.replace("_", " "), one.on
         ink = "#{:02x}{:02x}{:02x}".format(*(max(v - 30, 0) for v in COLOR_RGB[one.name]))
-        draw_roc(axes, curve, TEXT if name == "white" else ink, name)
-        accepted = one.scores.within(one.threshold)
+        draw_roc(axes, one, TEXT if name == "white" else ink, name)
+        accepted, reached = one.within(one.used), one.within(one.value[on].max())
         shares = [
             share_words(int((flags & kind).sum()), int(kind.sum()))
-            for flags, kind in ((accepted, on), (accepted, ~on), (value <= value[on].max(), ~on))
+            for flags, kind in ((accepted, on), (accepted, ~on), (reached, ~on))
         ]
-        rows.append((name, str(on.sum()), str((~on).sum()), f"{curve.area:.4f}", *shares))
+        rows.append((name, str(on.sum()), str((~on).sum()), f"{one.area:.4f}", *shares))
         if name == "green":
             green = f"green: all signs pass with FPR {shares[2]}"
     if len(rows) == 1:
