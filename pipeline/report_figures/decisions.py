@@ -150,7 +150,9 @@ def neyman_pearson_figures(drive: Drive) -> Iterator[Figure]:
     yield _densities(densities, ours)
     yield _ratio(densities)
     yield _power(densities)
-    frame = max(images, default=None, key=lambda f: _white_area(drive, f))
+    white = drive.faces.color == "white"
+    area = np.where(white, box_areas(drive.faces.box), 0.0)
+    frame = max(images, default=None, key=lambda f: float(area[drive.faces.frame == f].sum()))
     for number, alpha in (("9.4", None), ("9.5", 0.1), ("9.6", 0.03)):
         yield _image(images, frame, number, alpha, on, off)
 
@@ -204,9 +206,8 @@ def _frames_with_white(drive: Drive) -> list[int]:
     """Frames with a white face, those of the largest faces first."""
     faces = drive.faces
     used = faces.example & np.isin(faces.frame, list(drive.frames)) & (faces.color == "white")
-    area = box_areas(faces.box)
-    rows = sorted(np.flatnonzero(used), key=lambda row: -area[row])
-    return list(dict.fromkeys(int(faces.frame[row]) for row in rows))[:_IMAGES]
+    own = faces.frame[used][np.argsort(-box_areas(faces.box[used]), kind="stable")]
+    return list(dict.fromkeys(own.tolist()))[:_IMAGES]
 
 
 def _white_mask(
@@ -236,11 +237,6 @@ def _pixels(
             pixels = rgb[mask].astype(np.float64)
             kept.append(pixels[draw.permutation(len(pixels))[: _PIXELS // _IMAGES]])
     return np.concatenate(found[0]), np.concatenate(found[1])
-
-
-def _white_area(drive: Drive, frame: int) -> float:
-    faces = drive.faces
-    return float(box_areas(faces.box[(faces.frame == frame) & (faces.color == "white")]).sum())
 
 
 def _densities(densities: Sequence[tuple[str, Densities]], ours: str) -> Figure:

@@ -129,11 +129,13 @@ def _write(
     ]
     with OutputFolder(folder) as output:
         try:
-            columns_of = [_curve_columns(one) for one in curves if one.two_sided]
-            _write_table(output.part, CURVES, columns_of)
-            for table, rows in ((CLASSIFIERS, [*map(_summary, curves)]), (CONFUSION, counts)):
-                columns = {one.name: [row[one.name] for row in rows] for one in table.columns}
-                _write_table(output.part, table, [columns])
+            for table, parts in (
+                (CURVES, [_curve_columns(one) for one in curves if one.two_sided]),
+                (CLASSIFIERS, [_columns(CLASSIFIERS, [*map(_summary, curves)])]),
+                (CONFUSION, [_columns(CONFUSION, counts)]),
+            ):
+                with ParquetFile(output.part / table.file, table.schema) as file:
+                    file.write([record_batch(table, columns) for columns in parts])
             for name, those in drawn.items():
                 with create(output.part / f"roc_{name}.png") as stream:
                     stream.write(draw_curves(name, those))
@@ -193,9 +195,8 @@ def _summary(curve: RocCurve) -> dict[str, Any]:
     return row
 
 
-def _write_table(folder: Path, table: Table, parts: Sequence[dict[str, Any]]) -> None:
-    with ParquetFile(folder / table.file, table.schema) as file:
-        file.write([record_batch(table, columns) for columns in parts])
+def _columns(table: Table, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    return {one.name: [row[one.name] for row in rows] for one in table.columns}
 
 
 def draw_curves(classifier: str, drawn: Sequence[RocCurve]) -> bytes:
