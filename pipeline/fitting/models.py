@@ -132,17 +132,15 @@ class Task:
     provenance: str
 
 
-def fit_colors(
-    samples: Samples, shipped: GaussianModel, task: Task, space: str | None
-) -> FittedModel:
-    """Colour classes by mean colours of regions, RGB; in the given space, or in that which does best when held out.
+def fit_colors(samples: Samples, shipped: GaussianModel, task: Task, space: str) -> FittedModel:
+    """Colour classes by mean colours of regions, RGB; in a space, or (`auto`) that which does best when held out.
 
     RGB, the report's space, stays where no other accepts more signs by name for its false alarms by more than one
     standard error. The shipped classes are in RGB. Takes and raises the same as `fit_gaussians`.
     """
     tried = {
         one: (replace(samples, values=color_features(samples.values, one)), color_floor(one))
-        for one in ([space] if space else COLOR_SPACES)
+        for one in (COLOR_SPACES if space == "auto" else [space])
     }
     return fit_gaussians(samples, tried, COLORS, "colour", shipped, task)
 
