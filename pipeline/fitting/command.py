@@ -202,17 +202,16 @@ def fit_models(
 
 
 def _tried(
-    what: str, fit: Callable[[], FittedModel | FittedConfidence], gathered: Gathered | None = None
+    what: str, fit: Callable[[], FittedModel | FittedConfidence], regions: Gathered | None = None
 ) -> Outcome:
     """The outcome of a fit: refused where it raises, or where the shipped model does better on what was held out."""
-    faces, met = (None, None) if gathered is None else (gathered.faces, gathered.met)
     try:
         fitted = fit()
     except InputError as error:
-        return Outcome(what, None, str(error), faces, met)
+        return Outcome(what, None, str(error), regions)
     margin = " by a standard error" if isinstance(fitted, FittedModel) else ""
     worse = f"on what was held out it is not better than the shipped one{margin}"
-    return Outcome(what, fitted, "" if fitted.better else worse, faces, met)
+    return Outcome(what, fitted, "" if fitted.better else worse, regions)
 
 
 def _write(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from wayside.pipeline.fitting.models import FittedConfidence, FittedModel, Task
-from wayside.pipeline.fitting.samples import LabelledDrive
+from wayside.pipeline.fitting.samples import Gathered, LabelledDrive
 from wayside.pipeline.learning.curves import RocCurve
 from wayside.pipeline.learning.fits import ClassScore, Rates
 from wayside.pipeline.learning.page import (
@@ -60,14 +60,13 @@ class Outcome:
     """What became of one model.
 
     `fitted`: the model with its figures, None with too few samples. `refusal`: why the shipped model stays, else "".
-    `faces`, `met`: labelled faces, and those with a region on them; None for landmarks.
+    `regions`: what it is fitted to, None for landmarks.
     """
 
     what: str
     fitted: FittedModel | FittedConfidence | None
     refusal: str = ""
-    faces: int | None = None
-    met: int | None = None
+    regions: Gathered | None = None
 
     @property
     def written(self) -> bool:
@@ -131,8 +130,8 @@ def fit_page(outcomes: Sequence[Outcome], provenance: str) -> str:
 def _described(one: Outcome) -> Iterator[tuple[str, Table]]:
     """What the terminal and the page say of a model: words, each with the table below them."""
     yield f"{FILES[one.what]} written" if one.written else f"not written, {one.refusal}", ()
-    if one.faces is not None:
-        yield f"{one.met} of {one.faces} labelled faces have a region of the segmentation", ()
+    if (own := one.regions) is not None:
+        yield f"{own.met} of {own.faces} labelled faces have a region of the segmentation", ()
     if isinstance(one.fitted, FittedConfidence):
         c = one.fitted
         yield (
@@ -219,8 +218,8 @@ def _outcome(one: Outcome) -> dict[str, Any]:
     body: dict[str, Any] = {
         "file": FILES[one.what] if one.written else None,
         "refusal": one.refusal or None,
-        "labelled_faces": one.faces,
-        "faces_with_a_region": one.met,
+        "labelled_faces": one.regions and one.regions.faces,
+        "faces_with_a_region": one.regions and one.regions.met,
     }
     if isinstance(one.fitted, FittedConfidence):
         c = one.fitted
