@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.curves import KNEE_RULE
+from wayside.pipeline.learning.curves import KNEE
 from wayside.pipeline.learning.fits import (
     BEYOND,
     COLOR_FLOOR,
@@ -56,7 +56,7 @@ DRAWS = 420
 """Values drawn from a shipped class that is kept."""
 RESAMPLINGS = 50
 """Resamplings behind the interval of a threshold."""
-KNEE_WORDS = f"knee of the ROC of all classes together: {KNEE_RULE.partition(': ')[2]}, on held-out distances"
+KNEE_WORDS = f"knee of the ROC of all classes together: {KNEE}, on held-out distances"
 ALPHA_WORDS = (
     "most true positives of all classes together of at most this false positive rate (report chapter 9), on held-out "
     "distances"

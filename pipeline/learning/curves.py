@@ -22,7 +22,8 @@ from wayside.schemas.models import EvidenceModel
 from wayside.schemas.settings import Settings
 from wayside.stages.classifiers import class_distances
 
-KNEE_RULE = "knee of the ROC: largest true minus false positive rate (report chapter 10)"
+KNEE = "largest true minus false positive rate (report chapter 10)"
+KNEE_RULE = f"knee of the ROC: {KNEE}"
 STRETCH_FRAMES = 10
 """Frames of a stretch of a drive that is resampled where there is no second drive."""
 MOST_THRESHOLDS = 400

@@ -24,7 +24,7 @@ from scipy.optimize import isotonic_regression
 from scipy.stats import norm
 
 from wayside.pipeline.learning.asked import NO_CLASS, ClassifierSamples, Rows
-from wayside.pipeline.learning.curves import KNEE_RULE, RocCurve, resampled_groups
+from wayside.pipeline.learning.curves import KNEE, KNEE_RULE, RocCurve, resampled_groups
 from wayside.pipeline.learning.labelled import ON
 from wayside.pipeline.statistics import TAILS, resamplings
 from wayside.schemas.errors import InputError
@@ -37,12 +37,8 @@ MOST_POINTS = 40
 DRAWS = 100
 """Resamplings of the thresholds of all classes together."""
 
-JOINT_RULE = "knee of the ROC of all components together: " + KNEE_RULE.partition(": ")[2]
-
-GATE_RULE = (
-    "knee of the ROC of the gate, its classes of one false positive rate: "
-    + KNEE_RULE.partition(": ")[2]
-)
+JOINT_RULE = f"knee of the ROC of all components together: {KNEE}"
+GATE_RULE = f"knee of the ROC of the gate, its classes of one false positive rate: {KNEE}"
 
 RATES = (
     *(0.001, 0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03, 0.04),
