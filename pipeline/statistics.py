@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,29 +84,21 @@ class Spread:
     p95: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class SigmaShare:
+class SigmaShare(NamedTuple):
     """Fraction of n errors within one and two stated standard deviations (a normal error: 0.68 and 0.95)."""
 
     n: int
     one: float | None
     two: float | None
 
-    def to_json(self) -> dict[str, Any]:
-        """Keys `n`, `1`, `2`."""
-        return {"n": self.n, "1": self.one, "2": self.two}
-
 
 def spread(values: Iterable[float] | NDArray[np.float64]) -> Spread:
     """Median and 95th percentile (linear interpolation)."""
     array = np.asarray(list(values), np.float64)
-    if array.size == 0:
+    if not len(array):
         return Spread(0, None, None)
-    return Spread(
-        int(array.size),
-        round(float(np.median(array)), 4),
-        round(float(np.percentile(array, 95)), 4),
-    )
+    ends = float(np.median(array)), float(np.percentile(array, 95))
+    return Spread(len(array), *(round(one, 4) for one in ends))
 
 
 def fraction(flags: Sequence[bool]) -> float | None:
@@ -121,11 +112,6 @@ def sigma_share(errors: Iterable[float], sigmas: Iterable[float | None]) -> Sigm
     return SigmaShare(
         len(ratios), fraction([r <= 1 for r in ratios]), fraction([r <= 2 for r in ratios])
     )
-
-
-def confusion(pairs: Iterable[tuple[str | None, str | None]]) -> dict[str, int]:
-    """Count `true -> reported`, sorted by name."""
-    return dict(sorted(Counter(f"{true} -> {reported}" for true, reported in pairs).items()))
 
 
 def share_words(count: int, total: int) -> str:

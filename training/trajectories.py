@@ -25,7 +25,7 @@ from training.truth import (
     write_model,
 )
 from wayside.pipeline.files.settings_file import load_settings
-from wayside.pipeline.learning.curves import KNEE_RULE, Scores, roc_curve
+from wayside.pipeline.learning.curves import KNEE_RULE, RocCurve
 from wayside.pipeline.learning.labelled import NEITHER, ON
 from wayside.pipeline.models.model_files import TRAJECTORY_FILES, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -111,8 +111,7 @@ def learn_trajectories(tracks: Sequence[Track], form: str, provenance: str) -> M
     for own, model in folds(best):
         scores[own] = [mean_log_density(tracks[row].steps, model) for row in np.flatnonzero(own)]
     ones = np.ones(len(scores), np.int64)
-    curve = roc_curve(Scores(scores, sign, ones, drive, accept_below=False))
-    assert curve is not None  # there are tracks of both kinds
+    curve = RocCurve(scores, sign, ones, drive, accept_below=False)
     found, wrong = curve.tpr[curve.knee], curve.fpr[curve.knee]
     return replace(
         fitted(steps(sign), form, best),

@@ -187,23 +187,13 @@ def fit(
     from wayside.pipeline.fitting.command import FitOptions, fit_labels
     from wayside.pipeline.running.tuning import tune_process
 
-    alpha, space = given["alpha"], given["space"]
+    own = {name: given.pop(name) for name in HOW_TO_FIT}
+    wanted, alpha = own.pop("model") or Fitted, own["alpha"]
     if alpha is not None and not 0 < alpha < 1:
         raise UsageError(f"--alpha: a false-alarm rate lies between 0 and 1, not at {alpha:g}")
     tune_process()
-    options = FitOptions(
-        tuple(labels),
-        tuple(images),
-        given["classes"],
-        settings_of({name: value for name, value in given.items() if name not in HOW_TO_FIT}),
-        tuple(one.value for one in Fitted if one in (given["model"] or Fitted)),
-        alpha,
-        None if space == "auto" else space,
-        given["complete"],
-        given["only_labelled"],
-        given["source"],
-        given["licence"],
-    )
+    asked = tuple(one.value for one in Fitted if one in wanted)
+    options = FitOptions(tuple(labels), tuple(images), settings_of(given), asked, **own)
     report = fit_labels(
         options, out, overwrite=overwrite, notify=lambda words: typer.echo(visible(words), err=True)
     )
@@ -237,7 +227,7 @@ def roc(
     its stretches.
     """
     from wayside.pipeline.models.model_files import load_models
-    from wayside.pipeline.roc.command import format_characteristics, measure_roc
+    from wayside.pipeline.roc.command import format_curves, measure_roc
     from wayside.pipeline.running.tuning import tune_process
 
     def say(line: str) -> None:
@@ -245,5 +235,5 @@ def roc(
 
     tune_process()
     chosen = chosen_settings(given)
-    measured = measure_roc(logs, labels, out, chosen, load_models(chosen), say, overwrite=overwrite)
-    typer.echo(visible_lines(format_characteristics(measured)))
+    curves = measure_roc(logs, labels, out, chosen, load_models(chosen), say, overwrite=overwrite)
+    typer.echo(visible_lines(format_curves(curves)))

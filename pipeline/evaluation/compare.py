@@ -15,7 +15,7 @@ from wayside.pipeline.evaluation.misses import (
     Face,
     cause_words,
     count_steps,
-    miss_causes,
+    miss_cause,
 )
 from wayside.pipeline.evaluation.real import evaluate_against_labels
 from wayside.pipeline.evaluation.rendered import evaluate_against_truth
@@ -65,7 +65,7 @@ def evaluate(out: Path, truth: Path) -> Evaluation:
     statuses = {row["sign_id"]: row["status"] for row in rows}
     return replace(
         evaluation,
-        causes=miss_causes(faces, candidates, frames, statuses),
+        causes=tuple(miss_cause(face, candidates, frames, statuses) for face in faces),
         images=len(frames),
         learned_by=None if learned_by is None else tuple(map(str, learned_by)),
         stated=tuple(

@@ -16,7 +16,6 @@ from wayside.pipeline.statistics import (
     Interval,
     SigmaShare,
     Spread,
-    confusion,
     fraction,
     rate_interval,
     share_interval,
@@ -252,7 +251,8 @@ class RenderedEvaluation(Evaluation):
 
     def confusion(self, name: str) -> dict[str, int]:
         """Counts of colours or shapes by `true -> reported`."""
-        return confusion((match.panel[name], match.sign[name]) for match in self.found)
+        pairs = Counter(f"{match.panel[name]} -> {match.sign[name]}" for match in self.found)
+        return dict(sorted(pairs.items()))
 
     def _pairs(self, reported: str, true: str) -> list[tuple[float, float]]:
         """Reported and true lengths of the matches whose reported one is known."""
@@ -266,7 +266,10 @@ class RenderedEvaluation(Evaluation):
             "width_error": asdict(self.size_error("width")),
             "height_error": asdict(self.size_error("height")),
             "bottom_error_m": asdict(self.bottom_error_m),
-            "sigma_share": {name: value.to_json() for name, value in self.sigma_share.items()},
+            "sigma_share": {
+                name: dict(zip(("n", "1", "2"), value, strict=True))
+                for name, value in self.sigma_share.items()
+            },
             "color_right": self.class_right("color"),
             "shape_right": self.class_right("shape"),
             "color_confusion": self.confusion("color"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -82,31 +82,14 @@ class Candidates:
         return [(row, share) for row, share in zip(rows, shared, strict=True) if share > 0]
 
 
-def miss_causes(
-    missed: Sequence[Face],
-    candidates: Candidates,
-    frames: Mapping[int, str],
-    rows: Mapping[str, str],
-) -> tuple[MissCause, ...]:
-    """The cause of each miss: the last step that a candidate on it passed in any view, and the usual reason there.
-
-    Parameters
-    ----------
-    missed
-        The signs that were not found.
-    candidates
-        All candidates of the images that show them.
-    frames
-        Status of each image that was read.
-    rows
-        Status of each reported row.
-    """
-    return tuple(_cause(face, candidates, frames, rows) for face in missed)
-
-
-def _cause(
+def miss_cause(
     face: Face, candidates: Candidates, frames: Mapping[int, str], rows: Mapping[str, str]
 ) -> MissCause:
+    """The last step that a candidate on a missed sign passed in any view, and the usual reason there.
+
+    `candidates`: all of the images that show it. `frames`: status of each image that was read. `rows`: status of each
+    reported row.
+    """
     outcomes: list[tuple[str, str]] = []
     on_it: Counter[str] = Counter()
     for frame, box in face.views.items():

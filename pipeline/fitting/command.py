@@ -60,21 +60,21 @@ FIGURES, PAGE = "fit.json", "fit.html"
 class FitOptions:
     """Options of the command.
 
-    `labels`, `images`: files and folders as given. `classes`: TOML file for foreign class names. `read`: options of
-    reading by their setting. `wanted`: which models. `alpha`: false-alarm rate. `space`: of the colours, None: by
-    cross-validation. `complete`: every labelled image shows no other sign. `only_labelled`: leave out classes of too
-    few signs. `source`, `licence`: words for the model files.
+    `labels`, `images`: files and folders as given. `read`: options of reading by their setting. `wanted`: which models.
+    `alpha`: false-alarm rate. `space`: of the colours, `auto`: by cross-validation. `complete`: every labelled image
+    shows no other sign. `only_labelled`: leave out classes of too few signs. `classes`: TOML file for foreign class
+    names. `source`, `licence`: words for the model files.
     """
 
     labels: tuple[Path, ...]
     images: tuple[Path, ...]
-    classes: Path | None
     read: dict[str, object]
     wanted: tuple[str, ...]
     alpha: float | None
-    space: str | None
+    space: str
     complete: bool
     only_labelled: bool
+    classes: Path | None
     source: str
     licence: str
 
@@ -109,7 +109,7 @@ def fit_labels(
     read = presets["report"].read
     drives = labelled_drives(labels, options.images, read, complete=options.complete)
     task = Task(options.alpha, options.only_labelled, provenance(options, drives))
-    outcomes = fit_models(drives, presets, task, options.wanted, options.space, notify)
+    outcomes = fit_models(drives, presets, task, options, notify)
     if not any(one.written for one in outcomes):
         lines = [line for one in outcomes for line in outcome_lines(one)]
         raise InputError("\n".join(["no model is written", *lines]))
@@ -148,15 +148,14 @@ def fit_models(
     drives: Sequence[LabelledDrive],
     presets: Mapping[str, Settings],
     task: Task,
-    wanted: Sequence[str],
-    space: str | None,
+    options: FitOptions,
     notify: Callable[[str], None],
 ) -> list[Outcome]:
     """Fit those of `FILES` that are wanted, in the order of the chain; each is asked about what those before accept.
 
-    `presets`: settings of `report-shape`, `report` and `default`. `space`: of the colours. `notify`: is called with
-    what comes next.
+    `presets`: settings of `report-shape`, `report` and `default`. `notify`: is called with what comes next.
     """
+    wanted = options.wanted
     report = presets["report"]
     models, default = load_models(report), load_models(presets["default"])
     shapes = load_models(presets["report-shape"]).shape_classes
@@ -168,7 +167,7 @@ def fit_models(
         notify("colours: segmenting the labelled images")
         found = region_samples(drives, report)
         outcomes.append(
-            _tried(COLOR, partial(fit_colors, found.samples, colors, task, space), found)
+            _tried(COLOR, partial(fit_colors, found.samples, colors, task, options.space), found)
         )
         fitted = outcomes[0].fitted
         if outcomes[0].written and isinstance(fitted, FittedModel):
@@ -203,17 +202,16 @@ def fit_models(
 
 
 def _tried(
-    what: str, fit: Callable[[], FittedModel | FittedConfidence], gathered: Gathered | None = None
+    what: str, fit: Callable[[], FittedModel | FittedConfidence], regions: Gathered | None = None
 ) -> Outcome:
     """The outcome of a fit: refused where it raises, or where the shipped model does better on what was held out."""
-    faces, met = (None, None) if gathered is None else (gathered.faces, gathered.met)
     try:
         fitted = fit()
     except InputError as error:
-        return Outcome(what, None, str(error), faces, met)
+        return Outcome(what, None, str(error), regions)
     margin = " by a standard error" if isinstance(fitted, FittedModel) else ""
     worse = f"on what was held out it is not better than the shipped one{margin}"
-    return Outcome(what, fitted, "" if fitted.better else worse, faces, met)
+    return Outcome(what, fitted, "" if fitted.better else worse, regions)
 
 
 def _write(

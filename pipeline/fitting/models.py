@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.curves import KNEE_RULE
+from wayside.pipeline.learning.curves import KNEE
 from wayside.pipeline.learning.fits import (
     BEYOND,
     COLOR_FLOOR,
@@ -56,7 +56,7 @@ DRAWS = 420
 """Values drawn from a shipped class that is kept."""
 RESAMPLINGS = 50
 """Resamplings behind the interval of a threshold."""
-KNEE_WORDS = f"knee of the ROC of all classes together: {KNEE_RULE.partition(': ')[2]}, on held-out distances"
+KNEE_WORDS = f"knee of the ROC of all classes together: {KNEE}, on held-out distances"
 ALPHA_WORDS = (
     "most true positives of all classes together of at most this false positive rate (report chapter 9), on held-out "
     "distances"
@@ -132,17 +132,15 @@ class Task:
     provenance: str
 
 
-def fit_colors(
-    samples: Samples, shipped: GaussianModel, task: Task, space: str | None
-) -> FittedModel:
-    """Colour classes by mean colours of regions, RGB; in the given space, or in that which does best when held out.
+def fit_colors(samples: Samples, shipped: GaussianModel, task: Task, space: str) -> FittedModel:
+    """Colour classes by mean colours of regions, RGB; in a space, or (`auto`) that which does best when held out.
 
     RGB, the report's space, stays where no other accepts more signs by name for its false alarms by more than one
     standard error. The shipped classes are in RGB. Takes and raises the same as `fit_gaussians`.
     """
     tried = {
         one: (replace(samples, values=color_features(samples.values, one)), color_floor(one))
-        for one in ([space] if space else COLOR_SPACES)
+        for one in (COLOR_SPACES if space == "auto" else [space])
     }
     return fit_gaussians(samples, tried, COLORS, "colour", shipped, task)
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from wayside.pipeline.fitting.models import FittedConfidence, FittedModel, Task
-from wayside.pipeline.fitting.samples import LabelledDrive
+from wayside.pipeline.fitting.samples import Gathered, LabelledDrive
 from wayside.pipeline.learning.curves import RocCurve
 from wayside.pipeline.learning.fits import ClassScore, Rates
 from wayside.pipeline.learning.page import (
@@ -60,14 +60,13 @@ class Outcome:
     """What became of one model.
 
     `fitted`: the model with its figures, None with too few samples. `refusal`: why the shipped model stays, else "".
-    `faces`, `met`: labelled faces, and those with a region on them; None for landmarks.
+    `regions`: what it is fitted to, None for landmarks.
     """
 
     what: str
     fitted: FittedModel | FittedConfidence | None
     refusal: str = ""
-    faces: int | None = None
-    met: int | None = None
+    regions: Gathered | None = None
 
     @property
     def written(self) -> bool:
@@ -131,8 +130,8 @@ def fit_page(outcomes: Sequence[Outcome], provenance: str) -> str:
 def _described(one: Outcome) -> Iterator[tuple[str, Table]]:
     """What the terminal and the page say of a model: words, each with the table below them."""
     yield f"{FILES[one.what]} written" if one.written else f"not written, {one.refusal}", ()
-    if one.faces is not None:
-        yield f"{one.met} of {one.faces} labelled faces have a region of the segmentation", ()
+    if (own := one.regions) is not None:
+        yield f"{own.met} of {own.faces} labelled faces have a region of the segmentation", ()
     if isinstance(one.fitted, FittedConfidence):
         c = one.fitted
         yield (
@@ -176,7 +175,7 @@ def _picture(score: ClassScore, one: GaussianClass) -> Picture:
         return Picture("", f"{words}, all in one stretch")
     axes = new_axes((0, 1), (0, 1), RATES, (300, 290))
     draw_band(axes, curve)
-    draw_roc(axes, curve, INKS[0], "", used=curve.at(one.threshold, accept_below=True))
+    draw_roc(axes, curve, INKS[0], "", used=curve.at(one.threshold))
     words += f"; area {curve.area:.2f}; threshold {_threshold(one)}: {one.threshold_rule}"
     return svg(axes, words)
 
@@ -190,7 +189,7 @@ def _stretches(drives: Sequence[LabelledDrive]) -> int:
 
 
 def _area(curve: RocCurve | None) -> str:
-    return "-" if curve is None else _with_ends(curve.area, curve.area_interval)
+    return "-" if curve is None else _with_ends(curve.area, curve.bands.area)
 
 
 def _threshold(one: GaussianClass) -> str:
@@ -219,8 +218,8 @@ def _outcome(one: Outcome) -> dict[str, Any]:
     body: dict[str, Any] = {
         "file": FILES[one.what] if one.written else None,
         "refusal": one.refusal or None,
-        "labelled_faces": one.faces,
-        "faces_with_a_region": one.met,
+        "labelled_faces": one.regions and one.regions.faces,
+        "faces_with_a_region": one.regions and one.regions.met,
     }
     if isinstance(one.fitted, FittedConfidence):
         c = one.fitted
@@ -273,7 +272,7 @@ def _class(one: ClassScore) -> dict[str, Any]:
     thresholds = [round(v, 4) if np.isfinite(v) else None for v in curve.threshold.tolist()]
     return body | {
         "area": curve.area,
-        "area_interval": curve.area_interval,
+        "area_interval": curve.bands.area,
         "curve": {
             "threshold": thresholds,
             "true_rate": np.round(curve.tpr, 4).tolist(),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -62,29 +62,23 @@ class Rows:
 
     def __len__(self) -> int:
         """Count rows."""
-        return len(next(one for one in self.columns().values() if isinstance(one, np.ndarray)))
+        return len(next(iter(self.columns().values())))
 
     def select(self, rows: NDArray[Any]) -> Self:
         """Those rows, in that order."""
-        return type(self)(
-            **{k: v[rows] if isinstance(v, np.ndarray) else v for k, v in self.columns().items()}
-        )
+        return replace(self, **{name: own[rows] for name, own in self.columns().items()})
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """The rows of several, at least one, in that order."""
-        return cls(
-            **{
-                name: np.concatenate([getattr(part, name) for part in parts])
-                if isinstance(value, np.ndarray)
-                else value
-                for name, value in parts[0].columns().items()
-            }
-        )
+        columns = [part.columns() for part in parts]
+        every = {name: np.concatenate([own[name] for own in columns]) for name in columns[0]}
+        return replace(parts[0], **every)
 
-    def columns(self) -> dict[str, Any]:
-        """All fields by name."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """The columns by name."""
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        return {name: own for name, own in values.items() if isinstance(own, np.ndarray)}
 
 
 @dataclass(frozen=True, slots=True)

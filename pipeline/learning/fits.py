@@ -14,7 +14,7 @@ from scipy.special import expit
 from scipy.stats import multivariate_normal
 
 from wayside.pipeline.learning.asked import Rows
-from wayside.pipeline.learning.curves import RocCurve, Scores, roc_curve
+from wayside.pipeline.learning.curves import RocCurve
 from wayside.pipeline.learning.thresholds import Gate, best_point
 from wayside.pipeline.statistics import TAILS, resamplings
 from wayside.schemas.models import GaussianClass, GaussianModel
@@ -234,10 +234,10 @@ def score_held_out(
     for j, name in enumerate(names):
         own = np.asarray(samples.kind == name)
         asked = own | others
-        scores = Scores(distance[asked, j], own[asked], count[asked], samples.stretch[asked], True)
-        curve = roc_curve(scores) if (distance[own, j] < BEYOND).any() else None
+        curve = RocCurve(distance[asked, j], own[asked], count[asked], samples.stretch[asked], True)
+        known = curve if curve.two_sided and (distance[own, j] < BEYOND).any() else None
         named = _share(resampled.rate(np.asarray(given == name), own))
-        classes.append(ClassScore(name, int(own.sum()), samples.signs(name), curve, named))
+        classes.append(ClassScore(name, int(own.sum()), samples.signs(name), known, named))
     pairs = zip(samples.kind[~others], given[~others], strict=True)
     confusion = Counter(f"{known} -> {name or 'refused'}" for known, name in pairs)
     rates = resampled.rates(given)

@@ -119,8 +119,8 @@ def draw_roc(
 
 def draw_band(axes: Axes, curve: RocCurve) -> None:
     """The 95 % band of the true positive rate, where there is one."""
-    if curve.tpr_band is not None:
-        axes.fill_between(curve.fpr, *curve.tpr_band.T, color=BAND, linewidth=0)
+    if curve.bands.tpr is not None:
+        axes.fill_between(curve.fpr, *curve.bands.tpr.T, color=BAND, linewidth=0)
 
 
 def legend_beside(axes: Axes, words: str) -> None:

@@ -24,7 +24,7 @@ from scipy.optimize import isotonic_regression
 from scipy.stats import norm
 
 from wayside.pipeline.learning.asked import NO_CLASS, ClassifierSamples, Rows
-from wayside.pipeline.learning.curves import KNEE_RULE, Scores, resampled_groups, roc_curve
+from wayside.pipeline.learning.curves import KNEE, KNEE_RULE, RocCurve, resampled_groups
 from wayside.pipeline.learning.labelled import ON
 from wayside.pipeline.statistics import TAILS, resamplings
 from wayside.schemas.errors import InputError
@@ -37,12 +37,8 @@ MOST_POINTS = 40
 DRAWS = 100
 """Resamplings of the thresholds of all classes together."""
 
-JOINT_RULE = "knee of the ROC of all components together: " + KNEE_RULE.partition(": ")[2]
-
-GATE_RULE = (
-    "knee of the ROC of the gate, its classes of one false positive rate: "
-    + KNEE_RULE.partition(": ")[2]
-)
+JOINT_RULE = f"knee of the ROC of all components together: {KNEE}"
+GATE_RULE = f"knee of the ROC of the gate, its classes of one false positive rate: {KNEE}"
 
 RATES = (
     *(0.001, 0.002, 0.003, 0.005, 0.007, 0.01, 0.015, 0.02, 0.03, 0.04),
@@ -165,13 +161,13 @@ def with_learned_thresholds(
     classes = []
     for j, one in enumerate(model.classes):
         rows = ~on | of_class[:, j]
-        curve = roc_curve(Scores(distance[rows, j], on[rows], own.count[rows], group[rows], True))
-        if curve is not None:
+        curve = RocCurve(distance[rows, j], on[rows], own.count[rows], group[rows], True)
+        if curve.two_sided:
             one = replace(
                 one,
                 threshold=max(0.0, float(curve.threshold[curve.knee])),
                 threshold_rule=KNEE_RULE,
-                threshold_interval=curve.knee_interval,
+                threshold_interval=curve.bands.knee,
             )
         classes.append(one)
     return replace(model, classes=tuple(classes), curve=gate.points())
@@ -215,8 +211,8 @@ def with_score_threshold(model: MixtureModel, samples: ClassifierSamples) -> Mix
     own = samples.known()
     value, on = own.values[:, 0], own.label == ON
     group = resampled_groups(own.drive, own.frame)[0]
-    curve = roc_curve(Scores(value, on, own.count, group, accept_below=False))
-    if curve is None:
+    curve = RocCurve(value, on, own.count, group, accept_below=False)
+    if not curve.two_sided:
         raise _one_sided(samples, on)
     known, rates = np.isfinite(value), rates_of(curve.negatives)
     return replace(
@@ -226,7 +222,7 @@ def with_score_threshold(model: MixtureModel, samples: ClassifierSamples) -> Mix
             f"{KNEE_RULE}; {curve.tpr[curve.knee]:.3f} of {curve.positives} tracks of signs and "
             f"{curve.fpr[curve.knee]:.3f} of {curve.negatives} others"
         ),
-        threshold_interval=curve.knee_interval,
+        threshold_interval=curve.bands.knee,
         curve=score_points(value[known], on[known], group[known], counted_tail, rates),
     )
 

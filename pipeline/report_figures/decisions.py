@@ -16,7 +16,7 @@ from scipy.special import erfinv
 from scipy.stats import gaussian_kde
 
 from wayside.pipeline.learning.asked import ClassifierSamples
-from wayside.pipeline.learning.curves import ALL, questions, roc_curve
+from wayside.pipeline.learning.curves import ALL, roc_curves
 from wayside.pipeline.learning.labelled import ON
 from wayside.pipeline.learning.page import INKS, RATES, TEXT, Figure, draw_roc, new_axes, svg
 from wayside.pipeline.report_figures.drive import Drive, figure, photo
@@ -150,7 +150,9 @@ def neyman_pearson_figures(drive: Drive) -> Iterator[Figure]:
     yield _densities(densities, ours)
     yield _ratio(densities)
     yield _power(densities)
-    frame = max(images, default=None, key=lambda f: _white_area(drive, f))
+    white = drive.faces.color == "white"
+    area = np.where(white, box_areas(drive.faces.box), 0.0)
+    frame = max(images, default=None, key=lambda f: float(area[drive.faces.frame == f].sum()))
     for number, alpha in (("9.4", None), ("9.5", 0.1), ("9.6", 0.03)):
         yield _image(images, frame, number, alpha, on, off)
 
@@ -164,19 +166,18 @@ def roc_figures(drive: Drive) -> Iterator[Figure]:
         ("colour", "signs", "others", "area", shipped, "FPR", "FPR where all signs pass")
     ]
     green = "no labelled green sign"
-    for one in questions({"color": samples}, drive.settings, drive.models):
-        curve = None if one.name == ALL else roc_curve(one.scores)
-        if curve is None:
+    for one in roc_curves({"color": samples}, drive.settings, drive.models):
+        if one.name == ALL or not one.two_sided:
             continue
-        name, on, value = one.name.replace("_", " "), one.scores.on, one.scores.value
+        name, on = one.name.replace("_", " "), one.on
         ink = "#{:02x}{:02x}{:02x}".format(*(max(v - 30, 0) for v in COLOR_RGB[one.name]))
-        draw_roc(axes, curve, TEXT if name == "white" else ink, name)
-        accepted = one.scores.within(one.threshold)
+        draw_roc(axes, one, TEXT if name == "white" else ink, name)
+        accepted, reached = one.within(one.used), one.within(one.value[on].max())
         shares = [
             share_words(int((flags & kind).sum()), int(kind.sum()))
-            for flags, kind in ((accepted, on), (accepted, ~on), (value <= value[on].max(), ~on))
+            for flags, kind in ((accepted, on), (accepted, ~on), (reached, ~on))
         ]
-        rows.append((name, str(on.sum()), str((~on).sum()), f"{curve.area:.4f}", *shares))
+        rows.append((name, str(on.sum()), str((~on).sum()), f"{one.area:.4f}", *shares))
         if name == "green":
             green = f"green: all signs pass with FPR {shares[2]}"
     if len(rows) == 1:
@@ -205,9 +206,8 @@ def _frames_with_white(drive: Drive) -> list[int]:
     """Frames with a white face, those of the largest faces first."""
     faces = drive.faces
     used = faces.example & np.isin(faces.frame, list(drive.frames)) & (faces.color == "white")
-    area = box_areas(faces.box)
-    rows = sorted(np.flatnonzero(used), key=lambda row: -area[row])
-    return list(dict.fromkeys(int(faces.frame[row]) for row in rows))[:_IMAGES]
+    own = faces.frame[used][np.argsort(-box_areas(faces.box[used]), kind="stable")]
+    return list(dict.fromkeys(own.tolist()))[:_IMAGES]
 
 
 def _white_mask(
@@ -237,11 +237,6 @@ def _pixels(
             pixels = rgb[mask].astype(np.float64)
             kept.append(pixels[draw.permutation(len(pixels))[: _PIXELS // _IMAGES]])
     return np.concatenate(found[0]), np.concatenate(found[1])
-
-
-def _white_area(drive: Drive, frame: int) -> float:
-    faces = drive.faces
-    return float(box_areas(faces.box[(faces.frame == frame) & (faces.color == "white")]).sum())
 
 
 def _densities(densities: Sequence[tuple[str, Densities]], ours: str) -> Figure:

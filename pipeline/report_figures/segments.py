@@ -41,16 +41,23 @@ Images = dict[int, NDArray[np.uint8]]
 def segmentation_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 2.1 to 3.1."""
     faces = drive.faces
-    near, far = _face(drive, "yellow", largest=True), _face(drive, "green", largest=False)
-    scenes = drive.scenes({int(faces.frame[row]) for row in (near, far) if row is not None})
-
-    def scene_of(row: int | None) -> Scene | None:
-        return None if row is None else scenes.get(int(faces.frame[row]))
-
-    yield _clustered(drive, figure("2.1"), scene_of(near), near)
-    yield _clustered(drive, figure("2.2"), scene_of(far), far)
-    yield _difference(drive, scene_of(far), far)
-    yield _size_gate(drive, scene_of(near))
+    rows = np.flatnonzero(faces.example & np.isin(faces.frame, list(drive.frames)))
+    if not len(rows):
+        for number in ("2.1", "2.2", "2.3"):
+            yield figure(number).left_out("labels of a whole sign face")
+        yield _size_gate(drive, None)
+        return
+    yellow, green = (
+        rows[faces.color[rows] == color].tolist() or rows.tolist() for color in ("yellow", "green")
+    )
+    tall = (faces.box[:, 3] - faces.box[:, 1]).tolist()
+    near, far = max(yellow, key=tall.__getitem__), min(green, key=tall.__getitem__)
+    scenes = drive.scenes({int(faces.frame[row]) for row in (near, far)})
+    near_scene, far_scene = (scenes[int(faces.frame[row])] for row in (near, far))
+    yield _clustered(drive, "2.1", near_scene, near)
+    yield _clustered(drive, "2.2", far_scene, far)
+    yield _difference(drive, far_scene, far)
+    yield _size_gate(drive, near_scene)
 
 
 def color_figures(drive: Drive) -> Iterator[Figure]:
@@ -87,21 +94,7 @@ def rates_of(samples: ClassifierSamples, color: str) -> tuple[int, int, int, int
     return int((on & named).sum()), int(on.sum()), int((off & named).sum()), int(off.sum())
 
 
-def _face(drive: Drive, color: str, *, largest: bool) -> int | None:
-    """Row of the largest or smallest face of a colour, else of any colour. None without faces."""
-    faces = drive.faces
-    rows = np.flatnonzero(faces.example & np.isin(faces.frame, list(drive.frames)))
-    own = rows[faces.color[rows] == color]
-    own = own if len(own) else rows
-    if not len(own):
-        return None
-    tall = faces.box[own, 3] - faces.box[own, 1]
-    return int(own[int(np.argmax(tall) if largest else np.argmin(tall))])
-
-
-def _clustered(drive: Drive, blank: Figure, scene: Scene | None, row: int | None) -> Figure:
-    if row is None or scene is None:
-        return blank.left_out("labels of a whole sign face")
+def _clustered(drive: Drive, number: str, scene: Scene, row: int) -> Figure:
     box = drive.faces.box[row]
     x0, y0, x1, y1 = _inside(box, scene.rgb.shape)
     own = scene.difference[y0:y1, x0:x1]
@@ -115,12 +108,12 @@ def _clustered(drive: Drive, blank: Figure, scene: Scene | None, row: int | None
         f"pixels are of one cluster, whose colour is {color}; its pixels lie {np.median(own):.0f} levels from the "
         f"colours of their clusters (median; whole image {np.median(scene.difference):.0f})"
     )
-    return blank.shown(ours, photo(pictures, "the image, and in the colours of its clusters"))
+    return figure(number).shown(
+        ours, photo(pictures, "the image, and in the colours of its clusters")
+    )
 
 
-def _difference(drive: Drive, scene: Scene | None, row: int | None) -> Figure:
-    if row is None or scene is None:
-        return figure("2.3").left_out("labels of a whole sign face")
+def _difference(drive: Drive, scene: Scene, row: int) -> Figure:
     grey = np.minimum(np.rint(3 * scene.difference), 255).astype(np.uint8)
     by_source = _found_by_source(drive)
     corners = around(drive.faces.box[row], scene.rgb.shape[:2])
@@ -211,10 +204,9 @@ def _crops(
 ) -> tuple[Picture, ...]:
     crops = []
     for row in rows:
-        rgb, box = images.get(int(samples.frame[row])), samples.box[row]
-        if rgb is not None:
-            corners = around(box, rgb.shape[:2], least=48)
-            crops.append(cut(boxed(rgb, [box], width=1), corners, 120))
+        rgb, box = images[int(samples.frame[row])], samples.box[row]
+        corners = around(box, rgb.shape[:2], least=48)
+        crops.append(cut(boxed(rgb, [box], width=1), corners, 120))
     return (photo(beside(crops, 8), f"{len(crops)} of {total} segments"),) if crops else ()
 
 
@@ -227,7 +219,8 @@ View = list[FaceOutline]
 
 def shape_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 4.1 and 4.2, and the claim."""
-    views = views_with_shape(drive)
+    known = [one for one in drive.outlines if drive.faces.shape[one.face]]
+    views = [list(own) for _, own in groupby(known, key=lambda one: (one.frame, one.face))]
     by_size = sorted(views, key=lambda view: -_area(_largest(view)))
     found = [view for view in by_size if right(drive, view)]
     # the largest of each shape
@@ -238,12 +231,6 @@ def shape_figures(drive: Drive) -> Iterator[Figure]:
     yield _curves(drive, images, [_largest(view) for view in shown])
     yield _false_negatives(drive, images, [_largest(view) for view in worst])
     yield _claim(drive, views)
-
-
-def views_with_shape(drive: Drive) -> list[View]:
-    """The outlines of each labelled face of a known shape in each image, in order."""
-    known = [one for one in drive.outlines if drive.faces.shape[one.face]]
-    return [list(own) for _, own in groupby(known, key=lambda one: (one.frame, one.face))]
 
 
 def right(drive: Drive, view: View) -> bool:
@@ -268,23 +255,21 @@ def _largest(view: View) -> FaceOutline:
 
 def _drawn(
     images: Images, outlines: Sequence[FaceOutline], curves: Sequence[str]
-) -> NDArray[np.uint8] | None:
+) -> NDArray[np.uint8]:
     crops = []
     for one in outlines:
-        if (rgb := images.get(one.frame)) is not None:
-            corners = around(one.box, rgb.shape[:2], times=1.5, least=24)
-            terms = [
-                (curve_of_terms(one.sequence[None], CURVES[k])[0], OUTLINE_INKS[k]) for k in curves
-            ]
-            crops.append(
-                lined(rgb, corners, _TALL, [(one.sequence, OUTLINE_INKS["traced"]), *terms])
-            )
-    return beside(crops) if crops else None
+        rgb = images[one.frame]
+        corners = around(one.box, rgb.shape[:2], times=1.5, least=24)
+        lines = [(one.sequence, OUTLINE_INKS["traced"])]
+        for name in curves:
+            curve = curve_of_terms(one.sequence[None], CURVES[name])[0]
+            lines.append((curve, OUTLINE_INKS[name]))
+        crops.append(lined(rgb, corners, _TALL, lines))
+    return beside(crops)
 
 
 def _curves(drive: Drive, images: Images, shown: Sequence[FaceOutline]) -> Figure:
-    drawn = _drawn(images, shown, tuple(CURVES))
-    if drawn is None:
+    if not shown:
         return figure("4.1").left_out("a labelled sign whose outline is recognised")
     rows = [("shape", *(name.replace("_", " ") for name in CURVES))]
     for one in shown:
@@ -292,19 +277,18 @@ def _curves(drive: Drive, images: Images, shown: Sequence[FaceOutline]) -> Figur
         rows.append((drive.faces.shape[one.face], *errors))
     words = "white: traced; orange: circle; blue: ellipse; pink: six terms"
     ours = "distance of the outline from each curve, RMS, as a share of its mean radius:"
-    return figure("4.1").shown(ours, photo(drawn, words), table=rows)
+    return figure("4.1").shown(ours, photo(_drawn(images, shown, tuple(CURVES)), words), table=rows)
 
 
 def _false_negatives(drive: Drive, images: Images, worst: Sequence[FaceOutline]) -> Figure:
-    drawn = _drawn(images, worst, ())
-    if drawn is None:
+    if not worst:
         return figure("4.2").shown("none of the labelled signs is missed")
     told = [
         f"{drive.faces.shape[one.face]} taken for {one.named} at {one.distance:.1f}"
         + ("" if one.accepted else ", too far")
         for one in worst
     ]
-    return figure("4.2").shown("; ".join(told), photo(drawn, "traced outlines"))
+    return figure("4.2").shown("; ".join(told), photo(_drawn(images, worst, ()), "traced outlines"))
 
 
 def _claim(drive: Drive, views: Sequence[View]) -> Figure:

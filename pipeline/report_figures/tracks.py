@@ -11,7 +11,7 @@ import numpy as np
 
 from wayside.pipeline.calibration.boards import calibrate_images, draw_coverage, parse_board
 from wayside.pipeline.evaluation.rendered import FEWEST_FRAMES
-from wayside.pipeline.labels.box_matching import overlap
+from wayside.pipeline.labels.box_matching import Box, same_thing
 from wayside.pipeline.learning.gates import KANSAS_MEAN
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
 from wayside.pipeline.learning.page import FAINT, INKS, TEXT, Figure, new_axes, svg
@@ -119,10 +119,8 @@ def residual_figure(drive: Drive) -> Figure:
 def scene_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 8.3 to 8.6."""
     for number, show in (("8.3 to 8.5", _scene), ("8.6", _size)):
-        if drive.signs and drive.frames:
-            yield show(drive, drive.signs)
-        else:
-            yield figure(number).left_out("signs in three dimensions")
+        lacking = figure(number).left_out("signs in three dimensions")
+        yield show(drive, drive.signs) if drive.signs else lacking
 
 
 def _track(drive: Drive, sign: Landmark) -> Figure:
@@ -221,9 +219,6 @@ REPORT_IMAGES = 100
 _KEY = "yellow: on a labelled sign; pink: on none; grey: not known"
 _INKS = {ON: SIGN_INK, OFF: ACCENT, NEITHER: (170, 170, 170)}
 
-Boxes = list[tuple[int, tuple[float, ...]]]
-"""Frames and boxes of one panel."""
-
 
 def result_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 11.1 and 11.2, and the claim."""
@@ -248,32 +243,24 @@ def result_figures(drive: Drive) -> Iterator[Figure]:
     yield _claim(drive, judged)
 
 
-def wanted_panels(drive: Drive) -> dict[str, Boxes]:
-    """Boxes of the labelled panels that should be found: seen large and whole in enough images."""
-    views: defaultdict[str, Boxes] = defaultdict(list)
+def _claim(drive: Drive, judged: dict[int, int]) -> Figure:
+    """Of the labelled panels that are seen large and whole in enough images, how many are found."""
+    views: defaultdict[str, dict[int, Box]] = defaultdict(dict)
     for frame, own in drive.labels.labels.items():
         for one in own:
             clear = one.visible is None or one.visible >= 0.5
             if one.kind == SIGN and one.wanted and one.panel and clear and one.height_px >= 10:
-                views[one.panel].append((frame, one.box))
-    return {name: boxes for name, boxes in views.items() if len(boxes) >= FEWEST_FRAMES}
-
-
-def _claim(drive: Drive, judged: dict[int, int]) -> Figure:
-    wanted, images = wanted_panels(drive), len(drive.frames)
-    found = sum(_is_found(drive, boxes) for boxes in wanted.values())
+                views[one.panel][frame] = one.box
+    wanted = [boxes for boxes in views.values() if len(boxes) >= FEWEST_FRAMES]
+    reported = [view for one in drive.signs for view in one.views]
+    found = sum(
+        any(v.frame in boxes and same_thing(v.box, boxes[v.frame]) for v in reported)
+        for boxes in wanted
+    )
+    images = len(drive.frames)
     false = sum(kind == OFF for kind in judged.values())
     few = "" if images >= REPORT_IMAGES else f"; the drive has fewer than {REPORT_IMAGES} images"
     return figure("11 (claim)").shown(
         f"labelled signs of {FEWEST_FRAMES} images or more that are found: {share_words(found, len(wanted))}; reported "
         f"places on no sign: {rate_words(false, images)}{few}"
-    )
-
-
-def _is_found(drive: Drive, boxes: Boxes) -> bool:
-    by_frame = dict(boxes)
-    return any(
-        view.frame in by_frame and overlap(np.array([view.box]), by_frame[view.frame])[0] > 0
-        for one in drive.signs
-        for view in one.views
     )

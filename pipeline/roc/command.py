@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from wayside.pipeline.files.writing import create, not_written, refuse
 from wayside.pipeline.labels.read import joined, read_labels
 from wayside.pipeline.learning.asked import CLASSIFIERS as EVERY_CLASSIFIER
 from wayside.pipeline.learning.asked import ClassifierSamples, gather_samples, join_drives
-from wayside.pipeline.learning.curves import ALL, Question, RocCurve, questions, roc_curve
+from wayside.pipeline.learning.curves import ALL, RocCurve, roc_curves
 from wayside.pipeline.learning.page import (
     FAINT,
     INKS,
@@ -30,7 +31,6 @@ from wayside.pipeline.learning.page import (
     png,
 )
 from wayside.pipeline.models.model_files import Models
-from wayside.pipeline.statistics import Interval
 
 # before rerun itself: it says what to install where that is absent
 from wayside.pipeline.view.entities import APPLICATION
@@ -44,32 +44,6 @@ RECORDING_FILE = "roc.rrd"
 KEY = "dot: threshold of the run; ring: knee;\ngrey: 95 % band of the first curve"
 
 Notify = Callable[[str], None]
-Drawn = Sequence[tuple[Question, RocCurve]]
-
-
-@dataclass(frozen=True, slots=True)
-class Characteristics:
-    """What was measured: the samples by classifier, and each test of them with its curve (None: it has none)."""
-
-    samples: Mapping[str, ClassifierSamples]
-    curves: Sequence[tuple[Question, RocCurve | None]]
-
-    def drawn(self) -> dict[str, list[tuple[Question, RocCurve]]]:
-        """The tests that have a curve, by classifier."""
-        found: dict[str, list[tuple[Question, RocCurve]]] = {}
-        for question, curve in self.curves:
-            if curve is not None:
-                found.setdefault(question.classifier, []).append((question, curve))
-        return found
-
-
-def characteristics(
-    samples: Mapping[str, ClassifierSamples], settings: Settings, models: Models
-) -> Characteristics:
-    """The curves of all classifiers that were asked."""
-    return Characteristics(
-        samples, [(one, roc_curve(one.scores)) for one in questions(samples, settings, models)]
-    )
 
 
 def measure_roc(
@@ -81,7 +55,7 @@ def measure_roc(
     notify: Notify,
     *,
     overwrite: bool = False,
-) -> Characteristics:
+) -> list[RocCurve]:
     """Run logs, and write `roc.parquet`, `classifiers.parquet`, `confusion.parquet`, `roc.rrd` and a PNG a classifier.
 
     `labels`: files or folders, of any format; each log takes those of its images. `notify`: is called with a line about
@@ -102,23 +76,24 @@ def measure_roc(
         drives.append(gather_samples(log, every, settings, models))
         counted = ", ".join(f"{name} {int(s.count.sum())}" for name, s in drives[-1].items())
         notify(f"{log.name}: asked {counted}")
-    measured = characteristics(join_drives(drives), settings, models)
-    if not measured.drawn():
+    samples = join_drives(drives)
+    curves = list(roc_curves(samples, settings, models))
+    if not any(curve.two_sided for curve in curves):
         raise InputError(
             "roc: no classifier was asked about both signs and other things. Label more signs, or more images "
             "completely."
         )
-    _write(folder, measured)
-    return measured
+    _write(folder, samples, curves)
+    return curves
 
 
-def format_characteristics(measured: Characteristics) -> str:
+def format_curves(curves: Sequence[RocCurve]) -> str:
     """All figures as a Markdown table."""
     lines = [
         "| classifier | class | signs | others | area | threshold | TPR | FPR | knee | TPR | FPR |",
         "| --- | --- | ---: | ---: | --- | ---: | --- | --- | ---: | ---: | ---: |",
     ]
-    for row in (_summary(*one) for one in measured.curves):
+    for row in map(_summary, curves):
         words = [row["classifier"], row["class"], str(row["positives"]), str(row["negatives"])]
         if row["area"] is None:
             words += ["-"] * 7
@@ -142,57 +117,60 @@ def _with_ends(row: Mapping[str, Any], name: str, factor: float, form: str, unit
     return f"{factor * value:{form}}{unit}{ends}"
 
 
-def _write(folder: Path, measured: Characteristics) -> None:
-    drawn = measured.drawn()
-    summaries = [_summary(question, curve) for question, curve in measured.curves]
+def _write(
+    folder: Path, samples: Mapping[str, ClassifierSamples], curves: Sequence[RocCurve]
+) -> None:
+    of_both = (curve for curve in curves if curve.two_sided)
+    drawn = {name: list(own) for name, own in groupby(of_both, attrgetter("classifier"))}
     counts = [
         {"classifier": name, "labelled": labelled, "given": given, "count": count}
-        for name, samples in measured.samples.items()
-        for (labelled, given), count in samples.confusion().items()
+        for name, own in samples.items()
+        for (labelled, given), count in own.confusion().items()
     ]
     with OutputFolder(folder) as output:
         try:
-            curves = [_curve_columns(*one) for own in drawn.values() for one in own]
-            _write_table(output.part, CURVES, curves)
-            for table, rows in ((CLASSIFIERS, summaries), (CONFUSION, counts)):
-                columns = {one.name: [row[one.name] for row in rows] for one in table.columns}
-                _write_table(output.part, table, [columns])
-            for name, own in drawn.items():
+            for table, parts in (
+                (CURVES, [_curve_columns(one) for one in curves if one.two_sided]),
+                (CLASSIFIERS, [_columns(CLASSIFIERS, [*map(_summary, curves)])]),
+                (CONFUSION, [_columns(CONFUSION, counts)]),
+            ):
+                with ParquetFile(output.part / table.file, table.schema) as file:
+                    file.write([record_batch(table, columns) for columns in parts])
+            for name, those in drawn.items():
                 with create(output.part / f"roc_{name}.png") as stream:
-                    stream.write(draw_curves(name, own))
+                    stream.write(draw_curves(name, those))
         except OSError as error:
             raise not_written(folder, error) from error
-        record_curves(output.part / RECORDING_FILE, drawn, format_characteristics(measured))
+        record_curves(output.part / RECORDING_FILE, drawn, format_curves(curves))
         before = EVERY_CLASSIFIER if (folder / CURVES.file).exists() else ()
         output.commit([f"roc_{name}.png" for name in before])
 
 
-def _curve_columns(question: Question, curve: RocCurve) -> dict[str, Any]:
+def _curve_columns(curve: RocCurve) -> dict[str, Any]:
     n = len(curve.threshold)
     columns = {
-        "classifier": [question.classifier] * n,
-        "class": [question.name] * n,
+        "classifier": [curve.classifier] * n,
+        "class": [curve.name] * n,
         **{name: getattr(curve, name) for name in ("threshold", "tp", "fp", "tpr", "fpr")},
     }
-    for name, band in (("tpr", curve.tpr_band), ("fpr", curve.fpr_band)):
+    for name, band in (("tpr", curve.bands.tpr), ("fpr", curve.bands.fpr)):
         for end, side in enumerate(("low", "high")):
             columns[f"{name}_{side}"] = [None] * n if band is None else band[:, end]
     return columns
 
 
-def _summary(question: Question, curve: RocCurve | None) -> dict[str, Any]:
-    scores = question.scores
+def _summary(curve: RocCurve) -> dict[str, Any]:
     row: dict[str, Any] = dict.fromkeys(column.name for column in CLASSIFIERS.columns) | {
-        "classifier": question.classifier,
-        "class": question.name,
-        "unit": question.unit,
-        "positives": int(scores.count[scores.on].sum()),
-        "negatives": int(scores.count[~scores.on].sum()),
-        "threshold": question.threshold if math.isfinite(question.threshold) else None,
-        "resampled": question.resampled,
+        "classifier": curve.classifier,
+        "class": curve.name,
+        "unit": curve.unit,
+        "positives": curve.positives,
+        "negatives": curve.negatives,
+        "threshold": curve.used if math.isfinite(curve.used) else None,
+        "resampled": curve.resampled,
         "groups": 0,
     }
-    if curve is None:
+    if not curve.two_sided:
         return row
     full = int((curve.tp < curve.positives).sum())
     row |= {
@@ -201,44 +179,46 @@ def _summary(question: Question, curve: RocCurve | None) -> dict[str, Any]:
         "knee_tpr": float(curve.tpr[curve.knee]),
         "knee_fpr": float(curve.fpr[curve.knee]),
         "full_tpr_fpr": float(curve.fpr[full]) if full < len(curve.tp) else None,
-        "groups": curve.groups,
+        "groups": curve.accepted.shape[1],
     }
-    intervals = {"area": curve.area_interval, "knee": curve.knee_interval}
-    if (at := question.used_row(curve)) is not None:
+    intervals: dict[str, Sequence[float] | None] = {
+        "area": curve.bands.area,
+        "knee": curve.bands.knee,
+    }
+    if (at := curve.used_row) is not None:
         row |= {"tpr": float(curve.tpr[at]), "fpr": float(curve.fpr[at])}
-        for name, band in (("tpr", curve.tpr_band), ("fpr", curve.fpr_band)):
-            intervals[name] = None if band is None else Interval(*band[at].tolist())
+        for name, band in (("tpr", curve.bands.tpr), ("fpr", curve.bands.fpr)):
+            intervals[name] = None if band is None else band[at].tolist()
     for name, interval in intervals.items():
         if interval is not None:
             row[f"{name}_low"], row[f"{name}_high"] = interval
     return row
 
 
-def _write_table(folder: Path, table: Table, parts: Sequence[dict[str, Any]]) -> None:
-    with ParquetFile(folder / table.file, table.schema) as file:
-        file.write([record_batch(table, columns) for columns in parts])
+def _columns(table: Table, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    return {one.name: [row[one.name] for row in rows] for one in table.columns}
 
 
-def draw_curves(classifier: str, drawn: Drawn) -> bytes:
+def draw_curves(classifier: str, drawn: Sequence[RocCurve]) -> bytes:
     """PNG: TPR against FPR of each class, the band of the first; ring: knee, dot: threshold of the run."""
     height = max(660, 130 + 42 * len(drawn))
     axes = new_axes((0, 1), (0, 1), RATES, (1160, height))
     axes.set_title(f"ROC of {classifier}", loc="left", color=TEXT)
     axes.set_box_aspect(1)
-    draw_band(axes, drawn[0][1])
-    for row, (question, curve) in enumerate(drawn):
-        used = question.used_row(curve)
+    draw_band(axes, drawn[0])
+    for row, curve in enumerate(drawn):
+        used = curve.used_row
         at = curve.knee if used is None else used
-        shown = float(curve.threshold[at]) if used is None else question.threshold
+        shown = float(curve.threshold[at]) if used is None else curve.used
         value = f"{shown:.4g}" if math.isfinite(shown) else "none"
-        area = _with_ends(_summary(question, curve), "area", 1, ".3f")
+        area = _with_ends(_summary(curve), "area", 1, ".3f")
         words = (
-            f"{question.name}   area {area}\n"
+            f"{curve.name}   area {area}\n"
             f"{'knee' if used is None else 'threshold'} {value}: {100 * curve.tpr[at]:.1f} % of {curve.positives} signs"
             f", {100 * curve.fpr[at]:.2g} % of {curve.negatives} others"
         )
-        width = 2.6 if question.name == ALL else 1.6
-        draw_roc(axes, curve, ink_of(question.name, row), words, used=used, width=width)
+        width = 2.6 if curve.name == ALL else 1.6
+        draw_roc(axes, curve, ink_of(curve.name, row), words, used=used, width=width)
     legend_beside(axes, KEY)
     return png(axes)
 
@@ -252,7 +232,7 @@ def ink_of(name: str, row: int) -> str:
     return INKS[row % len(INKS)]
 
 
-def record_curves(path: Path, drawn: Mapping[str, Drawn], page: str) -> None:
+def record_curves(path: Path, drawn: Mapping[str, Sequence[RocCurve]], page: str) -> None:
     """Write a .rrd: TPR upwards against FPR of each classifier, knees and thresholds as points; `page` is Markdown."""
     import rerun as rr
     import rerun.blueprint as rrb
@@ -270,13 +250,12 @@ def record_curves(path: Path, drawn: Mapping[str, Drawn], page: str) -> None:
     for name, curves in drawn.items():
         frame = rr.LineStrips2D(square, colors=[rgb(FAINT)], radii=0.001)
         stream.log(f"/roc/{name}/axes", frame, static=True)
-        for row, (question, curve) in enumerate(curves):
-            ink = rgb(ink_of(question.name, row))
+        for row, curve in enumerate(curves):
+            at, ink = curve.used_row, rgb(ink_of(curve.name, row))
             line = np.stack([np.append(curve.fpr, 1.0), -np.append(curve.tpr, 1.0)], axis=1)
-            at = question.used_row(curve)
             shown = {"knee": curve.knee} if at is None else {"knee": curve.knee, "threshold": at}
-            entity = f"/roc/{name}/{question.name}"
-            strips = rr.LineStrips2D([line], colors=[ink], radii=0.003, labels=[question.name])
+            entity = f"/roc/{name}/{curve.name}"
+            strips = rr.LineStrips2D([line], colors=[ink], radii=0.003, labels=[curve.name])
             stream.log(f"{entity}/curve", strips, static=True)
             marks = rr.Points2D(
                 line[list(shown.values())],

@@ -10,7 +10,7 @@ from wayside.pipeline.evaluation.misses import (
     Face,
     cause_words,
     count_steps,
-    miss_causes,
+    miss_cause,
 )
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.tables import OBSERVATIONS
@@ -26,7 +26,7 @@ def cause(seen, views=(0, 1, 2), rows=None, distances=None):
     listed = [dict(zip(names, row, strict=True)) for row in sorted(seen, key=lambda row: row[0])]
     table = pa.Table.from_pylist(listed, schema=schema)
     face = Face("R1", dict.fromkeys(views, BOX), distances or {})
-    (found,) = miss_causes([face], Candidates(table), FRAMES, rows or {})
+    found = miss_cause(face, Candidates(table), FRAMES, rows or {})
     return found
 
 

@@ -100,7 +100,7 @@ def test_only_labelled_classes_are_kept_on_request():
 
 def test_light_that_varies_leads_to_a_space_that_does_not_follow_it():
     samples = road(signs=12, light=0.7)
-    fitted = fit_colors(samples, shipped(), task(), None)
+    fitted = fit_colors(samples, shipped(), task(), "auto")
     assert fitted.model.space != "rgb"
     gains = [
         one.named.value - one.false_rate.value for one in (fitted.held, fitted.compared["rgb"])

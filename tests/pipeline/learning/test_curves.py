@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 from sklearn import metrics
 
-from wayside.pipeline.learning.curves import Scores, resampled_groups, roc_curve
+from wayside.pipeline.learning.curves import RocCurve, resampled_groups
 
 
 def scores(on, off, *, below=False, groups=4):
     value = np.concatenate([on, off]).astype(np.float64)
     n = len(value)
-    return Scores(
+    return RocCurve(
         value,
         np.arange(n) < len(on),
         np.ones(n, np.int64),
@@ -32,7 +32,7 @@ values = st.lists(st.integers(-5, 5), min_size=1, max_size=30)
 def test_rates_and_area_of_counted_samples_are_those_of_scikit_learn(on, off, below, seed):
     one = scores(on, off, below=below)
     count = np.random.default_rng(seed).integers(1, 9, len(one.value))
-    curve = roc_curve(Scores(one.value, one.on, count, one.group, below))
+    curve = replace(one, count=count)
     fpr, tpr, _ = metrics.roc_curve(
         one.on, one.likeness, sample_weight=count, drop_intermediate=False
     )
@@ -46,18 +46,18 @@ def test_rates_and_area_of_counted_samples_are_those_of_scikit_learn(on, off, be
 
 
 def test_values_that_are_unknown_are_never_accepted():
-    curve = roc_curve(scores([1.0, np.nan], [0.0, np.nan]))
+    curve = scores([1.0, np.nan], [0.0, np.nan])
     assert curve.tpr[-1] == 0.5
     assert curve.positives == 2
 
 
 def test_the_knee_of_two_normal_classes_lies_half_way_and_its_interval_holds_it():
     draw = np.random.default_rng(1)
-    curve = roc_curve(scores(draw.normal(3, 1, 2000), draw.normal(0, 1, 2000), groups=20))
+    curve = scores(draw.normal(3, 1, 2000), draw.normal(0, 1, 2000), groups=20)
     assert curve.threshold[curve.knee] == pytest.approx(1.5, abs=0.2)
-    assert curve.knee_interval.low <= curve.threshold[curve.knee] <= curve.knee_interval.high
+    assert curve.bands.knee.low <= curve.threshold[curve.knee] <= curve.bands.knee.high
     assert curve.area == pytest.approx(norm.cdf(3 / 2**0.5), abs=0.01)
-    assert curve.area_interval.low < curve.area < curve.area_interval.high
+    assert curve.bands.area.low < curve.area < curve.bands.area.high
 
 
 def test_bands_are_wide_where_drives_differ_and_narrow_where_only_samples_do():
@@ -66,9 +66,9 @@ def test_bands_are_wide_where_drives_differ_and_narrow_where_only_samples_do():
     on, off = draw.normal(2, 1, 800) + shift, draw.normal(0, 1, 800)
     group = np.tile(np.repeat(np.arange(4), 200), 2)
     one = scores(on, off)
-    by_drive = roc_curve(replace(one, group=group))
-    shuffled = roc_curve(replace(one, group=draw.permutation(1600) % 40))
-    widths = [np.ptp(c.tpr_band, axis=1).max() for c in (by_drive, shuffled)]
+    by_drive = replace(one, group=group)
+    shuffled = replace(one, group=draw.permutation(1600) % 40)
+    widths = [np.ptp(c.bands.tpr, axis=1).max() for c in (by_drive, shuffled)]
     assert widths[0] > 3 * widths[1]
 
 
@@ -80,15 +80,15 @@ def test_bands_hold_the_rate_as_often_as_they_say():
         drive = np.repeat(np.arange(12), 30)
         on = draw.normal(1, 1, 360) + np.repeat(draw.normal(0, 0.5, 12), 30)
         off = draw.normal(0, 1, 360)
-        curve = roc_curve(replace(scores(on, off), group=np.concatenate([drive, drive])))
-        low, high = curve.tpr_band[curve.at(0.5, accept_below=False)]
+        curve = replace(scores(on, off), group=np.concatenate([drive, drive]))
+        low, high = curve.bands.tpr[curve.at(0.5)]
         held += low <= norm.sf((0.5 - 1) / 1.25**0.5) <= high
     assert held >= 48  # of 60; a few drives make the bootstrap a little narrow
 
 
 def test_nothing_can_be_said_without_signs_or_without_anything_else():
-    assert roc_curve(scores([], [1.0])) is None
-    assert roc_curve(scores([1.0], [])) is None
+    assert not scores([], [1.0]).two_sided
+    assert not scores([1.0], []).two_sided
 
 
 def test_one_drive_is_resampled_by_stretches_and_several_by_drive():

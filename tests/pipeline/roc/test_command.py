@@ -15,14 +15,13 @@ from wayside.pipeline.learning.asked import (
     TRAJECTORIES,
     gather_samples,
 )
-from wayside.pipeline.learning.curves import questions
+from wayside.pipeline.learning.curves import roc_curves
 from wayside.pipeline.learning.gates import learn_gates, trajectory_densities
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.roc.command import (
     _write,
-    characteristics,
-    format_characteristics,
+    format_curves,
     measure_roc,
 )
 from wayside.schemas.errors import InputError, OutputError
@@ -71,7 +70,7 @@ def asked(models):
 
 def test_a_measurement_is_written_as_tables_pictures_and_a_recording(tmp_path, asked, models):
     for name in ("roc", "same"):
-        _write(tmp_path / name, characteristics(asked, REPORT, models))
+        _write(tmp_path / name, asked, list(roc_curves(asked, REPORT, models)))
     for table in (CURVES, CLASSIFIERS, CONFUSION):
         assert len({(tmp_path / name / table.file).read_bytes() for name in ("roc", "same")}) == 1
         read = pq.read_table(tmp_path / "roc" / table.file)
@@ -93,7 +92,7 @@ def test_a_measurement_is_written_as_tables_pictures_and_a_recording(tmp_path, a
     assert (tmp_path / "roc" / "roc.rrd").stat().st_size > 1000
     (tmp_path / "roc" / "roc_mine.png").write_bytes(b"of the user")
     rest = {name: samples for name, samples in asked.items() if name != "color"}
-    _write(tmp_path / "roc", characteristics(rest, REPORT, models))
+    _write(tmp_path / "roc", rest, list(roc_curves(rest, REPORT, models)))
     assert not (tmp_path / "roc" / "roc_color.png").exists()
     assert (tmp_path / "roc" / "roc_mine.png").exists()
 
@@ -104,8 +103,8 @@ def test_the_sum_of_evidence_and_each_term_have_a_curve_but_no_term_a_threshold(
     ratios = np.concatenate([draw.normal(k, 1, (60, len(EVIDENCE_TERMS))) for k in (1, -1)])
     values = np.column_stack([ratios.sum(axis=1), ratios])
     asked = {"landmark": samples([ON] * 60 + [OFF] * 60, values, "landmark", "log_odds")}
-    measured = characteristics(asked, load_settings()[0], used)
-    _write(tmp_path / "roc", measured)
+    curves = list(roc_curves(asked, load_settings()[0], used))
+    _write(tmp_path / "roc", asked, curves)
     rows = {
         row["class"]: row for row in pq.read_table(tmp_path / "roc" / CLASSIFIERS.file).to_pylist()
     }
@@ -113,7 +112,7 @@ def test_the_sum_of_evidence_and_each_term_have_a_curve_but_no_term_a_threshold(
     assert rows["all"]["tpr"] == np.mean(values[:60, 0] >= used.landmark_classifier.threshold)
     assert all(rows["all"]["area"] > rows[term]["area"] for term in EVIDENCE_TERMS)
     assert all(rows[term]["threshold"] is rows[term]["tpr"] is None for term in EVIDENCE_TERMS)
-    assert "| landmark | size | 60 | 60 |" in format_characteristics(measured)
+    assert "| landmark | size | 60 | 60 |" in format_curves(curves)
 
 
 def test_the_confusion_counts_what_the_run_decided_and_leaves_out_what_is_neither(asked):
@@ -185,7 +184,7 @@ def test_a_drive_is_asked_about_by_every_classifier_of_the_preset(preset):
         assert (found["confidence"].label == ON).sum() <= len(truth["signs"])
         assert (found["confidence"].label == ON).any()
         tested = {
-            one.name for one in questions(found, settings, used) if one.classifier == "landmark"
+            one.name for one in roc_curves(found, settings, used) if one.classifier == "landmark"
         }
         assert tested == {"all", *EVIDENCE_TERMS}
         sums, *ratios = found["landmark"].values.T
