@@ -165,11 +165,6 @@ def test_images_of_a_coco_data_set_are_matched_by_name_in_order(tmp_path):
     found = load(coco(tmp_path, data_set()))
     assert (found.key, len(found.names), sorted(found.boxes)) == ("image_name", 2, [0, 1])
     np.testing.assert_allclose(found.boxes[0].score, score_log_odds(np.array([0.7])))
-    classes = tmp_path / "classes.toml"
-    classes.write_text("[classes]\nstop = {}\n")
-    signs = load(tmp_path / "boxes.json", **{"models.classes": str(classes)})
-    assert sorted(signs.boxes) == [1]
-    assert signs.left_out == {"other_class": 1}
 
 
 def test_images_of_coco_may_say_their_frame_and_boxes_have_width_and_height(tmp_path):

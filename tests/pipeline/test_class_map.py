@@ -59,8 +59,5 @@ def test_a_detector_without_names_wants_numbers(tmp_path):
 def test_what_is_no_class_map_is_refused_with_words(tmp_path, text, words):
     with pytest.raises(InputError, match=words):
         read_class_map(written(tmp_path, text))
-
-
-def test_a_missing_class_map_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"models\.classes: the class map at .* cannot be read"):
         read_class_map(tmp_path / "none.toml")

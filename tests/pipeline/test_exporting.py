@@ -20,7 +20,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.exporting.place import SHORT_NAME, imperial_column, short_names
+from wayside.pipeline.exporting.place import SHORT_NAME, short_names
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.tables import SIGNS, Column
 
@@ -222,15 +222,6 @@ def test_short_names_are_short_and_of_one_column_each(found):
     assert list(short) == found
     assert len(set(short.values())) == len(found)
     assert all(1 <= len(name) <= SHORT_NAME for name in short.values())
-
-
-def test_a_foot_is_exactly_0_3048_m_and_an_inch_a_twelfth_of_it():
-    of_length = imperial_column(Column("up_m", pa.float64(), "m", ""))
-    of_size = imperial_column(Column("panel_width_m", pa.float64(), "m", ""))
-    assert [(c.name, c.unit, factor) for c, factor in (of_length, of_size)] == [
-        ("up_ft", "ft", 1 / 0.3048),
-        ("panel_width_in", "in", 12 / 0.3048),
-    ]
 
 
 TOO_FEW = {"csv": 512, "geojson": 512, "gpkg": 4096, "shp": 1024, "kml": 1024}

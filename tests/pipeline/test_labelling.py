@@ -4,7 +4,6 @@ import json
 import math
 import re
 
-import cv2
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -15,18 +14,14 @@ from wayside.pipeline.labelling.items import margins, questions
 from wayside.pipeline.labelling.page import COLOR_KEYS, KINDS, SHAPE_KEYS
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.labels.wayside_labels import read_label_file
-from wayside.pipeline.logs.importing import import_images
-from wayside.pipeline.reading.camera_file import format_camera
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import OutputError
-from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS
 
-from .results import observation_row, sign_row, table_of, write_tables
+from .results import make_log, observation_row, sign_row, table_of, write_tables
 
-CAMERA = Camera(160, 120, 150.0, 150.0, 80.0, 60.0)
 STEM = "d <b>&1"
 NAME = f"{STEM}-0001"
 
@@ -57,14 +52,8 @@ ROWS = [
 
 def result(folder):
     """A result with one sign in a log of two images."""
-    source = folder / "images"
-    source.mkdir()
-    for frame in range(2):
-        pixels = np.full((120, 160, 3), (90, 120 + frame, 90), np.uint8)
-        (source / f"{frame}.png").write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
-    (folder / "camera.yaml").write_text(format_camera(CAMERA, "camera"))
-    log = folder / f"{STEM}.mcap"
-    import_images([source], folder / "camera.yaml", 8.0, log)
+    images = [np.full((120, 160, 3), (90, green, 90), np.uint8) for green in (120, 121)]
+    log = make_log(folder / f"{STEM}.mcap", images)
     seen = {"best_frame": 1, "best_box": box_at(14), "first_frame": 0, "views": 2}
     look = {"color": "yellow", "shape": "diamond", "confidence": 0.6}
     frames = [

@@ -21,7 +21,7 @@ from wayside.pipeline.reviewing.review import (
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.tables import SIGNS
 
-from .results import observation_row, sign_row, table_of, write_tables
+from .results import invoke, observation_row, sign_row, table_of, write_tables
 
 RESULT = "0123456789abcdef"
 CSV = f"""{",".join(COLUMNS)}
@@ -149,19 +149,10 @@ def test_geojson_has_longitude_first_and_places_missing_signs_by_the_others(out,
     places = {f["properties"]["sign_id"]: f["geometry"]["coordinates"] for f in content["features"]}
     assert places["d-0001"] == [10.0001, 50.00003, 7.0]
     assert places["d-missing-1"] == pytest.approx([10 + 31.5e-5, 50 + 4e-5], abs=1e-9)
-
-
-def test_geojson_without_fixes_is_refused_and_a_file_that_stands_there_kept(out, tmp_path):
-    file = tmp_path / "signs.csv"
-    file.write_text("mine")
-    done = CliRunner().invoke(app, ["export", str(out), "-o", str(file)])
-    assert "--overwrite" in str(done.exception)
-    assert file.read_text() == "mine"
     rows = [sign(1, lon_deg=None, lat_deg=None, alt_m=None)]
     pq.write_table(table_of(SIGNS, rows), out / SIGNS.file)
-    done = CliRunner().invoke(app, ["export", str(out), "-o", str(tmp_path / "a.geojson")])
-    assert "Export CSV" in str(done.exception)
-    assert not (tmp_path / "a.geojson").exists()
+    with pytest.raises(UsageError, match="Export CSV"):
+        invoke("export", out, "-o", tmp_path / "no fixes.geojson")
 
 
 def test_a_review_evaluates_the_rows_with_status_sign(out, review, tmp_path):
