@@ -44,12 +44,12 @@ def write_tables(folder, signs=(), observations=(), frames=(), **about):
     return folder
 
 
-def invoke(command, *arguments):
-    """What a command prints that ends with status 0; raises what it raises."""
+def invoke(command, *arguments, status=0):
+    """What a command prints that ends with this status; raises what it raises."""
     done = CliRunner().invoke(app, [command, *map(str, arguments)])
     if done.exception is not None and not isinstance(done.exception, SystemExit):
         raise done.exception
-    assert done.exit_code == 0, done.output
+    assert done.exit_code == status, done.output
     return done.output
 
 

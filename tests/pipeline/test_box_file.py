@@ -230,20 +230,7 @@ def test_results_are_found_by_the_names_of_their_files_where_the_log_knows_them(
     assert found_in(texts, frames_of(2)) == [1, 2]  # in order, where the log knows no names
 
 
-@pytest.mark.parametrize(
-    "images", [[1, 2, 3, 4], [4], [0, 1, 900], [-1, 0], [{"image_id": 4, "file_name": "a.jpg"}]]
-)
-def test_an_image_id_that_is_no_frame_is_refused(tmp_path, images):
-    found = load(coco(tmp_path, results(*images)))
-    with pytest.raises(
-        InputError, match="is no frame of the log: its 4 images are the frames 0 to 3"
-    ):
-        found_in(found, frames_of(4))
-
-
-def test_numbers_that_begin_at_1_are_refused_or_noted_and_others_that_are_none_are_counted(
-    tmp_path,
-):
+def test_numbers_that_begin_at_1_are_refused_or_noted_and_others_are_counted(tmp_path):
     box = corners(*[BOX] * 3)
     with pytest.raises(InputError, match=r"frame 3 in .* is no frame"):
         found_in(load(parquet(tmp_path, frame=[1, 2, 3], **box)), frames_of(3))
@@ -252,6 +239,15 @@ def test_numbers_that_begin_at_1_are_refused_or_noted_and_others_that_are_none_a
     assert paired(load(coco(tmp_path, results(0, 2))), first, 3) == []
     (note,) = paired(load(coco(tmp_path, results(1, 2))), first, 3)
     assert "begins at 1" in note
+
+
+@pytest.mark.parametrize(
+    "images", [[1, 2, 3, 4], [4], [0, 1, 900], [-1, 0], [{"image_id": 4, "file_name": "a.jpg"}]]
+)
+def test_an_image_id_that_is_no_frame_is_refused(tmp_path, images):
+    words = "is no frame of the log: its 4 images are the frames 0 to 3"
+    with pytest.raises(InputError, match=words):
+        found_in(load(coco(tmp_path, results(*images))), frames_of(4))
 
 
 def test_names_that_contradict_each_other_are_refused(tmp_path):
@@ -267,9 +263,7 @@ def test_names_that_contradict_each_other_are_refused(tmp_path):
     "change", [{"bbox": []}, {"bbox": None}, {"score": "x"}, {"image_id": 1.5}]
 )
 def test_a_result_that_cannot_be_read_is_left_out_and_named(tmp_path, change):
-    rows = results(0, 1, 1)
-    rows[1] |= change
-    found = load(coco(tmp_path, rows))
+    found = load(coco(tmp_path, [*results(0), results(1)[0] | change, *results(1)]))
     assert (found.rows, found.left_out) == (3, {"not_read": 1})
     assert found.fault.startswith("result 1: ")
     assert found_in(found, frames_of(2)) == [1, 1]

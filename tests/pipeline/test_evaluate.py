@@ -17,7 +17,6 @@ from wayside.pipeline.evaluation.figures import (
     Backs,
     Duplicate,
     KindCount,
-    RealEvaluation,
     together,
 )
 from wayside.pipeline.labels.box_matching import same_thing
@@ -56,18 +55,14 @@ def sign(number, place, **change):
     return sign_row(f"drive-{number:04}", **looks | sizes | sigmas | at | change)
 
 
-def write_result(folder, signs, observations=(), images=IMAGES):
+def evaluated(tmp_path, signs, truth, observations=(), images=IMAGES):
     rows = [
         observation_row(number=0, **{"verdict": "sign" if row["sign_id"] else "score"} | row)
         for row in sorted(observations, key=itemgetter("frame"))
     ]
     frames = [{"frame": i, "log_time_ns": i, "status": "used"} for i in range(images)]
-    return write_tables(folder, signs, rows, frames)
-
-
-def evaluated(tmp_path, signs, truth, observations=()):
-    write_result(tmp_path / "out", signs, observations)
-    (tmp_path / "truth.json").write_text(json.dumps(truth))
+    write_tables(tmp_path / "out", signs, rows, frames)
+    (tmp_path / "truth.json").write_text(truth if isinstance(truth, str) else json.dumps(truth))
     return evaluate(tmp_path / "out", tmp_path / "truth.json")
 
 
@@ -134,16 +129,11 @@ def test_a_match_reaches_as_far_as_said_and_needs_a_pose(rendered, right, ahead,
     assert len(evaluation.missed) == len(evaluation.false) == 1 - found
 
 
-def test_one_panel_is_found_once_and_by_the_nearest(rendered):
-    evaluation = rendered(sign(1, (4.5, -1.0, 30.0)), sign(2, ON_IT))
-    assert pairs(evaluation) == [("drive-0002", 1)]
-    assert ids(evaluation.false) == ["drive-0001"]
-
-
-def test_a_second_row_on_a_found_face_is_a_duplicate_wherever_it_stands(rendered):
+def test_a_panel_is_found_by_the_nearest_row_and_one_more_on_its_face_is_a_duplicate(rendered):
     far = sign(1, (4.0, -1.0, 41.0), best_box=[101.0, 100.0, 121.0, 121.0])
-    elsewhere = sign(3, (9.0, 0.0, 50.0), best_box=[500.0, 500.0, 520.0, 520.0])
-    evaluation = rendered(far, sign(2, ON_IT), elsewhere)
+    near = sign(3, (4.5, -1.0, 30.0), best_box=[500.0, 500.0, 520.0, 520.0])
+    evaluation = rendered(far, sign(2, ON_IT), near)
+    assert pairs(evaluation) == [("drive-0002", 1)]
     assert evaluation.duplicates == (Duplicate("drive-0001", 1, "drive-0002"),)
     assert ids(evaluation.false) == ["drive-0001", "drive-0003"]
     assert evaluation.precision == pytest.approx(1 / 3)
@@ -369,7 +359,6 @@ def test_a_folder_without_the_table_of_signs_is_refused(tmp_path, content, words
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (None, "cannot be read"),
         ("{", "not JSON"),
         ('{"signs":' * 50_000, "not JSON"),
         ("[]", "neither the truth"),
@@ -378,23 +367,17 @@ def test_a_folder_without_the_table_of_signs_is_refused(tmp_path, content, words
     ],
 )
 def test_a_wrong_truth_file_is_refused(tmp_path, text, words):
-    write_result(tmp_path, [])
-    if text is not None:
-        (tmp_path / "truth.json").write_text(text)
     with pytest.raises(InputError, match=words):
-        evaluate(tmp_path, tmp_path / "truth.json")
+        evaluated(tmp_path, [], text)
+    with pytest.raises(InputError, match="cannot be read"):
+        evaluate(tmp_path / "out", tmp_path / "none.json")
 
 
-def test_a_result_without_images_is_evaluated(tmp_path):
-    write_result(tmp_path, [], images=0)
-    (tmp_path / "truth.json").write_text(json.dumps({"frames": [], "signs": []}))
-    evaluation = evaluate(tmp_path, tmp_path / "truth.json")
+def test_a_result_without_images_is_evaluated_and_figures_that_cannot_be_written_say_so(tmp_path):
+    evaluation = evaluated(tmp_path, [], {"frames": [], "signs": []}, images=0)
     assert (evaluation.images, evaluation.false_per_100_images) == (0, None)
-
-
-def test_figures_that_cannot_be_written_say_so(tmp_path):
     with pytest.raises(OutputError, match="the file cannot be written: No such file"):
-        write_evaluation(RealEvaluation(), tmp_path / "missing" / "figures.json")
+        write_evaluation(evaluation, tmp_path / "missing" / "figures.json")
 
 
 def test_a_small_box_inside_a_large_one_is_the_same_thing_up_to_a_factor_of_five():
@@ -478,7 +461,7 @@ def random_sign(rng, number, truth):
         "bottom_m": float(rng.uniform(0, 3)),
         "sigma_up_m": float(rng.choice([0.0, 0.1, 1.0])),
     }
-    known = {name: value for name, value in figures.items() if rng.random() < 0.8}
+    given = {name: value if rng.random() < 0.8 else None for name, value in figures.items()}
     near = np.array(seen_from(pose, target["centre"])) + rng.normal(0, rng.choice([0.1, 1.0]), 3)
     return sign(
         number,
@@ -487,7 +470,7 @@ def random_sign(rng, number, truth):
         best_frame=77 if rng.random() < 0.1 else pose["index"],
         best_box=random_box(rng),
         sigma_along_m=float(rng.uniform(0.05, 2)),
-        **dict.fromkeys(figures) | known,
+        **given,
     )
 
 

@@ -66,6 +66,13 @@ def read_csv(file):
     return list(csv.DictReader(io.StringIO(file.read_text())))
 
 
+def test_a_text_that_would_be_a_formula_gets_an_apostrophe_and_a_number_stays(tmp_path):
+    out = write_result(tmp_path / "out", log='=cmd|"x"', y=-1.5)
+    export(out, "-f", "csv")
+    row = read_csv(out / "signs.csv")[0]
+    assert (row["log"], row["y"]) == ('\'=cmd|"x"', "-1.5")
+
+
 def test_a_geopackage_has_every_column_with_its_words_and_the_measured_place(out):
     assert "signs.gpkg: 2 rows" in export(out, "-f", "gpkg")
     meta, table, points = read_by_gdal(out / "signs.gpkg")

@@ -102,13 +102,12 @@ def test_the_trajectory_model_is_that_of_the_form_asked_for(form):
     model = load_models(chosen).trajectory_density
     assert model.space == form
     assert "knee of the ROC" in model.threshold_rule
-    assert models_of("report").trajectory_density is None
 
 
 def test_each_preset_has_its_own_colours_shapes_and_places(shipped):
     default, report = shipped, models_of("report")
     assert report.box_network is report.front_scores is report.back_scores is None
-    assert report.face_network is None
+    assert report.face_network is report.trajectory_density is None
     assert (default.color_classes, default.shape_classes) == (None, None)
     assert (report.color_classes.space, report.shape_classes) == ("rgb", None)
     assert models_of("report-shape").shape_classes.space == "fourier6"
@@ -127,7 +126,7 @@ def test_the_mean_of_the_report_stands_as_a_location_model_of_its_own():
         load_models(settings("report", location="nowhere"))
 
 
-def test_a_false_alarm_rate_trades_every_gate_of_the_report():
+def test_a_false_alarm_rate_trades_every_gate_of_the_report_that_has_a_curve(tmp_path):
     shipped = models_of("report")
     strict, loose = (load_models(settings("report", alpha=alpha)) for alpha in (0.02, 0.5))
     for gate in ("color_classes", "location_classes"):
@@ -138,14 +137,15 @@ def test_a_false_alarm_rate_trades_every_gate_of_the_report():
         assert radii[0] < radii[1]
         assert getattr(strict, gate).classes[0].threshold_rule.startswith("alpha 0.02")
     assert strict.digests() != shipped.digests()
-
-
-def test_a_false_alarm_rate_is_refused_where_no_curve_is_stored(tmp_path):
+    folder = with_curve(tmp_path, "trajectory.json")
+    density = load_models(settings("report-2d", folder, alpha=0.05)).trajectory_density
+    assert (density.threshold, density.threshold_interval) == (1.5, (1.0, 2.0))
+    assert density.threshold_rule.startswith("alpha 0.05")
     data = json.loads((shipped_models() / "color_rgb.json").read_text())
     del data["curve"]
-    (tmp_path / "color_rgb.json").write_text(json.dumps(data))
+    (folder / "color_rgb.json").write_text(json.dumps(data))
     with pytest.raises(InputError, match=r"color: .* the rates are none"):
-        load_models(settings("report", tmp_path, alpha=0.05))
+        load_models(settings("report", folder, alpha=0.05))
 
 
 def with_curve(folder, *names):
@@ -174,13 +174,6 @@ def test_a_false_alarm_rate_moves_the_decision_of_the_default_preset_not_the_con
     assert read.sign_confidence(0.7) == 0.7
     with pytest.raises(InputError, match=r"place: .* at most 0\.005; the rates are 0\.01, 0\.1"):
         load_models(settings(folder=folder, alpha=0.005))
-
-
-def test_a_false_alarm_rate_trades_the_trajectory_gate(tmp_path):
-    folder = with_curve(tmp_path, "trajectory.json")
-    density = load_models(settings("report-2d", folder, alpha=0.05)).trajectory_density
-    assert (density.threshold, density.threshold_interval) == (1.5, (1.0, 2.0))
-    assert density.threshold_rule.startswith("alpha 0.05")
 
 
 def test_digests_are_those_of_the_files_and_of_the_new_text_where_a_model_was_changed(shipped):
@@ -302,27 +295,22 @@ def test_a_folder_without_a_model_that_the_preset_reads_is_refused(tmp_path, nam
 
 def test_a_detection_network_is_read_where_it_is_named_and_its_digest_is_stated(tmp_path):
     onnx = Path(__file__).parents[1] / "stages" / "detection" / "red_cells.onnx"
-    named = load_settings("default", None, [], {"models.network": str(onnx)})[0]
-    models = load_models(named)
-    assert models.detection_network is not None
+    models = load_models(settings(network=str(onnx)))
     assert models.detection_network.path == str(onnx)
     assert models.digests()["network"] == sha256(onnx.read_bytes()).hexdigest()
     broken = tmp_path / "broken.onnx"
     broken.write_bytes(b"no network")
     for name in (broken, tmp_path / "missing.onnx"):
         with pytest.raises(InputError, match=r"models\.network"):
-            load_models(load_settings("default", None, [], {"models.network": str(name)})[0])
+            load_models(settings(network=str(name)))
 
 
 def test_the_detection_network_that_ships_is_used_unless_none_is_wanted(shipped):
-    network = shipped.detection_network
-    assert network is not None
-    assert Path(network.path).parent == Path(str(shipped_models()))
-    without = load_models(load_settings("default", None, [], {"models.network": ""})[0])
+    assert Path(shipped.detection_network.path).parent == Path(str(shipped_models()))
+    without = load_models(settings(network=""))
     assert without.detection_network is None
     assert "network" not in without.digests()
-    report = load_settings("report", None, [], {"models.network": "network.onnx"})[0]
-    assert load_models(report).detection_network is None
+    assert load_models(settings("report", network="network.onnx")).detection_network is None
 
 
 TEXT = (
