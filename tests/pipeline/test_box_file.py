@@ -137,16 +137,6 @@ def test_columns_that_are_missing_or_wrong_are_refused(tmp_path, columns, words)
         load(parquet(tmp_path, **columns))
 
 
-@pytest.mark.parametrize("content", [b"", b"no boxes", b"PAR1" + b"\0" * 40 + b"PAR1"])
-def test_a_file_that_is_no_parquet_is_refused(tmp_path, content):
-    path = tmp_path / "boxes.parquet"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"models\.detections: .* is neither a Parquet file"):
-        load(path)
-    with pytest.raises(InputError, match="Correct the path"):
-        load(tmp_path / "none.parquet")
-
-
 def data_set(**of_second):
     return {
         "images": [
@@ -269,7 +259,13 @@ def test_a_result_that_cannot_be_read_is_left_out_and_named(tmp_path, change):
     assert found_in(found, frames_of(2)) == [1, 1]
 
 
-def test_a_file_without_any_box_of_the_log_is_refused(tmp_path):
+def test_a_file_that_is_no_table_or_without_any_box_of_the_log_is_refused(tmp_path):
+    for content in (b"", b"no boxes", b"PAR1" + b"\0" * 40 + b"PAR1"):
+        (tmp_path / "boxes.parquet").write_bytes(content)
+        with pytest.raises(InputError, match=r"models\.detections: .* is neither a Parquet file"):
+            load(tmp_path / "boxes.parquet")
+    with pytest.raises(InputError, match="Correct the path"):
+        load(tmp_path / "none.parquet")
     strange = (
         (parquet(tmp_path, frame=[900], **corners(BOX)), r"no frame in .*\(900 \.\.\.\) belongs"),
         (coco(tmp_path, results("elsewhere")), r"\(elsewhere \.\.\.\)"),

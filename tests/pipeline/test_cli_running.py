@@ -79,6 +79,8 @@ def test_a_log_that_cannot_be_used_is_told_and_the_others_are_done(drives, capsy
 )
 def test_the_gravest_status_is_that_of_the_command(drives, contents, status):
     assert drives(dict(zip("abc", contents, strict=False)))[0] == status
+    with pytest.raises(InterruptionError):  # an interrupt ends all
+        drives({"d": "ctrl-c", "e": "0"})
 
 
 def test_finished_logs_are_passed_over_until_something_changes(drives, tmp_path, capsys):
@@ -101,11 +103,6 @@ def test_finished_logs_are_passed_over_until_something_changes(drives, tmp_path,
     drives(contents)
     (tmp_path / "out" / "b" / "signs.parquet").unlink()
     assert drives(contents)[1] == ["b.mcap"]
-
-
-def test_ctrl_c_ends_all_logs(drives):
-    with pytest.raises(InterruptionError):
-        drives({"a": "ctrl-c", "b": "0"})
 
 
 def test_two_logs_of_one_name_are_refused_before_any_is_run(tmp_path):

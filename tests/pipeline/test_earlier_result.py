@@ -5,10 +5,11 @@ import json
 
 import pytest
 
-from wayside.pipeline.cli import app
 from wayside.pipeline.files.output_folder import RECORDING
 from wayside.pipeline.results.earlier_result import TABLES, check_earlier, log_fingerprint
 from wayside.schemas.errors import OutputError
+
+from .results import invoke
 
 
 @pytest.fixture
@@ -95,7 +96,6 @@ def test_of_several_logs_all_places_are_looked_at_before_the_first_is_run(tmp_pa
         log.write_text("no log, which a run would say")
     (tmp_path / "out" / "b").mkdir(parents=True)
     (tmp_path / "out" / "b" / TABLES[0]).write_text("mine")
-    line = ["run", *map(str, logs), "-o", str(tmp_path / "out")]
     with pytest.raises(OutputError, match="b: the result cannot be written"):
-        app(line, standalone_mode=False)
+        invoke("run", *logs, "-o", tmp_path / "out")
     assert not (tmp_path / "out" / "a").exists()

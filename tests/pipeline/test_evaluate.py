@@ -13,12 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.evaluation.compare import evaluate, format_evaluation, write_evaluation
-from wayside.pipeline.evaluation.figures import (
-    Backs,
-    Duplicate,
-    KindCount,
-    together,
-)
+from wayside.pipeline.evaluation.figures import Backs, Duplicate, KindCount, together
 from wayside.pipeline.labels.box_matching import same_thing
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError, OutputError
@@ -66,8 +61,6 @@ def evaluated(tmp_path, signs, truth, observations=(), images=IMAGES):
     return evaluate(tmp_path / "out", tmp_path / "truth.json")
 
 
-# --- rendered drives -----------------------------------------------------------------------------
-
 FRAMES = [frame(i, 8.0 * i) for i in range(4)]
 AT_30_M = panel(1, (30.0, -4.0, 3.0))
 ON_IT = (4.0, -1.0, 30.0)
@@ -82,10 +75,6 @@ def rendered(tmp_path):
         return evaluated(tmp_path, list(signs), truth)
 
     return figures
-
-
-def pairs(evaluation):
-    return [(match.sign["sign_id"], match.panel["id"]) for match in evaluation.found]
 
 
 def ids(rows):
@@ -133,7 +122,9 @@ def test_a_panel_is_found_by_the_nearest_row_and_one_more_on_its_face_is_a_dupli
     far = sign(1, (4.0, -1.0, 41.0), best_box=[101.0, 100.0, 121.0, 121.0])
     near = sign(3, (4.5, -1.0, 30.0), best_box=[500.0, 500.0, 520.0, 520.0])
     evaluation = rendered(far, sign(2, ON_IT), near)
-    assert pairs(evaluation) == [("drive-0002", 1)]
+    assert [(one.sign["sign_id"], one.panel["id"]) for one in evaluation.found] == [
+        ("drive-0002", 1)
+    ]
     assert evaluation.duplicates == (Duplicate("drive-0001", 1, "drive-0002"),)
     assert ids(evaluation.false) == ["drive-0001", "drive-0003"]
     assert evaluation.precision == pytest.approx(1 / 3)
@@ -236,9 +227,6 @@ def test_the_table_for_a_person_holds_every_part(rendered):
     assert all(len(line) <= 120 for line in text.splitlines())
 
 
-# --- real drives ---------------------------------------------------------------------------------
-
-
 def labels(*signs, distractors=()):
     things = {"signs": list(signs), "distractors": list(distractors)}
     return {"log": "d.mcap", "stride": 4, "frames": []} | things
@@ -258,7 +246,7 @@ def real(tmp_path):
     return figures
 
 
-def test_a_label_is_found_by_an_observation_of_a_reported_sign(real):
+def test_a_label_is_found_by_an_observation_of_a_reported_sign_and_counts_if_it_is_wanted(real):
     evaluation = real(sign(1, ON_IT), seen=[SEEN])
     assert (evaluation.found, evaluation.missed, evaluation.false) == (("R1",), (), ())
     rows = [sign(1, ON_IT, confidence=0.4, status="uncertain"), sign(2, ON_IT, confidence=0.45)]
@@ -266,9 +254,6 @@ def test_a_label_is_found_by_an_observation_of_a_reported_sign(real):
     assert (stated.rows, stated.right, stated.mean) == (2, 1, pytest.approx(0.425))
     evaluation = real(seen=[SEEN | {"sign_id": None}])
     assert (evaluation.recall, evaluation.missed, evaluation.precision) == (0.0, ("R1",), 1.0)
-
-
-def test_a_label_that_need_not_be_found_saves_its_sign_from_being_false(real):
     evaluation = real(sign(1, ON_IT, best_frame=5), marks=[LABEL | {"wanted": False}])
     assert (evaluation.wanted, evaluation.right, evaluation.false) == (0, 1, ())
 
@@ -334,9 +319,6 @@ def test_a_false_sign_on_a_boxed_distractor_says_which(real):
     assert [row["cause"] for row in evaluation.false] == ["advertising flag", "unlabelled"]
 
 
-# --- what cannot be evaluated --------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -385,8 +367,6 @@ def test_a_small_box_inside_a_large_one_is_the_same_thing_up_to_a_factor_of_five
     assert not same_thing([40, 40, 60, 60], [0, 0, 100, 100])
     assert not same_thing([0, 0, 10, 10], [20, 20, 30, 30])
 
-
-# --- beside the reference scorer -----------------------------------------------------------------
 
 needs_reference = pytest.mark.skipif(
     not REFERENCE.is_file(), reason="the reference scorer is not beside this checkout"

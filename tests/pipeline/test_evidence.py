@@ -98,11 +98,7 @@ def sheets(tmp_path_factory, log):
 def write_result(folder, log):
     far = {"color": "yellow", "shape": "diamond", "confidence": 0.3, "lateral_m": -9.0, "x": 60.0}
     far |= {"status": "uncertain", "best_frame": 5, "first_frame": 4, "last_frame": 5, "views": 2}
-    signs = [
-        sign_row(NEAR, **KNOWN),
-        sign_row(FAR, **KNOWN | far),
-        sign_row(BARE, x=20.0, y=3.0),
-    ]
+    signs = [sign_row(NEAR, **KNOWN), sign_row(FAR, **KNOWN | far), sign_row(BARE, x=20.0, y=3.0)]
     observations = [observation(NEAR, frame, frame) for frame in (1, 2, 3)]
     observations += [observation(NEAR, 4, 9, verdict="overlap")]
     observations += [observation(FAR, frame, 10 + frame) for frame in (4, 5)]
@@ -142,7 +138,7 @@ def cards(text):
     return [{name: unescape(value) for name, value in one.items()} for one in found]
 
 
-def test_every_sign_gets_a_sheet_and_a_card(sheets):
+def test_every_sign_gets_a_sheet_and_a_card_of_the_same_bytes_each_time(sheets, out, tmp_path):
     pages = [f"{name}.html" for name in (NEAR, FAR, BARE)]
     assert [path.name for path in sheets.sheets] == pages
     shown = cards(sheets.index.read_text("utf-8"))
@@ -150,6 +146,9 @@ def test_every_sign_gets_a_sheet_and_a_card(sheets):
     assert sheets.lost_views == 0
     written = sorted(path.name for path in sheets.index.parent.iterdir())
     assert written == sorted([*pages, "index.html"])
+    write_evidence(out, tmp_path / "again")
+    for path in (*sheets.sheets, sheets.index):
+        assert path.read_bytes() == (tmp_path / "again" / path.name).read_bytes()
 
 
 def test_sheets_of_signs_that_are_no_more_go_away(out, tmp_path):
@@ -193,25 +192,16 @@ def test_a_page_says_in_text_what_is_known_and_leads_to_its_neighbours(sheets):
     assert "Mahalanobis" in text
     assert "Mahalanobis" not in shown
     assert "openstreetmap.org/?mlat=38.5000000&amp;mlon=-98.5000000" in text
+    assert " UTC" in text
 
 
-def test_the_name_of_an_image_is_shown_where_the_result_knows_it(out, tmp_path):
-    def name(rows):
-        for row in rows:
-            row["image_name"] = f"IMG <{row['frame']}>.jpg"
-
-    change_rows(out, FRAMES, name)
-    (sheet,) = write_evidence(out, tmp_path / "sheets", sign_id=NEAR).sheets
-    text = sheet.read_text("utf-8")
+def test_the_name_of_an_image_is_shown_where_the_result_knows_it(out):
+    change_rows(out, FRAMES, lambda rows: [row.update(image_name="IMG <3>.jpg") for row in rows])
+    results.invoke("evidence", out, "--sign", NEAR)
+    text = (out / "evidence" / f"{NEAR}.html").read_text("utf-8")
     assert "IMG &lt;3&gt;.jpg" in text
     assert " UTC" not in text
     assert "IMG <" not in text
-
-
-def test_the_same_result_gives_the_same_bytes(out, tmp_path, sheets):
-    write_evidence(out, tmp_path / "again")
-    for path in (*sheets.sheets, sheets.index):
-        assert path.read_bytes() == (tmp_path / "again" / path.name).read_bytes()
 
 
 def test_views_are_the_measured_ones_in_order_with_their_range_else_the_best_box(out):
@@ -472,21 +462,16 @@ def test_a_crop_holds_the_pixels_of_its_box(box, seed):
     assert crop.rgb.shape[1] / crop.rgb.shape[0] == pytest.approx(PROPORTION, abs=0.05)
 
 
-def test_a_crop_larger_than_its_image_is_grey_around_it():
-    rgb = np.zeros((30, 40, 3), np.uint8)
-    crop = cut(rgb, (10, 10, 30, 25), PROPORTION)
+def test_the_box_is_drawn_around_the_face_and_grey_around_an_image_smaller_than_the_crop():
+    crop = cut(np.zeros((30, 40, 3), np.uint8), (10, 10, 30, 25), PROPORTION)
     assert (crop.rgb == 0).all(axis=2).sum() == 30 * 40
     assert crop.rgb.shape[0] > 30
-
-
-def test_the_box_is_drawn_around_the_face_and_not_over_it():
     rgb = np.random.default_rng(0).integers(0, 256, (120, 160, 3), np.uint8)
     crop = cut(rgb, (70, 50, 90, 65), PROPORTION)
     drawn, scaled = draw_crop(crop, TILE), crop.scaled_to(*TILE)
     x0, y0, x1, y1 = (round(edge) for edge in scaled.box)
-    assert (
-        drawn[y0 + 1 : y1 - 1, x0 + 1 : x1 - 1] == scaled.rgb[y0 + 1 : y1 - 1, x0 + 1 : x1 - 1]
-    ).all()
+    inside = slice(y0 + 1, y1 - 1), slice(x0 + 1, x1 - 1)
+    assert (drawn[inside] == scaled.rgb[inside]).all()
     rows, columns = np.nonzero((drawn == ACCENT).all(axis=2))
     found = np.array([columns.min(), rows.min(), columns.max(), rows.max()])
     assert np.abs(found - scaled.box).max() < 7

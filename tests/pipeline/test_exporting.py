@@ -142,10 +142,7 @@ def test_a_projection_is_that_of_proj_and_says_how_exact_it_is(out, tmp_path):
     [
         ("EPSG:4326", "coordinates in WGS 84, as they are"),
         ("WGS84", "coordinates in WGS 84, as they are"),
-        (
-            "EPSG:25832",
-            "2 signs lie outside of the area that ETRS89 / UTM zone 32N is made for",
-        ),
+        ("EPSG:25832", "2 signs lie outside of the area that ETRS89 / UTM zone 32N is made"),
     ],
 )
 def test_the_system_of_the_signs_and_one_for_elsewhere_are_told(out, tmp_path, crs, words):

@@ -87,7 +87,7 @@ def test_what_is_no_label_is_refused_by_its_row(tmp_path, change, words):
         read_label_file(file)
 
 
-def test_another_table_is_not_read_and_not_replaced(tmp_path):
+def test_another_table_or_json_is_not_read_and_not_replaced(tmp_path):
     file = tmp_path / "other.parquet"
     pq.write_table(pa.table({"a": [1]}), file)
     with pytest.raises(InputError, match=r"the column .* is missing"):
@@ -97,6 +97,12 @@ def test_another_table_is_not_read_and_not_replaced(tmp_path):
     file.write_text(json.dumps([]))
     with pytest.raises(InputError, match="as Parquet"):
         read_label_file(file)
+    file = tmp_path / "other.json"
+    endless = '{"images": [{"id": 1, "width": Infinity}], "annotations": []}'
+    for content in ("", "{}", "[]", endless):
+        file.write_text(content)
+        with pytest.raises(InputError, match=r"See docs/labels\.md"):
+            read_labels(file)
 
 
 SIZE = 320, 200
@@ -308,16 +314,6 @@ def test_labels_find_the_images_of_an_imported_log_by_their_files(tmp_path):
     assert known.names == {0: "000.png", 1: "001.png"}
     read = Labels((Label(LabelledImage(image_name="001.png"), "sign", (0, 0, 5, 5)),), ())
     assert list(labels_by_frame(read, "drive", known.times_ns, known.names).labels) == [1]
-
-
-@pytest.mark.parametrize(
-    "content", ["", "{}", "[]", '{"images": [{"id": 1, "width": Infinity}], "annotations": []}']
-)
-def test_json_of_something_else_is_refused(tmp_path, content):
-    file = tmp_path / "some.json"
-    file.write_text(content)
-    with pytest.raises(InputError, match=r"See docs/labels\.md"):
-        read_labels(file)
 
 
 def test_the_page_describes_every_column_and_kind():

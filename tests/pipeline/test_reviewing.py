@@ -9,13 +9,7 @@ import pytest
 
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.labels.wayside_labels import read_label_file
-from wayside.pipeline.reviewing.review import (
-    COLUMNS,
-    FILES,
-    find_review,
-    is_review,
-    read_review,
-)
+from wayside.pipeline.reviewing.review import COLUMNS, FILES, find_review, is_review, read_review
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.tables import SIGNS
 

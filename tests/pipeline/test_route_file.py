@@ -38,20 +38,13 @@ def write(file, lines, column="RTE_NM", names=("US-36 EB", "K-7"), crs="OGC:CRS8
         about["columns"] = {"geometry": {"encoding": "WKB", "geometry_types": [], "crs": crs}}
         with pq.ParquetWriter(file, table.schema) as writer:
             writer.write_table(table)
-            writer.add_key_value_metadata(
-                {"geo": json.dumps(about)}
-            )  # as GDAL does: not in the schema
+            # as GDAL does: not in the schema
+            writer.add_key_value_metadata({"geo": json.dumps(about)})
         return file
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the writer does not know lines with measures by name
-        pyogrio.write_arrow(
-            table,
-            file,
-            driver="GPKG",
-            geometry_name="geometry",
-            geometry_type="LineString",
-            crs=crs,
-        )
+        kind = {"geometry_name": "geometry", "geometry_type": "LineString"}
+        pyogrio.write_arrow(table, file, driver="GPKG", crs=crs, **kind)
     return file
 
 

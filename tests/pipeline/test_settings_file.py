@@ -7,11 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.files.settings_file import (
-    format_settings,
-    load_settings,
-    settings_digest,
-)
+from wayside.pipeline.files.settings_file import format_settings, load_settings, settings_digest
 from wayside.schemas.errors import UsageError
 from wayside.schemas.settings import REPORT, Settings
 
@@ -106,7 +102,6 @@ def test_assignments_and_options_take_the_type_of_the_setting(name, text, value)
         ("segment.clusters=257", "2 to 256"),
         ("segment.clusters=8.5", "a whole number"),
         ("read.every=0", "at least 1"),
-        ("run.workers=0", "1 to 64"),
         ("locate.confidence=nan", "0 to 1"),
         ("read.thin_m=inf", "at least 0"),
         ("read.thin_m=3 furlongs", "(m)"),
@@ -116,7 +111,6 @@ def test_assignments_and_options_take_the_type_of_the_setting(name, text, value)
         ("track.fewest_views=15", "no sign could be reported"),
         ("motion.antenna_ahead_m=-400ft", "must be a number"),
         ("report.shape=true", "report-2d"),
-        ("report.trajectory=image", "report-2d"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_with_what_was_wanted(text, words):
