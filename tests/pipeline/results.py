@@ -2,6 +2,7 @@
 
 import json
 
+import cv2
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -10,6 +11,9 @@ import shapely
 from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
+from wayside.pipeline.logs.importing import import_images
+from wayside.pipeline.reading.camera_file import format_camera
+from wayside.schemas.frame import Camera
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 
@@ -40,13 +44,31 @@ def write_tables(folder, signs=(), observations=(), frames=(), **about):
     return folder
 
 
-def invoke(command, *arguments):
-    """What a command prints that ends with status 0; raises what it raises."""
+def invoke(command, *arguments, status=0):
+    """What a command prints that ends with this status; raises what it raises."""
     done = CliRunner().invoke(app, [command, *map(str, arguments)])
     if done.exception is not None and not isinstance(done.exception, SystemExit):
         raise done.exception
-    assert done.exit_code == 0, done.output
+    assert done.exit_code == status, done.output
     return done.output
+
+
+def make_log(log, images):
+    """A log of RGB images of 160 x 120 pixels, or of the bytes of their files, 8 m apart."""
+    source = log.parent / f"images of {log.name}"
+    source.mkdir(parents=True)
+    for number, image in enumerate(images):
+        content = image if isinstance(image, bytes) else png_of(image)
+        (source / f"{number:03d}.png").write_bytes(content)
+    calibration = log.with_suffix(".yaml")
+    camera = Camera(160, 120, 150.0, 150.0, 80.0, 60.0)
+    calibration.write_text(format_camera(camera, "camera"))
+    import_images([source], calibration, 8.0, log)
+    return log
+
+
+def png_of(rgb):
+    return cv2.imencode(".png", rgb[..., ::-1])[1].tobytes()
 
 
 def read_by_gdal(file):

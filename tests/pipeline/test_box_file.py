@@ -137,16 +137,6 @@ def test_columns_that_are_missing_or_wrong_are_refused(tmp_path, columns, words)
         load(parquet(tmp_path, **columns))
 
 
-@pytest.mark.parametrize("content", [b"", b"no boxes", b"PAR1" + b"\0" * 40 + b"PAR1"])
-def test_a_file_that_is_no_parquet_is_refused(tmp_path, content):
-    path = tmp_path / "boxes.parquet"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=r"models\.detections: .* is neither a Parquet file"):
-        load(path)
-    with pytest.raises(InputError, match="Correct the path"):
-        load(tmp_path / "none.parquet")
-
-
 def data_set(**of_second):
     return {
         "images": [
@@ -165,11 +155,6 @@ def test_images_of_a_coco_data_set_are_matched_by_name_in_order(tmp_path):
     found = load(coco(tmp_path, data_set()))
     assert (found.key, len(found.names), sorted(found.boxes)) == ("image_name", 2, [0, 1])
     np.testing.assert_allclose(found.boxes[0].score, score_log_odds(np.array([0.7])))
-    classes = tmp_path / "classes.toml"
-    classes.write_text("[classes]\nstop = {}\n")
-    signs = load(tmp_path / "boxes.json", **{"models.classes": str(classes)})
-    assert sorted(signs.boxes) == [1]
-    assert signs.left_out == {"other_class": 1}
 
 
 def test_images_of_coco_may_say_their_frame_and_boxes_have_width_and_height(tmp_path):
@@ -235,20 +220,7 @@ def test_results_are_found_by_the_names_of_their_files_where_the_log_knows_them(
     assert found_in(texts, frames_of(2)) == [1, 2]  # in order, where the log knows no names
 
 
-@pytest.mark.parametrize(
-    "images", [[1, 2, 3, 4], [4], [0, 1, 900], [-1, 0], [{"image_id": 4, "file_name": "a.jpg"}]]
-)
-def test_an_image_id_that_is_no_frame_is_refused(tmp_path, images):
-    found = load(coco(tmp_path, results(*images)))
-    with pytest.raises(
-        InputError, match="is no frame of the log: its 4 images are the frames 0 to 3"
-    ):
-        found_in(found, frames_of(4))
-
-
-def test_numbers_that_begin_at_1_are_refused_or_noted_and_others_that_are_none_are_counted(
-    tmp_path,
-):
+def test_numbers_that_begin_at_1_are_refused_or_noted_and_others_are_counted(tmp_path):
     box = corners(*[BOX] * 3)
     with pytest.raises(InputError, match=r"frame 3 in .* is no frame"):
         found_in(load(parquet(tmp_path, frame=[1, 2, 3], **box)), frames_of(3))
@@ -257,6 +229,15 @@ def test_numbers_that_begin_at_1_are_refused_or_noted_and_others_that_are_none_a
     assert paired(load(coco(tmp_path, results(0, 2))), first, 3) == []
     (note,) = paired(load(coco(tmp_path, results(1, 2))), first, 3)
     assert "begins at 1" in note
+
+
+@pytest.mark.parametrize(
+    "images", [[1, 2, 3, 4], [4], [0, 1, 900], [-1, 0], [{"image_id": 4, "file_name": "a.jpg"}]]
+)
+def test_an_image_id_that_is_no_frame_is_refused(tmp_path, images):
+    words = "is no frame of the log: its 4 images are the frames 0 to 3"
+    with pytest.raises(InputError, match=words):
+        found_in(load(coco(tmp_path, results(*images))), frames_of(4))
 
 
 def test_names_that_contradict_each_other_are_refused(tmp_path):
@@ -272,15 +253,19 @@ def test_names_that_contradict_each_other_are_refused(tmp_path):
     "change", [{"bbox": []}, {"bbox": None}, {"score": "x"}, {"image_id": 1.5}]
 )
 def test_a_result_that_cannot_be_read_is_left_out_and_named(tmp_path, change):
-    rows = results(0, 1, 1)
-    rows[1] |= change
-    found = load(coco(tmp_path, rows))
+    found = load(coco(tmp_path, [*results(0), results(1)[0] | change, *results(1)]))
     assert (found.rows, found.left_out) == (3, {"not_read": 1})
     assert found.fault.startswith("result 1: ")
     assert found_in(found, frames_of(2)) == [1, 1]
 
 
-def test_a_file_without_any_box_of_the_log_is_refused(tmp_path):
+def test_a_file_that_is_no_table_or_without_any_box_of_the_log_is_refused(tmp_path):
+    for content in (b"", b"no boxes", b"PAR1" + b"\0" * 40 + b"PAR1"):
+        (tmp_path / "boxes.parquet").write_bytes(content)
+        with pytest.raises(InputError, match=r"models\.detections: .* is neither a Parquet file"):
+            load(tmp_path / "boxes.parquet")
+    with pytest.raises(InputError, match="Correct the path"):
+        load(tmp_path / "none.parquet")
     strange = (
         (parquet(tmp_path, frame=[900], **corners(BOX)), r"no frame in .*\(900 \.\.\.\) belongs"),
         (coco(tmp_path, results("elsewhere")), r"\(elsewhere \.\.\.\)"),

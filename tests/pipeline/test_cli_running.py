@@ -79,6 +79,8 @@ def test_a_log_that_cannot_be_used_is_told_and_the_others_are_done(drives, capsy
 )
 def test_the_gravest_status_is_that_of_the_command(drives, contents, status):
     assert drives(dict(zip("abc", contents, strict=False)))[0] == status
+    with pytest.raises(InterruptionError):  # an interrupt ends all
+        drives({"d": "ctrl-c", "e": "0"})
 
 
 def test_finished_logs_are_passed_over_until_something_changes(drives, tmp_path, capsys):
@@ -88,30 +90,19 @@ def test_finished_logs_are_passed_over_until_something_changes(drives, tmp_path,
     assert capsys.readouterr().out.count("unchanged, result in") == 2
     assert drives(contents, overwrite=True)[1] == ["a.mcap", "b.mcap"]
     assert drives(contents, every_region=True)[1] == ["a.mcap", "b.mcap"]
-    drives(contents)
-    other, _ = load_settings(options={"read.every": 2})
-    assert drives(contents, other)[1] == ["a.mcap", "b.mcap"]
+    camera = tmp_path / "camera.yaml"
+    camera.write_text("one")
+    given, _ = load_settings(options={"read.calibration": str(camera)})
+    for changed in (["a.mcap", "b.mcap"], []):
+        assert drives(contents, given)[1] == changed
+    camera.write_text("another")
+    assert drives(contents, given)[1] == ["a.mcap", "b.mcap"]
     drives(contents)
     with pytest.raises(OutputError, match="of another log"):
         drives(contents | {"b": "4"})
     drives(contents)
     (tmp_path / "out" / "b" / "signs.parquet").unlink()
     assert drives(contents)[1] == ["b.mcap"]
-
-
-def test_a_calibration_that_changed_is_a_change(drives, tmp_path):
-    camera = tmp_path / "camera.yaml"
-    camera.write_text("one")
-    given, _ = load_settings(options={"read.calibration": str(camera)})
-    drives({"a": "0", "b": "0"}, given)
-    assert drives({"a": "0", "b": "0"}, given)[1] == []
-    camera.write_text("another")
-    assert drives({"a": "0", "b": "0"}, given)[1] == ["a.mcap", "b.mcap"]
-
-
-def test_ctrl_c_ends_all_logs(drives):
-    with pytest.raises(InterruptionError):
-        drives({"a": "ctrl-c", "b": "0"})
 
 
 def test_two_logs_of_one_name_are_refused_before_any_is_run(tmp_path):

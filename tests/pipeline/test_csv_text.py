@@ -1,35 +1,16 @@
 """Texts of strangers in CSV."""
 
-import csv
-import io
-from datetime import UTC, datetime
-from pathlib import Path
-
-import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.exporting.export import write_csv
-from wayside.pipeline.exporting.place import PlacedRows
-from wayside.pipeline.exporting.table import Source
 from wayside.pipeline.files.parsing import guarded, read_csv, unguarded
-from wayside.schemas.tables import Column
 
 
 @given(st.text(alphabet="'=+-@\t\rab "))
 def test_a_text_that_a_spreadsheet_would_evaluate_gets_an_apostrophe_that_is_taken_off_again(text):
     assert not guarded(text).startswith(tuple("=+-@\t\r"))
     assert unguarded(guarded(text)) == text
-
-
-def test_an_exported_number_stays_as_it_is_beside_a_text_that_would_be_a_formula():
-    columns = tuple(Column(name, pa.string(), "", "") for name in ("log", "y"))
-    rows = [{"log": '=cmd|"x"', "y": -1.5}]
-    source = Source(Path("out"), "signs", columns, lambda: [rows], datetime.now(UTC))
-    written = io.BytesIO()
-    write_csv(PlacedRows(source, None, imperial=False), written)
-    assert list(csv.reader(io.StringIO(written.getvalue().decode())))[1] == ['\'=cmd|"x"', "-1.5"]
 
 
 ROWS = [{"sign_id": "d-1", "x": "12.5", "note": "3,5; say"}, {"sign_id": "d-2", "y": "-3.25"}]

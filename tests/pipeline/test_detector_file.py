@@ -15,17 +15,6 @@ DETECTORS = Path(__file__).parents[1] / "stages" / "detection" / "detectors"
 YOLO = DETECTORS / "yolov8.onnx"
 
 
-def test_a_network_has_inputs_outputs_and_metadata():
-    network = OnnxNetwork(str(DETECTORS / "detr_pixels.onnx"))
-    assert [(one.name, one.shape) for one in network.inputs] == [
-        ("images", (1, 3, 64, 64)),
-        ("orig_target_sizes", (1, 2)),
-    ]
-    assert network.inputs[0].type == FLOAT32
-    assert network.outputs == ("labels", "boxes", "scores")
-    assert network.metadata["names"] == "{0: 'red', 1: 'blue'}"
-
-
 def test_the_digest_of_a_detector_is_that_of_its_file_and_a_format_can_be_said():
     found = load_detector(ModelSettings(detector=str(YOLO), detector_format="yolov5"))
     assert found.onnx.sha256 == sha256(YOLO.read_bytes()).hexdigest()
@@ -58,17 +47,6 @@ def test_a_network_with_other_outputs_or_inputs_is_refused_with_them():
     assert "[1, 0, 0, 3]" in words
 
 
-def with_header(monkeypatch, **changes):
-    """Let a file say something else of itself."""
-
-    class Other(OnnxNetwork):
-        def __init__(self, file):
-            super().__init__(file)
-            vars(self).update(changes)
-
-    monkeypatch.setattr(detector_file, "OnnxNetwork", Other)
-
-
 def images(*shape, kind=FLOAT32):
     return NetworkInput("images", kind, shape)
 
@@ -85,12 +63,15 @@ def images(*shape, kind=FLOAT32):
         ({"inputs": (images(1, 3, 10**9, 10**9),)}, "has an input of 1000000000 x 1000000000"),
         ({"inputs": (images(1, 3, 2**62, 2**62),)}, f"has an input of {2**62} x {2**62}"),
         ({"outputs": ("output7",)}, "cannot be run"),
-        ({"outputs": ("output7",)}, "output7"),
     ],
 )
 def test_what_wayside_does_not_make_or_cannot_run_is_refused(monkeypatch, changes, words):
-    with_header(monkeypatch, **changes)
-    assert words in refused(YOLO)
+    network = OnnxNetwork(str(YOLO))
+    vars(network).update(changes)  # the file says something else of itself
+    monkeypatch.setattr(detector_file, "OnnxNetwork", lambda file: network)
+    said = refused(YOLO)
+    assert words in said
+    assert ("output7" in said) == ("outputs" in changes)
 
 
 @pytest.mark.parametrize(

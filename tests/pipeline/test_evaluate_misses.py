@@ -42,12 +42,8 @@ def test_where_nothing_lies_on_a_sign_no_candidate_is_the_cause():
         ("size", None, "gate"),
         ("score", None, "rejected"),
         ("overlap", None, "suppressed"),
-        ("unmatched", None, "not_followed"),
-        ("few_views", None, "not_followed"),
         ("moving", None, "not_followed"),
         ("moving", 3, "refused"),
-        ("place_score", 3, "refused"),
-        ("location", 3, "refused"),
     ],
 )
 def test_one_view_that_came_further_decides_against_two_that_did_not(verdict, track, step):

@@ -20,7 +20,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.exporting.place import SHORT_NAME, imperial_column, short_names
+from wayside.pipeline.exporting.place import SHORT_NAME, short_names
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.tables import SIGNS, Column
 
@@ -64,6 +64,13 @@ export = partial(invoke, "export")
 
 def read_csv(file):
     return list(csv.DictReader(io.StringIO(file.read_text())))
+
+
+def test_a_text_that_would_be_a_formula_gets_an_apostrophe_and_a_number_stays(tmp_path):
+    out = write_result(tmp_path / "out", log='=cmd|"x"', y=-1.5)
+    export(out, "-f", "csv")
+    row = read_csv(out / "signs.csv")[0]
+    assert (row["log"], row["y"]) == ('\'=cmd|"x"', "-1.5")
 
 
 def test_a_geopackage_has_every_column_with_its_words_and_the_measured_place(out):
@@ -135,10 +142,7 @@ def test_a_projection_is_that_of_proj_and_says_how_exact_it_is(out, tmp_path):
     [
         ("EPSG:4326", "coordinates in WGS 84, as they are"),
         ("WGS84", "coordinates in WGS 84, as they are"),
-        (
-            "EPSG:25832",
-            "2 signs lie outside of the area that ETRS89 / UTM zone 32N is made for",
-        ),
+        ("EPSG:25832", "2 signs lie outside of the area that ETRS89 / UTM zone 32N is made"),
     ],
 )
 def test_the_system_of_the_signs_and_one_for_elsewhere_are_told(out, tmp_path, crs, words):
@@ -222,15 +226,6 @@ def test_short_names_are_short_and_of_one_column_each(found):
     assert list(short) == found
     assert len(set(short.values())) == len(found)
     assert all(1 <= len(name) <= SHORT_NAME for name in short.values())
-
-
-def test_a_foot_is_exactly_0_3048_m_and_an_inch_a_twelfth_of_it():
-    of_length = imperial_column(Column("up_m", pa.float64(), "m", ""))
-    of_size = imperial_column(Column("panel_width_m", pa.float64(), "m", ""))
-    assert [(c.name, c.unit, factor) for c, factor in (of_length, of_size)] == [
-        ("up_ft", "ft", 1 / 0.3048),
-        ("panel_width_in", "in", 12 / 0.3048),
-    ]
 
 
 TOO_FEW = {"csv": 512, "geojson": 512, "gpkg": 4096, "shp": 1024, "kml": 1024}

@@ -4,28 +4,21 @@ import json
 import math
 import re
 
-import cv2
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from typer.testing import CliRunner
 
-from wayside.pipeline.cli import app
 from wayside.pipeline.labelling.page import COLOR_KEYS, KINDS, SHAPE_KEYS, margins, questions
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.labels.wayside_labels import read_label_file
-from wayside.pipeline.logs.importing import import_images
-from wayside.pipeline.reading.calibrations import format_camera
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import OutputError
-from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS
 
-from .results import observation_row, sign_row, table_of, write_tables
+from .results import invoke, make_log, observation_row, sign_row, table_of, write_tables
 
-CAMERA = Camera(160, 120, 150.0, 150.0, 80.0, 60.0)
 STEM = "d <b>&1"
 NAME = f"{STEM}-0001"
 
@@ -56,14 +49,8 @@ ROWS = [
 
 def result(folder):
     """A result with one sign in a log of two images."""
-    source = folder / "images"
-    source.mkdir()
-    for frame in range(2):
-        pixels = np.full((120, 160, 3), (90, 120 + frame, 90), np.uint8)
-        (source / f"{frame}.png").write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
-    (folder / "camera.yaml").write_text(format_camera(CAMERA, "camera"))
-    log = folder / f"{STEM}.mcap"
-    import_images([source], folder / "camera.yaml", 8.0, log)
+    images = [np.full((120, 160, 3), (90, green, 90), np.uint8) for green in (120, 121)]
+    log = make_log(folder / f"{STEM}.mcap", images)
     seen = {"best_frame": 1, "best_box": box_at(14), "first_frame": 0, "views": 2}
     look = {"color": "yellow", "shape": "diamond", "confidence": 0.6}
     frames = [
@@ -80,9 +67,7 @@ def marked(tmp_path_factory):
     """A result and the page of it."""
     folder = tmp_path_factory.mktemp("label")
     out = result(folder)
-    done = CliRunner().invoke(app, ["label", str(out), "-o", str(folder / "page")])
-    assert done.exit_code == 0, done.output
-    assert "6 to mark" in done.output
+    assert "6 to mark" in invoke("label", out, "-o", folder / "page")
     return out, folder / "page" / "index.html"
 
 
@@ -141,8 +126,7 @@ def test_marks_become_labels_of_all_views(marked, tmp_path):
     ]
     (tmp_path / "m.json").write_text(json.dumps(marks))
     file = tmp_path / "labels.parquet"
-    done = CliRunner().invoke(app, ["label", str(tmp_path / "m.json"), "-o", str(file)])
-    assert done.exit_code == 0, done.output
+    invoke("label", tmp_path / "m.json", "-o", file)
     labels = read_label_file(file)
     times = pq.read_table(marked[0] / FRAMES.file)["log_time_ns"].to_pylist()
     found = [(one.kind, one.color, one.shape, one.image.frame, one.box) for one in labels.labels]
@@ -160,13 +144,12 @@ def test_marks_become_labels_of_all_views(marked, tmp_path):
 def test_what_stands_in_the_place_of_the_page_is_kept(marked, tmp_path):
     page = tmp_path / "index.html"
     page.write_text("mine")
-    run = ["label", str(marked[0]), "-o"]
-    assert CliRunner().invoke(app, [*run, str(tmp_path)]).exit_code != 0
+    with pytest.raises(OutputError, match="--overwrite"):
+        invoke("label", marked[0], "-o", tmp_path)
+    with pytest.raises(OutputError, match="the page cannot be written"):
+        invoke("label", marked[0], "-o", page)
     assert page.read_text() == "mine"
-    done = CliRunner().invoke(app, [*run, str(page)])
-    assert isinstance(done.exception, OutputError)
-    assert "the page cannot be written" in str(done.exception)
-    assert CliRunner().invoke(app, [*run, str(tmp_path), "--overwrite"]).exit_code == 0
+    invoke("label", marked[0], "-o", tmp_path, "--overwrite")
     assert page_data(page)["items"]
 
 

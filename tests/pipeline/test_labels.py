@@ -14,13 +14,12 @@ from hypothesis import strategies as st
 
 from wayside.pipeline.labels.read import LogImages, labels_by_frame, read_labels
 from wayside.pipeline.labels.wayside_labels import read_label_file, write_labels
-from wayside.pipeline.logs.importing import import_images
-from wayside.pipeline.reading.calibrations import format_camera
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import InputError, OutputError
-from wayside.schemas.frame import Camera
 from wayside.schemas.labels import LABEL_KINDS, LABELS, Label, LabelledImage, Labels
 from wayside.schemas.settings import ReadSettings
+
+from .results import make_log
 
 NAME = LabelledImage(image_name="a/b 1.jpg", size=(640, 480))
 edges = st.floats(-1e4, 1e4).map(lambda value: round(value, 3))
@@ -88,7 +87,7 @@ def test_what_is_no_label_is_refused_by_its_row(tmp_path, change, words):
         read_label_file(file)
 
 
-def test_another_table_is_not_read_and_not_replaced(tmp_path):
+def test_another_table_or_json_is_not_read_and_not_replaced(tmp_path):
     file = tmp_path / "other.parquet"
     pq.write_table(pa.table({"a": [1]}), file)
     with pytest.raises(InputError, match=r"the column .* is missing"):
@@ -98,6 +97,12 @@ def test_another_table_is_not_read_and_not_replaced(tmp_path):
     file.write_text(json.dumps([]))
     with pytest.raises(InputError, match="as Parquet"):
         read_label_file(file)
+    file = tmp_path / "other.json"
+    endless = '{"images": [{"id": 1, "width": Infinity}], "annotations": []}'
+    for content in ("", "{}", "[]", endless):
+        file.write_text(content)
+        with pytest.raises(InputError, match=r"See docs/labels\.md"):
+            read_labels(file)
 
 
 SIZE = 320, 200
@@ -181,51 +186,50 @@ def test_a_class_map_says_which_are_signs(tmp_path, write):
         read_labels(path, classes)
 
 
-def test_an_image_with_an_object_whose_box_cannot_be_used_is_not_complete(tmp_path):
+def test_coco_may_state_frames_times_and_polygons_and_an_image_without_every_box_is_not_complete(
+    tmp_path,
+):
+    corners = [20.0, 10.0, 40.0, 10.0, 30.0, 30.0]
     content = {
-        "images": [{"id": number, "frame": number} for number in (1, 2, 3)],
+        "images": [{"id": n, "frame": n, "log_time_ns": 10 * n} for n in (1, 2, 3)],
         "annotations": [
             {"image_id": 1, "category_id": 1},
             {"image_id": 2, "bbox": [20, 10, 0, 20]},
-            {"image_id": 3, "bbox": [20, 10, 20, 20]},
+            {"image_id": 3, "bbox": [20, 10, 20, 20], "segmentation": [corners]},
             {"image_id": 9, "bbox": [20, 10, 20, 20]},
         ],
     }
     (tmp_path / "coco.json").write_text(json.dumps(content))
     read = read_labels(str(tmp_path / "coco.json"))
-    assert [image.frame for image in read.complete] == [3]
-    assert len(read.labels) == 1
+    image = LabelledImage(frame=3, log_time_ns=30)
+    assert read.complete == (image,)
+    (label,) = read.labels
+    assert (label.image, label.polygon) == (image, ((20, 10), (40, 10), (30, 30)))
     assert read.left_out == {"no_box": 1, "no_area": 1, "no_such_image": 1}
 
 
-def changed_coco(folder, **changes):
-    """A COCO data set with changes to its second annotation, or with one more image that has them."""
-    content = json.loads(write_coco(folder).read_text())
-    if "bbox" in changes:
-        content["annotations"][1] |= changes
-    else:
-        content["images"].append(content["images"][0] | {"id": 8, "file_name": "b.png"} | changes)
-        content["annotations"].append({"image_id": 8, "bbox": [1, 2, 3, 4]})
-    (folder / "coco.json").write_text(json.dumps(content))
-    return read_labels(folder / "coco.json")
-
-
 @pytest.mark.parametrize(
-    "bbox", [[], None, [1, 2, 3], "1 2 3 4", [0, 0, 1e308, 9], [0, 0, 9, 10**30]]
+    ("part", "change"),
+    [
+        *(
+            ("annotations", {"bbox": bbox})
+            for bbox in ([], None, [1, 2, 3], "1 2 3 4", [0, 0, 1e308, 9], [0, 0, 9, 10**30])
+        ),
+        *(("images", change) for change in ({"width": 10**30}, {"height": 0}, {"frame": 2**40})),
+    ],
 )
-def test_one_box_of_coco_that_is_none_is_left_out_and_named(tmp_path, bbox):
-    read = changed_coco(tmp_path, bbox=bbox)
-    assert [label.note for label in read.labels] == ["stop", "board"]
-    assert read.left_out == {"no_box": 1}
-    assert "annotation 1" in read.reasons
-
-
-@pytest.mark.parametrize("change", [{"width": 10**30}, {"height": 0}, {"frame": 2**40}])
-def test_an_image_of_coco_of_absurd_numbers_is_left_out_with_its_boxes(tmp_path, change):
-    read = changed_coco(tmp_path, **change)
+def test_a_box_or_image_of_coco_of_absurd_numbers_is_left_out_and_named(tmp_path, part, change):
+    content = json.loads(write_coco(tmp_path).read_text())
+    content["images"].append(content["images"][0] | {"id": 8, "file_name": "b.png"})
+    content["annotations"].append({"image_id": 8, "bbox": [1, 2, 3, 4]})
+    content[part][-1] |= change
+    (tmp_path / "coco.json").write_text(json.dumps(content))
+    read = read_labels(tmp_path / "coco.json")
     write_labels(read, tmp_path / "labels.parquet")
-    assert len(read.labels) == len(THINGS)
-    assert read.left_out == {"image_not_readable": 1, "no_such_image": 1}
+    assert [label.note for label in read.labels] == [name for name, _ in THINGS]
+    boxes, images = {"no_box": 1}, {"image_not_readable": 1, "no_such_image": 1}
+    assert read.left_out == (boxes if part == "annotations" else images)
+    assert ("annotation 3" if part == "annotations" else "image 1") in read.reasons
 
 
 @pytest.mark.parametrize(
@@ -243,18 +247,6 @@ def test_one_file_of_voc_that_cannot_be_read_is_left_out_and_named(tmp_path, tex
     assert read.left_out == {left_out: 1}
     assert "b.xml" in read.reasons
     assert [image.image_name for image in read.complete] == ["a 1.png"]
-
-
-def test_polygons_and_times_of_coco_are_kept(tmp_path):
-    corners = [20.0, 10.0, 40.0, 10.0, 30.0, 30.0]
-    content = {
-        "images": [{"id": 1, "frame": 3, "log_time_ns": 30}],
-        "annotations": [{"image_id": 1, "bbox": [20, 10, 20, 20], "segmentation": [corners]}],
-    }
-    (tmp_path / "coco.json").write_text(json.dumps(content))
-    label = read_labels(tmp_path / "coco.json").labels[0]
-    assert label.polygon == ((20, 10), (40, 10), (30, 30))
-    assert (label.image.frame, label.image.log_time_ns) == (3, 30)
 
 
 def test_the_truth_of_a_drive_is_read_for_every_frame():
@@ -314,26 +306,14 @@ def test_labels_find_their_frames_by_number_time_or_name():
 
 
 def test_labels_find_the_images_of_an_imported_log_by_their_files(tmp_path):
-    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((60, 80, 3), np.uint8))
-    cv2.imwrite(str(tmp_path / "b.png"), np.full((60, 80, 3), 90, np.uint8))
-    camera = Camera(80, 60, 100.0, 100.0, 39.5, 29.5)
-    (tmp_path / "camera.yaml").write_text(format_camera(camera, "camera"))
-    log = tmp_path / "drive.mcap"
-    import_images([tmp_path, tmp_path / "a.png"], tmp_path / "camera.yaml", 8.0, log)
+    log = make_log(
+        tmp_path / "drive.mcap",
+        np.arange(2 * 120 * 160 * 3).astype(np.uint8).reshape(2, 120, 160, 3),
+    )
     known = LogImages.of(log, ReadSettings(spacing_m=8.0))
-    assert known.names == {0: "a.png", 1: "b.png"}
-    read = Labels((Label(LabelledImage(image_name="b.png"), "sign", (0, 0, 5, 5)),), ())
+    assert known.names == {0: "000.png", 1: "001.png"}
+    read = Labels((Label(LabelledImage(image_name="001.png"), "sign", (0, 0, 5, 5)),), ())
     assert list(labels_by_frame(read, "drive", known.times_ns, known.names).labels) == [1]
-
-
-@pytest.mark.parametrize(
-    "content", ["", "{}", "[]", '{"images": [{"id": 1, "width": Infinity}], "annotations": []}']
-)
-def test_json_of_something_else_is_refused(tmp_path, content):
-    file = tmp_path / "some.json"
-    file.write_text(content)
-    with pytest.raises(InputError, match=r"See docs/labels\.md"):
-        read_labels(file)
 
 
 def test_the_page_describes_every_column_and_kind():

@@ -44,6 +44,7 @@ def test_the_page_finds_signs_and_shows_them(page):
     assert "'color': 'white'" in page["printed"]
     assert "did you mean segment.clusters" in page["printed"]
     assert wayside.__version__ in page["printed"]
+    assert list(page["inventory"]) == list(page["again"]) == []  # no frame is left
 
 
 @pytest.mark.parametrize("table", [SIGNS, OBSERVATIONS, FRAMES], ids=lambda t: t.file)
@@ -53,11 +54,6 @@ def test_tables_are_those_of_the_folder(page, table):
         found = getattr(inventory, table.file.removesuffix(".parquet"))
         assert found.equals(written)
         assert found.schema.equals(table.schema)
-
-
-def test_a_finished_inventory_has_no_frame_left(page):
-    assert list(page["inventory"]) == []
-    assert list(page["again"]) == []
 
 
 def test_without_a_folder_nothing_stays_on_disk(tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 from functools import cache
 from hashlib import sha256
@@ -68,22 +69,24 @@ def test_the_models_that_ship_name_the_drives_they_saw_and_none_that_is_for_test
     assert of_thresholds <= set(learned_from("learn_alley_70000", said))
 
 
-def test_every_model_that_ships_and_is_used_says_what_it_was_learned_from(shipped):
-    for models in (shipped, models_of("report"), models_of("report-shape")):
+def test_every_model_that_ships_says_what_it_was_learned_from_and_how_its_threshold_was_chosen(
+    shipped,
+):
+    report = models_of("report")
+    for models in (shipped, report, models_of("report-shape")):
         said = models.provenances()
         assert all(said.values())
         assert said.keys() == models.digests().keys()
-
-
-@pytest.mark.parametrize("side", ["front_scores", "back_scores"])
-def test_thresholds_of_boxes_name_their_rule_and_interval(shipped, side):
-    model = getattr(shipped, side)
-    assert model.threshold_rule.startswith("alpha: ")
-    low, high = model.threshold_interval
-    assert low <= model.threshold <= high
-    joined = model.with_network
-    assert joined is None or (joined.own > 0 and joined.network > 0)
-    assert (joined is None) == (side == "back_scores")
+    boxes = [(model, "alpha: ") for model in (shipped.front_scores, shipped.back_scores)]
+    classes = (*report.color_classes.classes, *report.location_classes.classes)
+    for model, rule in (*boxes, *((one, "knee of the ROC") for one in classes)):
+        assert model.threshold_rule.startswith(rule)
+        if getattr(model, "name", "") != "brown":  # seen on one drive only: nothing to resample
+            low, high = model.threshold_interval
+            assert low <= model.threshold <= high
+    joined = shipped.front_scores.with_network
+    assert min(joined.own, joined.network) > 0
+    assert shipped.back_scores.with_network is None
 
 
 def test_models_know_the_features_that_their_stages_compute(shipped):
@@ -99,13 +102,12 @@ def test_the_trajectory_model_is_that_of_the_form_asked_for(form):
     model = load_models(chosen).trajectory_density
     assert model.space == form
     assert "knee of the ROC" in model.threshold_rule
-    assert models_of("report").trajectory_density is None
 
 
 def test_each_preset_has_its_own_colours_shapes_and_places(shipped):
     default, report = shipped, models_of("report")
     assert report.box_network is report.front_scores is report.back_scores is None
-    assert report.face_network is None
+    assert report.face_network is report.trajectory_density is None
     assert (default.color_classes, default.shape_classes) == (None, None)
     assert (report.color_classes.space, report.shape_classes) == ("rgb", None)
     assert models_of("report-shape").shape_classes.space == "fourier6"
@@ -124,18 +126,7 @@ def test_the_mean_of_the_report_stands_as_a_location_model_of_its_own():
         load_models(settings("report", location="nowhere"))
 
 
-@pytest.mark.parametrize("name", ["color_rgb.json", "location_report.json"])
-def test_every_threshold_of_the_report_names_its_rule_and_interval(name):
-    model = model_from_json((shipped_models() / name).read_text())
-    for one in model.classes:
-        assert one.threshold_rule.startswith("knee of the ROC")
-        if one.name == "brown":
-            continue  # seen on one drive only: nothing to resample
-        low, high = one.threshold_interval
-        assert low <= one.threshold <= high
-
-
-def test_a_false_alarm_rate_trades_every_gate_of_the_report():
+def test_a_false_alarm_rate_trades_every_gate_of_the_report_that_has_a_curve(tmp_path):
     shipped = models_of("report")
     strict, loose = (load_models(settings("report", alpha=alpha)) for alpha in (0.02, 0.5))
     for gate in ("color_classes", "location_classes"):
@@ -146,14 +137,15 @@ def test_a_false_alarm_rate_trades_every_gate_of_the_report():
         assert radii[0] < radii[1]
         assert getattr(strict, gate).classes[0].threshold_rule.startswith("alpha 0.02")
     assert strict.digests() != shipped.digests()
-
-
-def test_a_false_alarm_rate_is_refused_where_no_curve_is_stored(tmp_path):
+    folder = with_curve(tmp_path, "trajectory.json")
+    density = load_models(settings("report-2d", folder, alpha=0.05)).trajectory_density
+    assert (density.threshold, density.threshold_interval) == (1.5, (1.0, 2.0))
+    assert density.threshold_rule.startswith("alpha 0.05")
     data = json.loads((shipped_models() / "color_rgb.json").read_text())
     del data["curve"]
-    (tmp_path / "color_rgb.json").write_text(json.dumps(data))
+    (folder / "color_rgb.json").write_text(json.dumps(data))
     with pytest.raises(InputError, match=r"color: .* the rates are none"):
-        load_models(settings("report", tmp_path, alpha=0.05))
+        load_models(settings("report", folder, alpha=0.05))
 
 
 def with_curve(folder, *names):
@@ -184,19 +176,10 @@ def test_a_false_alarm_rate_moves_the_decision_of_the_default_preset_not_the_con
         load_models(settings(folder=folder, alpha=0.005))
 
 
-def test_a_false_alarm_rate_trades_the_trajectory_gate(tmp_path):
-    folder = with_curve(tmp_path, "trajectory.json")
-    density = load_models(settings("report-2d", folder, alpha=0.05)).trajectory_density
-    assert (density.threshold, density.threshold_interval) == (1.5, (1.0, 2.0))
-    assert density.threshold_rule.startswith("alpha 0.05")
-
-
 def test_digests_are_those_of_the_files_and_of_the_new_text_where_a_model_was_changed(shipped):
     one = shipped.digests()
     assert one == load_models(settings()).digests()
     assert one["front"] == digest((shipped_models() / "front.json").read_text())
-    for name, network in NETWORKS.items():
-        assert one[network] == sha256((shipped_models() / name).read_bytes()).hexdigest()
     front = replace(shipped.front_scores, threshold=7.0)
     changed = replace(shipped, front_scores=front).digests()
     assert changed == one | {"front": digest(model_to_json(front))}
@@ -248,13 +231,20 @@ def test_a_file_that_ships_has_its_digest_and_another_content_is_refused(tmp_pat
         load_models(settings())
 
 
-def changed_model(name, change):
-    data = json.loads((shipped_models() / name).read_text())
-    change(data)
-    return json.dumps(data)
-
-
-DAMAGED = {
+BROKEN = {
+    **{
+        text[:40]: ("front.json", text, "not a model file")
+        for text in ("", "{}", "[1]", '{"kind": "gaussian"}', '{"kind": "fish"}', "[" * 100_000)
+    },
+    "deep": ("front.json", '{"kind": "score", "with_network": ' * 50_000, "not a model file"),
+    "no text": ("front.json", b"\xff\xfe\x00\x81", "cannot be read"),
+    "another kind": (
+        "front.json",
+        (shipped_models() / "location.json").read_bytes(),
+        "'score' bel",
+    ),
+}
+CHANGED = {
     "nan as threshold": ("front.json", lambda d: d.update(threshold=math.nan)),
     "words as threshold": ("back.json", lambda d: d.update(threshold="high")),
     "an interval of three": ("front.json", lambda d: d.update(threshold_interval=[0.1, 0.2, 0.3])),
@@ -266,39 +256,30 @@ DAMAGED = {
     "evidence without a curve": ("place.json", lambda d: d["features"][0].pop("curve")),
     "a curve of nan": ("place.json", lambda d: d["features"][0]["curve"].append(math.nan)),
     "knots out of order": ("place.json", lambda d: d["features"][0]["knots"].reverse()),
+    "another input": ("place.json", lambda d: d["features"][0].update(name="glitter")),
+    "another input of backs": (
+        "back_place.json",
+        lambda d: d["features"][0].update(name="glitter"),
+    ),
+    "another term": ("place.json", lambda d: d["features"][0].update(term="mood")),
     "a mean of another size": ("location.json", lambda d: d["classes"][0]["mean"].pop()),
-    "no covariance": (
-        "location.json",
-        lambda d: d["classes"][0].update(covariance=[[0, 0], [0, 0]]),
-    ),
-    "nan as weight": (
-        "outline.json",
-        lambda d: d["weights"].update(dict.fromkeys(d["weights"], math.nan)),
-    ),
+    "no covariance": ("location.json", lambda d: d["classes"][0].update(covariance=[[0, 0]] * 2)),
+    "nan as weight": ("outline.json", lambda d: d["weights"].update(glitter=math.nan)),
+    "another weight": ("outline.json", lambda d: d["weights"].update(glitter=1.0)),
     "a share above all": ("trajectory.json", lambda d: d["weight"].__setitem__(0, 2.0)),
 }
 
 
-@pytest.mark.parametrize("what", DAMAGED)
-def test_a_damaged_model_is_refused_with_its_name(what):
-    name, change = DAMAGED[what]
-    with pytest.raises(InputError, match=name.replace(".", r"\.")):
-        model_from_json(changed_model(name, change), name)
-
-
-@pytest.mark.parametrize(
-    ("name", "change"),
-    [
-        ("place.json", lambda d: d["features"][0].update(name="glitter")),
-        ("back_place.json", lambda d: d["features"][0].update(name="glitter")),
-        ("place.json", lambda d: d["features"][0].update(term="mood")),
-        ("outline.json", lambda d: d["weights"].update(glitter=1.0)),
-    ],
-)
-def test_a_model_of_other_inputs_or_names_is_refused_before_the_first_image(tmp_path, name, change):
-    (tmp_path / name).write_text(changed_model(name, change))
-    with pytest.raises(InputError, match=name.replace(".", r"\.")):
-        load_models(settings(folder=tmp_path))
+@pytest.mark.parametrize("what", [*BROKEN, *CHANGED])
+def test_a_file_that_is_no_model_that_can_be_used_is_refused_with_its_name(tmp_path, what):
+    name, content, words = BROKEN.get(what) or (*CHANGED[what], "")
+    if callable(content):
+        data = json.loads((shipped_models() / name).read_text())
+        content(data)
+        content = json.dumps(data)
+    (tmp_path / name).write_bytes(content.encode() if isinstance(content, str) else content)
+    with pytest.raises(InputError, match=rf"{re.escape(name)}: .*{words}"):
+        load_models(settings("report-2d" if name == "trajectory.json" else "default", tmp_path))
 
 
 @pytest.mark.parametrize("name", ["location_report.json", "colour.json"])
@@ -310,48 +291,24 @@ def test_a_folder_without_a_model_that_the_preset_reads_is_refused(tmp_path, nam
         load_models(settings(folder=tmp_path / "none"))
 
 
-NO_MODEL = {
-    "the wrong kind": ((shipped_models() / "location.json").read_bytes(), "'score' belongs here"),
-    "no text": (b"\xff\xfe\x00\x81", "cannot be read"),
-    **{
-        text[:40]: (text.encode(), "not a model file")
-        for text in ("", "{}", "[1]", '{"kind": "gaussian"}', '{"kind": "fish"}', "[" * 100_000)
-    },
-    "deep": (b'{"kind": "score", "with_network": ' * 50_000, "not a model file"),
-}
-
-
-@pytest.mark.parametrize("what", NO_MODEL)
-def test_a_file_that_is_no_model_is_refused_with_its_name(tmp_path, what):
-    content, words = NO_MODEL[what]
-    (tmp_path / "front.json").write_bytes(content)
-    with pytest.raises(InputError, match=rf"front\.json: .*{words}"):
-        load_models(settings(folder=tmp_path))
-
-
 def test_a_detection_network_is_read_where_it_is_named_and_its_digest_is_stated(tmp_path):
     onnx = Path(__file__).parents[1] / "stages" / "detection" / "red_cells.onnx"
-    named = load_settings("default", None, [], {"models.network": str(onnx)})[0]
-    models = load_models(named)
-    assert models.detection_network is not None
+    models = load_models(settings(network=str(onnx)))
     assert models.detection_network.path == str(onnx)
     assert models.digests()["network"] == sha256(onnx.read_bytes()).hexdigest()
     broken = tmp_path / "broken.onnx"
     broken.write_bytes(b"no network")
     for name in (broken, tmp_path / "missing.onnx"):
         with pytest.raises(InputError, match=r"models\.network"):
-            load_models(load_settings("default", None, [], {"models.network": str(name)})[0])
+            load_models(settings(network=str(name)))
 
 
 def test_the_detection_network_that_ships_is_used_unless_none_is_wanted(shipped):
-    network = shipped.detection_network
-    assert network is not None
-    assert Path(network.path).parent == Path(str(shipped_models()))
-    without = load_models(load_settings("default", None, [], {"models.network": ""})[0])
+    assert Path(shipped.detection_network.path).parent == Path(str(shipped_models()))
+    without = load_models(settings(network=""))
     assert without.detection_network is None
     assert "network" not in without.digests()
-    report = load_settings("report", None, [], {"models.network": "network.onnx"})[0]
-    assert load_models(report).detection_network is None
+    assert load_models(settings("report", network="network.onnx")).detection_network is None
 
 
 TEXT = (
@@ -360,14 +317,11 @@ TEXT = (
 )
 
 
-@pytest.mark.parametrize("log", ["learn_alley", "learn_town", "tune_hill", "us_clip"])
-def test_a_log_that_is_listed_with_its_images_was_learned_from(log):
-    assert learned_from(log, {"box": TEXT, "place": "seed 1"}) == ("box",)
-
-
-@pytest.mark.parametrize("log", ["alley", "learn", "hill", "us", "clip", "town", "seed", "us.clip"])
-def test_a_part_of_a_name_or_a_word_of_the_text_is_no_source(log):
-    assert learned_from(log, {"box": TEXT}) == ()
+def test_a_log_was_learned_from_if_it_is_listed_with_its_images_under_its_whole_name():
+    for log in ("learn_alley", "learn_town", "tune_hill", "us_clip"):
+        assert learned_from(log, {"box": TEXT, "place": "seed 1"}) == ("box",)
+    for log in ("alley", "learn", "hill", "us", "clip", "town", "seed", "us.clip"):
+        assert learned_from(log, {"box": TEXT}) == ()
 
 
 @given(st.binary(max_size=200))

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -49,24 +48,19 @@ def test_files_appear_together_and_those_of_others_stay(tmp_path):
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, OutputError, OSError])
-def test_an_error_before_the_commit_leaves_the_result_of_before(tmp_path, error):
-    write(tmp_path, "old")
-
-    def fail():
-        with OutputFolder(tmp_path) as output:
+def test_an_error_before_the_commit_leaves_what_was_there(tmp_path, error):
+    def fail(folder):
+        with OutputFolder(folder) as output:
             (output.part / NAMES[0]).write_text("new")
             raise error("no more")
 
-    with pytest.raises(error):
-        fail()
-    assert contents(tmp_path) == whole("old")
-    assert sorted(os.listdir(tmp_path)) == sorted(NAMES)
-
-
-def test_a_folder_that_it_made_goes_again(tmp_path):
-    with pytest.raises(ValueError, match="no more"), OutputFolder(tmp_path / "out"):
-        raise ValueError("no more")
-    assert os.listdir(tmp_path) == []
+    write(tmp_path / "old", "old")
+    for name in ("old", "none"):
+        with pytest.raises(error):
+            fail(tmp_path / name)
+    assert contents(tmp_path / "old") == whole("old")
+    assert sorted(os.listdir(tmp_path / "old")) == sorted(NAMES)
+    assert os.listdir(tmp_path) == ["old"]
 
 
 def killed(work, at):
@@ -130,16 +124,6 @@ def test_an_interrupt_in_the_middle_of_the_moves_completes_them(tmp_path, monkey
     assert sorted(os.listdir(tmp_path)) == sorted(NAMES)
 
 
-def test_a_second_writer_is_refused_while_the_first_one_lives(tmp_path):
-    with OutputFolder(tmp_path) as first:
-        (first.part / NAMES[0]).write_text("first")
-        with pytest.raises(OutputError, match="another wayside"):
-            write(tmp_path, "second")
-        first.commit()
-    assert contents(tmp_path) == {NAMES[0]: "first"}
-    write(tmp_path, "second")
-
-
 def test_the_lock_of_a_killed_process_does_not_count(tmp_path):
     code = (
         "import sys, time\nfrom pathlib import Path\n"
@@ -201,7 +185,5 @@ def test_readers_wait_for_a_replacement_under_way(tmp_path, monkeypatch):
     with OutputFolder(tmp_path):
         (tmp_path / DONE).mkdir()
         monkeypatch.setattr(output_folder, "_PATIENCE_S", 0.05)
-        start = time.monotonic()
         with pytest.raises(InputError, match="is replacing the result"):
             finish_replacement(tmp_path)
-        assert time.monotonic() - start >= 0.05

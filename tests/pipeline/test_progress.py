@@ -33,16 +33,29 @@ def last_line(screen):
     return [line for line in lines if line.strip()][-1]
 
 
-def test_the_bar_counts_images_looked_at_and_settled_and_fits_into_80_columns(terminal):
+def test_the_bar_counts_images_looked_at_and_settled_and_ends_with_the_last_settled(terminal):
     screen, run = terminal(), Run()
     with FrameProgress(NAME, run) as progress:
-        run.report.images_held = 120_000
-        run.counts.looked_at, run.counts.settled = 100_500, 100_321
-        progress._bar.refresh()
+        run.report.images_held, run.report.bytes_read, run.report.bytes_total = 120_000, 9, 9
+        for looked_at in (40_000, 80_000, 120_000):  # all, before half of them are settled
+            run.counts.looked_at = looked_at
+            progress._bar.refresh()
+            time.sleep(0.02)
         line = last_line(screen)
-    assert "100500 looked at, 100321 of 120000 settled" in line
-    assert line.startswith("rosbag2")
-    assert len(line) <= 80
+        assert "120000 looked at, 0 of 120000 settled" in line
+        assert line.startswith("rosbag2")
+        assert len(line) <= 80
+        named = progress.description
+        for active, words in ((True, COMPILING), (False, named)):
+            progress.compiling(active)
+            assert progress.description == words
+        task = progress._bar.tasks[0]
+        assert task.percentage == 50
+        assert task.time_remaining > 0
+        run.counts.settled = 120_000
+        progress._bar.refresh()
+        assert task.finished
+        assert "left" not in last_line(screen)
 
 
 def test_the_time_goes_on_where_counting_begins_again(terminal, monkeypatch):
@@ -58,24 +71,6 @@ def test_the_time_goes_on_where_counting_begins_again(terminal, monkeypatch):
             progress._bar.refresh()
             line = last_line(screen)
             assert f"{done}/183 images 0:00:{seconds:02.0f}" in line
-
-
-def test_time_is_left_while_images_are_looked_at_and_not_settled(terminal):
-    """All of a short log is read long before half of it is settled."""
-    screen, run = terminal(), Run()
-    with FrameProgress("a.mcap", run) as progress:
-        run.report.images_held, run.report.bytes_read, run.report.bytes_total = 20, 9, 9
-        for _ in range(4):
-            run.counts.looked_at += 5
-            progress._bar.refresh()
-            time.sleep(0.02)
-        task = progress._bar.tasks[0]
-        assert task.percentage == 50
-        assert task.time_remaining > 0
-        run.counts.settled = 20
-        progress._bar.refresh()
-        assert task.finished
-        assert "left" not in last_line(screen)
 
 
 def test_where_no_bar_is_shown_compilation_is_told_once_and_nothing_else(monkeypatch):

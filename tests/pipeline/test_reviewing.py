@@ -6,22 +6,14 @@ import shutil
 
 import pyarrow.parquet as pq
 import pytest
-from typer.testing import CliRunner
 
-from wayside.pipeline.cli import app
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.labels.wayside_labels import read_label_file
-from wayside.pipeline.reviewing.review import (
-    COLUMNS,
-    FILES,
-    find_review,
-    is_review,
-    read_review,
-)
+from wayside.pipeline.reviewing.review import COLUMNS, FILES, find_review, is_review, read_review
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.tables import SIGNS
 
-from .results import observation_row, sign_row, table_of, write_tables
+from .results import invoke, observation_row, sign_row, table_of, write_tables
 
 RESULT = "0123456789abcdef"
 CSV = f"""{",".join(COLUMNS)}
@@ -79,15 +71,9 @@ def as_json(path):
     return path
 
 
-def command(*arguments, status=0):
-    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert done.exit_code == status, done.output
-    return done.output
-
-
 def test_an_exported_table_with_reviews_filled_in_is_a_review(out, tmp_path):
     table = tmp_path / "signs.csv"
-    command("export", out, "-o", table)
+    invoke("export", out, "-o", table)
     rows = list(csv.DictReader(table.read_text().splitlines()))
     rows[0] |= {"review": "accepted"}
     rows[2] |= {"review": "edited", "reviewed_color": "green"}
@@ -124,7 +110,7 @@ def test_csv_and_json_say_the_same_and_by_hand_signs_and_verdicts_are_enough(out
 
 def test_the_exported_table_has_the_review_beside_what_was_measured(out, review, tmp_path):
     file = tmp_path / "signs.csv"
-    assert "5 rows, 4 of them reviewed" in command("export", out, "-o", file, "--review", review)
+    assert "5 rows, 4 of them reviewed" in invoke("export", out, "-o", file, "--review", review)
     rows = {row["sign_id"]: row for row in csv.DictReader(file.read_text().splitlines())}
     reviews = ["accepted", "rejected", "edited", "", "missing"]
     assert [row["review"] for row in rows.values()] == reviews
@@ -136,7 +122,7 @@ def test_the_exported_table_has_the_review_beside_what_was_measured(out, review,
     missing = [rows["d-missing-1"][name] for name in names]
     assert missing == ["31.5", "4.0", "30.0", "3", "", "", "octagon"]
     plain = tmp_path / "plain.csv"
-    command("export", out, "-o", plain)
+    invoke("export", out, "-o", plain)
     measured = [column for column in rows["d-0001"] if "review" not in column]
     for row in csv.DictReader(plain.read_text().splitlines()):
         assert {c: row[c] for c in measured} == {c: rows[row["sign_id"]][c] for c in measured}
@@ -144,52 +130,40 @@ def test_the_exported_table_has_the_review_beside_what_was_measured(out, review,
 
 def test_geojson_has_longitude_first_and_places_missing_signs_by_the_others(out, review, tmp_path):
     file = tmp_path / "signs.geojson"
-    command("export", out, "-o", file, "--review", review)
+    invoke("export", out, "-o", file, "--review", review)
     content = json.loads(file.read_text())
     places = {f["properties"]["sign_id"]: f["geometry"]["coordinates"] for f in content["features"]}
     assert places["d-0001"] == [10.0001, 50.00003, 7.0]
     assert places["d-missing-1"] == pytest.approx([10 + 31.5e-5, 50 + 4e-5], abs=1e-9)
-
-
-def test_geojson_without_fixes_is_refused_and_a_file_that_stands_there_kept(out, tmp_path):
-    file = tmp_path / "signs.csv"
-    file.write_text("mine")
-    done = CliRunner().invoke(app, ["export", str(out), "-o", str(file)])
-    assert "--overwrite" in str(done.exception)
-    assert file.read_text() == "mine"
     rows = [sign(1, lon_deg=None, lat_deg=None, alt_m=None)]
     pq.write_table(table_of(SIGNS, rows), out / SIGNS.file)
-    done = CliRunner().invoke(app, ["export", str(out), "-o", str(tmp_path / "a.geojson")])
-    assert "Export CSV" in str(done.exception)
-    assert not (tmp_path / "a.geojson").exists()
+    with pytest.raises(UsageError, match="Export CSV"):
+        invoke("export", out, "-o", tmp_path / "no fixes.geojson")
 
 
 def test_a_review_evaluates_the_rows_with_status_sign(out, review, tmp_path):
     figures = tmp_path / "figures.json"
-    words = command("evaluate", out, "--truth", review, "--json", figures)
+    words = invoke("evaluate", out, "--truth", review, "--json", figures)
     assert "3 of 3 rows with status sign: 1 accepted, 1 edited, 1 rejected" in words
     assert "not counted" not in words
     content = json.loads(figures.read_text())
     assert content["precision"] == pytest.approx(2 / 3)
     assert content["recall"] == pytest.approx(2 / 3)
     assert (content["color_right"], content["shape_right"]) == (1, 2)
-
-
-def test_rows_of_another_status_and_looks_that_a_row_does_not_state_are_not_counted(out, review):
     rows = [sign(1, shape=None), sign(2), sign(3, color=None)]
     pq.write_table(table_of(SIGNS, rows), out / SIGNS.file)
-    words = command("evaluate", out, "--truth", review)
-    assert "colour     1.000   1 of 1 right" in words
+    words = invoke("evaluate", out, "--truth", review)
+    assert "colour     1.000   1 of 1 right" in words  # of those that the row states
     assert "shape      1.000   1 of 1 right" in words
     pq.write_table(table_of(SIGNS, [*rows[:2], sign(3, status="back")]), out / SIGNS.file)
-    words = command("evaluate", out, "--truth", review)
+    words = invoke("evaluate", out, "--truth", review)
     assert "not counted: 1 reviewed rows with status back" in words
 
 
 def test_a_reviewed_result_gives_labels_of_every_measured_view(out, review, tmp_path):
     shutil.copy(review, out / "review.csv")
     file = tmp_path / "labels.parquet"
-    assert "1 missing_without_box" in command("label", out, "-o", file, status=4)
+    assert "1 missing_without_box" in invoke("label", out, "-o", file, status=4)
     labels = read_label_file(file).labels
     assert [(one.image.frame, one.kind, one.color, one.shape) for one in labels] == [
         (1, "sign", "white", "rectangle"),

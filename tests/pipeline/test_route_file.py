@@ -12,12 +12,13 @@ import pyogrio
 import pyproj
 import pytest
 
-from wayside.pipeline.cli import app
 from wayside.pipeline.cli.options import parse_milepost, settings_of
 from wayside.pipeline.files.route_file import open_routes, route_notes
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.settings import RouteSettings
+
+from .results import invoke
 
 LINE = [(-98.87, 38.88, 12.0), (-98.86, 38.881, 12.6), (-98.85, 38.882, 13.2)]
 OTHER = [(-97.0, 38.0, 1.0), (-96.9, 38.0, 2.0)]
@@ -37,20 +38,13 @@ def write(file, lines, column="RTE_NM", names=("US-36 EB", "K-7"), crs="OGC:CRS8
         about["columns"] = {"geometry": {"encoding": "WKB", "geometry_types": [], "crs": crs}}
         with pq.ParquetWriter(file, table.schema) as writer:
             writer.write_table(table)
-            writer.add_key_value_metadata(
-                {"geo": json.dumps(about)}
-            )  # as GDAL does: not in the schema
+            # as GDAL does: not in the schema
+            writer.add_key_value_metadata({"geo": json.dumps(about)})
         return file
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the writer does not know lines with measures by name
-        pyogrio.write_arrow(
-            table,
-            file,
-            driver="GPKG",
-            geometry_name="geometry",
-            geometry_type="LineString",
-            crs=crs,
-        )
+        kind = {"geometry_name": "geometry", "geometry_type": "LineString"}
+        pyogrio.write_arrow(table, file, driver="GPKG", crs=crs, **kind)
     return file
 
 
@@ -120,23 +114,14 @@ def test_signs_without_a_route_are_counted():
     assert route_notes(RouteSettings(), signs, on_globe=True) == []
 
 
-@pytest.mark.parametrize(
-    ("text", "settings"),
-    [
-        ("12.35", {"route.milepost": 12.35}),
-        ("0", {"route.milepost": 0.0}),
-        ("12.35 mi", {"route.milepost": 12.35, "route.unit": "mi"}),
-        ("19.875km", {"route.milepost": 19.875, "route.unit": "km"}),
-    ],
-)
-def test_a_milepost_may_name_its_unit(text, settings):
-    assert parse_milepost(text) == settings
-
-
-@pytest.mark.parametrize("text", ["", "-3", "12,35", "12.35 leagues", "mile 12"])
-def test_what_is_no_milepost_is_refused(text):
-    with pytest.raises(UsageError, match=r"12\.35 \(miles\)"):
-        parse_milepost(text)
+def test_a_milepost_may_name_its_unit():
+    assert parse_milepost("12.35") == {"route.milepost": 12.35}
+    assert parse_milepost("0") == {"route.milepost": 0.0}
+    assert parse_milepost("12.35 mi") == {"route.milepost": 12.35, "route.unit": "mi"}
+    assert parse_milepost("19.875km") == {"route.milepost": 19.875, "route.unit": "km"}
+    for text in ("", "-3", "12,35", "12.35 leagues", "mile 12"):
+        with pytest.raises(UsageError, match=r"12\.35 \(miles\)"):
+            parse_milepost(text)
 
 
 @pytest.mark.parametrize(
@@ -152,9 +137,5 @@ def test_options_that_do_not_go_together_are_refused(given, words):
     names = ("route", "milepost", "decreasing", "routes")
     with pytest.raises(UsageError, match=words):
         load_settings(options=settings_of(dict(zip(names, given, strict=True))))
-
-
-def test_one_milepost_is_not_taken_for_several_logs(tmp_path):
-    arguments = ["run", "a.mcap", "b.mcap", "-o", str(tmp_path), "--milepost", "12.35"]
     with pytest.raises(UsageError, match="--milepost: 2 logs are given"):
-        app(arguments, standalone_mode=False)
+        invoke("run", "a.mcap", "b.mcap", "-o", "out", "--milepost", "12.35")

@@ -18,21 +18,6 @@ def test_the_interval_of_a_share_is_wilsons_and_at_both_ends_the_exact_one(count
     assert share_interval(count, total) == pytest.approx((named.low, named.high), abs=1e-12)
 
 
-@given(COUNTS)
-def test_the_interval_holds_the_share_and_is_mirrored_by_what_was_not_found(counts):
-    count, total = counts
-    interval, other = share_interval(count, total), share_interval(total - count, total)
-    assert interval is not None
-    assert other is not None
-    assert 0 <= interval.low <= count / total <= interval.high <= 1
-    assert other == pytest.approx((1 - interval.high, 1 - interval.low), abs=1e-9)
-
-
-def test_a_published_interval_is_met():
-    # Newcombe, Statistics in Medicine 17 (1998), table I, method 3: 81 of 263
-    assert share_interval(81, 263) == pytest.approx((0.2553, 0.3662), abs=5e-5)
-
-
 @given(st.integers(0, 500), st.floats(0.1, 100))
 def test_the_ends_of_a_rate_leave_a_fortieth_on_each_side(count, exposure):
     interval = rate_interval(count, exposure)

@@ -1,6 +1,5 @@
 """The closing words of a run."""
 
-import dataclasses
 import io
 from pathlib import Path
 
@@ -14,28 +13,28 @@ from wayside.pipeline.results.inventory import WrittenTables
 from wayside.pipeline.running.run import RunResult
 from wayside.stages.georeference import DrivePath
 
-LATE = "the fixes are 0.200 s behind the images (± 0.015 s), or their antenna 4.0 m behind the camera: corrected"
 
-
-def result(notes):
+def said_of(rows=(), *, notes=(), width=120, recorded=None, folder="out", **how):
+    """What is printed at the end of a run of three images with these rows of signs.parquet."""
     path = DrivePath("enu", {}, {}, {}, np.zeros(0), None, None, {}, notes)
     inventory = WrittenTables("a", (), path, {"signs.parquet": 0}, {})
-    report = ReadReport(notes=["header times are of different clocks"])
-    return RunResult(Path("a.mcap"), Path("out"), inventory, report, {"used": 3}, {}, 1.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(WrittenTables, "sign_rows", list(rows))
+        report = ReadReport(notes=["header times are of different clocks"][: len(notes)])
+        one = RunResult(
+            Path("a.mcap"), Path(folder), inventory, report, {"used": 3}, {}, 1.0, recorded=recorded
+        )
+        stream = io.StringIO()
+        print_summary(one, Console(file=stream, width=width, soft_wrap=True), **how)
+    return stream.getvalue()
 
 
 def test_what_is_amiss_with_the_log_is_said_at_the_end():
-    stream = io.StringIO()
-    print_summary(result((LATE,)), Console(file=stream, width=200), kept=False)
-    lines = stream.getvalue().splitlines()
+    late = "the fixes are 0.200 s behind the images (± 0.015 s), or their antenna 4.0 m behind the camera: corrected"
+    lines = said_of(notes=(late,), width=200, kept=False).splitlines()
     assert "note: header times are of different clocks" in lines
-    assert f"note: {LATE}" in lines
-
-
-def test_a_log_without_faults_has_no_notes():
-    one = result(())
-    one.report.notes.clear()
-    assert one.notes == []
+    assert f"note: {late}" in lines
+    assert "note:" not in said_of()
 
 
 def row(**change):
@@ -63,30 +62,13 @@ def test_the_table_of_signs_fits_into_80_columns_and_keeps_numbers_and_names_who
 
 
 def test_shares_of_stages_and_verdicts_of_regions_are_for_who_asks():
-    one = result(())
     for verbose in (False, True):
-        stream = io.StringIO()
-        print_summary(one, Console(file=stream, width=80), verbose=verbose)
-        said = stream.getvalue()
+        said = said_of(verbose=verbose)
         assert "3 images read: 3 used" in said
         assert ("processor time" in said) == ("no regions" in said) == verbose
 
 
-@pytest.fixture
-def said_of(monkeypatch):
-    """What is printed of rows of signs.parquet."""
-
-    def words(rows, recorded=None, folder="out"):
-        monkeypatch.setattr(WrittenTables, "sign_rows", rows)
-        one = dataclasses.replace(result(()), folder=Path(folder), recorded=recorded)
-        stream = io.StringIO()
-        print_summary(one, Console(file=stream, width=120, soft_wrap=True))
-        return stream.getvalue()
-
-    return words
-
-
-def test_the_table_of_signs_says_what_sign_it_is_and_where_along_the_route(said_of):
+def test_the_table_of_signs_says_what_sign_it_is_and_where_along_the_route():
     speed = row(mutcd="R2-1", legend="45", measure=12.3456, measure_unit="mi", status="sign")
     said = said_of([speed, row(measure=None, measure_unit=None)])
     assert "R2-1 45" in said
@@ -96,7 +78,7 @@ def test_the_table_of_signs_says_what_sign_it_is_and_where_along_the_route(said_
     assert "station m" in said_of([row()])
 
 
-def test_a_run_ends_with_what_may_be_typed_next(said_of):
+def test_a_run_ends_with_what_may_be_typed_next():
     said = said_of([row()], recorded=True, folder="my out").splitlines()[-1]
     assert said.startswith("next: wayside view 'my out' (every step); wayside evidence 'my out' (")
     assert "wayside export 'my out' -f csv" in said

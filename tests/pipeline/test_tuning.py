@@ -8,8 +8,6 @@ import sys
 
 from numba import njit
 
-from wayside.pipeline.cli.progress import COMPILING, FrameProgress
-from wayside.pipeline.running.run import Run
 from wayside.pipeline.running.tuning import watched_compilation
 
 
@@ -37,16 +35,3 @@ def test_a_compilation_is_told_once_with_collection_paused():
     assert njit(lambda x: x - 1)(2) == 1  # outside of the block nothing is told
     assert told == [(True, False), (False, True)]
     assert gc.isenabled()
-
-
-def test_the_progress_line_says_that_kernels_are_compiled():
-    with FrameProgress("drive.mcap", Run()) as progress, watched_compilation(progress.compiling):
-        shown = []
-
-        def note(x):
-            return x + 3
-
-        compiled = njit(note)
-        with watched_compilation(lambda active: shown.append(progress.description)):
-            compiled(1)
-        assert shown == [COMPILING, "drive.mcap"]

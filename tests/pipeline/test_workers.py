@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 
+from wayside.pipeline import workers
 from wayside.pipeline.workers import StageClock, ordered_parallel
 from wayside.schemas.errors import StageError
 
@@ -54,88 +55,60 @@ def test_a_slow_consumer_makes_the_reader_wait():
     assert not own_threads()
 
 
-@pytest.mark.parametrize("way", ["exits", "returns"])
-def test_a_worker_that_ends_is_a_fault_and_not_the_end_of_the_run(way):
+@pytest.mark.parametrize(
+    ("end", "kind", "words"),
+    [
+        (ValueError("seven"), ValueError, "seven"),
+        (SystemExit(), StageError, "stage workers failed"),
+        (None, StageError, "stage workers failed"),
+    ],
+    ids=["raises", "exits", "returns"],
+)
+def test_a_worker_that_ends_is_a_fault_after_the_results_before_it(end, kind, words):
     def ends_at_seven(items):
         for item in items:
-            if item == 7 and way == "exits":
-                raise SystemExit
+            if item == 7 and end is not None:
+                raise end
             if item == 7:
                 return
             yield item
 
     found = []
-    with pytest.raises(StageError, match="stage workers failed"):
+    with pytest.raises(kind, match=words):
         found.extend(ordered_parallel(ends_at_seven, iter(range(50)), workers=2, queue=2))
+    assert found == list(range(7))
     assert not own_threads()
 
 
-def test_an_error_in_a_worker_is_raised_after_the_results_before_it_and_leaves_no_thread():
-    def fails_at_seven(items):
-        for item in items:
-            if item == 7:
-                raise ValueError("seven")
-            yield item
-
-    seen = []
-    with pytest.raises(ValueError, match="seven"):
-        seen.extend(ordered_parallel(fails_at_seven, iter(range(20)), workers=2, queue=2))
-    assert seen == list(range(7))
-    assert not own_threads()
-
-
-def test_a_fault_names_the_stage_and_the_frame():
-    def stage(items):
-        for item in items:
-            yield Numbered(1 // (item.index - 3))
-
+def test_a_fault_names_the_stage_and_the_frame_if_it_was_at_one():
     clock = StageClock()
     numbered = clock.timed("count", map(Numbered, range(9)))
-    with pytest.raises(
-        StageError, match="stage divide failed at frame 3: ZeroDivisionError"
-    ) as caught:
-        list(clock.timed("divide", stage(numbered)))
+    divided = (Numbered(1 // (item.index - 3)) for item in numbered)
+    words = "stage divide failed at frame 3: ZeroDivisionError"
+    with pytest.raises(StageError, match=words) as caught:
+        list(clock.timed("divide", divided))
     assert (caught.value.stage, caught.value.frame) == ("divide", 3)
-
-
-def test_a_fault_after_the_last_frame_names_the_stage_alone():
-    clock = StageClock()
-    list(clock.timed("count", map(Numbered, range(3))))
     with pytest.raises(StageError, match="stage sum failed: ZeroDivisionError"):
         list(clock.timed_drive("sum", (1 // n for n in (1, 0))))
-    assert set(clock.seconds()) == {"count", "sum"}
+    assert set(clock.seconds()) == {"count", "divide", "sum"}
 
 
-def test_the_clock_counts_a_stage_without_the_stages_before_it():
-    def busy(items):
+def test_the_clock_counts_each_stage_alone_and_what_is_done_between_two_apart(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(workers, "thread_time", lambda: now[0])
+
+    def busy(seconds, items):
         for item in items:
-            end = time.thread_time() + 0.02
-            while time.thread_time() < end:
-                pass
+            now[0] += seconds
             yield item
-
-    clock = StageClock()
-    first = clock.timed("first", busy(map(Numbered, range(1, 4))))
-    list(clock.timed("second", (item for item in first)))
-    seconds = clock.seconds()
-    assert seconds["first"] > 10 * seconds["second"]
-
-
-def test_what_is_done_between_two_stages_counts_for_neither():
-    def busy(seconds):
-        end = time.thread_time() + seconds
-        while time.thread_time() < end:
-            pass
 
     def watched(items):
         for item in items:
             with clock.aside("view"):
-                busy(0.05)
+                now[0] += 8.0
             yield item
 
     clock = StageClock()
-    first = watched(clock.timed("first", map(Numbered, range(1, 4))))
-    list(clock.timed("second", (item for item in first)))
-    seconds = clock.seconds()
-    assert seconds["view"] >= 0.15
-    assert max(seconds["first"], seconds["second"]) < seconds["view"] / 10
+    first = watched(clock.timed("first", busy(1.0, map(Numbered, range(3)))))
+    list(clock.timed("second", busy(2.0, first)))
+    assert clock.seconds() == pytest.approx({"first": 3.0, "second": 6.0, "view": 24.0})
