@@ -3,22 +3,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wayside.schemas.detections import VERDICTS
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping import LandmarkClassifier, SideClassifiers, assemble
 from wayside.stages.mapping.landmark import BORDER
 from wayside.stages.mapping.tracker import WINDOW_STEP, track
 from wayside.stages.report import match_by_descriptors
 
+from ..made_frames import landmarks_of, verdicts_of
+
 SETTINGS = TrackSettings()
-
-
-def landmarks_of(tracked):
-    return [landmark for item in tracked for landmark in item.landmarks]
-
-
-def verdicts_of(tracked):
-    return [VERDICTS[v] for item in tracked for v in item.candidates.verdict]
 
 
 def run(frames, settings=SETTINGS, classifier=None):
@@ -41,12 +34,6 @@ def test_a_panel_is_measured_where_it_stands(panel, drive):
     assert (np.linalg.eigvalsh(landmark.covariance) > 0).all()
     assert landmark.best_frame == max(view.frame for view in landmark.views)
     assert landmark.best_box[2] <= 1600
-
-
-def test_a_plaque_under_a_sign_is_kept(panel, drive):
-    frames = drive([panel(3.5, 2.0, 120.0), panel(3.5, 1.4, 120.0, wide=0.6, tall=0.3)], 20)
-    heights = sorted(landmark.height_m for landmark in landmarks_of(run(frames)))
-    assert heights == pytest.approx([0.3 * BORDER, 0.75 * BORDER], rel=0.02)
 
 
 @pytest.mark.parametrize("union_score", [2.0, 5.0])
@@ -84,17 +71,11 @@ def test_panels_that_touch_are_a_row_each_and_none_spans_two(
         for (wide, tall), top in zip(sides, tops[:-1], strict=True)
     ]
     low, high = spanning  # scores of boxes that span two plates, and all
-    whole = [(a, b) for a in range(len(sides)) for b in range(a + 2, len(sides) + 1)]
     spans = [
-        panel(
-            4.0,
-            (tops[a] + tops[b]) / 2,
-            120.0,
-            wide=max(wides[a:b]),
-            tall=tops[a] - tops[b],
-            score=high if b - a == len(sides) else low,
-        )
-        for a, b in whole
+        panel(4.0, (tops[a] + tops[b]) / 2, 120.0, max(wides[a:b]), tops[a] - tops[b], score=score)
+        for a in range(len(sides))
+        for b in range(a + 2, len(sides) + 1)
+        for score in [high if b - a == len(sides) else low]
     ]
     surest = LandmarkClassifier(evidence_model(score_best=1.0))
     landmarks = landmarks_of(run(drive(spans + plates, 20), classifier=surest))
@@ -117,10 +98,7 @@ def test_a_box_beside_a_face_waits_until_the_more_likely_face_is_passed_too(
     surest = LandmarkClassifier(evidence_model(score_best=1.0))
     landmarks = landmarks_of(run(drive([wide, face], 24), classifier=surest))
     found = {p.verdict: p.width_m / BORDER for p in landmarks}
-    assert found == {
-        "sign": pytest.approx(0.75, rel=0.02),
-        "duplicate": pytest.approx(1.6, rel=0.02),
-    }
+    assert found == pytest.approx({"sign": 0.75, "duplicate": 1.6}, rel=0.02)
 
 
 def test_chevrons_in_a_row_that_hide_part_of_each_other_are_a_row_each(panel, drive):
@@ -133,15 +111,9 @@ def test_chevrons_in_a_row_that_hide_part_of_each_other_are_a_row_each(panel, dr
 
 
 def test_the_inner_field_of_a_panel_is_no_second_panel(panel, drive):
-    frames = drive(
-        [panel(3.5, 2.0, 120.0), panel(3.5, 2.0, 120.0, wide=0.6, tall=0.6, score=1)], 20
-    )
-    tracked = run(frames)
-    found = {p.verdict: p.height_m for p in landmarks_of(tracked)}
-    assert found == {
-        "sign": pytest.approx(0.75 * BORDER, rel=0.02),
-        "duplicate": pytest.approx(0.6 * BORDER, rel=0.02),
-    }
+    both = [panel(3.5, 2.0, 120.0), panel(3.5, 2.0, 120.0, wide=0.6, tall=0.6, score=1)]
+    found = {p.verdict: p.height_m / BORDER for p in landmarks_of(run(drive(both, 20)))}
+    assert found == pytest.approx({"sign": 0.75, "duplicate": 0.6}, rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -262,7 +234,7 @@ def test_views_of_a_standing_panel_from_before_the_window_do_not_move(panel, dri
     far = SETTINGS.longest + 4 * WINDOW_STEP
     tracked = run(drive([panel(3.5, 1.2, 8.0 * far + 6.0)], far + 3))
     (landmark,) = landmarks_of(tracked)
-    by_frame = [VERDICTS[v] for item in tracked for v in item.candidates.verdict]
+    by_frame = verdicts_of(tracked)
     assert landmark.verdict == "sign"
     assert len(landmark.views) >= SETTINGS.longest
     early = by_frame[: len(by_frame) - len(landmark.views)]

@@ -27,18 +27,6 @@ def gaps(point, rotations, centres, rays):
     return local[:, :2] / local[:, 2:] - rays
 
 
-def test_the_midpoint_is_the_closed_form_of_equation_7_3():
-    generator = np.random.default_rng(2)
-    c0, c1 = generator.normal(size=3), generator.normal(size=3)
-    d0, d1 = generator.normal(size=(20, 3)), generator.normal(size=(20, 3))
-    found = midpoint(c0, c1, d0, d1)
-    for i in range(20):
-        q3 = np.cross(d0[i], d1[i])
-        g1, _, g3 = np.linalg.solve(np.c_[-d0[i], d1[i], -q3], c0 - c1)
-        np.testing.assert_allclose(found.point[i], c0 + g1 * d0[i] + g3 / 2 * q3, rtol=1e-9)
-        assert found.gap[i] == pytest.approx(abs(g3) * np.linalg.norm(q3))
-
-
 @given(st.tuples(small, small, small), st.tuples(small, small, small))
 def test_rays_that_meet_give_their_meeting_point_in_any_frame(turn, shift):
     rotation = Rotation.from_rotvec(turn).as_matrix()
@@ -150,23 +138,6 @@ def test_the_residual_of_the_true_motion_is_nought_and_grows_with_an_unmodelled_
     straight = pair_residual(previous, current, np.eye(3), direction, focal)
     # a pitch of 0.23 deg moves everything 5.6 px up or down; the midpoint takes a part of that
     assert 1.0 < np.sqrt(np.median(straight) / 4) < 2.8
-
-
-def test_the_residual_is_the_sum_of_four_squared_differences_of_the_midpoint():
-    previous, current = np.array([[0.1, -0.02]]), np.array([[0.15, -0.025]])
-    centre = np.array([0.0, 0.0, 8.05])
-    point = midpoint(
-        np.zeros(3), centre, np.array([[0.1, -0.02, 1]]), np.array([[0.15, -0.025, 1]])
-    )
-    q, r = point.point[0], point.point[0] - centre
-    expected = 1400**2 * (
-        (q[0] / q[2] - 0.1) ** 2
-        + (q[1] / q[2] + 0.02) ** 2
-        + (r[0] / r[2] - 0.15) ** 2
-        + (r[1] / r[2] + 0.025) ** 2
-    )
-    found = pair_residual(previous, current, np.eye(3), centre, (1400.0, 1400.0))
-    assert found[0] == pytest.approx(expected)
 
 
 def test_rays_that_part_have_the_residual_of_a_point_at_infinity():
