@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from wayside.schemas.detections import VERDICTS, Regions
+from wayside.schemas.frame import USED, Frame, Image
 
 FINER = 16
 
@@ -15,6 +16,14 @@ def made_regions(boxes, rgb=(0, 0, 0), area_px=90):
     box = np.array(boxes, np.float32).reshape(-1, 4)
     n, color = len(box), np.array([rgb], np.float32)
     return Regions(box, np.full(n, area_px, np.int32), color.repeat(n, 0), np.zeros(n, np.uint8))
+
+
+def made_image(rgb, index=0, status=USED, camera=None):
+    """An image of these pixels, or without them where it is not used."""
+    height, width = rgb.shape[:2]
+    frame = Frame(index, 1000 + index, None, status, "jpeg", b"", camera, width, height)
+    used = status == USED
+    return Image(frame, rgb if used else None, rgb[..., 0] if used else None)
 
 
 def with_candidates(posed, **columns):
