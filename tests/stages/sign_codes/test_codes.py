@@ -30,13 +30,11 @@ def sure(names, name, wrong=0.01):
 
 
 def sign(color, shape, width_in, height_in, sigma_in=0.3, **changes):
-    landmark = made_landmark(
-        color=color,
-        shape=shape,
-        color_log_probability=() if color is None else sure(COLORS, color),
-        shape_log_probability=() if shape is None else sure(SHAPES, shape),
-    )
-    landmark = replace(landmark, **changes)
+    known = {
+        "color_log_probability": () if color is None else sure(COLORS, color),
+        "shape_log_probability": () if shape is None else sure(SHAPES, shape),
+    }
+    landmark = made_landmark(color=color, shape=shape, **{**known, **changes})
     size = (width_in * INCH_M, height_in * INCH_M, sigma_in * INCH_M, sigma_in * INCH_M)
     where = (np.zeros(3), np.eye(3), np.zeros(3), np.eye(3))
     return Sign(1, 1, landmark, "sign", 0.9, *where, 12.0, 3.0, 2.0, 1.6, *size, None)
@@ -103,6 +101,10 @@ def test_named_classes_do_without_probabilities():
     assert code(plain).code == "R1-1"
 
 
+def test_no_sign_has_no_code():
+    assert list(assign_codes(iter([]), settings=CodeSettings())) == []
+
+
 def test_the_drive_settles_the_system_of_a_stop_sign():
     stop = sign("red", "octagon", 29.5, 29.5)
     alone = list(assign_codes(iter([stop]), settings=CodeSettings()))
@@ -124,10 +126,6 @@ def test_the_face_settles_what_size_and_colour_do_not():
     assert (found.code, found.legend) == ("R2-1", "45")
     unsure = replace(seen, landmark=replace(seen.landmark, face_log_probability=()))
     assert (code(unsure).code, code(unsure).legend) == ("R", None)
-
-
-def test_no_sign_has_no_code():
-    assert list(assign_codes(iter([]), settings=CodeSettings())) == []
 
 
 @given(
