@@ -117,12 +117,6 @@ def test_a_face_that_is_seen_at_both_sizes_has_one_box():
     assert overlap.max() <= SAME_BOX_IOU
 
 
-def test_the_same_image_gives_the_same_regions(bits):
-    image = segmented(red=[(50, 80), (60, 20)]).image
-    one, other = propose(iter([image, image]), network=NETWORK)
-    assert bits(one.regions) == bits(other.regions)
-
-
 def test_segments_of_the_size_of_a_face_stay_and_others_are_counted_with_their_reason():
     item = segmented([[10, 20, 40, 50], [10, 20, 40, 51], [0, 0, 630, 20], [5, 5, 9, 9]])
     found = proposed(item, network=None)

@@ -42,14 +42,7 @@ def test_the_covariance_is_that_of_simulated_drives():
         point = solve(chain_r, chain_c, rays)
         found.append(chain_r[best].T @ (point - chain_c[best]))
     simulated = np.cov(np.array(found).T)
-    stated = point_covariance(
-        rotations,
-        centres,
-        POINT,
-        np.arange(FRAMES),
-        np.full(FRAMES, ray_sigma),
-        np.full(FRAMES, ray_sigma),
-        np.repeat(np.diag(step_sigma**2)[None], FRAMES, axis=0),
-        best,
-    )
+    sigma, steps = np.full(FRAMES, ray_sigma), np.repeat(np.diag(step_sigma**2)[None], FRAMES, 0)
+    views = np.arange(FRAMES), sigma, sigma
+    stated = point_covariance(rotations, centres, POINT, *views, steps, best)
     np.testing.assert_allclose(np.sqrt(np.diag(stated)), np.sqrt(np.diag(simulated)), rtol=0.12)
