@@ -21,7 +21,6 @@ from wayside.stages.mapping.triangulation import triangulate_views
 CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
 MIDDLE = np.array([CAMERA.cx, CAMERA.cy])
 TURN = np.array([0.001, 0.01, 0.0])
-AHEAD = np.array([0.0, 0.0, 1.0])
 FRAMES = 6
 SIGN = np.array([3.5, -1.0, 16.0])  # in the last camera
 RAY_SIGMA = 0.15 / CAMERA.fx
@@ -39,52 +38,38 @@ def drive(noise_px=0.08, wrong_step=None, shuttle=0.0, sliding=0, seed=0):
     of the ties, moves sideways; sliding: so many ties a step that are off by 3 px and known to slide.
     """
     rng = np.random.default_rng(seed)
-    steps = [
-        Pose(
-            Rotation.from_rotvec(rng.normal(0, 0.002, 3) + TURN).as_matrix(),
-            np.array([0.05, 0.01, 8.0]),
-        )
-        for _ in range(FRAMES - 1)
-    ]
-    true = [Pose(np.eye(3), np.zeros(3))]
-    for step in steps:
-        true.append(true[-1].compose(step))
-    z = rng.uniform(10, 100, 3000)
-    points = np.column_stack([rng.uniform(-30, 30, 3000), rng.uniform(-6, 1.8, 3000), z])
-    vehicle = np.zeros(3000)
-    vehicle[::10] = shuttle
-    held, chained = [], true[0]
-    for k, pose in enumerate(true):
-        motion = Motion(pose, None, None, "start", 0.0, 8.0 * k, None, 0.1, 0.1, True, 1, 1.6)
+    held, true, chained = [], [Pose(np.eye(3), np.zeros(3))], Pose(np.eye(3), np.zeros(3))
+    low, high = [-30, -6, 10], [30, 1.8, 100]
+    points = rng.uniform(low, high, (3000, 3))
+    vehicle = np.zeros((3000, 3))
+    vehicle[::10, 0] = shuttle
+    for k in range(FRAMES):
+        motion = Motion(chained, None, None, "start", 0.0, 8.0 * k, None, 0.1, 0.1, True, 1, 1.6)
         if k:
-            step = steps[k - 1]
-            slope = 0.0035 if k == wrong_step else 0.0
+            turn = Rotation.from_rotvec(rng.normal(0, 0.002, 3) + TURN).as_matrix()
+            step = Pose(turn, np.array([0.05, 0.01, 8.0]))
+            true.append(true[-1].compose(step))
             length = np.linalg.norm(step.centre)
-            off = step.centre + np.array([slope * 8, 0, 0])
+            off = step.centre + np.array([0.028 if k == wrong_step else 0.0, 0, 0])
             measured = Pose(step.rotation, off / np.linalg.norm(off) * length)
             chained = chained.compose(measured)
-            shown = [pixels(true[j], points + np.outer(vehicle, [j, 0, 0])) for j in (k - 1, k)]
-            seen = np.all(
-                [(u > 0).all(1) & (u < [1600, 1200]).all(1) & (d > 4) for u, d in shown], 0
-            )
-            rows = np.flatnonzero(seen)
+            shown = [pixels(true[j], points + j * vehicle) for j in (k - 1, k)]
+            seen = [((u > 0) & (u < [1600, 1200])).all(axis=1) & (d > 4) for u, d in shown]
+            rows = np.flatnonzero(seen[0] & seen[1])
             growth = (shown[0][1] / shown[1][1])[rows]
             current = shown[1][0][rows] + rng.normal(0, noise_px, (len(rows), 2))
-            slides = np.zeros(len(rows))
             current[:sliding] += [3.0, -3.0]
-            slides[:sliding] = 0.5
             ties = Ties(
                 shown[0][0][rows],
                 current,
                 np.ones(len(rows), bool),
-                pose.to_camera(points[rows]) * rng.normal(1, 0.03, (len(rows), 1)),
+                true[-1].to_camera(points[rows]) * rng.normal(1, 0.03, (len(rows), 1)),
                 np.column_stack([rows, rows]),
                 np.column_stack([growth, 0 * growth, growth]),
-                slides,
+                np.where(np.arange(len(rows)) < sliding, 0.5, 0.0),
             )
-            prior = StepPrior(
-                np.eye(3), np.inf, AHEAD, np.array([0.01, 0.01]), True, float(length), 0.02
-            )
+            ahead, loose = np.array([0.0, 0.0, 1.0]), np.array([0.01, 0.01])
+            prior = StepPrior(np.eye(3), np.inf, ahead, loose, True, float(length), 0.02)
             motion = replace(motion, pose=chained, step=measured, ties=ties, prior=prior)
         frame = SimpleNamespace(index=len(held))
         held.append(SimpleNamespace(frame=frame, camera=CAMERA, motion=motion, focal=CAMERA.fx))
