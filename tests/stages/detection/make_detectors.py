@@ -4,186 +4,131 @@ All see the same: a face is a red cell (class 0) or a blue cell (class 1) of 16 
 how red (blue) the cell is. Each format says so in its own words.
 """
 
+import re
 import sys
 from pathlib import Path
 
 import numpy as np
 import onnx
-from onnx import TensorProto, helper, numpy_helper
+from onnx import helper, numpy_helper
 
-SIDE = 64
-STRIDES = (8, 16, 32)
-CELLS = sum((SIDE // stride) ** 2 for stride in STRIDES)
-TOP = 5
-"""Boxes that the formats without suppression give."""
+SIDE, STRIDES = 64, (8, 16, 32)
+COUNTS = [(SIDE // stride) ** 2 for stride in STRIDES]
 
+SCORE = """
+    ink = Conv <kernel_shape = [1, 1]> (images, weights)
+    mean8 = AveragePool <kernel_shape = [8, 8], strides = [8, 8]> (ink)
+    mean16 = AveragePool <kernel_shape = [16, 16], strides = [16, 16]> (ink)
+    mean32 = AveragePool <kernel_shape = [32, 32], strides = [32, 32]> (ink)
+    row8 = Reshape (mean8, flat)
+    row16 = Reshape (mean16, flat)
+    row32 = Reshape (mean32, flat)
+    every = Concat <axis = 2> (row8, row16, row32)
+    only = Mul (every, seen)
+    score = Clip (only, low, high)
+    rows = Transpose <perm = [0, 2, 1]> (score)
+"""
+"""Scores (1, 2, cells), 0 to 1: red less green, blue less red."""
 
-class Builder:
-    """Nodes and constants of a network."""
+BEST = """
+    best = ReduceMax <axes = [1], keepdims = 0> (score)
+    top, cell = TopK <axis = 1> (best, five)
+    cells = Squeeze (cell, first)
+    chosen = Gather <axis = 1> (rows, cells)
+    box = Gather <axis = 1> (PLACES, cells)
+    number = ArgMax <axis = 2, keepdims = 1> (chosen)
+    confidence = Unsqueeze (top, last)
+"""
+"""The best five cells, as the formats without suppression give them."""
 
-    def __init__(self):
-        self.nodes, self.constants = [], []
+NUMBERED = """
+    class = Cast <to = 1> (number)
+    output0 = Concat <axis = 2> (box, confidence, class)
+"""
 
-    def constant(self, name, values, kind=np.float32):
-        self.constants.append(numpy_helper.from_array(np.asarray(values, kind), name))
-        return name
-
-    def node(self, kind, inputs, output, **attributes):
-        self.nodes.append(helper.make_node(kind, inputs, [output], name=output, **attributes))
-        return output
-
-    def scores(self, image):
-        """(1, 2, cells), 0 to 1: red less green, blue less red."""
-        weights = np.array([[1, -1, 0], [-1, 0, 1]], np.float32).reshape(2, 3, 1, 1)
-        ink = self.node(
-            "Conv", [image, self.constant("weights", weights)], "ink", kernel_shape=[1, 1]
-        )
-        flat = self.constant("flat", [1, 2, -1], np.int64)
-        parts = []
-        for stride in STRIDES:
-            sides = [stride, stride]
-            mean = self.node(
-                "AveragePool", [ink], f"mean{stride}", kernel_shape=sides, strides=sides
-            )
-            parts.append(self.node("Reshape", [mean, flat], f"row{stride}"))
-        every = self.node("Concat", parts, "every", axis=2)
-        seen = self.constant(
-            "seen", np.repeat([0, 1, 0], [(SIDE // s) ** 2 for s in STRIDES])[None, None]
-        )
-        only = self.node("Mul", [every, seen], "only")
-        return self.node(
-            "Clip", [only, self.constant("low", 0.01), self.constant("high", 1.0)], "score"
-        )
-
-    def rows(self, values, name):
-        """(1, n, m) of (1, m, n)."""
-        return self.node("Transpose", [values], name, perm=[0, 2, 1])
-
-    def best(self, boxes):
-        """The best `TOP` cells: boxes (1, k, 4), scores (1, k, 1), numbers (1, k, 1), all scores (1, k, 2)."""
-        best = self.node("ReduceMax", ["score"], "best", axes=[1], keepdims=0)
-        self.nodes.append(
-            helper.make_node(
-                "TopK", [best, self.constant("k", [TOP], np.int64)], ["top", "cell"], axis=1
-            )
-        )
-        first = self.constant("first", [0], np.int64)
-        cells = self.node("Squeeze", ["cell", first], "cells")
-        last = self.constant("last", [2], np.int64)
-        table = self.rows("score", "score_rows")
-        chosen = self.node("Gather", [table, cells], "chosen", axis=1)
-        box = self.node("Gather", [boxes, cells], "box", axis=1)
-        number = self.node("ArgMax", [chosen], "number", axis=2, keepdims=1)
-        return box, self.node("Unsqueeze", ["top", last], "confidence"), number, chosen
-
-
-def middles():
-    """Middle and size (cells, 4) of every cell, pixels."""
-    rows = []
-    for stride in STRIDES:
-        for y in range(SIDE // stride):
-            for x in range(SIDE // stride):
-                rows.append([(x + 0.5) * stride, (y + 0.5) * stride, stride, stride])
-    return np.array(rows, np.float32)
+FORMATS = {
+    "yolov8": ("float[a,b,c] output0", "output0 = Concat <axis = 1> (columns, score)"),
+    "yolov5": (
+        "float[a,b,c] output0",
+        """thrice = Concat <axis = 1> (rows, rows, rows)
+        output0 = Concat <axis = 2> (repeated, objectness, thrice)""",
+    ),
+    "end_to_end": ("float[a,b,c] output0", BEST.replace("PLACES", "corners") + NUMBERED),
+    "detr": ("float[a,b,c] output0", BEST.replace("PLACES", "fractions") + NUMBERED),
+    "detr_classes": (
+        "float[a,b,c] output0",
+        BEST.replace("PLACES", "fractions") + "output0 = Concat <axis = 2> (box, chosen)",
+    ),
+    "detr_logits": (
+        "float[a,b,c] logits, float[a,b,d] pred_boxes",
+        BEST.replace("PLACES", "fractions")
+        + """pred_boxes = Identity (box)
+        limited = Clip (chosen, least, most)
+        rest = Sub (high, limited)
+        odds = Div (limited, rest)
+        logits = Log (odds)""",
+    ),
+    "detr_pixels": (
+        "int64[a,b] labels, float[a,b,c] boxes, float[a,b] scores",
+        BEST.replace("PLACES", "corner_fractions")
+        + """size = Cast <to = 1> (orig_target_sizes)
+        twice = Concat <axis = 1> (size, size)
+        boxes = Mul (box, twice)
+        scores = Squeeze (confidence, last)
+        labels = Squeeze (number, last)""",
+    ),
+    "other_outputs": ("float[a,b,c,d] heat", "heat = Identity (ink)"),  # of neither family
+}
+"""Outputs and nodes of each format."""
 
 
-def corners(boxes):
-    return np.concatenate(
-        [boxes[:, :2] - boxes[:, 2:] / 2, boxes[:, :2] + boxes[:, 2:] / 2], axis=1
+def constants():
+    """Constants by name; the places of the cells are middle and size, or the corners."""
+    steps = [(s, (np.arange(SIDE // s) + 0.5) * s) for s in STRIDES]
+    middles = [[x, y, s, s] for s, at in steps for y in at for x in at]
+    places = np.array([middles], np.float32)
+    corners = places @ np.array([[1, 0, 1, 0], [0, 1, 0, 1], [-0.5, 0, 0.5, 0], [0, -0.5, 0, 0.5]])
+    real = {
+        "weights": np.reshape([[1, -1, 0], [-1, 0, 1]], (2, 3, 1, 1)),
+        "seen": np.repeat([0, 1, 0], COUNTS)[None, None],
+        "low": 0.01,
+        "high": 1.0,
+        "least": 1e-6,
+        "most": 1 - 1e-6,
+        "columns": places.swapaxes(1, 2),
+        "repeated": np.tile(places, (1, 3, 1)),
+        "objectness": np.repeat([1.0, 0.75, 0.5], sum(COUNTS)).reshape(1, -1, 1),
+        "corners": corners,
+        "fractions": places / SIDE,
+        "corner_fractions": corners / SIDE,
+    }
+    whole = {"flat": [1, 2, -1], "five": [5], "first": [0], "last": [2]}
+    return {
+        **{name: np.asarray(value, np.float32) for name, value in real.items()},
+        **{name: np.asarray(value, np.int64) for name, value in whole.items()},
+    }
+
+
+def network(name):
+    """The network of a format as an ONNX model."""
+    outputs, nodes = FORMATS[name]
+    sizes = ", int64[1,2] orig_target_sizes" if "orig_target_sizes" in nodes else ""
+    model = onnx.parser.parse_model(
+        f'<ir_version: 8, opset_import: ["": 17]> {name} (float[1,3,{SIDE},{SIDE}] images{sizes})'
+        f"=> ({outputs}) {{ {SCORE} {nodes} }}"
     )
-
-
-def yolov8(b):
-    b.constant("places", middles().T[None])
-    b.node("Concat", ["places", "score"], "output0", axis=1)
-    return ["output0"]
-
-
-def yolov5(b):
-    box = b.constant("places", np.tile(middles(), (3, 1))[None])
-    rows = b.rows("score", "rows")
-    thrice = b.node("Concat", [rows, rows, rows], "thrice", axis=1)
-    objectness = b.constant("objectness", np.repeat([1.0, 0.75, 0.5], CELLS).reshape(1, -1, 1))
-    b.node("Concat", [box, objectness, thrice], "output0", axis=2)
-    return ["output0"]
-
-
-def numbered_rows(b, boxes):
-    box, score, number, _ = b.best(b.constant("places", boxes[None]))
-    number = b.node("Cast", [number], "class", to=TensorProto.FLOAT)
-    b.node("Concat", [box, score, number], "output0", axis=2)
-    return ["output0"]
-
-
-def end_to_end(b):
-    return numbered_rows(b, corners(middles()))
-
-
-def detr(b):
-    return numbered_rows(b, middles() / SIDE)
-
-
-def detr_classes(b):
-    box, _, _, scores = b.best(b.constant("places", middles()[None] / SIDE))
-    b.node("Concat", [box, scores], "output0", axis=2)
-    return ["output0"]
-
-
-def detr_logits(b):
-    box, _, _, scores = b.best(b.constant("places", middles()[None] / SIDE))
-    b.node("Identity", [box], "pred_boxes")
-    limited = b.node(
-        "Clip", [scores, b.constant("least", 1e-6), b.constant("most", 1 - 1e-6)], "limited"
-    )
-    rest = b.node("Sub", [b.constant("one", 1.0), limited], "rest")
-    odds = b.node("Div", [limited, rest], "odds")
-    b.node("Log", [odds], "logits")
-    return ["logits", "pred_boxes"]
-
-
-def detr_pixels(b):
-    box, score, number, _ = b.best(b.constant("places", corners(middles())[None] / SIDE))
-    size = b.node("Cast", ["orig_target_sizes"], "size", to=TensorProto.FLOAT)
-    twice = b.node("Concat", [size, size], "twice", axis=1)
-    b.node("Mul", [box, twice], "boxes_px")
-    b.node("Identity", ["boxes_px"], "boxes")
-    b.node("Squeeze", [score, "last"], "scores")
-    b.node("Squeeze", [number, "last"], "labels")
-    return ["labels", "boxes", "scores"]
-
-
-def other(b):
-    """Heat maps: a format of neither family."""
-    return [b.node("Identity", ["ink"], "heat")]
-
-
-FORMATS = (yolov5, yolov8, end_to_end, detr, detr_classes, detr_logits, detr_pixels)
-
-
-def network(make, metadata=None):
-    """A network of a format as an ONNX model."""
-    b = Builder()
-    b.scores("images")
-    outputs = make(b)
-    inputs = [helper.make_tensor_value_info("images", TensorProto.FLOAT, [1, 3, SIDE, SIDE])]
-    if make is detr_pixels:
-        inputs.append(helper.make_tensor_value_info("orig_target_sizes", TensorProto.INT64, [1, 2]))
-    kinds, axes = {"labels": TensorProto.INT64}, {"labels": 2, "scores": 2, "heat": 4}
-    values = [
-        helper.make_tensor_value_info(o, kinds.get(o, TensorProto.FLOAT), [None] * axes.get(o, 3))
-        for o in outputs
-    ]
-    graph = helper.make_graph(b.nodes, make.__name__, inputs, values, b.constants)
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    helper.set_model_props(model, metadata or {"names": "{0: 'red', 1: 'blue'}", "task": "detect"})
+    used = set(re.findall(r"\w+", SCORE + nodes))
+    tensors = [numpy_helper.from_array(v, k) for k, v in constants().items() if k in used]
+    model.graph.initializer.extend(tensors)
+    helper.set_model_props(model, {"names": "{0: 'red', 1: 'blue'}", "task": "detect"})
     onnx.checker.check_model(model)
     return model
 
 
 def main(folder):
-    for make in FORMATS:
-        onnx.save(network(make), str(folder / f"{make.__name__}.onnx"))
-    onnx.save(network(other), str(folder.parent / "other_outputs.onnx"))
+    for name in FORMATS:
+        at = folder if name != "other_outputs" else folder.parent
+        onnx.save(network(name), str(at / f"{name}.onnx"))
 
 
 if __name__ == "__main__":

@@ -67,14 +67,22 @@ def test_a_box_scores_the_same_however_many_others_are_asked_about():
             np.testing.assert_allclose(values, together[name][rows], rtol=1e-5, atol=1e-4)
 
 
-@pytest.mark.parametrize("count", [0, 1, 7])
-def test_every_box_has_a_row_of_each_column(count):
-    found = network().scores(scene(), some_boxes(count))
-    assert found.front.shape == found.back.shape == found.best.shape == (count,)
-    assert found.offset.shape == (count, 4)
-    assert found.color.shape == (count, len(COLORS))
-    assert found.shape.shape == (count, len(SHAPES))
-    assert all(values.dtype == np.float32 for values in columns(found).values())
+@pytest.mark.parametrize(
+    "boxes",
+    [
+        some_boxes(0),
+        some_boxes(7),
+        np.array([[50, 50, 50.5, 50.5], [-30, -20, 10, 15], [500, 360, 600, 400]], np.float32),
+    ],
+    ids=["none", "inside", "too small or beyond the image"],
+)
+def test_every_box_has_a_finite_row_of_each_column(boxes):
+    found, count = network().scores(scene(), boxes), len(boxes)
+    wide = {"offset": (4,), "color": (len(COLORS),), "shape": (len(SHAPES),)}
+    for name, values in columns(found).items():
+        assert (values.dtype, values.shape) == (np.float32, (count, *wide.get(name, ())))
+        assert np.isfinite(values).all()
+    assert found.best.shape == (count,)
 
 
 def test_a_clear_face_scores_far_higher_than_the_ground_and_has_its_colour_and_shape():
@@ -96,12 +104,6 @@ def test_offsets_lead_a_box_towards_its_face(side):
     moved = off + offset * np.tile(off[2:] - off[:2], 2)
     before, after = iou_matrix(np.stack([off, moved]), face[None])[:, 0]
     assert after > before + 0.05
-
-
-def test_a_box_too_small_or_beyond_the_image_has_finite_scores():
-    strange = np.array([[50, 50, 50.5, 50.5], [-30, -20, 10, 15], [500, 360, 600, 400]], np.float32)
-    found = columns(network().scores(scene(), strange))
-    assert all(np.isfinite(values).all() for values in found.values())
 
 
 def test_a_classifier_has_the_log_odds_of_its_side():

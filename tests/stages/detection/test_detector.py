@@ -3,15 +3,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from wayside.schemas.detections import (
-    COLORS,
-    SHAPES,
-    SOURCES,
-    VERDICTS,
-    Regions,
-    Segmentation,
-)
-from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
+from wayside.schemas.detections import COLORS, SHAPES, SOURCES, VERDICTS, Segmentation
+from wayside.schemas.frame import THINNED, USED, Camera
 from wayside.schemas.models import NetworkSum, ScoreModel
 from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.box_network import BoxScores
@@ -20,18 +13,19 @@ from wayside.stages.detection.detector import (
     REGRESSED_FROM,
     detect,
     regressed_boxes,
-    with_names,
 )
+
+from ..made_frames import made_image, made_regions
 
 CAMERA = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
 FRONT = ScoreModel(0.0, "made by hand")
 
 
-def log_of_one(names, name, rows):
-    """Log probabilities of the rows by which it is that name."""
-    sure = np.full((rows, len(names)), -np.inf, np.float32)
-    sure[:, names.index(name)] = 0
-    return sure
+def scores_of_one(names, name, rows):
+    """Scores of the rows by which it is nine times as likely that name as any other, up to a constant."""
+    scores = np.full((rows, len(names)), 7.0, np.float32)
+    scores[:, names.index(name)] += np.log(9)
+    return scores
 
 
 @dataclass(frozen=True)
@@ -49,28 +43,21 @@ class ByHeight:
         wide, tall = (box[:, 2:] - box[:, :2]).T
         front = np.select([tall >= 20, tall >= 12], [3.0, 1.0], -1.0).astype(np.float32)
         front += np.float32(self.shift)
-        blue, red = (log_of_one(COLORS, name, len(box)) for name in ("blue", "red"))
+        blue, red = (scores_of_one(COLORS, name, len(box)) for name in ("blue", "red"))
         return BoxScores(
             front,
             front + np.float32(self.behind),
             np.tile(np.array(self.offset, np.float32), (len(box), 1)),
             np.where((wide > tall)[:, None], blue, red),
-            log_of_one(SHAPES, "octagon", len(box)),
+            scores_of_one(SHAPES, "octagon", len(box)),
         )
 
 
 def unclassified(boxes, status=USED):
-    box = np.array(boxes, np.float32).reshape(-1, 4)
-    n = len(box)
-    regions = Regions(box, np.full(n, 50), np.full((n, 3), 90, np.float32), np.zeros(n, np.uint8))
+    regions = made_regions(boxes, (90, 90, 90), 50)
     rgb = np.random.default_rng(0).integers(0, 255, (240, 320, 3)).astype(np.uint8)
-    used = status == USED
-    image = Image(
-        Frame(0, 0, None, status, "jpeg", b"", CAMERA),
-        rgb if used else None,
-        rgb[..., 0] if used else None,
-    )
-    return Segmentation(image, regions, n, np.zeros((0, 3)), np.zeros(0), (0, 240))
+    image = made_image(rgb, status=status, camera=CAMERA)
+    return Segmentation(image, regions, len(regions), np.zeros((0, 3)), np.zeros(0), (0, 240))
 
 
 def verdicts(item):
@@ -78,14 +65,8 @@ def verdicts(item):
 
 
 def run(item, network=None, *, front=FRONT, back=None, **settings):
-    found = detect(
-        iter([item]),
-        settings=CandidateSettings(**settings),
-        network=network or ByHeight(),
-        front=front,
-        back=back,
-    )
-    return next(found)
+    how = {"settings": CandidateSettings(**settings), "network": network or ByHeight()}
+    return next(detect(iter([item]), front=front, back=back, **how))
 
 
 @pytest.mark.parametrize(
@@ -135,34 +116,15 @@ def test_images_without_regions_or_pixels_travel_undecided(item):
 def test_what_passes_the_threshold_is_named_and_the_rest_is_not():
     found = run(unclassified([[10, 10, 60, 30], [100, 10, 110, 35], [200, 10, 220, 20]]))
     odds = found.candidates.color_log_probability
-    assert [COLORS[k] for k in odds[:2].argmax(axis=1)] == ["blue", "red"]
+    others = len(COLORS) - 1
+    for row, name in enumerate(("blue", "red")):
+        expected = np.where(np.array(COLORS) == name, 9, 1) / (9 + others)
+        np.testing.assert_allclose(np.exp(odds[row]), expected, rtol=1e-5)
+    np.testing.assert_allclose(np.exp(found.candidates.shape_log_probability[:2]).sum(axis=1), 1)
     assert np.isnan(odds[2]).all()
     assert [COLORS[k] for k in found.candidates.color[:2]] == ["blue", "red"]
     assert [SHAPES[k] for k in found.candidates.shape[:2]] == ["octagon", "octagon"]
     assert found.candidates.color[2] == found.candidates.shape[2] == -1
-    assert np.isneginf(odds[0, COLORS.index("white")])
-
-
-def test_what_is_named_has_log_probabilities_whatever_constant_its_scores_have():
-    detected = run(unclassified([[10, 10, 60, 30], [100, 10, 110, 35]])).candidates
-    rng = np.random.default_rng(3)
-    color, shape = (
-        rng.normal(5, 3, (1, len(names))).astype(np.float32) for names in (COLORS, SHAPES)
-    )
-    none = np.zeros((1, 4), np.float32)
-    rows = np.array([1])
-    named = [
-        with_names(detected, rows, BoxScores(none[:, 0], none[:, 0], none, color + c, shape + c))
-        for c in (0, 7)
-    ]
-    for one in named:
-        for odds, scores in (
-            (one.color_log_probability, color),
-            (one.shape_log_probability, shape),
-        ):
-            assert np.exp(odds[1]).sum() == pytest.approx(1, abs=1e-5)
-            np.testing.assert_allclose(odds[1] - odds[1, 0], scores[0] - scores[0, 0], atol=1e-5)
-            assert np.isnan(odds[0]).all()
 
 
 GROWN = ByHeight(offset=(0, 0, 0, 0.5))
@@ -181,8 +143,8 @@ def test_a_box_on_part_of_a_face_is_moved_where_it_scores_better():
 
 def test_a_moved_box_has_the_names_of_where_it_is_now():
     wide = unclassified([[20, 20, 38, 36]])
-    assert COLORS[run(wide).candidates.color[0]] == "blue"
-    assert COLORS[run(wide, GROWN).candidates.color[0]] == "red"
+    named = [run(wide, network).candidates.color[0] for network in (None, GROWN)]
+    assert [COLORS[color] for color in named] == ["blue", "red"]
 
 
 @pytest.mark.parametrize(

@@ -41,32 +41,21 @@ def test_a_format_is_recognised_by_shapes_names_and_units(outputs, expected):
     assert recognised(outputs, SIZE, "", 0) == expected
 
 
-def test_a_format_is_recognised_for_the_size_of_input_only_that_it_belongs_to():
-    with pytest.raises(ValueError, match=r"output0 \[1, 84, 4201\] for an input of 640 x 320"):
-        recognised({"output0": table(84, CELLS + 1, 2, 90)}, SIZE, "", 0)
-
-
 @pytest.mark.parametrize(
-    "outputs",
+    ("outputs", "classes"),
     [
-        {"output0": table(300, 84, 2, 90)},  # a table of pixels without numbers of classes
-        {"output0": table(116, CELLS), "output1": table(32, 100)},  # with masks
-        {"output0": table(84, 5)[0]},
-        {"one": table(300, 80), "other": table(300, 4)},
-        {
-            "output0": table(CELLS, 85)
-        },  # one box a cell and objectness: several exporters, not alike
+        ({"output0": table(84, CELLS + 1, 2, 90)}, 0),  # for another size of input
+        ({"output0": table(84, CELLS)}, 79),  # not as many as the file states
+        ({"output0": table(300, 84, 2, 90)}, 0),  # pixels without numbers of classes
+        ({"output0": table(116, CELLS), "output1": table(32, 100)}, 0),  # with masks
+        ({"output0": table(84, 5)[0]}, 0),
+        ({"one": table(300, 80), "other": table(300, 4)}, 0),
+        ({"output0": table(CELLS, 85)}, 0),  # one box a cell and objectness: exporters differ
     ],
 )
-def test_other_outputs_are_refused(outputs):
-    with pytest.raises(ValueError, match="outputs"):
-        recognised(outputs, SIZE, "", 0)
-
-
-def test_the_number_of_classes_that_the_file_states_must_fit():
-    assert recognised({"output0": table(84, CELLS)}, SIZE, "Detect", 80) == "yolov8"
-    with pytest.raises(ValueError, match="outputs"):
-        recognised({"output0": table(84, CELLS)}, SIZE, "Detect", 79)
+def test_other_outputs_are_refused(outputs, classes):
+    with pytest.raises(ValueError, match=r"outputs .*\[.* for an input of 640 x 320"):
+        recognised(outputs, SIZE, "Detect", classes)
 
 
 def test_boxes_of_an_untrained_detr_are_fractions_because_its_head_says_so():
@@ -74,19 +63,6 @@ def test_boxes_of_an_untrained_detr_are_fractions_because_its_head_says_so():
     values[0, 0, 2] = 0.0
     assert recognised({"output0": values}, SIZE, "", 0) == "end_to_end"
     assert recognised({"output0": values}, SIZE, "RTDETRDecoder", 0) == "detr"
-
-
-def test_the_best_class_counts_and_objectness_weighs_it():
-    row = np.array([[[100, 50, 20, 10, 0.5, 0.2, 0.8]]], np.float32)
-    box, score, number = read_outputs({"output0": row}, "yolov5")
-    np.testing.assert_allclose(box, [[90, 45, 110, 55]])
-    np.testing.assert_allclose(score, [0.4])
-    assert number.tolist() == [1]
-    column = row[:, :, [0, 1, 2, 3, 5, 6]].transpose(0, 2, 1)
-    box, score, number = read_outputs({"output0": column}, "yolov8")
-    np.testing.assert_allclose(box, [[90, 45, 110, 55]])
-    np.testing.assert_allclose(score, [0.8])
-    assert number.tolist() == [1]
 
 
 def test_scores_that_are_no_probabilities_are_refused():

@@ -6,32 +6,27 @@ import pytest
 
 from wayside.pipeline.models.detector_file import load_detector
 from wayside.pipeline.models.model_files import shipped_models
-from wayside.schemas.detections import COLORS, SHAPES, SOURCES, verdict_code
+from wayside.schemas.detections import COLORS, SOURCES, verdict_code
 from wayside.schemas.detectors import BoxFile, DetectorFile, ExternalBoxes
-from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
+from wayside.schemas.frame import THINNED, Camera
 from wayside.schemas.settings import CandidateSettings, ModelSettings
 from wayside.stages.detection import BoxNetwork, OnnxDetector, detect_externally
+
+from ..made_frames import made_image
 
 CAMERA = Camera(320, 240, 300.0, 300.0, 159.5, 119.5)
 
 
-def image(index=0, status=USED, camera=CAMERA):
+def image(index=0, **how):
     rgb = np.random.default_rng(index).integers(90, 110, (240, 320, 3)).astype(np.uint8)
     rgb[60:100, 200:240] = (240, 200, 40)
-    used = status == USED
-    frame = Frame(index, 1000 + index, None, status, "jpeg", b"", camera)
-    return Image(frame, rgb if used else None, rgb[..., 0] if used else None)
+    return made_image(rgb, index, **{"camera": CAMERA, **how})
 
 
 def boxes(*rows, color=-1, shape=-1):
-    count = len(rows)
-    return ExternalBoxes(
-        np.array([row[:4] for row in rows], np.float32),
-        np.array([row[4] for row in rows], np.float32),
-        np.full(count, color, np.int8),
-        np.full(count, shape, np.int8),
-        count,
-    )
+    table, count = np.array(rows, np.float32), len(rows)
+    names = np.full(count, color, np.int8), np.full(count, shape, np.int8)
+    return ExternalBoxes(table[:, :4], table[:, 4], *names, count)
 
 
 def file_of(key="frame", **by_number):
@@ -71,10 +66,10 @@ def test_images_are_found_by_number_or_time():
     assert counts == [0, 0, 1, 0]
 
 
-@pytest.mark.parametrize(("status", "camera"), [(THINNED, CAMERA), (USED, None)])
-def test_an_image_that_is_not_used_has_no_candidates(status, camera):
+@pytest.mark.parametrize("how", [{"status": THINNED}, {"camera": None}])
+def test_an_image_that_is_not_used_has_no_candidates(how):
     source = file_of(_0=boxes((200, 60, 240, 100, 2.0)))
-    (one,) = detections([image(0, status, camera)], source)
+    (one,) = detections([image(0, **how)], source)
     assert len(one.candidates) == 0
 
 
@@ -90,29 +85,25 @@ def test_of_boxes_on_one_face_the_best_is_open_and_those_outside_the_image_are_d
 def test_the_network_names_what_the_classes_leave_open():
     blue = COLORS.index("blue")
     rows = (200, 60, 240, 100, 2.0)
-    (named,) = detections([image()], file_of(_0=boxes(rows)))
-    (known,) = detections([image()], file_of(_0=boxes(rows, color=blue)))
-    assert COLORS[named.candidates.color[0]] in ("yellow", "orange")
-    assert known.candidates.color.tolist() == [blue]
-    assert known.candidates.color_log_probability is not None
-    assert np.exp(known.candidates.color_log_probability[0]).tolist() == [
-        float(k == blue) for k in range(len(COLORS))
-    ]
-    assert known.candidates.shape.tolist() == named.candidates.shape.tolist()
-    np.testing.assert_array_equal(
-        known.candidates.shape_log_probability, named.candidates.shape_log_probability
+    named, known = (
+        detections([image()], file_of(_0=boxes(rows, color=color)))[0].candidates
+        for color in (-1, blue)
     )
-    assert np.isfinite(named.candidates.shape_log_probability).any()
-    assert 0 <= named.candidates.shape[0] < len(SHAPES)
+    assert COLORS[named.color[0]] in ("yellow", "orange")
+    assert known.color.tolist() == [blue]
+    np.testing.assert_array_equal(np.exp(known.color_log_probability[0]), np.eye(len(COLORS))[blue])
+    assert known.shape.tolist() == named.shape.tolist() != [-1]
+    shapes = named.shape_log_probability
+    np.testing.assert_array_equal(known.shape_log_probability, shapes)
+    assert np.isfinite(shapes).any()
 
 
 def test_a_detector_is_run_on_every_used_image():
     onnx = Path(__file__).parent / "detectors" / "yolov8.onnx"
     source = load_detector(ModelSettings(detector=str(onnx)))
-    found = detections([image(0), image(1, THINNED), image(2)], source)
-    assert [len(one.candidates) > 0 for one in found] == [False, False, False]
     red = image(5)
-    assert red.rgb is not None
     red.rgb[40:120, 80:160] = (255, 0, 0)  # one cell of the letterboxed input
-    (one,) = detections([red], source)
-    np.testing.assert_allclose(one.candidates.regions.box, [[80, 40, 160, 120]], atol=0.01)
+    found = detections([image(0), image(1, status=THINNED), red], source)
+    assert [len(one.candidates) for one in found] == [0, 0, 1]
+    box = found[-1].candidates.regions.box
+    np.testing.assert_allclose(box, [[80, 40, 160, 120]], atol=0.01)

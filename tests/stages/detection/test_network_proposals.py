@@ -5,10 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wayside.schemas.detections import (
-    COLORS,
-    SHAPES,
-)
+from wayside.schemas.detections import COLORS, SHAPES
 from wayside.stages.detection.network_proposals import (
     CENTRE_PX,
     MAPS,
@@ -80,13 +77,6 @@ def test_of_boxes_on_one_face_the_best_stays_and_the_best_are_first():
     assert found.score.tolist() == [3.0, 2.0]
     assert len(boxes_of_maps(maps_with(*one), (64, 64), 0.0, 1, 0.5).score) == 1
     assert len(boxes_of_maps(maps_with(*one), (64, 64), 4.0, 9, 0.5).score) == 0
-
-
-def test_a_box_of_a_back_has_the_log_odds_of_a_face_at_its_middle_beside_its_own():
-    maps = maps_with((4, 6, -2.0, (0, 0, 0, 0)))
-    maps.heat[1, 4, 6] = 3.0
-    found = boxes_of_maps(maps, (64, 64), 0.0, 10, 0.5)
-    assert (found.score.tolist(), found.front.tolist()) == ([3], [-2])
 
 
 def test_maps_of_a_split_last_layer_are_what_it_makes_of_its_inputs():

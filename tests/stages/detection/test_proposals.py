@@ -6,31 +6,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wayside.schemas.detections import SOURCES, Regions, Segmentation
-from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
+from wayside.schemas.detections import SOURCES, Segmentation
+from wayside.schemas.frame import THINNED, USED, Camera
 from wayside.stages.detection import DetectionNetwork, propose, propose_segments
-from wayside.stages.detection.proposals import MOST_BOXES, SAME_BOX_IOU, enlargement
+from wayside.stages.detection.proposals import MOST_BOXES, SAME_BOX_IOU
 from wayside.stages.geometry import iou_matrix
+
+from ..made_frames import made_image, made_regions
 
 NETWORK = DetectionNetwork(str(Path(__file__).parent / "red_cells.onnx"))
 CAMERA = Camera(640, 480, 700.0, 700.0, 319.5, 239.5)
-NO_BOXES = np.zeros((0, 4), np.float32)
 
 
-def segmented(boxes=NO_BOXES, *, red=(), status=USED, camera=CAMERA):
+def segmented(boxes=(), *, red=(), status=USED, camera=CAMERA):
     """A black image with red cells at (row, column), and segments of these boxes."""
     rgb = np.zeros((480, 640, 3), np.uint8)
     for row, column in red:
         rgb[4 * row : 4 * row + 4, 4 * column : 4 * column + 4] = (255, 0, 0)
-    frame = Frame(3, 0, None, status, "jpeg", b"", camera)
-    used = status == USED
-    image = Image(frame, rgb if used else None, rgb[..., 0] if used else None)
-    box = np.array(boxes, np.float32).reshape(-1, 4)
-    n = len(box)
-    table = Regions(
-        box, np.full(n, 90, np.int32), np.zeros((n, 3), np.float32), np.zeros(n, np.uint8)
-    )
-    return Segmentation(image, table, n, np.zeros((0, 3)), np.zeros(0), (0, 480))
+    image, table = made_image(rgb, status=status, camera=camera), made_regions(boxes)
+    return Segmentation(image, table, len(table), np.zeros((0, 3)), np.zeros(0), (0, 480))
 
 
 def proposed(item, network=NETWORK):
@@ -78,8 +72,7 @@ def test_a_large_face_off_the_horizon_is_seen_at_half_size():
     ("focal", "times"), [(700, 1), (500, 1), (499, 2), (250, 2), (249, 4), (9, 4)]
 )
 def test_an_image_of_short_focal_length_is_seen_as_large_as_those_learned_from(focal, times):
-    camera = Camera(640, 480, focal, focal, 319.5, 239.5)
-    assert enlargement(camera) == times
+    camera = replace(CAMERA, fx=focal, fy=focal)
     side = 4 // times  # one red cell of what the network sees
     item = segmented(camera=camera)
     item.image.rgb[200 : 200 + side, 320 : 320 + side] = (255, 0, 0)
@@ -89,7 +82,7 @@ def test_an_image_of_short_focal_length_is_seen_as_large_as_those_learned_from(f
 
 
 def test_faces_are_searched_for_as_tall_as_the_network_sees_them():
-    camera = Camera(640, 480, 350.0, 350.0, 319.5, 239.5)
+    camera = replace(CAMERA, fx=350.0, fy=350.0)
     boxes = [[100, 100, 106, 104], [200, 100, 206, 103]]
     found = proposed(segmented(boxes, camera=camera), network=None)
     assert found.regions.box.tolist() == boxes[:1]
@@ -111,26 +104,17 @@ def test_an_image_that_is_not_used_has_no_regions(status, camera):
 
 
 def test_an_image_without_rows_near_the_horizon_has_no_boxes():
-    looking_up = Camera(640, 480, 700.0, 700.0, 319.5, 5000.0)
-    found = proposed(segmented(camera=looking_up))
+    found = proposed(segmented(camera=replace(CAMERA, cy=5000.0)))
     assert (len(found.regions), len(found.network_score)) == (0, 0)
 
 
 def test_a_face_that_is_seen_at_both_sizes_has_one_box():
-    item = segmented()
-    item.image.rgb[200:208, 320:328] = (255, 0, 0)
+    item = segmented(red=[(row, column) for row in (50, 51) for column in (80, 81)])
     found = of_network(proposed(item))
     overlap = iou_matrix(found.box, found.box)
     np.fill_diagonal(overlap, 0)
     assert len(found) >= 1
     assert overlap.max() <= SAME_BOX_IOU
-
-
-def test_the_same_image_gives_the_same_regions():
-    image = segmented(red=[(50, 80), (60, 20)]).image
-    one, other = propose(iter([image, image]), network=NETWORK)
-    assert one.regions.box.tobytes() == other.regions.box.tobytes()
-    assert one.regions.rgb.tobytes() == other.regions.rgb.tobytes()
 
 
 def test_segments_of_the_size_of_a_face_stay_and_others_are_counted_with_their_reason():

@@ -42,29 +42,7 @@ def test_the_covariance_is_that_of_simulated_drives():
         point = solve(chain_r, chain_c, rays)
         found.append(chain_r[best].T @ (point - chain_c[best]))
     simulated = np.cov(np.array(found).T)
-    stated = point_covariance(
-        rotations,
-        centres,
-        POINT,
-        np.arange(FRAMES),
-        np.full(FRAMES, ray_sigma),
-        np.full(FRAMES, ray_sigma),
-        np.repeat(np.diag(step_sigma**2)[None], FRAMES, axis=0),
-        best,
-    )
+    sigma, steps = np.full(FRAMES, ray_sigma), np.repeat(np.diag(step_sigma**2)[None], FRAMES, 0)
+    views = np.arange(FRAMES), sigma, sigma
+    stated = point_covariance(rotations, centres, POINT, *views, steps, best)
     np.testing.assert_allclose(np.sqrt(np.diag(stated)), np.sqrt(np.diag(simulated)), rtol=0.12)
-
-
-def test_without_motion_error_it_is_the_inverse_of_the_information():
-    rotations = np.repeat(np.eye(3)[None], 3, axis=0)
-    centres = np.array([[0.0, 0.0, 8.0 * k] for k in range(3)])
-    sigma = np.full(3, 1e-3)
-    stated = point_covariance(
-        rotations, centres, POINT, np.arange(3), sigma, sigma, np.zeros((3, 6, 6)), 2
-    )
-    rows = []
-    for centre in centres:
-        x, y, z = POINT - centre
-        rows += [[1 / z, 0, -x / z**2], [0, 1 / z, -y / z**2]]
-    jacobian = np.array(rows) / 1e-3
-    np.testing.assert_allclose(stated, np.linalg.inv(jacobian.T @ jacobian), rtol=1e-9)

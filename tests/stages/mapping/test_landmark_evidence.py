@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.schemas.detections import COLORS
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.classifiers import evidence_ratios
@@ -15,27 +14,13 @@ from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping import FEATURES, LandmarkClassifier, SideClassifiers, SignPlaces
 from wayside.stages.mapping.tracker import track
 
+from ..made_frames import landmarks_of, with_candidates, with_image
 
-def landmark_of(frames, classifier=None):
-    front = SideClassifiers(landmark=classifier or LandmarkClassifier())
-    (found,) = [p for item in track(iter(frames), TrackSettings(), front) for p in item.landmarks]
+
+def landmark_of(frames):
+    front = SideClassifiers(landmark=LandmarkClassifier())
+    (found,) = landmarks_of(track(iter(frames), TrackSettings(), front))
     return found
-
-
-def with_image(posed, grey):
-    detections = posed.detections
-    image = replace(detections.image, rgb=np.dstack([grey] * 3), grey=grey)
-    segmentation = replace(detections.segmentation, image=image)
-    return replace(posed, detections=replace(detections, segmentation=segmentation))
-
-
-def test_the_score_is_the_sum_of_the_terms_and_the_shift(panel, drive, evidence_model):
-    model = evidence_model(0.5, log_views=1.0, missed=-2.0)
-    landmark = landmark_of(drive([panel(3.5, 1.2, 120.0)], 20), LandmarkClassifier(model))
-    named = dict(zip(FEATURES, landmark.features, strict=True))
-    expected = {"log_views": named["log_views"], "missed": -2.0 * named["missed"]}
-    assert dict(landmark.evidence) == pytest.approx(expected)
-    assert landmark.score == pytest.approx(0.5 + sum(expected.values()))
 
 
 def test_the_features_say_how_a_landmark_was_seen(panel, drive):
@@ -55,7 +40,9 @@ def test_the_features_say_how_a_landmark_was_seen(panel, drive):
 def test_the_images_show_whether_its_surroundings_move_with_a_panel(panel, drive, texture):
     """The same image in every frame: what the box of the panel moves over is never twice the same."""
     grey = texture(1200, 1600, contrast=40.0)
-    frames = [with_image(frame, grey) for frame in drive([panel(3.5, 1.2, 120.0)], 20)]
+    frames = [
+        with_image(frame, np.dstack([grey] * 3)) for frame in drive([panel(3.5, 1.2, 120.0)], 20)
+    ]
     named = dict(zip(FEATURES, landmark_of(frames).features, strict=True))
     assert named["surroundings"] < 0.5
 
@@ -79,14 +66,6 @@ def test_what_is_not_known_says_nothing(evidence_model):
     assert ratios == {"missed": 6.0, "surroundings": 0.0}
 
 
-def test_a_model_of_evidence_is_the_same_after_a_file(evidence_model):
-    model = evidence_model(0.25, -1.4, 0.5, missed=-0.5, log_place=0.125)
-    again = model_from_json(model_to_json(model))
-    assert model_to_json(again) == model_to_json(model)
-    assert again.terms == model.terms
-    np.testing.assert_equal(again.curves, model.curves)
-
-
 def classified(frames, probabilities):
     """The frames, each view with the `probabilities(index of the frame)` of its colours; None: unclassified."""
     for index, moved in enumerate(frames):
@@ -100,37 +79,32 @@ def classified(frames, probabilities):
         yield with_candidates(moved, color_log_probability=odds)
 
 
-def with_candidates(posed, **columns):
-    table = replace(posed.detections.candidates, **columns)
-    return replace(posed, detections=replace(posed.detections, candidates=table))
-
-
 FAINT, SURE = {"red": 0.55, "orange": 0.45}, {"red": 0.05, "orange": 0.95}
 
 
 @pytest.mark.parametrize(
-    ("probabilities", "color"),
+    ("probabilities", "nearest", "expected"),
     [
-        (lambda k: SURE if k in (5, 6) else FAINT, "orange"),  # all views together decide
-        (lambda k: {"orange": 1.0} if k == 2 else {"red": 0.9, "orange": 0.1}, "red"),
-        (lambda k: {"blue": 1.0} if k == 6 else None, "blue"),  # the others have no vote
+        (lambda k: SURE if k in (5, 6) else FAINT, "yellow", ("orange", None)),
+        (
+            lambda k: {"orange": 1.0} if k == 2 else {"red": 0.9, "orange": 0.1},
+            "yellow",
+            ("red", None),
+        ),
+        (lambda k: {"blue": 1.0} if k == 6 else None, "yellow", ("blue", None)),  # no other votes
+        (lambda k: None, "yellow", ("yellow", 1)),  # no view is classified
+        (lambda k: None, None, (None, None)),
     ],
 )
-def test_the_probabilities_of_all_views_together_decide(panel, drive, probabilities, color):
-    landmark = landmark_of(classified(drive([panel(5, 1, 75)], 9), probabilities))
-    assert landmark.color == color
-    assert np.isnan(landmark.color_distance)
-
-
-def test_without_any_classified_view_the_nearest_class_decides(panel, drive):
-    landmark = landmark_of(classified(drive([panel(5, 1, 75)], 9), lambda k: None))
-    assert (landmark.color, landmark.color_distance) == ("yellow", 1)
-
-
-def test_views_without_any_class_name_nothing(panel, drive):
+def test_all_views_together_name_the_colour_and_without_them_the_nearest_class(
+    panel, drive, probabilities, nearest, expected
+):
     frames = drive([panel(5, 1, 75)], 9)
-    none = [np.full_like(moved.detections.candidates.color, -1) for moved in frames]
-    unnamed = [with_candidates(m, color=color) for m, color in zip(frames, none, strict=True)]
-    landmark = landmark_of(unnamed)
-    assert landmark.color is None
-    assert np.isnan(landmark.color_distance)
+    if nearest is None:
+        frames = [
+            with_candidates(m, color=np.full_like(m.detections.candidates.color, -1))
+            for m in frames
+        ]
+    landmark = landmark_of(classified(frames, probabilities))
+    distance = landmark.color_distance
+    assert (landmark.color, None if np.isnan(distance) else distance) == expected

@@ -21,7 +21,6 @@ from wayside.stages.mapping.triangulation import triangulate_views
 CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
 MIDDLE = np.array([CAMERA.cx, CAMERA.cy])
 TURN = np.array([0.001, 0.01, 0.0])
-AHEAD = np.array([0.0, 0.0, 1.0])
 FRAMES = 6
 SIGN = np.array([3.5, -1.0, 16.0])  # in the last camera
 RAY_SIGMA = 0.15 / CAMERA.fx
@@ -39,52 +38,38 @@ def drive(noise_px=0.08, wrong_step=None, shuttle=0.0, sliding=0, seed=0):
     of the ties, moves sideways; sliding: so many ties a step that are off by 3 px and known to slide.
     """
     rng = np.random.default_rng(seed)
-    steps = [
-        Pose(
-            Rotation.from_rotvec(rng.normal(0, 0.002, 3) + TURN).as_matrix(),
-            np.array([0.05, 0.01, 8.0]),
-        )
-        for _ in range(FRAMES - 1)
-    ]
-    true = [Pose(np.eye(3), np.zeros(3))]
-    for step in steps:
-        true.append(true[-1].compose(step))
-    z = rng.uniform(10, 100, 3000)
-    points = np.column_stack([rng.uniform(-30, 30, 3000), rng.uniform(-6, 1.8, 3000), z])
-    vehicle = np.zeros(3000)
-    vehicle[::10] = shuttle
-    held, chained = [], true[0]
-    for k, pose in enumerate(true):
-        motion = Motion(pose, None, None, "start", 0.0, 8.0 * k, None, 0.1, 0.1, True, 1, 1.6)
+    held, true, chained = [], [Pose(np.eye(3), np.zeros(3))], Pose(np.eye(3), np.zeros(3))
+    low, high = [-30, -6, 10], [30, 1.8, 100]
+    points = rng.uniform(low, high, (3000, 3))
+    vehicle = np.zeros((3000, 3))
+    vehicle[::10, 0] = shuttle
+    for k in range(FRAMES):
+        motion = Motion(chained, None, None, "start", 0.0, 8.0 * k, None, 0.1, 0.1, True, 1, 1.6)
         if k:
-            step = steps[k - 1]
-            slope = 0.0035 if k == wrong_step else 0.0
+            turn = Rotation.from_rotvec(rng.normal(0, 0.002, 3) + TURN).as_matrix()
+            step = Pose(turn, np.array([0.05, 0.01, 8.0]))
+            true.append(true[-1].compose(step))
             length = np.linalg.norm(step.centre)
-            off = step.centre + np.array([slope * 8, 0, 0])
+            off = step.centre + np.array([0.028 if k == wrong_step else 0.0, 0, 0])
             measured = Pose(step.rotation, off / np.linalg.norm(off) * length)
             chained = chained.compose(measured)
-            shown = [pixels(true[j], points + np.outer(vehicle, [j, 0, 0])) for j in (k - 1, k)]
-            seen = np.all(
-                [(u > 0).all(1) & (u < [1600, 1200]).all(1) & (d > 4) for u, d in shown], 0
-            )
-            rows = np.flatnonzero(seen)
+            shown = [pixels(true[j], points + j * vehicle) for j in (k - 1, k)]
+            seen = [((u > 0) & (u < [1600, 1200])).all(axis=1) & (d > 4) for u, d in shown]
+            rows = np.flatnonzero(seen[0] & seen[1])
             growth = (shown[0][1] / shown[1][1])[rows]
             current = shown[1][0][rows] + rng.normal(0, noise_px, (len(rows), 2))
-            slides = np.zeros(len(rows))
             current[:sliding] += [3.0, -3.0]
-            slides[:sliding] = 0.5
             ties = Ties(
                 shown[0][0][rows],
                 current,
                 np.ones(len(rows), bool),
-                pose.to_camera(points[rows]) * rng.normal(1, 0.03, (len(rows), 1)),
+                true[-1].to_camera(points[rows]) * rng.normal(1, 0.03, (len(rows), 1)),
                 np.column_stack([rows, rows]),
                 np.column_stack([growth, 0 * growth, growth]),
-                slides,
+                np.where(np.arange(len(rows)) < sliding, 0.5, 0.0),
             )
-            prior = StepPrior(
-                np.eye(3), np.inf, AHEAD, np.array([0.01, 0.01]), True, float(length), 0.02
-            )
+            ahead, loose = np.array([0.0, 0.0, 1.0]), np.array([0.01, 0.01])
+            prior = StepPrior(np.eye(3), np.inf, ahead, loose, True, float(length), 0.02)
             motion = replace(motion, pose=chained, step=measured, ties=ties, prior=prior)
         frame = SimpleNamespace(index=len(held))
         held.append(SimpleNamespace(frame=frame, camera=CAMERA, motion=motion, focal=CAMERA.fx))
@@ -100,146 +85,124 @@ def observed_by(true, seed=0):
     return LandmarkRays(np.arange(len(true)), rays, np.full(len(true), RAY_SIGMA))
 
 
-def chained_place(held, observed):
-    poses = [h.motion.pose for h in held]
-    point, _ = triangulate_views(
-        np.stack([p.rotation for p in poses]),
-        np.stack([p.centre for p in poses]),
-        observed.rays,
-        observed.sigma,
-    )
-    return point
+class Scene:
+    """A drive, the rays to its sign, and where the chained motion places it."""
 
+    def __init__(self, seed=0, **how):
+        self.held, self.true = drive(seed=seed, **how)
+        self.observed = observed_by(self.true, seed)
+        self.start, _ = triangulate_views(
+            *(
+                np.stack([getattr(h.motion.pose, n) for h in self.held])
+                for n in ("rotation", "centre")
+            ),
+            self.observed.rays,
+            self.observed.sigma,
+        )
 
-def adjusted(held, observed, point):
-    """Adjusted with the last frame as the one it is reported in."""
-    return adjust_jointly(held, FRAMES - 1, observed, point)
+    def adjusted(self):
+        """Adjusted with the last frame as the one it is reported in."""
+        return adjust_jointly(self.held, FRAMES - 1, self.observed, self.start)
 
+    def error(self, point=None):
+        """Error (3,) of a place, or of the adjusted one, in the last frame."""
+        place = self.adjusted().point if point is None else point
+        return self.held[-1].motion.pose.to_camera(place) - SIGN
 
-def error_of(held, point):
-    return held[-1].motion.pose.to_camera(point) - SIGN
+    def change_ties(self, change, frames=range(1, FRAMES)):
+        for k in frames:
+            motion = self.held[k].motion
+            self.held[k].motion = replace(motion, ties=change(motion.ties))
 
 
 def test_the_residual_is_known_before_and_after_with_the_place():
-    held, true = drive(wrong_step=3)
-    observed = observed_by(true)
-    start = chained_place(held, observed)
-    found = adjusted(held, observed, start)
+    scene = Scene(wrong_step=3)
+    found = scene.adjusted()
     told = found.residual
     assert (told.first_frame, told.last_frame) == (0, FRAMES - 1)
     assert told.history_sigmas[0] > 2 * told.history_sigmas[-1]
-    np.testing.assert_array_equal(told.start, start)
+    np.testing.assert_array_equal(told.start, scene.start)
     np.testing.assert_array_equal(told.position, found.point)
 
 
 @pytest.mark.parametrize("wrong_step", [1, 3, 5])
 def test_a_step_that_disagrees_with_its_neighbours_is_solved_again(wrong_step):
-    held, true = drive(wrong_step=wrong_step)
-    observed = observed_by(true)
-    before = chained_place(held, observed)
-    joint = adjusted(held, observed, before)
-    assert np.linalg.norm(error_of(held, joint.point)) < 0.06
+    scene = Scene(wrong_step=wrong_step)
+    assert np.linalg.norm(scene.error()) < 0.06
     if wrong_step == 5:
-        assert np.linalg.norm(error_of(held, before)) > 0.12
+        assert np.linalg.norm(scene.error(scene.start)) > 0.12
 
 
 @pytest.mark.slow
 def test_errors_are_as_large_as_the_covariance_says():
     pulls = []
     for seed in range(25):
-        held, true = drive(seed=seed)
-        observed = observed_by(true, seed)
-        joint = adjusted(held, observed, chained_place(held, observed))
-        turn = held[-1].motion.pose.rotation
+        scene = Scene(seed)
+        joint = scene.adjusted()
+        turn = scene.held[-1].motion.pose.rotation
         sigma = np.sqrt(np.diag(turn.T @ joint.covariance @ turn))
-        pulls.append(error_of(held, joint.point) / sigma)
+        pulls.append(scene.error(joint.point) / sigma)
     # errors that neighbours share are allowed for, though there are none here
     assert (np.abs(pulls) < 1).mean() > 0.6
     assert (np.abs(pulls) < 2).mean() > 0.92
 
 
 def test_steps_whose_ties_scatter_make_the_place_uncertain():
-    held, true = drive()
-    observed = observed_by(true)
-    start = chained_place(held, observed)
-    stated = adjusted(held, observed, start)
-    for h in held[1:]:
-        h.motion = replace(h.motion, ties=replace(h.motion.ties, scatter=4.0))
-    scattered = adjusted(held, observed, start)
+    scene = Scene()
+    stated = scene.adjusted().covariance
+    scene.change_ties(lambda ties: replace(ties, scatter=4.0))
     # the rays of the landmark are as exact as before, and so is the known length of the steps
-    grown = np.sqrt(np.trace(scattered.covariance) / np.trace(stated.covariance))
-    assert 1.3 < grown < 4.0
+    assert 1.3 < np.sqrt(np.trace(scene.adjusted().covariance) / np.trace(stated)) < 4.0
 
 
 def test_a_step_whose_ties_scatter_gives_way_to_its_neighbours():
-    held, true = drive(wrong_step=5)
-    observed = observed_by(true)
-    start = chained_place(held, observed)
-    ties = held[5].motion.ties
-    lowered = replace(ties, current=ties.current + np.array([0.0, 1.0]))
-    held[5].motion = replace(held[5].motion, ties=lowered)
-    trusted = error_of(held, adjusted(held, observed, start).point)
-    held[5].motion = replace(held[5].motion, ties=replace(lowered, scatter=10.0))
-    doubted = error_of(held, adjusted(held, observed, start).point)
-    assert abs(doubted[1]) < 0.5 * abs(trusted[1])
+    scene = Scene(wrong_step=5)
+    scene.change_ties(lambda ties: replace(ties, current=ties.current + np.array([0.0, 1.0])), [5])
+    trusted = scene.error()
+    scene.change_ties(lambda ties: replace(ties, scatter=10.0), [5])
+    assert abs(scene.error()[1]) < 0.5 * abs(trusted[1])
 
 
 def test_ties_on_a_vehicle_lose_their_weight(monkeypatch):
-    held, true = drive(shuttle=0.15)
-    observed = observed_by(true)
-    start = chained_place(held, observed)
-    robust = error_of(held, adjusted(held, observed, start).point)
-    assert np.linalg.norm(robust) < 0.08
+    scene = Scene(shuttle=0.15)
+    robust = np.linalg.norm(scene.error())
+    assert robust < 0.08
     monkeypatch.setattr(local_adjustment, "TIE_SCALE", 1e3)
-    squares = error_of(held, adjusted(held, observed, start).point)
-    assert np.linalg.norm(squares) > 3 * np.linalg.norm(robust)
+    assert np.linalg.norm(scene.error()) > 3 * robust
 
 
 def test_patches_that_slide_along_their_edges_do_not_count():
-    held, true = drive(sliding=60)
-    observed = observed_by(true)
-    joint = adjusted(held, observed, chained_place(held, observed))
-    for h in held[1:]:
-        ties, good = h.motion.ties, h.motion.ties.sigma_px == 0
+    scene = Scene(sliding=60)
+    before = scene.error()
+
+    def steady(ties):
         columns = [field.name for field in fields(ties) if field.name != "scatter"]
-        kept = {name: getattr(ties, name)[good] for name in columns}
-        h.motion = replace(h.motion, ties=replace(ties, **kept))
-    without = adjusted(held, observed, chained_place(held, observed))
-    np.testing.assert_array_equal(joint.point, without.point)
-    assert np.linalg.norm(error_of(held, joint.point)) < 0.06
+        return replace(ties, **{n: getattr(ties, n)[ties.sigma_px == 0] for n in columns})
 
-
-def test_the_same_frames_give_the_same_bytes():
-    held, true = drive()
-    observed = observed_by(true)
-    start = chained_place(held, observed)
-    first, again = (adjusted(held, observed, start) for _ in range(2))
-    assert first.point.tobytes() == again.point.tobytes()
-    assert first.covariance.tobytes() == again.covariance.tobytes()
+    scene.change_ties(steady)
+    np.testing.assert_array_equal(scene.error(), before)
+    assert np.linalg.norm(before) < 0.06
 
 
 def test_without_ties_the_known_steps_remain():
-    held, true = drive()
-    for h in held[1:]:
-        h.motion = replace(h.motion, ties=None)
-    observed = observed_by(true)
-    joint = adjusted(held, observed, chained_place(held, observed))
+    scene = Scene()
+    scene.change_ties(lambda ties: None)
+    joint = scene.adjusted()
     assert np.isfinite(joint.point).all()
     assert np.isfinite(joint.covariance).all()
 
 
 def test_the_place_is_left_to_the_chain_where_the_window_says_too_little(monkeypatch):
-    held, true = drive()
-    observed = observed_by(true)
-    start = chained_place(held, observed)
-    one = LandmarkRays(*(column[-1:] for column in observed))
-    assert adjusted(held, one, true[-1].to_world(SIGN)) is None
-    known = held[3].motion
-    held[3].motion = replace(known, prior=None)
-    assert adjusted(held, observed, start) is None
-    held[3].motion = known
+    scene = Scene()
+    all_views, known = scene.observed, scene.held[3].motion
+    scene.observed = LandmarkRays(*(column[-1:] for column in all_views))
+    assert scene.adjusted() is None
+    scene.observed = all_views
+    scene.held[3].motion = replace(known, prior=None)
+    assert scene.adjusted() is None
+    scene.held[3].motion = known
     monkeypatch.setattr(local_adjustment, "MOST_FRAMES", 2)
-    assert adjusted(held, observed, start) is None  # misses most of the views
+    assert scene.adjusted() is None  # misses most of the views
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wayside.schemas.detections import SOURCES, Candidates, Detections, Regions, verdict_code
+from wayside.schemas.detections import SOURCES, Candidates, verdict_code
 from wayside.schemas.models import ScoreModel
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.detection import BoxClassifier
@@ -12,6 +12,8 @@ from wayside.stages.mapping import SideClassifiers, assemble, track
 from wayside.stages.mapping.landmark_fit import fit_views
 from wayside.stages.mapping.prediction import add_predicted_views, predicted_box
 from wayside.stages.mapping.window import WindowFrame, candidates_of
+
+from ..made_frames import landmarks_of, made_regions, with_candidates, with_image
 
 SETTINGS = TrackSettings()
 RED = (200, 40, 40)
@@ -41,17 +43,12 @@ def shown(drive):
         made = []
         everywhere = [replace(panel, hidden_in=(), only_in=None) for panel in panels]
         for moved, whole in zip(drive(panels, frames), drive(everywhere, frames), strict=True):
-            before = moved.detections
             rgb = np.full((1200, 1600, 3), 110, np.uint8)
             for x0, y0, x1, y1 in whole.detections.candidates.regions.box.round().astype(int):
                 rgb[y0:y1, x0:x1] = RED
-            regions = before.candidates.regions
-            red = np.tile(np.array(RED, np.float32), (len(regions), 1))
-            table = replace(before.candidates, regions=replace(regions, rgb=red))
-            table = replace(table, ideal=table.center)
-            image = replace(before.image, rgb=rgb, grey=rgb[..., 0])
-            segmentation = replace(before.segmentation, image=image)
-            made.append(replace(moved, detections=Detections(segmentation, table, before.features)))
+            regions = moved.detections.candidates.regions
+            regions = made_regions(regions.box, RED, 100)
+            made.append(with_image(with_candidates(moved, regions=regions), rgb))
         return made
 
     return make
@@ -61,12 +58,19 @@ def holding(frames):
     return [WindowFrame.of(m, m.motion, m.frame.camera) for m in frames]
 
 
-def fit_of(held, frames):
+def fit_of(held):
+    """The landmark of all frames with a candidate."""
     candidates = candidates_of(held)
-    rows = np.array([candidates.first[f] for f in frames], np.int64)
-    fit = fit_views(candidates, rows, np.array(frames, np.int64))
+    frames = np.flatnonzero([len(h.followed) for h in held])
+    fit = fit_views(candidates, candidates.first[frames], frames)
     assert fit is not None
     return fit
+
+
+@pytest.fixture
+def near_only(shown, panel):
+    """Frames of a panel without candidates in the first nine."""
+    return shown([panel(3.5, 1.2, 100.0, hidden_in=tuple(range(9)))], 13)
 
 
 def with_predicted_views(fit, held, classifier):
@@ -75,18 +79,18 @@ def with_predicted_views(fit, held, classifier):
 
 
 def test_the_box_of_a_known_landmark_is_predicted_where_the_panel_stands(shown, panel):
-    frames = shown([panel(3.5, 1.2, 100.0, wide=0.6, tall=0.9)], 11)
-    held = holding(frames)
-    fit = fit_of(held, [9, 10])
+    held = holding(shown([panel(3.5, 1.2, 100.0, wide=0.6, tall=0.9)], 11))
+    fit = fit_of(held)
     for k in (5, 6, 7, 8):
         box, tall_px = predicted_box(fit, held[k])
         np.testing.assert_allclose(box, held[k].candidates.regions.box[0], atol=0.02)
         assert tall_px == pytest.approx(box[3] - box[1], rel=1e-3)
 
 
-def test_a_landmark_of_large_scatter_is_not_predicted(shown, panel):
-    held = holding(shown([panel(3.5, 1.2, 100.0)], 11))
-    fit = fit_of(held, [9, 10])
+def test_a_landmark_of_large_scatter_is_not_predicted(near_only):
+    held = holding(near_only)
+    fit = fit_of(held)
+    assert predicted_box(fit, held[6]) is not None
     unsure = replace(fit, covariance=fit.covariance * 1e4)
     assert predicted_box(unsure, held[6]) is None
 
@@ -94,20 +98,17 @@ def test_a_landmark_of_large_scatter_is_not_predicted(shown, panel):
 def test_a_view_too_small_to_be_searched_for_is_not_predicted(shown, panel):
     small = panel(3.5, 1.2, 100.0, wide=0.2, tall=0.2, hidden_in=tuple(range(9)))
     held = holding(shown([small], 13))
-    fit = fit_of(held, [k for k, h in enumerate(held) if len(h.followed)])
+    fit = fit_of(held)
     assert len(with_predicted_views(fit, held, reddish()).rows) == len(fit.rows)
 
 
-def test_views_without_a_candidate_are_predicted(shown, panel):
-    gone = tuple(range(9))
-    frames = shown([panel(3.5, 1.2, 100.0, hidden_in=gone)], 13)
-    held = holding(frames)
-    with_views = [k for k, h in enumerate(held) if len(h.followed)]
-    fit = fit_of(held, with_views)
+def test_views_without_a_candidate_are_predicted(near_only):
+    held = holding(near_only)
+    fit = fit_of(held)
     followed = with_predicted_views(fit, held, reddish())
     assert len(followed.rows) > len(fit.rows) + 3
     assert followed.frames.tolist() == sorted(followed.frames.tolist())
-    new = ~np.isin(followed.frames, with_views)
+    new = ~np.isin(followed.frames, fit.frames)
     assert not followed.used[new].any()
     np.testing.assert_array_equal(followed.point, fit.point)
     for frame in followed.frames[new]:
@@ -118,12 +119,11 @@ def test_views_without_a_candidate_are_predicted(shown, panel):
         np.testing.assert_allclose(held[frame].followed["ray"][row], [x / z, y / z], atol=1e-5)
 
 
-def test_a_predicted_box_is_a_view_only_where_the_classifier_accepts_it(shown, panel):
-    frames = shown([panel(3.5, 1.2, 100.0, hidden_in=tuple(range(9)))], 13)
+def test_a_predicted_box_is_a_view_only_where_the_classifier_accepts_it(near_only):
     for covered in (3, 5):
-        frames[covered].detections.image.rgb[:] = 110
-    held = holding(frames)
-    fit = fit_of(held, [k for k, h in enumerate(held) if len(h.followed)])
+        near_only[covered].detections.image.rgb[:] = 110
+    held = holding(near_only)
+    fit = fit_of(held)
     before = [len(h.candidates) for h in held]
     none = with_predicted_views(fit, held, reddish(99.0))
     assert none.rows.tolist() == fit.rows.tolist()
@@ -133,9 +133,9 @@ def test_a_predicted_box_is_a_view_only_where_the_classifier_accepts_it(shown, p
     assert not {3, 5} & set(found.frames.tolist())
 
 
-def test_views_of_a_back_are_predicted_by_the_classifier_of_backs(shown, panel):
-    held = holding(shown([panel(3.5, 1.2, 100.0, hidden_in=tuple(range(9)))], 13))
-    fit = fit_of(held, [k for k, h in enumerate(held) if len(h.followed)])
+def test_views_of_a_back_are_predicted_by_the_classifier_of_backs(near_only):
+    held = holding(near_only)
+    fit = fit_of(held)
     behind = replace(reddish(-4.0), back=True)
     found = with_predicted_views(replace(fit, back=True), held, behind)
     (new,) = {held[f].candidates.back_score[0] for f in set(found.frames) - set(fit.frames)}
@@ -149,9 +149,9 @@ def test_views_that_were_predicted_are_views_of_the_sign(shown, panel):
         frames = shown([panel(3.5, 1.2, 100.0, only_in=(8, 9, 10, 11))], 18)
         return list(assemble(track(iter(frames), SETTINGS, SideClassifiers(classifier))))
 
-    (alone,) = [p for s in tracked(None) for p in s.landmarks]
+    (alone,) = landmarks_of(tracked(None))
     followed = tracked(reddish())
-    (landmark,) = [p for s in followed for p in s.landmarks]
+    (landmark,) = landmarks_of(followed)
     assert len(landmark.views) >= len(alone.views) + 3
     np.testing.assert_array_equal(landmark.position, alone.position)
     for view in landmark.views:
@@ -160,50 +160,45 @@ def test_views_that_were_predicted_are_views_of_the_sign(shown, panel):
         assert tuple(table.regions.box[view.row].tolist()) == view.box
 
 
+@pytest.fixture
+def tracked_landmarks(shown):
+    return lambda panels, frames: landmarks_of(
+        track(iter(shown(panels, frames)), SETTINGS, SideClassifiers(reddish()))
+    )
+
+
 @pytest.mark.parametrize(("score", "found"), [(3.0, 114.0), (9.0, 120.0)])
 def test_of_two_points_that_no_image_shows_apart_that_of_more_evidence_stays(
-    shown, panel, score, found
+    tracked_landmarks, panel, score, found
 ):
     # one face that the motion sets 6 m apart: each point predicts the views of the other
     early = panel(3.0, 1.2, 114.0, wide=1.5, tall=1.5, only_in=tuple(range(4, 10)))
     late = replace(early, along=120.0, only_in=tuple(range(10, 15)), score=score)
-    frames = shown([early, late], 20)
-    tracked = list(track(iter(frames), SETTINGS, SideClassifiers(reddish())))
-    landmarks = [p for s in tracked for p in s.landmarks]
-    assert sorted(p.verdict for p in landmarks) == ["duplicate", "sign"]
-    (sign,) = [p for p in landmarks if p.verdict == "sign"]
-    assert sign.station_m == pytest.approx(found, abs=0.3)
+    by_verdict = {p.verdict: p for p in tracked_landmarks([early, late], 20)}
+    assert by_verdict.keys() == {"duplicate", "sign"}
+    assert by_verdict["sign"].station_m == pytest.approx(found, abs=0.3)
 
 
-def test_two_panels_that_one_image_shows_apart_are_both_found(shown, panel):
+def test_two_panels_that_one_image_shows_apart_are_both_found(tracked_landmarks, panel):
     early = panel(3.0, 1.2, 114.0, wide=1.5, tall=1.5, only_in=(*range(4, 10), 13))
     late = replace(early, along=120.0, only_in=tuple(range(10, 15)))
-    tracked = track(iter(shown([early, late], 20)), SETTINGS, SideClassifiers(reddish()))
-    assert [p.verdict for s in tracked for p in s.landmarks] == ["sign", "sign"]
+    assert [p.verdict for p in tracked_landmarks([early, late], 20)] == ["sign", "sign"]
 
 
-def test_two_views_that_no_third_confirms_are_no_sign(shown, panel):
-    frames = shown([panel(3.5, 1.2, 100.0, only_in=(10, 11))], 18)
-    tracked = track(iter(frames), SETTINGS, SideClassifiers(reddish()))
-    assert {p.verdict for s in tracked for p in s.landmarks} == {"residual"}
+def test_two_views_that_no_third_confirms_are_no_sign(tracked_landmarks, panel):
+    found = tracked_landmarks([panel(3.5, 1.2, 100.0, only_in=(10, 11))], 18)
+    assert {p.verdict for p in found} == {"residual"}
 
 
 def test_joined_tables_fill_what_only_one_of_them_has():
-    one = Regions(
-        np.array([[1, 2, 9, 12]], np.float32),
-        np.full(1, 40, np.int32),
-        np.zeros((1, 3), np.float32),
-        np.zeros(1, np.uint8),
-    )
-    plain = Candidates.of(one)
-    named = replace(
-        plain,
-        color_log_probability=np.zeros((1, 8), np.float32),
-        back_score=np.array([1.5], np.float32),
-    )
+    plain = Candidates.of(made_regions([[1, 2, 9, 12]]))
+    both_columns = {
+        "color_log_probability": np.zeros((1, 8), np.float32),
+        "back_score": np.array([1.5], np.float32),
+    }
+    named = replace(plain, **both_columns)
     both = named.joined(plain)
     assert np.isnan(both.color_log_probability).any(axis=1).tolist() == [False, True]
     assert both.shape_log_probability is None
-    assert both.back_rows().tolist() == [0]
-    assert plain.joined(named).back_rows().tolist() == [1]
-    assert plain.joined(plain).back_rows().tolist() == []
+    joined = (both, plain.joined(named), plain.joined(plain))
+    assert [table.back_rows().tolist() for table in joined] == [[0], [1], []]

@@ -14,39 +14,32 @@ from wayside.stages.panel.registration import (
     register_views,
 )
 
+from ..made_frames import paint
+
 MIDDLE = np.array([4.2, -1.1, 44.0])
 SIDE = 0.9
 METRIC = np.array([SIDE, SIDE])
-FINER = 4
+SIGN = [
+    ([(0, -1), (1, 0), (0, 1), (-1, 0)], (210, 170, 30)),
+    ([(-0.1, 0.5), (-0.1, -0.1), (0.1, -0.1), (0.1, 0.5)], (20, 20, 20)),
+    ([(-0.35, -0.05), (0.0, -0.5), (0.3, -0.1)], (20, 20, 20)),
+]
+"""A yellow diamond with a black arrow; half sides right and down of the middle."""
+HIDING = [
+    ([(-2, -2), (2, -2), (2, 2), (-2, 2)], (60, 70, 150)),
+    ([(-0.7, -0.5), (0.6, -0.6), (0.1, 0.7)], (200, 200, 210)),
+]
 
 
-def drawn(image, pose, camera, corners, color):
-    """Fill a polygon (n, 2), metres right and down of the middle, into an image FINER times as fine."""
-    points = MIDDLE + np.column_stack([np.array(corners) * SIDE / 2, np.zeros(len(corners))])
-    local = pose.to_camera(points)
-    pixels = local[:, :2] / local[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-    at = np.round(((pixels + 0.5) * FINER - 0.5) * 16).astype(np.int32)
-    cv2.fillPoly(image, [at], color, shift=4)
-
-
-def image_of(moved, *, hidden):
-    """A yellow diamond with a black arrow, or what stands in front of it: the same wherever it hides the sign."""
-    frame, pose = moved.frame, moved.motion.pose
-    camera = frame.camera
-    rng = np.random.default_rng(frame.index)
-    coarse = rng.integers(20, 235, (60, 80, 3)).astype(np.uint8)
-    size = (camera.width * FINER, camera.height * FINER)
-    image = cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC)
-    if hidden:
-        drawn(image, pose, camera, [(-2, -2), (2, -2), (2, 2), (-2, 2)], (60, 70, 150))
-        drawn(image, pose, camera, [(-0.7, -0.5), (0.6, -0.6), (0.1, 0.7)], (200, 200, 210))
-    else:
-        drawn(image, pose, camera, [(0, -1), (1, 0), (0, 1), (-1, 0)], (210, 170, 30))
-        drawn(
-            image, pose, camera, [(-0.1, 0.5), (-0.1, -0.1), (0.1, -0.1), (0.1, 0.5)], (20, 20, 20)
-        )
-        drawn(image, pose, camera, [(-0.35, -0.05), (0.0, -0.5), (0.3, -0.1)], (20, 20, 20))
-    return cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+def image_of(moved, shown):
+    """These polygons where the sign stands, before a background of the frame's own."""
+    camera = moved.frame.camera
+    coarse = np.random.default_rng(moved.frame.index).integers(20, 235, (60, 80, 3))
+    size = (camera.width, camera.height)
+    image = cv2.resize(coarse.astype(np.uint8), size, interpolation=cv2.INTER_CUBIC)
+    placed = [(MIDDLE + np.c_[np.array(p) * SIDE / 2, np.zeros(len(p))], c) for p, c in shown]
+    paint(image, moved.motion.pose, camera, placed)
+    return image
 
 
 @pytest.fixture
@@ -56,9 +49,9 @@ def images_of(drive):
     def make(hidden=()):
         return [
             PosedImage(
-                k, moved.motion.pose, moved.frame.camera, image_of(moved, hidden=k in hidden)
+                k, m.motion.pose, m.frame.camera, image_of(m, HIDING if k in hidden else SIGN)
             )
-            for k, moved in enumerate(drive([], 4))
+            for k, m in enumerate(drive([], 4))
         ]
 
     return make

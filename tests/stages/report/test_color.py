@@ -1,14 +1,18 @@
 """Colour classes by Mahalanobis distance (eq. 3.1)."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.distance import mahalanobis
 
-from wayside.schemas.detections import COLORS, VERDICTS, Regions, Segmentation
+from wayside.schemas.detections import COLORS, VERDICTS
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import Frame, Image
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.stages.report.color import classify_color
+from wayside.stages.segmentation import unsegmented
+
+from ..made_frames import made_image, made_regions
 
 
 def model(yellow=3.0, red=3.0):
@@ -22,16 +26,9 @@ def model(yellow=3.0, red=3.0):
 
 
 def segmented(rgb):
-    n = len(rgb)
-    regions = Regions(
-        np.tile(np.array([0, 0, 9, 9], np.float32), (n, 1)),
-        np.full(n, 81, np.int32),
-        np.array(rgb, np.float32).reshape(n, 3),
-        np.arange(n, dtype=np.uint8) % 4,
-    )
-    image = Image(Frame(0, 0, None, "used", "jpeg", b"", None), None, None)
-    empty = np.zeros((0, 3), np.float32)
-    return Segmentation(image, regions, n, empty, empty[:, 0], (0, 0))
+    regions = made_regions([[0, 0, 9, 9]] * len(rgb))
+    regions = replace(regions, rgb=np.array(rgb, np.float32))
+    return replace(unsegmented(made_image(np.zeros((9, 9, 3), np.uint8))), regions=regions)
 
 
 def classify(rgb, **how):
@@ -65,16 +62,14 @@ def test_a_class_that_accepts_wins_over_a_nearer_one_that_does_not():
 
 
 def test_models_that_do_not_fit_are_refused():
-    good = model()
-    wrong_name = GaussianModel(
-        "rgb", (GaussianClass("pink", np.zeros(3), np.eye(3), 1, "", 1),), ""
-    )
-    wrong_size = GaussianModel("rgb", (GaussianClass("red", np.zeros(2), np.eye(2), 1, "", 1),), "")
+    def one_class(name, n):
+        return GaussianModel("rgb", (GaussianClass(name, np.zeros(n), np.eye(n), 1, "", 1),), "")
+
     for bad, message in (
-        (wrong_name, "'pink'"),
-        (wrong_size, "has 3 numbers"),
-        (GaussianModel("hsv", good.classes, ""), "'hsv'"),
-        (GaussianModel("rgb", (), ""), "has no class"),
+        (one_class("pink", 3), "'pink'"),
+        (one_class("red", 2), "has 3 numbers"),
+        (replace(model(), space="hsv"), "'hsv'"),
+        (replace(model(), classes=()), "has no class"),
     ):
         with pytest.raises(InputError, match=message):
             next(classify_color(iter([segmented([(1, 2, 3)])]), model=bad))

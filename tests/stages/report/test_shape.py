@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
+from scipy.spatial.transform import Rotation
 
 from wayside.schemas.detections import SHAPES, VERDICTS, Candidates, Detections
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import Frame, Image
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.schemas.settings import GateSettings, SegmentSettings
 from wayside.stages.report.shape import (
@@ -23,6 +23,8 @@ from wayside.stages.report.shape import (
     trace_region,
 )
 from wayside.stages.segmentation.two_pass import segment
+
+from ..made_frames import made_image
 
 
 def shape_features(outline):
@@ -38,11 +40,6 @@ def polygon(corners, turn=0.0, radius=20.0):
 HOUSE = np.array([[0.0, 30], [0, 12], [15, 0], [30, 12], [30, 30]])
 
 
-def turned(outline, angle):
-    rotation = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    return outline @ rotation.T
-
-
 @given(
     st.sampled_from([HOUSE, polygon(3), polygon(4), polygon(8), HOUSE * [3, 1]]),
     st.floats(0, 2 * np.pi),
@@ -53,7 +50,8 @@ def turned(outline, angle):
 def test_descriptors_are_free_of_scale_rotation_place_and_start(
     outline, angle, scale, start, backwards
 ):
-    moved = turned(np.roll(outline, start, axis=0), angle) * scale + [300, -40]
+    rotation = Rotation.from_euler("z", angle).as_matrix()[:2, :2]
+    moved = np.roll(outline, start, axis=0) @ rotation.T * scale + [300, -40]
     if backwards:
         moved = moved[::-1]
     # A start between the samples of the other shifts them by part of a step, hence not exactly.
@@ -69,11 +67,6 @@ def test_regular_polygons_have_the_upper_terms_of_theory():
         np.testing.assert_allclose(others, 0, atol=5e-3)
 
 
-def box_of(slices):
-    ys, xs = slices
-    return np.array([xs.start, ys.start, xs.stop, ys.stop])
-
-
 @given(
     st.tuples(st.integers(1, 9), st.integers(1, 9)).flatmap(
         lambda size: arrays(np.uint8, size, elements=st.integers(0, 1))
@@ -82,47 +75,27 @@ def box_of(slices):
 def test_every_region_is_traced_by_its_box_alone(labels):
     for label in np.unique(labels):
         parts, _ = ndimage.label(labels == label)
-        for number, slices in enumerate(ndimage.find_objects(parts), start=1):
-            outline = trace_region(labels, box_of(slices))
+        for number, (ys, xs) in enumerate(ndimage.find_objects(parts), start=1):
+            outline = trace_region(labels, np.array([xs.start, ys.start, xs.stop, ys.stop]))
             assert outline is not None
-            filled = ndimage.binary_fill_holes(
-                np.pad(parts == number, 1), structure=np.ones((3, 3))
-            )[1:-1, 1:-1]
+            padded = ndimage.binary_fill_holes(np.pad(parts == number, 1), np.ones((3, 3)))
             # Each middle of an edge stands between a pixel of the region and one outside it.
-            edges = edges_between(filled)
+            edges = {
+                (x - 1 + dx / 2, y - 1 + dy / 2)
+                for y, x in np.argwhere(padded).tolist()
+                for dy, dx in ((-1, 0), (1, 0), (0, -1), (0, 1))
+                if not padded[y + dy, x + dx]
+            }
             assert {tuple(p) for p in outline.tolist()} == edges
             assert len(outline) == len(edges)
-
-
-def edges_between(inside):
-    ys, xs = np.nonzero(inside)
-    padded = np.pad(inside, 1)
-    edges = set()
-    for y, x in zip(ys.tolist(), xs.tolist(), strict=True):
-        for dy, dx in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-            if not padded[y + 1 + dy, x + 1 + dx]:
-                edges.add((x + dx / 2, y + dy / 2))
-    return edges
 
 
 def test_a_box_that_no_region_fills_has_no_outline():
     labels = np.zeros((9, 9), np.uint8)
     labels[2:5, 3:8] = 1
-    for box in (
-        [3, 2, 7, 5],
-        [2, 2, 8, 5],
-        [3, 2, 8, 6],
-        [-1, 0, 5, 5],
-        [4, 4, 4, 6],
-        [0, 0, 99, 9],
-    ):
+    smaller_or_lower = (3, 2, 7, 5), (2, 2, 8, 5), (3, 2, 8, 6), (4, 4, 4, 6)
+    for box in (*smaller_or_lower, (-1, 0, 5, 5), (0, 0, 99, 9)):
         assert trace_region(labels, np.array(box)) is None
-
-
-def test_resampled_points_lie_at_equal_steps_on_the_outline():
-    sequence = resample_outline(np.array([[0, 0], [0, 8], [8, 8], [8, 0.0]]), samples=16)
-    np.testing.assert_allclose(np.abs(np.diff(sequence, append=sequence[:1])), 2)
-    assert np.linalg.norm(sequence.mean() - (4 + 4j)) < 1e-12
 
 
 OUTLINES = {
@@ -148,8 +121,7 @@ def drawn(names, radius=24):
     for i, name in enumerate(names):
         corners = OUTLINES[name] * radius + [100 * i + 50, 50]
         cv2.fillPoly(rgb, [np.rint(corners).astype(np.int32)], YELLOW)
-    frame = Frame(0, 0, None, "used", "jpeg", b"", None)
-    return Image(frame, rgb, cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))
+    return made_image(rgb)
 
 
 def candidates_of(image):

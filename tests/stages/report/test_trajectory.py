@@ -1,6 +1,7 @@
 """Trajectories in the image, by the closed form of a point that stands still, and their density."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping import assemble
 from wayside.stages.report import classify_trajectory, match_by_descriptors, mean_log_density
 from wayside.stages.report.trajectory import STEP_M, trajectory_of
+
+from ..made_frames import landmarks_of
 
 
 def model(space="image", threshold=-np.inf):
@@ -33,20 +36,23 @@ def model(space="image", threshold=-np.inf):
     )
 
 
-class Step:
-    def __init__(self, rotation, centre):
-        self.pose = Pose(np.asarray(rotation), np.asarray(centre, float))
+def moved_by(*centres, rotations=None):
+    """Motions of cameras that stand at these steps ahead."""
+    turns = rotations or [np.eye(3)] * len(centres)
+    poses = [
+        Pose(turn, np.array([0, 0, STEP_M * c])) for turn, c in zip(turns, centres, strict=True)
+    ]
+    return [SimpleNamespace(pose=pose) for pose in poses]
 
 
-def seen(point, motion):
-    x, y, z = motion.pose.to_camera(np.asarray(point))
-    return [x / z, y / z]
+def trajectory(point, cameras):
+    """Trajectory of a point as these cameras see it."""
+    local = np.array([camera.pose.to_camera(np.array(point)) for camera in cameras])
+    return trajectory_of(local[:, :2] / local[:, 2:], cameras)
 
 
 def test_a_standing_point_moves_away_from_the_focus_of_expansion_as_its_depth_says():
-    cameras = [Step(np.eye(3), [0, 0, STEP_M * k]) for k in range(3)]
-    point = np.array([3.1, -0.6, 50.0])
-    steps = trajectory_of(np.array([seen(point, c) for c in cameras]), cameras)
+    steps = trajectory([3.1, -0.6, 50.0], moved_by(0, 1, 2))
     for k in range(2):
         depth = 50.0 - STEP_M * k
         u, v = 3.1 / depth, -0.6 / depth
@@ -58,7 +64,7 @@ def test_a_standing_point_moves_away_from_the_focus_of_expansion_as_its_depth_sa
 def test_displacements_are_those_of_a_step_of_26_4_feet():
     assert pytest.approx(26.4 * 0.3048) == STEP_M
     rays = np.array([[0.1, 0.0], [0.12, 0.01]])
-    short = trajectory_of(rays, [Step(np.eye(3), [0, 0, STEP_M / 2 * k]) for k in range(2)])
+    short = trajectory_of(rays, moved_by(0, 0.5))
     np.testing.assert_allclose(short[0, 0, 2:], [0.04, 0.02])
 
 
@@ -68,12 +74,9 @@ def test_without_the_rotation_an_arc_looks_like_a_straight_road(yaw, pitch, righ
     turn = Rotation.from_euler("yx", [yaw, pitch], degrees=True).as_rotvec()
     half = Rotation.from_rotvec(turn / 2)
     # axes half way through the turn are those of the world
-    arc = [Step(half.inv().as_matrix(), [0, 0, 0]), Step(half.as_matrix(), [0, 0, STEP_M])]
-    straight = [Step(np.eye(3), [0, 0, 0]), Step(np.eye(3), [0, 0, STEP_M])]
-    point = np.array([right, -0.6, ahead])
+    arc = moved_by(0, 1, rotations=[half.inv().as_matrix(), half.as_matrix()])
     on_arc, wanted = (
-        trajectory_of(np.array([seen(point, c) for c in cameras]), cameras)[0]
-        for cameras in (arc, straight)
+        trajectory([right, -0.6, ahead], cameras)[0] for cameras in (arc, moved_by(0, 1))
     )
     np.testing.assert_allclose(on_arc[1], wanted[0], atol=1e-9)
     if abs(yaw) > 1:
@@ -95,11 +98,10 @@ def test_the_score_is_the_mean_log_density_of_the_steps_in_the_form_of_the_model
 
 def test_a_track_that_moves_otherwise_is_refused_and_so_are_its_candidates(panel, drive):
     def verdicts(threshold):
-        settings = TrackSettings(fewest_views=2)
         frames = drive([panel(3.5, 1.2, 90.0)], 14)
-        tracked = match_by_descriptors(iter(frames), settings)
+        tracked = match_by_descriptors(iter(frames), TrackSettings(fewest_views=2))
         items = list(assemble(classify_trajectory(tracked, replace(known, threshold=threshold))))
-        (place,) = [p for item in items for p in item.landmarks]
+        (place,) = landmarks_of(items)
         codes = {v for item in items for v in item.candidates.verdict[item.track_id >= 0]}
         return place.verdict, len(codes), mean_log_density(place.trajectory, known)
 

@@ -74,12 +74,6 @@ def test_more_clusters_leave_less_unexplained_and_stand_darkest_first():
     assert (np.diff([inertia(rgb, one) for one in found]) < 0).all()
 
 
-@pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 2), (7, 1), (3, 5)])
-def test_tiny_images_have_a_palette(size):
-    rgb = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
-    assert palette_of(rgb).shape == (16, 3)
-
-
 def test_an_empty_image_or_a_k_out_of_range_is_refused():
     with pytest.raises(ValueError, match="has no pixel"):
         palette_of(np.zeros((0, 5, 3), np.uint8))
@@ -133,22 +127,21 @@ def test_a_centre_without_colours_stays_where_it_is():
     np.testing.assert_array_equal(mean_of_labels(np.full((10, 3), 7, np.uint8), centers), centers)
 
 
+ONE_PIXEL, TWO_CENTRES = np.zeros((1, 1, 3), np.uint8), np.zeros((2, 3))
+
+
 @pytest.mark.parametrize(
-    ("rgb", "message"),
+    ("rgb", "centers", "message"),
     [
-        (np.zeros((4, 8, 3), np.uint8)[:, ::2], "C-contiguous"),
-        (np.zeros((4, 8, 3), np.float32), "uint8"),
-        (np.zeros((4, 8), np.uint8), "any x any x 3"),
+        (np.zeros((4, 8, 3), np.uint8)[:, ::2], TWO_CENTRES, "C-contiguous"),
+        (np.zeros((4, 8, 3), np.float32), TWO_CENTRES, "uint8"),
+        (np.zeros((4, 8), np.uint8), TWO_CENTRES, "any x any x 3"),
+        (ONE_PIXEL, np.zeros((257, 3)), "centres: .*instead of"),
+        (ONE_PIXEL, np.zeros((0, 3)), "centres: .*instead of"),
+        (ONE_PIXEL, np.full((2, 3), 0.5), "centres: not whole"),
+        (ONE_PIXEL, np.full((2, 3), 256), "centres: not whole"),
     ],
 )
-def test_images_of_another_layout_type_or_shape_are_refused(rgb, message):
+def test_other_arrays_are_refused(rgb, centers, message):
     with pytest.raises(ValueError, match=message):
-        difference_image(rgb, np.zeros((2, 3)))
-
-
-@pytest.mark.parametrize(
-    "centers", [np.zeros((257, 3)), np.zeros((0, 3)), np.full((2, 3), 0.5), np.full((2, 3), 256)]
-)
-def test_centres_that_are_no_whole_colours_are_refused(centers):
-    with pytest.raises(ValueError, match=r"centres: .*instead of|centres: not whole"):
-        difference_image(np.zeros((1, 1, 3), np.uint8), centers)
+        difference_image(rgb, centers)

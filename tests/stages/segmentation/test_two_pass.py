@@ -10,9 +10,11 @@ from scipy import ndimage
 
 from wayside.schemas.detections import SOURCES
 from wayside.schemas.errors import UsageError
-from wayside.schemas.frame import Camera, Frame, Image
+from wayside.schemas.frame import THINNED, Camera
 from wayside.schemas.settings import GateSettings, SegmentSettings
 from wayside.stages.segmentation.two_pass import band_of, segment
+
+from ..made_frames import made_image
 
 WHOLE = SegmentSettings(whole_picture=True)
 GATE = GateSettings(smallest_px=20, largest_px=20_000)
@@ -27,8 +29,7 @@ def image(height=150, width=200, seed=0, signs=True, camera=None):
         rgb[60:80, 90:110] = (230, 190, 30)
         rgb[62:75, 30:50] = (180, 30, 40)
     rgb = np.clip(rgb + rng.normal(0, 2, rgb.shape), 0, 255).astype(np.uint8)
-    frame = Frame(0, 0, None, "used", "jpeg", b"", camera, width, height)
-    return Image(frame, rgb, cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))
+    return made_image(rgb, camera=camera)
 
 
 def one(given, settings=WHOLE, gate=GATE):
@@ -85,10 +86,10 @@ def test_the_band_is_segmented_as_rows_of_the_full_image():
     assert result.labels[0].shape == (last - first, 200)
     assert result.regions.box[:, 1].min() >= first
     assert result.regions.box[:, 3].max() <= last
-    for box, area, rgb in zip(
-        result.regions.box, result.regions.area_px, result.regions.rgb, strict=True
+    table = result.regions
+    for (x0, y0, x1, y1), area, rgb in zip(
+        table.box.astype(int), table.area_px, table.rgb, strict=True
     ):
-        x0, y0, x1, y1 = box.astype(int)
         inside = given.rgb[y0:y1, x0:x1].reshape(-1, 3)
         assert area <= len(inside)
         assert (inside.min(axis=0) <= rgb).all()
@@ -108,8 +109,7 @@ def test_a_camera_that_looks_away_or_is_unknown_gets_the_whole_image():
 
 
 def test_frames_without_pixels_travel_with_empty_tables():
-    unused = image()
-    unused = Image(replace(unused.frame, status="thinned"), None, None)
+    unused = made_image(image().rgb, status=THINNED)
     result = one(unused)
     assert result.image is unused
     assert (len(result.regions), result.region_count, result.rows) == (0, 0, (0, 0))
@@ -123,22 +123,12 @@ def test_tiny_and_odd_images_are_segmented(size):
     assert areas == [size[0] * size[1]] * 2
 
 
-def assert_same(a, b):
-    for column in ("box", "area_px", "rgb", "source"):
-        x, y = getattr(a.regions, column), getattr(b.regions, column)
-        assert x.tobytes() == y.tobytes()
-    assert a.palette.tobytes() == b.palette.tobytes()
-    assert all(x.tobytes() == y.tobytes() for x, y in zip(a.labels, b.labels, strict=True))
-
-
-def test_threads_side_by_side_give_the_same_bytes_as_one():
+def test_threads_side_by_side_give_the_same_bytes_as_one(bits):
     given = [image(seed=i) for i in range(6)]
     alone = list(segment(iter(given), WHOLE, GATE))
     with ThreadPoolExecutor(2) as pool:
         both = list(pool.map(lambda _: list(segment(iter(given), WHOLE, GATE)), range(2)))
-    for results in both:
-        for a, b in zip(alone, results, strict=True):
-            assert_same(a, b)
+    assert [bits(results) for results in both] == [bits(alone)] * 2
 
 
 @pytest.mark.parametrize(

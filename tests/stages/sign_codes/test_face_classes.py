@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from wayside.pipeline.models.model_files import shipped_models
-from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.measurement import Alignment, Measurement, PanelView
 from wayside.stages.sign_codes import (
@@ -18,6 +17,8 @@ from wayside.stages.sign_codes import (
     face_samples,
 )
 from wayside.stages.sign_codes.face_classes import FACE_VIEWS, LEAST_LOG_PROBABILITY
+
+from ..made_frames import made_image
 
 CLASSES = ("other", "stop", "R2-1 45")
 SQUARE = np.array([20.0, 20, 60, 60])
@@ -38,19 +39,15 @@ def pixels(seed=0, side=81):
     return np.random.default_rng(seed).uniform(0, 255, (side, side, 3)).astype(np.float32)
 
 
-def view(rgb, shift=(0.0, 0.0), stretch=(1.0, 1.0)):
-    return PanelView(
-        4, rgb, Alignment(np.array(shift), np.array(stretch), 1, 0, 0.9, np.zeros((4, 4)))
-    )
+def view(rgb, shift=(0.0, 0.0)):
+    return PanelView(4, rgb, Alignment(np.array(shift), np.ones(2), 1, 0, 0.9, np.zeros((4, 4))))
 
 
 def classified(landmark, *views, face=SQUARE):
     measured = Measurement(landmark.track_id, views, None, "rectangle", face, None)
-    frame = TrackedFrame(
-        Frame(0, 0, None, "used", "jpeg", b"", None), None, None, None, None, 0, (landmark,),
-        measurements=(measured,),
-    )  # fmt: skip
-    (seen,) = classify_faces(iter([frame]), model=Linear())
+    frame = made_image(pixels()).frame
+    tracked = TrackedFrame(frame, *[None] * 4, 0, (landmark,), measurements=(measured,))
+    (seen,) = classify_faces(iter([tracked]), model=Linear())
     return seen.landmarks[0]
 
 
@@ -58,13 +55,11 @@ def test_a_patch_shows_the_face_whatever_its_size():
     small = np.zeros((60, 60, 3), np.uint8)
     small[20:40, 20:40] = (200, 30, 40)
     large = small.repeat(4, axis=0).repeat(4, axis=1)
-    patches = [
-        face_patch(small, np.array([20.0, 20, 40, 40])).astype(int),
-        face_patch(large, np.array([80.0, 80, 160, 160])).astype(int),
-    ]
-    assert patches[0].shape == (PATCH_SIDE, PATCH_SIDE, 3)
-    assert (patches[0][16, 16] == (200, 30, 40)).all()
-    assert np.abs(patches[0] - patches[1]).mean() < 12
+    box = np.array([20.0, 20, 40, 40])
+    one, other = (face_patch(*seen).astype(int) for seen in ((small, box), (large, 4 * box)))
+    assert one.shape == (PATCH_SIDE, PATCH_SIDE, 3)
+    assert (one[16, 16] == (200, 30, 40)).all()
+    assert np.abs(one - other).mean() < 12
 
 
 @pytest.mark.parametrize("box", [[-9.0, -9, 5, 5], [70.0, 70, 99, 99], [30.0, 30, 30, 30]])
