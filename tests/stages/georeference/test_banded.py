@@ -9,42 +9,28 @@ from wayside.stages.georeference.banded import BandedNormal, block_covariances
 def chain_of(rng, blocks, size):
     """A chain with five measurements in every block and five over every joint; and the same as one dense matrix."""
     own, own_wanted = rng.normal(size=(blocks, 5, size)), rng.normal(size=(blocks, 5))
-    joint, joint_wanted = (
-        rng.normal(size=(blocks - 1, 5, 2 * size)),
-        rng.normal(size=(blocks - 1, 5)),
-    )
+    joint = rng.normal(size=(blocks - 1, 5, 2 * size))
+    joint_wanted = rng.normal(size=(blocks - 1, 5))
     normal = BandedNormal(blocks, size)
     normal.add(np.arange(blocks), range(size), own, own_wanted)
     normal.add(np.arange(1, blocks), range(-size, size), joint, joint_wanted)
-    rows = []
+    dense = np.zeros((2 * blocks - 1, 5, blocks * size))
     for k in range(blocks):
-        row = np.zeros((5, blocks * size))
-        row[:, k * size : (k + 1) * size] = own[k]
-        rows.append(row)
+        dense[k, :, k * size : (k + 1) * size] = own[k]
     for k in range(1, blocks):
-        row = np.zeros((5, blocks * size))
-        row[:, (k - 1) * size : (k + 1) * size] = joint[k - 1]
-        rows.append(row)
+        dense[blocks + k - 1, :, (k - 1) * size : (k + 1) * size] = joint[k - 1]
     wanted = np.concatenate([own_wanted.ravel(), joint_wanted.ravel()])
-    return normal, np.concatenate(rows), wanted
+    return normal, dense.reshape(-1, blocks * size), wanted
 
 
 @pytest.mark.parametrize(("blocks", "size"), [(1, 3), (2, 1), (6, 4), (40, 3)])
-def test_the_solution_is_that_of_dense_least_squares(blocks, size):
+def test_the_solution_and_its_covariances_are_those_of_dense_least_squares(blocks, size):
     normal, dense, wanted = chain_of(np.random.default_rng(blocks), blocks, size)
-    found, _ = normal.solve()
-    expected = np.linalg.lstsq(dense, wanted)[0]
-    np.testing.assert_allclose(found.ravel(), expected, atol=1e-10)
-
-
-@pytest.mark.parametrize(("blocks", "size"), [(1, 3), (2, 1), (6, 4), (40, 3)])
-def test_the_block_covariances_is_that_of_the_dense_inverse(blocks, size):
-    normal, dense, _ = chain_of(np.random.default_rng(blocks), blocks, size)
-    own = block_covariances(normal.solve()[1], size)
-    inverse = np.linalg.inv(dense.T @ dense)
-    for k in range(blocks):
-        rows = slice(k * size, (k + 1) * size)
-        np.testing.assert_allclose(own[k], inverse[rows, rows], atol=1e-10)
+    found, factor = normal.solve()
+    np.testing.assert_allclose(found.ravel(), np.linalg.lstsq(dense, wanted)[0], atol=1e-10)
+    inverse = np.linalg.inv(dense.T @ dense).reshape(blocks, size, blocks, size)
+    own = np.einsum("kikj->kij", inverse)
+    np.testing.assert_allclose(block_covariances(factor, size), own, atol=1e-10)
 
 
 def test_an_undetermined_unknown_is_refused():

@@ -1,6 +1,6 @@
 """The world frame of a drive, its path in it and on the globe."""
 
-import dataclasses
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,6 +13,9 @@ from wayside.schemas.settings import MotionSettings
 from wayside.stages.georeference import LocalOrigin, PathPoint, align_level, georeference
 from wayside.stages.georeference.placement import mean_scale
 
+GEOD = Geod(ellps="WGS84")
+LEVEL_CAMERA = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # world x ahead, y left, z up
+
 
 def between(first, second, part):
     """A fix interpolated between two."""
@@ -20,9 +23,10 @@ def between(first, second, part):
     return Fix(*(a + (b - a) * part).tolist(), first.sigma_m)
 
 
-LEVEL_CAMERA = np.array(
-    [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
-)  # world x ahead, y left, z up
+def distance_m(path, n, fix):
+    """From the n-th place of the path on the globe to a fix, level."""
+    lon, lat, _ = path.globe.route()[n]
+    return GEOD.inv(lon, lat, fix.longitude_deg, fix.latitude_deg)[2]
 
 
 def path_through(points, antenna_m=(0.0, 0.0, 0.0)):
@@ -46,18 +50,14 @@ def told(pose):
 
 
 def test_a_drive_without_poses_starts_at_the_first_camera_with_x_ahead_y_left_z_up():
-    chained = chain([camera_at(8.0 * n) for n in range(4)])
-    path = path_through([PathPoint(2 * n, pose, None, None) for n, pose in enumerate(chained)])
-    assert path.world == "drive_start"
-    assert path.globe is None
-    np.testing.assert_allclose(path.poses[4].centre, [16, 0, 0], atol=1e-9)
-    np.testing.assert_allclose(path.poses[0].rotation, LEVEL_CAMERA, atol=1e-9)
-
-
-def test_a_camera_turned_against_travel_still_gives_x_along_the_travel():
-    crab = [Pose(camera_at(0, yaw_deg=10).rotation, np.array([8.0 * n, 0, 0])) for n in range(3)]
-    path = path_through([PathPoint(n, pose, None, None) for n, pose in enumerate(chain(crab))])
-    np.testing.assert_allclose(path.poses[2].centre, [16, 0, 0], atol=1e-9)
+    for yaw_deg in (0, 10):  # a camera turned against the travel gives x along the travel
+        turn = camera_at(0, yaw_deg=yaw_deg).rotation
+        chained = chain([Pose(turn, np.array([8.0 * n, 0, 0])) for n in range(4)])
+        path = path_through([PathPoint(2 * n, pose, None, None) for n, pose in enumerate(chained)])
+        assert (path.world, path.globe) == ("drive_start", None)
+        np.testing.assert_allclose(path.poses[4].centre, [16, 0, 0], atol=1e-9)
+        np.testing.assert_allclose(path.poses[0].rotation, turn, atol=1e-9)
+    assert path_through([]).poses == {}
 
 
 def test_lengths_by_points_are_said_and_the_error_of_their_scale_is_that_of_sizes():
@@ -83,11 +83,8 @@ def test_lengths_by_points_are_said_and_the_error_of_their_scale_is_that_of_size
 
 def test_given_poses_are_the_world_and_gaps_follow_the_chain():
     given = [camera_at(100 + 8 * n, 50, 3, yaw_deg=n) for n in range(5)]
-    points = [
-        PathPoint(n, pose, told(given[n]) if n in (1, 4) else None, None)
-        for n, pose in enumerate(chain(given))
-    ]
-    path = path_through(points)
+    some = [None, told(given[1]), None, None, told(given[4])]
+    path = path_through(path_of(given, [None] * 5, some))
     assert path.world == "log"
     for n in range(5):
         np.testing.assert_allclose(path.poses[n].centre, given[n].centre, atol=1e-9)
@@ -95,14 +92,10 @@ def test_given_poses_are_the_world_and_gaps_follow_the_chain():
 
 
 def test_fixes_alone_give_east_north_up_at_the_first_fix():
-    geod = Geod(ellps="WGS84")
     lon, lat, heading = 11.0, 48.0, 30.0
-    chained = chain([camera_at(8.0 * n) for n in range(30)])
-    points = []
-    for n, pose in enumerate(chained):
-        east, north, _ = geod.fwd(lon, lat, heading, 8.0 * n)
-        points.append(PathPoint(n, pose, None, Fix(north, east, 500.0, None)))
-    path = path_through(points)
+    ends = [GEOD.fwd(lon, lat, heading, 8.0 * n) for n in range(30)]
+    fixes = [Fix(north, east, 500.0, None) for east, north, _ in ends]
+    path = path_through(path_of([camera_at(8.0 * n) for n in range(30)], fixes))
     assert path.world == "enu"
     assert path.globe is not None
     last = path.poses[29].centre
@@ -110,39 +103,28 @@ def test_fixes_alone_give_east_north_up_at_the_first_fix():
     assert distance == pytest.approx(232, abs=0.2)
     assert azimuth == pytest.approx(heading, abs=0.05)
     lonlat = path.globe.origin.geodetic(last[None])[0]
-    east, north, _ = geod.fwd(lon, lat, heading, 232.0)
+    east, north, _ = GEOD.fwd(lon, lat, heading, 232.0)
     np.testing.assert_allclose(lonlat[:2], [east, north], atol=3e-6)
 
 
 def test_poses_and_fixes_together_place_the_log_world_on_the_earth():
-    geod = Geod(ellps="WGS84")
     given = [camera_at(8.0 * n, 5.0, 2.0) for n in range(20)]
-    points = []
-    for n, pose in enumerate(chain(given)):
-        east, north, _ = geod.fwd(-98.0, 38.0, 90.0, 8.0 * n)  # the world's x points east
-        points.append(PathPoint(n, pose, told(given[n]), Fix(north, east, 100.0, None)))
-    path = path_through(points)
+    ends = [GEOD.fwd(-98.0, 38.0, 90.0, 8.0 * n) for n in range(20)]  # the world's x points east
+    fixes = [Fix(north, east, 100.0, None) for east, north, _ in ends]
+    path = path_through(path_of(given, fixes, [told(pose) for pose in given]))
     assert path.world == "log"
     assert path.globe is not None
     lonlat = path.globe.origin.geodetic(path.globe.pose(10).centre[None])[0]
-    east, north, _ = geod.fwd(-98.0, 38.0, 90.0, 80.0)
+    east, north, _ = GEOD.fwd(-98.0, 38.0, 90.0, 80.0)
     np.testing.assert_allclose(lonlat, [east, north, 100.0], atol=1e-2)
-    assert geod.inv(lonlat[0], lonlat[1], east, north)[2] < 0.05
-
-
-def test_no_used_image_is_an_empty_world():
-    assert path_through([]).poses == {}
+    assert GEOD.inv(lonlat[0], lonlat[1], east, north)[2] < 0.05
 
 
 def test_heights_beside_the_path_follow_given_poses_and_not_the_roll_of_the_camera():
     roll = Rotation.from_euler("z", 2.0, degrees=True).as_matrix()
     poses = [camera_at(8.0 * n, z=0.16 * n) for n in range(6)]
     rolled = [Pose(pose.rotation @ roll, pose.centre) for pose in poses]
-    points = [
-        PathPoint(n, c, told(g), None)
-        for n, (c, g) in enumerate(zip(chain(rolled), rolled, strict=True))
-    ]
-    path = path_through(points)
+    path = path_through(path_of(rolled, [None] * 6, [told(pose) for pose in rolled]))
     slope = np.arctan(0.02)
     found = path.offset_of(np.array([30.0, -8.0, 0.6 + 2.5]), 2)
     assert found.right == pytest.approx(8.0)
@@ -150,9 +132,7 @@ def test_heights_beside_the_path_follow_given_poses_and_not_the_roll_of_the_came
 
 
 def test_without_given_poses_the_camera_is_all_that_knows_up():
-    points = [
-        PathPoint(n, pose, None, None) for n, pose in enumerate(chain([camera_at(0), camera_at(8)]))
-    ]
+    points = path_of([camera_at(0), camera_at(8)], [None] * 2)
     assert path_through(points).offset_of(np.zeros(3), 0) is None
 
 
@@ -177,17 +157,11 @@ def bend(n):
 
 
 def path_of(poses, fixes, given=None, **changes):
-    return [
-        PathPoint(
-            n,
-            pose,
-            None if given is None else given[n],
-            fix,
-            time_ns=n * 10**9,
-            **{name: values[n] for name, values in changes.items()},
-        )
-        for n, (pose, fix) in enumerate(zip(chain(poses), fixes, strict=True))
-    ]
+    points, given = [], given or [None] * len(poses)
+    for n, (pose, known, fix) in enumerate(zip(chain(poses), given, fixes, strict=True)):
+        more = {name: values[n] for name, values in changes.items()}
+        points.append(PathPoint(n, pose, known, fix, time_ns=n * 10**9, **more))
+    return points
 
 
 def test_an_antenna_behind_the_camera_is_told_by_the_settings():
@@ -196,11 +170,7 @@ def test_an_antenna_behind_the_camera_is_told_by_the_settings():
     with_lever_arm, without = (path_through(path_of(poses, fixes), a) for a in (antenna, (0, 0, 0)))
     truth = fixes_on(poses, 20.0)
     for path, low, high in ((with_lever_arm, 0.0, 0.05), (without, 0.3, 5.0)):
-        lonlat = path.globe.route()
-        away = [
-            Geod(ellps="WGS84").inv(*at[:2], t.longitude_deg, t.latitude_deg)[2]
-            for at, t in zip(lonlat, truth, strict=True)
-        ]
+        away = [distance_m(path, n, fix) for n, fix in enumerate(truth)]
         assert low <= np.median(away) <= high
 
 
@@ -212,14 +182,9 @@ def test_lengths_that_came_from_fixes_are_known_better_in_the_end():
         step = poses[n].relative_to(poses[n - 1])
         noisy.append(noisy[-1].compose(Pose(step.rotation, step.centre * wrong[n])))
     fixes = fixes_on(poses, 70.0, (0.5, 0.5, 0.8))
-    path = path_through(
-        path_of(
-            noisy,
-            fixes,
-            source=["start"] + ["fixes"] * 39,
-            length_ratio=[(np.nan, np.nan)] * 2 + [(1.0, 0.001)] * 38,
-        )
-    )
+    ratio = [(np.nan, np.nan)] * 2 + [(1.0, 0.001)] * 38
+    source = ["start"] + ["fixes"] * 39
+    path = path_through(path_of(noisy, fixes, source=source, length_ratio=ratio))
     factor = np.array([path.scales[n].factor for n in range(1, 40)])
     np.testing.assert_allclose(factor, 1 / wrong[1:], atol=0.003)
     assert np.mean([one.factor for one in path.scales.values()]) == pytest.approx(1.0, abs=0.02)
@@ -242,21 +207,12 @@ def test_a_time_offset_of_the_fixes_is_noted_and_undone():
     late = bend(60)
     poses = [late[0], *late]
     shifted = fixes_on(poses[:60], 10.0, (0.05, 0.05, 0.08))  # each fix is of the image before
-    half = [
-        Fix(
-            (a.latitude_deg + b.latitude_deg) / 2,
-            (a.longitude_deg + b.longitude_deg) / 2,
-            a.altitude_m,
-            a.sigma_m,
-        )
-        for a, b in zip(fixes_on(late, 10.0, (0.05, 0.05, 0.08)), shifted, strict=True)
-    ]
+    exact = fixes_on(late, 10.0, (0.05, 0.05, 0.08))
+    half = [between(a, b, 0.5) for a, b in zip(exact, shifted, strict=True)]
     path = path_through(path_of(late, half))
     assert path.notes[0].startswith("the fixes are 0.")
     assert "s behind the images" in path.notes[0]
-    truth = fixes_on(late, 10.0)[30]
-    lon, lat, _ = path.globe.route()[30]
-    assert Geod(ellps="WGS84").inv(lon, lat, truth.longitude_deg, truth.latitude_deg)[2] < 0.6
+    assert distance_m(path, 30, exact[30]) < 0.6
 
 
 def test_fixes_of_another_continent_move_neither_origin_nor_path():
@@ -275,10 +231,7 @@ def test_poses_that_drift_do_not_bend_the_place_on_the_globe():
     given = [PosePrior(p, 0.02, 0.001, "odometry") for p in drifted]
     path = path_through(path_of(poses, fixes_on(poses, 45.0, (1.0, 1.0, 1.6)), given))
     truth = fixes_on(poses, 45.0)
-    for n in (0, 125, 249):
-        lon, lat, _ = path.globe.route()[n]
-        away = Geod(ellps="WGS84").inv(lon, lat, truth[n].longitude_deg, truth[n].latitude_deg)[2]
-        assert away < 1.0
+    assert all(distance_m(path, n, truth[n]) < 1.0 for n in (0, 125, 249))
     np.testing.assert_allclose(path.poses[249].centre, drifted[249].centre, atol=0.1)
 
 
@@ -331,19 +284,13 @@ def test_a_jump_is_noted_with_its_place(what):
 def test_rare_fixes_that_cut_a_bend_do_not_spoil_the_steps():
     poses = bend(81)
     exact = fixes_on(poses, 30.0, (0.05, 0.05, 0.08))
-    rare = [
-        dataclasses.replace(
-            between(exact[n // 4 * 4], exact[min(n // 4 * 4 + 4, 80)], n % 4 / 4),
-            span_s=4.0 if n % 4 else 0.0,
-        )
-        for n in range(81)
-    ]
+    bare = [between(exact[n - n % 4], exact[min(n - n % 4 + 4, 80)], n % 4 / 4) for n in range(81)]
+    rare = [replace(fix, span_s=4.0 if n % 4 else 0.0) for n, fix in enumerate(bare)]
     true = [np.linalg.norm(b.centre - a.centre) for a, b in pairwise(poses)]
-    for bare, worst in ((False, 0.03), (True, 0.2)):
-        fixes = [dataclasses.replace(f, span_s=0.0) for f in rare] if bare else rare
-        path = path_through(path_of(poses, fixes))
-        way = [np.linalg.norm(path.poses[n + 1].centre - path.poses[n].centre) for n in range(80)]
-        assert (np.abs(np.subtract(way, true)).max() > worst) == bare
+    for fixes, low, high in ((rare, 0.0, 0.03), (bare, 0.2, np.inf)):
+        found = list(path_through(path_of(poses, fixes)).poses.values())
+        way = [np.linalg.norm(b.centre - a.centre) for a, b in pairwise(found)]
+        assert low <= np.abs(np.subtract(way, true)).max() < high
 
 
 def test_one_fix_among_poses_places_the_camera_and_leaves_north_open():
