@@ -350,12 +350,6 @@ def test_slow_motion_adds_up():
     assert gone == pytest.approx(0.4 * used[-1], abs=0.05)
 
 
-def test_images_without_texture_are_no_duplicates():
-    blank = np.full((900, 1200), 90, np.uint8)
-    found = motions([blank] * 3, spacing_m=[SPACING] * 3)
-    assert [m.baseline_m for m in found] == [0, SPACING, SPACING]
-
-
 def test_a_vehicle_that_reverses_as_its_poses_say_keeps_all_images():
     poses, images = painted(8)
     order = [*range(5), *range(3, 0, -1)]
