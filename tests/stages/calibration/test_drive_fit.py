@@ -11,7 +11,6 @@ from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import Settings
 from wayside.stages.calibration import (
-    LENS,
     CalibrationWatch,
     calibrate_drive,
     changed_camera,
@@ -23,6 +22,7 @@ from wayside.stages.geometry import distort_points, ideal_points, to_rays
 
 SETTINGS = Settings()
 IMAGES = 9
+CURVE = {"curve_radius_m": 80.0, "jitter_deg": 0.3, "spacing_m": 4.0}
 
 
 def drive(images=17, **survey):
@@ -34,7 +34,7 @@ def drive(images=17, **survey):
 
 @pytest.fixture(scope="module")
 def curve():
-    return drive(curve_radius_m=80.0, jitter_deg=0.3, spacing_m=4.0)
+    return drive(**CURVE)
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +68,7 @@ def test_straight_ahead_the_focal_length_is_open(straight, curve):
 
 @pytest.mark.slow
 def test_poses_that_turn_make_the_focal_length_surer():
-    items, camera = drive(
-        curve_radius_m=80.0, jitter_deg=0.3, spacing_m=4.0, pose_m=0.02, pose_deg=0.02
-    )
+    items, camera = drive(**CURVE, pose_m=0.02, pose_deg=0.02)
     without = [replace(item, motion=replace(item.motion, source="straight")) for item in items]
     found = calibrated(items, scaled(camera, 1.1))
     assert abs(np.log(found.camera.fx / camera.fx)) < 2 * found.focal_sigma
@@ -87,14 +85,10 @@ def processed(item, camera):
     frame = replace(item.frame, camera=camera)
     image = replace(item.detections.image, frame=frame)
     segmentation = replace(item.detections.segmentation, image=image)
-    motion, ties = item.motion, item.motion.ties
+    detections, ties = replace(item.detections, segmentation=segmentation), item.motion.ties
     if ties is not None:
         ties = replace(ties, previous=ideal(ties.previous), current=ideal(ties.current))
-    return replace(
-        item,
-        detections=replace(item.detections, segmentation=segmentation),
-        motion=replace(motion, ties=ties),
-    )
+    return replace(item, detections=detections, motion=replace(item.motion, ties=ties))
 
 
 def watched(items, change=lambda camera: camera):
@@ -155,17 +149,15 @@ def test_derivatives_of_a_projection_are_its_differences(distortion):
         rays, np.zeros(3), np.zeros(3), camera.matrix, np.array(camera.distortion)
     )[0].reshape(-1, 2)
     np.testing.assert_allclose(seen.pixels, pixels, atol=1e-9)
-    for i in range(3):
-        step = 1e-5 * np.eye(3)[i]
-        slope = (project(camera, rays + step).pixels - project(camera, rays - step).pixels) / 2e-5
-        np.testing.assert_allclose(seen.by_ray[:, :, i], slope, rtol=1e-5, atol=1e-4)
-        turned = rays @ Rotation.from_rotvec(step).as_matrix() - rays
-        slope = (
-            project(camera, rays + turned).pixels - project(camera, rays - turned).pixels
-        ) / 2e-5
-        np.testing.assert_allclose(seen.by_turn[:, :, i], slope, rtol=1e-5, atol=1e-2)
-    for i in range(len(LENS)):
-        step = 1e-5 * np.eye(5)[i]
-        up, down = changed_camera(camera, step), changed_camera(camera, -step)
-        slope = (project(up, rays).pixels - project(down, rays).pixels) / 2e-5
-        np.testing.assert_allclose(seen.by_lens[:, :, i], slope, rtol=1e-5, atol=1e-4)
+
+    def pixels_after(ray, turn, lens):
+        turned = (rays + ray) @ Rotation.from_rotvec(turn).as_matrix()
+        return project(changed_camera(camera, lens), turned).pixels
+
+    zero = np.zeros(3), np.zeros(3), np.zeros(5)
+    atol = 1e-4, 1e-2, 1e-4
+    for at, derivative in enumerate((seen.by_ray, seen.by_turn, seen.by_lens)):
+        for i, step in enumerate(1e-5 * np.eye(len(zero[at]))):
+            up, down = (pixels_after(*zero[:at], sign * step, *zero[at + 1 :]) for sign in (1, -1))
+            slope = (up - down) / 2e-5
+            np.testing.assert_allclose(derivative[:, :, i], slope, rtol=1e-5, atol=atol[at])

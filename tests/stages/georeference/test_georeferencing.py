@@ -62,13 +62,10 @@ def test_a_drive_without_poses_starts_at_the_first_camera_with_x_ahead_y_left_z_
 
 
 def test_lengths_by_points_are_said_and_the_error_of_their_scale_is_that_of_sizes():
-    chained = chain([camera_at(8.0 * n) for n in range(6)])
-    own = np.diag([1e-6] * 3 + [0.01, 0.01, 0.16])
+    poses, own = [camera_at(8.0 * n) for n in range(6)], np.diag([1e-6] * 3 + [0.01, 0.01, 0.16])
     sources = ["start", "straight", "straight", "points", "points", "points"]
-    points = [
-        PathPoint(n, pose, None, None, covariance=own, source=source, baseline_m=8.0 + n)
-        for n, (pose, source) in enumerate(zip(chained, sources, strict=True))
-    ]
+    length = 8.0 + np.arange(6)
+    points = path_of(poses, [None] * 6, covariance=[own] * 6, source=sources, baseline_m=length)
     path = path_through(points)
     (note,) = path.notes
     assert "3 of 5 steps, the first to frame 3, follow" in note
@@ -135,21 +132,17 @@ def test_heights_beside_the_path_follow_given_poses_and_not_the_roll_of_the_came
 def fixes_on(poses, heading_deg=0.0, sigma=None, turn=None):
     """Fixes of a drive whose world is turned against north, one for each pose."""
     origin = LocalOrigin(48.0, 11.0, 500.0)
-    c, s = np.cos(np.radians(heading_deg)), np.sin(np.radians(heading_deg))
-    about_up = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+    about_up = Rotation.from_euler("z", heading_deg, degrees=True).as_matrix()
     local = np.array([p.centre if turn is None else p.to_world(turn) for p in poses])
-    return [
-        Fix(lat, lon, alt, sigma) for lon, lat, alt in origin.geodetic(local @ about_up.T).tolist()
-    ]
+    places = origin.geodetic(local @ about_up.T).tolist()
+    return [Fix(lat, lon, alt, sigma) for lon, lat, alt in places]
 
 
 def bend(n):
     """A drive round bends to the left and to the right, an image every 8 m."""
     heading = 0.9 * np.sin(np.arange(n) / 6)
     x, y = np.cumsum(8 * np.cos(heading)), np.cumsum(8 * np.sin(heading))
-    return [
-        camera_at(*at, 0.0, yaw_deg=np.degrees(a)) for *at, a in zip(x, y, heading, strict=True)
-    ]
+    return [camera_at(*at) for at in zip(x, y, 0 * x, np.degrees(heading), strict=True)]
 
 
 def path_of(poses, fixes, given=None, **changes):
@@ -194,9 +187,7 @@ def test_outliers_and_gaps_of_fixes_are_noted():
     fixes[40:56] = [None] * 16
     path = path_through(path_of(poses, fixes))
     assert path.notes[0] == "1 of 44 fixes do not fit the motion between the frames: excluded"
-    assert path.notes[1].startswith(
-        "no fixes for 17 s (frames 39 to 56): positions there are known to "
-    )
+    assert "no fixes for 17 s (frames 39 to 56): positions there are known to " in path.notes[1]
 
 
 def test_a_time_offset_of_the_fixes_is_noted_and_undone():
@@ -280,12 +271,9 @@ def test_one_fix_among_poses_places_the_camera_and_leaves_north_open():
     fixes = [None, *fixes_on(poses)[1:2], *[None] * 4]
     path = path_through(path_of(poses, fixes, [told(p) for p in poses]))
     point = np.array([0.0, 0.0, 20.0])
-    sigma = [
-        np.sqrt(path.globe.point_covariance(1, at, np.zeros((3, 3))).trace())
-        for at in (0 * point, point)
-    ]
-    assert sigma[0] < 4
-    assert sigma[1] > 20
+    none = np.zeros((3, 3))
+    assert path.globe.point_covariance(1, 0 * point, none).trace() < 4**2
+    assert path.globe.point_covariance(1, point, none).trace() > 20**2
 
 
 def test_places_in_a_gap_of_the_poses_are_as_unsure_as_the_chain():
