@@ -94,19 +94,15 @@ def scene(frames=4, ties=60, seed=0, noise=1.0, aside_px=0.7, scales=(2.385, 3.0
                 place = now + world.uniform(-aside_px, aside_px, 2) / FOCAL
     points, anchors, m = np.array(points), np.array(anchors), len(tied)
     exact = np.full(frames, SIGHT_PX / FOCAL), np.full(len(points) - 1, 0.01 / FOCAL)
-    rows = ResidualBlocks.joined(
-        [
-            ResidualBlocks.observations(numbers, 0 * numbers, rays, exact[0], scales[0]),
-            ResidualBlocks.observations(
-                anchors[1:], np.arange(1, len(points)), points[1:, :2], exact[1], QUADRATIC
-            ),
-            ResidualBlocks(
-                *map(np.array, zip(*tied, strict=True)),
-                np.full(m, TIE_PX / FOCAL),
-                np.full(m, scales[1]),
-            ),
-        ]
+    sights = numbers, 0 * numbers, rays, exact[0], scales[0]
+    corners = anchors[1:], np.arange(1, len(points)), points[1:, :2], exact[1], QUADRATIC
+    ties = (
+        *map(np.array, zip(*tied, strict=True)),
+        np.full(m, TIE_PX / FOCAL),
+        np.full(m, scales[1]),
     )
+    observed = [ResidualBlocks.observations(*one) for one in (sights, corners)]
+    rows = ResidualBlocks.joined([*observed, ResidualBlocks(*ties)])
     lengths = np.linalg.norm(np.diff(centres, axis=0), axis=1)
     steps = frames - 1
     links = StepConstraints(

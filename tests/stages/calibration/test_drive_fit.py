@@ -61,11 +61,6 @@ def test_a_curve_recovers_a_focal_length_that_is_off_by_a_tenth(curve, factor):
     assert abs(found.camera.distortion[0]) < 3 * np.sqrt(found.covariance[3, 3])
 
 
-def test_straight_ahead_the_focal_length_is_open(straight, curve):
-    on_curve = calibrated(*curve).focal_sigma
-    assert calibrated(*straight).focal_sigma > max(0.03, 4 * on_curve)
-
-
 @pytest.mark.slow
 def test_poses_that_turn_make_the_focal_length_surer():
     items, camera = drive(**CURVE, pose_m=0.02, pose_deg=0.02)

@@ -29,6 +29,15 @@ def distance_m(path, n, fix):
     return GEOD.inv(lon, lat, fix.longitude_deg, fix.latitude_deg)[2]
 
 
+def camera_at(x, y=0.0, z=0.0, yaw_deg=0.0):
+    turn = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
+    return Pose(turn @ LEVEL_CAMERA, np.array([x, y, z]))
+
+
+def told(poses):
+    return [PosePrior(pose, None, None, "poses") for pose in poses]
+
+
 def path_through(points, antenna_m=(0.0, 0.0, 0.0)):
     right, down, ahead = antenna_m
     motion = MotionSettings(antenna_right_m=right, antenna_down_m=down, antenna_ahead_m=ahead)
@@ -36,26 +45,13 @@ def path_through(points, antenna_m=(0.0, 0.0, 0.0)):
     return path
 
 
-def camera_at(x, y=0.0, z=0.0, yaw_deg=0.0):
-    turn = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
-    return Pose(turn @ LEVEL_CAMERA, np.array([x, y, z]))
-
-
-def chain(poses):
-    return [pose.relative_to(poses[0]) for pose in poses]
-
-
-def told(pose):
-    return PosePrior(pose, None, None, "poses")
-
-
 def test_a_drive_without_poses_starts_at_the_first_camera_with_x_ahead_y_left_z_up():
     for yaw_deg in (0, 10):  # a camera turned against the travel gives x along the travel
         turn = camera_at(0, yaw_deg=yaw_deg).rotation
-        chained = chain([Pose(turn, np.array([8.0 * n, 0, 0])) for n in range(4)])
-        path = path_through([PathPoint(2 * n, pose, None, None) for n, pose in enumerate(chained)])
+        poses = [Pose(turn, np.array([8.0 * n, 0, 0])) for n in range(4)]
+        path = path_through(path_of(poses, [None] * 4))
         assert (path.world, path.globe) == ("drive_start", None)
-        np.testing.assert_allclose(path.poses[4].centre, [16, 0, 0], atol=1e-9)
+        np.testing.assert_allclose(path.poses[2].centre, [16, 0, 0], atol=1e-9)
         np.testing.assert_allclose(path.poses[0].rotation, turn, atol=1e-9)
         assert path.offset_of(np.zeros(3), 0) is None  # the camera is all that knows up
     assert path_through([]).poses == {}
@@ -81,7 +77,7 @@ def test_lengths_by_points_are_said_and_the_error_of_their_scale_is_that_of_size
 
 def test_given_poses_are_the_world_and_gaps_follow_the_chain():
     given = [camera_at(100 + 8 * n, 50, 3, yaw_deg=n) for n in range(5)]
-    some = [None, told(given[1]), None, None, told(given[4])]
+    some = [None, told(given)[1], None, None, told(given)[4]]
     path = path_through(path_of(given, [None] * 5, some))
     assert path.world == "log"
     for n in range(5):
@@ -89,40 +85,28 @@ def test_given_poses_are_the_world_and_gaps_follow_the_chain():
         np.testing.assert_allclose(path.poses[n].rotation, given[n].rotation, atol=1e-9)
 
 
-def test_fixes_alone_give_east_north_up_at_the_first_fix():
-    lon, lat, heading = 11.0, 48.0, 30.0
-    ends = [GEOD.fwd(lon, lat, heading, 8.0 * n) for n in range(30)]
+@pytest.mark.parametrize(("world", "heading", "off_m"), [("enu", 30.0, 0.3), ("log", 90.0, 0.05)])
+def test_fixes_place_the_drive_on_the_earth_in_its_own_world_or_east_north_up(
+    world, heading, off_m
+):
+    given = [camera_at(8.0 * n, 5.0, 2.0) for n in range(30)]
+    ends = [GEOD.fwd(11.0, 48.0, heading, 8.0 * n) for n in range(30)]  # the log's x points east
     fixes = [Fix(north, east, 500.0, None) for east, north, _ in ends]
-    path = path_through(path_of([camera_at(8.0 * n) for n in range(30)], fixes))
-    assert path.world == "enu"
-    assert path.globe is not None
-    last = path.poses[29].centre
-    distance, azimuth = np.hypot(last[0], last[1]), np.degrees(np.arctan2(last[0], last[1]))
-    assert distance == pytest.approx(232, abs=0.2)
-    assert azimuth == pytest.approx(heading, abs=0.05)
-    lonlat = path.globe.origin.geodetic(last[None])[0]
-    east, north, _ = GEOD.fwd(lon, lat, heading, 232.0)
-    np.testing.assert_allclose(lonlat[:2], [east, north], atol=3e-6)
-
-
-def test_poses_and_fixes_together_place_the_log_world_on_the_earth():
-    given = [camera_at(8.0 * n, 5.0, 2.0) for n in range(20)]
-    ends = [GEOD.fwd(-98.0, 38.0, 90.0, 8.0 * n) for n in range(20)]  # the world's x points east
-    fixes = [Fix(north, east, 100.0, None) for east, north, _ in ends]
-    path = path_through(path_of(given, fixes, [told(pose) for pose in given]))
-    assert path.world == "log"
-    assert path.globe is not None
-    lonlat = path.globe.origin.geodetic(path.globe.pose(10).centre[None])[0]
-    east, north, _ = GEOD.fwd(-98.0, 38.0, 90.0, 80.0)
-    np.testing.assert_allclose(lonlat, [east, north, 100.0], atol=1e-2)
-    assert GEOD.inv(lonlat[0], lonlat[1], east, north)[2] < 0.05
+    path = path_through(path_of(given, fixes, told(given) if world == "log" else None))
+    assert path.world == world
+    assert path.globe.route()[29][2] == pytest.approx(500.0, abs=1e-2)
+    assert distance_m(path, 29, fixes[29]) < off_m
+    if world == "enu":
+        radians = np.radians(heading)
+        expected = [232 * np.sin(radians), 232 * np.cos(radians)]
+        np.testing.assert_allclose(path.poses[29].centre[:2], expected, atol=0.2)
 
 
 def test_heights_beside_the_path_follow_given_poses_and_not_the_roll_of_the_camera():
     roll = Rotation.from_euler("z", 2.0, degrees=True).as_matrix()
     poses = [camera_at(8.0 * n, z=0.16 * n) for n in range(6)]
     rolled = [Pose(pose.rotation @ roll, pose.centre) for pose in poses]
-    path = path_through(path_of(rolled, [None] * 6, [told(pose) for pose in rolled]))
+    path = path_through(path_of(rolled, [None] * 6, told(rolled)))
     slope = np.arctan(0.02)
     found = path.offset_of(np.array([30.0, -8.0, 0.6 + 2.5]), 2)
     assert found.right == pytest.approx(8.0)
@@ -147,7 +131,8 @@ def bend(n):
 
 def path_of(poses, fixes, given=None, **changes):
     points, given = [], given or [None] * len(poses)
-    for n, (pose, known, fix) in enumerate(zip(chain(poses), given, fixes, strict=True)):
+    chained = [pose.relative_to(poses[0]) for pose in poses]
+    for n, (pose, known, fix) in enumerate(zip(chained, given, fixes, strict=True)):
         more = {name: values[n] for name, values in changes.items()}
         points.append(PathPoint(n, pose, known, fix, time_ns=n * 10**9, **more))
     return points
@@ -224,7 +209,7 @@ def test_poses_that_drift_do_not_bend_the_place_on_the_globe():
 
 def test_without_fixes_nothing_is_known_of_the_globe():
     poses = bend(5)
-    given = [told(p) for p in poses]
+    given = told(poses)
     assert path_through(path_of(poses, [None] * 5, given)).globe is None
     one = fixes_on(poses)[:1] + [None] * 4
     assert path_through(path_of(poses, one)).world == "drive_start"
@@ -269,7 +254,7 @@ def test_rare_fixes_that_cut_a_bend_do_not_spoil_the_steps():
 def test_one_fix_among_poses_places_the_camera_and_leaves_north_open():
     poses = bend(6)
     fixes = [None, *fixes_on(poses)[1:2], *[None] * 4]
-    path = path_through(path_of(poses, fixes, [told(p) for p in poses]))
+    path = path_through(path_of(poses, fixes, told(poses)))
     point = np.array([0.0, 0.0, 20.0])
     none = np.zeros((3, 3))
     assert path.globe.point_covariance(1, 0 * point, none).trace() < 4**2
@@ -280,7 +265,7 @@ def test_places_in_a_gap_of_the_poses_are_as_unsure_as_the_chain():
     poses = bend(40)
     fixes = fixes_on(poses, 0.0, (0.3, 0.3, 0.5))
     fixes[5:35] = [None] * 30
-    given = [told(p) for p in poses]
+    given = told(poses)
     loose = [np.diag([1e-4] * 3 + [0.25] * 3)] * 40
     sigmas = []
     for known in (given, [*given[:8], *[None] * 24, *given[32:]]):
