@@ -61,9 +61,7 @@ def test_offsets_are_those_of_the_dense_least_squares():
 
 
 def test_equal_signs_nearer_than_the_error_of_the_fixes_are_told_apart_by_the_row_they_stand_in():
-    chevrons = road(12)
-    chevrons[:, 0] = 100 + 6.0 * np.arange(12)
-    chevrons[:, 1] = 6.0
+    chevrons = np.array([100, 6.0, 2.2]) + np.outer(np.arange(12), [6.0, 0, 0])
     mixed = np.concatenate([road(4), chevrons, road(30)[20:]])
     sightings = make_sightings(mixed, [[1.6, 0.2, 0], [-1.5, 0, 0.3]], noise_m=0.03)
     alike = (sightings.row >= 4) & (sightings.row < 16)
