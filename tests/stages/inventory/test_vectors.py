@@ -6,12 +6,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from wayside.stages.inventory import (
-    Agreement,
-    agreement_of,
-    measure_differences,
-    reference_vectors,
-)
+from wayside.stages.inventory import Agreement, agreement_of, measure_differences, reference_vectors
 
 from .made_sightings import make_sightings, road
 

@@ -93,8 +93,7 @@ def test_noise_and_one_image_tell_nothing():
 
 @pytest.mark.parametrize("camera", LENSES)
 @pytest.mark.parametrize(
-    ("depth_m", "past", "hidden"),
-    [(28.0, 0, 3), (40.0, 0, 3), (70.0, 3, 0), (300.0, 3, 0)],
+    ("depth_m", "past", "hidden"), [(28.0, 0, 3), (40.0, 0, 3), (70.0, 3, 0), (300.0, 3, 0)]
 )
 def test_a_wall_hides_what_stands_behind_it_and_shows_what_stands_before_it(
     camera, depth_m, past, hidden
