@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from wayside.schemas.motion import StepPrior
 from wayside.stages.adjustment.bundle_adjustment import Window, adjust_window
 from wayside.stages.adjustment.residuals import (
     QUADRATIC,
@@ -104,17 +105,9 @@ def scene(frames=4, ties=60, seed=0, noise=1.0, aside_px=0.7, scales=(2.385, 3.0
     observed = [ResidualBlocks.observations(*one) for one in (sights, corners)]
     rows = ResidualBlocks.joined([*observed, ResidualBlocks(*ties)])
     lengths = np.linalg.norm(np.diff(centres, axis=0), axis=1)
-    steps = frames - 1
-    links = StepConstraints(
-        np.column_stack([numbers[:-1], numbers[1:]]),
-        np.repeat(np.eye(3)[None], steps, axis=0),
-        np.full(steps, np.inf),
-        np.repeat(AHEAD[None], steps, axis=0),
-        np.full((steps, 2), 0.01 if noise else 10.0),
-        np.ones(steps, bool),
-        lengths + noise * rng.normal(0, LENGTH_M, steps),
-        np.full(steps, LENGTH_M),
-    )
+    lengths += noise * rng.normal(0, LENGTH_M, frames - 1)
+    about = np.eye(3), np.inf, AHEAD, np.full(2, 0.01 if noise else 10.0), True
+    links = StepConstraints.of([StepPrior(*about, length, LENGTH_M) for length in lengths])
     return Scene(rotations, centres, points, anchors, rows, links)
 
 
