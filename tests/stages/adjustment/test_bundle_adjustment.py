@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from wayside.schemas.motion import StepPrior
 from wayside.stages.adjustment.bundle_adjustment import Window, adjust_window
 from wayside.stages.adjustment.residuals import (
     QUADRATIC,
@@ -45,19 +46,9 @@ class Scene:
 
     def solve(self, start=None, held=None, iterations=15):
         rotations, centres = (self.rotations, self.centres) if start is None else start
-        return adjust_window(
-            Window(
-                rotations,
-                centres,
-                self.last if held is None else held,
-                self.points,
-                self.anchors,
-            ),
-            self.rows,
-            self.links,
-            iterations=iterations,
-            gain=1e-9,
-        )
+        held = self.last if held is None else held
+        window = Window(rotations, centres, held, self.points, self.anchors)
+        return adjust_window(window, self.rows, self.links, iterations=iterations, gain=1e-9)
 
 
 def seen(rotation, centre, point):
@@ -65,13 +56,12 @@ def seen(rotation, centre, point):
     return local[:2] / local[2], local[2]
 
 
-def scene(frames=4, ties=60, seed=0, noise=1.0, aside_px=0.7, scales=(2.385, 3.0), drive=0):
+def scene(frames=4, ties=60, seed=0, noise=1.0, aside_px=0.7, scales=(2.385, 3.0)):
     """A drive past one sign: `ties` tracks from each frame over one or two steps.
 
-    Each step starts up to `aside_px` beside where the one before ended; noise: factor on all errors; drive: the seed of
-    what is there, seed: that of the errors.
+    Each step starts up to `aside_px` beside where the one before ended; noise: factor on all errors, seed: theirs.
     """
-    world, rng = np.random.default_rng(drive), np.random.default_rng(1000 + seed)
+    world, rng = np.random.default_rng(0), np.random.default_rng(1000 + seed)
     rotations, centres = [np.eye(3)], [np.zeros(3)]
     for _ in range(1, frames):
         turn = Rotation.from_rotvec(np.array([0, 0.02, 0]) + world.normal(0, 0.003, 3)).as_matrix()
@@ -83,7 +73,7 @@ def scene(frames=4, ties=60, seed=0, noise=1.0, aside_px=0.7, scales=(2.385, 3.0
     rays = [seen(rotations[k], centres[k], sign)[0] for k in numbers]
     rays = rays + noise * rng.normal(0, SIGHT_PX / FOCAL, (frames, 2))
     points, anchors = [[*(SIGN[:2] / SIGN[2]), 1 / SIGN[2]]], [frames - 1]
-    pairs, which, source, target, warp = [], [], [], [], []
+    tied = []
     for first in range(frames - 1):
         for i in range(ties):
             depth = world.uniform(14, 70)
@@ -99,59 +89,36 @@ def scene(frames=4, ties=60, seed=0, noise=1.0, aside_px=0.7, scales=(2.385, 3.0
                     break
                 growth = z / nearer
                 error = noise * rng.normal(0, TIE_PX / FOCAL, 2)
-                pairs.append((k, k + 1))
-                which.append(len(points) - 1)
-                source.append(place)
-                target.append(now + growth * (place - before) + error)
-                warp.append((growth, 0.0, growth))
+                target = now + growth * (place - before) + error
+                warp = growth, 0.0, growth
+                tied.append(((k, k + 1), len(points) - 1, place, target, warp))
                 place = now + world.uniform(-aside_px, aside_px, 2) / FOCAL
-    count, m = len(points) - 1, len(pairs)
-    rows = ResidualBlocks.joined(
-        [
-            ResidualBlocks.observations(
-                numbers, np.zeros(frames, int), rays, np.full(frames, SIGHT_PX / FOCAL), scales[0]
-            ),
-            ResidualBlocks.observations(
-                np.array(anchors[1:]),
-                np.arange(1, count + 1),
-                np.array(points)[1:, :2],
-                np.full(count, 0.01 / FOCAL),
-                QUADRATIC,
-            ),
-            ResidualBlocks(
-                np.array(pairs),
-                np.array(which),
-                np.array(source),
-                np.array(target),
-                np.array(warp),
-                np.full(m, TIE_PX / FOCAL),
-                np.full(m, scales[1]),
-            ),
-        ]
+    points, anchors, m = np.array(points), np.array(anchors), len(tied)
+    exact = np.full(frames, SIGHT_PX / FOCAL), np.full(len(points) - 1, 0.01 / FOCAL)
+    sights = numbers, 0 * numbers, rays, exact[0], scales[0]
+    corners = anchors[1:], np.arange(1, len(points)), points[1:, :2], exact[1], QUADRATIC
+    ties = (
+        *map(np.array, zip(*tied, strict=True)),
+        np.full(m, TIE_PX / FOCAL),
+        np.full(m, scales[1]),
     )
+    observed = [ResidualBlocks.observations(*one) for one in (sights, corners)]
+    rows = ResidualBlocks.joined([*observed, ResidualBlocks(*ties)])
     lengths = np.linalg.norm(np.diff(centres, axis=0), axis=1)
-    steps = frames - 1
-    links = StepConstraints(
-        np.column_stack([numbers[:-1], numbers[1:]]),
-        np.repeat(np.eye(3)[None], steps, axis=0),
-        np.full(steps, np.inf),
-        np.repeat(AHEAD[None], steps, axis=0),
-        np.full((steps, 2), 0.01 if noise else 10.0),
-        np.ones(steps, bool),
-        lengths + noise * rng.normal(0, LENGTH_M, steps),
-        np.full(steps, LENGTH_M),
-    )
-    return Scene(rotations, centres, np.array(points), np.array(anchors), rows, links)
+    lengths += noise * rng.normal(0, LENGTH_M, frames - 1)
+    about = np.eye(3), np.inf, AHEAD, np.full(2, 0.01 if noise else 10.0), True
+    links = StepConstraints.of([StepPrior(*about, length, LENGTH_M) for length in lengths])
+    return Scene(rotations, centres, points, anchors, rows, links)
 
 
-def shaken(one, held, seed=1, turn=0.002, shift=0.05):
+def shaken(one, held):
     """Poses off by so much, but for the held one."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(1)
     rotations, centres = one.rotations.copy(), one.centres.copy()
     for k in range(len(rotations)):
         if k != held:
-            rotations[k] = Rotation.from_rotvec(rng.normal(0, turn, 3)).as_matrix() @ rotations[k]
-            centres[k] += rng.normal(0, shift, 3)
+            rotations[k] = Rotation.from_rotvec(rng.normal(0, 0.002, 3)).as_matrix() @ rotations[k]
+            centres[k] += rng.normal(0, 0.05, 3)
     return rotations, centres
 
 
@@ -198,19 +165,6 @@ def test_the_minimum_is_the_one_that_scipy_finds(scales):
         np.testing.assert_allclose(found.covariance, spread @ inverse @ spread.T, rtol=1e-3)
 
 
-def test_without_errors_a_shaken_start_comes_back_to_the_truth():
-    one = scene(frames=6, noise=0.0)
-    found = one.solve(shaken(one, one.last, turn=0.003, shift=0.1))
-    np.testing.assert_allclose(found.centres, one.centres, atol=1e-4)
-    np.testing.assert_allclose(found.position, one.place, atol=1e-3)
-    assert found.squares.max() < 1e-2
-    costs = [
-        one.solve(shaken(one, one.last, turn=0.003, shift=0.1), iterations=n).cost
-        for n in range(found.iterations + 1)
-    ]
-    assert (np.diff(costs) <= 0).all()
-
-
 def test_the_held_frame_stays_and_the_others_do_not_care_which_it_is():
     one = scene(frames=5, seed=4, scales=(QUADRATIC, QUADRATIC))
     at_end, at_start = one.solve(iterations=40), one.solve(held=0, iterations=40)
@@ -223,17 +177,6 @@ def test_the_held_frame_stays_and_the_others_do_not_care_which_it_is():
         np.testing.assert_allclose(
             local, (at_end.position - one.centres[-1]) @ one.rotations[-1], atol=1e-4
         )
-
-
-def test_errors_of_many_windows_are_as_large_as_the_covariance_says():
-    gaps, stated = [], []
-    for seed in range(150):
-        one = scene(ties=20, seed=seed)
-        found = one.solve()
-        gaps.append(found.position - one.place)
-        stated.append(found.covariance)
-    simulated, mean = np.cov(np.array(gaps).T), np.mean(stated, axis=0)
-    np.testing.assert_allclose(np.sqrt(np.diag(mean)), np.sqrt(np.diag(simulated)), rtol=0.2)
 
 
 def test_the_gain_tells_how_an_error_of_a_row_moves_the_place():
@@ -259,37 +202,6 @@ def test_a_step_that_starts_beside_the_end_of_the_one_before_follows_the_same_po
     tie = (one.rows.frames[:, 0] != one.rows.frames[:, 1])[:, None]
     stiff = one.rows._replace(warp=np.where(tie, 0.0, one.rows.warp))
     assert replace(one, rows=stiff).solve().squares.max() > 4
-
-
-def test_points_of_two_steps_share_out_the_error_of_their_lengths():
-    """Chained ties compare the steps: the lengths' errors average, as they cannot where every tie has one step."""
-    spread = []
-    for single in (False, True):
-        one = scene(frames=8, ties=40)
-        rows = one.rows
-        kept = (rows.point > 0) | (rows.frames[:, 0] >= 6)  # the last two frames show the sign
-        if single:
-            kept &= (rows.point == 0) | (rows.frames[:, 0] == one.anchors[rows.point])
-        # seen so exactly that the lengths alone make the error
-        sigma = np.where(rows.point == 0, rows.sigma / 30, rows.sigma)
-        exact = ResidualBlocks(*(column[kept] for column in rows._replace(sigma=sigma)))
-        one = replace(one, rows=exact)
-        spread.append(np.sqrt(one.solve().covariance[2, 2]))
-    assert spread[0] < 0.8 * spread[1]
-
-
-def test_a_fifth_of_wrong_ties_does_not_pull():
-    one = scene(ties=100, seed=8)
-    rng, rows = np.random.default_rng(9), one.rows
-    tie = np.flatnonzero(rows.frames[:, 0] != rows.frames[:, 1])
-    wrong = rng.choice(tie, len(tie) // 5, replace=False)
-    target = rows.target.copy()
-    target[wrong] += rng.normal(0, 5 / FOCAL, (len(wrong), 2))
-    found = replace(one, rows=rows._replace(target=target)).solve()
-    gap = found.position - one.place
-    assert np.sqrt(gap @ np.linalg.solve(found.covariance, gap)) < 4
-    assert np.median(found.squares[wrong]) > 100
-    assert np.median(np.delete(found.squares, wrong)) < 3
 
 
 def test_far_points_and_points_behind_a_camera_do_no_harm():

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -7,23 +8,19 @@ from wayside.stages.adjustment.tie_tracks import link_tracks, select_tracks, tra
 from wayside.stages.geometry import rotation_from_vector
 
 
-def test_ties_that_end_and_start_at_the_same_corner_are_one_track():
-    step = np.array([0, 0, 1, 1, 2])
-    corners = np.array([[5, 1], [6, 2], [2, 9], [7, 3], [9, 4]])
-    assert link_tracks(step, corners).tolist() == [0, 1, 1, 2, 1]
-
-
-def test_ties_of_no_corner_and_ties_across_a_gap_are_tracks_of_their_own():
-    step = np.array([0, 1, 3])
-    corners = np.array([[-1, -1], [-1, -1], [4, 5]])
-    assert link_tracks(step, corners).tolist() == [0, 1, 2]
-    assert link_tracks(np.array([0, 2]), np.array([[0, 4], [4, 5]])).tolist() == [0, 1]
-
-
-def test_of_two_ties_at_one_corner_one_goes_on():
-    step = np.array([0, 0, 1, 1])
-    corners = np.array([[1, 8], [2, 8], [8, 3], [8, 4]])
-    assert link_tracks(step, corners).tolist() == [0, 1, 1, 2]
+@pytest.mark.parametrize(
+    ("step", "corners", "tracks"),
+    [
+        ([0, 0, 1, 1, 2], [(5, 1), (6, 2), (2, 9), (7, 3), (9, 4)], [0, 1, 1, 2, 1]),
+        ([0, 1, 3], [(-1, -1), (-1, -1), (4, 5)], [0, 1, 2]),  # of no corner
+        ([0, 2], [(0, 4), (4, 5)], [0, 1]),  # across a gap
+        ([0, 0, 1, 1], [(1, 8), (2, 8), (8, 3), (8, 4)], [0, 1, 1, 2]),  # two at one corner
+        ([], [], []),
+    ],
+)
+def test_ties_that_end_and_start_at_the_same_corner_are_one_track(step, corners, tracks):
+    step, corners = np.array(step, np.int64), np.array(corners, np.int64).reshape(-1, 2)
+    assert link_tracks(step, corners).tolist() == tracks
 
 
 def test_a_turn_moves_nothing_by_translation_and_a_step_aside_moves_by_focal_length_over_depth():
@@ -39,12 +36,6 @@ def test_a_turn_moves_nothing_by_translation_and_a_step_aside_moves_by_focal_len
     np.testing.assert_allclose(
         translation_px(np.eye(3), rays(points), aside, 800.0), 800 * 0.5 / points[:, 2]
     )
-
-
-def test_nothing_makes_no_track():
-    none = np.zeros(0, np.int64)
-    assert len(link_tracks(none, np.zeros((0, 2), np.int64))) == 0
-    assert len(select_tracks(none, none, np.zeros((0, 2), np.int64))) == 0
 
 
 def test_long_tracks_come_first():

@@ -11,12 +11,10 @@ from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import Settings
 from wayside.stages.calibration import (
-    LENS,
     CalibrationWatch,
     calibrate_drive,
     changed_camera,
     cut_segments,
-    lens_step,
     watch_calibration,
 )
 from wayside.stages.calibration.segment_equations import displacement, project
@@ -24,6 +22,7 @@ from wayside.stages.geometry import distort_points, ideal_points, to_rays
 
 SETTINGS = Settings()
 IMAGES = 9
+CURVE = {"curve_radius_m": 80.0, "jitter_deg": 0.3, "spacing_m": 4.0}
 
 
 def drive(images=17, **survey):
@@ -35,7 +34,7 @@ def drive(images=17, **survey):
 
 @pytest.fixture(scope="module")
 def curve():
-    return drive(curve_radius_m=80.0, jitter_deg=0.3, spacing_m=4.0)
+    return drive(**CURVE)
 
 
 @pytest.fixture(scope="module")
@@ -62,30 +61,13 @@ def test_a_curve_recovers_a_focal_length_that_is_off_by_a_tenth(curve, factor):
     assert abs(found.camera.distortion[0]) < 3 * np.sqrt(found.covariance[3, 3])
 
 
-def test_straight_ahead_the_focal_length_is_open(straight, curve):
-    items, camera = straight
-    on_curve = calibrated(*curve).focal_sigma
-    assert calibrated(items, camera).focal_sigma > max(0.03, 4 * on_curve)
-
-
 @pytest.mark.slow
 def test_poses_that_turn_make_the_focal_length_surer():
-    items, camera = drive(
-        curve_radius_m=80.0, jitter_deg=0.3, spacing_m=4.0, pose_m=0.02, pose_deg=0.02
-    )
+    items, camera = drive(**CURVE, pose_m=0.02, pose_deg=0.02)
     without = [replace(item, motion=replace(item.motion, source="straight")) for item in items]
     found = calibrated(items, scaled(camera, 1.1))
     assert abs(np.log(found.camera.fx / camera.fx)) < 2 * found.focal_sigma
     assert found.focal_sigma < 0.9 * calibrated(without, camera).focal_sigma
-
-
-def test_the_first_order_correction_points_to_the_truth(curve):
-    items, true = curve
-    for factor in (0.9, 1.1):
-        camera = scaled(true, factor)
-        segments = cut_segments([item.motion for item in items], camera, IMAGES)
-        step, _ = lens_step(segments, camera, 5.0)
-        assert 0.03 < -np.sign(np.log(factor)) * step[0] < 0.2
 
 
 def processed(item, camera):
@@ -98,14 +80,10 @@ def processed(item, camera):
     frame = replace(item.frame, camera=camera)
     image = replace(item.detections.image, frame=frame)
     segmentation = replace(item.detections.segmentation, image=image)
-    motion, ties = item.motion, item.motion.ties
+    detections, ties = replace(item.detections, segmentation=segmentation), item.motion.ties
     if ties is not None:
         ties = replace(ties, previous=ideal(ties.previous), current=ideal(ties.current))
-    return replace(
-        item,
-        detections=replace(item.detections, segmentation=segmentation),
-        motion=replace(motion, ties=ties),
-    )
+    return replace(item, detections=detections, motion=replace(item.motion, ties=ties))
 
 
 def watched(items, change=lambda camera: camera):
@@ -116,23 +94,10 @@ def watched(items, change=lambda camera: camera):
     return watch.check().found
 
 
-def too_long(camera):
-    return scaled(camera, 1.15)
-
-
-def bent(camera):
-    """Distorted, with the focal length that the middle of the image asks for."""
-    return changed_camera(camera, np.array([0.0, 0.0, 0.0, 0.3, 0.0]))
-
-
-def test_a_run_notices_a_focal_length_that_cannot_be_right(curve):
+@pytest.mark.parametrize("wrong", [(0.14, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.3, 0.0)])
+def test_a_run_notices_a_focal_length_and_a_distortion_that_cannot_be_right(curve, wrong):
     items, true = curve
-    assert watched(items, too_long).fx == pytest.approx(true.fx, rel=0.04)
-
-
-def test_a_run_notices_a_distortion_that_cannot_be_right(curve):
-    items, true = curve
-    found = watched(items, bent)
+    found = watched(items, lambda camera: changed_camera(camera, np.array(wrong)))
     assert found.fx == pytest.approx(true.fx, rel=0.05)
     assert found.distortion[0] == pytest.approx(0.0, abs=0.05)
 
@@ -141,21 +106,18 @@ def test_a_run_is_silent_where_the_calibration_is_right_or_nothing_tells(curve, 
     assert watched(curve[0]) is None
     assert watched(straight[0]) is None
     assert CalibrationWatch().check() == (None, None, None)
-    assert watched(curve[0][:1], too_long) is None
+    assert watched(curve[0][:1], lambda camera: scaled(camera, 1.15)) is None
 
 
 @pytest.mark.parametrize("distortion", [(), (-0.3, 0.1, 0.001, -0.002, 0.01)])
 def test_a_displacement_is_that_of_the_farthest_moved_point_of_the_image(distortion):
     camera = Camera(640, 480, 500.0, 510.0, 300.0, 250.0, distortion)
-    assert displacement(camera, np.array([0.01, 0.0, 0.0, 0.0, 0.0])) == pytest.approx(
-        0.01, rel=0.01 if distortion else 1e-9
-    )
-    bent = np.array([0.0, 0.0, 0.0, 1e-4, 0.0])
+    longer, bent = np.array([[0.01, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1e-4, 0.0]])
+    exact = 0.01 if distortion else 1e-9
+    assert displacement(camera, longer) == pytest.approx(0.01, rel=exact)
     rays = np.array([*to_rays(camera, np.array([[639.0, 0.0]]))[0], 1.0])[None]
-    before, after = (
-        project(changed_camera(camera, one), rays).pixels[0] for one in (np.zeros(5), bent)
-    )
-    relative = np.linalg.norm(after - before) / np.linalg.norm(before - (300.0, 250.0))
+    after = project(changed_camera(camera, bent), rays).pixels[0]
+    relative = np.linalg.norm(after - (639.0, 0.0)) / np.linalg.norm([339.0, 250.0])
     assert displacement(camera, bent) == pytest.approx(relative, rel=1e-3)
 
 
@@ -175,21 +137,18 @@ def test_derivatives_of_a_projection_are_its_differences(distortion):
     camera = changed_camera(Camera(640, 480, 500.0, 510.0, 320.0, 240.0, distortion), np.zeros(5))
     rays = np.random.default_rng(1).uniform([-2, -2, 4], [2, 2, 8], (20, 3))
     seen = project(camera, rays)
-    pixels = cv2.projectPoints(
-        rays, np.zeros(3), np.zeros(3), camera.matrix, np.array(camera.distortion)
-    )[0].reshape(-1, 2)
-    np.testing.assert_allclose(seen.pixels, pixels, atol=1e-9)
-    for i in range(3):
-        step = 1e-5 * np.eye(3)[i]
-        slope = (project(camera, rays + step).pixels - project(camera, rays - step).pixels) / 2e-5
-        np.testing.assert_allclose(seen.by_ray[:, :, i], slope, rtol=1e-5, atol=1e-4)
-        turned = rays @ Rotation.from_rotvec(step).as_matrix() - rays
-        slope = (
-            project(camera, rays + turned).pixels - project(camera, rays - turned).pixels
-        ) / 2e-5
-        np.testing.assert_allclose(seen.by_turn[:, :, i], slope, rtol=1e-5, atol=1e-2)
-    for i in range(len(LENS)):
-        step = 1e-5 * np.eye(5)[i]
-        up, down = changed_camera(camera, step), changed_camera(camera, -step)
-        slope = (project(up, rays).pixels - project(down, rays).pixels) / 2e-5
-        np.testing.assert_allclose(seen.by_lens[:, :, i], slope, rtol=1e-5, atol=1e-4)
+    lens, still = (camera.matrix, np.array(camera.distortion)), np.zeros(3)
+    pixels, _ = cv2.projectPoints(rays, still, still, *lens)
+    np.testing.assert_allclose(seen.pixels, pixels[:, 0], atol=1e-9)
+
+    def pixels_after(ray, turn, lens):
+        turned = (rays + ray) @ Rotation.from_rotvec(turn).as_matrix()
+        return project(changed_camera(camera, lens), turned).pixels
+
+    zero = np.zeros(3), np.zeros(3), np.zeros(5)
+    atol = 1e-4, 1e-2, 1e-4
+    for at, derivative in enumerate((seen.by_ray, seen.by_turn, seen.by_lens)):
+        for i, step in enumerate(1e-5 * np.eye(len(zero[at]))):
+            up, down = (pixels_after(*zero[:at], sign * step, *zero[at + 1 :]) for sign in (1, -1))
+            slope = (up - down) / 2e-5
+            np.testing.assert_allclose(derivative[:, :, i], slope, rtol=1e-5, atol=atol[at])

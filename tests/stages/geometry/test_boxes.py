@@ -52,7 +52,3 @@ def test_a_box_half_inside_another_is_covered_by_half():
 
 def test_a_box_without_sides_has_no_area():
     assert box_areas(np.array([[0, 0, 4, 5], [4, 5, 0, 0]], np.float32)).tolist() == [20, 0]
-
-
-def test_no_boxes_are_kept_of_none():
-    assert len(non_maximum_suppression(np.zeros((0, 4), np.float32), 0.5)) == 0

@@ -15,15 +15,10 @@ vectors = st.tuples(numbers, numbers, numbers).map(np.array)
 
 
 @given(vectors)
-def test_a_rotation_vector_gives_the_matrix_that_scipy_gives(vector):
+def test_a_rotation_vector_gives_the_matrix_that_scipy_gives_and_comes_back_of_it(vector):
     expected = Rotation.from_rotvec(vector).as_matrix()
     np.testing.assert_allclose(rotation_from_vector(vector), expected, atol=1e-12)
-
-
-@given(vectors)
-def test_a_rotation_vector_survives_the_way_through_its_matrix(vector):
-    back = vector_from_rotation(rotation_from_vector(vector))
-    np.testing.assert_allclose(back, vector, atol=1e-9)
+    np.testing.assert_allclose(vector_from_rotation(expected), vector, atol=1e-9)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-7, np.pi - 1e-6])

@@ -10,13 +10,7 @@ from wayside.schemas.frame import Frame, Pose
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import Motion
 from wayside.schemas.settings import MotionSettings
-from wayside.stages.georeference import (
-    DriveRecord,
-    StepScale,
-    collect,
-    georeference,
-    place_signs,
-)
+from wayside.stages.georeference import DriveRecord, StepScale, collect, georeference, place_signs
 
 from ...made_landmarks import made_landmark
 
@@ -30,19 +24,13 @@ def tracked(index, *landmarks, used=True):
     pose, step = Pose(np.eye(3), np.array([0, 0, 8.0 * index])), Pose(np.eye(3), np.zeros(3))
     numbers = (None, "straight", 8.0, 8.0 * index, None, np.nan, np.nan, False, 0, 1.8)
     motion = Motion(pose, step if index else None, *numbers) if used else None
-    regions = Regions(
-        np.zeros((0, 4), np.float32),
-        np.zeros(0, np.int32),
-        np.zeros((0, 3), np.float32),
-        np.zeros(0, np.uint8),
-    )
     none = np.zeros(0, np.int32), np.zeros(0, np.float32)
-    return TrackedFrame(frame, motion, Candidates.of(regions), *none, 0, landmarks)
+    return TrackedFrame(frame, motion, Candidates.of(Regions.empty()), *none, 0, landmarks)
 
 
-def path_of(frames=4):
+def path_of():
     record = DriveRecord()
-    list(collect(map(tracked, range(frames)), record))
+    list(collect(map(tracked, range(4)), record))
     (path,) = georeference(iter(record.points), MotionSettings())
     return path
 
@@ -69,11 +57,8 @@ def test_every_frame_is_passed_on_and_its_accepted_landmarks_are_kept():
 
 def test_signs_are_numbered_by_station_and_share_the_number_of_their_support():
     found = signs(landmark(7, 30.0, assembly=2), landmark(8, 10.0), landmark(9, 31.0, assembly=2))
-    assert [(s.landmark.track_id, s.number, s.assembly) for s in found] == [
-        (8, 1, 1),
-        (7, 2, 2),
-        (9, 3, 2),
-    ]
+    numbers = [(s.landmark.track_id, s.number, s.assembly) for s in found]
+    assert numbers == [(8, 1, 1), (7, 2, 2), (9, 3, 2)]
 
 
 @pytest.mark.parametrize(

@@ -28,14 +28,10 @@ class Drive:
     def smooth(self, **changes):
         return smooth(self.chain, replace(self.measured, **changes), *self.start)
 
-    def kept(self, rows):
-        """What was measured in these frames alone."""
-        measured = self.measured
-        return {
-            "row": rows,
-            "position": measured.position[rows],
-            "sigma_m": measured.sigma_m[rows],
-        }
+    def smooth_with(self, rows):
+        """By what was measured in these frames alone."""
+        position, sigma_m = self.measured.position[rows], self.measured.sigma_m[rows]
+        return self.smooth(row=rows, position=position, sigma_m=sigma_m)
 
 
 def winding(n, radius_m, swing):
@@ -47,11 +43,8 @@ def winding(n, radius_m, swing):
     centre[:, 2] = 3 * np.sin(station / 200)
     rotation = Rotation.from_rotvec(np.outer(heading, [0, 0, 1])).as_matrix() @ LEVEL
     speed = 20.0 * (1 + swing * np.sin(station / 90))
-    return (
-        rotation,
-        centre,
-        np.concatenate([[0.0], np.cumsum(2 * STEP_M / (speed[1:] + speed[:-1]))]),
-    )
+    time_s = np.cumsum(2 * STEP_M / (speed[1:] + speed[:-1]))
+    return rotation, centre, np.concatenate([[0.0], time_s])
 
 
 def steps_of(rng, rotation, centre, time_s, free, noise):
@@ -89,37 +82,17 @@ def fading(rng, time_s, sigma, memory_s):
     return np.array(error)
 
 
-def drive_of(
-    seed,
-    n=300,
-    *,
-    radius_m=250.0,
-    swing=0.0,
-    free=False,
-    sigma_m=1.0,
-    time_offset_s=0.0,
-    noise=1.0,
-):
+def drive_of(seed, n=300, *, radius_m=250.0, swing=0.0, free=False, time_offset_s=0.0, noise=1.0):
     rng = np.random.default_rng(seed)
     rotation, centre, time_s = winding(n, radius_m, swing)
     chain = steps_of(rng, rotation, centre, time_s, free, noise)
-    sigma = sigma_m * np.array([1.0, 1.0, UP])
+    sigma = np.array([1.0, 1.0, UP])
     late = np.stack([np.interp(time_s - time_offset_s, time_s, axis) for axis in centre.T], axis=1)
     place = late + noise * fading(rng, time_s, sigma, 60.0)
     place += noise * rng.normal(size=(n, 3)) * NEW_SHARE * sigma
     every = np.tile(sigma, (n, 1))
-    measured = AbsoluteMeasurements(
-        np.arange(n),
-        place,
-        NEW_SHARE * every,
-        every,
-        60.0,
-        np.zeros(3),
-        None,
-        None,
-        FIRST_SIGMA_RAD,
-        np.radians(10.0),
-    )
+    others = 60.0, np.zeros(3), None, None, FIRST_SIGMA_RAD, np.radians(10.0)
+    measured = AbsoluteMeasurements(np.arange(n), place, NEW_SHARE * every, every, *others)
     return Drive(rotation, centre, chain, measured, chained(chain, rotation[0], centre[0]))
 
 
@@ -153,46 +126,24 @@ def test_without_noise_the_truth_comes_out(radius_m, free):
 @pytest.mark.slow
 @pytest.mark.parametrize(("radius_m", "free"), [(250.0, False), (1e9, True)])
 def test_errors_are_bounded_by_those_of_the_fixes_and_stated(radius_m, free):
-    shares, stretches, errors = [], [], []
+    pulls, stretches, errors = [], [], []
     for seed in range(60):
         drive = drive_of(seed, 110, radius_m=radius_m, free=free)
         found = drive.smooth()
-        error = found.centre - drive.centre
-        errors.append([(error**2).mean(), ((drive.measured.position - drive.centre) ** 2).mean()])
+        error, of_fix = found.centre - drive.centre, drive.measured.position - drive.centre
+        errors.append([(error**2).mean(), (of_fix**2).mean()])
         # errors are alike over a minute: a few places of each drive tell all
-        shares.append(np.abs(error / sigmas(found))[::50])
+        pulls.append((error / sigmas(found))[::50])
         true = way_between(drive.centre) / drive.chain.length[1:]
-        stated = np.sqrt(found.covariance[1:, 6, 6])
-        stretches.append(((np.log(found.scale[1:]) - np.log(true)) / stated)[::50])
-    smoothed, fixes = np.sqrt(np.mean(errors, axis=0))
+        stretches.append(
+            (np.log(found.scale[1:] / true) / np.sqrt(found.covariance[1:, 6, 6]))[::50]
+        )
+    smoothed, fixes = np.mean(errors, axis=0)
     assert smoothed < fixes
-    pulls = np.array(shares)
-    assert 0.60 < (pulls < 1).mean() < 0.76
-    assert 0.92 < (pulls < 2).mean() < 0.98
+    assert 0.60 < (np.abs(pulls) < 1).mean() < 0.76
+    assert 0.92 < (np.abs(pulls) < 2).mean() < 0.98
     if free:
         assert 0.55 < (np.abs(stretches) < 1).mean() < 0.80
-
-
-def test_fixes_do_not_spoil_the_way_between_neighbours():
-    drive = drive_of(3)
-    found = drive.smooth()
-    true = way_between(drive.centre)
-    before = np.abs(drive.chain.length[1:] - true)
-    after = np.abs(way_between(found.centre) - true)
-    assert after.mean() < 1.02 * before.mean()
-    turn = found.rotation[:-1].transpose(0, 2, 1) @ found.rotation[1:]
-    kept = turn @ drive.chain.rotation[1:].transpose(0, 2, 1)
-    assert Rotation.from_matrix(kept).magnitude().max() < TURN_RAD
-
-
-def test_lengths_known_as_ratios_take_their_scale_from_the_whole_drive():
-    errors = []
-    for seed in range(5):
-        drive = drive_of(seed, free=True)
-        true = way_between(drive.centre)
-        errors.append(way_between(drive.smooth().centre) / true - 1)
-        assert np.abs(drive.chain.length[1:] / true - 1).mean() > 0.008
-    assert np.sqrt(np.mean(np.square(errors))) < 0.005
 
 
 def test_a_lost_ratio_is_bridged_by_a_steady_speed():
@@ -202,18 +153,6 @@ def test_a_lost_ratio_is_bridged_by_a_steady_speed():
     error = np.log(way_between(found.centre) / way_between(drive.centre))
     assert np.abs(error[149]) < 0.02
     assert found.covariance[150, 6, 6] < 0.02**2
-
-
-def test_outliers_and_a_receiver_that_wakes_up_elsewhere_are_left_out():
-    drive = drive_of(4)
-    place, rng = drive.measured.position.copy(), np.random.default_rng(1)
-    struck = rng.choice(np.arange(10, 300), 30, replace=False)
-    place[struck] += rng.normal(size=(30, 3)) * 30 + 10
-    place[:3] += 4e6
-    found = drive.smooth(position=place)
-    np.testing.assert_allclose(found.centre, drive.smooth().centre, atol=0.3)
-    assert found.outliers >= 30
-    assert (found.weight[:3] < 1e-6).all()
 
 
 @pytest.mark.parametrize("jump", [[15.0, -10.0, 5.0], [0.0, 40.0, 0.0]])
@@ -228,10 +167,9 @@ def test_a_jump_of_the_fixes_does_not_bend_the_path(jump):
 
 def test_sigmas_grow_where_there_are_no_fixes():
     drive = drive_of(6)
-    inside = drive.smooth(**drive.kept(np.r_[0:60, 240:300]))
+    inside = drive.smooth_with(np.r_[0:60, 240:300])
     assert np.abs(inside.centre - drive.centre).max() < 4
-    over_the_end = drive.smooth(**drive.kept(np.arange(150)))
-    level = np.hypot(*sigmas(over_the_end)[:, :2].T)
+    level = np.hypot(*sigmas(drive.smooth_with(np.arange(150)))[:, :2].T)
     assert level[-1] > 1.4 * level[140]
     assert (np.diff(level[150:]) > 0).all()
 
@@ -284,46 +222,34 @@ def test_a_dense_solver_finds_the_same(free):
     found = drive.smooth()
     dense = by_dense_least_squares(drive)
     # a hundredth of what either is sure of
-    np.testing.assert_allclose(found.centre, dense, atol=0.01)
+    np.testing.assert_allclose(found.centre, dense[0], atol=0.01)
+    np.testing.assert_allclose(sigmas(found), dense[1], rtol=0.02)
 
 
 def by_dense_least_squares(drive):
-    """Centres (n, 3) by scipy over all unknowns at once, written from the model and not from the code."""
+    """Centres and their sigmas (n, 3) by scipy over all unknowns at once, written from the model alone."""
     chain, measured, n = drive.chain, drive.measured, len(drive.centre)
     length = np.linalg.norm(chain.translation, axis=1)
-    root = [
-        None,
-        *(np.linalg.inv(np.linalg.cholesky(c)) for c in chain.step_covariance()[1:]),
-    ]
+    root = np.linalg.inv(np.linalg.cholesky(chain.step_covariance()))
     keeps = np.exp(-np.diff(chain.time_s) / measured.correlation_s)
 
     def loss(residual, freedom, reach):
         # Cauchy's loss as a residual whose square it is
-        each = residual @ residual / (freedom * reach**2)
-        return (
-            np.sqrt(freedom * reach**2 * np.log1p(each))
-            * residual
-            / np.sqrt(max(residual @ residual, 1e-300))
-        )
+        square, scale = max(residual @ residual, 1e-300), freedom * reach**2
+        return residual * np.sqrt(scale * np.log1p(square / scale) / square)
 
     def residuals(x):
         move, turn, correlated = x[: 3 * n], x[3 * n : 6 * n], x[6 * n : 9 * n].reshape(n, 3)
         log_scale = x[9 * n :]
         centre = drive.start[1] + move.reshape(n, 3)
         rotation = Rotation.from_rotvec(turn.reshape(n, 3)).as_matrix() @ drive.start[0]
-        parts = [
-            correlated[0],
-            turn[:3] / measured.first_sigma_rad,
-            rotation[:, 2, 0] / measured.roll_sigma_rad,
-        ]
+        parts = [correlated[0], turn[:3] / measured.first_sigma_rad]
+        parts.append(rotation[:, 2, 0] / measured.roll_sigma_rad)
         parts.append(log_scale / np.where(chain.free_length, 0.3, 1e-4))
+        antenna = centre + measured.correlated_sigma_m * correlated
         for k in range(n):
-            antenna = (
-                centre[k]
-                + rotation[k] @ measured.lever_arm_m
-                + measured.correlated_sigma_m[k] * correlated[k]
-            )
-            parts.append(loss((measured.position[k] - antenna) / measured.sigma_m[k], 3, 3.0))
+            away = measured.position[k] - antenna[k] - rotation[k] @ measured.lever_arm_m
+            parts.append(loss(away / measured.sigma_m[k], 3, 3.0))
             if k == 0:
                 continue
             fresh = np.sqrt(1 - keeps[k - 1] ** 2)
@@ -334,14 +260,13 @@ def by_dense_least_squares(drive):
             parts.append(loss(root[k] @ np.concatenate([slip, gap]), 6, 6.0))
             if k > 1 and chain.free_length[k]:
                 change = log_scale[k] - log_scale[k - 1] + np.log(length[k] / length[k - 1])
-                parts.append(
-                    loss(np.array([(change - np.log(chain.length_ratio[k, 0])) / 0.0015]), 1, 6.0)
-                )
-                now, before = np.diff(chain.time_s)[k - 1], np.diff(chain.time_s)[k - 2]
+                before, now = np.diff(chain.time_s)[k - 2 : k]
                 stamps = 2e-3 * np.sqrt(now**-2 + before**-2 + 1 / (now * before))
                 sigma = np.hypot(0.5 * (now + before) * now / length[k], stamps)
-                parts.append(loss(np.array([(change - np.log(now / before)) / sigma]), 1, 6.0))
+                ratio = (chain.length_ratio[k, 0], 0.0015), (now / before, sigma)
+                parts += [loss(np.array([(change - np.log(r)) / s]), 1, 6.0) for r, s in ratio]
         return np.concatenate([np.atleast_1d(p) for p in parts])
 
     solved = least_squares(residuals, np.zeros(10 * n), x_scale="jac", xtol=1e-12, ftol=1e-12)
-    return drive.start[1] + solved.x[: 3 * n].reshape(n, 3)
+    spread = np.diag(np.linalg.inv(solved.jac.T @ solved.jac))[: 3 * n]
+    return drive.start[1] + solved.x[: 3 * n].reshape(n, 3), np.sqrt(spread).reshape(n, 3)

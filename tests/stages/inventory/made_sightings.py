@@ -5,6 +5,12 @@ import numpy as np
 from wayside.schemas.sightings import Sightings
 
 
+def road(n, step_m=25.0):
+    """Places of panels on both sides of a road (n, 3)."""
+    along = step_m * np.arange(n)
+    return np.stack([along, np.where(np.arange(n) % 2, 6.0, -6.0), np.full(n, 2.2)], axis=1)
+
+
 def make_sightings(position, drives, *, own_m, common_m, face, **more):
     """Rows of drives (d) times panels (n) at positions (d n, 3), with faces (n,) that differ by number."""
     count, panels = len(position), len(position) // drives

@@ -16,15 +16,9 @@ def bands_round(points, length=0.0, width=20.0, direction=(1.0, 0.0)):
     return np.c_[points, np.tile(direction, (n, 1)), np.full(n, length), np.full(n, width)]
 
 
-def match(bands, descriptors, points, others, farthest=64, ratio=0.9):
-    return match_in_bands(
-        np.ascontiguousarray(bands),
-        descriptors,
-        points,
-        others,
-        farthest=farthest,
-        ratio=ratio,
-    )
+def match(bands, descriptors, points, others, ratio=0.9):
+    bands = np.ascontiguousarray(bands)
+    return match_in_bands(bands, descriptors, points, others, farthest=64, ratio=ratio)
 
 
 def test_with_wide_bands_the_matches_are_those_of_opencv():
@@ -33,45 +27,32 @@ def test_with_wide_bands_the_matches_are_those_of_opencv():
     others = descriptors ^ np.packbits(noise, axis=1)
     pairs = match(bands_round(points, width=2000.0), descriptors, points, others, ratio=0.8)
     two = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(descriptors, others, k=2)
-    expected = [
-        (a.queryIdx, a.trainIdx)
-        for a, b in two
-        if a.distance <= 64 and a.distance < 0.8 * b.distance
-    ]
+    clear = [a for a, b in two if a.distance <= 64 and a.distance < 0.8 * b.distance]
+    expected = [(a.queryIdx, a.trainIdx) for a in clear]
     assert sorted(map(tuple, pairs.tolist())) == sorted(expected)
 
 
 def test_nothing_outside_a_band_is_matched():
     descriptors = np.zeros((1, 32), np.uint8)
     bands = bands_round(np.array([[100.0, 100.0]]), length=50.0, width=5.0, direction=(0.0, 1.0))
-    for place, expected in (
-        ((104.0, 140.0), 1),
-        ((107.0, 140.0), 0),
-        ((100.0, 156.0), 0),
-        ((100.0, 154.0), 1),
-        ((100.0, 94.0), 0),
+    for *place, expected in (
+        (104, 140, 1),
+        (107, 140, 0),
+        (100, 156, 0),
+        (100, 154, 1),
+        (100, 94, 0),
     ):
-        assert len(match(bands, descriptors, np.array([place]), descriptors)) == expected
-
-
-def test_a_band_far_outside_the_image_matches_nothing():
+        found = match(bands, descriptors, np.array([place], float), descriptors)
+        assert len(found) == expected
     points, descriptors = corners(50, 5)
-    for shift in ((-5000.0, 0.0), (5000.0, 0.0), (0.0, -5000.0), (0.0, 5000.0)):
-        assert len(match(bands_round(points + shift), descriptors, points, descriptors)) == 0
+    for outside in ((-5000.0, 0.0), (5000.0, 0.0), (0.0, -5000.0), (0.0, 5000.0)):
+        assert len(match(bands_round(points + outside), descriptors, points, descriptors)) == 0
 
 
-def test_the_same_corner_at_two_sizes_is_no_rival_of_itself():
-    descriptors = np.zeros((1, 32), np.uint8)
-    points = np.array([[100.0, 100.0], [103.0, 101.0]])
-    others = np.zeros((2, 32), np.uint8)
-    others[1, 0] = 1
-    assert match(bands_round(points[:1]), descriptors, points, others).tolist() == [[0, 0]]
-
-
-def test_two_equal_places_are_both_refused():
-    descriptors = np.full((1, 32), 7, np.uint8)
-    points = np.array([[100.0, 100.0], [115.0, 100.0]])
-    assert len(match(bands_round(points[:1]), descriptors, points, descriptors.repeat(2, 0))) == 0
+@pytest.mark.parametrize(("second", "pairs"), [((103.0, 101.0), [[0, 0]]), ((115.0, 100.0), [])])
+def test_the_same_corner_at_two_sizes_is_no_rival_of_itself_and_two_places_are(second, pairs):
+    points, others = np.array([[100.0, 100.0], second]), np.full((2, 32), 7, np.uint8)
+    assert match(bands_round(points[:1]), others[:1], points, others).tolist() == pairs
 
 
 def test_of_two_corners_that_want_the_same_one_the_closer_gets_it():

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from wayside.stages.odometry.motion_agreement import (
-    AXES,
-    CameraPath,
-    ImageStep,
-    agreement,
-    upright,
-)
+from wayside.stages.odometry.motion_agreement import AXES, CameraPath, ImageStep, agreement, upright
 
 LEVEL = AXES["x forward, y left, z up"]
 """A camera that looks along x in a world whose z axis is up: its axes are the columns."""
@@ -51,37 +45,6 @@ def test_poses_of_the_camera_agree_whatever_their_world():
         assert found.steps == found.agree == 19
 
 
-@pytest.mark.parametrize("axes", sorted(AXES))
-def test_poses_in_other_axes_contradict_and_agree_once_they_are_mounted(axes):
-    path = drive()
-    other = path.mounted(AXES[axes].T)
-    assert not agreement(steps_of(path), other).agrees
-    back = agreement(steps_of(path), other.mounted(AXES[axes]))
-    assert back.agrees
-    assert back.error_deg < 1e-4
-    fits = {n: agreement(steps_of(path, 0.5), other.mounted(m)).error_deg for n, m in AXES.items()}
-    ranked = sorted(fits, key=lambda name: fits[name])
-    assert ranked[0] == axes
-    assert fits[ranked[1]] > 2.5 * fits[axes]
-
-
-def test_inverted_poses_contradict_and_agree_once_they_are_inverted_again():
-    path = drive()
-    assert not agreement(steps_of(path), path.inverted()).agrees
-    again = path.inverted().inverted()
-    assert again.centre == pytest.approx(path.centre, abs=1e-9)
-    assert agreement(steps_of(path), again).agrees
-
-
-def test_poses_that_stand_run_backward_or_are_of_another_drive_contradict():
-    path, steps = drive(), steps_of(drive())
-    still = CameraPath(path.known, path.rotation, np.zeros_like(path.centre))
-    backward = CameraPath(path.known, path.rotation[::-1], path.centre[::-1])
-    mirrored = CameraPath(path.known, path.rotation, path.centre * [1.0, -1.0, 1.0])
-    for wrong in (still, backward, mirrored):
-        assert not agreement(steps, wrong).agrees
-
-
 def test_too_few_steps_tell_nothing():
     path = drive()
     nowhere = CameraPath(np.zeros(20, bool), path.rotation, path.centre)
@@ -89,21 +52,11 @@ def test_too_few_steps_tell_nothing():
     assert not agreement(steps_of(path)[:2], path).tells
 
 
-WORLDS = {
-    "z": np.eye(3),
-    "-z": np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),
-    "-y": LEVEL.T,
-    "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
-    "x": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
-    "-x": np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]),
-}
-"""Rotations of a world with z up into one with another axis up."""
-
-
-@pytest.mark.parametrize("up", sorted(WORLDS))
+@pytest.mark.parametrize("up", ["x", "-x", "y", "-y", "z", "-z"])
 def test_a_world_is_turned_until_its_z_axis_is_up(up):
-    path = drive()
-    turned, found = upright(moved(path, WORLDS[up]))
+    path, axis = drive(), np.array([letter == up[-1] for letter in "xyz"], float)
+    turn, _ = Rotation.align_vectors(-axis if "-" in up else axis, [0, 0, 1])
+    turned, found = upright(moved(path, turn.as_matrix()))
     assert found == up
     assert np.linalg.det(turned.rotation) == pytest.approx(1.0)
     assert -turned.rotation[:, 2, 1] == pytest.approx(-path.rotation[:, 2, 1], abs=1e-9)

@@ -9,11 +9,7 @@ from scipy.spatial.transform import Rotation
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Camera, Fix, Frame, Pose, PosePrior
 from wayside.schemas.settings import MotionSettings
-from wayside.stages.odometry.motion_prior import (
-    TravelDirection,
-    fix_distance_m,
-    predict_motion,
-)
+from wayside.stages.odometry.motion_prior import TravelDirection, fix_distance_m, predict_motion
 
 AHEAD = np.array([0.0, 0.0, 1.0])
 SETTINGS = MotionSettings()
@@ -52,31 +48,29 @@ def test_poses_come_before_spacing_and_fixes():
     assert found.prior.length_m == pytest.approx(7.9)
     assert found.prior.sigma_m == pytest.approx(0.02 * np.sqrt(2))
     assert found.prior.sigma_rotation == pytest.approx(0.001 * np.sqrt(2))
-    expected = Rotation.from_euler("y", 1, degrees=True).as_matrix()
-    np.testing.assert_allclose(found.prior.rotation, expected)
+    np.testing.assert_allclose(found.prior.rotation, posed((0, 0, 0), 1.0).pose.pose.rotation)
 
 
-def test_the_direction_of_poses_is_weighed_against_the_mount():
-    both = expect(posed((0, 0, 0)), posed((0.08, 0, 8.0)))
-    slope = both.prior.direction[0] / both.prior.direction[2]
-    assert 0.0 < slope < 0.01
-    sharp = expect(posed((0, 0, 0), sigma_m=1e-5), posed((0.08, 0, 8.0), sigma_m=1e-5))
-    assert sharp.prior.direction[0] / sharp.prior.direction[2] == pytest.approx(0.01, rel=1e-3)
-
-
-def test_poses_that_go_back_give_a_direction_back_where_it_is_certain():
-    back = expect(posed((0, 0, 0)), posed((0.08, 0, -8.0)))
-    assert back.prior.direction[2] < -0.99
-    assert -0.01 < back.prior.direction[0] / back.prior.direction[2] < 0.0
-    unsure = expect(posed((0, 0, 0)), posed((0, 0, -0.05)))
-    assert unsure.prior.direction[2] > 0.99
-
-
-def test_poses_without_sigmas_get_default_ones():
-    silent = (posed(c, sigma_m=None, sigma_rad=None) for c in ((0, 0, 0), (0, 0, 8.0)))
-    found = expect(*silent)
-    assert 0 < found.prior.sigma_m < 0.1
-    assert 0 < found.prior.sigma_rotation < 0.01
+@pytest.mark.parametrize(
+    ("centre", "sigma_m", "low", "high", "back"),
+    [
+        ((0.08, 0, 8.0), 0.02, 0.001, 0.009, False),  # weighed against the mount
+        ((0.08, 0, 8.0), 1e-5, 0.00999, 0.01001, False),
+        ((0.08, 0, -8.0), 0.02, -0.009, -0.001, True),
+        ((0, 0, -0.05), 0.02, 0.0, 0.0, False),  # may as well go ahead
+        ((2.0, 0, 0), 0.02, 0.0, 0.0, False),  # across the view: nothing is said of the direction
+        ((2.0, 0, -0.01), 0.02, 0.0, 0.0, False),
+        ((0, 2.0, 0), 0.02, 0.0, 0.0, False),
+    ],
+)
+def test_poses_tell_the_direction_as_surely_as_they_are_known(centre, sigma_m, low, high, back):
+    found = expect(posed((0, 0, 0), sigma_m=sigma_m), posed(centre, sigma_m=sigma_m)).prior
+    assert low - 1e-9 <= found.direction[0] / found.direction[2] <= high + 1e-9
+    assert abs(found.direction[2]) > 0.99
+    assert (found.direction[2] < 0) == back
+    if max(centre[:2]) == 2.0:
+        np.testing.assert_allclose(found.sigma_direction, MOUNTED.sigma)
+        assert found.length_m == pytest.approx(2.0, abs=1e-3)
 
 
 def test_a_vehicle_that_stands_falls_back_on_the_spacing():
@@ -84,10 +78,15 @@ def test_a_vehicle_that_stands_falls_back_on_the_spacing():
     assert expect(still, replace(still, spacing_m=8.05)).source == "straight"
 
 
-def test_the_distance_of_fixes_is_the_geodesic_one():
-    first, second = Fix(38.0, -97.0, 500.0, None), Fix(38.00005, -96.99995, 500.3, None)
-    _, _, flat = Geod(ellps="WGS84").inv(-97.0, 38.0, -96.99995, 38.00005)
-    assert fix_distance_m(first, second) == pytest.approx(np.hypot(flat, 0.3), rel=5e-3)
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [((38.0, -97.0), (38.00005, -96.99995)), ((-17.0, 179.99999), (-17.0, -179.99999))],
+    ids=["", "date line"],
+)
+def test_the_distance_of_fixes_is_the_geodesic_one(first, second):
+    _, _, flat = Geod(ellps="WGS84").inv(*first[::-1], *second[::-1])
+    found = fix_distance_m(Fix(*first, 500.0, None), Fix(*second, 500.3, None))
+    assert found == pytest.approx(np.hypot(flat, 0.3), rel=5e-3)
 
 
 def test_fixes_serve_where_there_is_neither_pose_nor_spacing():
@@ -97,19 +96,6 @@ def test_fixes_serve_where_there_is_neither_pose_nor_spacing():
     assert found.source == "fixes"
     assert found.prior.length_m == pytest.approx(7.78, abs=0.05)
     assert found.prior.sigma_m == pytest.approx(0.2)
-
-
-def test_fixes_on_both_sides_of_the_date_line_are_as_near_as_elsewhere():
-    first, second = Fix(-17.0, 179.99999, 5.0, None), Fix(-17.0, -179.99999, 5.0, None)
-    assert fix_distance_m(first, second) == pytest.approx(2.13, abs=0.01)
-
-
-@pytest.mark.parametrize("centre", [(2.0, 0, 0), (2.0, 0, -0.01), (0, 2.0, 0)])
-def test_poses_that_move_across_the_view_say_nothing_of_the_direction(centre):
-    found = expect(posed((0, 0, 0)), posed(centre))
-    np.testing.assert_allclose(found.prior.direction, AHEAD, atol=1e-9)
-    np.testing.assert_allclose(found.prior.sigma_direction, MOUNTED.sigma)
-    assert found.prior.length_m == pytest.approx(2.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("off_deg", [0.0005, 38.0])

@@ -7,10 +7,6 @@ from wayside.stages.odometry.patch_registration import register_patches
 SHIFT = np.array([3.3, -2.4])
 
 
-def register(far, near, corners, starts, warps):
-    return register_patches(far, near, corners, starts, warps, 2)
-
-
 @pytest.fixture(scope="module")
 def far():
     noise = np.random.default_rng(0).random((400, 500)).astype(np.float32)
@@ -28,6 +24,12 @@ def seen_nearer(far, scale, gain=0.8, bias=10.0, noise=1.0):
 
 def somewhere(count=60):
     return np.random.default_rng(2).integers((40, 40), (440, 340), (count, 2))
+
+
+def register(far, near, corners, starts=None, warps=None):
+    starts = corners.astype(float) if starts is None else starts
+    warps = plates(len(corners)) if warps is None else warps
+    return register_patches(far, near, corners, starts, warps, 2)
 
 
 def plates(count, scale=1.0):
@@ -62,38 +64,25 @@ def test_a_road_seen_nearer_is_placed_better_by_its_own_warp_than_by_that_of_a_p
     assert off_upright > 4 * off
 
 
-def test_an_image_registers_on_itself_without_moving(far):
-    corners = somewhere()
-    found = register(far, far, corners, corners.astype(float), plates(len(corners)))
-    np.testing.assert_allclose(found.point, corners, atol=1e-3)
-    np.testing.assert_allclose(found.zncc, 1.0, atol=1e-6)
-
-
-def test_patches_without_texture_or_at_the_rim_are_refused(far):
+def test_patches_without_texture_at_the_rim_or_searched_nowhere_are_refused(far):
     flat = np.full_like(far, 90)
     middle, rim = np.array([[200, 200]]), np.array([[3, 200], [499, 399], [200, 5]])
-    assert register(flat, flat, middle, middle.astype(float), plates(1)).zncc[0] == 0
-    found = register(far, far, rim, rim.astype(float), plates(3))
+    assert register(flat, flat, middle).zncc[0] == 0
+    found = register(far, far, rim)
     assert (found.zncc == 0).all()
     assert np.isnan(found.point).all()
-
-
-def test_starts_that_are_nowhere_or_outside_are_refused(far):
-    corners = np.full((4, 2), 200)
     starts = np.array([[np.nan, 200], [np.inf, 200], [-300.0, 200], [200, 9000.0]])
-    assert (register(far, far, corners, starts, plates(4)).zncc == 0).all()
+    assert (register(far, far, middle.repeat(4, 0), starts).zncc == 0).all()
 
 
 def test_another_scene_is_not_taken_for_the_patch(far):
     other = np.ascontiguousarray(far[::-1, ::-1])
-    corners = somewhere()
-    found = register(far, other, corners, corners.astype(float), plates(len(corners)))
-    assert (found.zncc < 0.85).all()
+    assert (register(far, other, somewhere()).zncc < 0.85).all()
 
 
 def test_colour_images_are_refused(far):
     with pytest.raises(ValueError, match="far"):
-        register(np.dstack([far] * 3), far, somewhere(1), np.ones((1, 2)), plates(1))
+        register(np.dstack([far] * 3), far, somewhere(1))
 
 
 def test_sigma_is_the_scatter_of_corners_under_noise(far):
@@ -102,7 +91,7 @@ def test_sigma_is_the_scatter_of_corners_under_noise(far):
     for seed in range(20):
         noise = np.random.default_rng(seed).normal(0, 6.0, far.shape)
         near = np.clip(far + noise, 0, 255).astype(np.uint8)
-        found = register(far, near, corners, corners.astype(float), plates(len(corners)))
+        found = register(far, near, corners)
         gaps.append(found.point - corners)
         stated.append(found.sigma)
     scatter = np.std(gaps, axis=0).max(axis=1)
@@ -115,9 +104,6 @@ def test_a_patch_on_an_edge_may_slide_and_one_on_a_corner_may_not(far):
     image[80:, 140:] = 180.0  # a corner
     image += np.random.default_rng(0).normal(0, 2.0, image.shape)
     other = image + np.random.default_rng(1).normal(0, 2.0, image.shape)
-    both = [
-        np.clip(cv2.GaussianBlur(p, (0, 0), 1.0), 0, 255).astype(np.uint8) for p in (image, other)
-    ]
-    corners = np.array([[50, 60], [140, 80]])
-    found = register(*both, corners, corners.astype(float), plates(2))
+    both = [cv2.GaussianBlur(p, (0, 0), 1.0).round().astype(np.uint8) for p in (image, other)]
+    found = register(*both, np.array([[50, 60], [140, 80]]))
     assert found.sigma[0] > 5 * found.sigma[1]

@@ -26,10 +26,10 @@ def expected(length_m, sigma_m, source, spacing_m=nan):
 def spaced(last, carried=(nan, nan)):
     """A step of stated spacing, as it is expected after the last one."""
     share = last.length_in_spacings
-    held = expected(SPACING, SETTINGS.spacing_sigma_m, "straight", SPACING)
+    held = SPACING, SETTINGS.spacing_sigma_m, "straight"
     if isfinite(share):
-        held = expected(share * SPACING, SPACING_SCATTER * SPACING, "points", SPACING)
-    return step_length(last, carried, held, SETTINGS)
+        held = share * SPACING, SPACING_SCATTER * SPACING, "points"
+    return step_length(last, carried, expected(*held, SPACING), SETTINGS)
 
 
 def lengths(true_m, ratio_errors=None):
@@ -110,16 +110,17 @@ def test_points_are_believed_against_a_fix_that_jumps_but_not_for_ever():
     assert step_length(agreeing, (8.0, 0.02), jump, SETTINGS).length_m == 8.0
 
 
-@pytest.mark.parametrize("source", ["fixes", "poses", "speed"])
-def test_distances_are_averaged_with_lengths_by_points(source):
-    known = expected(8.0, 0.2, source)
-    found = step_length(StepLength(8.0, 0.04), (8.2, 0.01), known, SETTINGS)
-    assert 8.15 < found.length_m < 8.2
-    assert found.sigma_m < 0.07
-
-
-@pytest.mark.parametrize(("source", "length_m"), [("poses", 9.0), ("speed", 8.2)])
-def test_poses_are_believed_against_points_and_points_against_the_last_speed(source, length_m):
-    known = expected(9.0, 0.05, source)
-    found = step_length(StepLength(8.0, 0.04), (8.2, 0.01), known, SETTINGS)
-    assert found.length_m == pytest.approx(length_m)
+@pytest.mark.parametrize(
+    ("source", "against_points"), [("fixes", None), ("poses", 9.0), ("speed", 8.2)]
+)
+def test_agreeing_lengths_are_averaged_and_poses_believed_before_points_before_the_last_speed(
+    source, against_points
+):
+    agreeing, other = (
+        step_length(StepLength(8.0, 0.04), (8.2, 0.01), expected(*known, source), SETTINGS)
+        for known in ((8.0, 0.2), (9.0, 0.05))
+    )
+    assert 8.15 < agreeing.length_m < 8.2
+    assert agreeing.sigma_m < 0.07
+    if against_points is not None:
+        assert other.length_m == pytest.approx(against_points)

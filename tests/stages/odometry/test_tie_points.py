@@ -3,12 +3,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from wayside.schemas.detections import Candidates, Detections, Features, Regions
-from wayside.schemas.frame import USED, Camera, Frame, Image
-from wayside.schemas.motion import StepPrior
+from wayside.schemas.frame import Camera
 from wayside.schemas.settings import FeatureSettings
 from wayside.stages.odometry.features import tie_corners
-from wayside.stages.odometry.relative_pose import find_coarse_motion
 from wayside.stages.odometry.tie_points import (
     GroundPlane,
     KeypointImage,
@@ -16,11 +13,8 @@ from wayside.stages.odometry.tie_points import (
     register_road,
     register_ties,
 )
-from wayside.stages.segmentation import unsegmented
 
 CAMERA = Camera(900, 700, 800.0, 800.0, 449.5, 349.5)
-AHEAD = np.array([0.0, 0.0, 1.0])
-PRIOR = StepPrior(np.eye(3), np.inf, AHEAD, np.radians([1.5, 1.5]), True, 8.0, 0.02)
 HEIGHT, BASELINE = 1.6, 6.0
 
 
@@ -34,31 +28,18 @@ def ground_image(rotation, centre):
     depth = HEIGHT / np.where(below, rays[..., 1], 1.0)
     x = (rays[..., 0] * depth + centre[0]) / 0.35 + 200
     z = (rays[..., 2] * depth + centre[2]) / 0.7 + 10
-    shown = [
-        cv2.remap(
-            texture,
-            a.astype(np.float32),
-            b.astype(np.float32),
-            cv2.INTER_CUBIC,
-            borderMode=cv2.BORDER_WRAP,
-        )
-        for texture, a, b in (
-            (road, x, z),
-            (sky, rays[..., 0] / rays[..., 2] * 25 + 200, rays[..., 1] / rays[..., 2] * 25 + 200),
-        )
-    ]
-    grey = np.where(below, shown[0], 0.5 * shown[1] + 60)
+
+    def shown(blocks, u, v):
+        maps = u.astype(np.float32), v.astype(np.float32)
+        return cv2.remap(blocks, *maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_WRAP)
+
+    above = (rays[..., :2] / rays[..., 2:] * 25 + 200).transpose(2, 0, 1)
+    grey = np.where(below, shown(road, x, z), 0.5 * shown(sky, *above) + 60)
     return np.clip(grey, 0, 255).astype(np.uint8)
 
 
 def view(grey):
-    corners, descriptors = tie_corners(grey, FeatureSettings())
-    none = np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32), np.zeros(0, np.int32)
-    frame = Frame(0, 0, None, USED, "jpeg", b"", CAMERA, 900, 700)
-    features = Features(corners, descriptors, *none)
-    return KeypointImage.of(
-        Detections(unsegmented(Image(frame, None, grey)), Candidates.of(Regions.empty()), features)
-    )
+    return KeypointImage.of_corners(CAMERA, grey, *tie_corners(grey, FeatureSettings()))
 
 
 @pytest.fixture(scope="module")
@@ -80,20 +61,6 @@ def off_px(tied, rotation, direction):
     return np.linalg.norm(tied.current[low] - expected, axis=1)
 
 
-def test_the_coarse_motion_finds_the_turn(pair):
-    before, now, rotation, _ = pair
-    fit, agreeing = find_coarse_motion(before, now, PRIOR, np.eye(3), 60.0)
-    assert agreeing > 30
-    turn = Rotation.from_matrix(fit.rotation @ rotation.T).magnitude()
-    assert np.degrees(turn) < 0.5
-
-
-def test_too_few_corners_give_no_motion(pair):
-    before, _, _, _ = pair
-    blank = view(np.full((700, 900), 80, np.uint8))
-    assert find_coarse_motion(before, blank, PRIOR, np.eye(3), 60.0) == (None, 0)
-
-
 def test_knowing_the_road_ties_more_of_it_and_places_it_better(pair):
     _, _, rotation, direction = pair
     ground = GroundPlane(np.array([0.0, 1.0, 0.0]), HEIGHT, BASELINE)
@@ -113,9 +80,3 @@ def test_a_match_is_registered_once(pair):
     second = register_ties(PairMotion(*pair), last=first)
     np.testing.assert_array_equal(first.rows, second.rows)
     np.testing.assert_array_equal(first.current, second.current)
-
-
-def test_an_image_without_pixels_is_no_view():
-    frame = Frame(0, 0, None, USED, "jpeg", b"", CAMERA, 900, 700)
-    detections = Detections(unsegmented(Image(frame, None, None)), Candidates.of(Regions.empty()))
-    assert KeypointImage.of(detections) is None
