@@ -458,23 +458,23 @@ def test_many_chunks_are_bounded_together_by_what_lz4_can_reach(tmp_path, monkey
         assert len(found) == 30
 
 
-def test_nested_heads_of_chunks_do_not_cost_the_square_of_the_size(tmp_path, monkeypatch):
-    def heads(count):
-        size, content = 60 * count, b""
-        for k in range(count):
-            left = size - 60 * k - 9
-            packed = struct.pack("<Q", left - 40)
-            head = struct.pack("<QQQI", 1, 2, left - 40, 1) + text(b"") + packed
-            content += (struct.pack("<BQ", 6, left) + head).ljust(60, b"\x00")
-        return content
-
-    tried = []
-    parse_head = records.parse_head
-    monkeypatch.setattr(records, "parse_head", lambda *of: tried.append(of[1]) or parse_head(*of))
+def test_chunks_that_each_reach_over_all_later_ones_do_not_cost_the_square_of_the_size(
+    tmp_path, monkeypatch
+):
+    sizes, parse_record = [], records.parse_record
+    monkeypatch.setattr(
+        records, "parse_record", lambda kind, of: sizes.append(len(of)) or parse_record(kind, of)
+    )
 
     def cost(count):
-        tried.clear()
-        read_made(tmp_path, heads(count), END)
-        return len(tried)
+        sound = chunk(GOOD)
+        step, content = len(sound) + 49, b""
+        for k in range(count):
+            left = step * (count - k) - len(sound) - 9 + 20  # where no record can begin
+            head = struct.pack("<QQQI", 1, 2, left - 40, 1) + text(b"")
+            content += sound + struct.pack("<BQ", 6, left) + head + struct.pack("<Q", left - 40)
+        sizes.clear()
+        read_made(tmp_path, content, bytes(99), END)
+        return sum(sizes)
 
-    assert cost(4000) < 5 * cost(1000)
+    assert cost(800) < 5 * cost(200)
