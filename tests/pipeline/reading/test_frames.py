@@ -111,15 +111,6 @@ def test_free_text_formats_of_ros_images_are_understood(new_log):
     assert [(f.width, f.height) for f in frames] == [(WIDTH, HEIGHT)] * 4
 
 
-def test_odometry_brings_its_sigmas(new_log):
-    frames, report = read(new_log("cdr").drive(8, odometry=pose_of))
-    assert report.motion_source == "odometry"
-    for index, frame in enumerate(frames):
-        assert_pose(frame, index * STEP)
-        assert frame.pose.source == "odometry"
-        assert (frame.pose.sigma_m, frame.pose.sigma_rad) == pytest.approx((0.2, 0.01))
-
-
 def test_odometry_of_a_vehicle_without_mount_looks_straight_ahead_and_says_so(new_log):
     def of_vehicle(index):
         return {"child": "base_link"} | pose_content(index * STEP, np.eye(3))
