@@ -153,8 +153,8 @@ class Ros2:
         "fix": "sensor_msgs/msg/NavSatFix",
     }
 
-    def __init__(self):
-        self.store = get_typestore(Stores.ROS2_HUMBLE)
+    def __init__(self, store=Stores.ROS2_HUMBLE):
+        self.store = get_typestore(store)
 
     def schema(self, name):
         return self.store.generate_msgdef(name, ros_version=2)[0].encode()
@@ -165,7 +165,7 @@ class Ros2:
     def message(self, name, content):
         """A message of this type; what of it is not in the content is zero or empty."""
         _, fields = self.store.fielddefs[name]
-        values = [self.value(kind, content.get(field)) for field, kind in fields]
+        values = [self.value(kind, content.get(field.lower())) for field, kind in fields]
         return self.store.types[name](*values)
 
     def value(self, kind, content):
