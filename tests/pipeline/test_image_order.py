@@ -72,38 +72,17 @@ def test_a_counter_that_starts_again_is_followed_by_the_dates(take, imported, pr
 
 
 UNEVEN = "the numbers in the names do not rise evenly"
+AGAIN, MISSING = "numbers start again or go back", "missing numbers"
+GROUPS = [f"G00{group}000{k}.JPG" for group in (1, 2) for k in (1, 2, 4)]
+TENS = [k // 4 for k in range(10)]
+GAPS = names("DSC_", [9996, 9998, 2, 3])  # without 9997, 9999 and 1
 ORDERS = {
-    "a counter starts again without dates": (
-        names("DSC_", WRAPPED),
-        [None] * 11,
-        [10.0] * 10,
-        ["numbers start again or go back"],
-    ),
-    "numbers are missing where it starts again": (
-        names("DSC_", [9996, 9998, 2, 3]),  # without 9997, 9999 and 1
-        [0, 1, 2, 3],
-        [20.0, 30.0, 10.0],
-        ["numbers start again or go back", "missing numbers"],
-    ),
-    "dates tell that it did not": (
-        names("DSC_", [1, 2, 3, 9998, 9999]),
-        [0, 1, 2, 3, 4],
-        [10.0] * 4,
-        [UNEVEN],
-    ),
-    "within a second numbers decide": (
-        names("I_", range(10)),
-        [k // 4 for k in range(10)],
-        [10.0] * 9,
-        [],
-    ),
-    "the same date everywhere": (names("I_", range(1, 5)), [7] * 4, [10.0] * 3, []),
-    "groups of a series are counted each": (
-        [f"G00{group}000{k}.JPG" for group in (1, 2) for k in (1, 2, 4)],
-        range(6),
-        [10.0, 20.0, 10.0, 10.0, 20.0],
-        ["missing numbers"],
-    ),
+    "it starts again": (names("DSC_", WRAPPED), [None] * 11, [10.0] * 10, [AGAIN]),
+    "with numbers missing": (GAPS, range(4), [20.0, 30.0, 10.0], [AGAIN, MISSING]),
+    "it did not": (names("DSC_", [1, 2, 3, 9998, 9999]), range(5), [10.0] * 4, [UNEVEN]),
+    "within a second": (names("I_", range(10)), TENS, [10.0] * 9, []),
+    "the same date": (names("I_", range(1, 5)), [7] * 4, [10.0] * 3, []),
+    "groups": (GROUPS, range(6), [10.0, 20.0, 10.0, 10.0, 20.0], [MISSING]),
 }
 """Names in their order, seconds of capture, distances, and the beginnings of what is said."""
 

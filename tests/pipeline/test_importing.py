@@ -29,6 +29,13 @@ def frames_of(log, **settings):
     return list(read_frames(log, ReadSettings(**settings), ReadReport()))
 
 
+def imported(files, calibration, out):
+    """The frames of the log of these images, and what was said of them."""
+    said = []
+    import_images(files, calibration, 10.0, out, warn=said.append)
+    return frames_of(out), said
+
+
 def test_images_become_a_log_that_needs_no_spacing(tmp_path, calibration):
     folder = tmp_path / "images"
     folder.mkdir()
@@ -104,21 +111,17 @@ def test_the_log_is_read_by_the_stock_reader_with_the_published_schemas(tmp_path
     assert (tmp_path / "again.mcap").read_bytes() == out.read_bytes()
 
 
+SIZES = r"wide\.jpg: the image has 40 x 24 .* is for 32 x 24"
+
+
 @pytest.mark.parametrize(
     ("names", "spacing", "error", "words"),
     [
-        (
-            ["1.jpg", "wide.jpg"],
-            8.0,
-            InputError,
-            r"wide\.jpg: the image has 40 x 24 .* is for 32 x 24",
-        ),
+        (["1.jpg", "wide.jpg"], 8.0, InputError, SIZES),
         (["words.jpg"], 8.0, InputError, r"none of 1 files .* words\.jpg: no JPEG or PNG"),
         (["none.jpg"], 8.0, InputError, r"none\.jpg: no such file"),
         (["empty"], 8.0, UsageError, "no images to import"),
-        (["1.jpg"], 0.0, UsageError, "--spacing"),
-        (["1.jpg"], -1.0, UsageError, "--spacing"),
-        (["1.jpg"], float("nan"), UsageError, "--spacing"),
+        *((["1.jpg"], spacing, UsageError, "--spacing") for spacing in (0.0, -1.0, float("nan"))),
     ],
 )
 def test_what_cannot_be_imported_is_refused_and_no_log_is_left(
@@ -134,13 +137,6 @@ def test_what_cannot_be_imported_is_refused_and_no_log_is_left(
     assert not list(tmp_path.glob("drive*"))
     with pytest.raises(OutputError, match="the file cannot be written: No such file"):
         import_images([tmp_path / "1.jpg"], calibration, 8.0, tmp_path / "none" / "drive.mcap")
-
-
-def imported(files, calibration, out):
-    """The frames of the log of these images, and what was said of them."""
-    said = []
-    import_images(files, calibration, 10.0, out, warn=said.append)
-    return frames_of(out), said
 
 
 @pytest.mark.parametrize(
@@ -200,8 +196,8 @@ def test_what_cannot_be_imported_is_left_out_and_named(tmp_path, calibration, co
     latin = os.fsdecode(bytes(folder) + b"/P\xe9.jpg")
     os.rename(write_image(folder / "P10.jpg"), latin)
     out = tmp_path / "drive.mcap"
-    line = ["import", folder, "--calibration", calibration, "--spacing", "8m", "-o", out]
-    done = command(*line)
+    line = ["--calibration", calibration, "--spacing", "8m", "-o", out]
+    done = command("import", folder, *line)
     assert done.returncode == 4
     assert [f.name for f in frames_of(out)] == ["P1.jpg", "P2.jpg", "P9.jpg"]
     for words in (
@@ -215,12 +211,10 @@ def test_what_cannot_be_imported_is_left_out_and_named(tmp_path, calibration, co
         "and 1 more",
     ):
         assert words in done.stderr
-    line[1] = latin
-    refused = command(*line)
+    refused = command("import", latin, *line)
     assert refused.returncode == 3
     assert "P\\udce9.jpg: its name is no UTF-8" in refused.stderr
-    line[1] = folder / "P3.jpg"
-    assert command(*line).returncode == 3
+    assert command("import", folder / "P3.jpg", *line).returncode == 3
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")

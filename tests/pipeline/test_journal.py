@@ -52,15 +52,9 @@ def detections(index, rows=5, points=7, optional=True):
         rng.integers(0, 256, (points, 32)).astype(np.uint8),
         *dataclasses.astuple(Features.empty())[2:],
     )
-    seen = Segmentation(
-        image(index),
-        Regions.empty(),
-        rows + 3,
-        np.zeros((0, 3), np.float32),
-        np.zeros(0, np.float32),
-        (0, 0),
-        dropped=Dropped(index, 2, 3),
-    )
+    colors, none = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+    regions, dropped = Regions.empty(), Dropped(index, 2, 3)
+    seen = Segmentation(image(index), regions, rows + 3, colors, none, (0, 0), dropped=dropped)
     return Detections(seen, found, features)
 
 
