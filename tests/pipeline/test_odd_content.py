@@ -33,6 +33,7 @@ image_height: 480
 camera_matrix: {rows: 3, cols: 3, data: [438., 0., 305., 0., 437., 243., 0., 0., 1.]}
 distortion_coefficients: {rows: 1, cols: 5, data: [-0.3, 0.1, 0., 0., 0.]}
 """
+YAML = ["\0", "[" * 50_000, "2001-13-45", "a: &a [*a]", "{[]: 1}"]
 
 
 def result(folder, **columns):
@@ -46,32 +47,27 @@ def result(folder, **columns):
     return folder
 
 
-def labels(folder, text):
-    (folder / "data.yaml").write_text(text)
-    return read_labels(folder)
-
-
-def parts(folder, text):
-    (folder / "metadata.yaml").write_text(text)
-    return bag_parts(folder)
-
-
-LISTING = "rosbag2_bagfile_information: {relative_file_paths: [*a11]}"
 READERS = {
-    "not a camera": (
-        lambda folder, text: parse_camera(text, ""),
+    "not a camera calibration": (
         CAMERA + "distortion_model: *a11",
+        lambda folder, text: parse_camera(text, "camera.yaml"),
     ),
-    "not labels": (labels, "names: [*a11]"),
-    "of the ROS 2 bag directory cannot be read": (parts, LISTING),
+    "not labels": (
+        "names: [*a11]",
+        lambda folder, text: (folder / "data.yaml").write_text(text) and read_labels(folder),
+    ),
+    "of the ROS 2 bag directory cannot be read": (
+        "rosbag2_bagfile_information: {relative_file_paths: [*a11]}",
+        lambda folder, text: (folder / "metadata.yaml").write_text(text) and bag_parts(folder),
+    ),
 }
-"""What each reader of YAML says, the reader, and a text of its kind that grows without end."""
+"""What each reader of YAML says, with a text of its kind that grows without end."""
 
 
-@pytest.mark.parametrize("text", [None, "\0", "[" * 50_000, "2001-13-45", "a: &a [*a]", "{[]: 1}"])
+@pytest.mark.parametrize("text", [None, *YAML])
 @pytest.mark.parametrize("wanted", READERS)
 def test_yaml_that_cannot_be_read_is_refused(tmp_path, wanted, text):
-    read, growing = READERS[wanted]
+    growing, read = READERS[wanted]
     with pytest.raises(InputError, match=wanted):
         read(tmp_path, GROWING + growing if text is None else text)
 

@@ -252,14 +252,6 @@ def test_a_calibration_attached_to_the_log_is_used(new_log, name, media_type):
     assert report.calibration_source == f"attachment {name}"
 
 
-def test_images_before_the_first_fix_are_counted_and_those_after_the_last_are_used(new_log):
-    path = new_log().drive(40, fix=lambda index: fix_of(index) if 16 <= index < 20 else None)
-    frames, report = read(path)
-    assert [f.status for f in frames] == ["no_position"] * 16 + ["used"] * 24
-    assert [f.fix is not None for f in frames if f.used] == [True] * 4 + [False] * 20
-    assert report.statuses == {"no_position": 16, "used": 24}
-
-
 @pytest.mark.parametrize(
     ("spacing", "thin", "apart"),
     [(8.04672, 8.0, 1), (6.1, 8.0, 1), (5.0, 8.0, 2), (1.0, 8.0, 8), (3.0, 0.0, 1), (2.0, 8.5, 4)],

@@ -190,11 +190,15 @@ def test_messages_that_wait_for_a_slow_disk_keep_their_header_times(new_log):
 @pytest.mark.parametrize(
     ("keep", "unused"), [(range(8, COUNT), 8), (range(16), 0), (set(range(COUNT)) - {9}, 0)]
 )
-def test_poses_for_a_part_only_lose_no_image_behind_the_first_pose(new_log, keep, unused):
-    rows = [row for row in messages(("/gps",)) if row[0] != "/pose" or row[1] in keep]
+@pytest.mark.parametrize(("source", "other"), [("/pose", "/gps"), ("/gps", "/pose")])
+def test_poses_or_fixes_for_a_part_only_lose_no_image_behind_the_first(
+    new_log, keep, unused, source, other
+):
+    rows = [row for row in messages((other,)) if row[0] != source or row[1] in keep]
     path = write(new_log, rows)
     frames, report = read(path)
     assert [f.status for f in frames] == ["no_position"] * unused + ["used"] * (COUNT - unused)
+    assert report.statuses.get("no_position", 0) == unused
     lost = "have no pose or fix near their time and are left out"
     assert [n.split()[0] for n in report.notes if lost in n] == [str(unused)] * (unused > 0)
     frames, _ = read(path, spacing_m=8.0)
