@@ -82,6 +82,11 @@ ORDERS = {
     "it did not": (names("DSC_", [1, 2, 3, 9998, 9999]), range(5), [10.0] * 4, [UNEVEN]),
     "within a second": (names("I_", range(10)), TENS, [10.0] * 9, []),
     "the same date": (names("I_", range(1, 5)), [7] * 4, [10.0] * 3, []),
+    "every second": (["a2.jpg", "a4.jpg", "a10.jpg"], [None] * 3, [10.0, 30.0], [MISSING]),
+    "no step": (["a10.jpg", "a25.jpg", "a31.jpg"], [None] * 3, [10.0] * 2, [UNEVEN]),
+    "a leap": (["a1.jpg", "a2.jpg", "a900.jpg"], [None] * 3, [10.0] * 2, [UNEVEN]),
+    "two names": (["a1.jpg", "b1.jpg"], [None] * 2, [10.0], [UNEVEN]),
+    "no numbers": (["first.jpg", "second.jpg"], [None] * 2, [10.0], [UNEVEN]),
     "groups": (GROUPS, range(6), [10.0, 20.0, 10.0, 10.0, 20.0], [MISSING]),
 }
 """Names in their order, seconds of capture, distances, and the beginnings of what is said."""

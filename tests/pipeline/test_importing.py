@@ -12,7 +12,6 @@ from PIL import Image
 
 from wayside.pipeline.logs.importing import import_images
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.reading.image_order import counted
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.settings import ReadSettings
 
@@ -73,22 +72,6 @@ def test_missing_numbers_are_missing_distances_and_are_said_by_import_and_by_a_r
     uneven = [write_image(tmp_path / f"P{n}.jpg") for n in (110, 125, 131)]
     _, (words,) = imported(uneven, calibration, tmp_path / "uneven.mcap")
     assert words.startswith("the numbers in the names do not rise evenly")
-
-
-@pytest.mark.parametrize(
-    ("names", "counts"),
-    [
-        (["a1", "a2", "a5"], [1, 2, 5]),
-        (["a2", "a4", "a10"], [1, 2, 5]),
-        (["a10", "a25", "a31"], None),
-        (["a1", "a2", "a900"], None),
-        (["a1", "b1"], None),
-        (["first", "second"], None),
-        (["a7"], None),
-    ],
-)
-def test_images_are_counted_by_their_numbers_where_these_are_even(names, counts):
-    assert counted([Path(f"{name}.jpg") for name in names]) == counts
 
 
 def test_the_log_is_read_by_the_stock_reader_with_the_published_schemas(tmp_path, calibration):
