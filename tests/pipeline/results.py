@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
 from wayside.pipeline.logs.importing import import_images
-from wayside.pipeline.reading.camera_file import format_camera
+from wayside.pipeline.reading.calibrations import format_camera
 from wayside.schemas.frame import Camera
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 

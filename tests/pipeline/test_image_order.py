@@ -71,28 +71,34 @@ def test_a_counter_that_starts_again_is_followed_by_the_dates(take, imported, pr
     assert said == [f"numbers start again or go back: {prefix}0001.JPG behind {prefix}9999.JPG"]
 
 
-def test_a_counter_that_starts_again_is_followed_without_dates(take, imported):
-    wanted = names("DSC_", WRAPPED)
-    found, _, said = imported([take(f"in/{name}") for name in wanted])
-    assert found == wanted
-    assert len(said) == 1
+UNEVEN = "the numbers in the names do not rise evenly"
+AGAIN, MISSING = "numbers start again or go back", "missing numbers"
+GROUPS = [f"G00{group}000{k}.JPG" for group in (1, 2) for k in (1, 2, 4)]
+TENS = [k // 4 for k in range(10)]
+GAPS = names("DSC_", [9996, 9998, 2, 3])  # without 9997, 9999 and 1
+ORDERS = {
+    "it starts again": (names("DSC_", WRAPPED), [None] * 11, [10.0] * 10, [AGAIN]),
+    "with numbers missing": (GAPS, range(4), [20.0, 30.0, 10.0], [AGAIN, MISSING]),
+    "it did not": (names("DSC_", [1, 2, 3, 9998, 9999]), range(5), [10.0] * 4, [UNEVEN]),
+    "within a second": (names("I_", range(10)), TENS, [10.0] * 9, []),
+    "the same date": (names("I_", range(1, 5)), [7] * 4, [10.0] * 3, []),
+    "every second": (["a2.jpg", "a4.jpg", "a10.jpg"], [None] * 3, [10.0, 30.0], [MISSING]),
+    "no step": (["a10.jpg", "a25.jpg", "a31.jpg"], [None] * 3, [10.0] * 2, [UNEVEN]),
+    "a leap": (["a1.jpg", "a2.jpg", "a900.jpg"], [None] * 3, [10.0] * 2, [UNEVEN]),
+    "two names": (["a1.jpg", "b1.jpg"], [None] * 2, [10.0], [UNEVEN]),
+    "no numbers": (["first.jpg", "second.jpg"], [None] * 2, [10.0], [UNEVEN]),
+    "groups": (GROUPS, range(6), [10.0, 20.0, 10.0, 10.0, 20.0], [MISSING]),
+}
+"""Names in their order, seconds of capture, distances, and the beginnings of what is said."""
 
 
-def test_numbers_are_missing_where_a_counter_starts_again(take, imported):
-    wanted = names("DSC_", [9996, 9998, 2, 3])  # without 9997, 9999 and 1
-    found, spacing, said = imported([take(f"in/{n}", k) for k, n in enumerate(wanted)])
-    assert found == wanted
-    assert spacing == [None, 20.0, 30.0, 10.0]
-    assert "missing numbers: 3 (1 after DSC_9996.JPG, 2 after DSC_9998.JPG)" in said[-1]
-
-
-def test_dates_keep_the_order_of_names_where_a_counter_could_have_started_again(take, imported):
-    wanted = names("DSC_", [1, 2, 3, 9998, 9999])
-    found, _, said = imported([take(f"in/{n}", k) for k, n in enumerate(wanted)])
-    assert found == wanted
-    assert [words.split(":")[0] for words in said] == [
-        "the numbers in the names do not rise evenly"
-    ]
+@pytest.mark.parametrize("order", ORDERS)
+def test_images_are_in_the_order_of_their_numbers(take, imported, order):
+    wanted, seconds, steps, words = ORDERS[order]
+    paths = [take(f"in/{n}", s, exact=False) for n, s in zip(wanted, seconds, strict=True)]
+    found, spacing, said = imported(paths[::-1])
+    assert (found, spacing) == (wanted, [None, *steps])
+    assert [line.split(":")[0] for line in said] == words
 
 
 @pytest.mark.parametrize(
@@ -128,20 +134,6 @@ def test_two_cameras_in_one_folder_are_refused(take, imported):
         imported([path.parent])
 
 
-def test_numbers_decide_within_a_second(take, imported):
-    wanted = names("I_", range(10))
-    assert (
-        imported([take(f"in/{n}", k // 4, exact=False) for k, n in enumerate(wanted)])[0] == wanted
-    )
-
-
-@pytest.mark.parametrize("date", [None, 7.0])
-def test_dates_that_are_missing_or_all_the_same_say_nothing(take, imported, date):
-    wanted = names("I_", range(1, 5))
-    found, _, said = imported([take(f"in/{name}", date) for name in reversed(wanted)])
-    assert (found, said) == (wanted, [])
-
-
 def test_dates_of_change_say_nothing(take, imported):
     wanted = names("I_", range(1, 5))
     for k, name in enumerate(wanted):
@@ -151,14 +143,14 @@ def test_dates_of_change_say_nothing(take, imported):
 
 def test_offsets_of_time_zones_count_where_all_dates_have_one(take, imported):
     wanted = names("I_", range(1, 5))  # a border is passed after the second image
-    for k, name in enumerate(wanted):
-        local = f"2024:06:10 {15 - (k > 1)}:00:0{k}"
-        path = take(f"in/{name}", 0, taken=local, offset="+02:00" if k < 2 else "+01:00")
-    assert imported([path.parent])[0] == wanted
-    for k, name in enumerate(wanted):
-        take(f"in/{name}", 0, taken=f"2024:06:10 {15 - (k > 1)}:00:0{k}")
+    for offset in (("+02:00", "+01:00"), ("", "")):
+        for k, name in enumerate(wanted):
+            local = f"2024:06:10 {15 - (k > 1)}:00:0{k}"
+            folder = take(f"in/{name}", 0, taken=local, offset=offset[k > 1]).parent
+        if any(offset):
+            assert imported([folder])[0] == wanted
     with pytest.raises(InputError, match="dates of capture"):
-        imported([path.parent])
+        imported([folder])
 
 
 @pytest.mark.parametrize("dated", [True, False])
@@ -200,14 +192,6 @@ def test_folders_of_any_names_are_in_the_order_of_their_dates(take, imported):
     assert imported([later, earlier])[0] == ["6.jpg", "7.jpg", "1.jpg", "2.jpg"]
 
 
-def test_groups_of_a_series_are_counted_each(take, imported):
-    wanted = [f"G00{group}000{k}.JPG" for group in (1, 2) for k in (1, 2, 4)]
-    found, spacing, said = imported([take(f"in/{n}", k) for k, n in enumerate(wanted)])
-    assert found == wanted
-    assert spacing == [None, 10.0, 20.0, 10.0, 10.0, 20.0]
-    assert [words.split(":")[0] for words in said] == ["missing numbers"]
-
-
 def test_dates_of_copies_are_no_witness(take, imported):
     paths = [take(f"in/{k}.jpg", k) for k in (1, 2, 3)]
     paths.append(Path(shutil.copy(paths[0], paths[0].with_name("4.jpg"))))
@@ -242,21 +226,17 @@ def test_the_command_forces_an_order(take, command, tmp_path, calibration):
     assert command(*line, out, "--order", "size").returncode == 2
 
 
-@pytest.mark.parametrize("tag", range(2, 9))
-def test_an_image_that_is_to_be_shown_otherwise_than_it_is_stored_is_refused(take, imported, tag):
-    paths = [take("in/1.jpg", 1), take("in/2.jpg", 2, orientation=tag)]
-    with pytest.raises(InputError, match=r"2\.jpg: its Exif orientation .*exiftran"):
-        imported(paths)
-
-
-@pytest.mark.parametrize("tag", [0, 1, 9])
-def test_orientations_that_say_nothing_are_imported(take, imported, tag):
-    assert imported([take("in/1.jpg", 1, orientation=tag)])[0] == ["1.jpg"]
-
-
-def test_the_orientation_of_a_png_is_read(imported, tmp_path):
+@pytest.mark.parametrize("tag", range(10))
+def test_an_image_that_is_to_be_shown_otherwise_than_it_is_stored_is_refused(
+    take, imported, tmp_path, tag
+):
+    jpeg, png = take("in/1.jpg", 1, orientation=tag), tmp_path / "1.png"
     exif = Image.Exif()
-    exif[0x0112] = 6
-    Image.new("RGB", (32, 24)).save(tmp_path / "1.png", exif=exif)
-    with pytest.raises(InputError, match=r"1\.png: .* turned by 90 degrees clockwise"):
-        imported([tmp_path / "1.png"])
+    exif[0x0112] = tag
+    Image.new("RGB", (32, 24)).save(png, exif=exif)
+    for path in (jpeg, png):
+        if tag in range(2, 9):
+            with pytest.raises(InputError, match=rf"{path.name}: its Exif orientation .*exiftran"):
+                imported([path])
+        else:
+            assert imported([path])[0] == [path.name]

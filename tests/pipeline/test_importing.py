@@ -12,7 +12,6 @@ from PIL import Image
 
 from wayside.pipeline.logs.importing import import_images
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.reading.image_order import counted
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.settings import ReadSettings
 
@@ -27,6 +26,13 @@ def write_image(path, width=32, height=24):
 
 def frames_of(log, **settings):
     return list(read_frames(log, ReadSettings(**settings), ReadReport()))
+
+
+def imported(files, calibration, out):
+    """The frames of the log of these images, and what was said of them."""
+    said = []
+    import_images(files, calibration, 10.0, out, warn=said.append)
+    return frames_of(out), said
 
 
 def test_images_become_a_log_that_needs_no_spacing(tmp_path, calibration):
@@ -48,29 +54,24 @@ def test_images_become_a_log_that_needs_no_spacing(tmp_path, calibration):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["camera.yaml", "drive.mcap", "images"]
 
 
-def test_missing_numbers_are_missing_distances(tmp_path, calibration):
-    files = [write_image(tmp_path / f"{n:04d}.png") for n in (3, 4, 6, 7)]
+def test_missing_numbers_are_missing_distances_and_are_said_by_import_and_by_a_run(
+    tmp_path, calibration
+):
+    files = [write_image(tmp_path / f"P{n}.png") for n in (12, 14, 15, 18)]
     out = tmp_path / "drive.mcap"
-    import_images(files, calibration, 10.0, out)
-    assert [f.spacing_m for f in frames_of(out)] == [None, 10.0, 20.0, 10.0]
+    frames, said = imported(files, calibration, out)
+    assert [f.spacing_m for f in frames] == [None, 20.0, 10.0, 30.0]
     given = frames_of(out, spacing_m=9.0)  # --spacing is the distance between images as they are
     assert [f.spacing_m for f in given] == [None, 9.0, 9.0, 9.0]
-
-
-@pytest.mark.parametrize(
-    ("names", "counts"),
-    [
-        (["a1", "a2", "a5"], [1, 2, 5]),
-        (["a2", "a4", "a10"], [1, 2, 5]),
-        (["a10", "a25", "a31"], None),
-        (["a1", "a2", "a900"], None),
-        (["a1", "b1"], None),
-        (["first", "second"], None),
-        (["a7"], None),
-    ],
-)
-def test_images_are_counted_by_their_numbers_where_these_are_even(names, counts):
-    assert counted([Path(f"{name}.jpg") for name in names]) == counts
+    report = ReadReport()
+    list(read_frames(out, ReadSettings(), report))
+    for words in (*said, *report.notes):
+        assert "missing numbers" in words
+        assert "1 after P12.png, 2 after P15.png" in words
+    assert (len(said), len(report.notes)) == (1, 1)
+    uneven = [write_image(tmp_path / f"P{n}.jpg") for n in (110, 125, 131)]
+    _, (words,) = imported(uneven, calibration, tmp_path / "uneven.mcap")
+    assert words.startswith("the numbers in the names do not rise evenly")
 
 
 def test_the_log_is_read_by_the_stock_reader_with_the_published_schemas(tmp_path, calibration):
@@ -89,31 +90,21 @@ def test_the_log_is_read_by_the_stock_reader_with_the_published_schemas(tmp_path
     assert list(camera.D) == [-0.2, 0.1, 0.0, 0.0, 0.5]
     assert list(camera.P) == [50, 0, 16, 0, 0, 51, 12, 0, 0, 0, 1, 0]
     assert metadata["wayside"]["spacing_m"] == "8.0"
+    import_images([file], calibration, 8.0, tmp_path / "again.mcap")
+    assert (tmp_path / "again.mcap").read_bytes() == out.read_bytes()
 
 
-def test_the_same_images_give_the_same_bytes(tmp_path, calibration):
-    files = [write_image(tmp_path / f"{n}.jpg") for n in range(3)]
-    logs = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
-    for log in logs:
-        import_images(files, calibration, 8.0, log)
-    assert logs[0].read_bytes() == logs[1].read_bytes()
+SIZES = r"wide\.jpg: the image has 40 x 24 .* is for 32 x 24"
 
 
 @pytest.mark.parametrize(
     ("names", "spacing", "error", "words"),
     [
-        (
-            ["1.jpg", "wide.jpg"],
-            8.0,
-            InputError,
-            r"wide\.jpg: the image has 40 x 24 .* is for 32 x 24",
-        ),
+        (["1.jpg", "wide.jpg"], 8.0, InputError, SIZES),
         (["words.jpg"], 8.0, InputError, r"none of 1 files .* words\.jpg: no JPEG or PNG"),
         (["none.jpg"], 8.0, InputError, r"none\.jpg: no such file"),
         (["empty"], 8.0, UsageError, "no images to import"),
-        (["1.jpg"], 0.0, UsageError, "--spacing"),
-        (["1.jpg"], -1.0, UsageError, "--spacing"),
-        (["1.jpg"], float("nan"), UsageError, "--spacing"),
+        *((["1.jpg"], spacing, UsageError, "--spacing") for spacing in (0.0, -1.0, float("nan"))),
     ],
 )
 def test_what_cannot_be_imported_is_refused_and_no_log_is_left(
@@ -131,73 +122,47 @@ def test_what_cannot_be_imported_is_refused_and_no_log_is_left(
         import_images([tmp_path / "1.jpg"], calibration, 8.0, tmp_path / "none" / "drive.mcap")
 
 
-def imported(files, calibration, out):
-    """The frames of the log of these images, and what was said of them."""
-    said = []
-    import_images(files, calibration, 10.0, out, warn=said.append)
-    return frames_of(out), said
-
-
-def test_names_of_images_travel_in_the_log(tmp_path, calibration):
-    files = [write_image(tmp_path / name) for name in ("US 36_0007.jpg", "US 36_0008.jpg")]
-    frames, said = imported(files, calibration, tmp_path / "drive.mcap")
-    assert [f.name for f in frames] == ["US 36_0007.jpg", "US 36_0008.jpg"]
-    assert [f.date for f in frames] == ["", ""]
-    assert said == []
-
-
 @pytest.mark.parametrize(
     ("tag", "written", "read"),
     [
         (0x9003, "2009:05:14 10:31:07", "2009-05-14 10:31:07"),
         (0x0132, "2009:05:14 10:31:07", "2009-05-14 10:31:07"),
         (0x9003, "    :  :     :  :  ", ""),
+        (0x9003, None, ""),
     ],
 )
-def test_dates_that_cameras_wrote_travel_in_the_log(tmp_path, calibration, tag, written, read):
-    exif = Image.Exif()
-    (exif if tag == 0x0132 else exif.get_ifd(0x8769))[tag] = written
-    file = tmp_path / "1.jpg"
-    Image.open(write_image(tmp_path / "plain.png")).save(file, exif=exif)
-    frames, _ = imported([file], calibration, tmp_path / "drive.mcap")
-    assert [f.date for f in frames] == [read]
-
-
-def test_a_copy_that_was_numbered_anew_is_said_and_adds_no_distance(tmp_path, calibration):
-    files = [write_image(tmp_path / f"{n}.jpg") for n in (1, 2, 4, 5)]
-    files.append(Path(shutil.copy(tmp_path / "2.jpg", tmp_path / "3.jpg")))
-    frames, said = imported(files, calibration, tmp_path / "drive.mcap")
-    assert [f.status for f in frames] == ["used", "used", "duplicate", "used", "used"]
-    assert [f.spacing_m for f in frames] == [None, 10.0, None, 10.0, 10.0]
-    assert ["3.jpg of 2.jpg" in words for words in said] == [True]
-
-
-def test_a_copy_under_a_name_of_the_file_manager_leaves_the_numbers_of_the_others(
-    tmp_path, calibration
+def test_names_and_dates_that_cameras_wrote_travel_in_the_log(
+    tmp_path, calibration, tag, written, read
 ):
-    files = [write_image(tmp_path / f"{n:04d}.jpg") for n in (1, 2, 4)]
-    files += [
-        Path(shutil.copy(tmp_path / "0002.jpg", tmp_path / f"0002 ({n}).jpg")) for n in (1, 2)
-    ]
-    frames, said = imported(files, calibration, tmp_path / "drive.mcap")
-    assert [f.name for f in frames if f.used] == ["0001.jpg", "0002.jpg", "0004.jpg"]
-    assert [f.spacing_m for f in frames if f.used] == [None, 10.0, 20.0]
-    assert len({f.name for f in frames}) == 5
-    assert len(said) == 2  # copies, and the number that is missing
+    exif = Image.Exif()
+    if written:
+        (exif if tag == 0x0132 else exif.get_ifd(0x8769))[tag] = written
+    file = tmp_path / "US 36_0007.jpg"
+    Image.open(write_image(tmp_path / "plain.png")).save(file, exif=exif)
+    frames, said = imported([file], calibration, tmp_path / "drive.mcap")
+    assert [(f.name, f.date) for f in frames] == [("US 36_0007.jpg", read)]
+    assert said == []
 
 
-def test_missing_numbers_are_said_by_import_and_by_a_run(tmp_path, calibration):
-    files = [write_image(tmp_path / f"P{n}.jpg") for n in (12, 14, 15, 18)]
-    _, said = imported(files, calibration, tmp_path / "drive.mcap")
-    report = ReadReport()
-    list(read_frames(tmp_path / "drive.mcap", ReadSettings(), report))
-    for words in (*said, *report.notes):
-        assert "missing numbers" in words
-        assert "1 after P12.jpg, 2 after P15.jpg" in words
-    assert (len(said), len(report.notes)) == (1, 1)
-    uneven = [write_image(tmp_path / f"P{n}.jpg") for n in (110, 125, 131)]
-    _, (words,) = imported(uneven, calibration, tmp_path / "uneven.mcap")
-    assert words.startswith("the numbers in the names do not rise evenly")
+@pytest.mark.parametrize(
+    ("copies", "spacing"),
+    [
+        (["0003.jpg"], [None, 10.0, None, 10.0, 10.0]),
+        (["0002 (1).jpg", "0002 (2).jpg"], [None, 10.0, None, None, 20.0, 10.0]),
+    ],
+)
+def test_a_copy_is_said_adds_no_distance_and_leaves_the_numbers_of_the_others(
+    tmp_path, calibration, copies, spacing
+):
+    originals = [f"{n:04d}.jpg" for n in (1, 2, 4, 5)]
+    files = [write_image(tmp_path / name) for name in originals]
+    files += [shutil.copy(tmp_path / "0002.jpg", tmp_path / name) for name in copies]
+    frames, said = imported(map(Path, files), calibration, tmp_path / "drive.mcap")
+    assert [f.name for f in frames if f.status == "used"] == originals
+    assert [f.name for f in frames if f.status == "duplicate"] == copies
+    assert [f.spacing_m for f in frames] == spacing
+    assert f"{copies[0]} of 0002.jpg" in said[0]
+    assert ["missing numbers" in words for words in said[1:]] == [True] * (len(copies) - 1)
 
 
 def test_what_cannot_be_imported_is_left_out_and_named(tmp_path, calibration, command):
@@ -214,8 +179,8 @@ def test_what_cannot_be_imported_is_left_out_and_named(tmp_path, calibration, co
     latin = os.fsdecode(bytes(folder) + b"/P\xe9.jpg")
     os.rename(write_image(folder / "P10.jpg"), latin)
     out = tmp_path / "drive.mcap"
-    line = ["import", folder, "--calibration", calibration, "--spacing", "8m", "-o", out]
-    done = command(*line)
+    line = ["--calibration", calibration, "--spacing", "8m", "-o", out]
+    done = command("import", folder, *line)
     assert done.returncode == 4
     assert [f.name for f in frames_of(out)] == ["P1.jpg", "P2.jpg", "P9.jpg"]
     for words in (
@@ -229,12 +194,10 @@ def test_what_cannot_be_imported_is_left_out_and_named(tmp_path, calibration, co
         "and 1 more",
     ):
         assert words in done.stderr
-    line[1] = latin
-    refused = command(*line)
+    refused = command("import", latin, *line)
     assert refused.returncode == 3
     assert "P\\udce9.jpg: its name is no UTF-8" in refused.stderr
-    line[1] = folder / "P3.jpg"
-    assert command(*line).returncode == 3
+    assert command("import", folder / "P3.jpg", *line).returncode == 3
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")

@@ -47,107 +47,78 @@ def place(track, frame, station, lateral, **changes):
 
 
 def settled(index, *places, verdicts=(), tracks=(), used=True, fix=None):
-    frame = Frame(
-        index, 10**9 * index + 5, None, "used" if used else "thinned", "jpeg", b"", CAMERA, fix=fix
+    status = "used" if used else "thinned"
+    frame = Frame(index, 10**9 * index + 5, None, status, "jpeg", b"", CAMERA, fix=fix)
+    motion = Motion(
+        pose=Pose(np.eye(3), np.array([0, 0, 8.0 * index])),
+        step=Pose(np.eye(3), np.array([0, 0, 8.0])) if index else None,
+        covariance=None,
+        source="straight" if index else "start",
+        baseline_m=8.0,
+        station_m=8.0 * index,
+        ties=None,
+        residual_straight_px=float("nan"),
+        residual_px=0.2,
+        adjusted=False,
+        iterations=0,
+        camera_height_m=1.8,
     )
-    motion = None
-    if used:
-        motion = Motion(
-            pose=Pose(np.eye(3), np.array([0, 0, 8.0 * index])),
-            step=None if index == 0 else Pose(np.eye(3), np.array([0, 0, 8.0])),
-            covariance=None,
-            source="start" if index == 0 else "straight",
-            baseline_m=8.0,
-            station_m=8.0 * index,
-            ties=None,
-            residual_straight_px=float("nan"),
-            residual_px=0.2,
-            adjusted=False,
-            iterations=0,
-            camera_height_m=1.8,
-        )
-    return TrackedFrame(
-        frame,
-        motion,
-        candidates(*verdicts),
-        np.array(tracks, np.int32),
-        np.full(len(verdicts), np.nan, np.float32),
-        7,
-        places,
-    )
+    score = np.full(len(verdicts), np.nan, np.float32)
+    found, tracks = candidates(*verdicts), np.array(tracks, np.int32)
+    return TrackedFrame(frame, motion if used else None, found, tracks, score, 7, places)
 
 
 def write(folder, frames, **options):
+    """The inventory, and the rows of its signs, observations and images."""
     writer, record = InventoryWriter(folder, "drive", **options), DriveRecord()
     for frame in collect(iter(frames), record):
         writer.append(frame)
     (path,) = georeference(iter(record.points), MotionSettings())
-    return writer.finish(path, tuple(place_signs(iter(record.landmarks), path, 0.5)))
+    inventory = writer.finish(path, tuple(place_signs(iter(record.landmarks), path, 0.5)))
+    tables = (pq.read_table(folder / table.file) for table in (SIGNS, OBSERVATIONS, FRAMES))
+    return inventory, *(table.to_pylist() for table in tables)
 
 
 def drive():
+    other = place(5, 3, 31.0, -4.0, verdict="location")
     return [
         settled(0, verdicts=("color", "sign"), tracks=(-1, 4)),
         settled(1, used=False),
         settled(2, place(9, 2, 31.0, 4.0), verdicts=("few_views",), tracks=(9,)),
-        settled(
-            3,
-            place(4, 3, 30.0, 4.0),
-            place(5, 3, 31.0, -4.0, verdict="location"),
-            verdicts=("sign",),
-            tracks=(4,),
-        ),
+        settled(3, place(4, 3, 30.0, 4.0), other, verdicts=("sign",), tracks=(4,)),
     ]
 
 
-def test_signs_are_numbered_by_station_and_files_have_the_documented_schema(tmp_path):
-    write(tmp_path, drive())
-    rows = pq.read_table(tmp_path / SIGNS.file).to_pylist()
-    assert [(r["sign_id"], r["station_m"]) for r in rows] == [
-        ("drive-0001", 30.0),
-        ("drive-0002", 31.0),
-    ]
-    assert [rows[0][name] for name in ("up_m", "bottom_m", "views")] == pytest.approx([2.8, 2.4, 2])
+def test_signs_are_numbered_by_station_and_observations_name_their_sign(tmp_path):
+    _, signs, observations, _ = write(tmp_path, drive())
+    numbered = [(r["sign_id"], r["station_m"]) for r in signs]
+    assert numbered == [("drive-0001", 30.0), ("drive-0002", 31.0)]
+    assert [signs[0][n] for n in ("up_m", "bottom_m", "views")] == pytest.approx([2.8, 2.4, 2])
     unknown = ("facing_deg", "shape_distance", "lon_deg", "sigma_east_m")
-    assert [rows[0][name] for name in unknown] == [None] * 4
-    for table in (SIGNS, OBSERVATIONS, FRAMES):
-        assert pq.read_schema(tmp_path / table.file).equals(table.schema, check_metadata=True)
-
-
-def test_observations_name_their_sign_though_it_was_numbered_later(tmp_path):
-    write(tmp_path, drive())
-    rows = pq.read_table(tmp_path / OBSERVATIONS.file).to_pylist()
-    assert [(r["frame"], r["sign_id"], r["verdict"]) for r in rows] == [
+    assert [signs[0][name] for name in unknown] == [None] * 4
+    assert [(r["frame"], r["sign_id"], r["verdict"]) for r in observations] == [
         (0, "drive-0001", "sign"),
         (2, "drive-0002", "few_views"),
         (3, "drive-0001", "sign"),
     ]
-    every = tmp_path / "every"
-    every.mkdir()
-    write(every, drive(), every_region=True)
-    assert pq.read_metadata(every / OBSERVATIONS.file).num_rows == 4
+    for table in (SIGNS, OBSERVATIONS, FRAMES):
+        assert pq.read_schema(tmp_path / table.file).equals(table.schema, check_metadata=True)
+    (tmp_path / "every").mkdir()
+    assert len(write(tmp_path / "every", drive(), every_region=True)[2]) == 4
 
 
-def test_regions_without_a_row_are_counted_by_reason_and_image_and_in_all(tmp_path):
+def test_every_image_has_a_row_with_its_regions_counted_by_reason_and_in_all(tmp_path):
     room = zip(drive(), (5, 0, 6, 7), strict=True)
     frames = [dataclasses.replace(frame, dropped=Dropped(10, 1, count)) for frame, count in room]
-    inventory = write(tmp_path, frames)
-    rows = pq.read_table(tmp_path / FRAMES.file).to_pylist()
-    assert [r["left_out"] for r in rows] == [5, None, 6, 7]
-    assert [r["outside_size"] for r in rows] == [10, None, 10, 10]
-    assert [r["merged"] for r in rows] == [1, None, 1, 1]
-    assert inventory.verdicts["left_out"] == 18
-    assert inventory.verdicts["size"] == 40
-
-
-def test_every_image_has_a_row_used_or_not(tmp_path):
-    write(tmp_path, drive())
-    rows = pq.read_table(tmp_path / FRAMES.file).to_pylist()
+    inventory, _, _, rows = write(tmp_path, frames)
     assert [r["status"] for r in rows] == ["used", "thinned", "used", "used"]
-    assert [rows[1][name] for name in ("x", "candidates", "left_out")] == [None] * 3
+    assert [rows[1][name] for name in ("x", "candidates")] == [None] * 2
     assert rows[0]["baseline_m"] is None
     assert rows[2]["ties"] == 0
     assert rows[3]["x"] == pytest.approx(24.0)
+    counted = [(r["left_out"], r["outside_size"], r["merged"]) for r in rows]
+    assert counted == [(5, 10, 1), (None,) * 3, (6, 10, 1), (7, 10, 1)]
+    assert (inventory.verdicts["left_out"], inventory.verdicts["size"]) == (18, 40)
 
 
 def test_fixes_add_wgs84_and_geoparquet_metadata(tmp_path):
@@ -156,10 +127,8 @@ def test_fixes_add_wgs84_and_geoparquet_metadata(tmp_path):
         dataclasses.replace(f, frame=dataclasses.replace(f.frame, fix=x))
         for f, x in zip(drive(), fixes, strict=True)
     ]
-    write(tmp_path, frames)
-    table = pq.read_table(tmp_path / SIGNS.file)
+    _, (row, _), _, _ = write(tmp_path, frames)
     assert b"geo" in pq.read_metadata(tmp_path / SIGNS.file).metadata
-    row = table.to_pylist()[0]
     assert row["lat_deg"] == pytest.approx(38.0, abs=1e-3)
     assert len(row["geometry"]) == 29
     for name in ("sigma_east_m", "sigma_north_m", "sigma_alt_m"):
@@ -168,45 +137,46 @@ def test_fixes_add_wgs84_and_geoparquet_metadata(tmp_path):
 
 def test_signs_grow_with_the_lengths_that_the_whole_drive_gives(tmp_path):
     steps, fixed_m = 30, 8.2  # the images were first taken for 8 m apart
-    sigma = (0.02, 0.02, 0.03)
     frames = []
     for n in range(steps):
-        fix = Fix(
-            38.0,
-            -98.0 + np.degrees(n * fixed_m / 6_378_137.0 / np.cos(np.radians(38.0))),
-            500.0,
-            sigma,
-        )
+        east = n * fixed_m / 6_378_137.0 / np.cos(np.radians(38.0))
+        fix = Fix(38.0, -98.0 + np.degrees(east), 500.0, (0.02, 0.02, 0.03))
         frame = settled(n, *([place(4, n, 8.0 * n + 12, 4.0)] if n == 20 else []), fix=fix)
-        motion = dataclasses.replace(
-            frame.motion,
-            source="fixes" if n else "start",
-            length_ratio=(1.0, 0.001) if n > 1 else (np.nan,) * 2,
-        )
+        ratio, source = (1.0, 0.001) if n > 1 else (np.nan,) * 2, "fixes" if n else "start"
+        motion = dataclasses.replace(frame.motion, source=source, length_ratio=ratio)
         frames.append(dataclasses.replace(frame, motion=motion))
-    found = write(tmp_path, frames)
-    row = pq.read_table(tmp_path / SIGNS.file).to_pylist()[0]
+    found, (row,), _, images = write(tmp_path, frames)
     scale = fixed_m / 8.0
-    assert row["ahead_m"] == pytest.approx(12 * scale, rel=2e-3)
-    assert row["panel_width_m"] == pytest.approx(0.6 * scale, rel=2e-3)
-    assert row["lateral_m"] == pytest.approx(4.0 * scale, rel=2e-3)
-    assert row["up_m"] == pytest.approx((1.0 + 1.8) * scale, rel=2e-3)
+    scaled = {"ahead_m": 12, "panel_width_m": 0.6, "lateral_m": 4.0, "up_m": 1.0 + 1.8}
+    assert {n: row[n] for n in scaled} == pytest.approx(
+        {n: length * scale for n, length in scaled.items()}, rel=2e-3
+    )
     assert row["station_m"] == pytest.approx((160 + 12) * scale, rel=3e-3)
-    images = pq.read_table(tmp_path / FRAMES.file).to_pylist()
     assert images[29]["station_m"] == pytest.approx(29 * fixed_m, abs=0.5)
     assert images[10]["baseline_m"] == pytest.approx(fixed_m, abs=0.02)
     assert found.path.camera_height_m == pytest.approx(1.8 * scale, rel=2e-3)
 
 
-def test_a_sign_below_the_confidence_setting_is_uncertain(tmp_path):
-    write(tmp_path, [settled(0, place(1, 0, 5.0, 3.0, score=-1.0))])
-    assert pq.read_table(tmp_path / SIGNS.file).to_pylist()[0]["status"] == "uncertain"
+@pytest.mark.parametrize(
+    ("changes", "status", "confidence"),
+    [
+        ({"score": -1.0}, "uncertain", None),
+        ({"back": True, "color": None, "score": -0.2}, "back", 0.45),
+    ],
+)
+def test_a_sign_of_little_confidence_is_uncertain_and_a_back_is_a_back_however_sure(
+    tmp_path, changes, status, confidence
+):
+    seen = place(4, 1, 30.0, -6.0, **changes)
+    _, (row,), _, _ = write(tmp_path, [settled(0), settled(1, seen)])
+    assert row["status"] == status
+    if confidence:
+        assert row["color"] is None
+        assert row["confidence"] == pytest.approx(confidence, abs=0.01)
 
 
 def test_a_drive_without_signs_gives_empty_tables(tmp_path):
-    write(tmp_path, [settled(0)])
-    assert pq.read_metadata(tmp_path / SIGNS.file).num_rows == 0
-    assert pq.read_metadata(tmp_path / OBSERVATIONS.file).num_rows == 0
+    assert write(tmp_path, [settled(0)])[1:3] == ([], [])
 
 
 def test_a_missing_folder_is_an_output_error(tmp_path):
@@ -221,21 +191,12 @@ def test_nothing_is_left_behind_when_a_run_is_given_up(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_panel_seen_from_behind_is_a_back_however_sure(tmp_path):
-    seen = place(4, 1, 30.0, -6.0, back=True, color=None, score=-0.2)
-    write(tmp_path, [settled(0), settled(1, seen)])
-    (row,) = pq.read_table(tmp_path / SIGNS.file).to_pylist()
-    assert (row["status"], row["color"]) == ("back", None)
-    assert row["confidence"] == pytest.approx(0.45, abs=0.01)
-
-
 def test_a_duplicate_is_at_no_distance_and_imported_images_keep_their_names(tmp_path):
     start, copy, end = settled(0), settled(1, used=False), settled(2)
     named = dataclasses.replace(start.frame, name="US36_0001.jpg", date="2009-05-14 10:31:07")
     start = dataclasses.replace(start, frame=named)
     twice = dataclasses.replace(copy.frame, status="duplicate", name="US36_0002.jpg")
-    write(tmp_path, [start, dataclasses.replace(copy, frame=twice), end])
-    rows = pq.read_table(tmp_path / FRAMES.file).to_pylist()
+    *_, rows = write(tmp_path, [start, dataclasses.replace(copy, frame=twice), end])
     assert [r["baseline_m"] for r in rows] == [None, 0.0, 8.0]
     assert [r["station_m"] for r in rows] == [0.0, None, 16.0]
     assert [r["image_name"] for r in rows] == ["US36_0001.jpg", "US36_0002.jpg", None]

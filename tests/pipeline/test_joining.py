@@ -1,7 +1,5 @@
 """Parts of drives and ROS bags, written by the stock writers, joined to one log."""
 
-import cv2
-import numpy as np
 import pytest
 import yaml
 from mcap.reader import make_reader
@@ -9,77 +7,54 @@ from mcap.writer import Writer
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
-from rosbags.typesys import Stores, get_typestore
-from typer.testing import CliRunner
+from rosbags.typesys import Stores
 
-from wayside.pipeline.cli import app
 from wayside.pipeline.logs.joining import join_logs, readable_log
-from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.layout import Budget
 from wayside.pipeline.reading.parts import log_parts
 from wayside.pipeline.reading.records import Message, ScanReport, messages_at, scan
 from wayside.pipeline.results.result import log_fingerprint
 from wayside.schemas.errors import InputError
-from wayside.schemas.settings import ReadSettings
 
-START, STEP = 1_700_000_000 * 10**9, 10**9 // 4
-K = [40.0, 0.0, 15.5, 0.0, 41.0, 11.5, 0.0, 0.0, 1.0]
+from .reading.conftest import START, STEP, Ros2, image, read
 
 
-def image(index):
-    pixels = np.random.default_rng(index).integers(0, 256, (24, 32, 3), np.uint8)
-    return cv2.imencode(".jpg", pixels)[1]
+def _write(writer, dialect, serialized, indices):
+    """Images with one calibration, and messages of a type that is not understood."""
+    with writer:
+        known = {}
+        for index in indices:
+            time = START + index * STEP
+            picture = {"format": "jpeg", "data": image(index)}
+            for topic, name, content in (
+                ("/camera/camera_info", *_made(dialect, "calibration", time, {})),
+                ("/camera/image", *_made(dialect, "image", time, picture)),
+                ("/words", "std_msgs/msg/String", {"data": "nothing for wayside"}),
+            ):
+                if topic not in known:
+                    known[topic] = writer.add_connection(topic, name, typestore=dialect.store)
+                writer.write(known[topic], time, serialized(dialect.message(name, content), name))
+    return writer.path
 
 
-def messages(store, indices):
-    """Topic, type, time and message of images with one calibration and a type that is not understood."""
-    make = store.types
-    ros1 = "seq" in [name for name, _ in store.fielddefs["std_msgs/msg/Header"][1]]
-
-    def header(index):
-        stamp = make["builtin_interfaces/msg/Time"](*divmod(START + index * STEP, 10**9))
-        start = (index,) if ros1 else ()
-        return make["std_msgs/msg/Header"](*start, stamp, "camera")
-
-    region = make["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
-    info = make["sensor_msgs/msg/CameraInfo"]
-    for index in indices:
-        time = START + index * STEP
-        lens = (24, 32, "plumb_bob", np.zeros(5), np.array(K), np.eye(3).ravel(), np.zeros(12))
-        calibration = info(header(index), *lens, 0, 0, region)
-        yield "/camera/camera_info", "sensor_msgs/msg/CameraInfo", time, calibration
-        picture = make["sensor_msgs/msg/CompressedImage"](header(index), "jpeg", image(index))
-        yield "/camera/image", "sensor_msgs/msg/CompressedImage", time, picture
-        words = make["std_msgs/msg/String"]("nothing for wayside")
-        yield "/words", "std_msgs/msg/String", time, words
+def _made(dialect, kind, time, content):
+    return dialect.names[kind], dialect.make(kind, time, content)
 
 
 def write_ros2(folder, indices, plugin):
     """A bag directory."""
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    return _write(
-        Ros2Writer(folder, version=9, storage_plugin=plugin), store, store.serialize_cdr, indices
-    )
+    dialect, writer = Ros2(), Ros2Writer(folder, version=9, storage_plugin=plugin)
+    return _write(writer, dialect, dialect.store.serialize_cdr, indices)
 
 
 def write_ros1(path, indices):
-    store = get_typestore(Stores.ROS1_NOETIC)
-    return _write(Ros1Writer(path), store, store.serialize_ros1, indices)
-
-
-def _write(writer, store, serialized, indices):
-    with writer:
-        known = {}
-        for topic, kind, time, message in messages(store, indices):
-            if topic not in known:
-                known[topic] = writer.add_connection(topic, kind, typestore=store)
-            writer.write(known[topic], time, serialized(message, kind))
-    return writer.path
+    dialect = Ros2(Stores.ROS1_NOETIC)
+    return _write(Ros1Writer(path), dialect, dialect.store.serialize_ros1, indices)
 
 
 def assert_images(log, indices):
-    frames = list(read_frames(log, ReadSettings(spacing_m=8.0), ReadReport()))
-    assert [bytes(f.data) for f in frames] == [image(i).tobytes() for i in indices]
+    frames, _ = read(log, spacing_m=8.0)
+    assert [bytes(f.data) for f in frames] == [image(i) for i in indices]
     assert [f.header_time_ns for f in frames] == [START + i * STEP for i in indices]
     assert {f.camera.fy for f in frames} == {41.0}
     assert {f.status for f in frames} == {"used"}
@@ -91,12 +66,12 @@ def test_bags_become_a_log(tmp_path, kind):
         bags = [write_ros1(tmp_path / f"{i}.bag", range(2 * i, 2 * i + 2)) for i in range(3)]
     else:
         bags = [write_ros2(tmp_path / "bag", range(6), kind)]
-    before = sorted(p.name for p in tmp_path.iterdir())
+    before = {*tmp_path.iterdir()}
     joined = join_logs(bags, tmp_path / "drive.mcap")
     assert len(joined.parts) == len(bags)
     assert joined.topics == (3 if kind is StoragePlugin.MCAP else 2)
     assert_images(tmp_path / "drive.mcap", range(6))
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([*before, "drive.mcap"])
+    assert {*tmp_path.iterdir()} == before | {tmp_path / "drive.mcap"}
 
 
 def write_split(folder, first_indices, second_indices):
@@ -123,11 +98,8 @@ def test_a_split_bag_is_read_in_the_order_of_its_parts(tmp_path):
     again = messages_at(log_parts(first), offsets[-1], channels, Budget.of(10**6))
     assert (again[-1].sequence, again[-1].offset) == (found[-1].sequence, offsets[-1])
     assert (report.messages, report.messages_stated, report.problem_count) == (15, 15, 0)
-    assert (
-        report.bytes_read
-        == report.bytes_total
-        == sum(p.stat().st_size for p in first.glob("*.mcap"))
-    )
+    size = sum(p.stat().st_size for p in first.glob("*.mcap"))
+    assert report.bytes_read == report.bytes_total == size
     assert len(join_logs([first], tmp_path / "drive.mcap").parts) == 2
     assert_images(tmp_path / "drive.mcap", range(5))
     (first / "bag_1.mcap").unlink()
@@ -143,8 +115,7 @@ def test_damage_in_a_part_names_its_file_and_the_other_parts_are_used(tmp_path):
     bag = write_split(tmp_path, range(3), range(3, 5))
     part = bag / "bag_1.mcap"
     part.write_bytes(part.read_bytes()[: part.stat().st_size // 2])
-    report = ReadReport()
-    frames = list(read_frames(bag, ReadSettings(spacing_m=8.0), report))
+    frames, report = read(bag, spacing_m=8.0)
     assert len(frames) >= 3
     assert report.problems
     assert all(str(problem).startswith("bag_1.mcap, at byte") for problem in report.problems)
@@ -180,11 +151,10 @@ def test_a_bag_of_mcap_is_no_copy_and_has_the_fingerprint_of_its_part(tmp_path):
         list(scan(bag, ScanReport()))
 
 
-def test_the_command_names_the_bag_it_was_given_and_not_the_copy(tmp_path, monkeypatch):
+def test_the_command_names_the_bag_it_was_given_and_not_the_copy(tmp_path, monkeypatch, command):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     bag = write_ros1(tmp_path / "drive.bag", range(4))
-    done = CliRunner().invoke(app, ["info", str(bag)])
-    assert done.exit_code == 0, done.output
+    done = command("info", bag)
     assert f"wayside run {bag} -o out --spacing 26.4ft" in done.stdout
     assert "joined first" in done.stderr
 
@@ -218,14 +188,14 @@ def test_parts_of_mcap_keep_every_message_metadata_and_attachment(tmp_path):
 
 
 def test_what_of_a_part_is_cut_off_is_told_and_the_rest_is_joined(tmp_path):
-    bags = [
-        write_ros2(tmp_path / f"b{i}", range(9 * i, 9 * i + 9), StoragePlugin.MCAP) for i in (0, 1)
-    ]
-    parts = [next(bag.glob("*.mcap")) for bag in bags]
+    parts = []
+    for name, indices in (("a", range(9)), ("b", range(9, 18))):
+        bag = write_ros2(tmp_path / name, indices, StoragePlugin.MCAP)
+        parts += bag.glob("*.mcap")
     parts[0].write_bytes(parts[0].read_bytes()[: parts[0].stat().st_size // 2])
     joined = join_logs(parts, tmp_path / "drive.mcap")
     assert joined.lost
-    frames = list(read_frames(tmp_path / "drive.mcap", ReadSettings(spacing_m=8.0), ReadReport()))
+    frames, _ = read(tmp_path / "drive.mcap", spacing_m=8.0)
     assert 9 < len(frames) < 18
 
 

@@ -52,22 +52,15 @@ def detections(index, rows=5, points=7, optional=True):
         rng.integers(0, 256, (points, 32)).astype(np.uint8),
         *dataclasses.astuple(Features.empty())[2:],
     )
-    seen = Segmentation(
-        image(index),
-        Regions.empty(),
-        rows + 3,
-        np.zeros((0, 3), np.float32),
-        np.zeros(0, np.float32),
-        (0, 0),
-        dropped=Dropped(index, 2, 3),
-    )
+    colors, none = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+    regions, dropped = Regions.empty(), Dropped(index, 2, 3)
+    seen = Segmentation(image(index), regions, rows + 3, colors, none, (0, 0), dropped=dropped)
     return Detections(seen, found, features)
 
 
 def write(folder, items, key=KEY):
-    journal = Journal(folder, key)
-    assert list(journal.record(iter(items))) == list(items)
-    journal.close()
+    with closing(Journal(folder, key)) as journal:
+        assert list(journal.record(iter(items))) == list(items)
     return journal.replayed
 
 
@@ -76,14 +69,13 @@ def test_what_is_kept_comes_back_bit_by_bit(tmp_path_factory, rows, points, opti
     folder = tmp_path_factory.mktemp("out")
     items = [detections(index, rows, points, optional) for index in (0, 1, 5)]
     assert write(folder, items) == 0
-    journal = Journal(folder, KEY)
-    assert journal.replayed == 3
-    assert [index in journal for index in range(6)] == [True, True, False, False, False, True]
-    for item in reversed(items):
-        found = journal.replay(item.image)
-        assert bits_of(found) == bits_of(item)
-        assert found.candidates.center.flags.writeable
-    journal.close()
+    with closing(Journal(folder, KEY)) as journal:
+        assert journal.replayed == 3
+        assert [index for index in range(6) if index in journal] == [0, 1, 5]
+        for item in reversed(items):
+            found = journal.replay(item.image)
+            assert bits_of(found) == bits_of(item)
+            assert found.candidates.center.flags.writeable
 
 
 @given(cut=st.integers(1, 3000))
@@ -98,25 +90,34 @@ def test_a_torn_end_is_cut_off_and_written_again(tmp_path_factory, cut):
     assert path.read_bytes() == whole
 
 
-@pytest.mark.parametrize("content", [b"", b"no journal", pickle.dumps(os.getcwd)])
-def test_what_is_no_journal_is_not_used(tmp_path, content):
-    (tmp_path / JOURNAL).write_bytes(content)
-    with closing(Journal(tmp_path, KEY)) as journal:
-        assert (journal.replayed, "not used" in journal.note) == (0, True)
-    assert write(tmp_path, [detections(0)]) == 0
-    assert write(tmp_path, []) == 1
+def changed_in_the_middle(content):
+    middle = len(content) // 2
+    return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
 
 
-def test_an_entry_whose_bytes_have_changed_ends_the_journal(tmp_path):
+@pytest.mark.parametrize(
+    ("change", "key", "note", "kept"),
+    [
+        (lambda content: b"", KEY, "not used", range(1)),
+        (lambda content: b"no journal", KEY, "not used", range(1)),
+        (lambda content: pickle.dumps(os.getcwd), KEY, "not used", range(1)),
+        (lambda content: content, {"log": "b"}, "another version, log, settings or mod", range(1)),
+        (changed_in_the_middle, KEY, "cut or altered", range(1, 4)),
+    ],
+    ids=["empty", "text", "pickle", "another key", "a changed byte"],
+)
+def test_what_is_no_sound_journal_of_this_run_is_not_used_and_said(
+    tmp_path, change, key, note, kept
+):
     write(tmp_path, [detections(index) for index in range(4)])
     path = tmp_path / JOURNAL
-    content = bytearray(path.read_bytes())
-    content[len(content) // 2] ^= 1
-    path.write_bytes(content)
-    journal = Journal(tmp_path, KEY)
-    assert 0 < journal.replayed < 4
-    assert "cut or altered" in journal.note
-    journal.close()
+    path.write_bytes(change(path.read_bytes()))
+    with closing(Journal(tmp_path, key)) as journal:
+        assert journal.replayed in kept
+        assert note in journal.note
+        replayed = journal.replayed
+    assert write(tmp_path, [detections(9)], key) == replayed
+    assert write(tmp_path, [], key) == replayed + 1
 
 
 def test_what_was_found_in_an_image_of_another_size_is_not_taken_for_this_one(tmp_path):
@@ -126,14 +127,6 @@ def test_what_was_found_in_an_image_of_another_size_is_not_taken_for_this_one(tm
         assert journal.replay(item.image) is not None
         assert journal.replay(image(0, width=WIDTH + 1)) is None
         assert journal.replay(Image(item.frame, None, None)) is None
-
-
-def test_a_journal_of_something_else_is_begun_anew(tmp_path):
-    write(tmp_path, [detections(0), detections(1)])
-    assert write(tmp_path, [detections(0)], {"log": "b"}) == 0
-    assert write(tmp_path, [], {"log": "b"}) == 1
-    with closing(Journal(tmp_path, KEY)) as journal:
-        assert "another version, log, settings or models" in journal.note
 
 
 def test_a_link_in_the_place_of_the_journal_is_not_followed(tmp_path):

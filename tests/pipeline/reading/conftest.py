@@ -20,6 +20,7 @@ from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -33,19 +34,19 @@ K = [40.0, 0.0, 15.5, 0.0, 41.0, 11.5, 0.0, 0.0, 1.0]
 D = [-0.1, 0.01, 0.001, -0.002, 0.003]
 FIX_VARIANCES = (4.0, 9.0, 16.0)
 CAMERA, WORLD = "camera_optical", "world"
-TYPES = {
-    f"foxglove.{t.__name__}": t
-    for t in (
-        CameraCalibration,
-        CompressedImage,
-        FrameTransform,
-        FrameTransforms,
-        LocationFix,
-        PoseInFrame,
-        PosesInFrame,
-        RawImage,
-    )
+KINDS = {
+    "image": CompressedImage,
+    "raw": RawImage,
+    "calibration": CameraCalibration,
+    "pose": PoseInFrame,
+    "poses": PosesInFrame,
+    "transform": FrameTransform,
+    "transforms": FrameTransforms,
+    "fix": LocationFix,
 }
+TYPES = {kind.DESCRIPTOR.full_name: kind for kind in KINDS.values()}
+TOPICS = {"calibration": "/camera/calibration", "image": "/camera/image", "fix": "/gps"}
+"""Topics of some kinds; of the others the kind is the topic."""
 
 
 def image(index, width=WIDTH, height=HEIGHT):
@@ -87,47 +88,33 @@ def diagonal(variances):
     return np.diag(variances).ravel().tolist()
 
 
-def ray(position):
-    return dict(zip("xyz", map(float, position), strict=True))
+def parts(names, values):
+    return dict(zip(names, map(float, values), strict=True))
+
+
+def pose_of(content, position="position", rotation="orientation"):
+    place, turn = content["position"], content["rotation"]
+    return {position: parts("xyz", place), rotation: parts("xyzw", turn)}
+
+
+def fix_of(content):
+    place = parts(("latitude", "longitude", "altitude"), content["place"])
+    covariance = diagonal(content.get("variances", FIX_VARIANCES))
+    return place | {"position_covariance": covariance, "position_covariance_type": 2}
 
 
 class Protobuf:
-    encoding, schema_encoding = "protobuf", "protobuf"
-    names: ClassVar = {
-        "image": "foxglove.CompressedImage",
-        "raw": "foxglove.RawImage",
-        "calibration": "foxglove.CameraCalibration",
-        "pose": "foxglove.PoseInFrame",
-        "poses": "foxglove.PosesInFrame",
-        "transform": "foxglove.FrameTransform",
-        "transforms": "foxglove.FrameTransforms",
-        "fix": "foxglove.LocationFix",
-    }
+    encoding, schema_encoding, seconds = "protobuf", "protobuf", ("seconds", "nanos")
+    names: ClassVar = {kind: made.DESCRIPTOR.full_name for kind, made in KINDS.items()}
 
     def schema(self, name):
         return build_file_descriptor_set(TYPES[name]).SerializeToString()
 
     def dump(self, name, content):
-        return self.fill(TYPES[name](), content).SerializeToString()
-
-    def fill(self, message, content):
-        for key, value in content.items():
-            if key == "timestamp":
-                message.timestamp.FromNanoseconds(value)
-            elif isinstance(value, dict):
-                self.fill(getattr(message, key), value)
-            elif isinstance(value, list) and value and isinstance(value[0], dict):
-                for one in value:
-                    self.fill(getattr(message, key).add(), one)
-            elif isinstance(value, list):
-                getattr(message, key).extend(value)
-            else:
-                setattr(message, key, value)
-        message.SetInParent()
-        return message
+        return TYPES[name](**content).SerializeToString()
 
     def make(self, kind, t, c):
-        base = {} if t is None else {"timestamp": t}
+        base = {"timestamp": dict(zip(self.seconds, divmod(t, 10**9), strict=True))} if t else {}
         if kind in ("image", "raw"):
             return base | {"frame_id": c.pop("frame", CAMERA)} | c
         if kind == "calibration":
@@ -135,49 +122,23 @@ class Protobuf:
             lens = {"distortion_model": c.get("model", "plumb_bob"), "K": c.get("k", K), "D": D}
             return base | {"frame_id": c.get("frame", CAMERA)} | size | lens
         if kind in ("pose", "poses"):
-            x, y, z, w = c["rotation"]
-            pose = {
-                "position": ray(c["position"]),
-                "orientation": {"x": x, "y": y, "z": z, "w": w},
-            }
-            body = {"pose": pose} if kind == "pose" else {"poses": [pose]}
+            body = {"pose": pose_of(c)} if kind == "pose" else {"poses": [pose_of(c)]}
             return base | {"frame_id": c.get("parent", WORLD)} | body
         if kind in ("transform", "transforms"):
-            x, y, z, w = c["rotation"]
-            one = base | {
-                "parent_frame_id": c["parent"],
-                "child_frame_id": c["child"],
-                "translation": ray(c["position"]),
-                "rotation": {"x": x, "y": y, "z": z, "w": w},
-            }
+            one = base | {"parent_frame_id": c["parent"], "child_frame_id": c["child"]}
+            one |= pose_of(c, "translation", "rotation")
             return one if kind == "transform" else {"transforms": [one]}
-        latitude, longitude, altitude = c["place"]
-        return base | {
-            "latitude": latitude,
-            "longitude": longitude,
-            "altitude": altitude,
-            "position_covariance": diagonal(c.get("variances", FIX_VARIANCES)),
-            "position_covariance_type": 2,
-        }
+        return base | fix_of(c)
 
 
 class Json(Protobuf):
-    encoding, schema_encoding = "json", "jsonschema"
+    encoding, schema_encoding, seconds = "json", "jsonschema", ("sec", "nsec")
 
     def schema(self, name):
         return json.dumps({"title": name, "type": "object"}).encode()
 
     def dump(self, name, content):
-        def convert(value, key=""):
-            if key == "timestamp":
-                return {"sec": value // 10**9, "nsec": value % 10**9}
-            if isinstance(value, bytes):
-                return base64.b64encode(value).decode()
-            if isinstance(value, dict):
-                return {k: convert(v, k) for k, v in value.items()}
-            return [convert(v) for v in value] if isinstance(value, list) else value
-
-        return json.dumps(convert(content)).encode()
+        return json.dumps(content, default=lambda data: base64.b64encode(data).decode()).encode()
 
 
 class Ros2:
@@ -192,79 +153,59 @@ class Ros2:
         "fix": "sensor_msgs/msg/NavSatFix",
     }
 
-    def __init__(self):
-        self.store = get_typestore(Stores.ROS2_HUMBLE)
-        self.types = self.store.types
+    def __init__(self, store=Stores.ROS2_HUMBLE):
+        self.store = get_typestore(store)
 
     def schema(self, name):
         return self.store.generate_msgdef(name, ros_version=2)[0].encode()
 
     def dump(self, name, content):
-        return bytes(self.store.serialize_cdr(content, name))
+        return bytes(self.store.serialize_cdr(self.message(name, content), name))
 
-    def new(self, name, *values):
-        return self.types[name](*values)
+    def message(self, name, content):
+        """A message of this type; what of it is not in the content is zero or empty."""
+        _, fields = self.store.fielddefs[name]
+        values = [self.value(kind, content.get(field.lower())) for field, kind in fields]
+        return self.store.types[name](*values)
 
-    def header(self, t, frame):
-        time = self.new("builtin_interfaces/msg/Time", *divmod(t or 0, 10**9))
-        return self.new("std_msgs/msg/Header", time, frame)
-
-    def pose_of(self, c):
-        point = self.new("geometry_msgs/msg/Point", *map(float, c["position"]))
-        turn = self.new("geometry_msgs/msg/Quaternion", *map(float, c["rotation"]))
-        return self.new("geometry_msgs/msg/Pose", point, turn)
+    def value(self, kind, content):
+        node, of = kind
+        if node == Nodetype.BASE:
+            return ("" if of[0] == "string" else 0) if content is None else content
+        if node == Nodetype.NAME:
+            return self.message(of, content or {})
+        (inner, name), length = of
+        if inner == Nodetype.NAME:
+            return [self.message(name, one) for one in content]
+        return np.array(np.zeros(length) if content is None else content, name[0])
 
     def make(self, kind, t, c):
-        name = self.names[kind]
-        if kind == "image":
-            pixels = np.frombuffer(c["data"], np.uint8)
-            return self.new(name, self.header(t, c.get("frame", CAMERA)), c["format"], pixels)
-        if kind == "raw":
-            pixels = np.frombuffer(c["data"], np.uint8)
-            shape = c["height"], c["width"], c["encoding"], 0, c["step"]
-            return self.new(name, self.header(t, c.get("frame", CAMERA)), *shape, pixels)
+        stamp = dict(zip(("sec", "nanosec"), divmod(t or 0, 10**9), strict=True))
+        frame = c.get("frame", CAMERA) if kind in ("image", "raw", "calibration") else "gps"
+        header = {"header": {"stamp": stamp, "frame_id": c.get("parent", frame)}}
+        if kind in ("image", "raw"):
+            return header | c | {"data": np.frombuffer(c["data"], np.uint8)}
         if kind == "calibration":
-            roi = self.new("sensor_msgs/msg/RegionOfInterest", *c.get("roi", (0, 0, 0, 0)), False)
-            return self.new(
-                name,
-                self.header(t, c.get("frame", CAMERA)),
-                c.get("height", HEIGHT),
-                c.get("width", WIDTH),
-                c.get("model", "plumb_bob"),
-                np.array(D),
-                np.array(c.get("k", K)),
-                np.eye(3).ravel(),
-                np.zeros(12),
-                *c.get("binning", (0, 0)),
-                roi,
-            )
-        if kind == "pose":
-            return self.new(name, self.header(t, c.get("parent", WORLD)), self.pose_of(c))
-        if kind == "odometry":
-            covariance = np.diag(c.get("variances", [0.04] * 3 + [0.0001] * 3)).ravel()
-            still = self.new("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
-            twist = self.new("geometry_msgs/msg/Twist", still, still)
-            return self.new(
-                name,
-                self.header(t, c.get("parent", WORLD)),
-                c.get("child", CAMERA),
-                self.new("geometry_msgs/msg/PoseWithCovariance", self.pose_of(c), covariance),
-                self.new("geometry_msgs/msg/TwistWithCovariance", twist, np.zeros(36)),
-            )
+            lens = {"distortion_model": c.get("model", "plumb_bob"), "d": D, "k": c.get("k", K)}
+            size = {"height": c.get("height", HEIGHT), "width": c.get("width", WIDTH)}
+            region = ("x_offset", "y_offset", "height", "width")
+            roi = dict(zip(region, c.get("roi", (0, 0, 0, 0)), strict=True))
+            bins = dict(zip(("binning_x", "binning_y"), c.get("binning", (0, 0)), strict=True))
+            return header | size | lens | bins | {"r": np.eye(3).ravel(), "roi": roi}
         if kind == "transforms":
-            shift = self.new("geometry_msgs/msg/Vector3", *map(float, c["position"]))
-            turn = self.new("geometry_msgs/msg/Quaternion", *map(float, c["rotation"]))
-            transform = self.new("geometry_msgs/msg/Transform", shift, turn)
-            stamped = self.new(
-                "geometry_msgs/msg/TransformStamped",
-                self.header(t, c["parent"]),
-                c["child"],
-                transform,
-            )
-            return self.new(name, [stamped])
-        status = self.new("sensor_msgs/msg/NavSatStatus", c.get("status", 0), 1)
-        covariance = np.array(diagonal(c.get("variances", FIX_VARIANCES)))
-        return self.new(name, self.header(t, "gps"), status, *c["place"], covariance, 2)
+            one = header | {"child_frame_id": c["child"]}
+            return {"transforms": [one | {"transform": pose_of(c, "translation", "rotation")}]}
+        if kind == "fix":
+            return header | {"status": {"status": c.get("status", 0), "service": 1}} | fix_of(c)
+        header["header"]["frame_id"] = c.get("parent", WORLD)
+        if kind == "pose":
+            return header | {"pose": pose_of(c)}
+        covariance = diagonal(c.get("variances", [0.04] * 3 + [0.0001] * 3))
+        pose = {"pose": pose_of(c), "covariance": covariance}
+        return header | {"child_frame_id": c.get("child", CAMERA), "pose": pose}
+
+
+DIALECTS = {"protobuf": Protobuf, "json": Json, "cdr": Ros2}
 
 
 @dataclass
@@ -306,9 +247,18 @@ class Log:
         more = {"format": "jpeg", "data": image(index, width, height)} | more
         self.add(topic, "image", index * STEP if time is None else time, **more)
 
-    def add_images(self, count, **more):
+    def drive(self, count, **streams):
+        """Fills the log: of each kind its content, or that by number; None: no message."""
+        streams = {"calibration": {}} | streams | {"image": streams.pop("image", {})}
         for index in range(count):
-            self.add_image(index, **more)
+            for kind, content in streams.items():
+                made = content(index) if callable(content) else content
+                if kind == "image" and made is not None:
+                    self.add_image(index, **made)
+                elif made is not None:
+                    topic = TOPICS.get(kind, f"/{kind}")
+                    self.add(topic, kind, **{"time": index * STEP} | made)
+        return self.finish()
 
     def calibrated(self, **content):
         self.add("/camera/calibration", "calibration", 0, **content)
@@ -320,9 +270,9 @@ class Log:
         return self.path
 
 
-@pytest.fixture(params=["protobuf", "json", "cdr"])
+@pytest.fixture(params=DIALECTS)
 def dialect(request):
-    return {"protobuf": Protobuf, "json": Json, "cdr": Ros2}[request.param]()
+    return request.param
 
 
 BARE = {
@@ -355,9 +305,7 @@ def new_log(tmp_path):
     made = []
 
     def make(dialect="protobuf", name="drive.mcap", **options):
-        if isinstance(dialect, str):
-            dialect = {"protobuf": Protobuf, "json": Json, "cdr": Ros2}[dialect]()
-        made.append(Log(tmp_path / name, dialect, options))
+        made.append(Log(tmp_path / name, DIALECTS[dialect](), options))
         return made[-1]
 
     yield make

@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 
 import cv2
@@ -33,17 +34,37 @@ CAMERA = Camera(
 )
 
 
-def test_a_ros_calibration_file_is_read(tmp_path):
-    (tmp_path / "camera.yaml").write_text(ROS)
-    assert read_camera_file(tmp_path / "camera.yaml") == CAMERA
+# camchain-imucam.yaml as kalibr_calibrate_cameras writes it
+KALIBR = """cam0:
+  cam_overlaps: []
+  camera_model: pinhole
+  distortion_coeffs: [-0.361976, 0.110510, 0.001014, 0.000505]
+  distortion_model: radtan
+  intrinsics: [438.78, 437.35, 305.59, 243.74]
+  resolution: [640, 480]
+  rostopic: /cam0/image_raw
+"""
+LARGE = "a: &a [1" + ", 1" * 9000 + "]\nb: &b [*a" + ", *a" * 9000 + "]\n"
+MATRIX = "  rows: 3\n  cols: 3\n  data: [438.78, 0., 305.59, 0., 437.35, 243.74, 0., 0., 1.]"
 
 
-def test_a_matrix_as_rows_is_read():
-    text = ROS.replace(
-        "  rows: 3\n  cols: 3\n  data: [438.78, 0., 305.59, 0., 437.35, 243.74, 0., 0., 1.]",
-        "  [[438.78, 0, 305.59], [0, 437.35, 243.74], [0, 0, 1]]",
-    )
-    assert parse_camera(text, "camera.yaml") == CAMERA
+@pytest.mark.parametrize(
+    ("text", "distortion"),
+    [
+        (ROS, CAMERA.distortion),
+        (
+            ROS.replace(MATRIX, "  [[438.78, 0, 305.59], [0, 437.35, 243.74], [0, 0, 1]]"),
+            CAMERA.distortion,
+        ),
+        (ROS.replace("438.78, 0.,", "438.78, 1e-12,"), CAMERA.distortion),  # a skew of rounding
+        (KALIBR, CAMERA.distortion[:4]),
+        (re.sub("coeffs: .*", "coeffs: []", KALIBR.replace("radtan", "none")), ()),
+    ],
+)
+def test_calibrations_of_ros_and_kalibr_are_read(tmp_path, text, distortion):
+    (tmp_path / "camera.yaml").write_text(text)
+    wanted = replace(CAMERA, distortion=distortion)
+    assert read_camera_file(tmp_path / "camera.yaml") == wanted
 
 
 @pytest.mark.parametrize(
@@ -68,17 +89,19 @@ def test_a_matrix_as_rows_is_read():
         (ROS.replace("438.78", "[" * 30_000), "nested too deeply"),
         (ROS.replace("438.78", ".nan"), "no focal length"),
         (ROS + "#" * 70_000, "over 65536 characters"),
-        (
-            "a: &a [1"
-            + ", 1" * 9000
-            + "]\nb: &b [*a"
-            + ", *a" * 9000
-            + "]\n"
-            + ROS.replace("[438.78", "*b #"),
-            "",
-        ),
+        (LARGE + ROS.replace("[438.78", "*b #"), ""),
         (ROS.replace("438.78, 0.,", "438.78, 0.3,"), "skew (0.3 px)"),
         (ROS.replace("243.74, 0., 0., 1.]", "243.74, 0., 0.01, 1.]"), "not of the form"),
+        *(("camera_matrix: " + bracket * 60_000, "too deeply") for bracket in "[{"),
+        (KALIBR.replace("radtan", "equidistant"), "equidistant"),
+        (KALIBR.replace("pinhole", "omni"), "camera model omni"),
+        (KALIBR.replace("intrinsics: [", "intrinsics: [1.0, "), "with 5 numbers"),
+        (KALIBR.replace("resolution", "size"), "cam0 has no resolution"),
+        (KALIBR.replace("[640, 480]", "[640]"), ""),
+        ("cam0: 1", "no named entries"),
+        ("%YAML:1.0\n---\n" + ROS.replace("image_width", "w"), "no image_width"),
+        ("%YAML:1.0\n---\nfisheye_model: 1\n" + ROS, "fisheye"),
+        ("%YAML:1.0\n---\ncamera_matrix: !!python/object:os.system []\n", "no YAML"),
     ],
 )
 def test_what_is_no_calibration_says_why(text, found):
@@ -90,10 +113,6 @@ def test_what_is_no_calibration_says_why(text, found):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match=r"camera.yaml.*Check the name"):
         read_camera_file(tmp_path / "camera.yaml")
-
-
-def test_a_skew_of_rounding_is_none():
-    assert parse_camera(ROS.replace("438.78, 0.,", "438.78, 1e-12,"), "camera.yaml") == CAMERA
 
 
 small = st.floats(-5e-3, 5e-3)
@@ -146,49 +165,3 @@ def test_a_file_that_opencv_wrote_is_read(tmp_path, keys, coefficients):
         path.write_text(f"{first_line}\n{rest}")
         wanted = replace(CAMERA, distortion=tuple(distortion.ravel().tolist()))
         assert read_camera_file(path) == wanted
-
-
-# camchain-imucam.yaml as kalibr_calibrate_cameras writes it
-KALIBR = """cam0:
-  cam_overlaps: []
-  camera_model: pinhole
-  distortion_coeffs: [-0.361976, 0.110510, 0.001014, 0.000505]
-  distortion_model: radtan
-  intrinsics: [438.78, 437.35, 305.59, 243.74]
-  resolution: [640, 480]
-  rostopic: /cam0/image_raw
-"""
-
-
-def test_a_camchain_of_kalibr_is_read():
-    assert parse_camera(KALIBR, "c.yaml") == replace(CAMERA, distortion=CAMERA.distortion[:4])
-    plain = KALIBR.replace("radtan", "none").replace(
-        "[-0.361976, 0.110510, 0.001014, 0.000505]", "[]"
-    )
-    assert parse_camera(plain, "c.yaml") == replace(CAMERA, distortion=())
-
-
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        (KALIBR.replace("radtan", "equidistant"), "equidistant"),
-        (KALIBR.replace("pinhole", "omni"), "camera model omni"),
-        (KALIBR.replace("intrinsics: [", "intrinsics: [1.0, "), "with 5 numbers"),
-        (KALIBR.replace("resolution", "size"), "cam0 has no resolution"),
-        (KALIBR.replace("[640, 480]", "[640]"), "not a camera calibration"),
-        ("cam0: 1", "no named entries"),
-        ("%YAML:1.0\n---\n" + ROS.replace("image_width", "w"), "no image_width"),
-        ("%YAML:1.0\n---\nfisheye_model: 1\n" + ROS, "fisheye"),
-        ("%YAML:1.0\n---\ncamera_matrix: !!python/object:os.system []\n", "no YAML"),
-    ],
-)
-def test_faults_of_files_of_other_tools_are_named(text, found):
-    with pytest.raises(InputError) as error:
-        parse_camera(text, "camera.yaml")
-    assert found in str(error.value)
-
-
-@pytest.mark.parametrize("bracket", ["[", "{"])
-def test_brackets_without_end_are_refused(bracket):
-    with pytest.raises(InputError, match="too deeply"):
-        parse_camera("camera_matrix: " + bracket * 60_000, "camera.yaml")

@@ -5,57 +5,47 @@ from functools import partial
 
 import pytest
 
-from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError
-from wayside.schemas.settings import ReadSettings
 
 from .conftest import read as read_log
 
 read = partial(read_log, thin_m=0.0)
-STEP = 10**9 // 4
 COUNT = 24
-
-
 TURN = (0.5, -0.5, 0.5, -0.5)
+SOUND = {
+    "pose": ("position", lambda index: [8.0 * index, 0.1 * index, 1.5]),
+    "fix": ("place", lambda index: (48.0 + 7e-5 * index, 11.0, 500.0)),
+}
 
 
-def write(new_log, dialect="protobuf", *, motion="pose", fixes=True, **changes):
-    """A drive; `pose`, `fix`: position by its number and what it was, or the content; `calibration`: content."""
-    log = new_log(dialect)
+def write(new_log, *kinds, dialect="protobuf", **changes):
+    """A drive with these (all) kinds; `pose`, `fix`: position or content by number and what it was."""
 
-    def changed(kind, field, index, sound):
-        found = changes[kind](index, sound) if kind in changes else sound
-        return found if isinstance(found, dict) else {field: found}
+    def stream(kind, index):
+        field, sound = SOUND["fix" if kind == "fix" else "pose"]
+        found = changes.get(kind, lambda index, sound: sound)(index, sound(index))
+        content = found if isinstance(found, dict) else {field: found}
+        return {field: sound(index)} | ({} if kind == "fix" else {"rotation": TURN}) | content
 
-    for index in range(COUNT):
-        time = index * STEP
-        calibration = changes.get("calibration", lambda i: {})(index)
-        log.add("/camera/calibration", "calibration", time, **calibration)
-        if motion:
-            pose = changed("pose", "position", index, [8.0 * index, 0.1 * index, 1.5])
-            log.add(f"/{motion}", motion, time, **({"rotation": TURN} | pose))
-        if fixes:
-            fix = changed("fix", "place", index, (48.0 + 7e-5 * index, 11.0, 500.0))
-            log.add("/gps", "fix", time, **fix)
-        log.add_image(index)
-    return log.finish()
+    streams = {kind: partial(stream, kind) for kind in kinds or SOUND}
+    return new_log(dialect).drive(COUNT, calibration=changes.get("calibration", {}), **streams)
 
 
 @pytest.mark.parametrize(
-    ("first", "last", "off"), [(10, 11, 5e3), (10, 11, 20.0), (0, 1, 5e3), (10, 13, 1e7)]
+    ("rows", "off"),
+    [([10], 5e3), ([10], 20.0), ([0], 5e3), ([23], 5e3), ([10, 11, 12], 1e7), ([3, 10, 16], 500)],
 )
-def test_poses_aside_are_left_out_bridged_and_told(new_log, first, last, off):
-    path = write(new_log, pose=lambda i, p: [p[0] + off * (first <= i < last), *p[1:]])
+def test_poses_aside_are_left_out_bridged_and_told(new_log, rows, off):
+    path = write(new_log, pose=lambda i, p: [p[0] + off * (i in rows), *p[1:]])
     frames, report = read(path)
     assert all(f.used for f in frames)
     for frame in frames:
         if frame.pose is not None:
             assert frame.pose.pose.centre[0] == pytest.approx(8.0 * frame.index, abs=1e-6)
-    assert sum(f.pose is not None for f in frames) >= COUNT - (first == 0)
-    assert any(
-        f"{last - first} of 24 poses of /pose are where no vehicle can be" in n
-        for n in report.notes
-    )
+    at_an_end = rows[0] in (0, COUNT - 1)
+    assert sum(f.pose is not None for f in frames) >= COUNT - at_an_end
+    told = f"{len(rows)} of 24 poses of /pose are where no vehicle can be"
+    assert any(told in note for note in report.notes)
 
 
 def test_poses_of_another_origin_than_most_are_left_out_and_told(new_log):
@@ -64,13 +54,25 @@ def test_poses_of_another_origin_than_most_are_left_out_and_told(new_log):
     assert any("10 of 24 poses of /pose are where no vehicle can be" in n for n in report.notes)
 
 
-@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.0, 0.0, 500.0)])
-def test_fixes_at_zero_are_no_fixes_and_counted(new_log, place):
-    frames, report = read(write(new_log, fix=lambda i, p: place if i < 9 else p))
+NO_POSITION = {
+    "zero": {"place": (0.0, 0.0, 0.0)},
+    "zero at a height": {"place": (0.0, 0.0, 500.0)},
+    "no number": {"place": (math.nan, 11.0, 500.0)},
+    "infinite variance": {"variances": (math.inf,) * 3},
+    "status": {"status": -1},
+}
+
+
+@pytest.mark.parametrize("lack", NO_POSITION)
+def test_fixes_without_position_are_left_out_and_counted(new_log, lack):
+    content = NO_POSITION[lack]
+    path = write(new_log, dialect="cdr", fix=lambda i, p: content if i < 9 else p)
+    frames, report = read(path)
     assert [f.index for f in frames if f.fix is not None] == list(range(9, COUNT))
     assert any("9 of 24 messages of /gps hold no position" in n for n in report.notes)
+    assert not report.problem_count
     with pytest.raises(InputError, match=r"none of the 24 messages of /gps can be used.*--spacing"):
-        read(write(new_log, fix=lambda i, p: place, motion=""))
+        read(write(new_log, "fix", dialect="cdr", fix=lambda i, p: content))
 
 
 def test_fixes_that_repeat_without_change_are_no_fixes_and_counted(new_log):
@@ -81,7 +83,7 @@ def test_fixes_that_repeat_without_change_are_no_fixes_and_counted(new_log):
 
 
 def test_a_fix_aside_is_left_out_bridged_and_told(new_log):
-    path = write(new_log, fix=lambda i, p: (p[0] + 0.045 * (i == 10), *p[1:]), motion="")
+    path = write(new_log, "fix", fix=lambda i, p: (p[0] + 0.045 * (i == 10), *p[1:]))
     frames, report = read(path)
     assert [f.fix.latitude_deg for f in frames] == pytest.approx(
         [48.0 + 7e-5 * i for i in range(COUNT)], abs=1e-9
@@ -89,35 +91,38 @@ def test_a_fix_aside_is_left_out_bridged_and_told(new_log):
     assert any("1 of 24 fixes of /gps are where no vehicle can be" in n for n in report.notes)
 
 
-@pytest.mark.parametrize(("axis", "value"), [(0, math.nan), (1, math.inf), (2, 1e308), (0, -1e9)])
-def test_impossible_poses_are_lost_with_count_and_reason(new_log, axis, value):
-    def pose(index, position):
-        return [value if k == axis and index >= 12 else p for k, p in enumerate(position)]
+IMPOSSIBLE = [
+    ({"position": [math.nan, 0.0, 0.0]}, "not finite"),
+    ({"position": [0.0, math.inf, 0.0]}, "not finite"),
+    ({"position": [0.0, 0.0, 1e308]}, ""),
+    ({"position": [-1e9, 0.0, 0.0]}, ""),
+    ({"rotation": [7.0 * part for part in TURN]}, "the length 7, not 1"),
+    ({"rotation": [0.0] * 4}, "the length 0"),
+]
 
-    frames, report = read(write(new_log, pose=pose))
+
+@pytest.mark.parametrize(("pose", "reason"), IMPOSSIBLE)
+def test_impossible_poses_are_lost_with_count_and_reason(new_log, pose, reason):
+    frames, report = read(write(new_log, pose=lambda i, p: pose if i >= 12 else p))
     assert sum(f.pose is not None for f in frames) == 12
     assert "12 messages of /pose lost" in str(report.problems[0])
+    assert reason in str(report.problems[0])
 
 
-def test_a_stream_without_a_usable_message_is_told(new_log):
-    frames, report = read(write(new_log, pose=lambda i, p: [math.nan, *p[1:]]))
+def test_a_stream_without_a_usable_message_is_told_with_what_it_lacks(new_log):
+    def nowhere(index, position):
+        return [math.nan, *position[1:]]
+
+    frames, report = read(write(new_log, pose=nowhere))
     assert all(f.used and f.pose is None for f in frames)
     assert any("none of the 24 messages of /pose can be used" in note for note in report.notes)
     assert "24 messages of /pose lost" in str(report.problems[0])
-    frames, report = read(write(new_log, fix=lambda i, p: (math.nan, *p[1:])))
+    frames, report = read(write(new_log, fix=nowhere))
     assert all(f.used and f.fix is None for f in frames)
-    assert (
-        "none of the 24 messages of /gps can be used: no position, or one known to a kilometre at best"
-        in report.notes
-    )
-    assert not report.problem_count
-    frames, report = read(write(new_log, fix=lambda i, p: (math.nan if i < 9 else p[0], *p[1:])))
-    assert any("9 of 24 messages of /gps hold no position" in note for note in report.notes)
-
-
-def test_what_is_refused_for_want_of_poses_says_what_the_poses_lack(new_log):
+    lack = "no position, or one known to a kilometre at best"
+    assert f"none of the 24 messages of /gps can be used: {lack}" in report.notes
     with pytest.raises(InputError, match=r"/pose.*a pose that is not finite.*--spacing"):
-        read(write(new_log, pose=lambda i, p: [math.nan, *p[1:]], fixes=False))
+        read(write(new_log, "pose", pose=nowhere))
 
 
 def test_an_impossible_height_costs_its_fix_only(new_log):
@@ -139,9 +144,9 @@ def test_a_calibration_that_becomes_unusable_is_counted_and_the_last_sound_one_k
 def test_variances_of_fixes_that_cannot_be_are_taken_as_unknown(new_log, dialect, variance):
     def fix(index, place):
         odd = 5 <= index < 8
-        return {"place": place, "variances": (4.0, variance if odd else 9.0, 16.0)}
+        return {"variances": (4.0, variance if odd else 9.0, 16.0)}
 
-    frames, _ = read(write(new_log, dialect, motion="", fix=fix))
+    frames, _ = read(write(new_log, "fix", dialect=dialect, fix=fix))
     assert [f.fix.sigma_m for f in frames][5:8] == [None] * 3
     assert frames[20].fix.sigma_m == pytest.approx((2.0, 3.0, 4.0))
 
@@ -150,45 +155,27 @@ def test_variances_of_fixes_that_cannot_be_are_taken_as_unknown(new_log, dialect
 @pytest.mark.parametrize("variance", [-1.0, 0.0, math.nan])
 def test_variances_of_odometry_that_cannot_be_are_taken_as_unknown(new_log, place, variance):
     def pose(index, position):
-        odd = [variance if k == place and index == 9 else 0.04 for k in range(6)]
-        return {"position": position, "variances": odd}
+        return {"variances": [variance if k == place and index == 9 else 0.04 for k in range(6)]}
 
-    frames, _ = read(write(new_log, "cdr", motion="odometry", fixes=False, pose=pose))
+    frames, _ = read(write(new_log, "odometry", dialect="cdr", odometry=pose))
     known = [(f.pose.sigma_m, f.pose.sigma_rad) for f in frames]
     assert known[9] == ((None, pytest.approx(0.2)) if place < 3 else (pytest.approx(0.2), None))
     assert known[20] == pytest.approx((0.2, 0.2))
 
 
-def test_fixes_of_infinite_variance_hold_no_position(new_log):
-    def fix(index, place):
-        return {"place": place, "variances": (math.inf if index < 9 else 4.0,) * 3}
-
-    _, report = read(write(new_log, motion="", fix=fix))
-    assert any("9 of 24 messages of /gps hold no position" in note for note in report.notes)
-
-
-@pytest.mark.parametrize(("factor", "words"), [(7.0, "the length 7, not 1"), (0.0, "the length 0")])
-def test_a_quaternion_of_another_length_than_one_is_lost_with_its_length(new_log, factor, words):
-    def pose(index, position):
-        turn = [part * (factor if index == 5 else 1.0) for part in TURN]
-        return {"position": position, "rotation": turn}
-
-    _, report = read(write(new_log, fixes=False, pose=pose))
-    assert "1 messages of /pose lost" in str(report.problems[0])
-    assert words in str(report.problems[0])
-
-
-def of_two_cameras(new_log, name_of, focal_of=lambda name: 40.0, count=COUNT):
+def of_two_cameras(new_log, name_of, focal_of=lambda name: 40.0):
     """Images 8 m apart whose `frame_id` is given by their number, each with a calibration of the same camera."""
-    log = new_log()
-    for index in range(count):
-        name = name_of(index)
-        k = [focal_of(name), 0.0, 15.5, 0.0, focal_of(name), 11.5, 0.0, 0.0, 1.0]
-        log.add("/camera/calibration", "calibration", index * STEP, frame=name, k=k)
-        position = (8.0 * index, 0.0, 1.5)
-        log.add("/pose", "pose", index * STEP, position=position, rotation=(0.5, -0.5, 0.5, -0.5))
-        log.add_image(index, index * STEP, frame=name)
-    return log.finish()
+
+    def calibration(index):
+        focal = focal_of(name_of(index))
+        return {"frame": name_of(index), "k": [focal, 0.0, 15.5, 0.0, focal, 11.5, 0.0, 0.0, 1.0]}
+
+    def pose(index):
+        return {"position": (8.0 * index, 0.0, 1.5), "rotation": TURN}
+
+    return new_log().drive(
+        COUNT, calibration=calibration, pose=pose, image=lambda index: {"frame": name_of(index)}
+    )
 
 
 def test_images_of_another_camera_between_those_of_one_are_left_out_and_told(new_log):
@@ -200,7 +187,7 @@ def test_images_of_another_camera_between_those_of_one_are_left_out_and_told(new
     ]
     assert all(f.camera.fx == 40.0 for f in frames if f.used)
     assert any("8 images of /camera/image are of another camera" in note for note in report.notes)
-    spaced = list(read_frames(path, ReadSettings(spacing_m=8.0, thin_m=0.0), ReadReport()))
+    spaced, _ = read(path, spacing_m=8.0)
     assert [f.spacing_m for f in spaced if f.used] == [None, *[8.0] * 15]
 
 

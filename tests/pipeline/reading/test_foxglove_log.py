@@ -27,9 +27,8 @@ def write_result(folder, log, world):
     """A result of one sign and a rejected box, seen in the second of three images."""
     rotation = Rotation.from_matrix(np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]]).astype(float))
     quaternion = dict(zip(("qx", "qy", "qz", "qw"), rotation.as_quat().tolist(), strict=True))
-    with log.open("rb") as stream:
-        read = make_reader(stream).iter_messages(topics=["/camera/image"])
-        images = [(m.log_time, m.publish_time) for _, _, m in read]
+    read = decoded(log, ["/camera/image"])
+    images = [(m.log_time, m.publish_time) for _, _, m, _ in read]
     frames = [
         {"frame": n, "log_time_ns": t, "header_time_ns": p - 12_000_000, "status": "used"}
         | {"x": 2.0 * n, "y": 0.0, "z": 1.5, "station_m": 2.0 * n}
@@ -49,41 +48,42 @@ def write_result(folder, log, world):
 
 def drive(new_log, motion):
     """A log of three images whose camera moves by poses, by transforms, or by the poses of a body it is mounted on."""
-    log = new_log()
-    log.add("/camera/info", "calibration", 0)
-    for index in range(IMAGES):
-        time, place = index * 10**9 // 4, {"position": (2.0 * index, 0, 1.5), "rotation": AHEAD}
-        if motion == "transforms":
-            log.add("/tf", "transform", time, parent="map", child="camera_optical", **place)
-        elif motion == "mount":
-            still = {"position": (1.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0)}
-            log.add("/mount", "transform", time, parent="base", child="camera_optical", **still)
-        if motion in ("poses", "mount"):
-            log.add("/pose", "pose", time, parent="map", **place)
-        if motion == "fixes":
-            log.add("/gps", "fix", time, place=(50.0 + 1e-5 * index, 10.0, 100.0))
-        log.add_image(index)
-    return log.finish()
+
+    def moving(parent, **more):
+        return lambda index: {"parent": parent, "position": (2.0 * index, 0, 1.5)} | turned | more
+
+    turned = {"rotation": AHEAD}
+    still = {"position": (1.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0)}
+    poses = {"pose": moving("map")}
+    streams = {
+        "poses": poses,
+        "mount": {"transform": {"parent": "base", "child": "camera_optical"} | still} | poses,
+        "transforms": {"transform": moving("map", child="camera_optical")},
+        "fixes": {"fix": lambda index: {"place": (50.0 + 1e-5 * index, 10.0, 100.0)}},
+    }
+    return new_log().drive(IMAGES, **streams[motion])
+
+
+def decoded(path, topics=None):
+    with path.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        yield from reader.iter_decoded_messages(topics)
 
 
 def export_log(new_log, tmp_path, motion="poses", world="log", review=NO_REVIEW):
     out = write_result(tmp_path / "out", drive(new_log, motion), world)
     export(out, review, tmp_path / "signs.mcap", "mcap")
     found = {}
-    with (tmp_path / "signs.mcap").open("rb") as stream:
-        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        for schema, channel, message, content in reader.iter_decoded_messages():
-            topic = channel.topic.removeprefix("/wayside/camera/image/")
-            found.setdefault((topic, schema.name), []).append((message.log_time, content))
+    for schema, channel, message, content in decoded(tmp_path / "signs.mcap"):
+        topic = channel.topic.removeprefix("/wayside/camera/image/")
+        found.setdefault((topic, schema.name), []).append((message.log_time, content))
     return found
 
 
 def test_boxes_have_the_times_of_the_images_they_lie_on(new_log, tmp_path):
     found = export_log(new_log, tmp_path)
-    with (tmp_path / "drive.mcap").open("rb") as stream:
-        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        read = reader.iter_decoded_messages(topics=["/camera/image"])
-        images = [(m.log_time, content.timestamp.ToNanoseconds()) for _, _, m, content in read]
+    read = decoded(tmp_path / "drive.mcap", ["/camera/image"])
+    images = [(m.log_time, content.timestamp.ToNanoseconds()) for _, _, m, content in read]
     shown = {}
     for topic, words in (("signs", "d-0001 red octagon"), ("rejected", "moving")):
         messages = found[topic, "foxglove.ImageAnnotations"]

@@ -34,19 +34,6 @@ def test_a_progressive_jpeg_with_restart_marks_tells_its_size():
     assert read_image_header(data) == ("jpeg", 32, 24)
 
 
-@pytest.mark.parametrize(
-    ("text", "word"),
-    [
-        ("jpg", "jpeg"),
-        ("bgr8; jpeg compressed bgr8", "jpeg"),
-        ("image/png", "png"),
-        ("16UC1; compressedDepth", "16UC1; compressedDepth"),
-    ],
-)
-def test_the_format_is_found_in_free_text(text, word):
-    assert format_word(text) == word
-
-
 @pytest.mark.parametrize("options", [{"lossless": True}, {"quality": 50}, {"exif": b"Exif\0\0"}])
 def test_every_form_of_webp_tells_its_size(options):
     assert read_image_header(encoded("webp", **options))[1:] == (53, 37)

@@ -7,27 +7,19 @@ from wayside.pipeline.logs.information import describe_log
 from wayside.schemas.errors import InputError
 from wayside.stages.imaging import decode
 
-from .conftest import HEIGHT, STEP, WIDTH, read
+from .conftest import HEIGHT, WIDTH, read
 
 
 def raw_log(log, encoding, step, data):
-    log.add("/camera/calibration", "calibration", 0)
     shape = {"width": WIDTH, "height": HEIGHT, "encoding": encoding, "step": step}
-    for index in range(3):
-        log.add("/camera/image", "raw", index * STEP, **shape, data=data(index))
-    return log.finish()
+    return log.drive(3, image=None, raw=lambda index: shape | {"data": data(index)})
 
 
 @pytest.mark.parametrize(
     ("encoding", "step", "size", "why"),
     [
         ("nv24", WIDTH, 3 * WIDTH * HEIGHT, "encoding 'nv24' is not understood"),
-        (
-            "bgr8",
-            WIDTH,
-            3 * WIDTH * HEIGHT,
-            "step is 32 bytes, and a row of 32 pixels in bgr8 has 96",
-        ),
+        ("bgr8", WIDTH, 3 * WIDTH * HEIGHT, "step is 32 bytes, and a row of 32 pixels in bgr8"),
         ("mono8", WIDTH, (WIDTH + 4) * HEIGHT, "864 bytes, and 24 rows of 32 bytes"),
         ("mono8", WIDTH + 4, WIDTH * HEIGHT, "768 bytes, and 24 rows of 36 bytes"),
     ],
@@ -36,9 +28,7 @@ def test_images_that_cannot_be_decoded_are_refused_before_the_run_and_by_info(
     new_log, encoding, step, size, why
 ):
     path = raw_log(new_log(), encoding, step, lambda index: bytes([index]) * size)
-    with pytest.raises(
-        InputError, match="none of the images on /camera/image can be decoded"
-    ) as error:
+    with pytest.raises(InputError, match="none of the images on /raw can be decoded") as error:
         read(path, spacing_m=8.0)
     assert why in str(error.value)
     text = describe_log(path)

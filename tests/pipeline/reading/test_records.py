@@ -3,7 +3,6 @@
 import io
 import resource
 import struct
-import time
 import zlib
 from functools import cache
 
@@ -15,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType, Writer
 
-from wayside.pipeline.reading import layout
+from wayside.pipeline.reading import layout, records
 from wayside.pipeline.reading.layout import Budget
 from wayside.pipeline.reading.parts import log_parts
 from wayside.pipeline.reading.records import (
@@ -138,15 +137,18 @@ def test_a_log_cut_at_any_byte_gives_the_messages_of_its_whole_records(tmp_path,
     assert last == COUNT
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_cut_is_told_with_its_place(tmp_path, kind):
-    content = write(compression=kind, chunk_size=900)
-    (offset, length) = chunks_of(content)[2]
-    found, report = read(tmp_path, content[: offset + length // 2])
-    assert found
+def test_a_cut_and_a_damaged_chunk_are_told_with_their_place_and_against_the_summary(tmp_path):
+    content = write(chunk_size=900)
+    offset, length = chunks_of(content)[2]
+    _, report = read(tmp_path, content[: offset + length // 2])
     (problem,) = report.problems
     assert f"cut off {length // 2} bytes behind its last whole record" in str(problem)
     assert problem.offset == offset
+    content[offset + 9 + length - 20] ^= 0x10
+    found, report = read(tmp_path, content)
+    assert report.lost_chunks == report.problem_count == 1
+    assert str(report.problems[0]).startswith(f"at byte {offset}: chunk of {length + 9} bytes lost")
+    assert report.messages_stated == COUNT > len(found)
 
 
 @pytest.mark.parametrize("bare", [{}, BARE])
@@ -163,16 +165,6 @@ def test_a_changed_byte_costs_the_chunk_that_it_is_in(tmp_path, packing, bare):
             assert len(lost) < COUNT // 3
             assert lost == list(range(lost[0], lost[-1] + 1)) if lost else not bare or not lost
             assert report.problem_count == 1 or not lost, place
-
-
-def test_a_damaged_chunk_is_counted_with_its_place_and_against_the_summary(tmp_path):
-    content = write(compression=CompressionType.ZSTD, chunk_size=900)
-    offset, length = chunks_of(content)[2]
-    content[offset + 9 + length - 20] ^= 0x10
-    found, report = read(tmp_path, content)
-    assert report.lost_chunks == report.problem_count == 1
-    assert str(report.problems[0]).startswith(f"at byte {offset}: chunk of {length + 9} bytes lost")
-    assert report.messages_stated == COUNT > len(found)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -240,27 +232,24 @@ def test_zeros_in_place_of_the_end_cost_what_they_cover(tmp_path):
     assert report.problem_count
 
 
-def test_the_channels_of_a_lost_first_chunk_come_from_the_summary(tmp_path):
-    content = write(compression=CompressionType.NONE, chunk_size=900)
-    offset, length = chunks_of(content)[0]
-    content[offset + 9 + length - 20] ^= 1
-    found, report = read(tmp_path, content)
-    assert found == list(range(found[0], COUNT))
-    assert report.problem_count == 1
-
-
-def test_messages_of_channels_that_are_lost_for_good_are_counted(tmp_path):
-    bare = {"repeat_channels": False, "index_types": IndexType.NONE}
+@pytest.mark.parametrize("bare", [{}, {"repeat_channels": False, "index_types": IndexType.NONE}])
+def test_channels_of_a_lost_first_chunk_come_from_the_summary_or_their_messages_are_counted(
+    tmp_path, bare
+):
     content = write(compression=CompressionType.NONE, chunk_size=900, **bare)
     offset, length = chunks_of(content)[0]
     content[offset + 9 + length - 20] ^= 1
     found, report = read(tmp_path, content)
-    assert found == []
-    (chunk, *missing) = map(str, report.problems)
-    assert "checksum" in chunk
-    counts = [int(p.split(": ")[1].split()[0]) for p in missing if "messages of channel" in p]
-    assert len(counts) == len(missing) == 3
-    assert 15 <= sum(counts) < COUNT
+    first, *missing = map(str, report.problems)
+    assert "checksum" in first
+    if not bare:
+        assert found == list(range(found[0], COUNT))
+        assert not missing
+    else:
+        assert not found
+        counts = [int(p.split(": ")[1].split()[0]) for p in missing if "messages of channel" in p]
+        assert len(counts) == len(missing) == 3
+        assert 15 <= sum(counts) < COUNT
 
 
 def chunk(records, name=b"", packed=None, size=None, checksum=None):
@@ -278,7 +267,6 @@ def message(channel, index, data=b"{}"):
 
 DEFINED = SCHEMA + CHANNEL
 FIRST, GOOD = DEFINED + message(1, 0), DEFINED + message(1, 1)
-BOMB = bytes(50_000_000)
 
 
 def read_made(tmp_path, *records):
@@ -302,8 +290,8 @@ def read_made(tmp_path, *records):
         chunk(FIRST + struct.pack("<BQ", 5, 2**60), checksum=0),
         chunk(FIRST, b"zstd", FIRST),
         chunk(FIRST, b"lz4", FIRST),
-        chunk(FIRST, b"zstd", zstandard.compress(BOMB)),
-        chunk(FIRST, b"lz4", lz4.frame.compress(BOMB)),
+        chunk(FIRST, b"zstd", zstandard.compress(bytes(50_000_000))),
+        chunk(FIRST, b"lz4", lz4.frame.compress(bytes(50_000_000))),
         chunk(FIRST, b"zstd", zstandard.compress(FIRST)[:-4]),
         chunk(FIRST, b"lz4", lz4.frame.compress(FIRST)[:-20]),
         chunk(FIRST, b"\xff\xfe"),
@@ -315,22 +303,17 @@ def test_a_chunk_that_cannot_be_trusted_is_lost_whole_and_reading_goes_on(tmp_pa
     assert report.lost_chunks == report.problem_count == 1
 
 
-@pytest.mark.parametrize(
-    "packed",
-    [zstandard.ZstdCompressor(write_content_size=False).compress(GOOD), zstandard.compress(GOOD)],
-)
-def test_zstd_chunks_are_read_with_and_without_their_size_in_the_frame(tmp_path, packed):
+def test_zstd_chunks_are_read_without_their_size_in_the_frame(tmp_path):
+    packed = zstandard.ZstdCompressor(write_content_size=False).compress(GOOD)
     found, report = read_made(tmp_path, chunk(GOOD, b"zstd", packed), END)
-    assert found == [1]
-    assert report.problem_count == 0
+    assert (found, report.problem_count) == ([1], 0)
 
 
 def test_records_of_opcodes_to_come_and_private_ones_are_passed_over(tmp_path):
     later, private = record(0x10, b"later"), record(0x90, b"private" * 1000)
     records = later, SCHEMA, CHANNEL, private, message(1, 1), private, END
     found, report = read_made(tmp_path, *records)
-    assert found == [1]
-    assert report.problem_count == 0
+    assert (found, report.problem_count) == ([1], 0)
     assert report.unchecked[-1] == "3 records of unknown kinds were passed over"
 
 
@@ -367,17 +350,13 @@ def test_records_that_have_no_place_in_a_chunk_are_passed_over(tmp_path, misplac
     assert found == [0, 3]
 
 
-def test_metadata_and_small_attachments_come_and_large_ones_do_not(tmp_path):
-    path = tmp_path / "log.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        writer.add_metadata("wayside", {"spacing_m": "8.0"})
-        writer.add_attachment(0, 0, "camera.yaml", "text/yaml", b"image_width: 3")
-        writer.add_attachment(0, 0, "map.bin", "", bytes(2_000_000))
-        writer.finish()
+def test_metadata_and_small_attachments_come_and_large_ones_do_not(new_log):
+    log = new_log()
+    log.writer.add_metadata("wayside", {"spacing_m": "8.0"})
+    log.writer.add_attachment(0, 0, "camera.yaml", "text/yaml", b"image_width: 3")
+    log.writer.add_attachment(0, 0, "map.bin", "", bytes(2_000_000))
     report = ScanReport()
-    found = list(scan(path, report))
+    found = list(scan(log.finish(), report))
     assert [type(one) for one in found] == [Metadata, Attachment]
     assert found[0].metadata == {"spacing_m": "8.0"}
     assert found[1].data == b"image_width: 3"
@@ -418,13 +397,11 @@ def test_the_messages_of_any_record_can_be_read_again(tmp_path, packing):
     found = [m for m in scan(path, ScanReport()) if isinstance(m, Message)]
     channels, budget = [m.channel for m in found], Budget.of(10**6)
     again = [
-        m
+        (m.sequence, bytes(m.data))
         for at in dict.fromkeys(m.offset for m in found)
         for m in messages_at(log_parts(path), at, channels, budget)
     ]
-    assert [(m.sequence, bytes(m.data)) for m in again] == [
-        (m.sequence, bytes(m.data)) for m in found
-    ]
+    assert again == [(m.sequence, bytes(m.data)) for m in found]
 
 
 def test_a_hopeless_file_cannot_fill_the_memory_with_problems(tmp_path):
@@ -460,45 +437,44 @@ BOMBS = {
 
 
 @pytest.mark.parametrize("name", sorted(BOMBS))
-def test_a_chunk_that_unpacks_beyond_measure_is_lost_at_once_and_reading_goes_on(tmp_path, name):
-    started, before = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+def test_a_chunk_that_unpacks_beyond_measure_is_lost_and_reading_goes_on(tmp_path, name):
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     found, report = read_made(tmp_path, BOMBS[name], chunk(GOOD), END)
     assert found == [1]
     assert report.lost_chunks == report.problem_count == 1
-    assert time.process_time() - started < 1.0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 260_000  # kB
 
 
-def test_many_chunks_that_are_right_one_by_one_are_bounded_together(tmp_path):
-    one = chunk(DEFINED + message(1, 0, bytes(10_000_000)), b"zstd")
-    found, report = read_made(tmp_path, *[one] * 60, END)
-    assert 0 < len(found) < 60
-    assert report.lost_chunks == 60 - len(found)
-    assert "more than 255 times the size of the log" in str(report.problems[0])
-
-
-@pytest.mark.parametrize("name", [b"", b"lz4"])
-def test_what_lz4_can_reach_is_never_refused(tmp_path, monkeypatch, name):
+@pytest.mark.parametrize("name", [b"zstd", b"", b"lz4"])
+def test_many_chunks_are_bounded_together_by_what_lz4_can_reach(tmp_path, monkeypatch, name):
     monkeypatch.setattr(layout, "EXTRA_BYTES", 0)
     one = chunk(DEFINED + message(1, 0, bytes(3_000_000)), name)
     found, report = read_made(tmp_path, *[one] * 30, END)
-    assert len(found) == 30
-    assert report.problem_count == 0
+    assert report.problem_count == report.lost_chunks == 30 - len(found)
+    if name == b"zstd":
+        assert len(found) < 30
+        assert "more than 255 times the size of the log" in str(report.problems[0])
+    else:
+        assert len(found) == 30
 
 
-def test_nested_heads_of_chunks_do_not_cost_the_square_of_the_size(tmp_path):
-    def heads(count):
-        size, content = 60 * count, b""
-        for k in range(count):
-            left = size - 60 * k - 9
-            packed = struct.pack("<Q", left - 40)
-            head = struct.pack("<QQQI", 1, 2, left - 40, 1) + text(b"") + packed
-            content += (struct.pack("<BQ", 6, left) + head).ljust(60, b"\x00")
-        return content
+def test_chunks_that_each_reach_over_all_later_ones_do_not_cost_the_square_of_the_size(
+    tmp_path, monkeypatch
+):
+    sizes, parse_record = [], records.parse_record
+    monkeypatch.setattr(
+        records, "parse_record", lambda kind, of: sizes.append(len(of)) or parse_record(kind, of)
+    )
 
     def cost(count):
-        started = time.process_time()
-        read_made(tmp_path, heads(count), END)
-        return time.process_time() - started
+        sound = chunk(GOOD)
+        step, content = len(sound) + 49, b""
+        for k in range(count):
+            left = step * (count - k) - len(sound) - 9 + 20  # where no record can begin
+            head = struct.pack("<QQQI", 1, 2, left - 40, 1) + text(b"")
+            content += sound + struct.pack("<BQ", 6, left) + head + struct.pack("<Q", left - 40)
+        sizes.clear()
+        read_made(tmp_path, content, bytes(99), END)
+        return sum(sizes)
 
-    assert cost(16_000) < 8 * cost(4000) + 0.5
+    assert cost(800) < 5 * cost(200)

@@ -122,27 +122,6 @@ def test_positions_of_a_vehicle_are_all_possible(noise):
         assert possible(*drive(speed=speed, noise=noise)).all()
 
 
-@pytest.mark.parametrize("rows", [[7], [7, 8], [0], [39], [3, 20, 33]])
-@pytest.mark.parametrize("off", [(500.0, 0.0, 0.0), (0.0, -3e6, 2e6)])
-def test_positions_out_of_reach_of_all_others_are_not_possible(rows, off):
-    time, path = drive()
-    path[rows] += off
-    assert np.flatnonzero(~possible(time, path)).tolist() == rows
-
-
-@pytest.mark.parametrize("rows", [[7], [21, 30]])
-def test_positions_beside_the_path_of_their_neighbours_are_not_possible(rows):
-    time, path = drive(noise=0.01)
-    path[rows] += (2.0, 6.0, 0.0)
-    assert np.flatnonzero(~possible(time, path)).tolist() == rows
-
-
-def test_of_two_places_a_continent_apart_the_one_of_most_positions_is_kept():
-    time, path = drive()
-    path[:12] -= (4e6, 2e6, 0.0)
-    assert np.flatnonzero(possible(time, path)).tolist() == list(range(12, 40))
-
-
 def test_a_series_that_only_jumps_is_judged_in_bounded_time():
     rng = np.random.default_rng(5)
     count = 20_000
