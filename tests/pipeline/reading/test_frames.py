@@ -404,7 +404,7 @@ def test_what_a_log_lacks_is_refused_and_told_with_what_helps(new_log, lack):
     path = new_log().drive(4, **{"pose": pose_of} | changes)
     with pytest.raises(InputError, match=refused):
         read(path)
-    text = format_information(describe_log(path))
+    text = describe_log(path)
     assert told in text
     assert not told or "can be used:" not in text
 
