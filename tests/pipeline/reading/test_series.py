@@ -122,6 +122,13 @@ def test_positions_of_a_vehicle_are_all_possible(noise):
         assert possible(*drive(speed=speed, noise=noise)).all()
 
 
+@pytest.mark.parametrize("rows", [[7], [21, 30]])
+def test_positions_beside_the_path_of_their_neighbours_are_not_possible(rows):
+    time, path = drive(noise=0.01)
+    path[rows] += (2.0, 6.0, 0.0)
+    assert np.flatnonzero(~possible(time, path)).tolist() == rows
+
+
 def test_a_series_that_only_jumps_is_judged_in_bounded_time():
     rng = np.random.default_rng(5)
     count = 20_000
