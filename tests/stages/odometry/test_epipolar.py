@@ -49,9 +49,8 @@ def test_the_minimum_is_that_of_scipy():
     assert errors_deg(found, turn, direction).max() < 1e-4
 
 
-def test_without_rays_the_prior_is_the_answer_and_where_it_is_vague_the_start():
+def test_without_rays_the_prior_is_the_answer():
     nothing = np.zeros((0, 2))
-    np.testing.assert_array_equal(fit(nothing, nothing).rotation, START[0])
     turn = Rotation.from_rotvec([0.0, 0.02, 0.0]).as_matrix()
     prior = StepPrior(turn, 0.001, AHEAD, np.array([0.01, 0.01]), False, 8.0, 0.02)
     found = fit(nothing, nothing, start=(np.eye(3), np.array([0.1, 0.0, 0.99])), prior=prior)
