@@ -54,20 +54,10 @@ def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
     frames, monkeypatch, panel_method, outline, shape
 ):
     def measured(fit, window, offset, method):
-        panel = Panel(
-            fit.point,
-            fit.frames[fit.used],
-            box_rays(fit, window),
-            fit.weight_sigma[fit.used],
-            fit.ray_sigma[fit.used],
-            np.full(2, 0.01),
-            fit.metric,
-            np.full(2, 0.02),
-            0.0,
-            5.0,
-            outline,
-            0.1,
-        )
+        rays, used = box_rays(fit, window), fit.used
+        views = fit.frames[used], rays, fit.weight_sigma[used], fit.ray_sigma[used]
+        sigma = np.full(2, 0.02)
+        panel = Panel(fit.point, *views, sigma, fit.metric, sigma, 0.0, 5.0, outline, 0.1)
         return PanelMeasurement((PanelView(0, NO_PIXELS, UNMOVED),) * 3, None, panel)
 
     monkeypatch.setattr("wayside.stages.mapping.tracker.measure_panel", measured)

@@ -22,6 +22,26 @@ def drive(views=6, seed=0, noise=SIGMA, point=(3.1, -0.6, 62.0)):
     return rotations, centres, rays, np.full(views, SIGMA)
 
 
+def test_the_midpoint_and_its_residual_are_those_of_equations_7_3_and_7_5():
+    rng, centre = np.random.default_rng(2), np.array([0.0, 0.0, 8.05])
+    previous = rng.uniform(-0.3, 0.3, (20, 2))
+    current = 1.5 * previous + rng.normal(0, 0.01, (20, 2))  # points some 24 m ahead
+    d0, d1 = (np.c_[half, np.ones(20)] for half in (previous, current))
+    found = midpoint(np.zeros(3), centre, d0, d1)
+    residual = pair_residual(previous, current, np.eye(3), centre, (1400.0, 1400.0))
+    for i in range(20):
+        q3 = np.cross(d0[i], d1[i])
+        g1, _, g3 = np.linalg.solve(np.c_[-d0[i], d1[i], -q3], -centre)
+        q = g1 * d0[i] + g3 / 2 * q3
+        r = q - centre
+        np.testing.assert_allclose(found.point[i], q, rtol=1e-9)
+        assert found.gap[i] == pytest.approx(abs(g3) * np.linalg.norm(q3))
+        if q[2] > 0 and r[2] > 0 and found.ahead[i]:
+            gaps = q[:2] / q[2] - previous[i], r[:2] / r[2] - current[i]
+            assert residual[i] == pytest.approx(1400**2 * np.square(gaps).sum())
+    assert found.ahead.sum() > 10
+
+
 @given(st.tuples(small, small, small), st.tuples(small, small, small))
 def test_rays_that_meet_give_their_meeting_point_in_any_frame(turn, shift):
     rotation = Rotation.from_rotvec(turn).as_matrix()

@@ -12,16 +12,8 @@ CENTRES = np.array([[0.1 * k, 0.0, 8.0 * k] for k in range(1, 7)])[::-1].copy()
 
 
 def solve_facing(centres, sizes, sigmas, angle_sigma, aspect=None, aspect_sigma=0.02):
-    return facing.solve_facing(
-        PLANE,
-        centres,
-        sizes,
-        sigmas,
-        cauchy=2.385,
-        aspect=aspect,
-        facing_sigma=angle_sigma,
-        aspect_sigma=aspect_sigma,
-    )
+    prior = {"aspect": aspect, "facing_sigma": angle_sigma, "aspect_sigma": aspect_sigma}
+    return facing.solve_facing(PLANE, centres, sizes, sigmas, cauchy=2.385, **prior)
 
 
 def covered(angle, width, height):
@@ -38,18 +30,10 @@ def covered(angle, width, height):
     return np.array(sizes)
 
 
-@pytest.mark.parametrize("angle_deg", [-25.0, -8.0, 0.0, 5.0, 30.0])
-def test_angle_and_size_come_back_from_exact_sizes(angle_deg):
-    sizes = covered(np.radians(angle_deg), 0.9, 0.7)
-    sigmas = np.full(sizes.shape, 1e-4)
-    found = solve_facing(CENTRES, sizes, sigmas, angle_sigma=1.0)
-    assert np.degrees(found.angle) == pytest.approx(angle_deg, abs=0.1)
-    np.testing.assert_allclose(np.exp(found.log_size), [0.9, 0.7], rtol=1e-3)
-
-
-def test_the_solution_is_that_of_scipy():
+@pytest.mark.parametrize("angle", [-0.4, 0.15])
+def test_the_solution_is_that_of_scipy(angle):
     rng = np.random.default_rng(3)
-    sizes = covered(0.15, 0.75, 0.75) * np.exp(rng.normal(0, 0.004, (len(CENTRES), 2)))
+    sizes = covered(angle, 0.75, 0.75) * np.exp(rng.normal(0, 0.004, (len(CENTRES), 2)))
     sigmas = np.full(sizes.shape, 0.02)  # weights of the robust loss stay near one
     found = solve_facing(CENTRES, sizes, sigmas, angle_sigma=0.2, aspect=1.0)
 
@@ -64,9 +48,8 @@ def test_the_solution_is_that_of_scipy():
 
 
 def test_of_one_view_the_angle_is_that_of_the_prior_or_of_a_known_proportion():
-    found = solve_facing(
-        CENTRES[:1], covered(0.3, 0.6, 0.6)[:1], np.full((1, 2), 0.01), angle_sigma=0.14
-    )
+    sizes, sigmas = covered(0.3, 0.6, 0.6)[:1], np.full((1, 2), 0.01)
+    found = solve_facing(CENTRES[:1], sizes, sigmas, angle_sigma=0.14)
     assert found.angle == pytest.approx(0.0, abs=1e-6)
     assert np.sqrt(found.covariance[0, 0]) == pytest.approx(0.14, rel=0.01)
     sizes, sigmas = covered(-0.2, 0.6, 0.6)[:1], np.full((1, 2), 1e-3)
