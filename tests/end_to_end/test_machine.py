@@ -31,16 +31,10 @@ TABLES = ("frames.parquet", "observations.parquet", "signs.parquet")
 FILES = [*TABLES, "run.json"]
 
 
-def run(out, *options, log=DEMO, until=SHORT, **how):
+def run(out, *options, log=DEMO, until=SHORT):
     line = [WAYSIDE, "run", log, *until, "-o", out, *options]
-    return subprocess.run(
-        [str(word) for word in line],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-        **how,
-    )
+    told = {"capture_output": True, "text": True, "timeout": 300, "check": False}
+    return subprocess.run([str(word) for word in line], **told)
 
 
 def digests(folder):
@@ -198,7 +192,9 @@ def test_a_run_with_its_whole_journal_takes_all_from_it(with_journal):
     assert not [note for note in about["notes"] if "--resume" in note]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 4))]
+)
 def test_an_altered_journal_changes_no_byte_of_the_tables(with_journal, seed):
     rng = random.Random(seed)
 

@@ -45,10 +45,11 @@ def test_rates_and_area_of_counted_samples_are_those_of_scikit_learn(on, off, be
     )
 
 
-def test_values_that_are_unknown_are_never_accepted():
+def test_values_that_are_unknown_are_never_accepted_and_one_kind_alone_has_no_curve():
     curve = roc_curve(scores([1.0, np.nan], [0.0, np.nan]))
     assert curve.tpr[-1] == 0.5
     assert curve.positives == 2
+    assert roc_curve(scores([], [1.0])) is roc_curve(scores([1.0], [])) is None
 
 
 def test_the_knee_of_two_normal_classes_lies_half_way_and_its_interval_holds_it():
@@ -84,11 +85,6 @@ def test_bands_hold_the_rate_as_often_as_they_say():
         low, high = curve.tpr_band[curve.at(0.5, accept_below=False)]
         held += low <= norm.sf((0.5 - 1) / 1.25**0.5) <= high
     assert held >= 48  # of 60; a few drives make the bootstrap a little narrow
-
-
-def test_nothing_can_be_said_without_signs_or_without_anything_else():
-    assert roc_curve(scores([], [1.0])) is None
-    assert roc_curve(scores([1.0], [])) is None
 
 
 def test_one_drive_is_resampled_by_stretches_and_several_by_drive():

@@ -152,6 +152,13 @@ def test_a_density_gets_the_knee_of_its_tracks_with_points_that_hold_their_rates
         with_score_threshold(before, samples(values[:300], on[:300]))
 
 
+def test_thresholds_are_not_learned_of_signs_alone_nor_traded_without_points():
+    with pytest.raises(InputError, match="signs and other things are needed"):
+        with_learned_thresholds(model((0,)), samples(np.arange(5), np.ones(5, bool)))
+    with pytest.raises(ValueError, match="no operating point"):
+        at_alpha(model((0,)), 0.1)
+
+
 def test_a_false_alarm_rate_trades_the_thresholds_of_a_model_that_holds_its_points():
     draw = np.random.default_rng(6)
     values = np.concatenate([draw.normal(0, 1, 400), draw.normal(4, 2, 4000)])
@@ -170,16 +177,6 @@ def test_a_false_alarm_rate_trades_the_thresholds_of_a_model_that_holds_its_poin
         powers.append(power)
     assert powers == sorted(powers)
     assert powers[0] < powers[-1]
-
-
-def test_thresholds_are_not_learned_of_signs_alone():
-    with pytest.raises(InputError, match="signs and other things are needed"):
-        with_learned_thresholds(model((0,)), samples(np.arange(5), np.ones(5, bool)))
-
-
-def test_a_model_without_points_cannot_be_traded():
-    with pytest.raises(ValueError, match="no operating point"):
-        at_alpha(model((0,)), 0.1)
 
 
 values = st.lists(st.floats(-50, 50, width=32), min_size=2, max_size=40)
