@@ -33,70 +33,29 @@ def test_a_log_written_anew_holds_the_messages_of_the_demo(attacks, drives, tmp_
     assert all(a.data == b.data for a, b in zip(again, messages, strict=True))
 
 
-@pytest.fixture
-def attacked(attacks, drives, tmp_path):
-    """Runs the demo under an attack, into the folder `out`."""
-
-    def run(name, out=tmp_path / "out"):
-        edit, options = attacks.ATTACKS[name]
-        log = tmp_path / "demo.mcap"
-        attacks.write_log(log, edit(attacks.read_log(drives.DEMO)))
-        return drives.run_attack(log, out, options), out
-
-    return run
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "status", "words"),
     [
         ("headers back an hour, log clock sound", 0, "12 of 24 header times"),
-        ("two image messages swapped", 0, ""),
         ("messages reversed, fixes only", 0, ""),
         ("poses until image 16, no fixes", 0, ""),
-        ("one pose off by 5 km", 0, "1 of 24 poses of /pose are where no vehicle can be"),
         ("one pose off by 20 m", 0, "1 of 24 poses of /pose are where no vehicle can be"),
         ("poses jump by 5 km and stay", 0, "12 of 24 poses of /pose are where no vehicle"),
-        ("one pose at 1e308", 4, "1 messages of /pose lost"),
         ("all poses NaN", 4, "24 messages of /pose lost"),
-        ("all altitudes 1e15", 4, "24 messages of /gps lost"),
         ("covariance 1e16 of all fixes", 0, "none of the 24 messages of /gps can be used"),
         ("calibrations NaN from the third", 4, "22 messages of /camera/calibration lost"),
     ],
 )
-def test_an_attack_is_told_and_costs_no_sign(attacked, drives, reference, name, status, words):
-    found, out = attacked(name)
+def test_an_attack_is_told_and_costs_no_sign(
+    attacks, drives, reference, tmp_path, name, status, words
+):
+    edit, options = attacks.ATTACKS[name]
+    log = tmp_path / "demo.mcap"
+    attacks.write_log(log, edit(attacks.read_log(drives.DEMO)))
+    found = drives.run_attack(log, tmp_path / "out", options)
     assert (found.status, found.used, found.rows) == (status, 24, SOUND), found
     assert words in "; ".join(found.said)
-    matched, worst_m = drives.compare(out, reference)
+    matched, worst_m = drives.compare(tmp_path / "out", reference)
     assert matched == SOUND
     assert worst_m < 0.5
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("all clocks back an hour from image 12", "the clock was set back"),
-        ("all clocks back an hour from image 12, --spacing only", "the clock was set back"),
-        ("all clocks back 3 s from image 12", "go back and overlap"),
-        ("first image a year ahead", "the clock was set back"),
-    ],
-)
-def test_a_log_whose_clocks_were_set_back_is_refused_with_the_reason(attacked, name, words):
-    found, _ = attacked(name)
-    assert (found.status, found.rows) == (3, 0)
-    assert words in "; ".join(found.said)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", ["messages up to 1 s late", "messages reversed", "two chunks swapped"]
-)
-def test_the_order_in_the_file_changes_no_byte_of_the_tables(attacked, reference, name):
-    _, out = attacked(name)
-    tables = sorted(reference.glob("*.parquet"))
-    assert len(tables) == 3
-    assert [(out / table.name).read_bytes() for table in tables] == [
-        table.read_bytes() for table in tables
-    ]

@@ -84,23 +84,6 @@ def test_the_points_hold_the_rates_of_the_gate_and_both_rise(seed):
         assert (np.diff([one.false_alarm for one in points]) >= 0).all()
 
 
-def test_two_clusters_of_signs_among_scattered_others_get_a_radius_each():
-    draw = np.random.default_rng(4)
-    right, left = draw.normal((8, 0), 1, (150, 2)), draw.normal((-9, 0), 0.3, (150, 2))
-    others = draw.uniform((-30, -10), (30, 10), (1500, 2))
-    values = np.concatenate([right, left, others])
-    found = with_learned_thresholds(
-        model((8, 0), (-9, 0)), samples(values, np.arange(len(values)) < 300)
-    )
-    wide, narrow = (one.threshold for one in found.classes)
-    assert 2 < wide < 4
-    assert 0.5 < narrow < 1.2
-    for one in found.classes:
-        low, high = one.threshold_interval
-        assert low <= one.threshold <= high
-        assert one.threshold_rule.startswith("knee of the ROC of all components together")
-
-
 @pytest.fixture(scope="module")
 def colours():
     """Signs of two classes and others about them."""

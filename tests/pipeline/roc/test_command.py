@@ -46,18 +46,12 @@ def models():
 def asked(models):
     """Regions about the green and the blue of the model, far from all, and landmarks."""
     draw = np.random.default_rng(1)
-    green, blue = (
-        next(one for one in models.color_classes.classes if one.name == name)
+    known = {one.name: one for one in models.color_classes.classes}
+    faces = [
+        draw.multivariate_normal(known[name].mean, known[name].covariance / 4, 40)
         for name in ("green", "blue")
-    )
-    rgb = np.concatenate(
-        [
-            draw.multivariate_normal(green.mean, green.covariance / 4, 40),
-            draw.multivariate_normal(blue.mean, blue.covariance / 4, 40),
-            draw.uniform(0, 255, (200, 3)),
-            [[0.0, 0.0, 0.0]],
-        ]
-    )
+    ]
+    rgb = np.concatenate([*faces, draw.uniform(0, 255, (200, 3)), np.zeros((1, 3))])
     colors = samples(
         [ON] * 80 + [OFF] * 200 + [NEITHER],
         rgb,

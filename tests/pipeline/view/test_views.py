@@ -104,7 +104,7 @@ def recorded(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recorded")
     log = folder / "start.mcap"
     log.write_bytes(DEMO.read_bytes()[:START_BYTES])
-    return run(folder / "out", Viewing(file=True, detail=True), log=log)
+    return run(folder / "out", Viewing(file=True, detail=True), 1, log=log)
 
 
 def chunks_of(result):
