@@ -87,7 +87,7 @@ def test_what_the_images_show_tells_whether_the_camera_sees_colour(
 
 @pytest.fixture(scope="module")
 def grey_demo(altered_demo, tmp_path_factory):
-    return altered_demo(tmp_path_factory.mktemp("grey") / "grey.mcap", infrared)
+    return altered_demo(tmp_path_factory.mktemp("grey") / "grey.mcap", infrared, most=20)
 
 
 def colorless(found):
@@ -98,7 +98,7 @@ def colorless(found):
 
 @pytest.mark.parametrize("preset", ["default", "report"])
 def test_no_sign_of_a_grey_camera_has_a_colour(grey_demo, preset):
-    found = wayside.run(grey_demo, preset=preset, settings={"read.until_s": UNTIL_S})
+    found = wayside.run(grey_demo, preset=preset, settings={"read.until_s": 0.7})
     assert "sign" in found.signs["status"].to_pylist()
     assert colorless(found)
 
@@ -130,7 +130,9 @@ def signs_of(log):
 def warm(altered_demo, tmp_path_factory):
     """The demo drive through a camera with a warm cast."""
     path = tmp_path_factory.mktemp("cast") / "warm.mcap"
-    return altered_demo(path, lambda image: np.clip(np.rint(image * CAST), 0, 255).astype(np.uint8))
+    return altered_demo(
+        path, lambda image: np.uint8(np.clip(np.rint(image * CAST), 0, 255)), most=20
+    )
 
 
 def test_a_cast_of_the_camera_changes_no_colour(warm):
