@@ -134,8 +134,8 @@ def test_the_route_is_that_of_a_drive_that_knew_it_with_its_unit(copied):
         named = [row for row in rows if "y0p1" in row["drives"]]
         assert 0 < len(named) < len(rows)
         for row in rows:
-            told = {name: row[name] for name in about}
-            assert told == (about if row in named else dict.fromkeys(about))
+            route = {name: row[name] for name in about}
+            assert route == (about if row in named else dict.fromkeys(about))
 
 
 def test_tables_lie_in_the_quadkey_of_their_cell_with_the_stated_columns(surveyed):

@@ -15,13 +15,8 @@ from wayside.pipeline.learning.curves import Scores, resampled_groups, roc_curve
 def scores(on, off, *, below=False, groups=4):
     value = np.concatenate([on, off]).astype(np.float64)
     n = len(value)
-    return Scores(
-        value,
-        np.arange(n) < len(on),
-        np.ones(n, np.int64),
-        np.arange(n, dtype=np.int64) % groups,
-        accept_below=below,
-    )
+    group = np.arange(n, dtype=np.int64) % groups
+    return Scores(value, np.arange(n) < len(on), np.ones(n, np.int64), group, accept_below=below)
 
 
 values = st.lists(st.integers(-5, 5), min_size=1, max_size=30)
