@@ -82,12 +82,6 @@ def test_models_without_a_drive_say_that_they_have_not_learned_from_it():
         assert not any(folder.name in text for text in said.values())
 
 
-def test_real_drives_are_listed_without_the_rendered_ones(accept, outcome):
-    real = RealEvaluation(3, ("R1",), 1, (FALSE,), ("R2", "R3"))
-    outcomes = [outcome("good", GOOD), outcome("road", real, 2), outcome("lost", None)]
-    assert accept.real(outcomes) == [("road", real, 2, ())]
-
-
 def test_the_line_of_a_drive_counts_duplicates_among_the_false_or_beside_them(accept):
     twice = (Duplicate("d-0002", 1, "d-0001"),)
     assert accept.in_short(replace(POOR, duplicates=twice)) == (
@@ -110,13 +104,17 @@ def test_a_total_below_the_floor_is_named(accept, outcome, tmp_path, monkeypatch
     assert together([]).recall == 1.0
 
 
-def test_a_rendered_drive_that_a_model_was_learned_from_is_named(accept, outcome):
+def test_a_rendered_drive_that_a_model_was_learned_from_is_named_and_real_ones_stand_apart(
+    accept, outcome
+):
+    real = RealEvaluation(learned_by=("network",))
     outcomes = [
         outcome("clean", replace(GOOD, learned_by=())),
         outcome("seen", replace(GOOD, learned_by=("box", "place"))),
-        outcome("road", RealEvaluation(learned_by=("network",))),
+        outcome("road", real, 2),
         outcome("lost", None),
     ]
+    assert accept.real(outcomes) == [("road", real, 2, ())]
     assert list(accept.learned_from({"default": outcomes})) == [
         "default: box, place learned from seen"
     ]

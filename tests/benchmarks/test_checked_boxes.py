@@ -16,18 +16,12 @@ def checked(load):
 def test_a_row_on_a_sign_without_a_label_is_not_false_and_finds_nothing(
     checked, tmp_path, monkeypatch
 ):
-    boxes = {
-        "road": {"4": {"signs": [[10, 10, 20, 20, "white", None]], "other": [[50, 50, 60, 60]]}}
-    }
+    boxes = {"signs": [[10, 10, 20, 20, "white", None]], "other": [[50, 50, 60, 60]]}
     path = tmp_path / "checked.json"
-    path.write_text(json.dumps(boxes))
+    path.write_text(json.dumps({"road": {"4": boxes}}))
     monkeypatch.setattr(checked, "OF_TESTS", path)
-    label = {
-        "id": "R1",
-        "wanted": True,
-        "facing": "front",
-        "boxes": [{"i": 3, "box": [0, 0, 9, 9]}],
-    }
+    label = {"id": "R1", "wanted": True, "facing": "front"}
+    label |= {"boxes": [{"i": 3, "box": [0, 0, 9, 9]}]}
     labels = {"stride": 1, "signs": [label], "distractors": []}
     rows = [
         {"sign_id": name, "best_frame": 4, "best_box": box, "color": None, "shape": None}

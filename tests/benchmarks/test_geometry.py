@@ -77,28 +77,15 @@ def test_points_on_a_face_have_no_error(runs, peer):
     true = path()
     centre = true[3].to_world(np.array([3.0, -1.0, 18.0]))
     box = [[900.0, 400.0], [1200.0, 400.0], [1200.0, 650.0], [900.0, 650.0]]
-    facts = {
-        "camera": {
-            "width": 1600, "height": 1200, "fx": 1400.0, "fy": 1400.0, "cx": 799.5, "cy": 599.5,
-            "distortion": [],
-        },
-        "frames": [
-            {
-                "index": i,
-                "position": p.centre.tolist(),
-                "quaternion": Rotation.from_matrix(p.rotation).as_quat().tolist(),
-            }
-            for i, p in true.items()
-        ],
-        "signs": [
-            {
-                "centre": centre.tolist(),
-                "normal": (-true[3].rotation[:, 2]).tolist(),
-                "faces_travel": True,
-                "frames": [{"frame": 3, "side": "front", "range_m": 18.0, "polygons": [box]}],
-            }
-        ],
-    }  # fmt: skip
+    camera = {"width": 1600, "height": 1200, "fx": 1400.0, "fy": 1400.0, "cx": 799.5, "cy": 599.5}
+    turns = {i: Rotation.from_matrix(p.rotation).as_quat().tolist() for i, p in true.items()}
+    frames = [
+        {"index": i, "position": p.centre.tolist(), "quaternion": turns[i]} for i, p in true.items()
+    ]
+    view = {"frame": 3, "side": "front", "range_m": 18.0, "polygons": [box]}
+    sign = {"centre": centre.tolist(), "normal": (-true[3].rotation[:, 2]).tolist()}
+    sign |= {"faces_travel": True, "frames": [view]}
+    facts = {"camera": camera | {"distortion": []}, "frames": frames, "signs": [sign]}
     on_face = np.array([3.1, -0.9, 18.0])
     pixel = on_face[:2] / on_face[2] * 1400 + [799.5, 599.5]
     model = {"seen": np.array([[3, *pixel]]), "points": true[3].to_world(on_face)[None]}

@@ -107,7 +107,7 @@ def test_counts_at_each_confidence_are_added_over_drives(tables, load):
 
 def test_a_higher_confidence_keeps_fewer_rows_of_a_result(load, tmp_path):
     counts = load("real_counts")
-    run = wayside.run(DEMO, settings={"read.until_s": 1.5}, out=tmp_path)
+    run = wayside.run(DEMO, settings={"read.until_s": 0.7}, out=tmp_path)
     rows = [row for row in run.signs.to_pylist() if row["status"] != "back"]
     signs = [
         {"id": row["sign_id"], "wanted": True, "kind": kind, "boxes": [view]}

@@ -1,7 +1,5 @@
 """The demo drive with wrong clocks, order and positions, run as a user runs it."""
 
-import hashlib
-
 import pytest
 
 SOUND = 10
@@ -37,72 +35,27 @@ def test_a_log_written_anew_holds_the_messages_of_the_demo(attacks, drives, tmp_
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "status", "used", "words"),
+    ("name", "status", "words"),
     [
-        ("headers back an hour, log clock sound", 0, 24, "12 of 24 header times"),
-        ("two chunks swapped", 0, 24, ""),
-        ("messages reversed, fixes only", 0, 24, ""),
-        ("two image messages swapped", 0, 24, ""),
-        ("poses until image 16, no fixes", 0, 24, ""),
-        ("one pose off by 5 km", 0, 24, "1 of 24 poses of /pose are where no vehicle can be"),
-        ("one pose off by 20 m", 0, 24, "1 of 24 poses of /pose are where no vehicle can be"),
-        ("poses jump by 5 km and stay", 0, 24, "12 of 24 poses of /pose are where no vehicle"),
-        ("one pose at 1e308", 4, 24, "1 messages of /pose lost"),
-        ("all poses NaN", 4, 24, "24 messages of /pose lost"),
-        ("all altitudes 1e15", 4, 24, "24 messages of /gps lost"),
-        ("covariance 1e16 of all fixes", 0, 24, "none of the 24 messages of /gps can be used"),
-        ("calibrations NaN from the third", 4, 24, "22 messages of /camera/calibration lost"),
+        ("headers back an hour, log clock sound", 0, "12 of 24 header times"),
+        ("messages reversed, fixes only", 0, ""),
+        ("poses until image 16, no fixes", 0, ""),
+        ("one pose off by 20 m", 0, "1 of 24 poses of /pose are where no vehicle can be"),
+        ("poses jump by 5 km and stay", 0, "12 of 24 poses of /pose are where no vehicle"),
+        ("all poses NaN", 4, "24 messages of /pose lost"),
+        ("covariance 1e16 of all fixes", 0, "none of the 24 messages of /gps can be used"),
+        ("calibrations NaN from the third", 4, "22 messages of /camera/calibration lost"),
     ],
 )
 def test_an_attack_is_told_and_costs_no_sign(
-    attacks, drives, reference, tmp_path, name, status, used, words
+    attacks, drives, reference, tmp_path, name, status, words
 ):
     edit, options = attacks.ATTACKS[name]
     log = tmp_path / "demo.mcap"
     attacks.write_log(log, edit(attacks.read_log(drives.DEMO)))
     found = drives.run_attack(log, tmp_path / "out", options)
-    assert (found.status, found.used, found.rows) == (status, used, SOUND), found
+    assert (found.status, found.used, found.rows) == (status, 24, SOUND), found
     assert words in "; ".join(found.said)
     matched, worst_m = drives.compare(tmp_path / "out", reference)
     assert matched == SOUND
     assert worst_m < 0.5
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("all clocks back an hour from image 12", "the clock was set back"),
-        ("all clocks back an hour from image 12, --spacing only", "the clock was set back"),
-        ("all clocks back 3 s from image 12", "go back and overlap"),
-        ("first image a year ahead", "the clock was set back"),
-    ],
-)
-def test_a_log_whose_clocks_were_set_back_is_refused_with_the_reason(
-    attacks, drives, tmp_path, name, words
-):
-    edit, options = attacks.ATTACKS[name]
-    log = tmp_path / "demo.mcap"
-    attacks.write_log(log, edit(attacks.read_log(drives.DEMO)))
-    found = drives.run_attack(log, tmp_path / "out", options)
-    assert (found.status, found.rows) == (3, 0)
-    assert words in "; ".join(found.said)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", ["messages up to 1 s late", "messages reversed", "two chunks swapped"]
-)
-def test_the_order_in_the_file_changes_no_byte_of_the_tables(attacks, drives, tmp_path, name):
-    messages = attacks.read_log(drives.DEMO)
-    digests = []
-    for folder, edit in (("sound", list), ("attacked", attacks.ATTACKS[name][0])):
-        log = tmp_path / folder / "demo.mcap"
-        log.parent.mkdir()
-        attacks.write_log(log, edit(messages))
-        out = tmp_path / folder / "out"
-        drives.run_attack(log, out, ())
-        tables = sorted(out.glob("*.parquet"))
-        assert len(tables) == 3
-        digests.append([hashlib.sha256(table.read_bytes()).hexdigest() for table in tables])
-    assert digests[0] == digests[1]

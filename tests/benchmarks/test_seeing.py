@@ -28,32 +28,11 @@ def test_a_face_went_as_far_as_the_best_box_on_it(seeing, boxes, verdicts, level
     assert seeing.reached(FACE, table, np.array(verdicts, str)) == getattr(seeing, level)
 
 
-def test_shares_count_what_went_at_least_so_far(seeing):
-    assert seeing.shares([0, 1, 3, 5], (1, 3, 5)) == ["4", "75 %", "50 %", "25 %"]
-    assert seeing.shares([], (1, 3)) == ["0", "-", "-"]
-
-
-def test_a_value_on_an_edge_is_in_the_bin_above_it(seeing):
-    edges = (10, 12, 15)
-    names = seeing.bin_names(edges, "px")
-    assert [seeing.bin_of(v, edges) for v in (9.9, 10.0, 14.9, 15.0, 900.0)] == [-1, 0, 1, 2, 2]
-    assert names == ["10-12 px", "12-15 px", "15 px and more"]
-
-
 def panel(number, ahead):
     views = [{"frame": k, "side": "front", "box": FACE, "visible_fraction": 1.0} for k in range(3)]
-    return {
-        "id": number,
-        "kind": "stop",
-        "color": "red",
-        "shape": "octagon",
-        "width_m": 0.75,
-        "height_m": 0.75,
-        "bottom_m": 2.0,
-        "faces_travel": True,
-        "centre": [0.0, 0.0, ahead],
-        "frames": views,
-    }
+    look = {"kind": "stop", "color": "red", "shape": "octagon", "faces_travel": True}
+    size = {"width_m": 0.75, "height_m": 0.75, "bottom_m": 2.0}
+    return look | size | {"id": number, "centre": [0.0, 0.0, ahead], "frames": views}
 
 
 def row(name, ahead, confidence):
@@ -68,12 +47,8 @@ def result():
     frame = {"index": 0, "position": [0.0, 0.0, 0.0], "quaternion": [0.0, 0.0, 0.0, 1.0]}
     truth = {"frames": [frame], "signs": [panel(1, 20.0), panel(2, 60.0)], "distractors": []}
     # the second row is nearer to panel 1 than the first, but less sure
-    return [
-        row("a", 20.5, 0.97),
-        row("b", 20.0, 0.35),
-        row("c", 60.0, 0.32),
-        row("d", 99.0, 0.999),
-    ], truth
+    rows = [("a", 20.5, 0.97), ("b", 20.0, 0.35), ("c", 60.0, 0.32), ("d", 99.0, 0.999)]
+    return [row(*one) for one in rows], truth
 
 
 def test_a_row_vies_for_a_panel_only_with_rows_as_sure_as_it(seeing, result):

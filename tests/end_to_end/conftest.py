@@ -113,12 +113,6 @@ def default_demo(run_demo):
 
 
 @pytest.fixture(scope="session")
-def report_demo(run_demo):
-    """The result of the preset `report` on the first third of the log."""
-    return run_demo("--preset", "report", "--set", "read.until_s=2")
-
-
-@pytest.fixture(scope="session")
 def truth():
     """What was rendered into the demo log."""
     return dict(json.loads((RECORDINGS / "demo.truth.json").read_text()))

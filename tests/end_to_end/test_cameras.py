@@ -11,19 +11,14 @@ import pytest
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 import wayside
-from wayside.pipeline.files.settings_file import load_settings
-from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.running.flow import Flow
-from wayside.pipeline.workers import StageClock
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.detection import proposals
-from wayside.stages.imaging.pixels import road_chromaticity
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 REAL = Path(__file__).parents[2] / "shared" / "data" / "real"
 NOTE = "the camera sees no colour"
-UNTIL_S = 2.0
+UNTIL_S = 1.1
 
 
 def three_channels(image):
@@ -46,6 +41,23 @@ def one_channel(image):
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
+def grey_png(content):
+    """The message of an image as grey PNG."""
+    grey = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    content.format, content.data = "png", cv2.imencode(".png", grey)[1].tobytes()
+    return content
+
+
+def grey_raw(content):
+    """The message of an image as raw image without colour."""
+    grey = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    (height, width), stamp = grey.shape, content.timestamp
+    raw = RawImage(frame_id=content.frame_id, width=width, height=height, step=width)
+    raw.encoding, raw.data = "mono8", grey.tobytes()
+    raw.timestamp.seconds, raw.timestamp.nanos = stamp.seconds, stamp.nanos
+    return raw
+
+
 def is_grey(log):
     """What reading says of the camera, in a note and of its images."""
     report = ReadReport()
@@ -56,41 +68,26 @@ def is_grey(log):
 
 
 @pytest.mark.parametrize(
-    ("look", "expected"),
-    [(three_channels, True), (one_channel, True), (infrared, True), (fog, False)],
+    ("how", "expected"),
+    [
+        ({"image": three_channels}, True),
+        ({"image": one_channel}, True),
+        ({"image": infrared}, True),
+        ({"message": grey_png}, True),
+        ({"message": grey_raw}, True),
+        ({"image": fog}, False),
+        ({"image": lambda image: image}, False),
+    ],
 )
 def test_what_the_images_show_tells_whether_the_camera_sees_colour(
-    altered_demo, tmp_path, look, expected
+    altered_demo, tmp_path, how, expected
 ):
-    assert is_grey(altered_demo(tmp_path / "log.mcap", look)) == expected
-
-
-def test_the_recorded_drive_is_in_colour():
-    assert not is_grey(DEMO)
-
-
-@pytest.mark.parametrize("encoding", ["png", "mono8"])
-def test_grey_images_of_other_encodings_are_grey(altered_demo, tmp_path, encoding):
-    log = tmp_path / "log.mcap"
-    assert is_grey(altered_demo(log, message=lambda content: other_encoding(content, encoding)))
-
-
-def other_encoding(content, encoding):
-    """The message of an image as grey PNG, or raw."""
-    grey = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_GRAYSCALE)
-    if encoding == "png":
-        content.format, content.data = "png", cv2.imencode(".png", grey)[1].tobytes()
-        return content
-    height, width = grey.shape
-    raw = RawImage(frame_id=content.frame_id, width=width, height=height, step=width)
-    raw.encoding, raw.data = encoding, grey.tobytes()
-    raw.timestamp.seconds, raw.timestamp.nanos = content.timestamp.seconds, content.timestamp.nanos
-    return raw
+    assert is_grey(altered_demo(tmp_path / "log.mcap", most=12, **how)) == expected
 
 
 @pytest.fixture(scope="module")
 def grey_demo(altered_demo, tmp_path_factory):
-    return altered_demo(tmp_path_factory.mktemp("grey") / "grey.mcap", infrared)
+    return altered_demo(tmp_path_factory.mktemp("grey") / "grey.mcap", infrared, most=20)
 
 
 def colorless(found):
@@ -101,7 +98,7 @@ def colorless(found):
 
 @pytest.mark.parametrize("preset", ["default", "report"])
 def test_no_sign_of_a_grey_camera_has_a_colour(grey_demo, preset):
-    found = wayside.run(grey_demo, preset=preset, settings={"read.until_s": UNTIL_S})
+    found = wayside.run(grey_demo, preset=preset, settings={"read.until_s": 0.7})
     assert "sign" in found.signs["status"].to_pylist()
     assert colorless(found)
 
@@ -133,29 +130,15 @@ def signs_of(log):
 def warm(altered_demo, tmp_path_factory):
     """The demo drive through a camera with a warm cast."""
     path = tmp_path_factory.mktemp("cast") / "warm.mcap"
-    return altered_demo(path, lambda image: np.clip(np.rint(image * CAST), 0, 255).astype(np.uint8))
+    return altered_demo(
+        path, lambda image: np.uint8(np.clip(np.rint(image * CAST), 0, 255)), most=20
+    )
 
 
 def test_a_cast_of_the_camera_changes_no_colour(warm):
     recorded = signs_of(DEMO)
     assert len({color for color, _ in recorded}) >= 3
     assert signs_of(warm) == recorded
-
-
-def cast_seen(log, preset):
-    """What colour the road has in the first image that a preset looks at."""
-    settings, _ = load_settings(preset)
-    frames = read_frames(log, settings.read, ReadReport())
-    item = next(iter(Flow(settings, load_models(settings), StageClock()).detect(frames)))
-    assert item.image.rgb is not None
-    assert item.frame.camera is not None
-    colour = road_chromaticity(item.image.rgb, item.frame.camera)
-    return float(np.linalg.norm(colour))
-
-
-def test_preset_default_sees_the_road_nearly_grey_and_preset_report_as_it_was_recorded(warm):
-    assert cast_seen(warm, "default") < 0.16
-    assert cast_seen(warm, "report") > 0.35
 
 
 SMALLER = 4
@@ -185,15 +168,10 @@ def small(altered_demo, tmp_path_factory):
     return altered_demo(path, halved_twice, scaled_down)
 
 
-def count_signs(log):
-    """How many signs a run finds."""
-    return wayside.run(log).signs["status"].to_pylist().count("sign")
-
-
 def test_an_image_of_few_pixels_shows_more_where_it_is_seen_enlarged(small, monkeypatch):
-    enlarged = count_signs(small)
+    enlarged = signs_of(small)
     monkeypatch.setattr(proposals, "SHORTEST_FOCAL_PX", 1.0)
-    assert enlarged > count_signs(small)
+    assert len(enlarged) > len(signs_of(small))
 
 
 CAMERA = """image_width: 1600
@@ -204,10 +182,10 @@ distortion_coefficients: {{rows: 1, cols: 5, data: [{3}, {4}, 0, 0, 0]}}
 """
 
 
+@pytest.mark.slow
 def test_a_run_notes_a_lens_that_cannot_be_right_and_the_one_that_the_images_ask_for(
     run_demo, default_demo, true_boxes, tmp_path
 ):
-    assert default_demo.about["camera_by_motion"] is None
     pq.write_table(pa.Table.from_pylist(true_boxes), tmp_path / "boxes.parquet")
     true = default_demo.about["camera"]
     (tmp_path / "camera.yaml").write_text(

@@ -22,8 +22,8 @@ SCORE = 0.8
 def parquet(true_boxes, tmp_path_factory):
     path = tmp_path_factory.mktemp("boxes") / "boxes.parquet"
     lost = {"frame": 9000, "x_min": 1, "y_min": 1, "x_max": 9, "y_max": 9, "class": "stop"}
-    inverted = {**lost, "frame": 3, "x_max": 0}
-    outside = {**lost, "frame": 4, "x_min": 1700, "x_max": 1720}
+    inverted = lost | {"frame": 3, "x_max": 0}
+    outside = lost | {"frame": 4, "x_min": 1700, "x_max": 1720}
     every = [{**row, "score": SCORE} for row in (*true_boxes, lost, inverted, outside)]
     pq.write_table(pa.Table.from_pylist(every), path)
     return path

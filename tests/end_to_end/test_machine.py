@@ -31,16 +31,10 @@ TABLES = ("frames.parquet", "observations.parquet", "signs.parquet")
 FILES = [*TABLES, "run.json"]
 
 
-def run(out, *options, log=DEMO, until=SHORT, **how):
-    line = [WAYSIDE, "run", log, *until, "-o", out, *options]
-    return subprocess.run(
-        [str(word) for word in line],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-        **how,
-    )
+def run(out, *options, until=SHORT):
+    line = [WAYSIDE, "run", DEMO, *until, "-o", out, *options]
+    told = {"capture_output": True, "text": True, "timeout": 300, "check": False}
+    return subprocess.run([str(word) for word in line], **told)
 
 
 def digests(folder):
@@ -65,20 +59,6 @@ def out(old, tmp_path):
     """A copy of it, to be replaced."""
     shutil.copytree(old, tmp_path / "out")
     return tmp_path / "out"
-
-
-@pytest.mark.slow
-def test_a_log_that_cannot_be_read_leaves_the_old_result_with_its_recording(tmp_path):
-    out, text = tmp_path / "out", tmp_path / "notes.mcap"
-    shutil.copy(DEMO, text)
-    assert run(out, "--view", "file", log=text).returncode == 0
-    before = digests(out)
-    assert "drive.rrd" in before
-    text.write_text("not a log")
-    for options in ((), ("--overwrite",)):
-        done = run(out, *options, log=text)
-        assert done.returncode in (3, 5)
-        assert digests(out) == before
 
 
 @pytest.mark.slow
@@ -156,9 +136,9 @@ def test_a_run_that_was_killed_goes_on_and_gives_the_same_bytes(tmp_path):
         with subprocess.Popen(line, stdout=subprocess.DEVNULL) as running:
             journal = out / ".wayside-journal"
             deadline = time.monotonic() + 120
-            while (
-                not journal.exists() or journal.stat().st_size < kept
-            ) and running.poll() is None:
+            while running.poll() is None:
+                if journal.exists() and journal.stat().st_size >= kept:
+                    break
                 assert time.monotonic() < deadline
                 time.sleep(0.002)
             running.kill()
@@ -198,9 +178,8 @@ def test_a_run_with_its_whole_journal_takes_all_from_it(with_journal):
     assert not [note for note in about["notes"] if "--resume" in note]
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_an_altered_journal_changes_no_byte_of_the_tables(with_journal, seed):
-    rng = random.Random(seed)
+def test_an_altered_journal_changes_no_byte_of_the_tables(with_journal):
+    rng = random.Random(0)
 
     def altered(whole):
         content = bytearray(whole)

@@ -16,16 +16,16 @@ import numpy as np
 import pytest
 
 PINNED = Path(__file__).with_name("pinned")
-THIRD, START = ("--set", "read.until_s=2"), ("--set", "read.until_s=1.1")
+START = ("--set", "read.until_s=1.1")
 RUNS = {
     "default": ("default",),
-    "report": ("report", *THIRD),
+    "report": ("report", *START),
     "report-shape": ("report-shape", *START),
     "report-2d": ("report-2d", *START),
     "report-whole": ("report",),
 }
-"""Preset and options of each run: the last of the report, of ten times the regions, is pinned on the first third of the
-log, and on the whole log among the slow tests; those before it, which differ by a gate, on the first four images."""
+"""Preset and options of each run: generations of the report, of ten times the regions, are pinned on the first four
+images; the last of them also on the whole log, among the slow tests."""
 EXACT = ("assembly", "status", "color", "shape", "frames")
 OBSERVED = ("source", "color", "shape")
 """Columns of observations whose values are counted."""
@@ -76,6 +76,19 @@ def rounded(value, digits):
     return None if value is None else round(value, digits)
 
 
+@pytest.fixture(scope="module")
+def demo_of(run_demo, request):
+    """A function that gives the result of one of `RUNS`, each run once."""
+
+    @cache
+    def run(name):
+        if name == "default":
+            return request.getfixturevalue("default_demo")
+        return run_demo("--preset", *RUNS[name])
+
+    return run
+
+
 @pytest.fixture(
     params=[
         pytest.param(name, marks=[pytest.mark.slow] * (name == "report-whole")) for name in RUNS
@@ -83,19 +96,6 @@ def rounded(value, digits):
 )
 def preset(request):
     return request.param
-
-
-@pytest.fixture(scope="module")
-def demo_of(run_demo, request):
-    """A function that gives the result of one of `RUNS`, each run once."""
-
-    @cache
-    def run(name):
-        if name in ("default", "report"):
-            return request.getfixturevalue(f"{name}_demo")
-        return run_demo("--preset", *RUNS[name])
-
-    return run
 
 
 @pytest.fixture
@@ -179,8 +179,11 @@ def test_the_default_gives_the_measure_along_the_route_that_is_named(default_dem
         assert (row["measure"] - 12.35) * 1609.344 == pytest.approx(row["station_m"], abs=1e-6)
 
 
-def test_no_model_was_learned_from_the_demo_log(default_demo):
+def test_the_default_says_that_no_model_was_learned_from_the_demo_and_its_lens_is_right(
+    default_demo,
+):
     assert default_demo.about["learned_from_log"] == []
+    assert default_demo.about["camera_by_motion"] is None
 
 
 def test_the_default_gives_panels_of_one_support_its_number(default_demo, truth):
@@ -231,8 +234,8 @@ def test_the_default_preset_tells_the_codes_of_the_demo(default_demo):
     assert (stop["nominal_width_in"], stop["nominal_height_in"]) == (36, 36)
 
 
-def test_the_classes_of_preset_report_tell_series(report_demo):
-    assert any(codes(report_demo))
+def test_the_classes_of_preset_report_tell_series(demo_of):
+    assert any(codes(demo_of("report")))
 
 
 def write_pinned():

@@ -1,6 +1,5 @@
 """`wayside calibrate` with images of a chessboard."""
 
-import re
 from pathlib import Path
 
 import cv2
@@ -104,13 +103,6 @@ def test_too_few_boards_are_refused_with_every_reason(boards):
     files = [boards / name for name in ("board0.png", "board1.png", "empty.png")]
     with pytest.raises(InputError, match=r"4 views.*there are 2(.|\n)*empty.png: no board"):
         calibrate_images(files, BOARD, "plumb_bob")
-
-
-def test_a_fisheye_is_refused_with_what_to_do(tmp_path):
-    command = ["calibrate", str(tmp_path), "--board", "9x6", "--model", "fisheye"]
-    result = CliRunner().invoke(app, command)
-    assert isinstance(result.exception, UsageError)
-    assert re.search(r"no lens model fisheye.* --model rational .* remap", str(result.exception))
 
 
 def test_images_of_two_cameras_are_refused_with_their_names(tmp_path):

@@ -10,12 +10,11 @@ import pytest
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.fitting.report import format_fit
 from wayside.pipeline.fitting.samples import labelled_drives
-from wayside.pipeline.labels.read import FrameLabels, read_labels
+from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.labels.wayside_labels import write_labels
-from wayside.pipeline.learning.labelled import labelled_faces
 from wayside.pipeline.models.model_files import load_models
 from wayside.schemas.errors import InputError, OutputError, UsageError
-from wayside.schemas.labels import BACK, SIGN, Label, LabelledImage, Labels
+from wayside.schemas.labels import SIGN, Label, LabelledImage, Labels
 from wayside.schemas.settings import ReadSettings
 
 from ..results import invoke
@@ -125,9 +124,8 @@ def test_figures_and_curves_of_foreign_labels_stand_beside_the_models(pictures, 
 
 def test_landmarks_need_a_log(pictures, tmp_path):
     folder, labels = pictures
-    with pytest.raises(
-        InputError, match="location: not written, folders of images have no landmarks"
-    ):
+    words = "location: not written, folders of images have no landmarks"
+    with pytest.raises(InputError, match=words):
         fit(labels, "--images", folder, "--model", "location", "-o", tmp_path)
     assert not list(tmp_path.iterdir())
 
@@ -140,19 +138,15 @@ def test_models_of_before_are_not_overwritten_unasked(pictures, tmp_path):
     assert (tmp_path / "color.json").read_text() == "mine"
 
 
-def test_labels_of_other_images_are_refused(pictures, tmp_path):
+def test_labels_of_other_images_and_a_file_of_labels_too_many_are_refused(pictures, tmp_path):
     folder, _ = pictures
     there = LabelledImage(image_name="elsewhere.png")
     file = tmp_path / "labels.parquet"
     write_labels(Labels((Label(there, SIGN, (0, 0, 9, 9), "blue"),)), file)
     with pytest.raises(InputError, match="no_such_image"):
         fit(file, "--images", folder, "-o", tmp_path / "out")
-
-
-def test_two_files_of_labels_need_two_sets_of_images(pictures, tmp_path):
-    folder, labels = pictures
     with pytest.raises(UsageError, match="one for each"):
-        fit(labels, labels, "--images", folder, "-o", tmp_path)
+        fit(file, file, "--images", folder, "-o", tmp_path / "out")
 
 
 def test_stretches_are_contiguous_and_a_sign_is_in_one_alone(pictures):
@@ -175,13 +169,3 @@ def test_several_drives_are_held_out_whole(pictures):
     assert [one.fold for one in drives] == [0, 1]
     assert not set(drives[0].stretch.values()) & set(drives[1].stretch.values())
     assert not set(drives[0].faces.sign.tolist()) & set(drives[1].faces.sign.tolist())
-
-
-def test_views_of_one_panel_are_one_sign_and_backs_are_none():
-    at = LabelledImage(frame=0)
-    box = (0.0, 0.0, 9.0, 9.0)
-    own = {
-        0: [Label(at, SIGN, box, panel="a"), Label(at, BACK, box), Label(at, SIGN, box)],
-        3: [Label(at, SIGN, box, panel="a"), Label(at, SIGN, box)],
-    }
-    assert labelled_faces(FrameLabels(own, frozenset(), {})).sign.tolist() == [0, 1, 0, 2]

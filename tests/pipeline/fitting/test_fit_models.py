@@ -48,9 +48,8 @@ def road(signs=6, light=0.0, seed=0, others=240):
     grey = random.uniform(10, 240, (others, 1)) * np.ones(3) + random.normal(0, 6, (others, 3))
     column = np.array([*stretch, *(np.arange(others) % 6)])
     every = np.clip(np.concatenate([*values, grey]), 0, 255)
-    return Samples(
-        every, np.array(kind + [""] * others), np.array(sign + [-1] * others), column, column
-    )
+    names, numbers = np.array(kind + [""] * others), np.array(sign + [-1] * others)
+    return Samples(every, names, numbers, column, column)
 
 
 def task(alpha=None, *, only_labelled=False):
@@ -102,10 +101,9 @@ def test_light_that_varies_leads_to_a_space_that_does_not_follow_it():
     samples = road(signs=12, light=0.7)
     fitted = fit_colors(samples, shipped(), task(), "auto")
     assert fitted.model.space != "rgb"
-    gains = [
-        one.named.value - one.false_rate.value for one in (fitted.held, fitted.compared["rgb"])
-    ]
-    assert gains[0] > gains[1]
+    other = fitted.compared["rgb"]
+    gain = fitted.held.named.value - fitted.held.false_rate.value
+    assert gain > other.named.value - other.false_rate.value
     in_space = replace(samples, values=color_features(samples.values, fitted.model.space))
     assert model_rates(fitted.model, in_space, COLORS).named.value > 0.8
 
@@ -113,10 +111,9 @@ def test_light_that_varies_leads_to_a_space_that_does_not_follow_it():
 def test_too_few_signs_are_refused_however_many_views_they_have():
     samples = road(signs=4)
     many = samples.select(np.repeat(np.arange(len(samples)), 20))
+    words = r"5 labelled signs of a colour .* there are 4 yellow, 4 green"
     for few in (samples, many):
-        with pytest.raises(
-            InputError, match=r"5 labelled signs of a colour .* there are 4 yellow, 4 green"
-        ):
+        with pytest.raises(InputError, match=words):
             fit_colors(few, shipped(), task(), "rgb")
 
 

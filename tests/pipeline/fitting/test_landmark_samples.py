@@ -51,10 +51,12 @@ def test_landmarks_are_named_by_the_side_they_stand_on():
     assert found.values.tolist() == [[4, 1], [-4, 1], [1, 5], [6, 0]]
 
 
-def test_two_landmarks_on_one_panel_are_one_sign():
+def test_two_landmarks_on_one_panel_are_one_sign_and_two_on_nothing_labelled_are_two():
     found = samples((ON, 3, BOX, 4.0, 1.0), (ON, 5, BOX, 4.2, 1.0), (ON, 11, BOX, 4.0, 1.0))
     assert found.sign[0] == found.sign[1] != found.sign[2]
     assert found.signs("right") == 2
+    unlabelled = samples((ON, 18, BOX, 4.0, 1.0), (ON, 19, BOX, 4.0, 1.0))
+    assert unlabelled.signs("right") == 2
 
 
 def test_a_sign_belongs_to_the_stretch_that_shows_it_most_wherever_it_is_best_seen():
@@ -62,11 +64,6 @@ def test_a_sign_belongs_to_the_stretch_that_shows_it_most_wherever_it_is_best_se
     assert found.stretch.tolist() == [1, 0, 1]
     assert found.fold.tolist() == found.stretch.tolist()
     assert samples((OFF, 14, AWAY, 4.0, 1.0), fold=7).fold.tolist() == [7]
-
-
-def test_landmarks_best_seen_where_nothing_is_labelled_are_signs_of_their_own():
-    found = samples((ON, 18, BOX, 4.0, 1.0), (ON, 19, BOX, 4.0, 1.0))
-    assert found.signs("right") == 2
 
 
 def test_a_classifier_that_was_not_asked_has_no_samples():

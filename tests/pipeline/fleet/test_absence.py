@@ -78,12 +78,8 @@ def surveyed(simulation, drive, tmp_path):
 def texture(seed, width, height):
     """Blobs of several sizes."""
     rng = np.random.default_rng(seed)
-    layers = [
-        cv2.resize(
-            rng.uniform(0, 255, (height // n, width // n)).astype(np.float32), (width, height)
-        )
-        for n in (2, 5, 12)
-    ]
+    grids = [rng.uniform(0, 255, (height // n, width // n)) for n in (2, 5, 12)]
+    layers = [cv2.resize(one.astype(np.float32), (width, height)) for one in grids]
     return np.asarray(np.mean(layers, axis=0), np.uint8)
 
 

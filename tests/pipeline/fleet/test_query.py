@@ -117,14 +117,8 @@ def test_every_format_reads_back(inventory, kind):
         ("SELECT 1; SELECT 2", "one statement that reads"),
         ("COPY panels TO '{folder}/x.csv'", "one statement that reads"),
         ("WITH t AS (COPY (SELECT 1) TO '{folder}/x.csv') SELECT 1", "cannot be answered"),
-        (
-            "FROM enable_profiling(format := 'json', save_location := '{folder}/x.json')",
-            "cannot be answered",
-        ),
-        (
-            "FROM enable_logging(storage := 'file', storage_path := '{folder}')",
-            "cannot be answered",
-        ),
+        ("FROM enable_profiling(save_location := '{folder}/x.json')", "cannot be answered"),
+        ("FROM enable_logging(storage_path := '{folder}')", "cannot be answered"),
     ],
 )
 def test_a_question_that_does_not_only_read_is_refused_and_writes_nothing(

@@ -27,12 +27,11 @@ def archive(tmp_path, monkeypatch):
 def test_folders_patterns_and_lists_give_each_log_once_in_order(archive):
     (archive / "list.txt").write_text("# both\n2026\n\nc.mcap\n")
     given = expand_sources(["c.mcap", "2024/../*/a.mcap", "@list.txt"])
-    wanted = ["c.mcap", "2024/../2024/a.mcap", "2024/../2026/a.mcap"]
     assert given[:1] == [str(archive / "c.mcap")]
     assert expand_sources(["*/a.mcap"]) == [str(archive / n / "a.mcap") for n in ("2024", "2026")]
     listed = [str(archive / name) for name in ("2026/a.mcap", "2026/deep/b.MCAP", "c.mcap")]
     assert expand_sources(["@list.txt", "2026"]) == listed
-    assert len(given) == len(set(given)) == len(wanted) + 2
+    assert len(given) == len(set(given)) == 5
 
 
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])

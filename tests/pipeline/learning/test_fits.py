@@ -46,14 +46,8 @@ def road(signs=6, views=4, others=200, seed=0, apart=6.0):
 
 def test_every_sign_counts_the_same_however_many_views_it_has():
     values = np.array([[0.0, 0]] * 9 + [[10.0, 0]])
-    samples = Samples(
-        values,
-        np.array(["red"] * 10),
-        np.array([0] * 9 + [1]),
-        np.zeros(10, int),
-        np.zeros(10, int),
-    )
-    (red,) = fit(samples)
+    none, sign = np.zeros(10, int), np.array([0] * 9 + [1])
+    (red,) = fit(Samples(values, np.array(["red"] * 10), sign, none, none))
     assert red.mean == pytest.approx([5, 0])
     assert red.count == 10
 

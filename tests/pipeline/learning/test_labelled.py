@@ -35,29 +35,25 @@ def test_a_region_on_a_face_has_its_class_and_one_elsewhere_is_no_sign():
     assert known.color[face[0]] == "green"
 
 
-@pytest.mark.parametrize(
-    "box", [(105, 105, 112, 112), (90, 90, 160, 160)], ids=["a letter", "a looser box"]
-)
-def test_what_shows_a_face_in_part_or_loosely_is_nobodys_example(box):
-    assert label_of(faces(label(SIGN, FACE)), box) == NEITHER
-
-
-def test_a_region_far_larger_than_the_face_in_it_is_no_sign():
-    assert label_of(faces(label(SIGN, FACE)), (0, 0, 800, 300)) == OFF
+SMALL = (100.0, 100.0, 104.0, 104.0)
 
 
 @pytest.mark.parametrize(
-    "one",
+    ("one", "box", "expected"),
     [
-        label(SIGN, FACE, wanted=False),
-        label(SIGN, FACE, visible=0.1),
-        label(SIGN, (100.0, 100.0, 104.0, 104.0)),
-        label(UNSURE, FACE),
+        pytest.param(label(SIGN, FACE), (105, 105, 112, 112), NEITHER, id="a letter"),
+        pytest.param(label(SIGN, FACE), (90, 90, 160, 160), NEITHER, id="a looser box"),
+        pytest.param(label(SIGN, FACE), (0, 0, 800, 300), OFF, id="far larger than the face in it"),
+        pytest.param(label(SIGN, FACE, wanted=False), FACE, NEITHER, id="not wanted"),
+        pytest.param(label(SIGN, FACE, visible=0.1), FACE, NEITHER, id="hidden"),
+        pytest.param(label(SIGN, SMALL), SMALL, NEITHER, id="small"),
+        pytest.param(label(UNSURE, FACE), FACE, NEITHER, id="unsure"),
     ],
-    ids=["not wanted", "hidden", "small", "unsure"],
 )
-def test_what_lies_on_a_face_that_does_not_count_is_nobodys_example(one):
-    assert label_of(faces(one), one.box) == NEITHER
+def test_what_shows_a_face_badly_or_one_that_does_not_count_is_no_example_of_a_sign(
+    one, box, expected
+):
+    assert label_of(faces(one), box) == expected
 
 
 def test_where_not_all_is_labelled_only_what_is_said_to_be_no_sign_is_none():
@@ -68,15 +64,22 @@ def test_where_not_all_is_labelled_only_what_is_said_to_be_no_sign_is_none():
     assert label_of(known, AWAY, frame=1) == NEITHER
 
 
-def test_a_landmark_is_a_sign_where_most_of_its_latest_views_show_one():
-    known = faces(*(label(SIGN, FACE, frame) for frame in range(3)))
-    part = (105, 105, 130, 130)  # triangulates to the panel
-    assert known.label_views([(0, FACE), (1, part), (2, AWAY)]) == ON
-    assert known.label_views([(0, FACE), (1, AWAY), (2, AWAY)]) == NEITHER
-    assert known.label_views([(0, AWAY), (1, AWAY), (2, AWAY)]) == OFF
+PART = (105, 105, 130, 130)  # triangulates to the panel
 
 
-def test_a_landmark_without_a_view_in_a_labelled_image_is_nobodys_example():
-    known = faces(label(SIGN, FACE, 0), complete=())
-    assert known.label_views([(4, FACE), (5, FACE)]) == NEITHER
-    assert known.label_views([(0, FACE), (5, AWAY)]) == ON
+@pytest.mark.parametrize(
+    ("labelled", "views", "expected"),
+    [
+        ((0, 1, 2), [(0, FACE), (1, PART), (2, AWAY)], ON),
+        ((0, 1, 2), [(0, FACE), (1, AWAY), (2, AWAY)], NEITHER),
+        ((0, 1, 2), [(0, AWAY), (1, AWAY), (2, AWAY)], OFF),
+        ((0,), [(4, FACE), (5, FACE)], NEITHER),
+        ((0,), [(0, FACE), (5, AWAY)], ON),
+    ],
+)
+def test_a_landmark_is_a_sign_where_most_of_its_latest_labelled_views_show_one(
+    labelled, views, expected
+):
+    complete = labelled if len(labelled) > 1 else ()
+    known = faces(*(label(SIGN, FACE, frame) for frame in labelled), complete=complete)
+    assert known.label_views(views) == expected

@@ -84,23 +84,6 @@ def test_the_points_hold_the_rates_of_the_gate_and_both_rise(seed):
         assert (np.diff([one.false_alarm for one in points]) >= 0).all()
 
 
-def test_two_clusters_of_signs_among_scattered_others_get_a_radius_each():
-    draw = np.random.default_rng(4)
-    right, left = draw.normal((8, 0), 1, (150, 2)), draw.normal((-9, 0), 0.3, (150, 2))
-    others = draw.uniform((-30, -10), (30, 10), (1500, 2))
-    values = np.concatenate([right, left, others])
-    found = with_learned_thresholds(
-        model((8, 0), (-9, 0)), samples(values, np.arange(len(values)) < 300)
-    )
-    wide, narrow = (one.threshold for one in found.classes)
-    assert 2 < wide < 4
-    assert 0.5 < narrow < 1.2
-    for one in found.classes:
-        low, high = one.threshold_interval
-        assert low <= one.threshold <= high
-        assert one.threshold_rule.startswith("knee of the ROC of all components together")
-
-
 @pytest.fixture(scope="module")
 def colours():
     """Signs of two classes and others about them."""
@@ -152,6 +135,13 @@ def test_a_density_gets_the_knee_of_its_tracks_with_points_that_hold_their_rates
         with_score_threshold(before, samples(values[:300], on[:300]))
 
 
+def test_thresholds_are_not_learned_of_signs_alone_nor_traded_without_points():
+    with pytest.raises(InputError, match="signs and other things are needed"):
+        with_learned_thresholds(model((0,)), samples(np.arange(5), np.ones(5, bool)))
+    with pytest.raises(ValueError, match="no operating point"):
+        at_alpha(model((0,)), 0.1)
+
+
 def test_a_false_alarm_rate_trades_the_thresholds_of_a_model_that_holds_its_points():
     draw = np.random.default_rng(6)
     values = np.concatenate([draw.normal(0, 1, 400), draw.normal(4, 2, 4000)])
@@ -170,16 +160,6 @@ def test_a_false_alarm_rate_trades_the_thresholds_of_a_model_that_holds_its_poin
         powers.append(power)
     assert powers == sorted(powers)
     assert powers[0] < powers[-1]
-
-
-def test_thresholds_are_not_learned_of_signs_alone():
-    with pytest.raises(InputError, match="signs and other things are needed"):
-        with_learned_thresholds(model((0,)), samples(np.arange(5), np.ones(5, bool)))
-
-
-def test_a_model_without_points_cannot_be_traded():
-    with pytest.raises(ValueError, match="no operating point"):
-        at_alpha(model((0,)), 0.1)
 
 
 values = st.lists(st.floats(-50, 50, width=32), min_size=2, max_size=40)

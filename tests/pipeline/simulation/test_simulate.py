@@ -30,11 +30,10 @@ def small():
 @pytest.fixture(scope="module")
 def many():
     """More than 500 signs: straight and curved, with hills, dropped triggers and outliers; spacing or poses given."""
+    bent = {"curve_radius_m": 300, "hill_m": 6, "jitter_deg": 0.25, "mount_yaw_deg": 0.9}
     surveys = [
         Survey(signs=180, seed=11),
-        Survey(
-            signs=120, seed=12, curve_radius_m=300, hill_m=6, jitter_deg=0.25, mount_yaw_deg=0.9
-        ),
+        Survey(signs=120, seed=12, **bent),
         Survey(signs=120, seed=13, pose_m=0.02),
         Survey(signs=120, seed=14, noise_px=0.8, lateral_m=-5.0, drop_rate=0.03, outliers=0.02),
     ]
@@ -81,11 +80,10 @@ def test_the_mount_is_learnt_from_the_drive():
 
 def test_the_same_survey_gives_the_same_figures_and_another_seed_others(small):
     told = []
-    first, again = small, simulate(SMALL, lambda done, total: told.append((done, total)))
-    other = simulate(replace(SMALL, seed=4))
+    again = simulate(SMALL, lambda done, total: told.append((done, total)))
     assert told == [(k + 1, len(told)) for k in range(len(told))]
-    np.testing.assert_array_equal(first.error, again.error)
-    assert not np.array_equal(first.error, other.error)
+    np.testing.assert_array_equal(small.error, again.error)
+    assert not np.array_equal(small.error, simulate(replace(SMALL, seed=4)).error)
 
 
 def test_more_noise_and_farther_signs_are_worse(small):
@@ -99,13 +97,12 @@ def test_more_noise_and_farther_signs_are_worse(small):
 
 
 def test_a_target_counts_signs_that_were_not_found(small):
-    one = small
-    assert reaches(one, 1.0)
-    assert not reaches(replace(one, wanted=2 * one.wanted), 1.0)
-    assert not reaches(one, 0.001)
-    assert sweep_row(one, 1.0).endswith("reached")
-    assert "widest" in sweep_conclusion([one], 1.0)
-    assert "none of these" in sweep_conclusion([one], 0.001)
+    assert reaches(small, 1.0)
+    assert not reaches(replace(small, wanted=2 * small.wanted), 1.0)
+    assert not reaches(small, 0.001)
+    assert sweep_row(small, 1.0).endswith("reached")
+    assert "widest" in sweep_conclusion([small], 1.0)
+    assert "none of these" in sweep_conclusion([small], 0.001)
 
 
 @pytest.mark.parametrize(
@@ -122,15 +119,14 @@ def test_what_cannot_be_driven_is_refused_by_its_option(wrong):
         check(replace(SMALL, **wrong))
 
 
+def test_an_angle_of_view_that_no_lens_has_is_refused():
+    with pytest.raises(UsageError, match="--hfov"):
+        focal_of_view(180.0, 1600)
+
+
 def test_signs_that_no_image_shows_thrice_are_an_error_with_advice():
     with pytest.raises(WaysideError, match="shorten --spacing"):
         simulate(replace(SMALL, spacing_m=90.0, panel_m=0.3))
-
-
-def test_an_angle_of_view_is_a_focal_length():
-    assert focal_of_view(90.0, 1600) == pytest.approx(800.0)
-    with pytest.raises(UsageError, match="--hfov"):
-        focal_of_view(180.0, 1600)
 
 
 def test_the_command_prints_a_table_and_writes_json(tmp_path):

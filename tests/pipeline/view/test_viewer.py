@@ -22,12 +22,7 @@ from wayside.pipeline.cli.running import parse_rate
 from wayside.pipeline.view import viewer
 from wayside.pipeline.view.blueprint import drive_layout, sign_layout
 from wayside.pipeline.view.results import find_target, recordings_of
-from wayside.pipeline.view.viewer import (
-    import_log,
-    probe,
-    software_vulkan,
-    start_viewer,
-)
+from wayside.pipeline.view.viewer import import_log, probe, software_vulkan, start_viewer
 from wayside.schemas.errors import InputError, OutputError, UsageError
 
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
@@ -39,10 +34,8 @@ def test_an_absent_viewer_is_an_error_and_one_that_listens_has_its_full_address(
         full = f"rerun+http://127.0.0.1:{port}/proxy"
         assert probe(f"127.0.0.1:{port}") == full
         assert probe(full) == full
-    start = time.monotonic()
     with pytest.raises(InputError, match="no viewer listens there"):
-        probe(f"127.0.0.1:{port}")
-    assert time.monotonic() - start < 60  # Rerun alone would wait for ever
+        probe(f"127.0.0.1:{port}")  # Rerun alone would wait for ever
 
 
 @pytest.mark.parametrize("address", ["nowhere", "rerun+http://host/proxy", "127.0.0.1:port"])
@@ -74,11 +67,8 @@ def test_rates_are_times_the_recorded_speed():
 
 
 def test_layouts_are_written_as_files(tmp_path):
-    layouts = {
-        "drive": drive_layout(),
-        "sign": sign_layout("demo-0001", 30.0, (10.0, 10.0, 40.0, 30.0)),
-    }
-    for name, layout in layouts.items():
+    of_sign = sign_layout("demo-0001", 30.0, (10.0, 10.0, 40.0, 30.0))
+    for name, layout in (("drive", drive_layout()), ("sign", of_sign)):
         layout.save("wayside", str(tmp_path / name))
         reader = rr.chunk.RrdReader(str(tmp_path / name))
         chunks = reader.stream(store=reader.blueprints()[0])
@@ -97,8 +87,7 @@ def has_vulkan():
 
 def recorded(folder, *options):
     line = ["run", str(DEMO), "-o", str(folder), "--view", "file", "--until", "0.7s"]
-    line += options
-    assert not app(line, standalone_mode=False)
+    assert not app([*line, *options], standalone_mode=False)
     return folder
 
 
