@@ -120,7 +120,7 @@ def test_the_headless_viewer_draws_a_run_and_no_view_reports_an_error(
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        (["--sign", "demo-9999"], "did you mean demo-"),
+        (["--sign", "demo-9999"], "Did you mean demo-"),
         (["--frame", "999"], "does not hold this frame, but 0 to"),
         (["--frame", "1", "--sign", "demo-0001"], "both given"),
         (["--over", str(DEMO)], "holds images of its own"),
