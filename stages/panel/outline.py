@@ -267,7 +267,9 @@ class Outline(NamedTuple):
 
 def strongest_outlines(gradients: Gradients, box: Array) -> list[Outline]:
     """Outlines of the best shapes near a box, the strongest one of each."""
-    found = [_strongest(gradients, shape, box) for shape in OUTLINE_SHAPES]
+    found = [_strongest(gradients, shape, box, INWARD, OUTWARD) for shape in OUTLINE_SHAPES]
+    # segments rotate as the proportions change: once more, near by
+    found = [_strongest(gradients, o.shape, o.box, 0.0, 0.0) for o in found if has_area(o.box)]
     found = sorted((o for o in found if has_area(o.box)), key=lambda o: -o.strength)
     return [align_sides(gradients, o) for o in found[:MOST_INNER]]
 
@@ -281,12 +283,14 @@ def _in_proportion(shape: str, box: Array) -> Array:
     return np.concatenate([centre - half, centre + half])
 
 
-def _strongest(gradients: Gradients, shape: str, detected: Array) -> Outline:
-    """The strongest outline of a shape near a detected box."""
-    box = _in_proportion(shape, detected)
+def _strongest(
+    gradients: Gradients, shape: str, start: Array, inward: float, outward: float
+) -> Outline:
+    """The strongest outline of a shape within fractions of the smaller side of a box."""
+    box = _in_proportion(shape, start)
     side, step = float(box_size(box).min()), OFFSET_STEP
-    low = -step * np.ceil(max(INWARD * side + 1, SEARCH) / step)
-    high = step * np.ceil(max(OUTWARD * side + 1, SEARCH) / step)
+    low = -step * np.ceil(max(inward * side + 1, SEARCH) / step)
+    high = step * np.ceil(max(outward * side + 1, SEARCH) / step)
     segments = segments_of(shape, box)
     profiles = edge_profiles(gradients, segments, low, high)
     directions = _DIRECTIONS[shape in ASPECT]
