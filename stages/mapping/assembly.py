@@ -35,14 +35,7 @@ def classify_location(
     The report's classifier is one mean at 3.1 m right of and .6 m above the camera's path, with a threshold on the
     Mahalanobis distance (eq. 3.1). Where the evidence for landmarks contains their place, no model refuses them again.
 
-    Parameters
-    ----------
-    tracked
-        Frames with the landmarks seen first in them.
-    model
-        Classes in (right of the path, above the camera's path), metres; None: only sizes are refused.
-    settings
-        Plausible sizes of a panel.
+    `model`: classes in (right of the path, above the camera's path), metres; None: only sizes are refused.
 
     Raises
     ------
@@ -71,13 +64,7 @@ def classify_location(
 
 
 def assemble(tracked: Iterator[TrackedFrame]) -> Iterator[TrackedFrame]:
-    """Refuse later landmarks of one panel (`duplicate`), number the supports from 0, and decide every candidate.
-
-    Parameters
-    ----------
-    tracked
-        Frames with the landmarks seen first in them.
-    """
+    """Refuse later landmarks of one panel (`duplicate`), number the supports from 0, and decide every candidate."""
     views: defaultdict[int, list[tuple[Landmark, Observation]]] = defaultdict(list)
     recent: list[Landmark] = []
     count = 0
