@@ -261,9 +261,9 @@ def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
         "complete, so precision is a lower bound. A row on a sign that they leave out is right, too, where that "
         "was boxed by eye ([checked_boxes.py](checked_boxes.py)). No sign was surveyed, so no position is "
         "evaluated. A drive is seen where the provenance of a model of the run names it (models in brackets). "
-        "All drives were in view when rules, networks and features were chosen. No curve of the evidence was learned "
-        "from a drive that it is measured on. A drive with `models without it` was run by models that were learned "
-        "without it ([models_without](models_without/README.md)), more briefly than those that ship.",
+        "Results on all drives were known when rules, networks and features were chosen. No curve of the evidence was "
+        "learned from a drive that it is measured on. A drive with `models without it` was run by models that were "
+        "learned without it ([models_without](models_without/README.md)), more briefly than those that ship.",
         "",
         "Intervals are 95 %: of shares by Wilson's score, exact for none and all; of rates exact for a Poisson count. "
         "Both are as if signs and rows were independent, which those on one post are not. A duplicate lies on a label "

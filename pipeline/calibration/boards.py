@@ -131,8 +131,8 @@ def calibrate_images(
 ) -> CalibratedImages:
     """Calibrate a camera by images of a chessboard: files, and folders of them.
 
-    Images of another size than most are left out by name, as they are of another camera, or cut or scaled. watch: told
-    after each image how many of how many are done. Raises UsageError for an unknown lens model, or without an image.
+    Images of another size than most are left out by name: they are of another camera, or cut or scaled. watch: called
+    after each image with the numbers done and to do. Raises UsageError for an unknown lens model, or without an image.
     Raises InputError if the images do not determine a camera, and names each image that was not used and why.
     """
     if model not in LENS_MODELS:

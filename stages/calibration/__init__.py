@@ -14,7 +14,6 @@ from wayside.stages.calibration.drive_fit import (
     PRINCIPAL_POINT_SIGMA,
     DriveCalibration,
     calibrate_drive,
-    lens_step,
 )
 from wayside.stages.calibration.segment import cut_segments
 from wayside.stages.calibration.segment_equations import LENS, changed_camera
@@ -43,6 +42,5 @@ __all__ = [
     "cut_segments",
     "find_board",
     "format_residuals",
-    "lens_step",
     "watch_calibration",
 ]

@@ -42,7 +42,6 @@ from wayside.stages.detection.network_proposals import (
 )
 from wayside.stages.detection.onnx_detector import (
     OnnxDetector,
-    multiple_of,
     named_boxes,
     score_log_odds,
 )
@@ -83,7 +82,6 @@ __all__ = [
     "detect",
     "detect_externally",
     "drawn_patches",
-    "multiple_of",
     "named_boxes",
     "number_of",
     "padded",

@@ -1,6 +1,6 @@
 """After the last frame: the path of the camera in the world frame and on the globe, and the signs on it."""
 
-from wayside.stages.georeference.geodesy import Globe, LocalOrigin, align_level
+from wayside.stages.georeference.geodesy import LocalOrigin
 from wayside.stages.georeference.georeferencing import georeference
 from wayside.stages.georeference.linear_reference import ROUTE_REACH_M, measure_along_route
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
@@ -13,12 +13,10 @@ __all__ = [
     "AbsoluteMeasurements",
     "DrivePath",
     "DriveRecord",
-    "Globe",
     "LocalOrigin",
     "PathPoint",
     "RelativeMotionChain",
     "StepScale",
-    "align_level",
     "collect",
     "georeference",
     "measure_along_route",

@@ -12,7 +12,6 @@ from wayside.stages.inventory.vectors import (
 )
 from wayside.stages.inventory.visibility import (
     PanelPlaces,
-    PanelViews,
     PlaceImage,
     match_moved,
     measure_occlusion,
@@ -26,7 +25,6 @@ __all__ = [
     "Agreement",
     "Differences",
     "PanelPlaces",
-    "PanelViews",
     "PlaceImage",
     "agreement_of",
     "gone_probability",

@@ -10,7 +10,7 @@ from wayside.stages.mapping.landmark_evidence import (
 )
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_views
 from wayside.stages.mapping.tracker import WINDOW_STEP, SideClassifiers, track
-from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, Face, same_face
+from wayside.stages.mapping.verdicts import VERDICT_OF_TERM
 from wayside.stages.mapping.window import (
     TravelledPath,
     WindowFrame,
@@ -24,7 +24,6 @@ __all__ = [
     "STEP_COVARIANCE",
     "VERDICT_OF_TERM",
     "WINDOW_STEP",
-    "Face",
     "LandmarkClassifier",
     "LandmarkFit",
     "SideClassifiers",
@@ -37,7 +36,6 @@ __all__ = [
     "classify_location",
     "fit_views",
     "measure_landmark",
-    "same_face",
     "through_window",
     "track",
 ]
