@@ -1,34 +1,25 @@
 """Measure recall, precision and accuracy on drives with known signs, and fail below the floor.
 
-    .venv/bin/python benchmarks/accept.py [--quick] [--only NAME] [--preset report]
+    .venv/bin/python benchmarks/accept.py [--only NAME ...] [--preset report ...]
 
 Renders the development drives once into .cache/drives, and runs both presets on each and on real drives where they are
 at hand. Evaluates every result, and writes benchmarks/accuracy.md and benchmarks/accuracy_real.md. A rendered drive
 that a model was learned from is refused; a real one has a table of its own. Speed is printed only: it belongs to the
-machine. With --quick, --only or --preset nothing is written.
+machine. With --only or --preset nothing is written.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tomllib
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from checked_boxes import with_checked_boxes
-from common import (
-    BENCHMARKS,
-    DRIVES,
-    REAL_DRIVES,
-    RESULTS,
-    render,
-    run_wayside,
-    table,
-    versions,
-)
+from common import BENCHMARKS, DRIVES, REAL_DRIVES, RESULTS, render, run_wayside, table, versions
 from real_counts import Counts, counts_by_confidence
 from real_tables import RealDrive, real_page
 
@@ -91,42 +82,23 @@ class Outcome:
 
 def main() -> int:
     """Run, evaluate, write, compare with the floor."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--quick", action="store_true", help="preset default only, rendered drives only"
-    )
-    parser.add_argument(
-        "--only", action="append", metavar="NAME", help="this drive only, repeatable"
-    )
-    presets = (*PRESETS, *EARLIER)
-    parser.add_argument("--preset", action="append", choices=presets, help="this preset only")
-    parser.add_argument("--real", type=Path, default=REAL_DRIVES)
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("--only", action="append", choices=(*RENDERED, *REAL), metavar="NAME")
+    parser.add_argument("--preset", action="append", choices=(*PRESETS, *EARLIER))
     parser.add_argument("--jobs", type=int, default=2, help="drives rendered at once")
     args = parser.parse_args()
-    presets = ["default"] if args.quick else args.preset or list(PRESETS)
-    whole = not (args.quick or args.only or args.preset)
 
     render([n for n in RENDERED if not args.only or n in args.only], args.jobs)
     drives = [rendered_drive(name, spacing) for name, spacing in RENDERED.items()]
-    if not args.quick:
-        drives += real_drives(args.real)
+    drives += real_drives(REAL_DRIVES)
     chosen = [drive for drive in drives if not args.only or drive.name in args.only]
     outcomes = {
         preset: [evaluate_drive(one, preset) for one in with_models_without(chosen, preset)]
-        for preset in presets
+        for preset in args.preset or PRESETS
     }
-
-    if whole:
+    if not (args.only or args.preset):
         write_tables(outcomes)
-    broken = [
-        f"{preset}: {outcome.drive.name} could not be evaluated"
-        for preset, by_drive in outcomes.items()
-        for outcome in by_drive
-        if outcome.evaluation is None
-    ]
-    broken += learned_from(outcomes)
+    broken = list(unfit(outcomes))
     if not args.only:
         broken += below_floor(outcomes)
     for line in broken:
@@ -220,13 +192,15 @@ def below_floor(outcomes: dict[str, list[Outcome]]) -> Iterable[str]:
                 yield f"{preset}: {figure} {value:.4f} is below the floor of {floor[preset][figure]}"
 
 
-def learned_from(outcomes: dict[str, list[Outcome]]) -> Iterable[str]:
-    """Rendered drives that a model of their run was learned from, in words: they measure nothing."""
+def unfit(outcomes: dict[str, list[Outcome]]) -> Iterable[str]:
+    """Drives that measure nothing, in words: runs that failed, and rendered drives that a model was learned from."""
     for preset, by_drive in outcomes.items():
         for outcome in by_drive:
-            e = outcome.evaluation
-            if isinstance(e, RenderedEvaluation) and e.learned_by:
-                yield f"{preset}: {', '.join(e.learned_by)} learned from {outcome.drive.name}"
+            e, name = outcome.evaluation, outcome.drive.name
+            if e is None:
+                yield f"{preset}: {name} could not be evaluated"
+            elif isinstance(e, RenderedEvaluation) and e.learned_by:
+                yield f"{preset}: {', '.join(e.learned_by)} learned from {name}"
 
 
 def rendered(outcomes: Iterable[Outcome]) -> list[RenderedEvaluation]:
@@ -235,48 +209,21 @@ def rendered(outcomes: Iterable[Outcome]) -> list[RenderedEvaluation]:
 
 
 def write_tables(outcomes: dict[str, list[Outcome]]) -> None:
-    """Write both pages; that of the real drives only where they were at hand."""
-    lines = [
-        "# Accuracy on rendered drives",
-        "",
-        "Made by `make accept`; exact truth. No model was learned from these drives, but rules were chosen "
-        "with their misses in view. "
-        "A panel is wanted where its front is at least 10 px tall and half visible in three or more images. "
-        "Errors are absolute, of wanted panels that were found, median / 95 %: metres; sizes in per cent of the truth. "
-        "Duplicates: of the false rows, those on a panel that a better row is on. "
-        "Backs: rows of status `back` on a panel seen from behind, of all such rows / panels of which three images "
-        "show 10 px or more, were nothing before them.",
-        "",
-        versions(),
-    ]
-    for preset, by_drive in outcomes.items():
-        lines += ["", f"## Preset `{preset}`", "", *rendered_table(by_drive)]
-    (BENCHMARKS / "accuracy.md").write_text("\n".join(lines) + "\n")
-    if not real(outcomes["default"]):
-        return
-    lines = [
-        "# Real drives with hand-made labels",
-        "",
-        "Made by `make accept` where the drives are at hand; they are not part of the repository. Labels are not "
-        "complete, so precision is a lower bound. A row on a sign that they leave out is right, too, where that "
-        "was boxed by eye ([checked_boxes.py](checked_boxes.py)). No sign was surveyed, so no position is "
-        "evaluated. A drive is seen where the provenance of a model of the run names it (models in brackets). "
-        "Results on all drives were known when rules, networks and features were chosen. No curve of the evidence was "
-        "learned from a drive that it is measured on. A drive with `models without it` was run by models that were "
-        "learned without it ([models_without](models_without/README.md)), more briefly than those that ship.",
-        "",
-        "Intervals are 95 %: of shares by Wilson's score, exact for none and all; of rates exact for a Poisson count. "
-        "Both are as if signs and rows were independent, which those on one post are not. A duplicate lies on a label "
-        "that has another, better row; it counts as a row on a label. The cause of a miss is the last step that a "
-        "candidate on the sign passed in any labelled image; the verdicts on all of them are counted behind it.",
-        "",
-        versions(),
-    ]
-    for preset, by_drive in outcomes.items():
-        # the presets of the report miss too many to list them
-        page = real_page(real(by_drive), causes=preset == "default")
-        lines += ["", f"## Preset `{preset}`", *page]
-    (BENCHMARKS / "accuracy_real.md").write_text("\n".join(lines) + "\n")
+    """Write the tables of both pages; of the real drives only where they were at hand."""
+    titled = {f"Preset `{preset}`": by_drive for preset, by_drive in outcomes.items()}
+    write_page("accuracy.md", {title: rendered_table(o) for title, o in titled.items()})
+    # the presets of the report miss too many to list them
+    pages = {t: real_page(real(o), causes="default" in t) for t, o in titled.items()}
+    if any(pages.values()):
+        write_page("accuracy_real.md", pages)
+
+
+def write_page(name: str, parts: dict[str, list[str]]) -> None:
+    """Replace all of a page from its line of versions on by parts with titles; what it says above stays."""
+    path = BENCHMARKS / name
+    said, _, _ = path.read_text(encoding="utf-8").partition("Versions: ")
+    lines = (line for title, part in parts.items() for line in ("", f"## {title}", "", *part))
+    path.write_text("\n".join([said + versions(), *lines, ""]), encoding="utf-8")
 
 
 def rendered_table(outcomes: list[Outcome]) -> list[str]:
@@ -298,10 +245,8 @@ def rendered_cells(name: str, e: RenderedEvaluation) -> list[str]:
     """Cells of one line."""
     shares = (e.class_right("color"), e.class_right("shape"))
     return [
-        name,
-        *map(str, (e.wanted, e.found_count)),
-        f"{e.recall:.3f}",
-        f"{e.precision:.3f}",
+        *map(str, (name, e.wanted, e.found_count)),
+        *(f"{e.recall:.3f}", f"{e.precision:.3f}"),
         *map(str, (len(e.false), len(e.duplicates))),
         *(spread_cell(e.error_m[axis], 1.0) for axis in ("along", "lateral", "up")),
         *(spread_cell(error, 100.0) for error in map(e.size_error, ("width", "height"))),

@@ -1,18 +1,16 @@
-r"""Recall of a detection network against false boxes an image.
+"""Recall of a detection network against false boxes an image.
 
-    OMP_NUM_THREADS=1 PYTHONPATH=. .venv/bin/python benchmarks/networks.py MODEL.onnx --sets SET [SET ...] \\
-        [--real FOLDER] [--drives FOLDER] [--every N]
+    OMP_NUM_THREADS=1 PYTHONPATH=. .venv/bin/python benchmarks/detector_network.py MODEL.onnx --sets SET [SET ...]
 
-Sets: a rendered drive (its log is in the folder of drives), a real drive with labels, or the start of the names in
-`scenes/scenes.json`. A face counts as found by a box of IoU .5. False are boxes on no label and on nothing that is
-unknown; where images have faces without a box (real drives), such a box may show one. The network's provenance says
-from which sets it has learned.
+Sets: a rendered drive, a real drive with labels, or the start of the names in `scenes/scenes.json`. A face counts as
+found by a box of IoU .5. False are boxes on no label and on nothing that is unknown; where images have faces without a
+box (real drives), such a box may show one. The network's provenance says from which sets it has learned.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -43,26 +41,21 @@ Boxes = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 def main() -> int:
     """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("model", type=Path)
     parser.add_argument("--sets", nargs="+", required=True)
-    parser.add_argument("--real", type=Path, default=REAL_DRIVES)
-    parser.add_argument("--drives", type=Path, default=DRIVES)
-    parser.add_argument("--every", type=int, default=1, help="every n-th image only")
     given = parser.parse_args()
     cv2.setNumThreads(1)
     network = DetectionNetwork(str(given.model))
     rates = [f"at {rate:g}" for rate in RATES]
     heads = ("set", ">= 15 px", *rates, "own", "10-15 px", *rates, "own")
-    print_table(heads, (set_row(name, network, given) for name in given.sets))
+    print_table(heads, (set_row(name, network) for name in given.sets))
     return 0
 
 
-def set_row(name: str, network: DetectionNetwork, given: argparse.Namespace) -> list[str]:
+def set_row(name: str, network: DetectionNetwork) -> list[str]:
     """Recall on a set by height, at each rate and at the network's own threshold."""
-    images = images_of(name, given.real, given.drives, given.every)
+    images = images_of(name)
     found = list(boxes_of(network, images))
     judged = sum(image.complete[FRONT] for image in images) or len(images)
     false = np.sort(np.array(list(false_scores(images, found))))[::-1]
@@ -81,13 +74,13 @@ def set_row(name: str, network: DetectionNetwork, given: argparse.Namespace) -> 
     return cells
 
 
-def images_of(name: str, real: Path, drives: Path, every: int) -> list[LabelledImage]:
+def images_of(name: str) -> list[LabelledImage]:
     """The images of a set, whole."""
-    if (drives / f"{name}.mcap").is_file():
-        return list(rendered_images(drives / f"{name}.mcap", every, band=False))
-    if (real / f"{name}.mcap").is_file():
-        return list(real_drive_images(real / f"{name}.mcap", every))
-    return list(scene_set_images(real / "scenes", (name,)))[::every]
+    if (log := DRIVES / f"{name}.mcap").is_file():
+        return list(rendered_images(log, 1, band=False))
+    if (log := REAL_DRIVES / f"{name}.mcap").is_file():
+        return list(real_drive_images(log, 1))
+    return list(scene_set_images(REAL_DRIVES / "scenes", (name,)))
 
 
 def boxes_of(network: DetectionNetwork, images: Sequence[LabelledImage]) -> Iterator[Boxes]:

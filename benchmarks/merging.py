@@ -7,8 +7,8 @@ Prints the tables of merging.md: sums over the seeds with 95 % intervals, means 
 
 from __future__ import annotations
 
-import argparse
 import tempfile
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -254,9 +254,7 @@ def _count_changes(
 
 def main() -> None:
     """Print the tables that were chosen."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("what", nargs="+", choices=("passes", "changes"))
     parser.add_argument("--seeds", type=int, nargs="+", default=[27])
     given = parser.parse_args()

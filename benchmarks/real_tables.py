@@ -34,7 +34,7 @@ def real_page(drives: Drives, *, causes: bool = True) -> list[str]:
     for title, own in by_source(drives).items():
         parts = share_table(own), kind_table(own), reliability_table(own), confidence_table(own)
         lines += ["", f"### {title}", "", *(line for part in parts for line in part)]
-    return [*lines, *step_table(drives), *(cause_table(drives) if causes else [])]
+    return [*lines, *step_table(drives), *(cause_table(drives) if causes else [])][1:]
 
 
 def by_source(drives: Drives) -> dict[str, Drives]:

@@ -12,8 +12,8 @@ Prints a table and ends with status 1 where anything went wrong. `reliability.md
 
 from __future__ import annotations
 
-import argparse
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Iterator, Sequence
 
 import reliability_drives as drives
@@ -36,9 +36,7 @@ QUESTIONS: dict[str, tuple[Sequence[str], int, Callable[[Sequence[str], int, int
 
 def main() -> int:
     """Try and print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("question", choices=QUESTIONS)
     parser.add_argument("--only", nargs="+", default=[""], help="rows whose name contains this")
     parser.add_argument("--count", type=int, help="how many of each")

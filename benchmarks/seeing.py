@@ -8,10 +8,10 @@ landmark classifier that refuses hardly anything. Writes benchmarks/seeing.md; w
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -21,21 +21,16 @@ from typing import Any
 import cv2
 import numpy as np
 import pyarrow.parquet as pq
-from accept import RENDERED
-from common import BENCHMARKS, DRIVES, render, table, versions
+from accept import RENDERED, write_page
+from common import DRIVES, render, table
 from numpy.typing import NDArray
 
+from wayside.pipeline.evaluation import rendered
 from wayside.pipeline.evaluation.figures import (
     ConfidenceBin,
     RenderedEvaluation,
     confidence_bin,
     together,
-)
-from wayside.pipeline.evaluation.rendered import (
-    SMALLEST_HEIGHT_PX,
-    SMALLEST_VISIBLE,
-    evaluate_against_truth,
-    is_eligible,
 )
 from wayside.pipeline.files.lengths import parse_length
 from wayside.pipeline.files.settings_file import load_settings
@@ -53,14 +48,17 @@ BINS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
 NOWHERE, CANDIDATE, CLASSIFIED, PASSED, KEPT, SIGN = range(6)
 """No box on the face; a box; one that is classified; the classifier's; not suppressed; part of a sign."""
 STAGES = (CANDIDATE, CLASSIFIED, PASSED, SIGN)
-HEAD = ("faces", "candidate", "classified", "passed classifier", "part of a sign", "of wanted")
+FACE_HEADS = "height|faces|candidate|classified|passed classifier|part of a sign|of wanted".split(
+    "|"
+)
+CONFIDENCE_HEADS = "confidence|rows|mean|true|found|false".split("|")
 REACHED = {"score": CLASSIFIED, "overlap": PASSED, "sign": SIGN}
 REACHED |= dict.fromkeys(("size", "color", "shape"), CANDIDATE)
 """How far a candidate of each verdict went; all other verdicts are given to boxes that were followed."""
 
 Row = dict[str, Any]
-Result = tuple[list[Row], Row]
-"""Rows of `signs.parquet` and the truth of the drive."""
+Results = Sequence[tuple[list[Row], Row]]
+"""Of each drive the rows of `signs.parquet`, and the truth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +72,7 @@ class FaceOutcome:
 
 def main() -> int:
     """Run, count, write."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--only", action="append", choices=RENDERED, help="this drive only")
     chosen = parser.parse_args().only
     names = [name for name in RENDERED if not chosen or name in chosen]
@@ -85,16 +81,23 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as scratch:
         lenient = [result_of(name, Path(scratch), HARDLY_ANY) for name in names]
         shipped = [result_of(name, Path(scratch), None) for name in names]
-        faces = [face for name in names for face in faces_of(name, Path(scratch) / name)]
-    lines = [*face_lines(faces), *confidence_lines(lenient, shipped)]
+        faces = [
+            face
+            for name, (_, truth) in zip(names, shipped, strict=True)
+            for face in faces_of(truth, Path(scratch) / name)
+        ]
+    parts = {
+        "By height of the face": table(FACE_HEADS, height_rows(faces)),
+        "Confidence": table(CONFIDENCE_HEADS, confidence_rows(lenient, shipped)),
+    }
     if chosen:
-        print("\n".join(lines))
+        print("\n".join(line for part in parts.values() for line in part))
     else:
-        (BENCHMARKS / "seeing.md").write_text("\n".join(lines) + "\n")
+        write_page("seeing.md", parts)
     return 0
 
 
-def result_of(name: str, folder: Path, threshold: float | None) -> Result:
+def result_of(name: str, folder: Path, threshold: float | None) -> tuple[list[Row], Row]:
     """Rows of `signs.parquet` except backs, all regions listed, and the truth.
 
     `threshold` replaces that of the landmark classifier.
@@ -110,39 +113,31 @@ def result_of(name: str, folder: Path, threshold: float | None) -> Result:
     run_log(RunRequest(DRIVES / f"{name}.mcap", out, settings, models, every_region=True))
     print(name, file=sys.stderr, flush=True)
     rows = pq.read_table(out / SIGNS.file).to_pylist()
-    return [row for row in rows if row["status"] != "back"], truth_of(name)
+    truth = json.loads((DRIVES / f"{name}.truth.json").read_text())
+    return [row for row in rows if row["status"] != "back"], truth
 
 
-def truth_of(name: str) -> Row:
-    """The truth of a drive."""
-    truth: Row = json.loads((DRIVES / f"{name}.truth.json").read_text())
-    return truth
-
-
-def faces_of(name: str, out: Path) -> Iterator[FaceOutcome]:
-    """What the tables of a run say about the faces of its drive."""
+def faces_of(truth: Row, out: Path) -> Iterator[FaceOutcome]:
+    """What the tables of a run say about the faces of a drive."""
     listed = pq.read_table(out / OBSERVATIONS.file, columns=["frame", "box", "verdict"])
-    frames = pq.read_table(out / FRAMES.file, columns=["frame", "status"]).to_pylist()
+    used = pq.read_table(out / FRAMES.file, filters=[("status", "=", "used")])["frame"].to_pylist()
     frame = np.asarray(listed["frame"])
     boxes = np.array(listed["box"].to_pylist(), np.float64).reshape(-1, 4)
     verdicts = np.array(listed["verdict"].to_pylist())
-    rows = {
-        f["frame"]: np.flatnonzero(frame == f["frame"]) for f in frames if f["status"] == "used"
-    }
-    for sign, view in fronts(truth_of(name)):
-        if view["frame"] in rows:
-            own = rows[view["frame"]]
+    rows = {k: np.flatnonzero(frame == k) for k in used}
+    for sign, view in fronts(truth):
+        if (own := rows.get(view["frame"])) is not None:
             level = reached(view["box"], boxes[own], verdicts[own])
             height_px = view["box"][3] - view["box"][1]
-            yield FaceOutcome(height_px, is_eligible(sign), level)
+            yield FaceOutcome(height_px, rendered.is_eligible(sign), level)
 
 
 def fronts(truth: Row) -> Iterator[tuple[Row, Row]]:
     """Signs with their views that should be seen: the front, tall and visible enough."""
     for sign in truth["signs"]:
         for view in sign["frames"]:
-            tall = view["box"][3] - view["box"][1] >= SMALLEST_HEIGHT_PX
-            visible = (view["visible_fraction"] or 0.0) >= SMALLEST_VISIBLE
+            tall = view["box"][3] - view["box"][1] >= rendered.SMALLEST_HEIGHT_PX
+            visible = (view["visible_fraction"] or 0.0) >= rendered.SMALLEST_VISIBLE
             if sign["faces_travel"] and view["side"] == "front" and tall and visible:
                 yield sign, view
 
@@ -164,57 +159,25 @@ def shares(levels: Iterable[int], stages: Iterable[int]) -> list[str]:
     return [str(len(known)), *(f"{100 * n / len(known):.0f} %" if known else "-" for n in counts)]
 
 
-def bin_of(value: float, edges: Sequence[float]) -> int:
-    """Number of the bin that starts at the last edge not above a value; -1 below all of them."""
-    return int(np.searchsorted(np.asarray(edges), value, side="right")) - 1
-
-
-def bin_names(edges: Sequence[float], unit: str) -> list[str]:
-    """Names of the bins that start at the edges; the last has no end."""
-    named = [f"{low:g}-{high:g} {unit}" for low, high in pairwise(edges)]
-    return [*named, f"{edges[-1]:g} {unit} and more"]
-
-
 def height_rows(faces: Sequence[FaceOutcome]) -> Iterator[list[str]]:
     """One line a height that has faces, and one for all."""
-    names = bin_names(HEIGHTS, "px")
-    for name in (*names, "**all**"):
-        own = [f for f in faces if name in (names[bin_of(f.height_px, HEIGHTS)], "**all**")]
-        if own:
+    bins = {f"{low:g}-{high:g} px": (low, high) for low, high in pairwise(HEIGHTS)}
+    bins |= {f"{HEIGHTS[-1]} px and more": (HEIGHTS[-1], np.inf), "**all**": (0, np.inf)}
+    for name, (low, high) in bins.items():
+        if own := [face for face in faces if low <= face.height_px < high]:
             wanted = shares((face.level for face in own if face.wanted), (SIGN,))[1:]
             yield [name, *shares((face.level for face in own), STAGES), *wanted]
 
 
-def face_lines(faces: Sequence[FaceOutcome]) -> list[str]:
-    """The part of the page on faces."""
-    return [
-        "# Recall by face",
-        "",
-        "Made by `python benchmarks/seeing.py`, preset `default`, on the rendered drives that `make accept` measures; "
-        "no model was learned from them. A face is the front of a sign in one image, at least half visible.",
-        "",
-        versions(),
-        "",
-        "## By height of the face",
-        "",
-        "*candidate*: a box on it (IoU .5), if necessary after box regression. Then *classified*, *passed classifier*: "
-        "one above the threshold of that model. And *part of a sign*: one that is part of a row of `signs.parquet`. "
-        "Signs seen in fewer than three images are not wanted, and many large faces are where a drive begins: *of "
-        "wanted* is the same without them.",
-        "",
-        *table(("height", *HEAD), height_rows(faces)),
-    ]
-
-
-def evaluated_at(results: Sequence[Result], confidence: float) -> RenderedEvaluation:
+def evaluated_at(results: Results, confidence: float) -> RenderedEvaluation:
     """All drives together, by their rows of at least that confidence."""
     return together(
-        evaluate_against_truth([row for row in rows if row["confidence"] >= confidence], truth)
+        rendered.evaluate_against_truth([r for r in rows if r["confidence"] >= confidence], truth)
         for rows, truth in results
     )
 
 
-def reliability(results: Sequence[Result]) -> Iterator[ConfidenceBin]:
+def reliability(results: Results) -> Iterator[ConfidenceBin]:
     """Rows by confidence, and how many are true; a row is matched only against those of its bin and above."""
     for low, high in pairwise(BINS):
         false = {sign["sign_id"] for sign in evaluated_at(results, low).false}
@@ -223,26 +186,18 @@ def reliability(results: Sequence[Result]) -> Iterator[ConfidenceBin]:
         yield confidence_bin(stated, low, high)
 
 
-def confidence_lines(lenient: Sequence[Result], shipped: Sequence[Result]) -> list[str]:
-    """The part of the page on the confidence: `lenient` with hardly a landmark refused, `shipped` as a run reports."""
-    rows = []
+def confidence_rows(lenient: Results, shipped: Results) -> Iterator[list[object]]:
+    """By confidence, with hardly a landmark refused (`lenient`); and what a run reports as it is shipped."""
     for one in reliability(lenient):
-        e = evaluated_at(lenient, one.low)
-        own = [f"{one.mean:.2f}", f"{one.right}"] if one.rows else ["-", "-"]
-        counts = [f"{e.found_count} of {e.wanted}", len(e.false)]
-        rows.append([f"{one.low:g}-{one.high:g}", one.rows, *own, *counts])
-    e = evaluated_at(shipped, 0.5)
-    return [
-        "",
-        "## Confidence",
-        "",
-        "Measured with a very low threshold of the landmark classifier, so that rows of low confidence are written. A "
-        "run rejects them, or lists them as `uncertain` below `locate.confidence`. A *true* row is on a panel of its "
-        "own. The last two columns count what rows of a bin and above it give, as `locate.confidence` chooses. As "
-        f"shipped, .5 gives {e.found_count} of {e.wanted} found and {len(e.false)} false.",
-        "",
-        *table(("confidence", "rows", "mean", "true", "found", "false"), rows),
-    ]
+        own = [f"{one.mean:.2f}", one.right] if one.rows else ["-", "-"]
+        yield [f"{one.low:g}-{one.high:g}", one.rows, *own, *found_cells(lenient, one.low)]
+    yield ["**0.5-1 as shipped**", *"---", *found_cells(shipped, 0.5)]
+
+
+def found_cells(results: Results, confidence: float) -> list[object]:
+    """What rows of at least that confidence find, and how many are false."""
+    e = evaluated_at(results, confidence)
+    return [f"{e.found_count} of {e.wanted}", len(e.false)]
 
 
 if __name__ == "__main__":

@@ -10,7 +10,9 @@ not learned from. It lists how many are right by the stated probability and by t
 from __future__ import annotations
 
 import sys
+import tomllib
 from collections import Counter
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -29,91 +31,22 @@ from wayside.schemas.sign_catalogue import SERIES, US, VIENNA
 from wayside.schemas.tables import SIGNS
 from wayside.stages.sign_codes import FaceClassifier
 
-US_CODES = {
-    "stop": "R1-1 R",
-    "yield": "R1-2 R",
-    "speed_limit": "R2-1 R",
-    "regulatory_text": "R",
-    "keep_right": "R4-7 R",
-    "no_parking": "R7-1 R",
-    "do_not_enter": "R5-1 R",
-    "wrong_way": "R5-1a R",
-    "crossbuck": "R15-1 R",
-    "tracks_plaque": "R15-2P R",
-    "warning_diamond": "W",
-    "advisory_speed": "W13-1P W",
-    "chevron": "W1-8 W",
-    "large_arrow": "W1-6 W",
-    "no_passing_zone": "W14-3 W",
-    "rail_advance": "W10-1 W",
-    "pedestrian_diamond": "W11-2 W",
-    "school": "S1-1 S",
-    "school_plaque": "S",
-    "work_diamond": "TTC",
-    "work_panel": "TTC",
-    "object_marker": "OM3 OM",
-    "guide_distances": "D",
-    "guide_destination": "D1 D",
-    "guide_large": "E",
-    "guide_overhead": "E",
-    "street_name": "D3-1 D",
-    "city_limit": "",
-    "mile_post": "D10 D",
-    "service": "D9 D",
-    "service_large": "D",
-    "recreation": "D",
-    "us_route": "M1-4 M",
-    "interstate": "M1-1 M",
-    "state_route": "M1-5 M",
-    "county_route": "M1-6 M",
-    "route_plaque": "M3 M",
-    "route_arrow": "M6 M",
-}
-"""Codes and series that a US kind of sign may be stated as; all guide signs also as their group."""
-
-VIENNA_CODES = {
-    "eu_speed_limit": "C14 C",
-    "eu_no_overtaking": "C13a C",
-    "eu_no_entry": "C1a C",
-    "eu_warning": "A",
-    "eu_give_way": "B1 B",
-    "eu_priority": "B3 B",
-    "eu_mandatory": "D1 D",
-    "eu_crossing": "E12 E",
-    "eu_parking": "E14 E",
-    "eu_town": "E",
-    "eu_town_end": "E",
-    "eu_beacon": "A29 A",
-    "eu_board": "G",
-}
-WARNINGS = {
-    "stop_ahead": "W3-1",
-    "signal": "W3-3",
-    "crossroad": "W2-1",
-    "side_road": "W2-2",
-    "curve_right": "W1-2",
-    "curve_left": "W1-2",
-    "turn_right": "W1-1",
-    "winding": "W1-5",
-    "pedestrian": "W11-2",
-    "NO OUTLET": "W14-2",
-}
-"""Codes of diamonds by their legend."""
+CODES: dict[str, dict[str, str]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text())
+"""Codes and series that a kind of sign may be stated as, by system; those of warning diamonds by legend, too."""
 
 
-def allowed(panel: dict[str, Any]) -> tuple[str, frozenset[str]] | None:
+def allowed(panel: Mapping[str, Any]) -> tuple[str, frozenset[str]] | None:
     """The system of a true panel and all that it may be stated as; None where no code is known for its kind."""
-    kind, legend = panel["kind"], panel["legend"]
-    if kind in VIENNA_CODES:
-        return "vienna", frozenset(VIENNA_CODES[kind].split())
-    if kind not in US_CODES:
+    kind = panel["kind"]
+    system = next((one for one in ("vienna", "mutcd") if kind in CODES[one]), None)
+    if system is None:
         return None
-    codes = {*US_CODES[kind].split(), WARNINGS.get(legend, "W")} - (
-        set() if kind.startswith("warning") else {"W"} - set(US_CODES[kind].split())
-    )
+    codes = set(CODES[system][kind].split())
+    if kind.startswith("warning"):
+        codes.add(CODES["warnings"].get(panel["legend"], "W"))
     if kind.startswith(("guide", "city", "street", "mile", "service", "recreation")):
         codes.add("D/E/I")
-    return "mutcd", frozenset(codes)
+    return system, frozenset(codes)
 
 
 def compare(out: Path, truth: Path) -> Counter[str]:

@@ -115,8 +115,9 @@ def test_a_rendered_drive_that_a_model_was_learned_from_is_named_and_real_ones_s
         outcome("lost", None),
     ]
     assert accept.real(outcomes) == [("road", real, 2, ())]
-    assert list(accept.learned_from({"default": outcomes})) == [
-        "default: box, place learned from seen"
+    assert list(accept.unfit({"default": outcomes})) == [
+        "default: box, place learned from seen",
+        "default: lost could not be evaluated",
     ]
 
 

@@ -18,11 +18,6 @@ def runs(load):
     return load("geometry_runs")
 
 
-@pytest.fixture(scope="module")
-def peer(load, runs):
-    return load("geometry_peer")
-
-
 def path(count=8):
     """Poses along a bend, world axes x right, y down, z ahead."""
     turns = Rotation.from_rotvec(np.outer(np.arange(count), [0.0, 0.03, 0.001]))
@@ -50,30 +45,30 @@ def test_a_stripped_log_keeps_the_kinds_asked_for(runs, tmp_path):
         assert "foxglove.PoseInFrame" not in names
 
 
-def test_true_poses_have_no_error_whatever_their_world(peer):
+def test_true_poses_have_no_error_whatever_their_world(runs):
     true = path()
     world = Pose(Rotation.from_rotvec([0.3, -1.0, 0.2]).as_matrix(), np.array([50.0, 3.0, -7.0]))
     moved = {i: world.compose(pose) for i, pose in true.items()}
-    count, rotation, direction, way = peer.motion_cells(moved, true)
+    count, rotation, direction, way = runs.motion_cells(moved, true)
     assert count == "8"
     assert [float(v) for v in rotation.split("/")] == pytest.approx([0, 0], abs=1e-4)
     assert [float(v) for v in direction.split("/")] == pytest.approx([0, 0], abs=1e-3)
     assert way == "0.0 / 0.0"
 
 
-def test_a_model_is_scaled_by_the_spacing_with_gaps(peer):
+def test_a_model_is_scaled_by_the_spacing_with_gaps(runs):
     frames = np.array([0, 1, 3, 4])
     model = {
         "frames": frames,
         "centres": np.outer(frames, [0.0, 0.0, 0.5]),
         "rotations": np.repeat(np.eye(3)[None], 4, axis=0),
     }
-    poses, scale = peer.scaled_poses(model, path())
+    poses, scale = runs.scaled_poses(model, path())
     assert scale == pytest.approx(26.4 * 0.3048 / 0.5)
     assert poses[4].centre[2] == pytest.approx(4 * 26.4 * 0.3048)
 
 
-def test_points_on_a_face_have_no_error(runs, peer):
+def test_points_on_a_face_have_no_error(runs):
     true = path()
     centre = true[3].to_world(np.array([3.0, -1.0, 18.0]))
     box = [[900.0, 400.0], [1200.0, 400.0], [1200.0, 650.0], [900.0, 650.0]]
@@ -90,5 +85,5 @@ def test_points_on_a_face_have_no_error(runs, peer):
     pixel = on_face[:2] / on_face[2] * 1400 + [799.5, 599.5]
     model = {"seen": np.array([[3, *pixel]]), "points": true[3].to_world(on_face)[None]}
     one = runs.Run("made up", runs.SPACING_ONLY, Path(), facts, 0.0)
-    errors = peer.peer_signs(one, model, true, 1.0)
+    errors = runs.peer_signs(one, model, true, 1.0)
     assert errors == pytest.approx(np.zeros((1, 3)), abs=1e-9)
