@@ -20,8 +20,7 @@ from pathlib import Path
 
 from checked_boxes import with_checked_boxes
 from common import BENCHMARKS, DRIVES, REAL_DRIVES, RESULTS, render, run_wayside, table, versions
-from real_counts import Counts, counts_by_confidence
-from real_tables import RealDrive, real_page
+from real_tables import Counts, RealDrive, counts_by_confidence, real_page
 
 from wayside.pipeline.evaluation.compare import evaluate, write_evaluation
 from wayside.pipeline.evaluation.figures import (

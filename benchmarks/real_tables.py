@@ -2,15 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from common import table
-from real_counts import CONFIDENCES, PLATES, Counts, total
 
-from wayside.pipeline.evaluation.figures import KindCount, RealEvaluation, together
+from wayside.pipeline.evaluation.figures import RealEvaluation, together
 from wayside.pipeline.evaluation.misses import STEPS, cause_words, count_steps
+from wayside.pipeline.evaluation.real import evaluate_against_labels
+from wayside.pipeline.results.result import read_rows
 from wayside.pipeline.statistics import Interval, rate_interval, share_interval
+from wayside.schemas.tables import OBSERVATIONS, SIGNS
+
+PLATES = ("parking plate", "bus stop plate")
+"""Kinds of the labels that stand for parking and bus stop plates: small, and hung in touching pairs and fours."""
+CONFIDENCES = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
+"""Confidences whose counts are listed; a run reports signs from 0.5 on."""
+SHARE_HEADS = (
+    "drive|images|found of wanted|recall (95 %)|rows on a sign of all|of these without a label"
+    "|precision, at least (95 %)|on no sign|per 100 images (95 %)|duplicates"
+).split("|")
+CONFIDENCE_HEADS = (
+    "confidence from|plates|all other signs|recall (95 %)|on no sign|per 100 images (95 %)"
+).split("|")
+
+
+class Counts(NamedTuple):
+    """Signs found of those wanted, without plates and plates alone, rows on no sign, and images."""
+
+    found: int
+    wanted: int
+    plates: int
+    wanted_plates: int
+    false: int
+    images: int
 
 
 class RealDrive(NamedTuple):
@@ -28,6 +54,32 @@ class RealDrive(NamedTuple):
 Drives = Sequence[RealDrive]
 
 
+def counts_by_confidence(
+    out: Path, labels: Mapping[str, Any], confidences: Sequence[float] = CONFIDENCES
+) -> tuple[Counts, ...]:
+    """Counts of a result against labels, rows of at least each confidence taken as signs; none where none is stated."""
+    columns = ("sign_id", "status", "confidence", "best_frame", "best_box", "color", "shape")
+    rows = [row for row in read_rows(out, SIGNS, columns) if row["status"] != "back"]
+    if any(row["confidence"] is None for row in rows):
+        return ()
+    seen = read_rows(out, OBSERVATIONS, ("sign_id", "frame", "box"))
+    counts = []
+    for least in confidences:
+        signs = [row for row in rows if row["confidence"] >= least]
+        e = evaluate_against_labels(signs, seen, labels)
+        split = split_kinds([e])
+        counts.append(Counts(*split, len(e.false), len(labels["frames"])))
+    return tuple(counts)
+
+
+def split_kinds(evaluations: Iterable[RealEvaluation]) -> tuple[int, int, int, int]:
+    """Signs found and wanted of all kinds but plates, then of plates."""
+    e = together(evaluations)
+    plates = [one for one in e.kinds if one.kind in PLATES]
+    found, wanted = sum(one.found for one in plates), sum(one.wanted for one in plates)
+    return e.found_count - found, e.wanted - wanted, found, wanted
+
+
 def real_page(drives: Drives, *, causes: bool = True) -> list[str]:
     """Tables of drives never seen, of drives learned from, of kinds, of what was missed and of the `causes`."""
     lines: list[str] = []
@@ -39,16 +91,13 @@ def real_page(drives: Drives, *, causes: bool = True) -> list[str]:
 
 def by_source(drives: Drives) -> dict[str, Drives]:
     """The drives by whether a model of their run was learned from them; groups without a drive are left out."""
-    groups: dict[str, list[RealDrive]] = {
-        "Never seen by a model of the run": [],
-        "Learned from by a model of the run": [],
-        "Not known whether learned from": [],
-    }
+    never, learned = "Never seen by a model of the run", "Learned from by a model of the run"
+    unknown = "Not known whether learned from"
+    groups: dict[str, list[RealDrive]] = {never: [], learned: [], unknown: []}
     for drive in drives:
         seen = drive.evaluation.learned_by
-        group = "Not known" if seen is None else "Learned from" if seen else "Never seen"
-        title = next(title for title in groups if title.startswith(group))
         name = f"{drive.name} ({', '.join(seen)})" if seen else drive.name
+        title = unknown if seen is None else learned if seen else never
         groups[title].append(drive._replace(name=name))
     return {title: own for title, own in groups.items() if own}
 
@@ -59,146 +108,90 @@ def share_table(drives: Drives) -> list[str]:
     if len(rows) > 1:
         unlabelled = sum(drive.unlabelled for drive in drives)
         rows.append(RealDrive("**together**", _together(drives), unlabelled))
-    head = (
-        "drive",
-        "images",
-        "found of wanted",
-        "recall (95 %)",
-        "rows on a sign of all",
-        "of these without a label",
-        "precision, at least (95 %)",
-        "on no sign",
-        "per 100 images (95 %)",
-        "duplicates",
-    )
-    return table(head, (share_line(drive) for drive in rows))
+    return table(SHARE_HEADS, map(share_line, rows))
 
 
 def share_line(drive: RealDrive) -> list[str]:
     """Cells of one drive."""
     name, e, unlabelled, _ = drive
-    rate, rate_ends = e.false_per_100_images, e.false_per_100_images_interval
+    right, precision = share(e.right, e.counted)
     return [
-        name,
-        "-" if e.images is None else str(e.images),
-        f"{e.found_count} of {e.wanted}",
-        with_interval(e.recall, e.recall_interval, 3),
-        f"{e.right} of {e.counted}",
-        str(unlabelled),
-        with_interval(e.precision, e.precision_interval, 3),
-        str(len(e.false)),
-        "-" if rate is None else with_interval(rate, rate_ends, 1),
+        *(name, "-" if e.images is None else str(e.images)),
+        *share(e.found_count, e.wanted),
+        *(right, str(unlabelled), precision),
+        *rate(len(e.false), e.images or 0),
         str(len(e.duplicates)),
     ]
 
 
 def kind_table(drives: Drives) -> list[str]:
     """Recall of parking and bus stop plates apart from all other signs, where labels mark them."""
-    together = _together(drives)
-    marked = together.kinds
-    plates = [kind for kind in marked if kind.kind in PLATES]
-    if not plates:
+    found, wanted, plates, wanted_plates = split_kinds(drive.evaluation for drive in drives)
+    if not wanted_plates:
         return []
-    wanted, found = sum(k.wanted for k in plates), sum(k.found for k in plates)
     rows = [
-        KindCount("parking and bus stop plates", wanted, found),
-        KindCount("all other signs", together.wanted - wanted, together.found_count - found),
+        ["parking and bus stop plates", *share(plates, wanted_plates)],
+        ["all other signs", *share(found, wanted)],
     ]
-    return [
-        "",
-        *table(
-            ("signs", "found of wanted", "recall (95 %)"),
-            (
-                [
-                    row.kind,
-                    f"{row.found} of {row.wanted}",
-                    with_interval(
-                        row.found / max(1, row.wanted), share_interval(row.found, row.wanted), 3
-                    ),
-                ]
-                for row in rows
-            ),
-        ),
-    ]
+    return ["", *table(("signs", "found of wanted", "recall (95 %)"), rows)]
 
 
 def reliability_table(drives: Drives) -> list[str]:
     """Rows by the confidence that they state, and how many of them lie on a sign."""
-    bins = _together(drives).reliability
-    if not bins:
-        return []
-    head = ("confidence", "rows", "mean", "on a sign", "share, at least (95 %)")
     rows = [
-        [
-            one.name,
-            str(one.rows),
-            f"{one.mean:.3f}",
-            str(one.right),
-            with_interval(one.right / one.rows, share_interval(one.right, one.rows), 3),
-        ]
-        for one in bins
+        [one.name, one.rows, f"{one.mean:.3f}", one.right, share(one.right, one.rows)[1]]
+        for one in _together(drives).reliability
     ]
-    return ["", *table(head, rows)]
+    head = ("confidence", "rows", "mean", "on a sign", "share, at least (95 %)")
+    return ["", *table(head, rows)] if rows else []
 
 
 def confidence_table(drives: Drives) -> list[str]:
     """What is found, and what lies on no sign, where rows of other confidences are taken as signs."""
     if not drives or not all(drive.counts for drive in drives):
         return []
-    head = (
-        "confidence from",
-        "plates",
-        "all other signs",
-        "recall (95 %)",
-        "on no sign",
-        "per 100 images (95 %)",
-    )
     rows = []
-    for k, least in enumerate(CONFIDENCES):
-        one = total(drive.counts[k] for drive in drives)
-        rate = 100 * one.false / one.images
-        ends = rate_interval(one.false, one.images / 100)
-        rows.append(
-            [
-                f"{least:g}",
-                f"{one.plates} of {one.wanted_plates}",
-                f"{one.found} of {one.wanted}",
-                with_interval(one.found / one.wanted, share_interval(one.found, one.wanted), 3),
-                str(one.false),
-                with_interval(rate, ends, 1),
-            ]
-        )
-    return ["", *table(head, rows)]
+    for least, *counts in zip(CONFIDENCES, *(drive.counts for drive in drives), strict=True):
+        one = Counts(*map(sum, zip(*counts, strict=True)))
+        plates = f"{one.plates} of {one.wanted_plates}"
+        found, false = share(one.found, one.wanted), rate(one.false, one.images)
+        rows.append([f"{least:g}", plates, *found, *false])
+    return ["", *table(CONFIDENCE_HEADS, rows)]
 
 
 def step_table(drives: Drives) -> list[str]:
     """How many signs were lost at each step, of each drive that misses any."""
     counts = {d.name: count_steps(d.evaluation.causes) for d in drives if d.evaluation.causes}
     steps = [step for step in STEPS if any(step in count for count in counts.values())]
-    if not steps:
-        return []
     rows = [
-        [name, str(sum(count.values())), *(str(count.get(step, 0)) for step in steps)]
+        [name, sum(count.values()), *(count.get(step, 0) for step in steps)]
         for name, count in counts.items()
     ]
-    return [
-        "",
-        "### Where the missed signs were lost",
-        "",
-        *table(("drive", "missed", *(STEPS[step] for step in steps)), rows),
-    ]
+    lines = table(("drive", "missed", *(STEPS[step] for step in steps)), rows)
+    return ["", "### Where the missed signs were lost", "", *lines] if rows else []
 
 
 def cause_table(drives: Drives) -> list[str]:
     """The cause of each miss, one line a sign."""
-    rows = [[name, str(c.id), cause_words(c)] for name, e, *_ in drives for c in e.causes]
-    if not rows:
-        return []
-    return ["", "### Cause of each miss", "", *table(("drive", "sign", "cause"), rows, words=3)]
+    rows = [[name, c.id, cause_words(c)] for name, e, *_ in drives for c in e.causes]
+    lines = table(("drive", "sign", "cause"), rows, words=3)
+    return ["", "### Cause of each miss", "", *lines] if rows else []
 
 
 def _together(drives: Drives) -> RealEvaluation:
     return together(drive.evaluation for drive in drives)
+
+
+def share(count: int, total: int) -> list[str]:
+    """Cells: a count of its total, and the fraction with its interval."""
+    ends = share_interval(count, total)
+    return [f"{count} of {total}", with_interval(count / max(1, total), ends, 3)]
+
+
+def rate(count: int, images: int) -> list[str]:
+    """Cells: a count, and how many there are in 100 images with the interval."""
+    ends = rate_interval(count, images / 100)
+    return [str(count), with_interval(100 * count / max(1, images), ends, 1)]
 
 
 def with_interval(value: float, interval: Interval | None, places: int) -> str:

@@ -91,22 +91,20 @@ def test_every_miss_has_its_cause_and_each_step_its_count(tables):
     assert "| road | R2 | below the threshold of the box classifier (2 score) |" in lines
 
 
-def test_counts_at_each_confidence_are_added_over_drives(tables, load):
-    counts = load("real_counts")
-    steps = range(len(counts.CONFIDENCES))
-    road = tuple(counts.Counts(3 - (k > 1), 4, 0, 0, 2 - (k > 1), 50) for k in steps)
-    city = tuple(counts.Counts(1, 2, 3, 4, 0, 150) for _ in steps)
+def test_counts_at_each_confidence_are_added_over_drives(tables):
+    steps = range(len(tables.CONFIDENCES))
+    road = tuple(tables.Counts(3 - (k > 1), 4, 0, 0, 2 - (k > 1), 50) for k in steps)
+    city = tuple(tables.Counts(1, 2, 3, 4, 0, 150) for _ in steps)
     lines = tables.confidence_table(
         [tables.RealDrive("road", ROAD, 0, road), tables.RealDrive("city", CITY, 0, city)]
     )
-    assert len(lines) == 3 + len(counts.CONFIDENCES)
+    assert len(lines) == 3 + len(tables.CONFIDENCES)
     assert lines[3] == "| 0.3 | 3 of 4 | 4 of 6 | 0.667 (0.300 to 0.903) | 2 | 1.0 (0.1 to 3.6) |"
     assert lines[5].startswith("| 0.5 | 3 of 4 | 3 of 6 |")
     assert tables.confidence_table([tables.RealDrive("road", ROAD)]) == []
 
 
-def test_a_higher_confidence_keeps_fewer_rows_of_a_result(load, tmp_path):
-    counts = load("real_counts")
+def test_a_higher_confidence_keeps_fewer_rows_of_a_result(tables, tmp_path):
     run = wayside.run(DEMO, settings={"read.until_s": 0.7}, out=tmp_path)
     rows = [row for row in run.signs.to_pylist() if row["status"] != "back"]
     signs = [
@@ -117,9 +115,9 @@ def test_a_higher_confidence_keeps_fewer_rows_of_a_result(load, tmp_path):
     labels = {"stride": 1, "frames": [{}] * 7, "signs": signs, "distractors": []}
     ordered = sorted(row["confidence"] for row in rows)
     least = (0.0, ordered[1], 1.0)
-    every, one_less, none = counts.counts_by_confidence(tmp_path, labels, least)
-    assert every == counts.Counts(len(rows) - 1, len(rows) - 1, 1, 1, 0, 7)
+    every, one_less, none = tables.counts_by_confidence(tmp_path, labels, least)
+    assert every == tables.Counts(len(rows) - 1, len(rows) - 1, 1, 1, 0, 7)
     assert one_less.found + one_less.plates == len(rows) - 1
-    assert none == counts.Counts(0, len(rows) - 1, 0, 1, 0, 7)
+    assert none == tables.Counts(0, len(rows) - 1, 0, 1, 0, 7)
     nothing = labels | {"signs": signs[:1]}
-    assert counts.counts_by_confidence(tmp_path, nothing, (0.0,))[0].false == len(rows) - 1
+    assert tables.counts_by_confidence(tmp_path, nothing, (0.0,))[0].false == len(rows) - 1
