@@ -27,17 +27,15 @@ MEMORY_BYTES, LONGEST_S = 512 << 20, 2.0
 RIGHT, TOLD, REFUSED, WRONG = "right", "reported", "refused", "wrong"
 """All used, nothing to report; a loss reported and the rest used; ended with words; a loss without a word."""
 
-Attempt = Callable[[random.Random], str]
-"""Reads one input that is drawn by chance; `RIGHT`, `TOLD` or `WRONG`. Errors are judged by who calls it."""
-Prepare = Callable[[Path], Attempt]
-"""Makes what is to be changed, in a folder of its own."""
+Attempt = Callable[[Path, random.Random], str]
+"""Reads one input drawn by chance, in a folder of its own; `RIGHT`, `TOLD` or `WRONG`. Who calls it judges errors."""
 Json = Any
 
 
-def judged(attempt: Attempt, rng: random.Random) -> str:
+def judged(attempt: Attempt, folder: Path, rng: random.Random) -> str:
     """What came of one attempt: an outcome, or the exception that is not meant for a person."""
     try:
-        return attempt(rng)
+        return attempt(folder, rng)
     except WaysideError:
         return REFUSED
     except Exception as error:
@@ -45,7 +43,7 @@ def judged(attempt: Attempt, rng: random.Random) -> str:
 
 
 def tried(
-    title: str, prepare: Prepare, count: int, seed: int, folder: Path
+    title: str, attempt: Attempt, count: int, seed: int, folder: Path
 ) -> tuple[Counter[str], float, float]:
     """Outcomes of many attempts in a forked process, the most processor time of one (s), and memory (MB).
 
@@ -61,7 +59,7 @@ def tried(
             try:
                 os.close(reading)
                 with os.fdopen(writing, "w") as report:
-                    _attempts(title, prepare, range(found.total(), count), seed, folder, report)
+                    _attempts(title, attempt, range(found.total(), count), seed, folder, report)
                 status = 0
             finally:
                 os._exit(status)
@@ -79,22 +77,27 @@ def tried(
 
 
 def _attempts(
-    title: str, prepare: Prepare, numbers: range, seed: int, folder: Path, report: TextIO
+    title: str, attempt: Attempt, numbers: range, seed: int, folder: Path, report: TextIO
 ) -> None:
-    attempt = prepare(Path(tempfile.mkdtemp(dir=folder)))
-    judged(attempt, random.Random(0))  # imports and compiles
+    own = Path(tempfile.mkdtemp(dir=folder))
+    judged(attempt, own, random.Random(0))  # imports and compiles
     before = _resident_mb()
-    pages = int(Path("/proc/self/statm").read_text().split()[0])
-    limit = pages * os.sysconf("SC_PAGE_SIZE") + MEMORY_BYTES
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    limit_memory(MEMORY_BYTES)
     for number in numbers:
         started = time.process_time()
         signal.setitimer(signal.ITIMER_PROF, LONGEST_S)  # CPU time; the signal ends the process
-        outcome = judged(attempt, random.Random(f"{seed} {title} {number}"))
+        outcome = judged(attempt, own, random.Random(f"{seed} {title} {number}"))
         signal.setitimer(signal.ITIMER_PROF, 0)
         spent_s, grown_mb = time.process_time() - started, _resident_mb() - before
         report.write(json.dumps((outcome, spent_s, grown_mb)) + "\n")
         report.flush()
+
+
+def limit_memory(more_bytes: int) -> None:
+    """Let this process take so much beyond what it has."""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    limit = pages * os.sysconf("SC_PAGE_SIZE") + more_bytes
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 
 
 def _resident_mb() -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -155,17 +155,24 @@ def swapped_messages(messages: Messages) -> Messages:
     return messages
 
 
-def swapped_pixels(messages: Messages) -> Messages:
-    """Exchange the pixels of two images; times and places in the file stay."""
-    first, second = (
-        CompressedImage.FromString(m.data).data
+def image_bytes(messages: Messages) -> dict[int, bytes]:
+    """The bytes of each image by its number."""
+    images = (m for m in messages if m.topic == IMAGE)
+    return {m.number: CompressedImage.FromString(m.data).data for m in images}
+
+
+def with_bytes(other: Mapping[int, bytes], messages: Messages) -> Messages:
+    """Give images by their number other bytes; times and places in the file stay."""
+    return [
+        edited(m, put("data", other[m.number])) if m.topic == IMAGE and m.number in other else m
         for m in messages
-        if m.topic == IMAGE and m.number in (10, 11)
-    )
-    for number, pixels in ((10, second), (11, first)):
-        change = partial(setattr_of, "data", pixels)
-        messages = changed(IMAGE, change, messages, since=number, until=number + 1)
-    return messages
+    ]
+
+
+def swapped_pixels(messages: Messages) -> Messages:
+    """Exchange the pixels of two images."""
+    data = image_bytes(messages)
+    return with_bytes({10: data[11], 11: data[10]}, messages)
 
 
 def setattr_of(name: str, value: Any, content: Any) -> None:
@@ -240,17 +247,14 @@ def longer_quaternion(content: Any) -> None:
 
 def damaged_images(messages: Messages) -> Messages:
     """A tenth of the images cut off, overwritten or emptied, drawn from a fixed seed."""
-    draw = random.Random(0)
-    images = [m.number for m in messages if m.topic == IMAGE]
-    for number in draw.sample(images, max(len(images) // 10, 1)):
-
-        def damage(content: Any) -> None:
-            at = draw.randrange(len(content.data) // 4, 3 * len(content.data) // 4)
-            cut, rest = content.data[:at], content.data[at + 2000 :]
-            content.data = draw.choice((cut, cut + draw.randbytes(2000) + rest, b""))
-
-        messages = changed(IMAGE, damage, messages, since=number, until=number + 1)
-    return messages
+    draw, damaged = random.Random(0), {}
+    data = image_bytes(messages)
+    for number in draw.sample(list(data), max(len(data) // 10, 1)):
+        whole = data[number]
+        at = draw.randrange(len(whole) // 4, 3 * len(whole) // 4)
+        cut, rest = whole[:at], whole[at + 2000 :]
+        damaged[number] = draw.choice((cut, cut + draw.randbytes(2000) + rest, b""))
+    return with_bytes(damaged, messages)
 
 
 def with_other_camera(messages: Messages) -> Messages:

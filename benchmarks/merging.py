@@ -252,16 +252,17 @@ def _count_changes(
         counted.false += kind == "unchanged" and found != kind
 
 
+MEASURED = {"passes": measure_passes, "changes": measure_changes}
+
+
 def main() -> None:
     """Print the tables that were chosen."""
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("what", nargs="+", choices=("passes", "changes"))
+    parser.add_argument("what", nargs="+", choices=MEASURED)
     parser.add_argument("--seeds", type=int, nargs="+", default=[27])
     given = parser.parse_args()
-    if "passes" in given.what:
-        measure_passes(given.seeds)
-    if "changes" in given.what:
-        measure_changes(given.seeds)
+    for what in given.what:
+        MEASURED[what](given.seeds)
 
 
 if __name__ == "__main__":

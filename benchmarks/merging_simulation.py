@@ -168,12 +168,11 @@ def write_drive(
     quality: Quality,
     rng: np.random.Generator,
     *,
-    from_m: float = 0.0,
     until_m: float | None = None,
 ) -> Ints:
     """Write the result of one drive along a road; identity (n,) of the rows of its signs, -1: none."""
     until = road.length_m if until_m is None else until_m
-    along = np.arange(from_m, until, SPACING_M)
+    along = np.arange(0.0, until, SPACING_M)
     sign = 1.0 if eastward else -1.0
     along = along if eastward else along[::-1]
     count = len(along)

@@ -15,19 +15,20 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import reliability_drives as drives
 import reliability_inputs as inputs
 import reliability_machine as machine
 import reliability_paths as paths
-from common import print_table
+from common import head, row
 
 Rows = Iterator[tuple[list[str], bool]]
 QUESTIONS: dict[str, tuple[Sequence[str], int, Callable[[Sequence[str], int, int], Rows]]] = {
     "drives": (drives.HEADS, 1, drives.rows),
     "inputs": (inputs.HEADS, 30, inputs.rows),
-    "kills": (machine.KILL_HEADS, 40, machine.killed_rows),
-    "resumed": (machine.KILL_HEADS, 40, machine.resumed_rows),
+    "kills": (machine.KILL_HEADS, 40, partial(machine.kill_rows, machine.NEW, ("old", "new"))),
+    "resumed": (machine.KILL_HEADS, 40, partial(machine.kill_rows, machine.RESUMED, ("new",))),
     "disks": (machine.DISK_HEADS, 9, machine.disk_rows),
     "paths": (paths.HEADS, 1, paths.rows),
 }
@@ -43,16 +44,12 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     heads, count, rows = QUESTIONS[given.question]
-    wrong = 0
-
-    def counted() -> Iterator[list[str]]:
-        nonlocal wrong
-        for cells, good in rows(given.only, given.count or count, given.seed):
-            wrong += not good
-            yield cells
-
-    print_table(heads, counted())
-    return 1 if wrong else 0
+    print(head(heads))
+    status = 0
+    for cells, good in rows(given.only, given.count or count, given.seed):
+        print(row(cells), flush=True)
+        status = status if good else 1
+    return status
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ import struct
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stdout
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,6 @@ from attempts import (
     TOLD,
     WRONG,
     Attempt,
-    Prepare,
     changed_bytes,
     changed_table,
     changed_tree,
@@ -48,7 +48,7 @@ from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.pipeline.reading.layout import RECORD_HEAD
 from wayside.pipeline.reading.records import ScanReport
 from wayside.pipeline.results.result import check_earlier, read_run, read_settings
-from wayside.pipeline.reviewing.review import NO_REVIEW, read_review, result_name
+from wayside.pipeline.reviewing.review import NO_REVIEW, read_review
 from wayside.pipeline.running import run
 from wayside.pipeline.running.journal import JOURNAL, Journal
 from wayside.schemas.frame import USED, Frame
@@ -68,10 +68,10 @@ def rows(only: Sequence[str], count: int, seed: int) -> Iterator[tuple[list[str]
     cv2.setNumThreads(1)
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     with tempfile.TemporaryDirectory() as folder:
-        for title, prepare in KINDS.items():
+        for title, attempt in KINDS.items():
             if not any(part in title for part in only):
                 continue
-            found, slowest_s, grown_mb = tried(title, prepare, count, seed, Path(folder))
+            found, slowest_s, grown_mb = tried(title, attempt, count, seed, Path(folder))
             known = [found.pop(outcome, 0) for outcome in OUTCOMES]
             for fault, times in found.most_common():
                 print(f"{title}: {times} x {fault}", flush=True)
@@ -79,29 +79,21 @@ def rows(only: Sequence[str], count: int, seed: int) -> Iterator[tuple[list[str]
             yield [*map(str, cells), f"{grown_mb:.0f}"], not found.total()
 
 
-def of_file(name: str, made: Content, use: Callable[[Path], object]) -> Prepare:
+def of_file(name: str, made: Content, use: Callable[[Path], object]) -> Attempt:
     """A file of made content, and what reads it."""
 
-    def prepare(folder: Path) -> Attempt:
-        def attempt(rng: random.Random) -> str:
-            path = folder / name
-            path.write_bytes(made(rng))
-            use(path)
-            return RIGHT
+    def attempt(folder: Path, rng: random.Random) -> str:
+        path = folder / name
+        path.write_bytes(made(rng))
+        use(path)
+        return RIGHT
 
-        return attempt
-
-    return prepare
+    return attempt
 
 
-def must_refuse(prepare: Prepare) -> Prepare:
+def must_refuse(attempt: Attempt) -> Attempt:
     """The same, where whatever does not end with words is wrong."""
-
-    def made(folder: Path) -> Attempt:
-        attempt = prepare(folder)
-        return lambda rng: WRONG if attempt(rng) else REFUSED
-
-    return made
+    return lambda folder, rng: WRONG if attempt(folder, rng) else REFUSED
 
 
 def edited_bytes(*contents: bytes) -> Content:
@@ -117,11 +109,6 @@ def edited_json(*trees: Any) -> Content:
 def edited_tables(*tables: pa.Table) -> Content:
     """One of these as Parquet with columns or bytes changed."""
     return lambda rng: changed_table(rng.choice(tables), rng)
-
-
-def use_settings(path: Path) -> object:
-    """Read settings."""
-    return load_settings("default", path)
 
 
 def use_boxes(path: Path) -> object:
@@ -152,58 +139,48 @@ def model_texts() -> list[Any]:
 
 def of_logs(
     change: LogChange, *, chunked: bool = True, summary: bool = True, frames: bool = False
-) -> Prepare:
+) -> Attempt:
     """Small logs of every dialect and packing, changed, and read to messages; `frames`: to decoded images, too.
 
     Wrong: a message with other bytes than were written, or one lost without a word. (Messages outside of chunks have no
     checksum: `frames` counts those of chunks only, as any byte may be changed there.)
     """
 
-    def prepare(folder: Path) -> Attempt:
+    def attempt(folder: Path, rng: random.Random) -> str:
+        logs = small.small_logs(8, summary=summary)
+        if chunked and not frames:
+            logs = [log for log in logs if "not chunked" not in log[0]]
+        name, content, whole = rng.choice(logs)
         path = folder / "log.mcap"
-        logs = [
-            (content, whole, "not chunked" not in name)
-            for name, content, whole in small.small_logs(8, summary=summary)
-            if frames or not chunked or "not chunked" not in name
-        ]
-
-        def attempt(rng: random.Random) -> str:
-            content, whole, checked = rng.choice(logs)
-            path.write_bytes(change(bytearray(content), rng))
-            report = ScanReport()
-            found = small.read(path, report)
-            told = bool(report.problem_count or report.unchecked)
-            if frames:
-                list(decode(read_frames(path, ReadSettings(thin_m=0.0), ReadReport())))
-                known = {data for _, _, data in whole}
-                wrong = checked and any(data not in known for _, _, data in found)
-            else:
-                wrong = any(one not in whole for one in found)
-                wrong |= len(found) < len(whole) and not told
-            if told:
-                describe_log(path)
-            return WRONG if wrong else TOLD if told else RIGHT
-
-        return attempt
-
-    return prepare
-
-
-def of_cut_logs(folder: Path) -> Attempt:
-    """Small logs cut off at any byte: wrong where a message before the cut is lost, or another comes."""
-    path = folder / "log.mcap"
-    logs = [log for summary in (True, False) for log in small.small_logs(8, summary=summary)]
-
-    def attempt(rng: random.Random) -> str:
-        _, content, whole = rng.choice(logs)
-        cut = rng.randrange(len(content))
-        path.write_bytes(content[:cut])
-        found = small.read(path)
-        describe_log(path)
-        complete = small.messages_before(content, cut) <= len(found)
-        return TOLD if complete and found == whole[: len(found)] else WRONG
+        path.write_bytes(change(bytearray(content), rng))
+        report = ScanReport()
+        found = small.read(path, report)
+        told = bool(report.problem_count or report.unchecked)
+        if frames:
+            list(decode(read_frames(path, ReadSettings(thin_m=0.0), ReadReport())))
+            known = {data for _, _, data in whole}
+            wrong = "not chunked" not in name and any(data not in known for _, _, data in found)
+        else:
+            wrong = any(one not in whole for one in found)
+            wrong |= len(found) < len(whole) and not told
+        if told:
+            describe_log(path)
+        return WRONG if wrong else TOLD if told else RIGHT
 
     return attempt
+
+
+def cut_log(folder: Path, rng: random.Random) -> str:
+    """A small log cut off at any byte: wrong where a message before the cut is lost, or another comes."""
+    logs = [log for summary in (True, False) for log in small.small_logs(8, summary=summary)]
+    _, content, whole = rng.choice(logs)
+    cut = rng.randrange(len(content))
+    path = folder / "log.mcap"
+    path.write_bytes(content[:cut])
+    found = small.read(path)
+    describe_log(path)
+    complete = small.messages_before(content, cut) <= len(found)
+    return TOLD if complete and found == whole[: len(found)] else WRONG
 
 
 def inserted(record: Content) -> LogChange:
@@ -222,21 +199,18 @@ def no_kind(rng: random.Random) -> bytes:
     return RECORD_HEAD.pack(0, n := rng.randrange(400)) + rng.randbytes(n)
 
 
-def of_images(made: Content, wanted: Sequence[str] = ()) -> Prepare:
+def of_images(made: Content, wanted: Sequence[str] = ()) -> Attempt:
     """An image that must have one of the statuses `wanted`, where any are given."""
 
-    def prepare(_: Path) -> Attempt:
-        def attempt(rng: random.Random) -> str:
-            data = made(rng)
-            size = (read_image_header(data) or ("", 0, 0))[1:]
-            if size[0] * size[1] > 10**6:
-                return RIGHT
-            (image,) = decode(iter([Frame(0, 0, None, USED, "", data, None, *size)]))
-            return RIGHT if not wanted else TOLD if image.frame.status in wanted else WRONG
+    def attempt(_: Path, rng: random.Random) -> str:
+        data = made(rng)
+        size = (read_image_header(data) or ("", 0, 0))[1:]
+        if size[0] * size[1] > 10**6:
+            return RIGHT
+        (image,) = decode(iter([Frame(0, 0, None, USED, "", data, None, *size)]))
+        return RIGHT if not wanted else TOLD if image.frame.status in wanted else WRONG
 
-        return attempt
-
-    return prepare
+    return attempt
 
 
 def image_files() -> list[bytes]:
@@ -254,11 +228,17 @@ def half_jpeg(rng: random.Random) -> bytes:
     return data[: rng.randrange(len(data) // 3, len(data) - 30)]
 
 
-def of_results(folder: Path) -> Attempt:
+def changed_result(folder: Path, rng: random.Random) -> str:
     """A result with a table or `run.json` changed, read, exported or evaluated."""
-    out, about = small.small_result(folder)
-    sound = {path.name: path.read_bytes() for path in out.iterdir()}
-    tables = {name: pq.read_table(out / name) for name in sound if name != "run.json"}
+    out, sound = small.small_result(folder)
+    for name, content in sound.items():
+        (out / name).write_bytes(content)
+    name = rng.choice(sorted(sound))
+    if name.endswith(".json"):
+        content = changed_tree(small.ABOUT, rng)
+    else:
+        content = changed_table(pq.read_table(out / name), rng)
+    (out / name).write_bytes(content)
     uses: tuple[Callable[[], object], ...] = (
         lambda: read_settings(out, read_run(out)),
         lambda: check_earlier(out, folder / "log.mcap"),
@@ -266,36 +246,13 @@ def of_results(folder: Path) -> Attempt:
         lambda: export(out, NO_REVIEW, folder / "signs.geojson", "geojson", overwrite=True),
         lambda: evaluate(out, DEMO.with_suffix(".truth.json")),
     )
-
-    def attempt(rng: random.Random) -> str:
-        for name, content in sound.items():
-            (out / name).write_bytes(content)
-        name = rng.choice(sorted(sound))
-        content = changed_table(tables[name], rng) if name in tables else changed_tree(about, rng)
-        (out / name).write_bytes(content)
-        rng.choice(uses)()
-        return RIGHT
-
-    return attempt
+    rng.choice(uses)()
+    return RIGHT
 
 
-def of_truth(folder: Path) -> Attempt:
-    """Truth and labels that a result is evaluated against."""
-    out, _ = small.small_result(folder, rows=1)
-    made = edited_json(small.short_truth(), small.REAL_LABELS)
-    return of_file("labels.json", made, lambda path: evaluate(out, path))(folder)
-
-
-def of_reviews(folder: Path) -> Attempt:
-    """Reviews of a result."""
-    out, _ = small.small_result(folder)
-    tree = {"wayside_review": 1, "result": result_name(read_run(out)), "reviews": small.REVIEWS}
-    return of_file("r.json", edited_json(tree), lambda path: read_review(path, out))(folder)
-
-
-def of_journals(folder: Path) -> Attempt:
-    """The journal of a run, changed."""
-    out = folder / "out"
+@cache
+def sound_journal(out: Path) -> tuple[bytes, Any]:
+    """The journal of a run, and the key that it states."""
     line = ["run", str(DEMO), "-o", str(out), "--until", "0.6s", "--resume", "--workers", "1"]
     removed, run.remove_journal = run.remove_journal, lambda folder: None
     with redirect_stdout(io.StringIO()):
@@ -303,14 +260,16 @@ def of_journals(folder: Path) -> Attempt:
     run.remove_journal = removed
     content = (out / JOURNAL).read_bytes()
     (length,) = struct.unpack_from("<I", content, 4)
-    key = json.loads(content[12 : 12 + length])
+    return content, json.loads(content[12 : 12 + length])
 
-    def attempt(rng: random.Random) -> str:
-        (out / JOURNAL).write_bytes(changed_bytes(content, rng))
-        Journal(out, key).close()
-        return RIGHT
 
-    return attempt
+def changed_journal(folder: Path, rng: random.Random) -> str:
+    """The journal of a run, changed."""
+    out = folder / "out"
+    content, key = sound_journal(out)
+    (out / JOURNAL).write_bytes(changed_bytes(content, rng))
+    Journal(out, key).close()
+    return RIGHT
 
 
 def odd_settings(rng: random.Random) -> bytes:
@@ -336,7 +295,7 @@ def odd_camera(rng: random.Random) -> bytes:
     return rng.choice([text, text, grows, "[" * 50_000, calls]).encode()
 
 
-KINDS: dict[str, Prepare] = {
+KINDS: dict[str, Attempt] = {
     # Changed at random
     "logs, read to frames and decoded": of_logs(
         lambda content, rng: changed_bytes(bytes(content), rng), frames=True
@@ -346,9 +305,13 @@ KINDS: dict[str, Prepare] = {
     "settings (TOML)": of_file(
         "s.toml",
         edited_bytes(format_settings(*load_settings()).encode()),
-        use_settings,
+        partial(load_settings, "default"),
     ),
-    "labels and truth (JSON)": of_truth,
+    "labels and truth (JSON)": of_file(
+        "labels.json",
+        edited_json(small.short_truth(), small.REAL_LABELS),
+        lambda path: evaluate(small.small_result(path.parent)[0], path),
+    ),
     "models (JSON), evaluated where they are accepted": of_file(
         "m.json", edited_json(*model_texts()), use_model
     ),
@@ -361,11 +324,15 @@ KINDS: dict[str, Prepare] = {
         "labels.json", edited_json(small.COCO, small.MARKS, small.SCENES), read_labels
     ),
     "labels (Parquet)": of_file("labels.parquet", edited_tables(small.LABELS), read_labels),
-    "results (tables, run.json), read, exported, evaluated": of_results,
-    "reviews (JSON)": of_reviews,
-    "journals": of_journals,
+    "results (tables, run.json), read, exported, evaluated": changed_result,
+    "reviews (JSON)": of_file(
+        "r.json",
+        edited_json({"wayside_review": 1, "result": "0" * 16, "reviews": small.REVIEWS}),
+        lambda path: read_review(path, small.small_result(path.parent)[0]),
+    ),
+    "journals": changed_journal,
     # Faults at one point
-    "logs cut off": of_cut_logs,
+    "logs cut off": cut_log,
     "records without a kind (opcode 0)": of_logs(inserted(no_kind), chunked=False),
     "a bit of the first chunk": of_logs(small.flipped_bit),
     "a bit of the first chunk, no summary": of_logs(small.flipped_bit, summary=False),
@@ -374,7 +341,7 @@ KINDS: dict[str, Prepare] = {
     "JPEGs that end early": of_images(half_jpeg, ("damaged", "undecodable")),
     # Always to be refused
     "settings nested without end, not text, infinite": must_refuse(
-        of_file("s.toml", odd_settings, use_settings)
+        of_file("s.toml", odd_settings, partial(load_settings, "default"))
     ),
     "calibrations that cannot be, YAML that grows": must_refuse(
         of_file("c.yaml", odd_camera, read_camera_file)

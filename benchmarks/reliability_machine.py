@@ -15,15 +15,17 @@ import subprocess
 import sys
 import tempfile
 import time
+import traceback
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
+from attempts import limit_memory
 from common import DEMO, processor_seconds, run_wayside
 from faulty_logs import read_log, scaled, write_log
 
-from wayside.pipeline.cli import app
+from wayside.pipeline.cli import app, main
 
 KILL_HEADS = ("as the files lie there", "as wayside leaves them", "kills")
 DISK_HEADS = ("written", "exit status", "stderr", "result", "scratch files", "disks")
@@ -39,19 +41,13 @@ ROOM, PAGE_KB = 1.25, 4
 """Free space of the largest disk over the size of the new result; size of a page of a tmpfs."""
 
 
-def killed_rows(_: Sequence[str], count: int, __: int) -> Iterator[tuple[list[str], bool]]:
-    """What kills leave: as the files lie there, and behind a command that opens the result."""
-    yield from _kill_rows(count, NEW, ("old", "new"))
-
-
-def resumed_rows(_: Sequence[str], count: int, __: int) -> Iterator[tuple[list[str], bool]]:
-    """What kills leave: as the files lie there, and behind the same command, which must give the new result."""
-    yield from _kill_rows(count, RESUMED, ("new",))
-
-
-def _kill_rows(
-    count: int, new: tuple[str, ...], good: tuple[str, ...]
+def kill_rows(
+    new: tuple[str, ...], good: tuple[str, ...], _: Sequence[str], count: int, __: int
 ) -> Iterator[tuple[list[str], bool]]:
+    """What kills of a run leave: as the files lie there, and behind another command, of which some are `good`.
+
+    It opens the result; where the old one is not good, it is the same run again, which must give the new one.
+    """
     left: Counter[tuple[str, str]] = Counter()
     recorded = "--view" in new
     with tempfile.TemporaryDirectory() as scratch:
@@ -62,13 +58,14 @@ def _kill_rows(
             app(["run", str(log), "-o", str(work / "warm"), *new], standalone_mode=False)
         for name, options in (("old", OLD), ("new", new)):
             before = processor_seconds()
-            waited(forked("run", log, "-o", work / name, *options))
+            waited(forked(("run", log, "-o", work / name, *options)))
             whole_s = processor_seconds() - before
             digests[name] = tables_of(work / name)
         for trial in range(count):
             out = work / f"trial-{trial}"
             shutil.copytree(work / "old", out)
-            running = forked("run", log, "-o", out, *new)
+            again = ("run", log, "-o", out, *new)
+            running = forked(again)
             share = trial // 2 / max(count // 2 - 1, 1)
             if trial % 2:
                 wait_for_change(running, out, share * LONGEST_DELAY_S)
@@ -78,7 +75,7 @@ def _kill_rows(
             os.waitpid(running, 0)
             lying = state(out, digests, recorded=recorded)
             sheets = ("evidence", out, "-o", work / f"sheets-{trial}")
-            waited(forked(*(sheets if "old" in good else ("run", log, "-o", out, *new))))
+            waited(forked(sheets if "old" in good else again))
             left[lying, state(out, digests, recorded=recorded)] += 1
             shutil.rmtree(out)
             print(f"{trial + 1} of {count}: {dict(left)}", file=sys.stderr, flush=True)
@@ -134,19 +131,26 @@ def disk(folder: Path, size_kb: int) -> Iterator[Path]:
         subprocess.run(["umount", folder], check=True)
 
 
-def forked(*words: object) -> int:
-    """Give `wayside` these words in a process that has everything imported, silent; its number."""
-    child = os.fork()
-    if child:
+def forked(words: Sequence[object], said: str = os.devnull, more_bytes: int | None = None) -> int:
+    """Give `wayside` these words in a process that has everything imported; its number.
+
+    said: file of what it says on stderr; more_bytes: memory that it may take beyond what is in use.
+    """
+    if child := os.fork():
         return child
-    status = 1
+    status = 99
     try:
-        nowhere = os.open(os.devnull, os.O_RDWR)
-        for stream in (0, 1, 2):
-            os.dup2(nowhere, stream)
-        status = app([str(word) for word in words], standalone_mode=False) or 0
+        os.setsid()
+        for stream, name in enumerate((os.devnull, os.devnull, said)):
+            os.dup2(os.open(name, os.O_RDWR | os.O_CREAT), stream)
+        if more_bytes is not None:
+            limit_memory(more_bytes)
+        sys.argv[1:] = map(str, words)
+        main()
     except SystemExit as end:
         status = int(end.code or 0)
+    except BaseException:
+        os.write(2, traceback.format_exc().encode("utf-8", "backslashreplace"))
     finally:
         os._exit(status)
 

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import importlib
 import os
-import resource
 import signal
 import socket
 import sys
 import tempfile
 import time
-import traceback
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -23,10 +21,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 from common import DEMO, ROOT, run_wayside
-from reliability_machine import spent
+from reliability_machine import forked, spent
 from small_inputs import CAMERAS
-
-from wayside.pipeline import cli
 
 HEADS = ("path", "tried", "refused", "elsewhere", "done", "wrong", "slowest, ms of CPU")
 LIMIT_S, IDLE_S, MORE_BYTES = 15.0, 15.0, 1 << 30
@@ -162,9 +158,7 @@ def tried(name: str, what: str, path: str, result: Path) -> tuple[str, float]:
 
 def given(words: list[str], said: Path) -> tuple[int | None, str, float]:
     """Give `wayside` these words: exit status (None: it did not end), words on stderr, processor time in seconds."""
-    child = os.fork()
-    if not child:
-        _command(words, said)
+    child = forked(words, str(said), MORE_BYTES)
     waits_since, before = time.monotonic(), -1.0
     while True:
         ended, status = os.waitpid(child, os.WNOHANG)
@@ -178,22 +172,3 @@ def given(words: list[str], said: Path) -> tuple[int | None, str, float]:
             os.waitpid(child, 0)
             return None, said.read_text("utf-8", "replace"), seconds
         time.sleep(0.01)
-
-
-def _command(words: list[str], said: Path) -> None:
-    """Run a command in this process, with a limit of memory, and end the process."""
-    os.setsid()
-    pages = int(Path("/proc/self/statm").read_text().split()[0])
-    room = pages * os.sysconf("SC_PAGE_SIZE") + MORE_BYTES
-    resource.setrlimit(resource.RLIMIT_AS, (room, room))
-    opened = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
-    nowhere = os.open(os.devnull, os.O_RDWR)
-    os.dup2(nowhere, 0), os.dup2(nowhere, 1), os.dup2(opened, 2)
-    sys.argv[1:] = words
-    try:
-        cli.main()
-    except SystemExit as end:
-        os._exit(int(end.code or 0))
-    except BaseException:
-        os.write(2, traceback.format_exc().encode("utf-8", "backslashreplace"))
-    os._exit(99)

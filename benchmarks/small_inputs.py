@@ -173,6 +173,12 @@ REVIEWS = [
     {"sign_id": "a-0002", "review": "edited", "color": "red", "note": "=1"},
     {"review": "missing", "x": 1.0, "y": 2.0, "reviewer": "x"},
 ]
+ABOUT = {
+    "wayside": "0.1", "log": "demo.mcap", "log_path": "/nowhere/demo.mcap", "learned_from_log": [],
+    "files": {t.file: {"rows": 1, "sha256": "0" * 64} for t in (SIGNS, OBSERVATIONS, FRAMES)},
+    "settings": {"read": {"thin_m": 1.0}}, "world": "local", "camera": None, "notes": [],
+    "accounting": {"frames_read": 6, "used": 6, "rejected": {}, "lost": []},
+}  # fmt: skip
 
 
 def short_truth() -> dict[str, Any]:
@@ -184,8 +190,9 @@ def short_truth() -> dict[str, Any]:
     return truth
 
 
-def small_result(folder: Path, rows: int = 4) -> tuple[Path, dict[str, Any]]:
-    """A result of some images with signs, and its `run.json`."""
+@cache
+def small_result(folder: Path) -> tuple[Path, dict[str, bytes]]:
+    """A result of some images with signs, and the content of its files."""
     out = folder / "out"
     out.mkdir()
     signs = [
@@ -193,21 +200,15 @@ def small_result(folder: Path, rows: int = 4) -> tuple[Path, dict[str, Any]]:
             "sign_id": f"a-{k + 1:04d}", "status": "sign", "color": "red", "shape": "octagon", "best_frame": 3,
             "best_box": [10.0, 10.0, 30.0, 30.0], "right_m": 4.0, "down_m": -1.0, "ahead_m": 20.0,
         }
-        for k in range(rows)
+        for k in range(4)
     ]  # fmt: skip
     frames = [{"frame": k} for k in range(6)]
     for table, content in ((SIGNS, signs), (OBSERVATIONS, []), (FRAMES, frames)):
         required = {f.name: _some(f) for f in table.schema if not f.nullable}
         full = [required | row for row in content]
         pq.write_table(pa.Table.from_pylist(full, table.schema), out / table.file)
-    about = {
-        "wayside": "0.1", "log": "demo.mcap", "log_path": "/nowhere/demo.mcap", "learned_from_log": [],
-        "files": {t.file: {"rows": 1, "sha256": "0" * 64} for t in (SIGNS, OBSERVATIONS, FRAMES)},
-        "settings": {"read": {"thin_m": 1.0}}, "world": "local", "camera": None, "notes": [],
-        "accounting": {"frames_read": 6, "used": 6, "rejected": {}, "lost": []},
-    }  # fmt: skip
-    (out / "run.json").write_text(json.dumps(about))
-    return out, about
+    (out / "run.json").write_text(json.dumps(ABOUT))
+    return out, {path.name: path.read_bytes() for path in out.iterdir()}
 
 
 def _some(column: pa.Field) -> Any:
