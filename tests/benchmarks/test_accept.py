@@ -115,10 +115,17 @@ def test_a_rendered_drive_that_a_model_was_learned_from_is_named_and_real_ones_s
         outcome("lost", None),
     ]
     assert accept.real(outcomes) == [("road", real, 2, ())]
-    assert list(accept.unfit({"default": outcomes})) == [
-        "default: box, place learned from seen",
-        "default: lost could not be evaluated",
-    ]
+    learned, lost = accept.unfit({"default": outcomes})
+    assert learned == "default: box, place learned from seen"
+    assert lost == "default: lost could not be evaluated"
+
+
+def test_a_page_keeps_what_it_says_above_the_versions(accept, tmp_path, monkeypatch):
+    monkeypatch.setattr(accept, "BENCHMARKS", tmp_path)
+    (tmp_path / "page.md").write_text("Words.\n\nVersions: old.\n\n| old |\n")
+    accept.write_page("page.md", {"Title": ["| new |"]})
+    new = f"Words.\n\n{accept.versions()}\n\n## Title\n\n| new |\n"
+    assert (tmp_path / "page.md").read_text() == new
 
 
 def test_a_run_that_fails_is_told_and_not_evaluated(accept, tmp_path, monkeypatch, capsys):
