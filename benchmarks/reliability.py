@@ -44,7 +44,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     heads, count, rows = QUESTIONS[given.question]
-    print(head(heads))
+    print(head(heads), flush=True)
     status = 0
     for cells, good in rows(given.only, given.count or count, given.seed):
         print(row(cells), flush=True)
