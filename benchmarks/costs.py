@@ -1,27 +1,91 @@
-"""What a run costs: images per second, processor time by stage, peak memory of a short and of a long log.
+"""What a run costs, in decodes of the same images, beside what a user would pick instead.
 
-    .venv/bin/python benchmarks/costs.py .cache/drives/straight.mcap [--times 20]
+    .venv/bin/python benchmarks/costs.py .cache/drives/straight.mcap [--times 10] [--rounds 3] [--peers PYTHON]
 
-The long log is the short one played over and over: its images and calibration only, times moved on, so both run from
-the known spacing. Also compares the bytes that one and two workers write. Prints a table; writes nothing but scratch.
+A decode is `cv2.imdecode` of an image of the log, timed before and after every other measurement. Every way is a
+process of its own, start and all; the ways take turns, and the table holds medians. The long log is the short one
+played over and over: its images and calibration only, times moved on, so both run from the known spacing.
+
+--peers: a Python that has ultralytics and pycolmap, which then run on the same images (`cost_peers.py`).
+Prints tables; writes only scratch.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import tempfile
-from dataclasses import replace
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import median
 
-from common import WAYSIDE, processor_seconds
+import cv2
+import numpy as np
+from common import BENCHMARKS, WAYSIDE, print_table
 from faulty_logs import CALIBRATION, IMAGE, Logged, edited, read_log, write_log
 
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.schemas.settings import ReadSettings
+
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
+SPACING = "26.4ft"
 PAUSE_NS = 300_000_000
 """Between two turns."""
+PEERS = {"yolo": 12, "plain": 2, "pycolmap": 24}
+"""Other programs, and on how many images they run."""
+FIRST_IMAGE = """
+import sys, time
+from pathlib import Path
+from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.models.model_files import load_models
+from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.running.flow import Flow
+from wayside.pipeline.workers import StageClock
+settings, _ = load_settings(assignments=["read.spacing_m=8"])
+flow = Flow(settings, load_models(settings), StageClock())
+next(flow.detect(read_frames(Path(sys.argv[1]), settings.read, ReadReport())))
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """Of one process: images, processor and wall seconds, peak memory in MB, milliseconds of a decode meanwhile."""
+
+    images: int
+    processor: float
+    wall: float
+    peak: float
+    decode: float
+
+    @property
+    def ms(self) -> float:
+        """Processor time of an image."""
+        return 1000 * self.processor / self.images
+
+
+class Decoder:
+    """The yardstick: decodes the images of a log."""
+
+    def __init__(self, log: Path) -> None:
+        settings = ReadSettings(spacing_m=8.0, thin_m=0.0)
+        frames = read_frames(log, settings, ReadReport())
+        self._data = [np.frombuffer(one.data, np.uint8) for one in frames if one.used]
+        cv2.setNumThreads(1)
+
+    def ms(self) -> float:
+        """Median over the images."""
+        spent = []
+        for data in self._data:
+            start = time.thread_time()
+            cv2.imdecode(data, cv2.IMREAD_COLOR)
+            spent.append(time.thread_time() - start)
+        return 1000 * median(spent)
 
 
 def main() -> int:
@@ -30,33 +94,130 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("log", type=Path)
-    parser.add_argument("--times", type=int, default=20)
-    parser.add_argument("--spacing", default="26.4ft")
+    parser.add_argument("--times", type=int, default=10)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--peers", type=Path)
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
-        short, long = folder / "short.mcap", folder / "long.mcap"
-        play(args.log, short, 1)
-        play(args.log, long, args.times)
-        run(short, folder / "warm", args.spacing, 2)  # compiles kernels where no cache is
-        digests = {}
-        for workers in (1, 2):
-            result, peak, processor = run(
-                short, folder / f"workers{workers}", args.spacing, workers
-            )
-            digests[workers] = [result["files"][name]["sha256"] for name in TABLES]
-            report(f"short log, {workers} worker(s)", result, peak, processor)
-        _, short_peak, _ = run(short, folder / "short", args.spacing, 2)
-        result, long_peak, processor = run(long, folder / "long", args.spacing, 2)
-        report(f"played {args.times} times over, 2 workers", result, long_peak, processor)
-        same = digests[1] == digests[2]
-        print(f"the same bytes from 1 and 2 workers: {'yes' if same else 'NO'}")
-        print(f"peak memory, long over short: {long_peak / short_peak:.3f}")
-        for stage, seconds in result["times"]["cpu_s_by_stage"].items():
-            print(
-                f"  {stage:10s} {1000 * seconds / result['accounting']['frames_read']:7.1f} ms processor time per image"
-            )
+        bench = Bench(args.log, Path(scratch), args.times)
+        print_table(
+            ["way", "images", "ms an image", "decodes", "images/s", "peak MB"],
+            bench.rows(bench.ways(args.peers), args.rounds),
+        )
+        print()
+        print_table(["stage", "ms an image", "decodes"], bench.stages("default, 2 workers"))
+        print()
+        print_table(["start", "wall s", "processor s"], bench.starts())
+        same = bench.digest("default, 1 worker") == bench.digest("default, 2 workers")
+    print(f"\nThe same bytes from 1 and 2 workers: {'yes' if same else 'NO'}.")
     return 0 if same else 1
+
+
+class Bench:
+    """A short and a long log, and the ways to process them."""
+
+    def __init__(self, log: Path, scratch: Path, times: int) -> None:
+        self._scratch = scratch
+        self._short, self._long = scratch / "short.mcap", scratch / "long.mcap"
+        play(log, self._short, 1)
+        play(log, self._long, times)
+        self._decoder = Decoder(self._short)
+        self._count = len(self._decoder._data)
+        self._times = times
+
+    def ways(self, peers: Path | None) -> dict[str, Callable[[str], Cost]]:
+        """By name; each takes its name."""
+        long, many = self._long, self._times
+        found: dict[str, Callable[[str], Cost]] = {
+            "default, 1 worker": lambda n: self._run(n, long, many, "--workers", "1"),
+            "default, 2 workers": lambda n: self._run(n, long, many),
+            "the short log": lambda n: self._run(n, self._short, 1),
+            "recorded for the viewer": lambda n: self._run(n, long, many, "--view", "file"),
+            "preset report": lambda n: self._run(n, self._short, 1, "--preset", "report"),
+        }
+        if peers is not None:
+            found |= {name: lambda n: self._peer(peers, n) for name in PEERS}
+        return found
+
+    def rows(self, ways: dict[str, Callable[[str], Cost]], rounds: int) -> list[list[object]]:
+        """A row a way: medians of its rounds."""
+        self._run("warm", self._short, 1)  # compiles kernels where no cache is
+        found: dict[str, list[Cost]] = defaultdict(list)
+        for _ in range(rounds):
+            for name, way in ways.items():
+                found[name].append(way(name))
+        return [
+            [
+                name,
+                costs[0].images,
+                f"{median(c.ms for c in costs):.0f}",
+                f"{median(c.ms / c.decode for c in costs):.1f}",
+                f"{median(c.images / c.wall for c in costs):.1f}",
+                f"{median(c.peak for c in costs):.0f}",
+            ]
+            for name, costs in found.items()
+        ]
+
+    def stages(self, way: str) -> list[list[str]]:
+        """A row a stage of the last run of a way."""
+        result = json.loads((self._scratch / way / "run.json").read_text())
+        images, decode = result["accounting"]["frames_read"], self._decoder.ms()
+        spent = {k: 1000 * v / images for k, v in result["times"]["cpu_s_by_stage"].items()}
+        return [[k, f"{v:.1f}", f"{v / decode:.2f}"] for k, v in spent.items() if v >= 0.05]
+
+    def starts(self) -> list[list[str]]:
+        """Rows: help, the first image, and the first run after an installation beside the next one."""
+        run = [WAYSIDE, "run", self._short, "-o", self._scratch / "start", "--overwrite"]
+        run += ["--spacing", SPACING, "--set", "read.thin_m=0"]
+        fresh = {"NUMBA_CACHE_DIR": str(self._scratch / "kernels")}
+        first = [sys.executable, "-c", FIRST_IMAGE, self._short]
+        ways = {
+            "wayside --help": ([WAYSIDE, "--help"], {}, 5),
+            "to the first image": (first, {}, 5),
+            "short log, kernels not compiled yet": (run, fresh, 1),
+            "short log, compiled": (run, {}, 1),
+        }
+        rows = []
+        for name, (command, variables, times) in ways.items():
+            costs = [self._child(command, 1, variables) for _ in range(times)]
+            spent = (median(c.wall for c in costs), median(c.processor for c in costs))
+            rows.append([name, *(f"{one:.2f}" for one in spent)])
+        return rows
+
+    def digest(self, way: str) -> list[str]:
+        """Of the tables that the last run of a way wrote."""
+        files = json.loads((self._scratch / way / "run.json").read_text())["files"]
+        return [files[name]["sha256"] for name in TABLES]
+
+    def _run(self, name: str, log: Path, times: int, *more: str) -> Cost:
+        command = [WAYSIDE, "run", log, "-o", self._scratch / name, "--overwrite"]
+        command += ["--spacing", SPACING, "--set", "read.thin_m=0", *more]
+        return self._child(command, self._count * times)
+
+    def _peer(self, python: Path, name: str) -> Cost:
+        program = "peer.py" if name == "pycolmap" else "cost_peers.py"
+        words = [self._scratch / "peer.npz"] if name == "pycolmap" else [name]
+        command = [python, BENCHMARKS / program, self._short, *words, "--frames", PEERS[name]]
+        return self._child(command, PEERS[name])
+
+    def _child(
+        self, command: list[object], images: int, variables: dict[str, str] | None = None
+    ) -> Cost:
+        """Run a process, decoding before and after it."""
+        before, start = self._decoder.ms(), time.perf_counter()
+        child = subprocess.Popen(
+            list(map(str, command)),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env=os.environ | {"OMP_NUM_THREADS": "1"} | (variables or {}),
+        )
+        _, status, used = os.wait4(child.pid, 0)
+        wall = time.perf_counter() - start
+        if status != 0:
+            raise SystemExit(f"{command}: ended with status {status}")
+        processor = used.ru_utime + used.ru_stime
+        decode = (before + self._decoder.ms()) / 2
+        return Cost(images, processor, wall, used.ru_maxrss / 1024, decode)
 
 
 def play(source: Path, target: Path, times: int) -> None:
@@ -79,32 +240,6 @@ def numbered(message: bytes, turn: int) -> bytes:
         return message
     density = start + 14  # behind the markers, the length, "JFIF", the version and the unit
     return message[:density] + (turn + 1).to_bytes(4, "big") + message[density + 4 :]
-
-
-def run(log: Path, out: Path, spacing: str, workers: int, *more: str) -> tuple[dict, float, float]:
-    """Run the command as a process of its own; `run.json`, peak memory (MB) and processor seconds."""
-    command = [WAYSIDE, "run", str(log), "-o", str(out), "--overwrite", "--spacing", spacing]
-    command += ["--workers", str(workers), "--set", "read.thin_m=0", *more]
-    before = processor_seconds()
-    watch = f"import resource,subprocess,sys; code=subprocess.call({command!r}, stdout=subprocess.DEVNULL); "
-    watch += "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss); sys.exit(code)"
-    done = subprocess.run([sys.executable, "-c", watch], check=True, capture_output=True, text=True)
-    processor = processor_seconds() - before
-    return (
-        json.loads((out / "run.json").read_text()),
-        int(done.stdout.split()[-1]) / 1024,
-        processor,
-    )
-
-
-def report(what: str, result: dict, peak: float, processor: float) -> None:
-    """Print one line of the table."""
-    frames, wall = result["accounting"]["frames_read"], result["times"]["wall_s"]
-    print(
-        f"{what:36s} {frames:5d} images  {frames / wall:6.1f} images/s  "
-        f"{1000 * processor / frames:6.0f} ms processor time per image  peak {peak:.0f} MB",
-        flush=True,
-    )
 
 
 if __name__ == "__main__":
