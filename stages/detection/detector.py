@@ -77,7 +77,8 @@ def detect(
             continue
         box, levels = regions.box, image.levels or pyramid(image.rgb)
         found = network.scores(levels, box)
-        margin = _front_scores(found, item, front) - front.threshold
+        scores = joined_scores(front.with_network, found.front, item.network_score)
+        margin = scores - front.threshold
         if back is not None:
             margin = np.maximum(margin, found.back - back.threshold)
         near = np.flatnonzero(margin >= REGRESSED_FROM)
@@ -88,7 +89,7 @@ def detect(
         rows[near[better]] = len(box) + np.flatnonzero(better)
         found = found.joined(again).select(rows)
         candidates = candidates.with_boxes(near[better], moved[better])
-        scores = _front_scores(found, item, front)
+        scores = joined_scores(front.with_network, found.front, item.network_score)
         candidates = with_scores(candidates, scores, front.threshold, settings.keep)
         above = np.flatnonzero(scores >= front.threshold)
         candidates = with_names(candidates, above, found.select(above), grey=image.frame.grey)
@@ -97,13 +98,6 @@ def detect(
             column = np.where(behind, found.back, np.float32(np.nan))
             candidates = replace(candidates, back_score=column)
         yield Detections(item, candidates)
-
-
-def _front_scores(found: BoxScores, item: Segmentation, front: ScoreModel) -> NDArray[np.float32]:
-    """Log odds (n,) of a face, by both networks where the detection network proposed the regions."""
-    if item.network_score is None or front.with_network is None:
-        return found.front
-    return joined_scores(front.with_network, found.front, item.network_score)
 
 
 def regressed_boxes(
@@ -120,9 +114,11 @@ def regressed_boxes(
 
 
 def joined_scores(
-    model: NetworkSum, own: NDArray[np.float32], network: NDArray[np.float32]
+    model: NetworkSum | None, own: NDArray[np.float32], network: NDArray[np.float32] | None
 ) -> NDArray[np.float32]:
-    """The sum (n,) of scores by the box network (n,) and by the detection network (n,)."""
+    """The sum (n,) of scores by the box network (n,) and the detection network (n,); `own` where either is None."""
+    if model is None or network is None:
+        return own
     joined = np.float32(model.own) * own + np.float32(model.network) * network
     return np.asarray(joined + np.float32(model.shift), np.float32)
 

@@ -42,12 +42,11 @@ OTHER_FILLED = 0.8
 """The same of a shape that is not known: between a circle and a rectangle."""
 SAME_REGION_IOU = 0.7
 """Boxes that overlap more are one candidate: at 0.45 faces were lost to their neighbours, at 0.6 not."""
-FULL_SIZE_ABOVE, FULL_SIZE_BELOW, FULL_SIZE_BESIDE = 176, 112, 640
-"""Pixels above, below and beside the optical axis that the network sees at full size. A face of half a metre that is
-too small at half size has 32 px a metre at most, so it is up to 5.5 m above, 3.5 m below and 20 m beside the axis."""
-HALF_SIZE_ABOVE, HALF_SIZE_BELOW = 0.4, 0.15
-"""Rows above and below the optical axis that it sees at half size, as a tangent: with 0.22 and 0.13 a fifth of the
-faces in images of streets is not seen; below 0.12 end 5 of 7,000 labelled faces."""
+FULL_SIZE_PX = (-640, -176, 640, 112)
+"""What the network sees at full size: left, top, right, bottom about the optical axis. A face of half a metre that is
+too small at half size has 32 px a metre at most, so it is seen up to 5.5 m above, 3.5 m below and 20 m beside it."""
+HALF_SIZE = (-np.inf, -0.4, np.inf, 0.15)
+"""The same at half size, as tangents: with 0.22 and 0.13 a fifth of the faces in images of streets is not seen."""
 LEAST_SCORE = -4.0
 """Boxes of the network of lower log odds are none: of 2,700 in ten drives one was accepted."""
 MOST_BOXES = 48
@@ -131,24 +130,20 @@ def network_bands(network: DetectionNetwork, levels: Pyramid, camera: Camera) ->
     large as in the images that the network has learned from. Rows are a multiple of 32 where the image has them.
     """
     times = enlargement(camera)
-    far = FULL_SIZE_BESIDE / times, FULL_SIZE_ABOVE / times, FULL_SIZE_BELOW / times
-    near = camera.width, HALF_SIZE_ABOVE * camera.fy, HALF_SIZE_BELOW * camera.fy
+    axis = np.array([camera.cx, camera.cy] * 2)
+    far, near = np.array(FULL_SIZE_PX) / times, np.array(HALF_SIZE) * camera.fy
     found = []
-    for scale, (beside, above, below) in ((1 / times, far), (2 / times, near)):
+    for scale, sides in ((1 / times, axis + far), (2 / times, axis + near)):
         level = int(scale > 1)  # the image as it is, or at half size
         pixels = 1 << level
-        left, top = (
-            max(0, round((at - side) / pixels))
-            for at, side in ((camera.cx, beside), (camera.cy, above))
-        )
-        right = max(left, round((camera.cx + beside) / pixels))
-        rows = MULTIPLE * max(0, round((camera.cy + below - top * pixels) / scale / MULTIPLE))
-        seen = levels[level][top:, left:right][: round(rows * scale / pixels)]
+        left, top, right, bottom = np.rint(sides / pixels).clip(0, 1 << 30).astype(int)
+        larger = round(pixels / scale)
+        rows = MULTIPLE * round((bottom - top) * larger / MULTIPLE) // larger
+        seen = levels[level][top : top + rows, left:right]
         if seen.size:
-            band = enlarged(seen, round(pixels / scale))
-            found.append(
-                Band(network.maps(band), band.shape[:2], (left * pixels, top * pixels), scale)
-            )
+            band = enlarged(seen, larger)
+            corner = (left * pixels, top * pixels)
+            found.append(Band(network.maps(band), band.shape[:2], corner, scale))
     return found
 
 
