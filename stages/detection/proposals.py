@@ -147,7 +147,7 @@ def network_bands(network: DetectionNetwork, levels: Pyramid, camera: Camera) ->
     return found
 
 
-def boxes_of_bands(bands: Sequence[Band], shape: tuple[int, ...]) -> NetworkBoxes:
+def boxes_of_bands(bands: Sequence[Band], size: tuple[int, ...]) -> NetworkBoxes:
     """The best boxes of all bands in pixels of the image (height, width).
 
     Of a face that a border of the full-size band cuts, the box at half size stays.
@@ -158,7 +158,7 @@ def boxes_of_bands(bands: Sequence[Band], shape: tuple[int, ...]) -> NetworkBoxe
     if not parts:
         return NetworkBoxes.none()
     box = np.concatenate([band.in_image(one.box) for band, one in zip(bands, parts, strict=True)])
-    whole = [band.whole(one.box, shape) for band, one in zip(bands, parts, strict=True)]
+    whole = [band.whole(one.box, size) for band, one in zip(bands, parts, strict=True)]
     score, front, color, shape = (
         np.concatenate([getattr(one, name) for one in parts])
         for name in ("score", "front", "color", "shape")
