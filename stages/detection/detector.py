@@ -33,7 +33,7 @@ SAME_FACE_IOU = 0.4
 """Accepted boxes that overlap a better one more are suppressed (chosen by hand)."""
 REGRESSED_FROM = -1.5
 """Boxes of so much more than the threshold, as a front or a back, are moved onto the panel and classified again, log
-odds: on three drives that brought 5 of 1,400 others above the threshold of fronts, one of them a face."""
+odds: of 1,422 fronts accepted on three drives 6 had less before, and one of these was a face."""
 LARGEST_OFFSET = 1.5
 """Box regression moves sides no farther, by the size of the box (chosen by hand)."""
 
