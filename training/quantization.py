@@ -94,16 +94,19 @@ def _quantize(
 LEVELS = 255
 """Steps of a colour of an image from none to full: the networks see 0 to 1."""
 
-CHANNELS, KERNEL, FIRST_STRIDE, TOGETHER = 3, 3, 2, 2
-"""Colours of an image; columns and stride of the kernel of a first layer that is rewritten, and columns of the output
-that it makes at once then."""
+CHANNELS, KERNEL, FIRST_STRIDE = 3, 3, 2
+"""Colours of an image; columns and stride of the kernel of a first layer that is rewritten."""
+
+JOINED, SEEN, TOGETHER = 4, 3, 4
+"""Columns of the image that are one then; how many of these the kernel sees, and how many columns of the output it
+makes of them."""
 
 SINGLE = {
     "kernel_shape": [KERNEL, KERNEL],
     "strides": [FIRST_STRIDE, FIRST_STRIDE],
     "pads": [1, 1, 1, 1],
 }
-PAIRED = {"kernel_shape": [KERNEL, 2], "strides": [FIRST_STRIDE, 1], "pads": [1, 1, 0, 0]}
+WIDENED = {"kernel_shape": [KERNEL, SEEN], "strides": [FIRST_STRIDE, 2], "pads": [1, 1, 0, 0]}
 """Attributes of such a layer, before and after."""
 
 DIGIT = 128
@@ -154,11 +157,13 @@ class _Graph:
             self._stored[name] = self.graph.initializer[-1]
         return name
 
-    def insert(self, before: Any, kind: str, inputs: Sequence[str], **attributes: Any) -> str:
-        """Put a node before another one; returns its output."""
+    def insert(
+        self, before: Any, kind: str, inputs: Sequence[str], output: str = "", **attributes: Any
+    ) -> str:
+        """Put a node before another one; returns its output, which is named after the first input by default."""
         from onnx import helper
 
-        output = f"{inputs[0]}/{kind}"
+        output = output or f"{inputs[0]}/{kind}"
         node = helper.make_node(kind, list(inputs), [output], **attributes)
         self.graph.node.insert(list(self.graph.node).index(before), node)
         return output
@@ -185,7 +190,7 @@ def rewrite(graph: Any) -> None:
     """Apply every rewrite of this module, in place, where the graph has what it is for."""
     tensors = _Graph(graph)
     _join_levels(tensors)
-    _pair_columns(tensors)
+    _widen_first_layer(tensors)
     _split_last_layer(tensors)
     tensors.remove_unused()
     del graph.value_info[:]  # shapes of tensors that are there no more
@@ -207,30 +212,24 @@ def _join_levels(graph: _Graph) -> None:
             graph.remove(graph.before(divided, at=1), levels, divided, cast)
 
 
-def paired_kernel(kernel: NDArray[Any]) -> NDArray[Any]:
-    """The kernel (2 n, 12, 3, 2) that makes of four columns in one two columns of what (n, 3, 3, 3) makes, stride 2."""
-    filters, seen = len(kernel), TOGETHER * FIRST_STRIDE
-    wide = np.zeros((TOGETHER, filters, seen, CHANNELS, KERNEL, 2), kernel.dtype)
+def widened_kernel(kernel: NDArray[Any]) -> NDArray[Any]:
+    """The kernel (4 n, 12, 3, 3) that makes, of four columns in one, four columns of what (n, 3, 3, 3) makes."""
+    filters = len(kernel)
+    wide = np.zeros((TOGETHER, filters, JOINED, CHANNELS, KERNEL, SEEN), kernel.dtype)
     for column in range(TOGETHER):
         for k in range(KERNEL):
-            wide[column, :, *_place(column, k)] = kernel[:, :, :, k]
-    return wide.reshape(TOGETHER * filters, seen * CHANNELS, KERNEL, 2)
+            # the kernel begins a column left of those that are joined
+            group, at = divmod(JOINED + FIRST_STRIDE * column + k - 1, JOINED)
+            wide[column, :, at, :, :, group] = kernel[:, :, :, k]
+    return wide.reshape(TOGETHER * filters, JOINED * CHANNELS, KERNEL, SEEN)
 
 
-def _place(column: int, k: int) -> tuple[int, slice, slice, int]:
-    """Where a column of a kernel goes for a column of the output: column of four, colours, rows, which four."""
-    seen = TOGETHER * FIRST_STRIDE
-    # the kernel begins a column left of those that are joined
-    group, at = divmod(seen + FIRST_STRIDE * column + k - 1, seen)
-    return at, slice(None), slice(None), group
+def _widen_first_layer(graph: _Graph) -> None:
+    """Let a first layer of 3 x 3 samples and stride 2 make four columns of its output at once (space to depth).
 
-
-def _pair_columns(graph: _Graph) -> None:
-    """Let a first layer of 3 x 3 samples and stride 2 make two columns of its output at once (space to depth).
-
-    Four columns of three colours are one of twelve channels, so that half as many and wider products are summed, some
-    of them with weights of 0. Where numbers lie in memory stays as it is. The width of an image has to be a multiple of
-    four from then on.
+    Four columns of three colours are one of twelve channels, so that fewer and wider products are summed, some of them
+    with weights of 0. Where numbers lie in memory stays as it is. The width of an image has to be a multiple of eight
+    from then on.
     """
     from onnx import helper
 
@@ -248,19 +247,17 @@ def _pair_columns(graph: _Graph) -> None:
         inputs = []
         for name in node.input:
             values = graph.array(name)
-            wide = paired_kernel(values) if values.ndim > 1 else np.tile(values, TOGETHER)
-            inputs.append(graph.store(f"{name}/paired", wide))
+            wide = widened_kernel(values) if values.ndim > 1 else np.tile(values, TOGETHER)
+            inputs.append(graph.store(f"{name}/wide", wide))
         layer.input[at] = graph.insert(layer, node.op_type, inputs, axis=0)
-    for one in [one for one in layer.attribute if one.name in PAIRED]:
+    for one in [one for one in layer.attribute if one.name in WIDENED]:
         layer.attribute.remove(one)
-    layer.attribute.extend(helper.make_attribute(*one) for one in PAIRED.items())
+    layer.attribute.extend(helper.make_attribute(*one) for one in WIDENED.items())
     users = graph.after(rounded)
     apart = _with_channels(rounded.output[0], len(kernel), users[0], graph)
     for user in users:
         user.input[0] = apart
-    image.input[0] = _with_channels(
-        image.input[0], TOGETHER * FIRST_STRIDE * CHANNELS, image, graph
-    )
+    image.input[0] = _with_channels(image.input[0], JOINED * CHANNELS, image, graph)
 
 
 def _rounding_after(layer: Any, graph: _Graph) -> Any:
@@ -309,16 +306,11 @@ def _split_last_layer(graph: _Graph) -> None:
     }
     for name, values in stored.items():
         graph.store(name, values)
-    nhwc = graph.insert(layer, "Transpose", [seen.input[0]], perm=TO_NHWC)
-    summed = graph.insert(layer, "MatMulInteger", [nhwc, "digits"])
+    features = graph.insert(layer, "Transpose", [seen.input[0]], FEATURES, perm=TO_NHWC)
+    summed = graph.insert(layer, "MatMulInteger", [features, "digits"])
     number = graph.insert(layer, "Cast", [summed], to=TensorProto.FLOAT)
     joined = graph.insert(layer, "MatMul", [number, "sums"])
-    graph.graph.node.extend(
-        [
-            helper.make_node("Transpose", [joined], [HEAT], perm=TO_NCHW),
-            helper.make_node("Identity", [nhwc], [FEATURES]),
-        ]
-    )
+    graph.insert(layer, "Transpose", [joined], HEAT, perm=TO_NCHW)
     graph.remove(*filter(None, (layer, cast, seen)))
     del graph.graph.output[:]
     shapes = {

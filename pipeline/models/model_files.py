@@ -119,7 +119,7 @@ class Models:
         said = {}
         for name, model in self._named().items():
             if isinstance(model, OnnxFile):
-                metadata = onnx_metadata(Path(model.path).read_bytes())
+                metadata = onnx_metadata(model.path)
                 said[name] = "; ".join(text for key, text in metadata.items() if key != CLASSES)
             else:
                 said[name] = model.provenance
@@ -140,10 +140,10 @@ def learned_from(log: str, provenances: Mapping[str, str]) -> tuple[str, ...]:
     return tuple(name for name, text in provenances.items() if source.search(text))
 
 
-def onnx_metadata(content: bytes) -> dict[str, str]:
-    """Metadata of a network by the content of its ONNX file; none where it is not one."""
+def onnx_metadata(file: str | bytes) -> dict[str, str]:
+    """Metadata of a network by its ONNX file or the content of it; none where it is not one."""
     try:
-        return dict(OnnxNetwork(content).metadata)
+        return dict(OnnxNetwork(file).metadata)
     except ValueError:
         return {}
 

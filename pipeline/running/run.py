@@ -53,6 +53,7 @@ from wayside.schemas.frame import (
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
 from wayside.stages.calibration import LensCheck
+from wayside.stages.classifiers import providers
 from wayside.stages.mapping import WINDOW_STEP
 
 
@@ -379,6 +380,7 @@ def _write_run(result: RunResult, asked: RunRequest, part: Path) -> None:
             "system": platform.platform(),
             "python": platform.python_version(),
             "cores": os.cpu_count(),
+            "networks": providers(),
         },
     }
     try:

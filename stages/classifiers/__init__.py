@@ -9,7 +9,7 @@ from wayside.stages.classifiers.decisions import (
     nearest_class,
     require_gaussian_model,
 )
-from wayside.stages.classifiers.onnx_network import NetworkInput, OnnxNetwork
+from wayside.stages.classifiers.onnx_network import NetworkInput, OnnxNetwork, providers
 
 __all__ = [
     "NetworkInput",
@@ -20,5 +20,6 @@ __all__ = [
     "log_density",
     "most_powerful",
     "nearest_class",
+    "providers",
     "require_gaussian_model",
 ]

@@ -1,14 +1,17 @@
 """The box network that ships, on boxes of drawn faces and of textured ground."""
 
 from functools import cache
+from unittest.mock import MagicMock
 
 import cv2
 import numpy as np
+import onnxruntime
 import pytest
 
 from wayside.pipeline.models.model_files import shipped_models
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.models import ScoreModel
+from wayside.stages.classifiers import OnnxNetwork
 from wayside.stages.detection import BoxClassifier, BoxNetwork
 from wayside.stages.detection.box_network import TOGETHER
 from wayside.stages.geometry import iou_matrix
@@ -120,3 +123,14 @@ def test_a_file_that_is_no_network_of_boxes_is_refused(tmp_path):
     for path in (shipped_models() / "network.onnx", broken, tmp_path / "missing.onnx"):
         with pytest.raises(ValueError, match=r"."):
             BoxNetwork(str(path))
+
+
+def test_a_network_is_opened_once_on_the_best_that_onnxruntime_has(monkeypatch, tmp_path):
+    path, opened = tmp_path / "box.onnx", MagicMock()
+    path.write_bytes(b"a network")
+    here = [f"{name}ExecutionProvider" for name in ("Azure", "CPU", "CUDA")]
+    monkeypatch.setattr(onnxruntime, "get_available_providers", lambda: here)
+    monkeypatch.setattr(onnxruntime, "InferenceSession", opened)
+    for _ in range(2):
+        OnnxNetwork(str(path))
+    assert [call.kwargs["providers"] for call in opened.call_args_list] == [[here[2], here[1]]]
