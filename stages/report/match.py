@@ -97,9 +97,9 @@ def _describe(
     found: NDArray[np.float32],
 ) -> None:
     """Gradients (n, cells, cells, angles) of the patches of some rows: points (n, 2), steps (n, 2) between samples."""
-    cells, samples = weights.shape
+    cells, samples = _CELLS, _SAMPLES
     patch = np.empty((samples + 2, samples + 2), np.float32)
-    across = np.empty((cells, directions.shape[0]), np.float32)
+    across, along = np.empty((cells, _ANGLES), np.float32), np.empty(_ANGLES, np.float32)
     for i in rows:
         _sample(image, middle[i, 0], middle[i, 1], step[i, 0], step[i, 1], patch)
         for a in range(samples):
@@ -107,15 +107,17 @@ def _describe(
             for b in range(samples):
                 right = patch[a + 1, b + 2] - patch[a + 1, b]
                 down = patch[a + 2, b + 1] - patch[a, b + 1]
+                for k in range(_ANGLES):
+                    turned = right * directions[k, 0] + down * directions[k, 1]
+                    along[k] = max(turned, np.float32(0))
                 for c in range(cells):
                     if weights[c, b] > 0:
-                        for k in range(directions.shape[0]):
-                            along = right * directions[k, 0] + down * directions[k, 1]
-                            across[c, k] += weights[c, b] * max(along, np.float32(0))
+                        for k in range(_ANGLES):
+                            across[c, k] += weights[c, b] * along[k]
             for r in range(cells):
                 if weights[r, a] > 0:
                     for c in range(cells):
-                        for k in range(directions.shape[0]):
+                        for k in range(_ANGLES):
                             found[i, r, c, k] += weights[r, a] * across[c, k]
 
 
@@ -130,17 +132,20 @@ def _sample(
 ) -> None:
     """Bilinear samples around a point; beyond the image its edge goes on."""
     height, width = image.shape
-    size = patch.shape[0]
+    size = _SAMPLES + 2
     for a in range(size):
         v = min(max(y + (a - (size - 1) / 2) * down, 0.0), height - 1.0)
-        top = min(int(v), height - 2)
+        top = min(np.int64(v), height - 2)
+        t = np.float32(v - top)
         for b in range(size):
             u = min(max(x + (b - (size - 1) / 2) * right, 0.0), width - 1.0)
-            left = min(int(u), width - 2)
-            s, t = np.float32(u - left), np.float32(v - top)
-            above = image[top, left] * (1 - s) + image[top, left + 1] * s
-            below = image[top + 1, left] * (1 - s) + image[top + 1, left + 1] * s
-            patch[a, b] = above * (1 - t) + below * t
+            left = min(np.int64(u), width - 2)
+            s = np.float32(u - left)
+            one, two = np.float32(image[top, left]), np.float32(image[top, left + 1])
+            above = one + s * (two - one)
+            one, two = np.float32(image[top + 1, left]), np.float32(image[top + 1, left + 1])
+            below = one + s * (two - one)
+            patch[a, b] = above + t * (below - above)
 
 
 SIFT_VIEWS = 2
