@@ -322,9 +322,10 @@ def _match(
             gap[j] = abs(lines[i, 0] * x + lines[i, 1] * y + lines[i, 2])
         best = FARTHEST**2
         for j in range(m):
+            if gap[j] > allowed[j]:
+                continue
             wider, taller = other_size[j, 0] / size[i, 0], other_size[j, 1] / size[i, 1]
-            grown = GROWTH[0] < min(wider, taller) and max(wider, taller) < GROWTH[1]
-            if not (gap[j] < allowed[j] and grown):
+            if min(wider, taller) < GROWTH[0] or max(wider, taller) > GROWTH[1]:
                 continue
             square = _squared_distance(described[i], other_described[j])
             if square < best:
