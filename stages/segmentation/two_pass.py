@@ -112,8 +112,8 @@ def _segment_rows(
     breaks = optimal_breaks(
         difference_histogram(sample.pixels, centers), settings.difference_clusters
     )
-    # the lower half is noise around the colours of pass one: one class instead of a million regions
-    breaks[: settings.difference_clusters // 2] = 0
+    # the lower half is noise around the colours of pass one, a million regions: one class, which leaves half
+    breaks[: settings.difference_clusters // 2 + 1] = 0
     labels = label_both_passes(band, centers, classes_of_values(breaks, DIFFERENCES))
     table, count = _regions_of(labels, band, rows[0], gate)
     return Segmentation(
