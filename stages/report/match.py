@@ -32,7 +32,7 @@ AROUND = 1.5
 """Sides of what is described, in sides of the region's box: the face and the edge around it."""
 LARGEST_ENTRY = 0.2
 """No entry of a normalised descriptor is larger (Lowe 2004)."""
-_LEVELS, _CELLS, _SAMPLES, _ANGLES = 4, 4, 16, 8
+_LEVELS, _CELLS, _SAMPLES, _ANGLES, _STRIDE = 4, 4, 16, 8, 12
 _turn = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
 _DIRECTIONS = np.stack([np.cos(_turn), np.sin(_turn)], axis=1).astype(np.float32)
 _middles = (np.arange(_SAMPLES) + 0.5) * (_CELLS / _SAMPLES) - 0.5
@@ -327,7 +327,11 @@ def _match(
             wider, taller = other_size[j, 0] / size[i, 0], other_size[j, 1] / size[i, 1]
             if min(wider, taller) < GROWTH[0] or max(wider, taller) > GROWTH[1]:
                 continue
-            square = _squared_distance(described[i], other_described[j])
+            square, start = np.float32(0), described.shape[1]
+            while start > 0 and square < FARTHEST**2:  # share and colour first
+                start -= _STRIDE
+                for k in range(start, start + _STRIDE):
+                    square += (described[i, k] - other_described[j, k]) ** 2
             if square < best:
                 best, nearest[i] = square, j
             if square < least[j]:
@@ -335,15 +339,3 @@ def _match(
     for i in range(n):
         if nearest[i] >= 0 and back[nearest[i]] != i:
             nearest[i] = -1
-
-
-@compiled
-def _squared_distance(first: NDArray[np.float32], second: NDArray[np.float32]) -> float:
-    """Distance of two descriptors; a part of it where that is too large for a match."""
-    total = np.float32(0)
-    for start in range(first.size - 12, -1, -12):  # share and colour first
-        for k in range(start, start + 12):
-            total += (first[k] - second[k]) ** 2
-        if total > FARTHEST**2:
-            break
-    return total
