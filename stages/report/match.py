@@ -74,7 +74,7 @@ def describe_regions(grey: NDArray[np.uint8], regions: Regions) -> NDArray[np.fl
         rows = np.flatnonzero(level == k)
         if k > 0:
             half = [max(n // 2, 1) for n in image.shape[::-1]]
-            image = cv2.resize(image, half, interpolation=cv2.INTER_AREA)
+            image = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint8)
         at = (middle + 0.5) / 2**k - 0.5
         _describe(image, rows, at, step / 2**k, _DIRECTIONS, _WEIGHTS, cells)
     found = cells.reshape(len(regions), _CELLS * _CELLS * _ANGLES)
@@ -333,7 +333,7 @@ def _match(
                 for k in range(start, start + _STRIDE):
                     square += (described[i, k] - other_described[j, k]) ** 2
             if square < best:
-                best, nearest[i] = square, j
+                best, nearest[i] = float(square), j
             if square < least[j]:
                 least[j], back[j] = square, i
     for i in range(n):
