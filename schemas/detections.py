@@ -296,18 +296,18 @@ class Segmentation:
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """Key points of one image: n corners for the motion, m SIFT points of the signs."""
+    """Key points of one image: n corners for the motion, m described regions (presets of the report)."""
 
     corners: NDArray[np.float32]
     """Corners that may become tie points, (n, 2), distorted pixels, sorted by row."""
     descriptors: NDArray[np.uint8]
     """Binary descriptors of the corners, (n, 32)."""
     sign_points: NDArray[np.float32]
-    """SIFT points, (m, 2), distorted pixels."""
+    """Centres of the regions, (m, 2), distorted pixels."""
     sign_descriptors: NDArray[np.float32]
-    """Their descriptors, (m, 128)."""
+    """Their descriptors, (m, 132): SIFT, share of the box, and colour."""
     sign_rows: NDArray[np.int32]
-    """Row of the candidate that each SIFT point belongs to, (m,)."""
+    """Rows of the candidates that they are, (m,), ascending."""
 
     @staticmethod
     def empty() -> Features:
@@ -316,7 +316,7 @@ class Features:
             np.zeros((0, 2), np.float32),
             np.zeros((0, 32), np.uint8),
             np.zeros((0, 2), np.float32),
-            np.zeros((0, 128), np.float32),
+            np.zeros((0, 132), np.float32),
             np.zeros(0, np.int32),
         )
 

@@ -134,4 +134,4 @@ class TrackedFrame:
     measurements: tuple[Measurement, ...] = field(default=(), repr=False)
     """What the measurements of those landmarks rest on."""
     matches: NDArray[np.float32] | None = field(default=None, repr=False)
-    """SIFT points of the previous used frame and of this one, (k, 4): u, v, u, v, recorded pixels. None: no SIFT."""
+    """Matched regions of the previous used frame and of this one, (k, 4): u, v, u, v, pixels. None: no SIFT."""

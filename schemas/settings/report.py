@@ -1,4 +1,4 @@
-"""Settings of what only the report's chain has: its gates, and the SIFT points of candidates (chapters 4 and 5)."""
+"""Settings of what only the report's chain has: its gates (chapters 4 and 5)."""
 
 from __future__ import annotations
 

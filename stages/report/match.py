@@ -1,4 +1,4 @@
-"""The report's matching: SIFT points on the candidates, the midpoint of two rays (chapters 5 and 7)."""
+"""The report's matching: a SIFT descriptor of each region, the midpoint of two rays (chapters 5 and 7)."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import Detections, Features
+from wayside.schemas.detections import Detections, Features, Regions, box_centers
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
+from wayside.stages.geometry import cross_matrices
+from wayside.stages.kernels import Array, compiled
 from wayside.stages.mapping import (
     GAP_SHARE,
     LandmarkFit,
@@ -26,56 +28,138 @@ from wayside.stages.mapping import (
 )
 from wayside.stages.report.trajectory import trajectory_of
 
-MARGIN_PX = 3
-"""Points so far outside the box of a candidate belong to it: a face's own corners lie on its border."""
+AROUND = 1.5
+"""Sides of what is described, in sides of the region's box: the face and the edge around it."""
+LARGEST_ENTRY = 0.2
+"""No entry of a normalised descriptor is larger (Lowe 2004)."""
+_LEVELS, _CELLS, _SAMPLES, _ANGLES, _STRIDE = 4, 4, 16, 8, 12
+_turn = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
+_DIRECTIONS = np.stack([np.cos(_turn), np.sin(_turn)], axis=1).astype(np.float32)
+_middles = (np.arange(_SAMPLES) + 0.5) * (_CELLS / _SAMPLES) - 0.5
+_WEIGHTS = np.maximum(0, 1 - abs(_middles - np.arange(_CELLS)[:, None])).astype(np.float32)
 
 
 def extract_sift(images: Iterator[Detections]) -> Iterator[Detections]:
-    """Find SIFT points on the open candidates of each image; other key points stay as they are.
+    """Describe the open candidates of each image; other key points stay as they are.
 
-    Each point belongs to one candidate only, the smallest whose box contains it. Regions of both passes overlap the
-    same face, and a point listed twice would fail the ratio test against itself.
+    The regions themselves are the key points. SIFT's own detector would cost fifty times as much, and most of its
+    points lie off the candidates or on their edges.
     """
-    sift, none = cv2.SIFT.create(), Features.empty()
     for item in images:
-        if item.image.grey is None:
-            yield item
-            continue
-        rows = item.candidates.open_rows()
-        found, described = sift.detectAndCompute(item.image.grey, None) if len(rows) else ((), None)
-        points, descriptors, owner = none.sign_points, none.sign_descriptors, none.sign_rows
-        if described is not None:
-            points = np.asarray(cv2.KeyPoint.convert(found), np.float32).reshape(-1, 2)
-            number = _smallest_around(points, item.candidates.regions.box[rows])
-            kept = number >= 0
-            points, descriptors = points[kept], np.asarray(described, np.float32)[kept]
-            owner = rows[number[kept]].astype(np.int32)
-        features = replace(
-            item.features, sign_points=points, sign_descriptors=descriptors, sign_rows=owner
+        grey, candidates = item.image.grey, item.candidates
+        if grey is not None:
+            rows = candidates.open_rows()
+            features = replace(
+                item.features,
+                sign_points=candidates.center[rows].astype(np.float32),
+                sign_descriptors=describe_regions(grey, candidates.regions.select(rows)),
+                sign_rows=rows.astype(np.int32),
+            )
+            item = replace(item, features=features)
+        yield item
+
+
+def describe_regions(grey: NDArray[np.uint8], regions: Regions) -> NDArray[np.float32]:
+    """Descriptor (n, 132) of each region: SIFT, the share of its box that it fills, and its mean colour, 0 to 1.
+
+    SIFT of an upright patch as large as the box and its surroundings (Lowe 2004; of regions, Mikolajczyk et al. 2005):
+    4 x 4 cells of gradients in 8 directions. Patches are taken from a level of a pyramid at about its resolution.
+    """
+    side = regions.box[:, 2:] - regions.box[:, :2]
+    middle, step = box_centers(regions.box), side * (AROUND / _SAMPLES)
+    level = np.clip(np.log2(step).mean(axis=1).astype(np.int64), 0, _LEVELS - 1)
+    cells = np.zeros((len(regions), _CELLS, _CELLS, _ANGLES), np.float32)
+    image = grey
+    for k in range(_LEVELS):
+        rows = np.flatnonzero(level == k)
+        if k > 0:
+            half = [max(n // 2, 1) for n in image.shape[::-1]]
+            image = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint8)
+        at = (middle + 0.5) / 2**k - 0.5
+        _describe(image, rows, at, step / 2**k, _DIRECTIONS, _WEIGHTS, cells)
+    found = cells.reshape(len(regions), _CELLS * _CELLS * _ANGLES)
+    for most in (LARGEST_ENTRY, np.inf):
+        found = np.minimum(
+            found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-6), most
         )
-        yield replace(item, features=features)
+    filled = regions.area_px / side.prod(axis=1)
+    return np.column_stack([found, filled, regions.rgb / 255]).astype(np.float32)
 
 
-def _smallest_around(points: NDArray[np.float32], box: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Number (m,) of the smallest box (n, 4) that contains each point with a margin, the first of equals; -1: none."""
-    low, high = box[:, :2] - MARGIN_PX, box[:, 2:] - 1 + MARGIN_PX
-    owner = np.full(len(points), -1)
-    # the largest box first: smaller ones overwrite it
-    for k in np.argsort((box[:, 2:] - box[:, :2]).prod(axis=1), kind="stable")[::-1]:
-        owner[((points >= low[k]) & (points <= high[k])).all(axis=1)] = k
-    return owner
+@compiled
+def _describe(
+    image: NDArray[np.uint8],
+    rows: NDArray[np.int64],
+    middle: Array,
+    step: Array,
+    directions: NDArray[np.float32],
+    weights: NDArray[np.float32],
+    found: NDArray[np.float32],
+) -> None:
+    """Gradients (n, cells, cells, angles) of the patches of some rows: points (n, 2), steps (n, 2) between samples."""
+    cells, samples = _CELLS, _SAMPLES
+    patch = np.empty((samples + 2, samples + 2), np.float32)
+    across, along = np.empty((cells, _ANGLES), np.float32), np.empty(_ANGLES, np.float32)
+    for i in rows:
+        _sample(image, middle[i, 0], middle[i, 1], step[i, 0], step[i, 1], patch)
+        for a in range(samples):
+            across[:] = 0
+            for b in range(samples):
+                right = patch[a + 1, b + 2] - patch[a + 1, b]
+                down = patch[a + 2, b + 1] - patch[a, b + 1]
+                for k in range(_ANGLES):
+                    turned = right * directions[k, 0] + down * directions[k, 1]
+                    along[k] = max(turned, np.float32(0))
+                for c in range(cells):
+                    if weights[c, b] > 0:
+                        for k in range(_ANGLES):
+                            across[c, k] += weights[c, b] * along[k]
+            for r in range(cells):
+                if weights[r, a] > 0:
+                    for c in range(cells):
+                        for k in range(_ANGLES):
+                            found[i, r, c, k] += weights[r, a] * across[c, k]
+
+
+@compiled
+def _sample(
+    image: NDArray[np.uint8],
+    x: float,
+    y: float,
+    right: float,
+    down: float,
+    patch: NDArray[np.float32],
+) -> None:
+    """Bilinear samples around a point; beyond the image its edge goes on."""
+    height, width = image.shape
+    size = _SAMPLES + 2
+    for a in range(size):
+        v = min(max(y + (a - (size - 1) / 2) * down, 0.0), height - 1.0)
+        top = min(np.int64(v), height - 2)
+        t = np.float32(v - top)
+        for b in range(size):
+            u = min(max(x + (b - (size - 1) / 2) * right, 0.0), width - 1.0)
+            left = min(np.int64(u), width - 2)
+            s = np.float32(u - left)
+            one, two = np.float32(image[top, left]), np.float32(image[top, left + 1])
+            above = one + s * (two - one)
+            one, two = np.float32(image[top + 1, left]), np.float32(image[top + 1, left + 1])
+            below = one + s * (two - one)
+            patch[a, b] = above + t * (below - above)
 
 
 SIFT_VIEWS = 2
 """Nearest views that place a chain of descriptors, as in report chapter 7."""
-RATIO = 0.8
-"""Largest distance to the nearest descriptor over that to the second nearest (Lowe 2004)."""
+FARTHEST = 0.39
+"""Descriptors at a larger distance do not match."""
+GROWTH = (0.9, 2.0)
+"""Of the sides of a region from image to image: what stands does not shrink, and doubles 16 m away in a step of 8 m."""
 
 
 def match_by_descriptors(
     posed: Iterator[PosedDetections], settings: TrackSettings
 ) -> Iterator[TrackedFrame]:
-    """Chain candidates from frame to frame by their key points; the midpoint of the two nearest rays is its landmark.
+    """Chain candidates from frame to frame by their descriptors; the midpoint of the two nearest rays is its landmark.
 
     The confidence of a landmark and its facing are not known: score and facing are nan. Frames come out in order, each
     once, when no open chain holds them, at most `track.longest` used frames late; candidates that a chain had before
@@ -108,19 +192,16 @@ class _Matcher:
         going: dict[int, _Chain] = {}
         if self._features is not None:
             before, previous = self._window[-1], self._features
-            pairs = match_points(previous.sign_descriptors, features.sign_descriptors, RATIO)
-            ends = previous.sign_points[pairs[:, 0]], features.sign_points[pairs[:, 1]]
-            frame.matches = np.concatenate(ends, axis=1)
-            local_before, local_now = _faces(before), _faces(frame)
-            for a, b in vote_regions(pairs, previous.sign_rows, features.sign_rows):
-                old, new = local_before.get(int(a)), local_now.get(int(b))
-                if old is None or new is None:
-                    continue
+            a, b = match_regions((before, previous), (frame, features), self._settings.gap_px)
+            frame.matches = np.concatenate([previous.sign_points[a], features.sign_points[b]], 1)
+            olds, news = _followed(before, previous)[a], _followed(frame, features)[b]
+            before.followed["paired"][olds, 1] = frame.followed["paired"][news, 0] = True
+            for old, new in zip(olds.tolist(), news.tolist(), strict=True):
                 chain = self._chains.pop(old, ((before, old),))
-                before.followed["paired"][old, 1] = frame.followed["paired"][new, 0] = True
                 going[new] = (*chain, (frame, new))[-self._settings.longest :]
         ended = list(self._chains.values())
         self._window.append(frame)
+        frame.posed = _without_pixels(frame.posed)
         self._path.append(frame.motion)
         self._end(ended)
         self._chains, self._features = going, features
@@ -154,15 +235,8 @@ class _Matcher:
                 self._add_landmark(fit)
 
     def _add_landmark(self, fit: LandmarkFit) -> None:
-        """Measure a landmark and give it to its frames; `residual` where eq. 7.5 says that its rays do not meet.
-
-        e is the sum of the squared distances, in pixels, of the point's projections to the views.
-        """
+        """Measure a landmark and give it to its frames."""
         window = self._window
-        tall_px = fit.metric[1] / fit.depth.min() * window[fit.frames[-1]].focal
-        allowed_px = self._settings.gap_px + GAP_SHARE * tall_px
-        e = float((fit.residual_px[fit.used] ** 2).sum())
-        verdict = "sign" if e < fit.used.sum() * allowed_px**2 else "residual"
         landmark = build_landmark(
             fit,
             window,
@@ -170,7 +244,7 @@ class _Matcher:
             self._path.offset(fit.point),
             track_id=self._next_id,
             score=np.nan,
-            verdict=verdict,
+            verdict="sign",
         )
         views = fit.views_in(window)
         rays = np.array([held.followed["ray"][row] for held, row in views])
@@ -186,45 +260,82 @@ class _Matcher:
         self._next_id += 1
 
 
-def _faces(frame: WindowFrame) -> dict[int, int]:
-    """Number among the followed ones of each row that is followed as a face."""
-    return {int(one["candidate"]): i for i, one in enumerate(frame.followed) if not one["back"]}
+def _without_pixels(posed: PosedDetections) -> PosedDetections:
+    """The frame, of which the window keeps the candidates only."""
+    found = posed.detections
+    image = replace(found.image, rgb=None, grey=None, levels=None)
+    segmentation = replace(found.segmentation, image=image)
+    return replace(posed, detections=replace(found, segmentation=segmentation))
 
 
-def match_points(
-    first: NDArray[np.float32], second: NDArray[np.float32], ratio: float
-) -> NDArray[np.int64]:
-    """Pairs (k, 2) of descriptors, (n, d) and (m, d), that are each other's nearest and pass Lowe's ratio test."""
-    if len(first) < 1 or len(second) < 2:
-        return np.zeros((0, 2), np.int64)
-    squares = (first**2).sum(axis=1)[:, None] + (second**2).sum(axis=1)[None]
-    distance = np.maximum(squares - 2 * first @ second.T, 0)
-    nearest = distance.argmin(axis=1)
-    rows = np.arange(len(first))
-    least = distance[rows, nearest]
-    back = distance.argmin(axis=0)
-    distance[rows, nearest] = np.inf
-    clear = least < ratio**2 * distance.min(axis=1)
-    good = clear & (back[nearest] == rows)
-    return np.stack([rows[good], nearest[good]], axis=1)
+def _followed(frame: WindowFrame, features: Features) -> NDArray[np.int64]:
+    """Number among the followed ones of each region that has a descriptor."""
+    return np.searchsorted(frame.followed["candidate"], features.sign_rows)
 
 
-def vote_regions(
-    pairs: NDArray[np.int64], first_region: NDArray[np.int32], second_region: NDArray[np.int32]
-) -> NDArray[np.int64]:
-    """Pairs of regions (k, 2) for which most of both regions' matched points vote, by second region ascending.
+def match_regions(
+    first: tuple[WindowFrame, Features], second: tuple[WindowFrame, Features], gap_px: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Regions (k,) of one image and of the next that are each other's nearest.
 
-    `pairs` (n, 2): matched points; the others: region of each point of either image.
+    Only regions on each other's epipolar lines that grow as what stands does are compared. Lowe's ratio test would
+    compare with other regions of the same thing; the distance itself decides.
     """
-    if len(pairs) == 0:
-        return np.zeros((0, 2), np.int64)
-    a, b = first_region[pairs[:, 0]], second_region[pairs[:, 1]]
-    voted, votes = np.unique(np.stack([a, b], axis=1), axis=0, return_counts=True)
-    chosen = []
-    for region in np.unique(voted[:, 1]):
-        mine = np.flatnonzero(voted[:, 1] == region)
-        best = mine[np.argmax(votes[mine])]
-        rival = np.flatnonzero(voted[:, 0] == voted[best, 0])
-        if rival[np.argmax(votes[rival])] == best:
-            chosen.append(voted[best])
-    return np.array(chosen, np.int64).reshape(-1, 2)
+    (before, own), (frame, other) = first, second
+    one, two = (f.followed[_followed(f, x)] for f, x in (first, second))
+    start, end = before.motion.pose, frame.motion.pose
+    moved = end.rotation.T @ (start.centre - end.centre)
+    essential = cross_matrices(moved) @ end.rotation.T @ start.rotation
+    lines = np.column_stack([one["ray"], np.ones(len(one))]) @ essential.T
+    lines /= np.linalg.norm(lines[:, :2], axis=1, keepdims=True)
+    nearest = np.full(len(one), -1)
+    _match(
+        lines,
+        np.ascontiguousarray(one["size"]),
+        own.sign_descriptors,
+        np.ascontiguousarray(two["ray"]),
+        np.ascontiguousarray(two["size"]),
+        other.sign_descriptors,
+        gap_px / frame.focal + GAP_SHARE * two["size"][:, 1],
+        nearest,
+    )
+    matched = np.flatnonzero(nearest >= 0)
+    return matched, nearest[matched]
+
+
+@compiled
+def _match(
+    lines: Array,
+    size: Array,
+    described: NDArray[np.float32],
+    other_ray: Array,
+    other_size: Array,
+    other_described: NDArray[np.float32],
+    allowed: Array,
+    nearest: NDArray[np.int64],
+) -> None:
+    n, m = lines.shape[0], other_ray.shape[0]
+    gap, least, back = np.empty(m), np.full(m, np.inf), np.full(m, -1)
+    for i in range(n):
+        for j in range(m):
+            x, y = other_ray[j, 0], other_ray[j, 1]
+            gap[j] = abs(lines[i, 0] * x + lines[i, 1] * y + lines[i, 2])
+        best = FARTHEST**2
+        for j in range(m):
+            if gap[j] > allowed[j]:
+                continue
+            wider, taller = other_size[j, 0] / size[i, 0], other_size[j, 1] / size[i, 1]
+            if min(wider, taller) < GROWTH[0] or max(wider, taller) > GROWTH[1]:
+                continue
+            square, start = np.float32(0), described.shape[1]
+            while start > 0 and square < FARTHEST**2:  # share and colour first
+                start -= _STRIDE
+                for k in range(start, start + _STRIDE):
+                    square += (described[i, k] - other_described[j, k]) ** 2
+            if square < best:
+                best, nearest[i] = float(square), j
+            if square < least[j]:
+                least[j], back[j] = square, i
+    for i in range(n):
+        if nearest[i] >= 0 and back[nearest[i]] != i:
+            nearest[i] = -1

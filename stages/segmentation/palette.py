@@ -33,6 +33,7 @@ LLOYD_STEPS = 20
 SETTLED = 0.5
 """Colour levels: Lloyd steps end when no centre moves further; centres are rounded to whole levels."""
 _ROUNDED = np.arange(DIFFERENCES, dtype=np.uint16)
+_BINS = 64**3
 _CHUNK = 1024
 _WORD = 2**64 - 1
 
@@ -62,10 +63,12 @@ def sample_colors(rgb: NDArray[np.uint8], at_least: int) -> ColorBins:
     step = max(1, min(isqrt(height * width // at_least), height, width))
     pixels = np.ascontiguousarray(rgb[step // 2 :: step, step // 2 :: step].reshape(-1, 3))
     code = (pixels.astype(np.int32) >> 2) @ (1 << 12, 1 << 6, 1)
-    _, first, number = np.unique(code, return_index=True, return_inverse=True)
-    met = np.empty(len(first), np.int64)  # bins in the order in which the sample meets them
-    met[np.argsort(first)] = np.arange(len(first))
-    number = met[number]
+    first = np.full(_BINS, len(code))
+    np.minimum.at(first, code, np.arange(len(code)))
+    met = np.flatnonzero(first < len(code))
+    number = np.empty(_BINS, np.int64)  # bins in the order in which the sample meets them
+    number[met[np.argsort(first[met])]] = np.arange(len(met))
+    number = number[code]
     weight = np.bincount(number).astype(np.float32)
     sums = np.stack([np.bincount(number, channel) for channel in pixels.T])
     return ColorBins(pixels, (sums * (np.float32(1) / weight)).astype(np.float32), weight)
@@ -168,17 +171,17 @@ def _spread_start(sample: ColorBins, clusters: int, seed: int) -> Floats:
     state = (seed * 2 + 1) * 0x9E3779B97F4A7C15 & _WORD
     for j in range(clusters):
         total = np.cumsum(cost)
-        trials = []
+        targets = []
         for _ in range(TRIALS if j else 1):
             state ^= state << 13 & _WORD
             state ^= state >> 7
             state ^= state << 17 & _WORD
-            target = (state >> 11) / 2**53 * float(total[-1])
-            drawn = min(int(np.searchsorted(total, np.float64(target))), len(weight) - 1)
-            red, green, blue = (mean - mean[:, drawn, None]) ** 2
-            left = np.minimum(red + green + blue, squared)
-            trials.append((float((weight * left).sum(dtype=np.float64)), drawn, left))
-        _, drawn, squared = min(trials, key=lambda one: one[0])
+            targets.append((state >> 11) / 2**53 * float(total[-1]))
+        tried = np.minimum(np.searchsorted(total, targets), len(weight) - 1)
+        red, green, blue = (mean[:, None] - mean[:, tried, None]) ** 2
+        left = np.minimum(red + green + blue, squared)
+        best = int(np.argmin((weight * left).sum(axis=1, dtype=np.float64)))
+        drawn, squared = tried[best], left[best]
         centers[j], cost = mean[:, drawn], weight * squared
     return centers
 

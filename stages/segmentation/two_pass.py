@@ -112,6 +112,8 @@ def _segment_rows(
     breaks = optimal_breaks(
         difference_histogram(sample.pixels, centers), settings.difference_clusters
     )
+    # the lower half is noise around the colours of pass one, a million regions: one class, which leaves half
+    breaks[: settings.difference_clusters // 2 + 1] = 0
     labels = label_both_passes(band, centers, classes_of_values(breaks, DIFFERENCES))
     table, count = _regions_of(labels, band, rows[0], gate)
     return Segmentation(
@@ -166,6 +168,8 @@ def optimal_breaks(histogram: NDArray[Any], classes: int) -> NDArray[np.int64]:
         raise ValueError(f"classes: {classes} is outside 1 to the number of values, {counts.shape}")
     if not np.all(counts >= 0):
         raise ValueError("histogram: a count is negative or nan")
+    counts = np.trim_zeros(counts, "b")
+    counts = np.pad(counts, (0, max(0, classes - counts.size)))  # what never occurs costs nothing
     values = np.arange(counts.size)
     weight, first, second = (
         np.append(0.0, np.cumsum(counts * part)) for part in (1, values, values**2)
@@ -201,15 +205,16 @@ def connected_regions(
     require_array(rgb, "rgb", np.uint8, (height, width, 3))
     if labels.size == 0:
         return Regions.empty(), 0
-    number, areas = np.empty(labels.size, np.int32), np.empty(labels.size, np.int32)
-    total = _number_regions(labels, number, areas)
-    area = areas[:total]
+    end, parent, area = np.empty((3, labels.size), np.int32)
+    first = np.empty(height + 1, np.int32)
+    total = _join_runs(labels, first, end, parent, area)
+    area = area[: first[-1]]
     kept = np.flatnonzero((area >= gate.smallest_px) & (area <= gate.largest_px))
-    row = np.full(total, -1, np.int32)
+    row = np.full(len(area), -1, np.int32)
     row[kept] = np.arange(len(kept))
     box = np.tile(np.array([width, height, 0, 0], np.int32), (len(kept), 1))
     sums = np.zeros((len(kept), 3), np.int64)
-    _measure(number, row, rgb, box, sums)
+    _measure(first, end, parent, row, rgb, box, sums)
     return Regions(
         box.astype(np.float32),
         area[kept],
@@ -219,56 +224,79 @@ def connected_regions(
 
 
 @compiled
-def _number_regions(
-    labels: NDArray[np.uint8], number: NDArray[np.int32], area: NDArray[np.int32]
+def _join_runs(
+    labels: NDArray[np.uint8],
+    first: NDArray[np.int32],
+    end: NDArray[np.int32],
+    parent: NDArray[np.int32],
+    area: NDArray[np.int32],
 ) -> int:
-    """Number (n,) of the region of each pixel, in reading order of their first pixels, and areas; how many there are.
+    """Number of regions, and the runs of equal label of all rows, in reading order.
 
-    Union-find: the root of a region is its first pixel.
+    Fills the first run of each row (height + 1,), and of each run its end, the first run of its region (`parent`), and
+    the pixels of the region that it is the first run of, else 0. Union-find: a root is the smallest run. The loops that
+    find runs and pairs of them have no branch, which would be mispredicted in noise.
     """
     height, width = labels.shape
-    parent = np.empty(labels.size, np.int32)
+    label = np.empty(labels.size, np.uint8)
+    above, below = np.empty((2, 2 * width), np.int32)
+    n = 0
     for y in range(height):
-        for x in range(width):
-            i, label = y * width + x, labels[y, x]
-            beside = x > 0 and labels[y, x - 1] == label
-            parent[i] = parent[i - 1] if beside else i
-            if y == 0 or labels[y - 1, x] != label or (beside and labels[y - 1, x - 1] == label):
-                continue  # none above, or joined already
-            above, own = _root(parent, i - width), _root(parent, i)
-            parent[max(above, own)] = parent[i] = min(above, own)
-    total = np.int32(0)
-    for i in range(labels.size):
-        if parent[i] == i:
-            number[i] = total
-            area[total] = 0
-            total += 1
-        else:
-            number[i] = number[parent[i]]
-        area[number[i]] += 1
-    return int(total)
+        first[y], before = n, labels[y, 0]
+        for x in range(1, width):
+            end[n], label[n] = x, before
+            n += labels[y, x] != before
+            before = labels[y, x]
+        end[n], label[n] = width, before
+        n += 1
+        for i in range(first[y], n):
+            parent[i], area[i] = i, 0
+        i, j, pairs = first[max(y - 1, 0)], first[y], 0
+        while y > 0 and j < n:
+            above[pairs], below[pairs] = i, j
+            pairs += label[i] == label[j]
+            upper, lower = end[i], end[j]
+            i += upper <= lower
+            j += lower <= upper
+        for k in range(pairs):
+            i, j = _root(parent, above[k]), below[k]
+            if parent[j] != j:  # joined already
+                j = _root(parent, j)
+            parent[max(i, j)] = min(i, j)
+    first[height] = n
+    total = 0
+    for y in range(height):
+        start = 0
+        for i in range(first[y], first[y + 1]):
+            parent[i] = parent[parent[i]]
+            total += parent[i] == i
+            area[parent[i]] += end[i] - start
+            start = end[i]
+    return total
 
 
 @compiled
 def _measure(
-    number: NDArray[np.int32],
+    first: NDArray[np.int32],
+    end: NDArray[np.int32],
+    parent: NDArray[np.int32],
     row: NDArray[np.int32],
     rgb: NDArray[np.uint8],
     box: NDArray[np.int32],
     sums: NDArray[np.int64],
 ) -> None:
-    """Boxes (k, 4) and sums of colours (k, 3) of the regions that have a row."""
-    i = 0
+    """Boxes (k, 4) and sums of colours (k, 3) of the regions whose first run has a row."""
     for y in range(rgb.shape[0]):
-        for x in range(rgb.shape[1]):
-            k = row[number[i]]
-            i += 1
+        for i in range(first[y], first[y + 1]):
+            k = row[parent[i]]
             if k < 0:
                 continue
-            box[k, 0], box[k, 1] = min(box[k, 0], x), min(box[k, 1], y)
-            box[k, 2], box[k, 3] = max(box[k, 2], x + 1), y + 1
-            for c in range(3):
-                sums[k, c] += rgb[y, x, c]
+            start = end[i - 1] if i > first[y] else 0
+            box[k, 0], box[k, 1] = min(box[k, 0], start), min(box[k, 1], y)
+            box[k, 2], box[k, 3] = max(box[k, 2], end[i]), y + 1
+            for x in range(start, end[i]):
+                for c in range(3):
+                    sums[k, c] += rgb[y, x, c]
 
 
 @compiled

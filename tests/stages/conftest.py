@@ -82,15 +82,15 @@ def moved_frame(index, panels, *, used=True, step=0):
     frame = Frame(
         index, index * 10**9, None, USED if used else THINNED, "jpeg", b"", CAMERA, 1600, 1200
     )
-    # A descriptor for each panel: the same key points in every frame.
-    codes = np.random.default_rng(5).random((len(panels), 6, 128)).astype(np.float32)
+    # A descriptor for each panel: the same in every frame.
+    codes = np.random.default_rng(5).random((len(panels), 132)).astype(np.float32)
     which = [panels.index(p) for p, _ in seen]
     features = Features(
         np.zeros((0, 2), np.float32),
         np.zeros((0, 32), np.uint8),
-        np.zeros((6 * n, 2), np.float32),
-        codes[which].reshape(-1, 128),
-        np.repeat(np.arange(n), 6).astype(np.int32),
+        np.zeros((n, 2), np.float32),
+        codes[which].reshape(-1, 132),
+        np.arange(n, dtype=np.int32),
     )
     segmentation = replace(unsegmented(Image(frame, None, None)), region_count=n, rows=(0, 1200))
     detections = Detections(segmentation, table, features)

@@ -1,4 +1,4 @@
-"""SIFT points on candidates, matched from frame to frame, and the midpoint of two rays."""
+"""Descriptors of candidates, matched from frame to frame, and the midpoint of two rays."""
 
 from dataclasses import replace
 
@@ -10,76 +10,61 @@ from wayside.schemas.detections import Features
 from wayside.schemas.frame import THINNED
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.report.match import (
+    FARTHEST,
+    describe_regions,
     extract_sift,
     match_by_descriptors,
-    match_points,
-    vote_regions,
 )
 
-from ..made_frames import landmarks_of, verdicts_of, with_candidates
+from ..made_frames import landmarks_of, made_regions, verdicts_of, with_candidates
 
 
 def with_sift(item):
     (found,) = extract_sift(iter([item]))
-    return found
+    return found.features
 
 
-def test_sift_is_found_inside_the_open_candidates_only(texture, detections_of):
-    boxes = [(100, 100, 160, 160), (300, 200, 360, 260)]
-    found = with_sift(detections_of(texture(), boxes, ["open", "color"]))
-    features = found.features
-    assert len(features.sign_points) > 3
-    assert features.sign_descriptors.shape == (len(features.sign_points), 128)
-    assert (features.sign_rows == 0).all()
-    assert np.abs(features.sign_points - 130).max() < 30 + 16
+def test_the_open_candidates_are_described_and_no_other(texture, detections_of):
+    boxes = [(300, 200, 360, 260), (100, 100, 160, 180)]
+    features = with_sift(detections_of(texture(), boxes, ["color", "open"]))
+    assert features.sign_rows.tolist() == [1]
+    assert features.sign_points.tolist() == [[129.5, 139.5]]
+    assert features.sign_descriptors.shape == (1, 132)
 
 
-def test_a_point_belongs_to_the_smallest_candidate_around_it_and_to_no_other(
-    texture, detections_of
-):
-    boxes = [(100, 100, 200, 200), (120, 120, 180, 180)]
-    features = with_sift(detections_of(texture(), boxes, ["open", "open"])).features
-    # SIFT gives a place with two main directions twice, with different descriptors
-    told_apart = np.hstack([features.sign_points, features.sign_descriptors])
-    assert len(np.unique(told_apart, axis=0)) == len(features.sign_points)
-    inner = ((features.sign_points > 120) & (features.sign_points < 179)).all(axis=1)
-    assert (features.sign_rows[inner] == 1).all()
-    assert (features.sign_rows == 0).any()
+def test_an_image_without_pixels_passes_without_descriptors(detections_of):
+    assert len(with_sift(detections_of(None, status=THINNED)).sign_points) == 0
 
 
-def test_an_image_without_pixels_passes_without_points(detections_of):
-    found = with_sift(detections_of(None, status=THINNED))
-    assert len(found.features.sign_points) == 0
+def apart(grey, box, other_grey, other_box, rgb=(9, 9, 9), area_px=90):
+    """Distance of the descriptors of two regions."""
+    first = describe_regions(grey, made_regions([box]))
+    second = describe_regions(other_grey, made_regions([other_box], rgb, area_px))
+    return float(np.linalg.norm(first - second))
 
 
-def test_matches_are_those_of_a_brute_force_matcher_with_ratio_test():
-    rng = np.random.default_rng(3)
-    first = rng.random((60, 128)).astype(np.float32)
-    second = np.concatenate([first[20:] + rng.normal(0, 0.05, (40, 128)), rng.random((30, 128))])
-    second = second.astype(np.float32)
-    matcher = cv2.BFMatcher(cv2.NORM_L2)
-    forward = matcher.knnMatch(first, second, k=2)
-    back = {m.queryIdx: m.trainIdx for m in matcher.match(second, first)}
-    wanted = [
-        (a.queryIdx, a.trainIdx)
-        for a, b in forward
-        if a.distance < 0.8 * b.distance and back[a.trainIdx] == a.queryIdx
-    ]
-    assert [tuple(pair) for pair in match_points(first, second, 0.8)] == wanted
-    assert len(wanted) == 40
+@pytest.mark.parametrize("scale", [0.5, 0.75, 1.5])
+@pytest.mark.parametrize("box", [(200, 150, 240, 180), (60, 60, 260, 300), (4, 8, 22, 40)])
+def test_a_region_is_described_alike_at_another_distance_and_brightness(texture, scale, box):
+    grey = texture()
+    other = cv2.resize(grey // 2 + 60, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    area = round(90 * scale**2)
+    assert apart(grey, box, other, np.multiply(box, scale), area_px=area) < FARTHEST
 
 
-def test_too_few_descriptors_match_nothing():
-    none, one = np.zeros((0, 128), np.float32), np.ones((1, 128), np.float32)
-    assert match_points(none, one, 0.8).shape == (0, 2)
-    assert match_points(one, one, 0.8).shape == (0, 2)
+def test_another_texture_shape_or_colour_is_described_otherwise(texture):
+    grey, box = texture(), (200, 150, 240, 180)
+    assert apart(grey, box, grey, (230, 150, 270, 180)) > FARTHEST
+    assert apart(grey, box, grey, box, area_px=900) > FARTHEST
+    assert apart(grey, box, grey, box, rgb=(200, 30, 30)) > FARTHEST
 
 
-def test_the_majority_of_points_decides_on_regions():
-    pairs = np.array([[0, 0], [1, 1], [2, 2], [3, 3]])
-    first = np.array([7, 7, 8, 7], np.int32)
-    second = np.array([1, 1, 1, 2], np.int32)
-    assert vote_regions(pairs, first, second).tolist() == [[7, 1]]
+def test_the_gradients_of_an_edge_stand_in_the_cells_and_the_direction_of_the_edge():
+    grey = np.zeros((100, 100), np.uint8)
+    grey[:, 50:] = 200  # brighter to the right
+    found = describe_regions(grey, made_regions([(40, 40, 60, 60)]))[0, :128].reshape(4, 4, 8)
+    assert found.argmax(axis=2)[:, 1:3].tolist() == [[0, 0]] * 4
+    assert found[:, 1:3, 3:6].max() == 0
 
 
 REPORT = TrackSettings(fewest_views=2)
@@ -89,7 +74,7 @@ def run(frames):
     return list(match_by_descriptors(iter(frames), REPORT))
 
 
-def test_a_panel_is_chained_by_its_key_points_and_placed_by_two_views(panel, drive):
+def test_a_panel_is_chained_by_its_descriptors_and_placed_by_two_views(panel, drive):
     (place,) = landmarks_of(run(drive([panel(3.5, 1.2, 90.0)], 14)))
     np.testing.assert_allclose(
         place.best_pose.to_world(place.position), [3.5, -1.2, 90.0], atol=0.02
@@ -128,7 +113,7 @@ def test_a_chain_ends_where_the_next_frame_does_not_show_it(panel, drive):
     assert len(landmarks_of(tracked)) == 2
 
 
-def test_without_key_points_nothing_is_matched(panel, drive):
+def test_without_descriptors_nothing_is_matched(panel, drive):
     frames = [
         replace(f, detections=replace(f.detections, features=Features.empty()))
         for f in drive([panel(3.5, 1.2, 90.0)], 14)
@@ -138,9 +123,25 @@ def test_without_key_points_nothing_is_matched(panel, drive):
     assert set(verdicts_of(tracked)) == {"unmatched"}
 
 
-def test_what_does_not_fit_one_point_is_refused_by_its_residual(panel, drive):
-    # A panel that hops up and down has key points that match, but rays that pass each other.
-    low, high = panel(3.5, 1.2, 60.0), panel(3.5, 2.2, 60.0)
+def test_what_leaves_its_epipolar_line_is_not_matched(panel, drive):
+    low, high = panel(3.5, 1.2, 60.0), panel(3.5, 2.2, 60.0)  # hops up and down
     even, odd = drive([low], 7), drive([high], 7)
-    mixed = [(even if i % 2 else odd)[i] for i in range(7)]
-    assert {place.verdict for place in landmarks_of(run(mixed))} == {"residual"}
+    tracked = run([(even if i % 2 else odd)[i] for i in range(7)])
+    assert landmarks_of(tracked) == []
+
+
+def test_what_shrinks_while_the_camera_comes_nearer_is_not_matched(panel, drive):
+    wide, narrow = drive([panel(3.5, 1.2, 60.0)], 2), drive([panel(3.5, 1.2, 60.0, wide=0.5)], 2)
+    assert landmarks_of(run([wide[0], narrow[1]])) == []
+    assert len(landmarks_of(run([narrow[0], narrow[1]]))) == 1
+
+
+def test_of_two_that_fit_the_more_alike_is_matched(panel, drive):
+    frames = drive([panel(3.5, 1.2, 60.0), panel(3.5, 1.2, 60.0)], 2)
+    codes = np.tile(frames[0].detections.features.sign_descriptors[0], (2, 1))
+    codes[1, 0] += FARTHEST / 2
+    for i, frame in enumerate(frames):
+        features = replace(frame.detections.features, sign_descriptors=codes[:: 1 - 2 * i].copy())
+        frames[i] = replace(frame, detections=replace(frame.detections, features=features))
+    places = landmarks_of(run(frames))
+    assert [[view.row for view in place.views] for place in places] == [[0, 1], [1, 0]]
