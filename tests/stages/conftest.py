@@ -91,6 +91,7 @@ def moved_frame(index, panels, *, used=True, step=0):
         np.zeros((6 * n, 2), np.float32),
         codes[which].reshape(-1, 128),
         np.repeat(np.arange(n), 6).astype(np.int32),
+        np.zeros((0, 2)),
     )
     segmentation = replace(unsegmented(Image(frame, None, None)), region_count=n, rows=(0, 1200))
     detections = Detections(segmentation, table, features)
