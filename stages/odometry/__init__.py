@@ -16,6 +16,7 @@ from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.relative_pose import (
     RelativePose,
     TiedPair,
+    common_motion,
     fit_coarse_motion,
 )
 from wayside.stages.odometry.tie_points import KeypointImage, PairMotion, RegisteredTies
@@ -42,6 +43,7 @@ __all__ = [
     "TiedPair",
     "VisualOdometry",
     "agreement",
+    "common_motion",
     "estimate_motion",
     "extract_features",
     "fit_coarse_motion",

@@ -52,10 +52,10 @@ ROUNDS = 3
 """Rounds of registration at most."""
 SAMPLES, SAMPLED = 400, 4
 """Random samples, and matches in each: where two of five matches are right, ten samples are."""
-POSE_SLACK_PX = 12.0
-"""Half width of the search band where poses give the rotation, px."""
+SLACK_PX = 12.0
+"""Half width of the bands that corners are matched in by a rotation that is about known."""
 TURN_SLACK = 0.2
-"""The same without poses, in focal lengths: the tangent of 11 degrees that a vehicle turns between two images."""
+"""The same by no rotation, in focal lengths: the tangent of 11 degrees that a vehicle turns between two images."""
 COARSE_CORNERS = 600
 """Corners of each image that are matched in so wide a band: the best of all cells."""
 
@@ -159,25 +159,27 @@ def fit_relative_pose(
 def find_coarse_motion(
     before: KeypointImage, now: KeypointImage, prior: StepPrior
 ) -> tuple[EpipolarFit | None, int]:
-    """Rotation and direction from matched corners, and the number of inliers; None with too few matches."""
-    known = isfinite(prior.sigma_rotation)
-    slack_px = POSE_SLACK_PX if known else TURN_SLACK * now.focal_px
+    """Rotation and direction from matched corners, and the number of inliers; None with too few matches.
+
+    Without poses, the vehicle may have turned: the best corners are matched in wide bands, and tell where to search.
+    """
     pair = PairMotion(before, now, prior.rotation, prior.direction)
-    pairs = pair.matches(slack_px, COARSE_BITS, COARSE_RATIO, None if known else COARSE_CORNERS)
+    if not isfinite(prior.sigma_rotation):
+        wide = pair.matches(TURN_SLACK * now.focal_px, COARSE_BITS, COARSE_RATIO, COARSE_CORNERS)
+        if len(wide) < FEWEST_COARSE:
+            return None, 0
+        pair = replace(pair, **common_motion(*pair.rays(wide), prior, now.focal_px)._asdict())
+    pairs = pair.matches(SLACK_PX, COARSE_BITS, COARSE_RATIO)
     if len(pairs) < FEWEST_COARSE:
         return None, 0
-    previous = rays_of_ideal(before.camera, before.ideal[pairs[:, 0]])
-    current = rays_of_ideal(now.camera, now.ideal[pairs[:, 1]])
-    return fit_coarse_motion(previous, current, prior, now.focal_px)
+    start = EpipolarFit(pair.rotation, pair.direction)
+    return fit_coarse_motion(*pair.rays(pairs), prior, start, now.focal_px)
 
 
 def fit_coarse_motion(
-    previous: Array, current: Array, prior: StepPrior, focal_px: float
+    previous: Array, current: Array, prior: StepPrior, start: EpipolarFit, focal_px: float
 ) -> tuple[EpipolarFit, int]:
     """Rotation and direction from matched rays (n, 2), to about a pixel, and the number of inliers."""
-    start = EpipolarFit(prior.rotation, prior.direction)
-    if not isfinite(prior.sigma_rotation):
-        start = common_motion(previous, current, prior, focal_px)
     fit = fit_epipolar(
         previous,
         current,

@@ -128,6 +128,13 @@ class PairMotion:
         by_u, by_v = along_u - place, along_v - place
         return place, np.column_stack([by_u[:, 0], by_v[:, 0], by_v[:, 1]])
 
+    def rays(self, rows: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Rays (n, 2) of matched corners (n, 2) in both images."""
+        return (
+            rays_of_ideal(self.before.camera, self.before.ideal[rows[:, 0]]),
+            rays_of_ideal(self.now.camera, self.now.ideal[rows[:, 1]]),
+        )
+
     def matches(
         self, slack_px: float, bits: int, ratio: float, most: int | None = None
     ) -> NDArray[np.int64]:
