@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import Detections
 from wayside.schemas.frame import Camera
-from wayside.stages.geometry import distort_points, ideal_of_rays, ideal_points, rays_of_ideal
+from wayside.schemas.motion import StepPrior
+from wayside.stages.geometry import (
+    distort_points,
+    halfway_direction,
+    ideal_of_rays,
+    ideal_points,
+    rays_of_ideal,
+)
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.descriptor_matching import match_in_bands
 from wayside.stages.odometry.features import rank_in_cells
@@ -127,6 +134,14 @@ class PairMotion:
         place, along_u, along_v = seen.reshape(3, -1, 2)
         by_u, by_v = along_u - place, along_v - place
         return place, np.column_stack([by_u[:, 0], by_v[:, 0], by_v[:, 1]])
+
+    def off_sigmas(self, prior: StepPrior) -> float:
+        """How far the direction is off the one that is expected, in standard deviations."""
+        ahead = prior.direction
+        if prior.halfway:
+            ahead = halfway_direction(self.rotation, ahead)
+        slopes = self.direction[:2] / self.direction[2] - ahead[:2] / ahead[2]
+        return float(np.abs(slopes / prior.sigma_direction).max())
 
     def rays(self, rows: NDArray[np.int64]) -> tuple[Array, Array]:
         """Rays (n, 2) of matched corners (n, 2) in both images."""

@@ -19,6 +19,7 @@ from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import halfway_direction, pair_residual, points_of_second
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.motion_prior import (
+    DOUBT_SIGMAS,
     MotionPrior,
     PoseNoise,
     predict_alone,
@@ -113,8 +114,15 @@ def estimate_motion(
     """
     odometry = VisualOdometry(settings)
     for pair in pairs:
-        motion = odometry.advance(pair.frame, pair.tied) if pair.frame.used else None
-        yield PosedDetections(pair.detections, motion)
+        if not pair.frame.used:
+            yield PosedDetections(pair.detections, None)
+            continue
+        tied, expected = pair.tied, odometry.expected(pair.frame)
+        if tied and expected and tied.motion.off_sigmas(expected.prior) > DOUBT_SIGMAS:
+            # Vehicles ahead can pull a pair off the direction that other steps have shown.
+            motion = tied.motion
+            tied = tie_pair(motion.before, motion.now, expected.prior, settings.smallest_ties)
+        yield PosedDetections(pair.detections, odometry.advance(pair.frame, tied))
 
 
 def shows_no_motion(
@@ -167,19 +175,24 @@ class VisualOdometry:
     mount: Mount = field(default_factory=Mount)
     noise: PoseNoise = field(default_factory=PoseNoise)
 
+    def expected(self, frame: Frame) -> MotionPrior | None:
+        """What is expected of the step to a frame; None for the first one."""
+        if self.frame is None:
+            return None
+        return predict_motion(
+            self.noise.of(self.frame),
+            self.noise.of(frame),
+            self.mount.travel,
+            self.rotation,
+            self.speed_mps,
+            self.settings,
+            self.length.length_in_spacings,
+        )
+
     def advance(self, frame: Frame, tied: TiedPair | None) -> Motion:
         """Motion from the last image to this one, by their ties; without any the expected one."""
-        given, motion = self.noise.of(frame), _START
-        if self.frame is not None and self.motion is not None:
-            expected = predict_motion(
-                self.noise.of(self.frame),
-                given,
-                self.mount.travel,
-                self.rotation,
-                self.speed_mps,
-                self.settings,
-                self.length.length_in_spacings,
-            )
+        given, motion, expected = self.noise.of(frame), _START, self.expected(frame)
+        if self.frame is not None and self.motion is not None and expected is not None:
             step, fewest = None, self.settings.smallest_ties
             if tied is not None:
                 ground = self.mount.ground(expected.prior.length_m)
