@@ -308,7 +308,7 @@ class Features:
     """Their descriptors, (m, 128)."""
     sign_rows: NDArray[np.int32]
     """Row of the candidate that each SIFT point belongs to, (m,)."""
-    ideal: NDArray[np.float64]
+    ideal_corners: NDArray[np.float64]
     """The corners without lens distortion, (n, 2)."""
 
     @staticmethod

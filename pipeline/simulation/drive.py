@@ -280,7 +280,7 @@ class SimulatedDrive:
         gross = rng.random(len(rows)) < self.survey.outliers
         current[gross] += rng.normal(0, GROSS_TIE_PX, (int(gross.sum()), 2))
         rays = rays_of_ideal(before.camera, previous), rays_of_ideal(now.camera, current)
-        start = common_motion(*rays, prior, now.focal_px)
+        start = common_motion(*rays, prior, now.focal_px, GROSS_TIE_PX)
         coarse, _ = fit_coarse_motion(*rays, prior, start, now.focal_px)
         points = self.points[shared]
         growth = self.depth(int(first), points) / self.depth(int(second), points)

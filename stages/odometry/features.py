@@ -45,7 +45,7 @@ def extract_features(
             features = replace(features, corners=corners, descriptors=descriptors)
         if camera is not None:
             candidates = replace(candidates, ideal=ideal_points(camera, candidates.center))
-            features = replace(features, ideal=ideal_points(camera, features.corners))
+            features = replace(features, ideal_corners=ideal_points(camera, features.corners))
         segmentation = replace(item.segmentation, labels=None)
         yield Detections(segmentation, candidates, features)
 

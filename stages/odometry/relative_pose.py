@@ -46,17 +46,19 @@ FINE_FIRST_SCALE_PX = 0.6
 """Cauchy scale of the first fine fit."""
 INLIER_PX = 0.4
 """Sampson distance of an inlier of a fine fit."""
-SETTLED_DEG = 0.1
+SETTLED_DEG = 0.2
 """Ties are registered again while the direction changes more."""
 ROUNDS = 3
 """Rounds of registration at most."""
 SAMPLES, SAMPLED = 400, 4
 """Random samples, and matches in each: where two of five matches are right, ten samples are."""
+INLIER_RATIO = 0.75
+"""With a smaller share of inliers, a fit is made from the consensus of the ties as well."""
 SLACK_PX = 12.0
 """Half width of the bands that corners are matched in by a rotation that is about known."""
 TURN_SLACK = 0.2
 """The same by no rotation, in focal lengths: the tangent of 11 degrees that a vehicle turns between two images."""
-COARSE_CORNERS = 600
+COARSE_CORNERS = 1000
 """Corners of each image that are matched in so wide a band: the best of all cells."""
 
 
@@ -111,6 +113,8 @@ def tie_pair(
         tied = register_ties(pair, tied)
         start = pair.rotation, pair.direction
         pose = fit_relative_pose(before, now, tied, start, prior)
+        if pose.inliers < INLIER_RATIO * len(pose.inlier):
+            pose = max(pose, fit_to_most(pose, pair, prior), key=lambda one: one.inliers)
         pair = replace(pair, rotation=pose.rotation, direction=pose.direction)
         if np.abs(pose.direction - start[1]).max() < radians(SETTLED_DEG):
             break
@@ -156,6 +160,13 @@ def fit_relative_pose(
     return RelativePose(rotation, direction, tied, previous, current, inlier)
 
 
+def fit_to_most(pose: RelativePose, pair: PairMotion, prior: StepPrior) -> RelativePose:
+    """The fit from what most ties agree with: a vehicle ahead that keeps our pace makes a curve look straight."""
+    focal_px = pair.now.focal_px
+    start = common_motion(pose.previous, pose.current, prior, focal_px, 2 * INLIER_PX)
+    return fit_relative_pose(pair.before, pair.now, pose.tied, start, prior)
+
+
 def find_coarse_motion(
     before: KeypointImage, now: KeypointImage, prior: StepPrior
 ) -> tuple[EpipolarFit | None, int]:
@@ -168,7 +179,10 @@ def find_coarse_motion(
         wide = pair.matches(TURN_SLACK * now.focal_px, COARSE_BITS, COARSE_RATIO, COARSE_CORNERS)
         if len(wide) < FEWEST_COARSE:
             return None, 0
-        pair = replace(pair, **common_motion(*pair.rays(wide), prior, now.focal_px)._asdict())
+        rays = pair.rays(wide)
+        pair = replace(
+            pair, **common_motion(*rays, prior, now.focal_px, COARSE_INLIER_PX)._asdict()
+        )
     pairs = pair.matches(SLACK_PX, COARSE_BITS, COARSE_RATIO)
     if len(pairs) < FEWEST_COARSE:
         return None, 0
@@ -195,12 +209,12 @@ def fit_coarse_motion(
 
 
 def common_motion(
-    previous: Array, current: Array, prior: StepPrior, focal_px: float
+    previous: Array, current: Array, prior: StepPrior, focal_px: float, within_px: float
 ) -> EpipolarFit:
-    """Rotation and direction that most pairs of rays (n, 2) agree with, among random samples of them.
+    """Rotation and direction that most pairs of rays (n, 2) agree with to within some px, of random samples of them.
 
-    The consensus of Fischler and Bolles (1981). For a small rotation w and change u of the direction d, which turns
-    half with w, the epipolar constraint of rays p and q is linear:
+    Consensus by the truncated squares of all pairs (Torr and Zisserman 2000). For a small rotation w and change u of
+    the direction d, which turns half with w, the epipolar constraint of rays p and q is linear:
     (p x d) . q + w . (q x (p x d) + d x (q x p) / 2) + u . (q x p) = 0.
     """
     ones, ahead = np.ones((len(previous), 1)), prior.direction
@@ -215,8 +229,8 @@ def common_motion(
     some, loose = slopes[rows], np.diag([0.0, 0.0, 0.0, *prior.sigma_direction**-2])
     normals = some.swapaxes(1, 2) @ some + loose + 1e-6 * np.eye(5)
     found = np.linalg.solve(normals, -(some.swapaxes(1, 2) @ still[rows][..., None]))[..., 0]
-    agree = (np.abs(found @ slopes.T + still) < COARSE_INLIER_PX).sum(axis=1)
-    best = found[agree.argmax()]
+    off = (found @ slopes.T + still) / within_px
+    best = found[np.minimum(off * off, 1.0).sum(axis=1).argmin()]
     rotation = rotation_from_vector(best[:3])
     moved = halfway_direction(rotation, ahead + np.append(best[3:], 0.0))
     return EpipolarFit(rotation, moved / np.linalg.norm(moved))

@@ -79,7 +79,9 @@ class KeypointImage:
         camera, grey, features = detections.frame.camera, detections.image.grey, detections.features
         if camera is None or grey is None:
             return None
-        return KeypointImage(camera, grey, features.corners, features.descriptors, features.ideal)
+        return KeypointImage(
+            camera, grey, features.corners, features.descriptors, features.ideal_corners
+        )
 
     @staticmethod
     def of_corners(
