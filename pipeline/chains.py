@@ -8,7 +8,7 @@ presets has one of these gates. Preset `default` keeps the order, with networks 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,12 +28,14 @@ from wayside.stages.georeference import (
 )
 from wayside.stages.imaging import decode
 from wayside.stages.mapping import assemble, classify_location, track
-from wayside.stages.odometry import estimate_motion, extract_features
+from wayside.stages.odometry import estimate_motion, extract_features, pair_images, tie_images
 from wayside.stages.panel import PanelMethod
 from wayside.stages.report import classify_trajectory, extract_sift, match_by_descriptors
 from wayside.stages.sign_codes import FaceClassifier, assign_codes, classify_faces
 
 Stages = list[Stage[Any, Any]]
+Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+"""As the builtin `map`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +44,12 @@ class Chain:
 
     per_image: Stages
     """From frames to detections: what one image needs for itself, side by side in the workers."""
+    pairing: Stages
+    """From detections to pairs of images, in the order of the frames: little work."""
+    per_pair: Stages
+    """What a pair of images needs for itself, side by side in the workers."""
     per_frame: Stages
-    """From detections to tracked frames, in the order of the frames."""
+    """From pairs to tracked frames, in the order of the frames."""
     path: Stage[Any, DrivePath]
     """After the last frame: from the points of the path to the path of the whole drive."""
     signs: Callable[[DrivePath], Stages]
@@ -56,14 +62,18 @@ class Chain:
     """Filled by `per_frame`, read by `lens`."""
 
 
-def chain_of(settings: Settings, models: Models, routes: RouteFile | None = None) -> Chain:
-    """The chain of the preset that the settings are of."""
-    build = report_chain if settings.report.on else default_chain
-    return build(settings, models, routes)
+def chain_of(
+    settings: Settings, models: Models, routes: RouteFile | None = None, each: Each = map
+) -> Chain:
+    """The chain of the preset that the settings are of; `each` does independent work of a stage, as `map`."""
+    if settings.report.on:
+        return report_chain(settings, models, routes)
+    return default_chain(settings, models, routes, each)
 
 
-def default_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
+def default_chain(s: Settings, m: Models, routes: RouteFile | None, each: Each = map) -> Chain:
     """Preset `default`: boxes of networks or of another detector, tracks by predicted position, all evidence."""
+    del each  # for `track`
     record, watch, detector = DriveRecord(), CalibrationWatch(), detector_of(s, m)
     faces = FaceClassifier(m.face_network.path) if m.face_network else None
     return Chain(
@@ -72,6 +82,8 @@ def default_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
             *detector.stages,
             stage("features", extract_features, s.features),
         ],
+        pairing=[stage("pairs", pair_images, s.motion).unseen()],
+        per_pair=[stage("ties", tie_images, s.motion).unseen()],
         per_frame=_those(
             stage("motion", estimate_motion, s.motion),
             stage("calibration", watch_calibration, watch).unseen(),
@@ -107,6 +119,8 @@ def report_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
             stage("sift", extract_sift),
             stage("features", extract_features, s.features),
         ],
+        pairing=[stage("pairs", pair_images, s.motion).unseen()],
+        per_pair=[stage("ties", tie_images, s.motion).unseen()],
         per_frame=_those(
             stage("motion", estimate_motion, s.motion),
             stage("calibration", watch_calibration, watch).unseen(),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -82,6 +82,18 @@ class StageClock:
             self.add(name, spent)
             self._thread.upstream += spent
 
+    def shared(self, function: Callable[[Given], Value]) -> Callable[[Given], Value]:
+        """The function, whose time in other threads counts for the stage that is at work in this one."""
+        stage, caller = self._thread.stage, threading.get_ident()
+
+        def counted(item: Given) -> Value:
+            if threading.get_ident() == caller:
+                return function(item)
+            with self.aside(stage):
+                return function(item)
+
+        return counted
+
     def seconds(self) -> dict[str, float]:
         """CPU seconds by stage so far."""
         with self._lock:
@@ -105,6 +117,7 @@ class StageClock:
         thread = self._thread
         while True:
             before, thread.upstream = thread.upstream, 0.0
+            outer, thread.stage = thread.stage, name
             start = thread_time()
             try:
                 item = next(items, None)
@@ -115,55 +128,71 @@ class StageClock:
             finally:
                 inclusive = thread_time() - start
                 self.add(name, inclusive - thread.upstream)
-                thread.upstream = before + inclusive
+                thread.upstream, thread.stage = before + inclusive, outer
             if item is None:
                 return
             yield item
 
 
 class _ThreadState(threading.local):
-    """Of one thread: time that upstream stages took of the call in progress, and the frame handed on last."""
+    """Of one thread: time that upstream stages took of the call in progress, the stage at work, the frame before."""
 
     upstream: float = 0.0
+    stage: str = ""
     frame: int | None = None
 
 
-def ordered_parallel(
-    chain: Callable[[Iterator[Source]], Iterator[Result]],
-    items: Iterator[Source],
-    *,
-    workers: int,
-    queue: int,
-    has_room: Callable[[], bool] = lambda: True,
-) -> Iterator[Result]:
-    """Send items through `chain`, each by itself, in several threads; results come in the order of the items.
+class Workers:
+    """Threads that do the work of a run; with one worker all is done in the thread that asks.
 
-    At most `workers * queue` items are under way: a slow consumer makes the reader wait; so does `has_room` where it
-    says no, though one item is always under way. The chain must give one result an item. One worker means no thread.
-
-    A fault in a worker is raised here, after the results before it. Leaving the generator early (an error downstream,
-    an interrupt) ends all workers.
-
-    Raises StageError where a chain ended without a result or an error that could be raised here.
+    Results do not depend on their number. Leaving the context ends all threads.
     """
-    if workers == 1:
-        yield from chain(items)
-        return
 
-    def work(item: Source) -> Result:
-        for result in chain(iter([item])):
-            return result
-        raise StageError("workers", None, RuntimeError("a chain has ended without a result"))
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self._pool = ThreadPoolExecutor(count, "wayside-") if count > 1 else None
 
-    under_way: deque[Future[Result]] = deque()
-    pool = ThreadPoolExecutor(workers, "wayside-")
-    try:
+    def __enter__(self) -> Workers:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Drop what waits, and wait for what is under way."""
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+
+    def ordered(
+        self,
+        chain: Callable[[Iterator[Source]], Iterator[Result]],
+        items: Iterator[Source],
+        *,
+        queue: int,
+        has_room: Callable[[], bool] = lambda: True,
+    ) -> Iterator[Result]:
+        """Send items through `chain`, each by itself; results come in the order of the items.
+
+        At most `queue` items a worker are under way: a slow consumer makes the reader wait; so does `has_room` where it
+        says no, though one item is always under way. The chain must give one result an item. A fault is raised here,
+        after the results before it.
+
+        Raises StageError where a chain ended without a result or an error that could be raised here.
+        """
+        if self._pool is None:
+            yield from chain(items)
+            return
+
+        def work(item: Source) -> Result:
+            for result in chain(iter([item])):
+                return result
+            raise StageError("workers", None, RuntimeError("a chain has ended without a result"))
+
+        under_way: deque[Future[Result]] = deque()
         while True:
-            while len(under_way) < workers * queue and (not under_way or has_room()):
+            while len(under_way) < self.count * queue and (not under_way or has_room()):
                 item = next(items, None)
                 if item is None:
                     break
-                under_way.append(pool.submit(work, item))
+                under_way.append(self._pool.submit(work, item))
             if not under_way:
                 return
             done = under_way.popleft()
@@ -172,5 +201,19 @@ def ordered_parallel(
                 # SystemExit and its like; raised here they would end the run as if all were well
                 raise StageError("workers", None, error) from error
             yield done.result()
-    finally:
-        pool.shutdown(cancel_futures=True)
+
+    def map(self, function: Callable[[Given], Value], items: Iterable[Given]) -> Iterator[Value]:
+        """As the builtin `map`, side by side with what is under way.
+
+        What no worker has begun when its turn comes is done in the thread that asks, so none waits for a busy worker.
+        """
+        if self._pool is None:
+            yield from map(function, items)
+            return
+        given = [(item, self._pool.submit(function, item)) for item in items]
+        try:
+            for item, future in given:
+                yield function(item) if future.cancel() else future.result()
+        finally:
+            for _, future in given:
+                future.cancel()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -12,7 +12,7 @@ from wayside.pipeline.files.route_file import RouteFile
 from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.running.image_memory import ImageMemory
 from wayside.pipeline.running.journal import Journal
-from wayside.pipeline.workers import Item, Stage, StageClock, ordered_parallel
+from wayside.pipeline.workers import Item, Stage, StageClock, Workers
 from wayside.schemas.detections import Detections
 from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import TrackedFrame
@@ -60,28 +60,28 @@ class Flow:
     routes: RouteFile | None = None
     memory: ImageMemory = field(default_factory=ImageMemory)
     counts: FrameCounts = field(default_factory=FrameCounts)
+    workers: Workers = field(init=False)
     chain: Chain = field(init=False)
 
     def __post_init__(self) -> None:
         """Build the chain of the preset; its networks are shared by all workers."""
-        self.chain = chain_of(self.settings, self.models, self.routes)
+        self.workers = Workers(self.settings.run.workers)
+        self.chain = chain_of(self.settings, self.models, self.routes, self._each)
 
     def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
         """Send frames all the way: every frame comes out once, in order, with the landmarks first seen in it."""
-        run = self.settings.run
         read, memory = self._shown(Stage("read", self.memory.taken), frames), self.memory
-        found = ordered_parallel(
-            self._find,
-            read,
-            workers=run.workers,
-            queue=run.queue,
-            has_room=lambda: memory.has_room,
-        )
-        if self.journal is not None:
-            found = self.clock.timed("journal", self.journal.record(found))
-        for settled in self._follow(self._counted(self.clock.timed("queue", found))):
-            self.counts.settled += 1
-            yield settled
+        queue, room = self.settings.run.queue, lambda: memory.has_room
+        with self.workers as workers:
+            found = workers.ordered(self._find, read, queue=queue, has_room=room)
+            if self.journal is not None:
+                found = self.clock.timed("journal", self.journal.record(found))
+            found = self._counted(self.clock.timed("queue", found))
+            pairs = self._through(self.chain.pairing, found)
+            tied = workers.ordered(self._tie, pairs, queue=1, has_room=room)
+            for settled in self._follow(self.clock.timed("queue", tied)):
+                self.counts.settled += 1
+                yield settled
 
     def detect(self, frames: Iterator[Frame]) -> Iterator[Detections]:
         """Do the work on one image that needs no other image; runs side by side in the workers."""
@@ -109,9 +109,16 @@ class Flow:
                 known = self.journal.replay(image)
             yield from self.detect(iter([frame])) if known is None else (known,)
 
-    def _follow(self, detections: Iterator[Detections]) -> Iterator[TrackedFrame]:
+    def _tie(self, pairs: Iterator[Any]) -> Iterator[Any]:
+        return self._through(self.chain.per_pair, pairs)
+
+    def _each(self, function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
+        """Do independent work of a stage in the workers."""
+        return self.workers.map(self.clock.shared(function), items)
+
+    def _follow(self, pairs: Iterator[Any]) -> Iterator[TrackedFrame]:
         """Do what needs the frames in order. Pixels are held until the frame is tracked, or has no motion."""
-        items: Iterator[Any] = detections
+        items = pairs
         for stage in self.chain.per_frame:
             items = self._shown(stage, items)
             if stage.name == "motion":

@@ -113,7 +113,8 @@ def _jpeg_pixels(data: NDArray[np.uint8]) -> tuple[str, NDArray[np.uint8] | None
     libjpeg fills what is missing or cannot be read with grey and warns; simplejpeg, the same decoder with the same
     pixels as OpenCV's, hands the warnings on. What no decoder notices is a damaged coefficient whose code is valid.
     """
-    if data.tobytes().count(_START_OF_SCAN) > _MOST_SCANS:
+    ends = np.flatnonzero(data[1:] == _START_OF_SCAN[1])
+    if np.count_nonzero(data[ends] == _START_OF_SCAN[0]) > _MOST_SCANS:
         return UNDECODABLE, None
     try:
         _, _, colors, _ = simplejpeg.decode_jpeg_header(data)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wayside.pipeline.running.image_memory import ImageMemory
-from wayside.pipeline.workers import ordered_parallel
+from wayside.pipeline.workers import Workers
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import DUPLICATE, USED, Frame
 
@@ -42,17 +42,17 @@ def flow(items, memory, workers, queue, window):
                     yield held.popleft()
         yield from held
 
-    found = ordered_parallel(
-        lambda source: (replace(one) for one in source),
-        counted(memory.taken(iter(items))),
-        workers=workers,
-        queue=queue,
-        has_room=lambda: memory.has_room,
-    )
-    found = memory.released(found, lambda one: not one.used)
-    for one in memory.released(tracked(found), lambda one: True):
-        under_way["now"] -= one.used
-        order.append(one.index)
+    def copied(source):
+        return (replace(one) for one in source)
+
+    with Workers(workers) as pool:
+        frames = counted(memory.taken(iter(items)))
+        found = pool.ordered(copied, frames, queue=queue, has_room=lambda: memory.has_room)
+        pairs = pool.ordered(copied, found, queue=1, has_room=lambda: memory.has_room)
+        used = memory.released(pairs, lambda one: not one.used)
+        for one in memory.released(tracked(used), lambda one: True):
+            under_way["now"] -= one.used
+            order.append(one.index)
     return order, under_way["most"]
 
 

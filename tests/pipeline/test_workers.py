@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import pytest
 
 from wayside.pipeline import workers
-from wayside.pipeline.workers import StageClock, ordered_parallel
+from wayside.pipeline.workers import StageClock, Workers
 from wayside.schemas.errors import StageError
 
 
@@ -34,9 +34,30 @@ def own_threads():
 
 @pytest.mark.parametrize("workers", [1, 2, 3, 5])
 def test_results_come_in_the_order_of_the_items_whatever_the_number_of_workers(workers):
-    results = list(ordered_parallel(uneven, iter(range(50)), workers=workers, queue=2))
+    with Workers(workers) as pool:
+        results = list(pool.ordered(uneven, iter(range(50)), queue=2))
     assert results == [n * n for n in range(50)]
     assert not own_threads()
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_map_keeps_the_order_and_does_not_wait_for_busy_workers(workers):
+    held = threading.Event()
+
+    def waits(items):
+        for item in items:
+            assert workers == 1 or held.wait(10)
+            yield item
+
+    with Workers(workers) as pool:
+        results = pool.ordered(waits, iter(range(4)), queue=2)
+        taken = threading.Thread(target=lambda: list(results), name="taken")
+        taken.start()
+        assert list(pool.map(lambda n: n * n, range(20))) == [n * n for n in range(20)]
+        held.set()
+        taken.join()
+        with pytest.raises(ZeroDivisionError):
+            list(pool.map(lambda n: 1 // n, (2, 1, 0, 1)))
 
 
 def test_a_slow_consumer_makes_the_reader_wait():
@@ -47,11 +68,11 @@ def test_a_slow_consumer_makes_the_reader_wait():
             read.append(n)
             yield n
 
-    results = ordered_parallel(uneven, source(), workers=2, queue=3)
-    for _ in range(5):
-        next(results)
+    with Workers(2) as pool:
+        results = pool.ordered(uneven, source(), queue=3)
+        for _ in range(5):
+            next(results)
     assert len(read) <= 5 + 2 * 3
-    results.close()
     assert not own_threads()
 
 
@@ -74,8 +95,8 @@ def test_a_worker_that_ends_is_a_fault_after_the_results_before_it(end, kind, wo
             yield item
 
     found = []
-    with pytest.raises(kind, match=words):
-        found.extend(ordered_parallel(ends_at_seven, iter(range(50)), workers=2, queue=2))
+    with pytest.raises(kind, match=words), Workers(2) as pool:
+        found.extend(pool.ordered(ends_at_seven, iter(range(50)), queue=2))
     assert found == list(range(7))
     assert not own_threads()
 
@@ -91,6 +112,25 @@ def test_a_fault_names_the_stage_and_the_frame_if_it_was_at_one():
     with pytest.raises(StageError, match="stage sum failed: ZeroDivisionError"):
         list(clock.timed_drive("sum", (1 // n for n in (1, 0))))
     assert set(clock.seconds()) == {"count", "divide", "sum"}
+
+
+def test_the_clock_counts_work_in_other_threads_for_the_stage_that_shares_it(monkeypatch):
+    clock, seconds = StageClock(), threading.local()
+    monkeypatch.setattr(workers, "thread_time", lambda: getattr(seconds, "now", 0.0))
+
+    def costs(item):
+        seconds.now = getattr(seconds, "now", 0.0) + 1.0
+        return item
+
+    def shares(items):
+        for item in items:
+            done = threading.Thread(target=clock.shared(costs), args=(item,))
+            done.start()
+            done.join()
+            yield clock.shared(costs)(item)
+
+    list(clock.timed("shares", shares(map(Numbered, range(3)))))
+    assert clock.seconds() == pytest.approx({"shares": 6.0})
 
 
 def test_the_clock_counts_each_stage_alone_and_what_is_done_between_two_apart(monkeypatch):
