@@ -75,9 +75,19 @@ MOST_RIM_INWARD = 0.7
 """The rim moves the outline inwards by this at most."""
 MOST_RIM_OUTWARD = 1.4
 """The rim moves the outline outwards by this at most."""
-_DIRECTIONS = {
-    False: np.eye(4),
-    True: np.array(
+TRIAL_RANGES = (math.inf, 2.0, 2.0)
+"""Range of a side, either way, in each sweep over the sides of a box."""
+
+
+def _moves(directions: list[list[float]]) -> Array:
+    """Changes of a box and their ranges (d, 5): it grows, then changes along each direction in every sweep."""
+    sweeps = [[*side, reach] for reach in TRIAL_RANGES for side in directions]
+    return np.array([[-1, -1, 1, 1, math.inf], *sweeps])
+
+
+_MOVES = {
+    False: _moves([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
+    True: _moves(
         [
             [0.5, 0, 0.5, 0],
             [0, 0.5, 0, 0.5],
@@ -88,8 +98,6 @@ _DIRECTIONS = {
     ),
 }
 """How boxes change: sides of a rectangle one by one; shapes of one proportion move and grow."""
-
-
 SMALLEST_INWARD = 1.5
 """Candidates lie within the strongest outline by this at most."""
 CANDIDATES_OUTWARD = 0.3
@@ -293,8 +301,7 @@ def _strongest(
     high = step * np.ceil(max(outward * side + 1, SEARCH) / step)
     segments = segments_of(shape, box)
     profiles = edge_profiles(gradients, segments, low, high)
-    directions = _DIRECTIONS[shape in ASPECT]
-    change, strength = strongest_box(profiles, segments.jacobian, low, directions)
+    change, strength = strongest_box(profiles, segments.jacobian, low, _MOVES[shape in ASPECT])
     return Outline(shape, box + change, 0.0, strength)
 
 
