@@ -41,6 +41,8 @@ INWARD = 0.12
 """The strongest outline lies within the box by this fraction of the smaller side at most."""
 OUTWARD = 0.28
 """The strongest outline lies outside the box by this fraction at most."""
+COARSE_STEP = 0.5
+"""Distance between the places where that is sought."""
 SEARCH = 3.0
 """The strongest outline is sought so far, either way, at least."""
 MOST_INNER = 2
@@ -275,9 +277,12 @@ class Outline(NamedTuple):
 
 def strongest_outlines(gradients: Gradients, box: Array) -> list[Outline]:
     """Outlines of the best shapes near a box, the strongest one of each."""
-    found = [_strongest(gradients, shape, box, INWARD, OUTWARD) for shape in OUTLINE_SHAPES]
+    found = [
+        _strongest(gradients, shape, box, INWARD, OUTWARD, COARSE_STEP) for shape in OUTLINE_SHAPES
+    ]
     # segments rotate as the proportions change: once more, near by
-    found = [_strongest(gradients, o.shape, o.box, 0.0, 0.0) for o in found if has_area(o.box)]
+    near = (o for o in found if has_area(o.box))
+    found = [_strongest(gradients, o.shape, o.box, 0.0, 0.0, OFFSET_STEP) for o in near]
     found = sorted((o for o in found if has_area(o.box)), key=lambda o: -o.strength)
     return [align_sides(gradients, o) for o in found[:MOST_INNER]]
 
@@ -292,16 +297,17 @@ def _in_proportion(shape: str, box: Array) -> Array:
 
 
 def _strongest(
-    gradients: Gradients, shape: str, start: Array, inward: float, outward: float
+    gradients: Gradients, shape: str, start: Array, inward: float, outward: float, step: float
 ) -> Outline:
     """The strongest outline of a shape within fractions of the smaller side of a box."""
     box = _in_proportion(shape, start)
-    side, step = float(box_size(box).min()), OFFSET_STEP
+    side = float(box_size(box).min())
     low = -step * np.ceil(max(inward * side + 1, SEARCH) / step)
     high = step * np.ceil(max(outward * side + 1, SEARCH) / step)
     segments = segments_of(shape, box)
-    profiles = edge_profiles(gradients, segments, low, high)
-    change, strength = strongest_box(profiles, segments.jacobian, low, _MOVES[shape in ASPECT])
+    profiles = edge_profiles(gradients, segments, low, high, step)
+    moves = _MOVES[shape in ASPECT]
+    change, strength = strongest_box(profiles, segments.jacobian, low, moves, step)
     return Outline(shape, box + change, 0.0, strength)
 
 
