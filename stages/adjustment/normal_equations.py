@@ -78,31 +78,30 @@ def add_blocks(
     normal: NormalEquations, estimate: WindowEstimate, blocks: ResidualBlocks, held: int
 ) -> None:
     """Add the residual blocks to the normal equations."""
-    residuals, by_pose, by_point = estimate.residuals, estimate.by_pose, estimate.by_point
+    residuals, frames, mixed, poses = estimate.residuals, blocks.frames, normal.mixed, normal.poses
     for i in range(residuals.shape[0]):
         n, scale = blocks.point[i], blocks.scale[i] * blocks.scale[i]
-        square = residuals[i, 0] * residuals[i, 0] + residuals[i, 1] * residuals[i, 1]
-        weight = 1.0 / (1.0 + square / scale)
-        for c in range(2):
+        by_pose, by_point, u, v = estimate.by_pose[i], estimate.by_point[i], residuals[i, 0], residuals[i, 1]
+        weight = 1.0 / (1.0 + (u * u + v * v) / scale)
+        for k in range(3):
+            a, b = weight * by_point[0, k], weight * by_point[1, k]
+            normal.own_right[n, k] -= a * u + b * v
+            for j in range(3):
+                normal.own[n, k, j] += a * by_point[0, j] + b * by_point[1, j]
+        for row in range(6 if frames[i, 0] == frames[i, 1] else 0, 12):
+            f = frames[i, row // 6]
+            if f == held:
+                continue
+            a, b, at = weight * by_pose[0, row], weight * by_pose[1, row], 6 * f + row % 6
+            normal.poses_right[at] -= a * u + b * v
             for k in range(3):
-                by = weight * by_point[i, c, k]
-                normal.own_right[n, k] -= by * residuals[i, c]
-                for j in range(3):
-                    normal.own[n, k, j] += by * by_point[i, c, j]
-            for row in range(12):
-                x = row // 6
-                f = blocks.frames[i, x]
-                if f == held:
-                    continue
-                by, at = weight * by_pose[i, c, row], 6 * f + row % 6
-                normal.poses_right[at] -= by * residuals[i, c]
-                for k in range(3):
-                    normal.mixed[n, at, k] += by * by_point[i, c, k]
-                for y in range(2):
-                    g = blocks.frames[i, y]
-                    if g != held and (g < f or y == x):
-                        for j in range(6):
-                            normal.poses[at, 6 * g + j] += by * by_pose[i, c, 6 * y + j]
+                mixed[n, at, k] += a * by_point[0, k] + b * by_point[1, k]
+            for y in range(2):
+                g = frames[i, y]
+                if g != held and (g < f or y == row // 6):
+                    for j in range(6):
+                        part = a * by_pose[0, 6 * y + j] + b * by_pose[1, 6 * y + j]
+                        poses[at, 6 * g + j] += part
 
 
 @compiled
