@@ -45,11 +45,14 @@ class PanelPlane(NamedTuple):
         return cls(point, np.cross(ahead, up), -up, ahead)
 
     def meet(self, centre: Array, points: Array) -> Array:
-        """Where lines from a camera centre (3,) through points (n, 3) meet the plane: right and down (n, 2), metres."""
+        """Where lines from camera centres (..., 3) through points (n, 3) meet the plane.
+
+        Right and down (..., n, 2), metres; centres of several cameras are (v, 1, 3).
+        """
         rays = points - centre
         fraction = ((self.point - centre) @ self.ahead) / (rays @ self.ahead)
-        offset = centre + fraction[:, None] * rays - self.point
-        return np.column_stack([offset @ self.right, offset @ self.down])
+        offset = centre + fraction[..., None] * rays - self.point
+        return np.stack([offset @ self.right, offset @ self.down], axis=-1)
 
     def points(self, offsets: Array) -> Array:
         """World points (n, 3) at offsets (n, 2) right and down in the plane, metres."""
