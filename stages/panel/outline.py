@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.models import LinearModel
+from wayside.stages.geometry import cholesky_solve
 from wayside.stages.kernels import Array
 from wayside.stages.panel.outline_edges import (
     OFFSET_STEP,
@@ -41,7 +42,7 @@ INWARD = 0.12
 """The strongest outline lies within the box by this fraction of the smaller side at most."""
 OUTWARD = 0.28
 """The strongest outline lies outside the box by this fraction at most."""
-COARSE_STEP = 0.5
+COARSE_STEP = 1.0
 """Distance between the places where that is sought."""
 SEARCH = 3.0
 """The strongest outline is sought so far, either way, at least."""
@@ -387,9 +388,8 @@ def _least_squares(shape: str, x: Array, segments: Segments, offset: Array, weig
         right -= hold * by * float(by @ x)
     change: Array = np.zeros(5)
     for _ in range(FIT_ITERATIONS):
-        residual = offset - segments.jacobian @ change
-        robust = weight / (1 + (residual / EDGE_CAUCHY) ** 2)
-        weighted = segments.jacobian * robust[:, None]
-        matrix = segments.jacobian.T @ weighted + normal
-        change = np.asarray(np.linalg.solve(matrix, weighted.T @ offset + right), np.float64)
+        residual = (offset - segments.jacobian @ change) / EDGE_CAUCHY
+        weighted = (segments.jacobian.T * (weight / (1 + residual * residual))).T
+        matrix, change = normal + segments.jacobian.T @ weighted, right + offset @ weighted
+        cholesky_solve(matrix, change)
     return change
