@@ -81,7 +81,12 @@ def add_blocks(
     residuals, frames, mixed, poses = estimate.residuals, blocks.frames, normal.mixed, normal.poses
     for i in range(residuals.shape[0]):
         n, scale = blocks.point[i], blocks.scale[i] * blocks.scale[i]
-        by_pose, by_point, u, v = estimate.by_pose[i], estimate.by_point[i], residuals[i, 0], residuals[i, 1]
+        by_pose, by_point, u, v = (
+            estimate.by_pose[i],
+            estimate.by_point[i],
+            residuals[i, 0],
+            residuals[i, 1],
+        )
         weight = 1.0 / (1.0 + (u * u + v * v) / scale)
         for k in range(3):
             a, b = weight * by_point[0, k], weight * by_point[1, k]

@@ -151,7 +151,7 @@ def _require_below(numbers: NDArray[np.int64], name: str, count: int) -> None:
 
 
 @compiled
-def linearise_blocks(  # noqa: PLR0913 - arrays of a kernel
+def linearise_blocks(
     rotations: Array,
     centres: Array,
     anchors: PointAnchors,
@@ -251,20 +251,25 @@ def constraint_jacobian(rotations: Array, centres: Array, constraints: StepConst
     """Central differences (6 l, 6 n) of the residuals of all constraints by the poses."""
     steps = len(constraints.frames)
     each, side = np.arange(steps), np.arange(2)
-    shape = (steps, 2, 6, 2, 2)  # step, pose that moves, along which axis, there or back; first, second pose
-    turned = np.broadcast_to(rotations[constraints.frames][:, None, None, None], (*shape, 3, 3)).copy()
+    shape = (
+        steps,
+        2,
+        6,
+        2,
+        2,
+    )  # step, pose that moves, along which axis, there or back; first, second pose
+    turned = np.broadcast_to(
+        rotations[constraints.frames][:, None, None, None], (*shape, 3, 3)
+    ).copy()
     moved = np.broadcast_to(centres[constraints.frames][:, None, None, None], (*shape, 3)).copy()
     for x in side:
         turned[:, x, :3, :, x] = _TURNS @ turned[:, x, :3, :, x]
         moved[:, x, 3:, :, x] += _MOVES
-    found = np.empty((24 * steps, 6))
+    found, numbers = np.empty((24 * steps, 6)), np.arange(48 * steps).reshape(-1, 2)
     constraint_residuals(
         turned.reshape(-1, 3, 3),
         moved.reshape(-1, 3),
-        StepConstraints(
-            np.arange(48 * steps).reshape(-1, 2),
-            *(np.repeat(column, 24, axis=0) for column in constraints[1:]),
-        ),
+        StepConstraints._make([numbers, *(np.repeat(c, 24, axis=0) for c in constraints[1:])]),
         found,
     )
     there, back = np.moveaxis(found.reshape(steps, 2, 6, 2, 6), 3, 0)

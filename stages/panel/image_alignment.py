@@ -136,7 +136,13 @@ def _normal_equations(
 
 @compiled
 def _gauss_newton(
-    template: Array, weight: Array, patch: Array, total: float, x: Array, normal: Array, right: Array
+    template: Array,
+    weight: Array,
+    patch: Array,
+    total: float,
+    x: Array,
+    normal: Array,
+    right: Array,
 ) -> bool:
     # Moves x (6,) to the minimum; False where it diverges or leaves the patch.
     start_u, start_v = x[0], x[1]
@@ -157,7 +163,10 @@ def _gauss_newton(
             return False
         if max(abs(x[2] - 1), abs(x[3] - 1)) > LARGEST_STRETCH:
             return False
-        across, down = abs(right[0]) + half_u * abs(right[2]), abs(right[1]) + half_v * abs(right[3])
+        across, down = (
+            abs(right[0]) + half_u * abs(right[2]),
+            abs(right[1]) + half_v * abs(right[3]),
+        )
         if max(across, down) < CONVERGED:
             break
     return True

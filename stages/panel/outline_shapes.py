@@ -92,7 +92,7 @@ def segments_of(shape: str, box: Array, rotation: float = 0.0) -> Segments:
 
 
 @compiled
-def _place(  # noqa: PLR0913 - arrays of a kernel
+def _place(
     first: Array,
     last: Array,
     box: Array,
@@ -102,7 +102,12 @@ def _place(  # noqa: PLR0913 - arrays of a kernel
     normal: Array,
     jacobian: Array,
 ) -> None:
-    u, v, wide, tall = (box[0] + box[2]) / 2, (box[1] + box[3]) / 2, box[2] - box[0], box[3] - box[1]
+    u, v, wide, tall = (
+        (box[0] + box[2]) / 2,
+        (box[1] + box[3]) / 2,
+        box[2] - box[0],
+        box[3] - box[1],
+    )
     c, s = np.cos(rotation), np.sin(rotation)
     for k in range(first.shape[0]):
         x0, y0, x1, y1 = first[k, 0], first[k, 1], last[k, 0], last[k, 1]
