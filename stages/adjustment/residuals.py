@@ -251,13 +251,8 @@ def constraint_jacobian(rotations: Array, centres: Array, constraints: StepConst
     """Central differences (6 l, 6 n) of the residuals of all constraints by the poses."""
     steps = len(constraints.frames)
     each, side = np.arange(steps), np.arange(2)
-    shape = (
-        steps,
-        2,
-        6,
-        2,
-        2,
-    )  # step, pose that moves, along which axis, there or back; first, second pose
+    # pose that moves, along which axis, there or back; first and second pose
+    shape = (steps, 2, 6, 2, 2)
     turned = np.broadcast_to(
         rotations[constraints.frames][:, None, None, None], (*shape, 3, 3)
     ).copy()
