@@ -16,11 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.motion import StepPrior
-from wayside.stages.geometry import (
-    halfway_direction,
-    rotation_from_vector,
-    vector_from_rotation,
-)
+from wayside.stages.geometry import cross_matrices, halfway_direction, vector_from_rotation
 from wayside.stages.kernels import Array, compiled, require_array
 
 QUADRATIC = 1e6
@@ -155,113 +151,68 @@ def _require_below(numbers: NDArray[np.int64], name: str, count: int) -> None:
 
 
 @compiled
-def project(
-    rotation: Array, centre: Array, anchor_r: Array, anchor_c: Array, point: Array, ray: Array
-) -> bool:
-    """Ray (2,) of a point in a camera (eq. 7.6); False where it lies behind."""
-    v0 = anchor_r[0, 0] * point[0] + anchor_r[0, 1] * point[1] + anchor_r[0, 2]
-    v1 = anchor_r[1, 0] * point[0] + anchor_r[1, 1] * point[1] + anchor_r[1, 2]
-    v2 = anchor_r[2, 0] * point[0] + anchor_r[2, 1] * point[1] + anchor_r[2, 2]
-    v0 += point[2] * (anchor_c[0] - centre[0])
-    v1 += point[2] * (anchor_c[1] - centre[1])
-    v2 += point[2] * (anchor_c[2] - centre[2])
-    z = rotation[0, 2] * v0 + rotation[1, 2] * v1 + rotation[2, 2] * v2
-    ahead: bool = z > NEAREST
-    z = max(z, NEAREST)
-    ray[0] = (rotation[0, 0] * v0 + rotation[1, 0] * v1 + rotation[2, 0] * v2) / z
-    ray[1] = (rotation[0, 1] * v0 + rotation[1, 1] * v1 + rotation[2, 1] * v2) / z
-    return ahead
-
-
-@compiled
-def project_jacobian(
-    rotation: Array, centre: Array, anchor_r: Array, anchor_c: Array, point: Array, jacobian: Array
-) -> None:
-    """Derivatives (2, 9) of `project`: by a rotation (rad, world axes), by the centre, by the point."""
-    r, rho = rotation, point[2]
-    a0, a1, a2 = anchor_c[0] - centre[0], anchor_c[1] - centre[1], anchor_c[2] - centre[2]
-    v0 = anchor_r[0, 0] * point[0] + anchor_r[0, 1] * point[1] + anchor_r[0, 2] + rho * a0
-    v1 = anchor_r[1, 0] * point[0] + anchor_r[1, 1] * point[1] + anchor_r[1, 2] + rho * a1
-    v2 = anchor_r[2, 0] * point[0] + anchor_r[2, 1] * point[1] + anchor_r[2, 2] + rho * a2
-    z = max(r[0, 2] * v0 + r[1, 2] * v1 + r[2, 2] * v2, NEAREST)
-    for i in range(2):
-        # by the point's position v, world axes; a rotation w of the camera moves it in the camera's axes by v x w
-        slope = (r[0, i] * v0 + r[1, i] * v1 + r[2, i] * v2) / z
-        g0 = (r[0, i] - slope * r[0, 2]) / z
-        g1 = (r[1, i] - slope * r[1, 2]) / z
-        g2 = (r[2, i] - slope * r[2, 2]) / z
-        jacobian[i, 0], jacobian[i, 1], jacobian[i, 2] = (
-            g1 * v2 - g2 * v1,
-            g2 * v0 - g0 * v2,
-            g0 * v1 - g1 * v0,
-        )
-        jacobian[i, 3], jacobian[i, 4], jacobian[i, 5] = -rho * g0, -rho * g1, -rho * g2
-        jacobian[i, 6] = g0 * anchor_r[0, 0] + g1 * anchor_r[1, 0] + g2 * anchor_r[2, 0]
-        jacobian[i, 7] = g0 * anchor_r[0, 1] + g1 * anchor_r[1, 1] + g2 * anchor_r[2, 1]
-        jacobian[i, 8] = g0 * a0 + g1 * a1 + g2 * a2
-
-
-@compiled
-def block_residuals(
+def linearise_blocks(
     rotations: Array,
     centres: Array,
     anchors: PointAnchors,
     points: Array,
     blocks: ResidualBlocks,
     residuals: Array,
-) -> None:
-    """Residuals (m, 2) in sigmas; very large where a point lies behind a camera."""
-    before, now = np.empty(2), np.empty(2)
-    for i in range(blocks.point.shape[0]):
-        n, first, second = blocks.point[i], blocks.frames[i, 0], blocks.frames[i, 1]
-        anchor_r, anchor_c = anchors.rotation[n], anchors.centre[n]
-        ahead = project(rotations[second], centres[second], anchor_r, anchor_c, points[n], now)
-        ahead &= project(rotations[first], centres[first], anchor_r, anchor_c, points[n], before)
-        if not ahead:
-            residuals[i] = BEHIND
-            continue
-        u, v = before[0] - blocks.source[i, 0], before[1] - blocks.source[i, 1]
-        w = blocks.warp[i]
-        residuals[i, 0] = (now[0] - blocks.target[i, 0] - w[0] * u - w[1] * v) / blocks.sigma[i]
-        residuals[i, 1] = (now[1] - blocks.target[i, 1] - w[2] * v) / blocks.sigma[i]
+    by_pose: Array,
+    by_point: Array,
+) -> float:
+    """Residuals (m, 2) in sigmas, their derivatives as in `NormalEquations`, and their robust cost.
 
-
-@compiled
-def block_jacobian(  # noqa: PLR0913 - arrays of a kernel
-    rotations: Array,
-    centres: Array,
-    anchors: PointAnchors,
-    points: Array,
-    blocks: ResidualBlocks,
-    i: int,
-    work: Array,
-    jacobian: Array,
-    point_jacobian: Array,
-) -> None:
-    """Derivatives of residual i, in sigmas: (2, 12) by both its poses, earlier first, and (2, 3) by its point.
-
-    work (2, 2, 9): scratch.
+    By a rotation of a pose (rad, world axes) and its centre, earlier pose first; by the point (eq. 7.6). Residuals are
+    very large where a point lies behind a camera.
     """
-    n, first, second = blocks.point[i], blocks.frames[i, 0], blocks.frames[i, 1]
-    anchor_r, anchor_c = anchors.rotation[n], anchors.centre[n]
-    early, late = work[0], work[1]
-    project_jacobian(rotations[second], centres[second], anchor_r, anchor_c, points[n], late)
-    if first == second:
-        early[:] = 0.0
-    else:
-        project_jacobian(rotations[first], centres[first], anchor_r, anchor_c, points[n], early)
-    w0, w1, w2 = blocks.warp[i, 0], blocks.warp[i, 1], blocks.warp[i, 2]
-    weight = 1.0 / blocks.sigma[i]
-    for k in range(6):
-        jacobian[0, k] = -weight * (w0 * early[0, k] + w1 * early[1, k])
-        jacobian[1, k] = -weight * w2 * early[1, k]
-        jacobian[0, 6 + k] = weight * late[0, k]
-        jacobian[1, 6 + k] = weight * late[1, k]
-    for k in range(3):
-        point_jacobian[0, k] = weight * (
-            late[0, 6 + k] - w0 * early[0, 6 + k] - w1 * early[1, 6 + k]
-        )
-        point_jacobian[1, k] = weight * (late[1, 6 + k] - w2 * early[1, 6 + k])
+    total, ray, slope = 0.0, np.zeros((2, 2)), np.zeros((2, 2, 9))
+    v, g = np.empty(3), np.empty(3)
+    for i in range(residuals.shape[0]):
+        n, observation, ahead = blocks.point[i], blocks.frames[i, 0] == blocks.frames[i, 1], True
+        a, b, rho = points[n, 0], points[n, 1], points[n, 2]
+        for x in range(2):
+            f = blocks.frames[i, x]
+            for k in range(3):
+                v[k] = anchors.rotation[n, k, 0] * a + anchors.rotation[n, k, 1] * b
+                v[k] += anchors.rotation[n, k, 2] + rho * (anchors.centre[n, k] - centres[f, k])
+            z = rotations[f, 0, 2] * v[0] + rotations[f, 1, 2] * v[1] + rotations[f, 2, 2] * v[2]
+            ahead = ahead and z > NEAREST
+            z = max(z, NEAREST)
+            for c in range(2):
+                # by the point's position v, world axes; a rotation w of the camera moves it there by v x w
+                at = 0.0
+                for k in range(3):
+                    at += rotations[f, k, c] * v[k] / z
+                for k in range(3):
+                    g[k] = (rotations[f, k, c] - at * rotations[f, k, 2]) / z
+                ray[x, c], part = at, slope[x, c]
+                part[0] = g[1] * v[2] - g[2] * v[1]
+                part[1] = g[2] * v[0] - g[0] * v[2]
+                part[2] = g[0] * v[1] - g[1] * v[0]
+                part[6] = part[7] = part[8] = 0.0
+                for k in range(3):
+                    part[3 + k] = -rho * g[k]
+                    part[6] += g[k] * anchors.rotation[n, k, 0]
+                    part[7] += g[k] * anchors.rotation[n, k, 1]
+                    part[8] += g[k] * (anchors.centre[n, k] - centres[f, k])
+        weight, square = 1.0 / blocks.sigma[i], 0.0
+        for c in range(2):
+            own, other = blocks.warp[i, 2 * c], 0.0 if c else blocks.warp[i, 1]
+            gap = own * (ray[0, c] - blocks.source[i, c])
+            gap += other * (ray[0, 1] - blocks.source[i, 1])
+            residuals[i, c] = weight * (ray[1, c] - blocks.target[i, c] - gap) if ahead else BEHIND
+            square += residuals[i, c] * residuals[i, c]
+            for k in range(9):
+                early = 0.0 if observation else own * slope[0, c, k] + other * slope[0, 1, k]
+                if k < 6:
+                    by_pose[i, c, k] = -weight * early
+                    by_pose[i, c, 6 + k] = weight * slope[1, c, k]
+                else:
+                    by_point[i, c, k - 6] = weight * (slope[1, c, k] - early)
+        scale = blocks.scale[i] * blocks.scale[i]
+        total += scale * np.log1p(square / scale)
+    return total
 
 
 @compiled
@@ -269,49 +220,59 @@ def constraint_residuals(
     rotations: Array, centres: Array, constraints: StepConstraints, residuals: Array
 ) -> None:
     """Residuals (l, 6) of step constraints, in sigmas: rotation, direction sideways and up, length."""
-    for i in range(constraints.frames.shape[0]):
-        _step_residuals(rotations, centres, constraints, i, residuals[i])
+    turn, off, travel = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    for i in range(residuals.shape[0]):
+        first, second = constraints.frames[i, 0], constraints.frames[i, 1]
+        for k in range(3):
+            travel[k] = 0.0
+            for j in range(3):
+                turn[k, j] = 0.0
+                for c in range(3):
+                    turn[k, j] += rotations[first, c, k] * rotations[second, c, j]
+                travel[k] += rotations[first, j, k] * (centres[second, j] - centres[first, j])
+            for j in range(3):
+                off[k, j] = 0.0
+                for c in range(3):
+                    off[k, j] += turn[k, c] * constraints.rotation[i, j, c]
+        vector, expected = vector_from_rotation(off), constraints.direction[i]
+        if constraints.halfway[i]:
+            expected = halfway_direction(turn, expected)
+        square = 0.0
+        for k in range(3):
+            residuals[i, k] = vector[k] / constraints.sigma_rotation[i]
+            square += travel[k] * travel[k]
+        for k in range(2):
+            slope = travel[k] / travel[2] - expected[k] / expected[2]
+            residuals[i, 3 + k] = slope / constraints.sigma_direction[i, k]
+        residuals[i, 5] = (np.sqrt(square) - constraints.length[i]) / constraints.sigma_length[i]
 
 
-@compiled
-def _step_residuals(
-    rotations: Array, centres: Array, constraints: StepConstraints, i: int, residuals: Array
-) -> None:
-    first, second = constraints.frames[i, 0], constraints.frames[i, 1]
-    back = rotations[first].T
-    rotation = np.dot(back, rotations[second])
-    travel = np.dot(back, centres[second] - centres[first])
-    vector = vector_from_rotation(np.dot(rotation, constraints.rotation[i].T))
-    expected = constraints.direction[i]
-    if constraints.halfway[i]:
-        expected = halfway_direction(rotation, expected)
-    for k in range(3):
-        residuals[k] = vector[k] / constraints.sigma_rotation[i]
-    for k in range(2):
-        slope = travel[k] / travel[2] - expected[k] / expected[2]
-        residuals[3 + k] = slope / constraints.sigma_direction[i, k]
-    length = np.sqrt(travel[0] ** 2 + travel[1] ** 2 + travel[2] ** 2)
-    residuals[5] = (length - constraints.length[i]) / constraints.sigma_length[i]
+def constraint_jacobian(rotations: Array, centres: Array, constraints: StepConstraints) -> Array:
+    """Central differences (6 l, 6 n) of the residuals of all constraints by the poses."""
+    steps = len(constraints.frames)
+    each, side = np.arange(steps), np.arange(2)
+    # pose that moves, along which axis, there or back; first and second pose
+    shape = (steps, 2, 6, 2, 2)
+    turned = np.broadcast_to(
+        rotations[constraints.frames][:, None, None, None], (*shape, 3, 3)
+    ).copy()
+    moved = np.broadcast_to(centres[constraints.frames][:, None, None, None], (*shape, 3)).copy()
+    for x in side:
+        turned[:, x, :3, :, x] = _TURNS @ turned[:, x, :3, :, x]
+        moved[:, x, 3:, :, x] += _MOVES
+    found, numbers = np.empty((24 * steps, 6)), np.arange(48 * steps).reshape(-1, 2)
+    constraint_residuals(
+        turned.reshape(-1, 3, 3),
+        moved.reshape(-1, 3),
+        StepConstraints._make([numbers, *(np.repeat(c, 24, axis=0) for c in constraints[1:])]),
+        found,
+    )
+    there, back = np.moveaxis(found.reshape(steps, 2, 6, 2, 6), 3, 0)
+    result = np.zeros((steps, len(rotations), 6, 6))
+    for x in side:
+        result[each, constraints.frames[:, x]] += (there - back)[:, x] / (2 * DIFFERENCE)
+    return np.ascontiguousarray(result.transpose(0, 3, 1, 2).reshape(6 * steps, -1))
 
 
-@compiled
-def constraint_jacobian(
-    rotations: Array, centres: Array, constraints: StepConstraints, i: int, jacobian: Array
-) -> None:
-    """Central differences (6, 12) of the residuals of constraint i by both poses, first one first.
-
-    A window has few steps, so theirs cost little; derivatives of the blocks, which are hundreds, are in closed form.
-    """
-    after, before, step = np.empty(6), np.empty(6), np.empty(6)
-    for x in range(2):
-        frame = constraints.frames[i, x]
-        rotation, centre = rotations[frame].copy(), centres[frame].copy()
-        for k in range(6):
-            for residuals, size in ((after, DIFFERENCE), (before, -DIFFERENCE)):
-                step[:] = 0.0
-                step[k] = size
-                rotations[frame] = np.dot(rotation_from_vector(step[:3]), rotation)
-                centres[frame] = centre + step[3:]
-                _step_residuals(rotations, centres, constraints, i, residuals)
-            jacobian[:, 6 * x + k] = (after - before) / (2 * DIFFERENCE)
-        rotations[frame], centres[frame] = rotation, centre
+_MOVES = DIFFERENCE * np.stack([np.eye(3), -np.eye(3)], axis=1)
+_TURNS = np.eye(3) + cross_matrices(_MOVES) + cross_matrices(_MOVES) @ cross_matrices(_MOVES) / 2

@@ -100,6 +100,6 @@ def _log_sizes(plane: PanelPlane, centres: Array, x: Array) -> Array:
     across = (np.cos(x[0]) * plane.right - np.sin(x[0]) * plane.ahead) * half[0]
     below = plane.down * half[1]
     ends = plane.point + np.array([-across, across, -below, below])
-    met = np.array([plane.meet(centre, ends) for centre in centres])
+    met = plane.meet(centres[:, None], ends)
     covered = np.column_stack([met[:, 1, 0] - met[:, 0, 0], met[:, 3, 1] - met[:, 2, 1]])
     return np.asarray(np.log(covered), np.float64)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.measurement import Alignment
+from wayside.stages.geometry import cholesky_solve
 from wayside.stages.kernels import Array, compiled, require_array
 
 ITERATIONS = 12
@@ -56,24 +57,12 @@ def align(template: Array, weight: Array, patch: Array, start: Array) -> Alignme
         return None
     mean = float((weight * template).sum()) / total
     spread = float((weight * (template - mean) ** 2).sum())
-    half = (np.array(shape[::-1]) - 1) / 2
     x = np.array([start[0], start[1], 1.0, 1.0, 1.0, 0.0])
     normal, right = np.zeros((6, 6)), np.zeros(6)
-    prior = np.zeros(6)
+    if not _gauss_newton(template, weight, patch, total, x, normal, right):
+        return None
+    inside, squares = _normal_equations(template, weight, patch, x, normal, right)
     try:
-        for _ in range(ITERATIONS):
-            inside, squares = _normal_equations(template, weight, patch, x, normal, right)
-            if inside < INSIDE * total:
-                return None
-            prior[2:4] = _variance(squares, inside) / STRETCH_SIGMA**2
-            step = np.linalg.solve(normal + np.diag(prior), right - prior * (x - 1.0))
-            x += step
-            far = np.abs(x[:2] - start).max() > LARGEST_SHIFT
-            if far or np.abs(x[2:4] - 1).max() > LARGEST_STRETCH:
-                return None
-            if (np.abs(step[:2]) + half * np.abs(step[2:4])).max() < CONVERGED:
-                break
-        inside, squares = _normal_equations(template, weight, patch, x, normal, right)
         covariance = np.asarray(np.linalg.inv(normal))
     except np.linalg.LinAlgError:
         return None
@@ -89,6 +78,7 @@ def align(template: Array, weight: Array, patch: Array, start: Array) -> Alignme
     )
 
 
+@compiled
 def _variance(squares: float, inside: float) -> float:
     """Variance of a sample; neighbouring samples share a pixel of the image and are not independent."""
     independent = max(inside / SAMPLES_PER_INDEPENDENT, 1.0)
@@ -142,6 +132,44 @@ def _normal_equations(
         for m in range(k):
             normal[k, m] = normal[m, k]
     return inside, squares
+
+
+@compiled
+def _gauss_newton(
+    template: Array,
+    weight: Array,
+    patch: Array,
+    total: float,
+    x: Array,
+    normal: Array,
+    right: Array,
+) -> bool:
+    # Moves x (6,) to the minimum; False where it diverges or leaves the patch.
+    start_u, start_v = x[0], x[1]
+    half_u, half_v = (template.shape[1] - 1) / 2, (template.shape[0] - 1) / 2
+    for _ in range(ITERATIONS):
+        inside, squares = _normal_equations(template, weight, patch, x, normal, right)
+        if inside < INSIDE * total:
+            return False
+        prior = _variance(squares, inside) / STRETCH_SIGMA**2
+        for k in (2, 3):
+            normal[k, k] += prior
+            right[k] -= prior * (x[k] - 1.0)
+        if not cholesky_solve(normal, right):
+            return False
+        for k in range(6):
+            x[k] += right[k]
+        if max(abs(x[0] - start_u), abs(x[1] - start_v)) > LARGEST_SHIFT:
+            return False
+        if max(abs(x[2] - 1), abs(x[3] - 1)) > LARGEST_STRETCH:
+            return False
+        across, down = (
+            abs(right[0]) + half_u * abs(right[2]),
+            abs(right[1]) + half_v * abs(right[3]),
+        )
+        if max(across, down) < CONVERGED:
+            break
+    return True
 
 
 def warp_to_template(view: NDArray[np.float32], found: Alignment) -> NDArray[np.float32]:

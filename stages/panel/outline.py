@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.models import LinearModel
+from wayside.stages.geometry import cholesky_solve
 from wayside.stages.kernels import Array
 from wayside.stages.panel.outline_edges import (
     OFFSET_STEP,
@@ -41,6 +42,8 @@ INWARD = 0.12
 """The strongest outline lies within the box by this fraction of the smaller side at most."""
 OUTWARD = 0.28
 """The strongest outline lies outside the box by this fraction at most."""
+COARSE_STEP = 1.0
+"""Distance between the places where that is sought."""
 SEARCH = 3.0
 """The strongest outline is sought so far, either way, at least."""
 MOST_INNER = 2
@@ -75,9 +78,19 @@ MOST_RIM_INWARD = 0.7
 """The rim moves the outline inwards by this at most."""
 MOST_RIM_OUTWARD = 1.4
 """The rim moves the outline outwards by this at most."""
-_DIRECTIONS = {
-    False: np.eye(4),
-    True: np.array(
+TRIAL_RANGES = (math.inf, 2.0, 2.0)
+"""Range of a side, either way, in each sweep over the sides of a box."""
+
+
+def _moves(directions: list[list[float]]) -> Array:
+    """Changes of a box and their ranges (d, 5): it grows, then changes along each direction in every sweep."""
+    sweeps = [[*side, reach] for reach in TRIAL_RANGES for side in directions]
+    return np.array([[-1, -1, 1, 1, math.inf], *sweeps])
+
+
+_MOVES = {
+    False: _moves([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
+    True: _moves(
         [
             [0.5, 0, 0.5, 0],
             [0, 0.5, 0, 0.5],
@@ -88,8 +101,6 @@ _DIRECTIONS = {
     ),
 }
 """How boxes change: sides of a rectangle one by one; shapes of one proportion move and grow."""
-
-
 SMALLEST_INWARD = 1.5
 """Candidates lie within the strongest outline by this at most."""
 CANDIDATES_OUTWARD = 0.3
@@ -267,9 +278,12 @@ class Outline(NamedTuple):
 
 def strongest_outlines(gradients: Gradients, box: Array) -> list[Outline]:
     """Outlines of the best shapes near a box, the strongest one of each."""
-    found = [_strongest(gradients, shape, box, INWARD, OUTWARD) for shape in OUTLINE_SHAPES]
+    found = [
+        _strongest(gradients, shape, box, INWARD, OUTWARD, COARSE_STEP) for shape in OUTLINE_SHAPES
+    ]
     # segments rotate as the proportions change: once more, near by
-    found = [_strongest(gradients, o.shape, o.box, 0.0, 0.0) for o in found if has_area(o.box)]
+    near = (o for o in found if has_area(o.box))
+    found = [_strongest(gradients, o.shape, o.box, 0.0, 0.0, OFFSET_STEP) for o in near]
     found = sorted((o for o in found if has_area(o.box)), key=lambda o: -o.strength)
     return [align_sides(gradients, o) for o in found[:MOST_INNER]]
 
@@ -284,17 +298,17 @@ def _in_proportion(shape: str, box: Array) -> Array:
 
 
 def _strongest(
-    gradients: Gradients, shape: str, start: Array, inward: float, outward: float
+    gradients: Gradients, shape: str, start: Array, inward: float, outward: float, step: float
 ) -> Outline:
     """The strongest outline of a shape within fractions of the smaller side of a box."""
     box = _in_proportion(shape, start)
-    side, step = float(box_size(box).min()), OFFSET_STEP
+    side = float(box_size(box).min())
     low = -step * np.ceil(max(inward * side + 1, SEARCH) / step)
     high = step * np.ceil(max(outward * side + 1, SEARCH) / step)
     segments = segments_of(shape, box)
-    profiles = edge_profiles(gradients, segments, low, high)
-    directions = _DIRECTIONS[shape in ASPECT]
-    change, strength = strongest_box(profiles, segments.jacobian, low, directions)
+    profiles = edge_profiles(gradients, segments, low, high, step)
+    moves = _MOVES[shape in ASPECT]
+    change, strength = strongest_box(profiles, segments.jacobian, low, moves, step)
     return Outline(shape, box + change, 0.0, strength)
 
 
@@ -374,9 +388,8 @@ def _least_squares(shape: str, x: Array, segments: Segments, offset: Array, weig
         right -= hold * by * float(by @ x)
     change: Array = np.zeros(5)
     for _ in range(FIT_ITERATIONS):
-        residual = offset - segments.jacobian @ change
-        robust = weight / (1 + (residual / EDGE_CAUCHY) ** 2)
-        weighted = segments.jacobian * robust[:, None]
-        matrix = segments.jacobian.T @ weighted + normal
-        change = np.asarray(np.linalg.solve(matrix, weighted.T @ offset + right), np.float64)
+        residual = (offset - segments.jacobian @ change) / EDGE_CAUCHY
+        weighted = (segments.jacobian.T * (weight / (1 + residual * residual))).T
+        matrix, change = normal + segments.jacobian.T @ weighted, right + offset @ weighted
+        cholesky_solve(matrix, change)
     return change

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import Array, require_array
+from wayside.stages.kernels import Array, compiled, require_array
 from wayside.stages.panel.outline_shapes import Segments
 
 OFFSET_STEP = 0.25
@@ -26,8 +26,6 @@ INSIDE = 0.6
 """Fraction of a segment that lies in the views at least."""
 TRIAL_STEP = 0.5
 """Distance between the boxes that are tried for the strongest outline."""
-TRIAL_RANGES = (np.inf, 2.0, 2.0)
-"""Range of a side, either way, in each sweep over the sides of a box."""
 
 Gradients = NDArray[np.float32]
 """Gradient right and down of each view, of the channel that changes most, (views, rows, columns, 2)."""
@@ -36,30 +34,72 @@ Gradients = NDArray[np.float32]
 def gradients_of(views: NDArray[np.float32]) -> Gradients:
     """Gradients of views (n, rows, columns, 3), grey levels a sample; raises ValueError for other arrays."""
     require_array(views, "views", np.float32, (None, None, None, 3))
-    half = np.float32(0.5)
-    across = (views[:, 1:-1, 2:] - views[:, 1:-1, :-2]) * half
-    along = (views[:, 2:, 1:-1] - views[:, :-2, 1:-1]) * half
-    most = (across**2 + along**2).argmax(axis=3)[..., None]
-    fields = [np.take_along_axis(part, most, axis=3)[..., 0] for part in (across, along)]
-    return np.pad(np.stack(fields, axis=-1), ((0, 0), (1, 1), (1, 1), (0, 0)))
+    gradients = np.zeros((*views.shape[:3], 2), np.float32)
+    for view, gradient in zip(views, gradients, strict=True):
+        _gradients(view.reshape(len(view), -1), gradient)
+    return gradients
 
 
-def edge_profiles(gradients: Gradients, segments: Segments, low: float, high: float) -> Array:
-    """Strength of the edge along each segment at offsets low, low + `OFFSET_STEP`, ... (k, m), 0 to 1, over the views.
+@compiled
+def _gradients(view: NDArray[np.float32], gradient: NDArray[np.float32]) -> None:
+    for i in range(1, gradient.shape[0] - 1):
+        for j in range(1, gradient.shape[1] - 1):
+            most = -1.0
+            for k in range(3 * j, 3 * j + 3):
+                across = 0.5 * (view[i, k + 3] - view[i, k - 3])
+                along = 0.5 * (view[i + 1, k] - view[i - 1, k])
+                square = across * across + along * along
+                if square > most:
+                    most = square
+                    gradient[i, j, 0], gradient[i, j, 1] = across, along
+
+
+def edge_profiles(
+    gradients: Gradients, segments: Segments, low: float, high: float, step: float = OFFSET_STEP
+) -> Array:
+    """Strength of the edge along each segment at offsets low, low + step, ... (k, m), 0 to 1, over the views.
 
     Segments that leave the views have strength 0.
     """
-    points = _points(segments, low, high, SEGMENT_SAMPLES)
-    rows, columns = gradients.shape[1:3]
-    inside = ((points >= 1) & (points < np.array([columns - 2, rows - 2]))).all(axis=-1)
-    normal = segments.normal.astype(np.float32)[:, None, None]
-    strength = np.zeros(points.shape[:3], np.float32)
-    for view in gradients:
-        square = (_sampled(view, points) * normal).sum(axis=-1) ** 2
-        strength += square / (square + np.float32(EDGE_LEVEL**2))
-    count = inside.sum(axis=2)
-    mean = (strength * inside).sum(axis=2) / np.maximum(count, 1) / len(gradients)
-    return np.where(count >= INSIDE * SEGMENT_SAMPLES, mean, 0.0).astype(np.float64)
+    profiles = np.empty((len(segments.normal), round((high - low) / step) + 1))
+    _edge_profiles(gradients, segments.begin, segments.end, segments.normal, low, step, profiles)
+    return profiles
+
+
+@compiled
+def _edge_profiles(
+    gradients: Gradients,
+    begin: Array,
+    end: Array,
+    normal: Array,
+    low: float,
+    step: float,
+    profiles: Array,
+) -> None:
+    views, rows, columns = gradients.shape[:3]
+    for k in range(profiles.shape[0]):
+        right, down = normal[k, 0], normal[k, 1]
+        for m in range(profiles.shape[1]):
+            offset, total, count = low + step * m, 0.0, 0
+            for s in range(SEGMENT_SAMPLES):
+                part = (s + 0.5) / SEGMENT_SAMPLES
+                u = begin[k, 0] + part * (end[k, 0] - begin[k, 0]) + offset * right
+                v = begin[k, 1] + part * (end[k, 1] - begin[k, 1]) + offset * down
+                if not (1 <= u < columns - 2 and 1 <= v < rows - 2):
+                    continue
+                count += 1
+                i, j = int(v), int(u)
+                a, b = u - j, v - i
+                for view in range(views):
+                    g = gradients[view]
+                    above = right * g[i, j, 0] + down * g[i, j, 1]
+                    below = right * g[i + 1, j, 0] + down * g[i + 1, j, 1]
+                    above += a * (right * g[i, j + 1, 0] + down * g[i, j + 1, 1] - above)
+                    below += a * (right * g[i + 1, j + 1, 0] + down * g[i + 1, j + 1, 1] - below)
+                    edge = above + b * (below - above)
+                    total += edge * edge / (edge * edge + EDGE_LEVEL * EDGE_LEVEL)
+            enough = count >= INSIDE * SEGMENT_SAMPLES
+            profiles[k, m] = total / (count * views) if enough else 0.0
 
 
 def strip_colors(
@@ -71,32 +111,45 @@ def strip_colors(
 
 
 def strongest_box(
-    profiles: Array, jacobian: Array, low: float, directions: Array
+    profiles: Array, jacobian: Array, low: float, moves: Array, step: float = OFFSET_STEP
 ) -> tuple[Array, float]:
     """Change (4,) of a box whose segments lie on the strongest edges, and their mean strength.
 
-    Coordinate ascent: the whole box grows first, then each of the `directions` (d, 4) is changed alone.
+    Coordinate ascent along `moves` (d, 5), one after the other: changes of the sides, and how far they may go.
     """
-    high = low + OFFSET_STEP * (profiles.shape[1] - 1)
-    segment, limit = np.arange(len(profiles)), max(-low, high)
+    change = np.zeros(4)
+    return change, _strongest_box(profiles, jacobian, low, step, moves, change)
 
-    def strongest(changes: Array) -> tuple[Array, float]:
-        at = (changes @ jacobian[:, :4].T - low) / OFFSET_STEP
-        at = np.clip(at, 0, profiles.shape[1] - 1.001)
-        left = at.astype(np.int64)
-        part = at - left
-        strength = (1 - part) * profiles[segment, left] + part * profiles[segment, left + 1]
-        mean = strength.mean(axis=1)
-        mean[(np.abs(changes) > limit).any(axis=1)] = -1.0
-        best = int(mean.argmax())
-        return changes[best], float(mean[best])
 
-    change, strength = strongest(np.arange(low, high, TRIAL_STEP)[:, None] * [-1, -1, 1, 1])
-    for reach in TRIAL_RANGES:
-        sizes = np.arange(max(low, -reach), min(high, reach), TRIAL_STEP)
-        for direction in directions:
-            change, strength = strongest(np.vstack([change, change + sizes[:, None] * direction]))
-    return change, strength
+@compiled
+def _strongest_box(
+    profiles: Array, jacobian: Array, low: float, step: float, moves: Array, change: Array
+) -> float:
+    count, last = profiles.shape[0], profiles.shape[1] - 1.001
+    high, strongest = low + step * (profiles.shape[1] - 1), -1.0
+    limit = max(-low, high)
+    start, slope = np.empty(count), np.empty(count)
+    for d in range(moves.shape[0]):
+        for k in range(count):
+            start[k], slope[k] = -low / step, 0.0
+            for c in range(4):
+                start[k] += jacobian[k, c] * change[c] / step
+                slope[k] += jacobian[k, c] * moves[d, c] / step
+        first, best = max(low, -moves[d, 4]), 0.0
+        for n in range(int(np.ceil((min(high, moves[d, 4]) - first) / TRIAL_STEP))):
+            size, total = first + n * TRIAL_STEP, 0.0
+            for k in range(count):
+                at = min(max(start[k] + size * slope[k], 0.0), last)
+                i = int(at)
+                total += profiles[k, i] + (at - i) * (profiles[k, i + 1] - profiles[k, i])
+            for c in range(4):
+                if abs(change[c] + size * moves[d, c]) > limit:
+                    total = -1.0
+            if total > strongest * count:
+                strongest, best = total / count, size
+        for c in range(4):
+            change[c] += best * moves[d, c]
+    return strongest
 
 
 def _points(segments: Segments, low: float, high: float, count: int) -> NDArray[np.float32]:

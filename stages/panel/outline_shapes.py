@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, compiled
 
 ASPECT = {
     "diamond": 1.0,
@@ -85,20 +85,42 @@ _TEMPLATES = {shape: _template(shape) for shape in OUTLINE_SHAPES}
 
 def segments_of(shape: str, box: Array, rotation: float = 0.0) -> Segments:
     """Segments of a shape that fills a box [left, top, right, bottom], rotated about its centre (rad, clockwise)."""
-    begin, end = _TEMPLATES[shape]
-    centre, half = (box[:2] + box[2:]) / 2, (box[2:] - box[:2]) / 2
-    along = (end - begin) * half
-    normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
-    normal /= np.sqrt((along**2).sum(axis=1))[:, None]
-    unit = (begin + end) / 2
-    radius = unit * half
-    jacobian = np.empty((len(unit), 5))
-    jacobian[:, :2], jacobian[:, 2:4] = normal * (0.5 - unit / 2), normal * (0.5 + unit / 2)
-    jacobian[:, 4] = normal[:, 1] * radius[:, 0] - normal[:, 0] * radius[:, 1]
+    first, last = _TEMPLATES[shape]
+    found = Segments(*(np.empty((len(first), n)) for n in (2, 2, 2, 5)))
+    _place(first, last, np.asarray(box, np.float64), rotation, *found)
+    return found
+
+
+@compiled
+def _place(
+    first: Array,
+    last: Array,
+    box: Array,
+    rotation: float,
+    begin: Array,
+    end: Array,
+    normal: Array,
+    jacobian: Array,
+) -> None:
+    u, v, wide, tall = (
+        (box[0] + box[2]) / 2,
+        (box[1] + box[3]) / 2,
+        box[2] - box[0],
+        box[3] - box[1],
+    )
     c, s = np.cos(rotation), np.sin(rotation)
-    rotate = np.array([[c, s], [-s, c]])  # for rows
-    begin, end = begin * half @ rotate + centre, end * half @ rotate + centre
-    return Segments(begin, end, normal @ rotate, jacobian)
+    for k in range(first.shape[0]):
+        x0, y0, x1, y1 = first[k, 0], first[k, 1], last[k, 0], last[k, 1]
+        a, b = (y1 - y0) * tall / 2, (x0 - x1) * wide / 2
+        length = np.sqrt(a * a + b * b)
+        a, b, x, y = a / length, b / length, (x0 + x1) / 4, (y0 + y1) / 4
+        jacobian[k, 0], jacobian[k, 1] = a * (0.5 - x), b * (0.5 - y)
+        jacobian[k, 2], jacobian[k, 3] = a * (0.5 + x), b * (0.5 + y)
+        jacobian[k, 4] = b * x * wide - a * y * tall
+        x0, y0, x1, y1 = x0 * wide / 2, y0 * tall / 2, x1 * wide / 2, y1 * tall / 2
+        begin[k, 0], begin[k, 1] = u + c * x0 - s * y0, v + s * x0 + c * y0
+        end[k, 0], end[k, 1] = u + c * x1 - s * y1, v + s * x1 + c * y1
+        normal[k, 0], normal[k, 1] = c * a - s * b, s * a + c * b
 
 
 def box_round(shape: str, box: Array, rotation: float) -> Array:

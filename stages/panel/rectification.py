@@ -45,11 +45,14 @@ class PanelPlane(NamedTuple):
         return cls(point, np.cross(ahead, up), -up, ahead)
 
     def meet(self, centre: Array, points: Array) -> Array:
-        """Where lines from a camera centre (3,) through points (n, 3) meet the plane: right and down (n, 2), metres."""
+        """Where lines from camera centres (..., 3) through points (n, 3) meet the plane.
+
+        Right and down (..., n, 2), metres; centres of several cameras are (v, 1, 3).
+        """
         rays = points - centre
         fraction = ((self.point - centre) @ self.ahead) / (rays @ self.ahead)
-        offset = centre + fraction[:, None] * rays - self.point
-        return np.column_stack([offset @ self.right, offset @ self.down])
+        offset = centre + fraction[..., None] * rays - self.point
+        return np.stack([offset @ self.right, offset @ self.down], axis=-1)
 
     def points(self, offsets: Array) -> Array:
         """World points (n, 3) at offsets (n, 2) right and down in the plane, metres."""
@@ -107,20 +110,24 @@ def usable_views(
 
 
 def rectify(
-    plane: PanelPlane, columns: Array, rows: Array, depth: float, image: PosedImage
-) -> RectifiedView:
-    """Resample an image at offsets `columns` (m,) right and `rows` (n,) down in the plane, metres, evenly spaced.
+    plane: PanelPlane, columns: Array, rows: Array, views: Sequence[tuple[float, PosedImage]]
+) -> list[RectifiedView]:
+    """Resample images, each with its depth, at offsets right and down in the plane, metres, evenly spaced.
 
-    The projection varies slowly over a panel: it is computed on a grid and interpolated linearly between.
+    columns: (m,), rows: (n,). The projection varies slowly over a panel: it is computed on a grid and interpolated
+    linearly between.
     """
     knots = [np.linspace(at[0], at[-1], _CELLS + 1) for at in (columns, rows)]
-    grid = np.stack(np.meshgrid(*knots), axis=-1).reshape(-1, 2)
-    pixels = image.pixels(plane.points(grid)).reshape(_CELLS + 1, _CELLS + 1, 2)
-    across, down = (_interpolation(len(at)) for at in (columns, rows))
-    u, v = ((down @ pixels[..., c] @ across.T).astype(np.float32) for c in (0, 1))
-    rgb = cv2.remap(image.rgb, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-    return RectifiedView(image, depth, rgb.astype(np.float32), grey.astype(np.float64))
+    grid = plane.points(np.stack(np.meshgrid(*knots), axis=-1).reshape(-1, 2))
+    across, down = _interpolation(len(columns)).T, _interpolation(len(rows))
+    found = []
+    for depth, image in views:
+        pixels = image.pixels(grid).reshape(_CELLS + 1, _CELLS + 1, 2)
+        u, v = ((down @ pixels[..., c] @ across).astype(np.float32) for c in (0, 1))
+        rgb = cv2.remap(image.rgb, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
+        found.append(RectifiedView(image, depth, rgb.astype(np.float32), grey.astype(np.float64)))
+    return found
 
 
 def _interpolation(count: int) -> Array:

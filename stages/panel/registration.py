@@ -40,7 +40,7 @@ REGISTERED_ZNCC = 0.8
 """Correlation (ZNCC) above which a view counts as registered."""
 FEWEST_SAMPLES = 64
 """Samples that are compared at least: a far view mixes a small face with its background."""
-FULL_SIZE_SAMPLES = 90
+FULL_SIZE_SAMPLES = 60
 """Longer patches, in samples, are registered at half size."""
 BLUR = 0.45
 """Blur (sigma), in samples, of the template for a view sqrt(2) times as far."""
@@ -129,12 +129,8 @@ def _registered_to(
     margin = MARGIN * max(float(size.min()), MARGIN_LONGER * float(size.max()))
     count = np.ceil((size / 2 + margin) / step)
     columns, rows = (np.arange(-n, n + 1) * step for n in count)
-    template = rectify(plane, columns, rows, nearest, image)
-    others = [
-        rectify(plane, columns, rows, depth, other)
-        for depth, other in usable[1:]
-        if depth <= DEPTH_RATIO * nearest
-    ]
+    near = [view for view in usable if view[0] <= DEPTH_RATIO * nearest]
+    template, *others = rectify(plane, columns, rows, near)
     inside = [np.abs(at) <= m / 2 + step for at, m in zip((columns, rows), size, strict=True)]
     box = np.outer(inside[1], inside[0]).astype(np.float64)
     identity = Alignment(np.zeros(2), np.ones(2), 1.0, 0.0, 1.0, np.zeros((4, 4)))

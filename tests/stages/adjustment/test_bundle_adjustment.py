@@ -14,8 +14,8 @@ from wayside.stages.adjustment.residuals import (
     PointAnchors,
     ResidualBlocks,
     StepConstraints,
-    block_residuals,
     constraint_residuals,
+    linearise_blocks,
 )
 
 FOCAL = 1400.0
@@ -145,8 +145,9 @@ def test_the_minimum_is_the_one_that_scipy_finds(scales):
         rotations = np.concatenate([turns, one.rotations[-1:]])
         centres = np.concatenate([one.centres[:-1] + poses[:, 3:], one.centres[-1:]])
         gaps, known = np.empty((len(one.rows.point), 2)), np.empty((one.last, 6))
+        slopes = np.empty((len(gaps), 2, 12)), np.empty((len(gaps), 2, 3))
         points = one.points + unknowns[6 * one.last :].reshape(-1, 3) * [1e-3, 1e-3, 1e-3]
-        block_residuals(rotations, centres, charts, points, one.rows, gaps)
+        linearise_blocks(rotations, centres, charts, points, one.rows, gaps, *slopes)
         constraint_residuals(rotations, centres, one.links, known)
         square, scale = (gaps**2).sum(axis=1), one.rows.scale
         flat = scale * np.sqrt(np.log1p(square / scale**2)) / np.sqrt(np.maximum(square, 1e-30))
