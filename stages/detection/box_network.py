@@ -98,9 +98,9 @@ class BoxClassifier:
         """Log odds from which a box is accepted."""
         return self.model.threshold
 
-    def takes(self, box: NDArray[np.float64], camera: Camera) -> bool:
-        """Whether a box (4,) in an image of a camera has a size that is searched for."""
-        return bool(fits_face(box[None], camera)[0])
+    def takes(self, box: NDArray[np.float64], camera: Camera) -> NDArray[np.bool_]:
+        """Which boxes (n, 4) in an image of a camera have a size that is searched for."""
+        return fits_face(box, camera)
 
     def scores(self, levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.float32]:
         """Log odds (n,) that boxes (n, 4) show such a panel; levels: the image at full, half and quarter size."""

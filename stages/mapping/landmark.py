@@ -214,8 +214,8 @@ def build_landmark(
 
 def best_view(fit: LandmarkFit, window: Sequence[WindowFrame]) -> int:
     """The view with the largest box that is whole; where all are cut, the largest."""
-    seen = [held.followed[row] for held, row in fit.views_in(window)]
-    return max(range(len(seen)), key=lambda i: (seen[i]["whole"], seen[i]["size"].prod()))
+    seen = fit.followed_in(window)
+    return int(np.lexsort((-seen["size"].prod(axis=1), ~seen["whole"]))[0])
 
 
 def observation(fit: LandmarkFit, window: Sequence[WindowFrame], i: int) -> Observation:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,10 @@ FOLLOWED = np.dtype(
     ]
 )
 """Columns of the followed candidates of a frame."""
+
+
+Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+"""Applies a function to each of some items, as the builtin `map`: results come in the order of the items."""
 
 
 @dataclass(slots=True)
@@ -255,13 +259,34 @@ def image_bounds(camera: Camera) -> NDArray[np.float64]:
     return np.array([rays[0, 0], rays[1, 1], rays[2, 0], rays[3, 1]])
 
 
+class WindowPoses(NamedTuple):
+    """Number (n,), rotation (n, 3, 3) and centre (n, 3) of the n images of a window."""
+
+    index: NDArray[np.int64]
+    rotation: NDArray[np.float64]
+    centre: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, window: Sequence[WindowFrame]) -> WindowPoses:
+        """Of these frames."""
+        poses = [f.motion.pose for f in window]
+        return cls(
+            np.array([f.frame.index for f in window]),
+            np.stack([pose.rotation for pose in poses]),
+            np.stack([pose.centre for pose in poses]),
+        )
+
+    def to_cameras(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A point (3,) of the world in the frame of each camera, (n, 3)."""
+        return np.asarray(((point - self.centre)[:, None] @ self.rotation)[:, 0])
+
+
 def candidates_of(window: Sequence[WindowFrame]) -> WindowCandidates:
     """Rays of all followed candidates of consecutive frames."""
     table = np.concatenate([f.followed for f in window])
     columns = ("ray", "size", "score", "whole", "seed", "back")
     return WindowCandidates(
-        np.stack([f.motion.pose.rotation for f in window]),
-        np.stack([f.motion.pose.centre for f in window]),
+        *WindowPoses.of(window)[1:],
         np.array([f.focal for f in window]),
         np.stack([f.bounds for f in window]),
         np.cumsum([0, *(len(f.followed) for f in window)], dtype=np.int64),
@@ -276,15 +301,16 @@ class TravelledPath:
         self._poses: deque[tuple[NDArray[np.float64], NDArray[np.float64], float]] = deque(
             maxlen=longest
         )
+        self._columns: list[NDArray[np.float64]] = []
         self._ahead = np.array([0.0, 0.0, 1.0])
 
     def append(self, motion: Motion) -> None:
         """Go one frame further."""
         pose = motion.pose
         self._poses.append((pose.centre, -pose.rotation[:, 1], motion.station_m))
+        self._columns = [np.array(column) for column in zip(*self._poses, strict=True)]
         self._ahead = pose.rotation[:, 2]
 
     def offset(self, point: NDArray[np.float64]) -> FrenetOffset:
         """Station and offset of a point (3,) of the drive's frame."""
-        centres, ups, stations = (np.array(column) for column in zip(*self._poses, strict=True))
-        return frenet_offset(point, centres, ups, stations, self._ahead)
+        return frenet_offset(point, *self._columns, self._ahead)
