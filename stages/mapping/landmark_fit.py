@@ -16,7 +16,7 @@ from wayside.stages.mapping.association import (
     associate,
 )
 from wayside.stages.mapping.triangulation import POINT_ITERATIONS, triangulate_views
-from wayside.stages.mapping.window import WindowFrame
+from wayside.stages.mapping.window import WindowFrame, joined
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation of normal errors."""
@@ -84,7 +84,7 @@ class LandmarkFit:
 
     def followed_in(self, window: Sequence[WindowFrame]) -> NDArray[np.void]:
         """Its candidates, (v,), with the columns of `FOLLOWED`."""
-        return np.concatenate([held.followed[row : row + 1] for held, row in self.views_in(window)])
+        return joined(held.followed[row : row + 1] for held, row in self.views_in(window))
 
 
 def accept_greedily(

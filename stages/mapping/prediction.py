@@ -34,6 +34,16 @@ class _View(NamedTuple):
     tall_px: float
 
 
+class _Accepted(NamedTuple):
+    """Views of one side that one image shows: numbers of their landmarks, heights, regions and scores."""
+
+    back: bool
+    numbers: list[int]
+    tall_px: NDArray[np.float64]
+    regions: Regions
+    scores: NDArray[np.float32]
+
+
 def add_predicted_views(
     fits: Sequence[LandmarkFit],
     window: Sequence[WindowFrame],
@@ -55,33 +65,32 @@ def add_predicted_views(
         Applies a function to items, as `map`.
     """
     views: list[list[_View]] = [[] for _ in fits]
-    images = [(k, back) for k in range(len(window)) for back in sorted(classifiers)]
 
-    def accepted(image: tuple[int, bool]) -> list[tuple[int, float, Regions, float]]:
-        (k, back), classifier = image, classifiers[image[1]]
-        wanted = [i for i, fit in enumerate(fits) if fit.back == back and k not in fit.frames]
-        found = predicted_boxes([fits[i] for i in wanted], window[k])
-        found = found.select(classifier.takes(found.box, window[k].camera))
-        levels = window[k].image_pyramid() if len(found.box) else None
-        if levels is None:
-            return []
-        unknown = np.full(len(found.box), NONE)
-        regions = regions_of(found.box.astype(np.float32), unknown, levels[0], "predicted")
-        scores = classifier.scores(levels, regions.box)
-        return [
-            (
-                wanted[found.row[i]],
-                found.tall_px[i],
-                regions.select(np.array([i])),
-                float(scores[i]),
-            )
-            for i in np.flatnonzero(scores >= classifier.threshold)
+    def accepted(held: WindowFrame, k: int) -> list[_Accepted]:
+        wanted = [
+            i for i, fit in enumerate(fits) if fit.back in classifiers and k not in fit.frames
         ]
+        boxes, found = predicted_boxes([fits[i] for i in wanted], held), []
+        backs = np.array([fits[i].back for i in wanted], np.bool_)[boxes.row]
+        for back, classifier in sorted(classifiers.items()):
+            own = boxes.select((backs == back) & classifier.takes(boxes.box, held.camera))
+            levels = held.image_pyramid() if len(own.box) else None
+            if levels is not None:
+                unknown = np.full(len(own.box), NONE)
+                regions = regions_of(own.box.astype(np.float32), unknown, levels[0], "predicted")
+                scores = classifier.scores(levels, regions.box)
+                rows = np.flatnonzero(scores >= classifier.threshold)
+                numbers = [wanted[i] for i in own.row[rows]]
+                found.append(
+                    _Accepted(back, numbers, own.tall_px[rows], regions.select(rows), scores[rows])
+                )
+        return found
 
-    for (k, back), found in zip(images, each(accepted, images), strict=True):
-        for number, tall_px, region, score in found:
-            row = window[k].add(region, score, back=back)
-            views[number].append(_View(k, row, tall_px))
+    for k, found in enumerate(each(accepted, window, range(len(window)))):
+        for one in found:
+            rows = window[k].add(one.regions, one.scores, back=one.back)
+            for number, row, tall_px in zip(one.numbers, rows, one.tall_px, strict=True):
+                views[number].append(_View(k, row, tall_px))
     return [
         _extended(fit, new, window) if new else fit for fit, new in zip(fits, views, strict=True)
     ]
