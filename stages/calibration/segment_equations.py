@@ -158,17 +158,30 @@ class _Shown(NamedTuple):
         return cls(frame, track, segment.head + np.arange(len(segment.head)), early)
 
 
-class _View(NamedTuple):
-    """Points in an image each: pixels and Jacobians.
+class View(NamedTuple):
+    """A segment as its images show it: pixels and Jacobians of each pair.
 
     rotation (o, 3, 3) and basis (o, 2, 3) of each, inverse (o,) distance, arm (o, 3) from its image to its origin.
     """
 
+    shown: _Shown
     projection: Projection
     rotation: Array
     basis: Array
     inverse: Array
     arm: Array
+
+    @classmethod
+    def of(cls, segment: Segment, camera: Camera) -> View:
+        """Through a camera."""
+        s, shown = segment, _Shown.of(segment)
+        frame, track = shown.frame, shown.track
+        rotation, basis, inverse = s.rotations[frame], s.basis[track], s.points[track, 2]
+        arm = s.origin[track] - s.centres[frame]
+        offset = (s.points[track, None, :2] @ basis)[:, 0]
+        world = s.ray[track] + offset + inverse[:, None] * arm
+        projection = project(camera, (world[:, None] @ rotation)[:, 0])
+        return cls(shown, projection, rotation, basis, inverse, arm)
 
     def slopes(self) -> Array:
         """Of the pixels by the pose, the lens and the point, (o, 2, 14)."""
@@ -182,10 +195,9 @@ class _View(NamedTuple):
         )
 
 
-def evaluate(segment: Segment, camera: Camera, weights: Weights) -> tuple[float, Array]:
+def evaluate(segment: Segment, view: View, weights: Weights) -> tuple[float, Array]:
     """Cost, and lengths (n,) of the residuals of the ties in their sigmas."""
-    shown = _Shown.of(segment)
-    residual, anchors = _residuals(segment, shown, _view(segment, camera, shown))
+    residual, anchors = _residuals(segment, view)
     lengths = np.linalg.norm(residual, axis=1) / (weights.factor * segment.sigma_px)
     turns, steps = _prior_residuals(segment, weights)
     cost = weights.scale**2 * np.log1p((lengths / weights.scale) ** 2).sum()
@@ -193,11 +205,10 @@ def evaluate(segment: Segment, camera: Camera, weights: Weights) -> tuple[float,
     return float(cost), lengths
 
 
-def linearise(segment: Segment, camera: Camera, weights: Weights) -> Equations:
+def linearise(segment: Segment, view: View, weights: Weights) -> Equations:
     """Normal equations of a segment, about its poses and points and the lens of the camera."""
-    s, shown = segment, _Shown.of(segment)
-    view = _view(s, camera, shown)
-    residual, anchors = _residuals(s, shown, view)
+    s = segment
+    residual, anchors = _residuals(s, view)
     sigma = weights.factor * s.sigma_px
     lengths = np.linalg.norm(residual, axis=1) / sigma
     weight = 1 / (sigma * np.sqrt(1 + (lengths / weights.scale) ** 2))
@@ -212,7 +223,7 @@ def linearise(segment: Segment, camera: Camera, weights: Weights) -> Equations:
         weight**2,
     )
     anchor_px = weights.anchor_px
-    _accumulate(shown, s.warp, residual, weight, anchors, 1 / anchor_px, found)
+    _accumulate(view.shown, s.warp, residual, weight, anchors, 1 / anchor_px, found)
     _add_priors(s, weights, found.matrix, found.right)
     return found
 
@@ -269,16 +280,6 @@ def updated(segment: Segment, equations: Equations, solved: Reduced, lens: Array
     )
 
 
-def _view(segment: Segment, camera: Camera, shown: _Shown) -> _View:
-    s, frame, track = segment, shown.frame, shown.track
-    rotation, basis, inverse = s.rotations[frame], s.basis[track], s.points[track, 2]
-    arm = s.origin[track] - s.centres[frame]
-    offset = (s.points[track, None, :2] @ basis)[:, 0]
-    world = s.ray[track] + offset + inverse[:, None] * arm
-    projection = project(camera, (world[:, None] @ rotation)[:, 0])
-    return _View(projection, rotation, basis, inverse, arm)
-
-
 def _warps(warp: Array) -> Array:
     """Matrices (n, 2, 2) of warps (n, 3)."""
     matrices = np.zeros((len(warp), 2, 2))
@@ -286,9 +287,9 @@ def _warps(warp: Array) -> Array:
     return matrices
 
 
-def _residuals(segment: Segment, shown: _Shown, view: _View) -> tuple[Array, Array]:
+def _residuals(segment: Segment, view: View) -> tuple[Array, Array]:
     """Residuals of ties (n, 2), and of points in the first image of their track (p, 2), px."""
-    s, pixels = segment, view.projection.pixels
+    s, shown, pixels = segment, view.shown, view.projection.pixels
     offset = pixels[shown.early] - s.start
     mapped = s.end + (_warps(s.warp) @ offset[:, :, None])[:, :, 0]
     return pixels[shown.early + 1] - mapped, pixels[shown.first] - s.start[s.head]
@@ -364,16 +365,16 @@ def _prior_residuals(segment: Segment, weights: Weights) -> tuple[Array, Array]:
 def _add_priors(segment: Segment, weights: Weights, matrix: Array, right: Array) -> None:
     s = segment
     turns, steps = _prior_residuals(s, weights)
-    gaps = np.diff(s.centres, axis=0)
-    for k in range(len(s.lengths)):
-        rows = np.zeros((4, 12))
-        if np.isfinite(s.turn_sigma[k]):
-            rows[:3, :3] = -(s.rotations[k + 1].T @ s.rotations[k])
-            rows[:3, 6:9] = np.eye(3)
-            rows[:3] /= s.turn_sigma[k]
-        length = max(float(np.linalg.norm(gaps[k])), _FLOOR)
-        rows[3, 9:12] = gaps[k] / (length * s.lengths[k] * weights.length)
-        rows[3, 3:6] = -rows[3, 9:12]
+    gaps, count = np.diff(s.centres, axis=0), len(s.lengths)
+    lengths = np.maximum(np.linalg.norm(gaps, axis=1), _FLOOR) * s.lengths * weights.length
+    rows = np.zeros((count, 4, 12))
+    rows[:, :3, :3] = -(s.rotations[1:].transpose(0, 2, 1) @ s.rotations[:-1])
+    rows[:, :3, 6:9] = np.eye(3)
+    rows[:, :3] /= s.turn_sigma[:, None, None]  # inf: they weigh nothing
+    rows[:, 3, 9:12] = gaps / lengths[:, None]
+    rows[:, 3, 3:6] = -rows[:, 3, 9:12]
+    turned, errors = rows.transpose(0, 2, 1), np.column_stack([turns, steps])[:, :, None]
+    for k, (square, by_error) in enumerate(zip(turned @ rows, turned @ errors, strict=True)):
         both = slice(6 * k, 6 * k + 12)
-        matrix[both, both] += rows.T @ rows
-        right[both] -= rows.T @ np.append(turns[k], steps[k])
+        matrix[both, both] += square
+        right[both] -= by_error[:, 0]

@@ -12,7 +12,12 @@ from scipy import stats
 
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion, PosedDetections
-from wayside.stages.calibration.drive_fit import PRINCIPAL_POINT_SIGMA, calibrate_drive, lens_step
+from wayside.stages.calibration.drive_fit import (
+    PRINCIPAL_POINT_SIGMA,
+    calibrate_from,
+    lens_step,
+    start_of,
+)
 from wayside.stages.calibration.segment import SEGMENT_IMAGES, Segment, cut_segments
 from wayside.stages.calibration.segment_equations import RADIAL, displacement
 
@@ -105,13 +110,14 @@ class CalibrationWatch:
 
 def _check(segments: list[Segment], camera: Camera) -> LensCheck:
     sigma_px = PRINCIPAL_POINT_SIGMA * camera.width
-    step, covariance = lens_step(segments, camera, sigma_px)
+    start = start_of(segments, camera, sigma_px)
+    step, covariance = lens_step(start)
     if not (np.isfinite(step).all() and np.isfinite(covariance).all()):
         return _NOTHING
     correction, sigma = float(step[0]), sqrt(float(covariance[0, 0]))
     if displacement(camera, step) <= CHECK_CLOSER * CHECK_ERROR:
         return LensCheck(correction, sigma, None)
-    found = calibrate_drive(segments, camera, sigma_px)
+    found = calibrate_from(start)
     change, errors = found.lens[RADIAL], found.covariance[np.ix_(RADIAL, RADIAL)]
     by_chance = float(stats.chi2.sf(change @ np.linalg.solve(errors, change), len(RADIAL)))
     significant = by_chance < 2 * stats.norm.sf(CHECK_SIGMAS)
