@@ -66,19 +66,19 @@ def add_predicted_views(
     """
     views: list[list[_View]] = [[] for _ in fits]
 
-    def accepted(held: WindowFrame, k: int) -> list[_Accepted]:
+    def accepted(k: int) -> list[_Accepted]:
+        held, found = window[k], []
         wanted = [
             i for i, fit in enumerate(fits) if fit.back in classifiers and k not in fit.frames
         ]
-        boxes, found = predicted_boxes([fits[i] for i in wanted], held), []
+        boxes = predicted_boxes([fits[i] for i in wanted], held)
         backs = np.array([fits[i].back for i in wanted], np.bool_)[boxes.row]
         for back, classifier in sorted(classifiers.items()):
             own = boxes.select((backs == back) & classifier.takes(boxes.box, held.camera))
-            levels = held.image_pyramid() if len(own.box) else None
-            if levels is not None:
+            if held.rgb is not None and len(own.box):
                 unknown = np.full(len(own.box), NONE)
-                regions = regions_of(own.box.astype(np.float32), unknown, levels[0], "predicted")
-                scores = classifier.scores(levels, regions.box)
+                regions = regions_of(own.box.astype(np.float32), unknown, held.rgb, "predicted")
+                scores = classifier.scores(held.rgb, regions.box)
                 rows = np.flatnonzero(scores >= classifier.threshold)
                 numbers = [wanted[i] for i in own.row[rows]]
                 found.append(
@@ -86,7 +86,7 @@ def add_predicted_views(
                 )
         return found
 
-    for k, found in enumerate(each(accepted, window, range(len(window)))):
+    for k, found in enumerate(each(accepted, range(len(window)))):
         for one in found:
             rows = window[k].add(one.regions, one.scores, back=one.back)
             for number, row, tall_px in zip(one.numbers, rows, one.tall_px, strict=True):
@@ -114,12 +114,12 @@ def predicted_boxes(fits: Sequence[LandmarkFit], frame: WindowFrame) -> Predicte
     points = pose.to_camera(np.array([fit.point for fit in fits]).reshape(-1, 3))
     row = np.flatnonzero(points[:, 2] >= NEAREST_M) if frame.rgb is not None else np.zeros(0, int)
     ray, depth = points[row, :2] / points[row, 2:], points[row, 2]
-    size = np.array([fits[i].metric for i in row]).reshape(-1, 2) / depth[:, None]
+    size = np.array([fits[i].metric for i in row.tolist()]).reshape(-1, 2) / depth[:, None]
     tall_px = size[:, 1] * frame.focal
     project = np.zeros((len(row), 2, 3))
     project[:, [0, 1], [0, 1]], project[:, :, 2] = 1.0, -ray
     project = project @ pose.rotation.T / depth[:, None, None]
-    known = np.array([fits[i].covariance for i in row]).reshape(-1, 3, 3)
+    known = np.array([fits[i].covariance for i in row.tolist()]).reshape(-1, 3, 3)
     covariance = project @ known @ project.transpose(0, 2, 1)
     sigma_px = frame.focal * np.sqrt(np.linalg.eigvalsh(covariance)[:, 1])
     corners = ray[:, None] + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size[:, None] / 2

@@ -43,12 +43,12 @@ def in_swept_volume(fit: LandmarkFit, offset: FrenetOffset) -> bool:
 class Face(NamedTuple):
     """A landmark as the pixels that it explains: point (3,), size (2,) in metres, and its v views.
 
-    Of the views: `index` (v,) of the image; `box` (v, 4), as rays; `measured` (v,): a candidate gave it, no prediction.
+    Of the views: `number` (v,) of the image; `box` (v, 4), as rays; `measured` (v,): a candidate gave it, no prediction.
     """
 
     point: NDArray[np.float64]
     metric: NDArray[np.float64]
-    index: NDArray[np.int64]
+    number: NDArray[np.int64]
     box: NDArray[np.float64]
     measured: NDArray[np.bool_]
 
@@ -70,12 +70,12 @@ class Face(NamedTuple):
 
     def boxes(self, images: WindowPoses) -> FaceBoxes:
         """Where it is in the images of a window: as seen, else where it must be."""
-        found, local = FaceBoxes.none(len(images.index)), images.to_cameras(self.point)
+        found, local = FaceBoxes.none(len(images.number)), images.to_cameras(self.point)
         ahead = local[:, 2] > NEAREST_M
         depth = local[ahead, 2:]
         centre, half = local[ahead, :2] / depth, self.metric / depth / 2
         found.box[ahead] = np.hstack([centre - half, centre + half])
-        held, own = np.nonzero(images.index[:, None] == self.index)
+        held, own = np.nonzero(images.number[:, None] == self.number)
         found.box[held], found.measured[held] = self.box[own], self.measured[own]
         found.seen[held] = True
         return found

@@ -22,7 +22,6 @@ from wayside.stages.geometry import (
     rays_of_ideal,
     to_rays,
 )
-from wayside.stages.imaging import Pyramid, pyramid
 from wayside.stages.mapping.association import WindowCandidates
 
 WEAKEST_SCORE = -7.0
@@ -75,8 +74,10 @@ class WindowFrame:
 
     @classmethod
     def of(cls, posed: PosedDetections, motion: Motion, camera: Camera) -> WindowFrame:
-        """What tracking needs of a frame."""
-        table = posed.detections.candidates
+        """What tracking needs of a frame: its image in colour and in full size only."""
+        table, found = posed.detections.candidates, posed.detections.segmentation
+        found = replace(found, image=replace(found.image, grey=None, levels=None))
+        posed = replace(posed, detections=replace(posed.detections, segmentation=found))
         followed = joined(
             followed_table(table, rows, camera, back=back)
             for rows, back in ((face_rows(table), False), (table.back_rows(), True))
@@ -97,11 +98,6 @@ class WindowFrame:
     def rgb(self) -> NDArray[np.uint8] | None:
         """The image, or None."""
         return self.posed.detections.image.rgb
-
-    def image_pyramid(self) -> Pyramid | None:
-        """The image at full, half and quarter size, or None."""
-        image = self.posed.detections.image
-        return image.levels or (None if image.rgb is None else pyramid(image.rgb))
 
     def box(self, row: int) -> NDArray[np.float64]:
         """Box (4,) of a followed candidate, pixels."""
@@ -265,7 +261,7 @@ def image_bounds(camera: Camera) -> NDArray[np.float64]:
 class WindowPoses(NamedTuple):
     """Number (n,), rotation (n, 3, 3) and centre (n, 3) of the n images of a window."""
 
-    index: NDArray[np.int64]
+    number: NDArray[np.int64]
     rotation: NDArray[np.float64]
     centre: NDArray[np.float64]
 
@@ -316,4 +312,5 @@ class TravelledPath:
 
     def offset(self, point: NDArray[np.float64]) -> FrenetOffset:
         """Station and offset of a point (3,) of the drive's frame."""
-        return frenet_offset(point, *self._columns, self._ahead)
+        centres, ups, stations = self._columns
+        return frenet_offset(point, centres, ups, stations, self._ahead)
