@@ -43,7 +43,7 @@ def in_swept_volume(fit: LandmarkFit, offset: FrenetOffset) -> bool:
 class Face(NamedTuple):
     """A landmark as the pixels that it explains: point (3,), size (2,) in metres, and its v views.
 
-    Of the views: `number` (v,) of the image; `box` (v, 4), as rays; `measured` (v,): a candidate gave it, no prediction.
+    Of the views: `number` (v,) of the image, `box` (v, 4) as rays, `measured` (v,): not a predicted one.
     """
 
     point: NDArray[np.float64]
