@@ -19,6 +19,7 @@ from wayside.stages.calibration.segment import Segment
 from wayside.stages.calibration.segment_equations import (
     LENS,
     Equations,
+    View,
     Weights,
     changed_camera,
     evaluate,
@@ -94,6 +95,11 @@ class _Estimate:
 
     lens: Array
     segments: Sequence[Segment]
+    views: list[View] = field(default_factory=list)
+    """What their images show, where the cost was evaluated last."""
+
+
+Start = tuple[_Problem, _Estimate]
 
 
 def calibrate_drive(
@@ -106,7 +112,13 @@ def calibrate_drive(
     The ratio of both focal lengths and the coefficients but k1 and k2 are held. principal_sigma_px: how far off the
     principal point of the camera may be.
     """
-    problem, estimate = _start(segments, camera, principal_sigma_px)
+    return calibrate_from(start_of(segments, camera, principal_sigma_px))
+
+
+def calibrate_from(start: Start) -> DriveCalibration:
+    """The same from a start, which it overwrites."""
+    problem, estimate = start
+    camera, segments = problem.camera, estimate.segments
     estimate, cost = _fitted(problem, estimate, ITERATIONS)
     for _ in range(REWEIGHTINGS - 1):
         factor = _error_factor(problem, estimate)
@@ -128,21 +140,20 @@ def calibrate_drive(
     )
 
 
-def lens_step(
-    segments: Sequence[Segment], camera: Camera, principal_sigma_px: float
-) -> tuple[Array, Array]:
+def lens_step(start: Start) -> tuple[Array, Array]:
     """The change (5,) of the lens to first order, in the order of `LENS`, and its covariance (5, 5).
 
-    A part of the time of `calibrate_drive`; the arguments are the same. It falls short of large errors.
+    A part of the time of `calibrate_from`. It falls short of large errors.
     """
-    covariance, step = _solution(*_start(segments, camera, principal_sigma_px))
+    covariance, step = _solution(*start)
     return step, covariance
 
 
-def _start(
-    segments: Sequence[Segment], camera: Camera, principal_sigma_px: float
-) -> tuple[_Problem, _Estimate]:
-    """Poses and points for the lens as given, with the errors of ties as large as their residuals say."""
+def start_of(segments: Sequence[Segment], camera: Camera, principal_sigma_px: float) -> Start:
+    """Poses and points for the lens as given, with the errors of ties as large as their residuals say.
+
+    The arguments are those of `calibrate_drive`.
+    """
     scatter = [np.inf, principal_sigma_px, principal_sigma_px, DISTORTION_SIGMA, DISTORTION_SIGMA]
     weights = Weights(1.0, TIE_SCALE, ANCHOR_SIGMA_PX, LENGTH_SIGMA)
     problem = _Problem(camera, weights, np.diag(1 / np.array(scatter) ** 2), free=False)
@@ -156,8 +167,8 @@ def _start(
 
 def _error_factor(problem: _Problem, estimate: _Estimate) -> float:
     """Errors of ties over those stated, by the median residual; 1 at least."""
-    here = changed_camera(problem.camera, estimate.lens)
-    lengths = [evaluate(one, here, problem.weights)[1] for one in estimate.segments]
+    parts = zip(estimate.segments, estimate.views, strict=True)
+    lengths = [evaluate(*part, problem.weights)[1] for part in parts]
     median = float(np.median(np.concatenate(lengths)))
     return max(1.0, problem.weights.factor * median / _RAYLEIGH_MEDIAN)
 
@@ -172,13 +183,16 @@ def _fitted(problem: _Problem, start: _Estimate, iterations: int) -> tuple[_Esti
 
 def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
     here = changed_camera(problem.camera, estimate.lens)
-    costs = (evaluate(one, here, problem.weights)[0] for one in estimate.segments)
-    return sum(costs) + float(estimate.lens @ problem.known @ estimate.lens)
+    estimate.views = [View.of(one, here) for one in estimate.segments]
+    parts = zip(estimate.segments, estimate.views, strict=True)
+    return sum(evaluate(*part, problem.weights)[0] for part in parts) + float(
+        estimate.lens @ problem.known @ estimate.lens
+    )
 
 
 def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
-    here = changed_camera(problem.camera, estimate.lens)
-    problem.equations = [linearise(one, here, problem.weights) for one in estimate.segments]
+    parts = zip(estimate.segments, estimate.views, strict=True)
+    problem.equations = [linearise(*part, problem.weights) for part in parts]
 
 
 def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estimate) -> bool:

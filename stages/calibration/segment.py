@@ -20,6 +20,7 @@ from wayside.stages.adjustment import (
     StepTies,
     correlated_sigma_px,
     link_tracks,
+    select_tracks,
     ties_of_step,
 )
 from wayside.stages.geometry import distort_points, ideal_of_rays, tangent_basis
@@ -70,22 +71,25 @@ class Segment(NamedTuple):
 
 
 def cut_segments(
-    motions: Sequence[Motion], camera: Camera, images: int = SEGMENT_IMAGES
+    motions: Sequence[Motion], camera: Camera, images: int = SEGMENT_IMAGES, cell_px: float = 0.0
 ) -> list[Segment]:
-    """Segments of `images` images, each beginning with the last of the one before; those with few tracks left out."""
+    """Segments of `images` images, each beginning with the last of the one before; those with few tracks left out.
+
+    cell_px: of the ties of an image, one is kept in each cell of this size, longest tracks first; 0: all.
+    """
     found = []
     for first in range(0, len(motions) - 2, images - 1):
         part = motions[first : first + images]
-        segment = make_segment(part, camera)
+        segment = make_segment(part, camera, cell_px)
         if segment is not None and len(segment.head) >= FEWEST_TRACKS:
             found.append(segment)
     return found
 
 
-def make_segment(motions: Sequence[Motion], camera: Camera) -> Segment | None:
+def make_segment(motions: Sequence[Motion], camera: Camera, cell_px: float = 0.0) -> Segment | None:
     """Link the ties of a part of a drive to tracks and place their points.
 
-    camera: that the ties were undistorted with. What led to the first image is ignored.
+    camera: that the ties were undistorted with. What led to the first image is ignored. cell_px: see `cut_segments`.
 
     Returns None without a track over three images.
     """
@@ -96,6 +100,9 @@ def make_segment(motions: Sequence[Motion], camera: Camera) -> Segment | None:
     all_ties = all_ties.select(np.flatnonzero((all_ties.corners >= 0).all(axis=1)))
     linked = link_tracks(all_ties.step, all_ties.corners)
     long = np.bincount(linked, minlength=1)[linked] >= 2
+    if cell_px > 0:
+        cell = np.floor(all_ties.pixel / cell_px).astype(np.int64)
+        long &= select_tracks(linked, all_ties.step, cell)
     if not long.any():
         return None
     order = np.flatnonzero(long)[np.lexsort((all_ties.step[long], linked[long]))]

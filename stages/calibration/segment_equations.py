@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from wayside.schemas.frame import Camera
 from wayside.stages.calibration.segment import Segment
 from wayside.stages.geometry import to_rays
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, compiled
 
 _FLOOR = 1e-9
 
@@ -108,9 +108,9 @@ class Weights(NamedTuple):
 class Equations(NamedTuple):
     """Normal equations of a segment of m images, of which the last 5 of s = 6 m + 5 unknowns are the lens.
 
-    `matrix` (s, s), `right` (s,): of poses and lens. `block` (p, 3, 3), `cross` (p, s, 3), `point_right` (p, 3): of the
-    points. `by_all` (n, 2, s), `by_point` (n, 2, 3), `weight` (n,): Jacobians of the ties, px, and one over their
-    squared sigmas.
+    `matrix` (s, s), `right` (s,): of poses and lens. `block` (p, 3, 3), `cross` (p, 3, s), `point_right` (p, 3): of the
+    points. `slopes` (o, 2, 14): of the pixel of each point in each image that shows it, by the pose, the lens and the
+    point. `weight` (n,): one over the squared sigmas of the ties, px.
     """
 
     matrix: Array
@@ -118,8 +118,7 @@ class Equations(NamedTuple):
     block: Array
     cross: Array
     point_right: Array
-    by_all: Array
-    by_point: Array
+    slopes: Array
     weight: Array
 
 
@@ -137,80 +136,96 @@ class Reduced(NamedTuple):
     inverse: Array
 
 
-class _View(NamedTuple):
-    """Points in an image each: pixels and Jacobians.
+class _Shown(NamedTuple):
+    """The o pairs of a point and an image that shows it, those of a track together and in order.
 
-    rotation (n, 3, 3) and basis (n, 2, 3) of each, inverse (n,) distance, arm (n, 3) from its image to its origin.
+    frame, track (o,). first (p,): first pair of each track. early (n,): that of each tie in its earlier image; the next
+    one is that in its later image.
     """
 
+    frame: NDArray[np.int64]
+    track: NDArray[np.int64]
+    first: NDArray[np.int64]
+    early: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, segment: Segment) -> _Shown:
+        """Of a segment."""
+        early = np.arange(len(segment.track)) + segment.track
+        frame, track = np.zeros((2, len(segment.track) + len(segment.head)), np.int64)
+        for at, column in ((early, 0), (early + 1, 1)):
+            frame[at], track[at] = segment.frames[:, column], segment.track
+        return cls(frame, track, segment.head + np.arange(len(segment.head)), early)
+
+
+class View(NamedTuple):
+    """A segment as its images show it: pixels and Jacobians of each pair.
+
+    rotation (o, 3, 3) and basis (o, 2, 3) of each, inverse (o,) distance, arm (o, 3) from its image to its origin.
+    """
+
+    shown: _Shown
     projection: Projection
     rotation: Array
     basis: Array
     inverse: Array
     arm: Array
 
-    def derivatives(self) -> tuple[Array, Array]:
-        """Of the pixels by the pose (n, 2, 6) and by the point (n, 2, 3)."""
-        in_world = self.projection.by_ray @ self.rotation.transpose(0, 2, 1)
+    @classmethod
+    def of(cls, segment: Segment, camera: Camera) -> View:
+        """Through a camera."""
+        s, shown = segment, _Shown.of(segment)
+        frame, track = shown.frame, shown.track
+        rotation, basis, inverse = s.rotations[frame], s.basis[track], s.points[track, 2]
+        arm = s.origin[track] - s.centres[frame]
+        offset = (s.points[track, None, :2] @ basis)[:, 0]
+        world = s.ray[track] + offset + inverse[:, None] * arm
+        projection = project(camera, (world[:, None] @ rotation)[:, 0])
+        return cls(shown, projection, rotation, basis, inverse, arm)
+
+    def slopes(self) -> Array:
+        """Of the pixels by the pose, the lens and the point, (o, 2, 14)."""
+        seen = self.projection
+        in_world = seen.by_ray @ self.rotation.transpose(0, 2, 1)
         by_centre = -self.inverse[:, None, None] * in_world
         by_offset = in_world @ self.basis.transpose(0, 2, 1)
-        return (
-            np.concatenate([self.projection.by_turn, by_centre], axis=2),
-            np.concatenate([by_offset, in_world @ self.arm[:, :, None]], axis=2),
+        by_inverse = in_world @ self.arm[:, :, None]
+        return np.concatenate(
+            [seen.by_turn, by_centre, seen.by_lens, by_offset, by_inverse], axis=2
         )
 
 
-def evaluate(segment: Segment, camera: Camera, weights: Weights) -> tuple[float, Array]:
+def evaluate(segment: Segment, view: View, weights: Weights) -> tuple[float, Array]:
     """Cost, and lengths (n,) of the residuals of the ties in their sigmas."""
-    residual, _, _ = _tie_residuals(segment, camera)
+    residual, anchors = _residuals(segment, view)
     lengths = np.linalg.norm(residual, axis=1) / (weights.factor * segment.sigma_px)
-    anchors = _anchor_residuals(segment, camera)[0] / weights.anchor_px
     turns, steps = _prior_residuals(segment, weights)
     cost = weights.scale**2 * np.log1p((lengths / weights.scale) ** 2).sum()
-    return float(cost + (anchors**2).sum() + (turns**2).sum() + (steps**2).sum()), lengths
+    cost += ((anchors / weights.anchor_px) ** 2).sum() + (turns**2).sum() + (steps**2).sum()
+    return float(cost), lengths
 
 
-def linearise(segment: Segment, camera: Camera, weights: Weights) -> Equations:
+def linearise(segment: Segment, view: View, weights: Weights) -> Equations:
     """Normal equations of a segment, about its poses and points and the lens of the camera."""
-    s, count, tracks = segment, len(segment.rotations), len(segment.head)
-    size = 6 * count + len(LENS)
-    residual, early, late = _tie_residuals(s, camera)
+    s = segment
+    residual, anchors = _residuals(s, view)
     sigma = weights.factor * s.sigma_px
     lengths = np.linalg.norm(residual, axis=1) / sigma
     weight = 1 / (sigma * np.sqrt(1 + (lengths / weights.scale) ** 2))
-    warp = _warps(s.warp)
-    early_pose, early_point = early.derivatives()
-    late_pose, late_point = late.derivatives()
-    by_all = np.zeros((len(residual), 2, size))
-    _put(by_all, s.frames[:, 1], late_pose)
-    _put(by_all, s.frames[:, 0], -warp @ early_pose)
-    by_all[:, :, 6 * count :] = late.projection.by_lens - warp @ early.projection.by_lens
-    by_point = late_point - warp @ early_point
-    anchor, first = _anchor_residuals(s, camera)
-    first_pose, first_point = first.derivatives()
-    anchor_all = np.zeros((tracks, 2, size))
-    _put(anchor_all, s.frames[s.head, 0], first_pose)
-    anchor_all[:, :, 6 * count :] = first.projection.by_lens
-    jacobian = np.concatenate([anchor_all / weights.anchor_px, by_all * weight[:, None, None]])
-    points = np.concatenate([first_point / weights.anchor_px, by_point * weight[:, None, None]])
-    errors = np.concatenate([anchor / weights.anchor_px, residual * weight[:, None]])
-    track = np.concatenate([np.arange(tracks), s.track])
-    order = np.argsort(track, kind="stable")  # sums over the rows of each track
-    jacobian, points, errors = jacobian[order], points[order], errors[order]
-    heads = np.searchsorted(track[order], np.arange(tracks))
-    flat, turned = jacobian.reshape(-1, size), points.transpose(0, 2, 1)
-    matrix, right = flat.T @ flat, -flat.T @ errors.ravel()
-    _add_priors(s, weights, matrix, right)
-    return Equations(
-        matrix,
-        right,
-        np.add.reduceat(turned @ points, heads),
-        np.add.reduceat(jacobian.transpose(0, 2, 1) @ points, heads),
-        -np.add.reduceat((turned @ errors[:, :, None])[:, :, 0], heads),
-        by_all,
-        by_point,
+    size, points = 6 * len(s.rotations) + len(LENS), len(s.head)
+    found = Equations(
+        np.zeros((size, size)),
+        np.zeros(size),
+        np.zeros((points, 3, 3)),
+        np.zeros((points, 3, size)),
+        np.zeros((points, 3)),
+        view.slopes(),
         weight**2,
     )
+    anchor_px = weights.anchor_px
+    _accumulate(view.shown, s.warp, residual, weight, anchors, 1 / anchor_px, found)
+    _add_priors(s, weights, found.matrix, found.right)
+    return found
 
 
 def reduced(equations: Equations, damping: float) -> Reduced:
@@ -220,9 +235,8 @@ def reduced(equations: Equations, damping: float) -> Reduced:
     block[:, range(3), range(3)] *= 1 + damping
     block[:, range(3), range(3)] += _FLOOR
     inverse: Array = np.asarray(np.linalg.inv(block), np.float64)
-    wide = e.cross @ inverse
-    matrix = e.matrix - np.tensordot(wide, e.cross, axes=((0, 2), (0, 2)))
-    right = e.right - np.tensordot(wide, e.point_right, axes=((0, 2), (0, 1)))
+    wide, cross = (inverse @ e.cross).reshape(-1, size), e.cross.reshape(-1, size)
+    matrix, right = e.matrix - wide.T @ cross, e.right - wide.T @ e.point_right.ravel()
     free, lens = slice(6, size - len(LENS)), slice(size - len(LENS), size)
     poses = matrix[free, free] + np.diag(damping * np.diag(matrix[free, free]) + _FLOOR)
     both = np.column_stack([matrix[free, lens], right[free]])
@@ -239,18 +253,21 @@ def reduced(equations: Equations, damping: float) -> Reduced:
 
 def lens_gain(segment: Segment, equations: Equations, solved: Reduced) -> Array:
     """Part (n, 2, 5) of the right side of the lens by each pixel of the residual of each tie."""
-    e = equations
+    e, shown = equations, _Shown.of(segment)
     response = np.concatenate([np.zeros((6, len(LENS))), solved.by_lens, np.eye(len(LENS))])
-    moved = -solved.inverse @ (e.cross.transpose(0, 2, 1) @ response)
-    by_lens = e.by_all @ response + e.by_point @ moved[segment.track]
-    return np.asarray(by_lens * e.weight[:, None, None])
+    moved = -solved.inverse @ (e.cross @ response)
+    by_pose, own, by_point = np.split(e.slopes, [6, 6 + len(LENS)], axis=2)
+    poses = response[: -len(LENS)].reshape(-1, 6, len(LENS))
+    by_lens = by_pose @ poses[shown.frame] + own + by_point @ moved[shown.track]
+    by_tie = by_lens[shown.early + 1] - _warps(segment.warp) @ by_lens[shown.early]
+    return np.asarray(by_tie * e.weight[:, None, None])
 
 
 def updated(segment: Segment, equations: Equations, solved: Reduced, lens: Array) -> Segment:
     """The segment after a step of the lens by `lens` (5,)."""
     poses = np.concatenate([np.zeros(6), solved.alone + solved.by_lens @ lens])
     everything = np.concatenate([poses, lens])
-    rest = equations.point_right - equations.cross.transpose(0, 2, 1) @ everything
+    rest = equations.point_right - equations.cross @ everything
     moves = poses.reshape(-1, 6)
     turned = [
         rotation @ cv2.Rodrigues(move[:3])[0]
@@ -263,25 +280,6 @@ def updated(segment: Segment, equations: Equations, solved: Reduced, lens: Array
     )
 
 
-def _put(jacobian: Array, frame: NDArray[np.int64], by_pose: Array) -> None:
-    """Fill the columns of each row's image."""
-    rows = np.arange(len(frame))[:, None, None]
-    columns = 6 * frame[:, None] + np.arange(6)
-    jacobian[rows, np.arange(2)[None, :, None], columns[:, None, :]] = by_pose
-
-
-def _view(
-    segment: Segment, camera: Camera, frame: NDArray[np.int64], track: NDArray[np.int64]
-) -> _View:
-    s = segment
-    rotation, basis, inverse = s.rotations[frame], s.basis[track], s.points[track, 2]
-    arm = s.origin[track] - s.centres[frame]
-    offset = (s.points[track, None, :2] @ basis)[:, 0]
-    world = s.ray[track] + offset + inverse[:, None] * arm
-    projection = project(camera, (world[:, None] @ rotation)[:, 0])
-    return _View(projection, rotation, basis, inverse, arm)
-
-
 def _warps(warp: Array) -> Array:
     """Matrices (n, 2, 2) of warps (n, 3)."""
     matrices = np.zeros((len(warp), 2, 2))
@@ -289,21 +287,68 @@ def _warps(warp: Array) -> Array:
     return matrices
 
 
-def _tie_residuals(segment: Segment, camera: Camera) -> tuple[Array, _View, _View]:
-    """Residuals (n, 2) of ties, px, and their points in the earlier and in the later image."""
-    s = segment
-    early = _view(s, camera, s.frames[:, 0], s.track)
-    late = _view(s, camera, s.frames[:, 1], s.track)
-    offset = early.projection.pixels - s.start
+def _residuals(segment: Segment, view: View) -> tuple[Array, Array]:
+    """Residuals of ties (n, 2), and of points in the first image of their track (p, 2), px."""
+    s, shown, pixels = segment, view.shown, view.projection.pixels
+    offset = pixels[shown.early] - s.start
     mapped = s.end + (_warps(s.warp) @ offset[:, :, None])[:, :, 0]
-    return late.projection.pixels - mapped, early, late
+    return pixels[shown.early + 1] - mapped, pixels[shown.first] - s.start[s.head]
 
 
-def _anchor_residuals(segment: Segment, camera: Camera) -> tuple[Array, _View]:
-    """Residuals (p, 2) of points in the first image of their track, px."""
-    s = segment
-    view = _view(s, camera, s.frames[s.head, 0], np.arange(len(s.head)))
-    return view.projection.pixels - s.start[s.head], view
+@compiled
+def _accumulate(
+    shown: _Shown,
+    warp: Array,
+    residual: Array,
+    weight: Array,
+    anchors: Array,
+    anchor: float,
+    found: Equations,
+) -> None:
+    # Adds the equations of the anchors, weighted by `anchor`, and of the ties. Columns of a row: pose of the later
+    # image, of the earlier one, lens, point.
+    points, lens = len(shown.first), found.matrix.shape[0] - 5
+    row, column = np.zeros((2, 20)), np.zeros(17, np.int64)
+    for k in range(points + len(weight)):
+        own = weight[k - points] if k >= points else anchor
+        late = shown.early[k - points] + 1 if k >= points else shown.first[k]
+        for i in range(2):
+            for j in range(6):
+                row[i, j], row[i, 6 + j] = own * found.slopes[late, i, j], 0.0
+            for j in range(6, 14):
+                row[i, 6 + j] = own * found.slopes[late, i, j]
+        for j in range(6):
+            column[j] = column[6 + j] = 6 * shown.frame[late] + j
+        if k >= points:
+            a, b, d = warp[k - points]
+            for j in range(14):
+                x, y = own * found.slopes[late - 1, 0, j], own * found.slopes[late - 1, 1, j]
+                row[0, 6 + j] -= a * x + b * y
+                row[1, 6 + j] -= d * y
+            for j in range(6):
+                column[6 + j] = 6 * shown.frame[late - 1] + j
+        for j in range(5):
+            column[12 + j] = lens + j
+        error = residual[k - points] if k >= points else anchors[k]
+        _add_row(row, column, own * error[0], own * error[1], shown.track[late], found)
+
+
+@compiled
+def _add_row(
+    row: Array, column: NDArray[np.int64], u: float, v: float, track: int, found: Equations
+) -> None:
+    for i in range(17):
+        x, y, at = row[0, i], row[1, i], column[i]
+        found.right[at] -= x * u + y * v
+        for j in range(17):
+            found.matrix[at, column[j]] += x * row[0, j] + y * row[1, j]
+        for j in range(3):
+            found.cross[track, j, at] += x * row[0, 17 + j] + y * row[1, 17 + j]
+    for i in range(3):
+        x, y = row[0, 17 + i], row[1, 17 + i]
+        found.point_right[track, i] -= x * u + y * v
+        for j in range(3):
+            found.block[track, i, j] += x * row[0, 17 + j] + y * row[1, 17 + j]
 
 
 def _prior_residuals(segment: Segment, weights: Weights) -> tuple[Array, Array]:
@@ -320,15 +365,16 @@ def _prior_residuals(segment: Segment, weights: Weights) -> tuple[Array, Array]:
 def _add_priors(segment: Segment, weights: Weights, matrix: Array, right: Array) -> None:
     s = segment
     turns, steps = _prior_residuals(s, weights)
-    gaps = np.diff(s.centres, axis=0)
-    for k in range(len(s.lengths)):
-        rows = np.zeros((4, len(right)))
-        if np.isfinite(s.turn_sigma[k]):
-            rows[:3, 6 * k : 6 * k + 3] = -(s.rotations[k + 1].T @ s.rotations[k])
-            rows[:3, 6 * k + 6 : 6 * k + 9] = np.eye(3)
-            rows[:3] /= s.turn_sigma[k]
-        length = max(float(np.linalg.norm(gaps[k])), _FLOOR)
-        rows[3, 6 * k + 9 : 6 * k + 12] = gaps[k] / (length * s.lengths[k] * weights.length)
-        rows[3, 6 * k + 3 : 6 * k + 6] = -rows[3, 6 * k + 9 : 6 * k + 12]
-        matrix += rows.T @ rows
-        right -= rows.T @ np.append(turns[k], steps[k])
+    gaps, count = np.diff(s.centres, axis=0), len(s.lengths)
+    lengths = np.maximum(np.linalg.norm(gaps, axis=1), _FLOOR) * s.lengths * weights.length
+    rows = np.zeros((count, 4, 12))
+    rows[:, :3, :3] = -(s.rotations[1:].transpose(0, 2, 1) @ s.rotations[:-1])
+    rows[:, :3, 6:9] = np.eye(3)
+    rows[:, :3] /= s.turn_sigma[:, None, None]  # inf: they weigh nothing
+    rows[:, 3, 9:12] = gaps / lengths[:, None]
+    rows[:, 3, 3:6] = -rows[:, 3, 9:12]
+    turned, errors = rows.transpose(0, 2, 1), np.column_stack([turns, steps])[:, :, None]
+    for k, (square, by_error) in enumerate(zip(turned @ rows, turned @ errors, strict=True)):
+        both = slice(6 * k, 6 * k + 12)
+        matrix[both, both] += square
+        right[both] -= by_error[:, 0]

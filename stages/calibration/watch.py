@@ -12,12 +12,19 @@ from scipy import stats
 
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion, PosedDetections
-from wayside.stages.calibration.drive_fit import PRINCIPAL_POINT_SIGMA, calibrate_drive, lens_step
+from wayside.stages.calibration.drive_fit import (
+    PRINCIPAL_POINT_SIGMA,
+    calibrate_from,
+    lens_step,
+    start_of,
+)
 from wayside.stages.calibration.segment import SEGMENT_IMAGES, Segment, cut_segments
 from wayside.stages.calibration.segment_equations import RADIAL, displacement
 
 CHECK_SEGMENTS = 3
-"""Segments of a run by which its calibration is checked, those that turn most: 0.2 s to 0.5 s each."""
+"""Segments of a run by which its calibration is checked, those that turn most: 0.05 s to 0.15 s each."""
+CHECK_CELL = 1 / 16
+"""The check takes one tie in each cell of this size, by the width: nearer ones share most of their errors."""
 CHECK_ERROR = 0.03
 """A lens is wrong where a point is displaced by more, by its distance from the principal point."""
 CHECK_CLOSER = 0.5
@@ -93,7 +100,8 @@ class CalibrationWatch:
         camera = self.camera
         if camera is None:
             return _NOTHING
-        found = (cut_segments(part, camera, self.images) for part in parts)
+        cell_px = CHECK_CELL * camera.width
+        found = (cut_segments(part, camera, self.images, cell_px) for part in parts)
         segments = [one for part in found for one in part]
         if not segments:
             return _NOTHING
@@ -105,13 +113,14 @@ class CalibrationWatch:
 
 def _check(segments: list[Segment], camera: Camera) -> LensCheck:
     sigma_px = PRINCIPAL_POINT_SIGMA * camera.width
-    step, covariance = lens_step(segments, camera, sigma_px)
+    start = start_of(segments, camera, sigma_px)
+    step, covariance = lens_step(start)
     if not (np.isfinite(step).all() and np.isfinite(covariance).all()):
         return _NOTHING
     correction, sigma = float(step[0]), sqrt(float(covariance[0, 0]))
     if displacement(camera, step) <= CHECK_CLOSER * CHECK_ERROR:
         return LensCheck(correction, sigma, None)
-    found = calibrate_drive(segments, camera, sigma_px)
+    found = calibrate_from(start)
     change, errors = found.lens[RADIAL], found.covariance[np.ix_(RADIAL, RADIAL)]
     by_chance = float(stats.chi2.sf(change @ np.linalg.solve(errors, change), len(RADIAL)))
     significant = by_chance < 2 * stats.norm.sf(CHECK_SIGMAS)

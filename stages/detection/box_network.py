@@ -17,7 +17,7 @@ from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.frame import Camera
 from wayside.schemas.models import ScoreModel
 from wayside.stages.classifiers import OnnxNetwork
-from wayside.stages.detection.box_patches import SIDE, drawn_patches
+from wayside.stages.detection.box_patches import SIDE, drawn_patches, pyramid_of_boxes
 from wayside.stages.detection.proposals import fits_face
 from wayside.stages.imaging import Pyramid
 
@@ -98,11 +98,11 @@ class BoxClassifier:
         """Log odds from which a box is accepted."""
         return self.model.threshold
 
-    def takes(self, box: NDArray[np.float64], camera: Camera) -> bool:
-        """Whether a box (4,) in an image of a camera has a size that is searched for."""
-        return bool(fits_face(box[None], camera)[0])
+    def takes(self, box: NDArray[np.float64], camera: Camera) -> NDArray[np.bool_]:
+        """Which boxes (n, 4) in an image of a camera have a size that is searched for."""
+        return fits_face(box, camera)
 
-    def scores(self, levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Log odds (n,) that boxes (n, 4) show such a panel; levels: the image at full, half and quarter size."""
-        found = self.network.scores(levels, box)
+    def scores(self, rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Log odds (n,) that boxes (n, 4) of an image (height, width, 3) show such a panel."""
+        found = self.network.scores(pyramid_of_boxes(rgb, box), box)
         return found.back if self.back else found.front

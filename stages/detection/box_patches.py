@@ -11,11 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.imaging import Pyramid
+from wayside.stages.imaging import Pyramid, pyramid
 from wayside.stages.kernels import compiled, require_array, require_image
 
 SIDE, INNER = 48, 28
 """Samples of the patch and of the box in it, each way."""
+
+
+def pyramid_of_boxes(rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> Pyramid:
+    """An image at full, half and quarter size; the smaller ones empty where no box (n, 4) is drawn from them."""
+    large = ((box[:, 2:] - box[:, :2]) / INNER >= 2).any()
+    return pyramid(rgb) if large else (rgb, rgb[:0], rgb[:0])
 
 
 def drawn_patches(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.uint8]:

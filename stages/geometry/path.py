@@ -47,7 +47,8 @@ def frenet_offset(
     up /= np.linalg.norm(up)
     offset = point - foot[nearest]
     station = stations[nearest] + fraction[nearest] * lengths[nearest]
-    return FrenetOffset(float(station), float(offset @ np.cross(along, up)), float(offset @ up))
+    right = along[[1, 2, 0]] * up[[2, 0, 1]] - along[[2, 0, 1]] * up[[1, 2, 0]]
+    return FrenetOffset(float(station), float(offset @ right), float(offset @ up))
 
 
 def turn_deg(start: float, end: Degrees) -> Degrees:

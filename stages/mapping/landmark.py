@@ -171,7 +171,7 @@ def build_landmark(
     A back has no colour of a sign. Its shape is the shape of the outline of its panel, where this is known.
     """
     best, panel = best_view(fit, window), measured.panel
-    views = tuple(observation(fit, window, i) for i in range(len(fit.rows)))
+    views = observations(fit, window)
     frame = window[fit.frames[best]]
     pose = frame.motion.pose
     if fit.back:
@@ -214,14 +214,16 @@ def build_landmark(
 
 def best_view(fit: LandmarkFit, window: Sequence[WindowFrame]) -> int:
     """The view with the largest box that is whole; where all are cut, the largest."""
-    seen = [held.followed[row] for held, row in fit.views_in(window)]
-    return max(range(len(seen)), key=lambda i: (seen[i]["whole"], seen[i]["size"].prod()))
+    seen = fit.followed_in(window)
+    return int(np.lexsort((-seen["size"].prod(axis=1), ~seen["whole"]))[0])
 
 
-def observation(fit: LandmarkFit, window: Sequence[WindowFrame], i: int) -> Observation:
-    """View number i of a landmark."""
-    frame = window[fit.frames[i]]
-    row = int(frame.followed["candidate"][fit.rows[i]])
-    u, v = frame.candidates.ideal[row].tolist()
-    x0, y0, x1, y1 = frame.candidates.regions.box[row].tolist()
-    return Observation(frame.frame.index, row, u, v, (x0, y0, x1, y1), float(fit.residual_px[i]))
+def observations(fit: LandmarkFit, window: Sequence[WindowFrame]) -> tuple[Observation, ...]:
+    """The views of a landmark."""
+    rows, found = fit.followed_in(window)["candidate"].tolist(), []
+    for k, row, residual_px in zip(fit.frames, rows, fit.residual_px.tolist(), strict=True):
+        table = window[k].candidates
+        u, v = table.ideal[row].tolist()
+        x0, y0, x1, y1 = table.regions.box[row].tolist()
+        found.append(Observation(window[k].frame.index, row, u, v, (x0, y0, x1, y1), residual_px))
+    return tuple(found)

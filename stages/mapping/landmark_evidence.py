@@ -39,6 +39,7 @@ FEATURES = (
 frames that should show it in which it has no candidate; log_side: of the mean side, metres; oversize: logarithm of the
 longer side, metres, 0 below one and on a board of a colour that guide signs have; log_place: see `SignPlaces`;
 size_scatter, depth_sigma: relative; surroundings: see `surroundings_correlation`."""
+PLACE, SURROUNDINGS = FEATURES.index("log_place"), FEATURES.index("surroundings")
 BEST = 3
 CLEAR_PX = 60.0
 """A view of this height shows a face in full (set on the development drives)."""
@@ -136,21 +137,17 @@ class LandmarkClassifier:
     """None: nothing is known of signs, and what stands is one."""
 
     def classify(
-        self,
-        fit: LandmarkFit,
-        window: Sequence[WindowFrame],
-        offset: FrenetOffset,
-        places: SignPlaces,
-        surroundings: float = nan,
+        self, views: NDArray[np.float64], log_place: float, surroundings: float, value: float
     ) -> LandmarkEvidence:
-        """The evidence for a landmark in its window at an offset from the path, on a drive with signs in places.
+        """The evidence for a landmark by what its views say, see `view_features`, and what else is known of it.
 
-        surroundings: correlation round it; nan: not measured.
+        surroundings: correlation round it; nan: not measured. value: of its fit.
         """
-        features = landmark_features(fit, window, offset, places, surroundings)
-        named = dict(zip(FEATURES, features.tolist(), strict=True))
+        features = views.copy()
+        features[[PLACE, SURROUNDINGS]] = log_place, surroundings
         if self.model is None:
-            return LandmarkEvidence(features, (), max(fit.value, 0.0))
+            return LandmarkEvidence(features, (), max(value, 0.0))
+        named = dict(zip(FEATURES, features.tolist(), strict=True))
         ratios = tuple(evidence_ratios(self.model, named).items())
         return LandmarkEvidence(
             features, ratios, self.model.shift + sum(ratio for _, ratio in ratios)
@@ -161,15 +158,9 @@ class LandmarkClassifier:
         return evidence.log_odds >= (0.0 if self.model is None else self.model.threshold)
 
 
-def landmark_features(
-    fit: LandmarkFit,
-    window: Sequence[WindowFrame],
-    offset: FrenetOffset,
-    places: SignPlaces,
-    surroundings: float,
-) -> NDArray[np.float64]:
-    """Numbers (9,) on a landmark, named by `FEATURES`."""
-    scores = np.array([held.followed["score"][row] for held, row in fit.views_in(window)])
+def view_features(fit: LandmarkFit, window: Sequence[WindowFrame]) -> NDArray[np.float64]:
+    """Numbers (9,) on a landmark, named by `FEATURES`; nan for its place and its surroundings."""
+    scores = fit.followed_in(window)["score"]
     nearest = int(np.argmin(fit.depth))
     ray = window[fit.frames[nearest]].motion.pose.rotation[:, 2]
     color, shape = (
@@ -188,10 +179,10 @@ def landmark_features(
             fit.missed / (fit.missed + len(fit.rows)),
             log_sides.mean(),
             0.0 if guides else max(log_sides.max(), 0.0),
-            places.log_density(offset),
+            nan,
             (fit.spread / fit.metric).max(),
             np.sqrt(ray @ fit.covariance @ ray) / fit.depth[nearest],
-            surroundings,
+            nan,
         ]
     )
 
@@ -234,14 +225,14 @@ def mean_log_probabilities(
 
     A view weighs as it is tall, up to `CLEAR_PX`, less where it is cut; none may rule a class out.
     """
-    total, weights = 0.0, 0.0
-    for held, row in fit.views_in(window):
-        odds, one = getattr(held.candidates, f"{what}_log_probability"), held.followed[row]
-        if odds is None or np.isnan(odds[one["candidate"]]).any():
-            continue
-        tall_px = float(one["size"][1] * held.focal)
-        weight = min(tall_px, CLEAR_PX) * (1.0 if one["whole"] else CUT_WEIGHT)
-        own = odds[one["candidate"]].astype(np.float64)
-        total = total + weight * np.maximum(own, LEAST_LOG_PROBABILITY)
-        weights += weight
-    return np.asarray(total / weights) if weights else None
+    seen, frames = fit.followed_in(window), [window[k] for k in fit.frames]
+    tables = [getattr(held.candidates, f"{what}_log_probability") for held in frames]
+    views = [k for k, table in enumerate(tables) if table is not None]
+    if not views:
+        return None
+    odds = np.array([tables[k][seen["candidate"][k]] for k in views], np.float64)
+    tall_px = seen["size"][:, 1] * [held.focal for held in frames]
+    weight = np.minimum(tall_px, CLEAR_PX) * np.where(seen["whole"], 1.0, CUT_WEIGHT)
+    known = ~np.isnan(odds).any(axis=1)
+    odds, weight = np.maximum(odds[known], LEAST_LOG_PROBABILITY), weight[views][known]
+    return (weight[:, None] * odds).sum(axis=0) / sum(weight) if known.any() else None

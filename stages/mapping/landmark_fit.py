@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +16,7 @@ from wayside.stages.mapping.association import (
     associate,
 )
 from wayside.stages.mapping.triangulation import POINT_ITERATIONS, triangulate_views
-
-Frames = TypeVar("Frames")
+from wayside.stages.mapping.window import WindowFrame, joined
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation of normal errors."""
@@ -79,9 +77,14 @@ class LandmarkFit:
         """RMS of the residuals of the views that were used."""
         return float(np.sqrt((self.residual_px[self.used] ** 2).mean()))
 
-    def views_in(self, window: Sequence[Frames]) -> list[tuple[Frames, int]]:
+    def views_in(self, window: Sequence[WindowFrame]) -> list[tuple[WindowFrame, int]]:
         """The frames of its views, each with the row of its candidate."""
-        return [(window[f], int(row)) for f, row in zip(self.frames, self.rows, strict=True)]
+        views = zip(self.frames.tolist(), self.rows.tolist(), strict=True)
+        return [(window[frame], row) for frame, row in views]
+
+    def followed_in(self, window: Sequence[WindowFrame]) -> NDArray[np.void]:
+        """Its candidates, (v,), with the columns of `FOLLOWED`."""
+        return joined(held.followed[row : row + 1] for held, row in self.views_in(window))
 
 
 def accept_greedily(

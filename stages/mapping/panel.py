@@ -149,8 +149,7 @@ def across_path(point: Array, held: Sequence[WindowFrame], beside: FrenetOffset)
 
 def box_rays(fit: LandmarkFit, held: Sequence[WindowFrame]) -> Array:
     """Rays (v, 2) of the centres of the boxes that a landmark was fitted to."""
-    used = zip(fit.rows[fit.used], fit.frames[fit.used], strict=True)
-    return np.array([held[frame].followed["ray"][row] for row, frame in used])
+    return np.ascontiguousarray(fit.followed_in(held)["ray"][fit.used])
 
 
 def projected(point: Array, fit: LandmarkFit, held: Sequence[WindowFrame]) -> Array:

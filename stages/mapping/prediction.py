@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import NONE
+from wayside.schemas.detections import NONE, Regions
 from wayside.stages.detection import BoxClassifier, regions_of
 from wayside.stages.geometry import distort_points, ideal_of_rays
 from wayside.stages.mapping.association import EXPECTED_PX, NEAREST_M
 from wayside.stages.mapping.landmark_fit import LandmarkFit
-from wayside.stages.mapping.window import EDGE_PX, WindowFrame
+from wayside.stages.mapping.window import EDGE_PX, Each, WindowFrame
 
 SIGMA_SHARE = 0.15
 """Largest scatter of a predicted box by its height (set on the development drives)."""
@@ -34,10 +34,21 @@ class _View(NamedTuple):
     tall_px: float
 
 
+class _Accepted(NamedTuple):
+    """Views of one side that one image shows: numbers of their landmarks, heights, regions and scores."""
+
+    back: bool
+    numbers: list[int]
+    tall_px: NDArray[np.float64]
+    regions: Regions
+    scores: NDArray[np.float32]
+
+
 def add_predicted_views(
     fits: Sequence[LandmarkFit],
     window: Sequence[WindowFrame],
     classifiers: Mapping[bool, BoxClassifier],
+    each: Each = map,
 ) -> list[LandmarkFit]:
     """Add to each landmark the predicted views that a classifier accepts.
 
@@ -50,56 +61,74 @@ def add_predicted_views(
         Landmarks and the frames that they refer to, which get the new candidates.
     classifiers
         Classifier of one view, of faces (False) and of backs (True); without one none is predicted.
+    each
+        Applies a function to items, as `map`.
     """
     views: list[list[_View]] = [[] for _ in fits]
-    for k, held in enumerate(window):
+
+    def accepted(k: int) -> list[_Accepted]:
+        held, found = window[k], []
+        wanted = [
+            i for i, fit in enumerate(fits) if fit.back in classifiers and k not in fit.frames
+        ]
+        boxes = predicted_boxes([fits[i] for i in wanted], held)
+        backs = np.array([fits[i].back for i in wanted], np.bool_)[boxes.row]
         for back, classifier in sorted(classifiers.items()):
-            found = [
-                (number, *one)
-                for number, fit in enumerate(fits)
-                if fit.back == back
-                and k not in fit.frames
-                and (one := predicted_box(fit, held)) is not None
-                and classifier.takes(one[0], held.camera)
-            ]
-            levels = held.image_pyramid() if found else None
-            if levels is None:
-                continue
-            boxes = np.array([box for _, box, _ in found], np.float32)
-            unknown = np.full(len(found), NONE)
-            regions = regions_of(boxes, unknown, levels[0], "predicted")
-            scores = classifier.scores(levels, regions.box).tolist()
-            for i, ((number, _, tall_px), score) in enumerate(zip(found, scores, strict=True)):
-                if score >= classifier.threshold:
-                    row = held.add(regions.select(np.array([i])), score, back=back)
-                    views[number].append(_View(k, row, tall_px))
+            own = boxes.select((backs == back) & classifier.takes(boxes.box, held.camera))
+            if held.rgb is not None and len(own.box):
+                unknown = np.full(len(own.box), NONE)
+                regions = regions_of(own.box.astype(np.float32), unknown, held.rgb, "predicted")
+                scores = classifier.scores(held.rgb, regions.box)
+                rows = np.flatnonzero(scores >= classifier.threshold)
+                numbers = [wanted[i] for i in own.row[rows]]
+                found.append(
+                    _Accepted(back, numbers, own.tall_px[rows], regions.select(rows), scores[rows])
+                )
+        return found
+
+    for k, found in enumerate(each(accepted, range(len(window)))):
+        for one in found:
+            rows = window[k].add(one.regions, one.scores, back=one.back)
+            for number, row, tall_px in zip(one.numbers, rows, one.tall_px, strict=True):
+                views[number].append(_View(k, row, tall_px))
     return [
         _extended(fit, new, window) if new else fit for fit, new in zip(fits, views, strict=True)
     ]
 
 
-def predicted_box(fit: LandmarkFit, frame: WindowFrame) -> tuple[NDArray[np.float64], float] | None:
-    """Box (4,) of a landmark in a frame, recorded pixels, and its height in ideal ones.
+class PredictedBoxes(NamedTuple):
+    """Landmarks (m,), by number, with their boxes (m, 4), recorded pixels, and heights (m,) in ideal ones."""
 
-    None where it is cut or too near, or its scatter there is too large.
-    """
+    row: NDArray[np.int64]
+    box: NDArray[np.float64]
+    tall_px: NDArray[np.float64]
+
+    def select(self, which: NDArray[np.bool_]) -> PredictedBoxes:
+        """Some of them."""
+        return PredictedBoxes._make(column[which] for column in self)
+
+
+def predicted_boxes(fits: Sequence[LandmarkFit], frame: WindowFrame) -> PredictedBoxes:
+    """Boxes of landmarks in a frame, but for those that are cut or too near, or whose scatter there is too large."""
     camera, pose = frame.camera, frame.motion.pose
-    x, y, z = pose.to_camera(fit.point)
-    if frame.rgb is None or z < NEAREST_M:
-        return None
-    wide, tall = fit.metric / 2
-    tall_px = 2 * tall / z * frame.focal
-    project = np.array([[1, 0, -x / z], [0, 1, -y / z]]) @ pose.rotation.T / z
-    covariance = project @ fit.covariance @ project.T
-    sigma_px = frame.focal * float(np.sqrt(np.linalg.norm(covariance, 2)))
-    if sigma_px > max(SIGMA_SHARE * tall_px, SIGMA_PX):
-        return None
-    corners = np.array([x, y]) + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [wide, tall]
-    pixels = distort_points(camera, ideal_of_rays(camera, corners / z))
-    low, high = pixels.min(axis=0) + 0.5, pixels.max(axis=0) + 0.5
-    if (low < EDGE_PX).any() or (high > np.array([camera.width, camera.height]) - EDGE_PX).any():
-        return None
-    return np.concatenate([low, high]), float(tall_px)
+    points = pose.to_camera(np.array([fit.point for fit in fits]).reshape(-1, 3))
+    row = np.flatnonzero(points[:, 2] >= NEAREST_M) if frame.rgb is not None else np.zeros(0, int)
+    ray, depth = points[row, :2] / points[row, 2:], points[row, 2]
+    size = np.array([fits[i].metric for i in row.tolist()]).reshape(-1, 2) / depth[:, None]
+    tall_px = size[:, 1] * frame.focal
+    project = np.zeros((len(row), 2, 3))
+    project[:, [0, 1], [0, 1]], project[:, :, 2] = 1.0, -ray
+    project = project @ pose.rotation.T / depth[:, None, None]
+    known = np.array([fits[i].covariance for i in row.tolist()]).reshape(-1, 3, 3)
+    covariance = project @ known @ project.transpose(0, 2, 1)
+    sigma_px = frame.focal * np.sqrt(np.linalg.eigvalsh(covariance)[:, 1])
+    corners = ray[:, None] + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size[:, None] / 2
+    pixels = distort_points(camera, ideal_of_rays(camera, corners.reshape(-1, 2))).reshape(-1, 4, 2)
+    box = np.hstack([pixels.min(axis=1), pixels.max(axis=1)]) + 0.5
+    far = np.array([camera.width, camera.height]) - EDGE_PX
+    inside = (box[:, :2] >= EDGE_PX).all(axis=1) & (box[:, 2:] <= far).all(axis=1)
+    sure = sigma_px <= np.maximum(SIGMA_SHARE * tall_px, SIGMA_PX)
+    return PredictedBoxes(row, box, tall_px).select(inside & sure)
 
 
 def _extended(fit: LandmarkFit, new: Sequence[_View], window: Sequence[WindowFrame]) -> LandmarkFit:

@@ -7,7 +7,7 @@ greedily, best first. A landmark is finished when the vehicle has passed it (rep
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from math import nan
 from typing import NamedTuple
@@ -22,13 +22,13 @@ from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import FrenetOffset
-from wayside.stages.kernels import Array
 from wayside.stages.mapping.association import NEAREST_M, Hypotheses, pair_hypotheses
-from wayside.stages.mapping.landmark import build_landmark, measure_landmark
+from wayside.stages.mapping.landmark import LandmarkMeasurement, build_landmark, measure_landmark
 from wayside.stages.mapping.landmark_evidence import (
     LandmarkClassifier,
     LandmarkEvidence,
     SignPlaces,
+    view_features,
 )
 from wayside.stages.mapping.landmark_fit import BOX_SIGMA, LandmarkFit, accept_greedily
 from wayside.stages.mapping.panel import PanelMeasurement, measure_panel
@@ -37,12 +37,14 @@ from wayside.stages.mapping.surroundings import surroundings_correlation
 from wayside.stages.mapping.verdicts import (
     VERDICT_OF_TERM,
     Face,
+    FaceBoxes,
     in_swept_volume,
-    same_face,
 )
 from wayside.stages.mapping.window import (
+    Each,
     TravelledPath,
     WindowFrame,
+    WindowPoses,
     candidates_of,
     through_window,
 )
@@ -72,6 +74,7 @@ def track(
     panel: PanelMethod | None = None,
     jointly: bool = False,
     box_sigma: tuple[float, float] = BOX_SIGMA,
+    each: Each = map,
 ) -> Iterator[TrackedFrame]:
     """Decide every candidate: measure it as a landmark with its other views, or say why not.
 
@@ -95,19 +98,33 @@ def track(
         Whether a landmark is adjusted together with the motion.
     box_sigma
         Scatter of the centres of boxes, as `BOX_SIGMA`.
+    each
+        Applies what needs the images to each of some items, as `map`; it may do so in several threads.
     """
     sides = {False: front or SideClassifiers()} | ({} if back is None else {True: back})
-    yield from through_window(posed, _Tracker(settings, sides, panel, jointly, box_sigma))
+    yield from through_window(posed, _Tracker(settings, sides, panel, jointly, box_sigma, each))
 
 
 class _Classified(NamedTuple):
-    """A fitted landmark with what decides on it; surroundings: correlation round it. None: not measured."""
+    """A fitted landmark with what decides on it.
+
+    `views`: what they say, see `view_features`. `surroundings`: correlation round it. None: not measured.
+    """
 
     fit: LandmarkFit
     offset: FrenetOffset
-    evidence: LandmarkEvidence
+    views: NDArray[np.float64]
     surroundings: float | None
+    evidence: LandmarkEvidence
     accepted: bool
+
+
+class _Measured(NamedTuple):
+    """A landmark as measured, and its panel; confirmed: whether its images are enough for a sign."""
+
+    landmark: LandmarkMeasurement
+    panel: PanelMeasurement = PanelMeasurement()
+    confirmed: bool = False
 
 
 class _Tracker:
@@ -120,15 +137,19 @@ class _Tracker:
         panel: PanelMethod | None,
         jointly: bool,
         box_sigma: tuple[float, float],
+        each: Each,
     ) -> None:
         self._settings, self._sides = settings, sides
-        self._panel, self._jointly, self._box_sigma = panel, jointly, box_sigma
+        self._panel, self._jointly, self._box_sigma, self._each = panel, jointly, box_sigma, each
         self._places = {back: SignPlaces() for back in sides}
         self._length = settings.longest + WINDOW_STEP
         self._path = TravelledPath(self._length + settings.longest)
         self._window: list[WindowFrame] = []
         self._hypotheses: list[Hypotheses] = []
         self._reported: list[Face] = []
+        self._images: WindowPoses
+        self._taken: list[FaceBoxes] = []
+        """Where the reported ones are in these images."""
         self._next_id = 0
 
     def holds(self, frame: WindowFrame) -> bool:
@@ -175,12 +196,16 @@ class _Tracker:
         ahead = [fit for fit, done in zip(fits, over, strict=True) if not done]
         oldest = self._window[0].motion.pose
         self._reported = [one for one in self._reported if not oldest.to_camera(one.point)[2] < 0]
-        rivals = [Face.of(fit, self._window) for fit in ahead if self._classify(fit, nan).accepted]
-        for one in sorted(map(self._classify, passed), key=lambda one: -one.evidence.log_odds):
-            if one.accepted and self._is_explained(one.fit, rivals):
+        self._images = WindowPoses.of(self._window)
+        self._taken = [one.boxes(self._images) for one in self._reported]
+        rivals = [self._boxes(fit) for fit in ahead if self._seen(fit).accepted]
+        settled = []
+        for one in self._ranked(passed):
+            if one.accepted and self._boxes(one.fit).explained_by(rivals):
                 ahead.append(one.fit)
-            else:  # once more: the surer ones say where signs stand
-                self._decide(self._classify(one.fit, one.surroundings))
+            else:
+                settled.append(one)
+        self._decide(settled)
         for fit in ahead:
             # views that leave the window though their landmark is still in sight
             for k, row in zip(fit.frames, fit.rows, strict=True):
@@ -206,7 +231,7 @@ class _Tracker:
     def _predicted(self, fits: list[LandmarkFit]) -> list[LandmarkFit]:
         """The landmarks with the views that are seen where no candidate was found."""
         views = {back: side.view for back, side in self._sides.items() if side.view is not None}
-        return add_predicted_views(fits, self._window, views)
+        return add_predicted_views(fits, self._window, views, self._each)
 
     def _passed(self, fit: LandmarkFit) -> bool:
         """Whether a landmark lies outside the newest image, or too near to be seen in the next."""
@@ -217,23 +242,84 @@ class _Tracker:
         left, top, right, bottom = newest.bounds
         return not (left < x / z < right and top < y / z < bottom)
 
-    def _classify(self, fit: LandmarkFit, surroundings: float | None = None) -> _Classified:
-        """All evidence for a landmark; the surroundings of what cannot be a sign without them are not measured."""
-        offset, places = self._path.offset(fit.point), self._places[fit.back]
-        classifier = self._sides[fit.back].landmark
-        known = nan if surroundings is None else surroundings
-        evidence = classifier.classify(fit, self._window, offset, places, known)
-        accepted = classifier.accepts(evidence)
-        if surroundings is None and accepted:
-            return self._classify(fit, surroundings_correlation(self._views_of(fit)))
-        return _Classified(fit, offset, evidence, surroundings, accepted)
+    def _seen(self, fit: LandmarkFit) -> _Classified:
+        """A landmark with the evidence for it but for its surroundings."""
+        return self._classify(
+            fit, self._path.offset(fit.point), view_features(fit, self._window), None
+        )
 
-    def _decide(self, one: _Classified) -> None:
-        """Give a landmark its verdict, measure it and hand it to its first frame."""
-        fit, evidence = one.fit, one.evidence
-        verdict, seen = self._verdict(one)
-        jointly = self._jointly and verdict == "sign"
-        measured = measure_landmark(fit, self._window, seen.panel, jointly)
+    def _classify(
+        self,
+        fit: LandmarkFit,
+        offset: FrenetOffset,
+        views: NDArray[np.float64],
+        surroundings: float | None,
+    ) -> _Classified:
+        """A landmark with the evidence for it, among the signs that are known by now."""
+        classifier, place = self._sides[fit.back].landmark, self._places[fit.back]
+        known = nan if surroundings is None else surroundings
+        evidence = classifier.classify(views, place.log_density(offset), known, fit.value)
+        accepted = classifier.accepts(evidence)
+        return _Classified(fit, offset, views, surroundings, evidence, accepted)
+
+    def _ranked(self, fits: Sequence[LandmarkFit]) -> list[_Classified]:
+        """Landmarks, likeliest signs first; the surroundings of what cannot be a sign without them are not measured."""
+        found = [self._seen(fit) for fit in fits]
+        likely = [k for k, one in enumerate(found) if one.accepted]
+        measured = self._each(self._surroundings, [found[k].fit for k in likely])
+        for k, surroundings in zip(likely, measured, strict=True):
+            found[k] = self._classify(*found[k][:3], surroundings)
+        return sorted(found, key=lambda one: -one.evidence.log_odds)
+
+    def _decide(self, ranked: Sequence[_Classified]) -> None:
+        """Give landmarks their verdicts in their order, and measure them.
+
+        Those that will be signs unless a surer one changes that are measured together beforehand.
+        """
+        likely, taken = [], list(self._taken)
+        for k, one in enumerate(ranked):
+            if one.accepted and not in_swept_volume(one.fit, one.offset):
+                boxes = self._boxes(one.fit)
+                if not boxes.explained_by(taken):
+                    taken.append(boxes)
+                    likely.append(k)
+        found = self._each(self._measured, [ranked[k] for k in likely])
+        measured = dict(zip(likely, found, strict=True))
+        for k, one in enumerate(ranked):  # once more: the surer ones say where signs stand
+            now = self._classify(*one[:4])
+            if now.accepted and one.surroundings is None:
+                now = self._classify(*one[:3], self._surroundings(one.fit))
+            verdict = self._verdict(now)
+            if verdict != "sign":
+                self._finish(now, verdict, _Measured(measure_landmark(one.fit, self._window)))
+            elif (seen := measured.get(k) or self._measured(now)).confirmed:
+                self._finish(now, "sign", seen)
+            else:
+                self._finish(now, "residual", seen)
+
+    def _verdict(self, one: _Classified) -> str:
+        """The verdict by all but the images."""
+        if in_swept_volume(one.fit, one.offset):
+            return "moving"
+        if not one.accepted:
+            return VERDICT_OF_TERM[one.evidence.weakest]
+        return "duplicate" if self._boxes(one.fit).explained_by(self._taken) else "sign"
+
+    def _measured(self, one: _Classified) -> _Measured:
+        """A landmark that may be a sign, with its panel; nothing else changes."""
+        fit, panel = one.fit, PanelMeasurement()
+        if self._panel is not None:
+            panel = measure_panel(fit, self._window, one.offset, self._panel)
+        # any two rays meet somewhere: where nothing is known of signs, images in register confirm it
+        known = self._sides[fit.back].landmark.model is not None
+        confirmed = bool(known or fit.used.sum() > 2 or len(panel.views) > 1)
+        jointly = self._jointly and confirmed
+        landmark = measure_landmark(fit, self._window, panel.panel, jointly)
+        return _Measured(landmark, panel, confirmed)
+
+    def _finish(self, one: _Classified, verdict: str, found: _Measured) -> None:
+        """Hand a landmark with its verdict to its first frame."""
+        fit, evidence, measured, seen = one.fit, one.evidence, found.landmark, found.panel
         landmark = replace(
             build_landmark(
                 fit,
@@ -252,6 +338,7 @@ class _Tracker:
             size = np.array([landmark.width_m, landmark.height_m])
             face = Face.of(fit, self._window)._replace(point=measured.point, metric=size)
             self._reported.append(face)
+            self._taken.append(face.boxes(self._images))
             self._places[fit.back].add(one.offset, evidence.best_score)
         first = self._window[fit.frames[0]]
         first.landmarks.append(landmark)
@@ -266,29 +353,13 @@ class _Tracker:
             held.followed["assigned"][row] = True
         self._next_id += 1
 
-    def _verdict(self, one: _Classified) -> tuple[str, PanelMeasurement]:
-        """The verdict, and the panel, which is measured of what may be a sign."""
-        fit, seen = one.fit, PanelMeasurement()
-        if in_swept_volume(fit, one.offset):
-            return "moving", seen
-        if not one.accepted:
-            return VERDICT_OF_TERM[one.evidence.weakest], seen
-        if self._is_explained(fit, self._reported):
-            return "duplicate", seen
-        if self._panel is not None:
-            seen = measure_panel(fit, self._window, one.offset, self._panel)
-        # any two rays meet somewhere: where nothing is known of signs, images in register confirm it
-        known = self._sides[fit.back].landmark.model is not None
-        confirmed = known or fit.used.sum() > 2 or len(seen.views) > 1
-        return "sign" if confirmed else "residual", seen
+    def _boxes(self, fit: LandmarkFit) -> FaceBoxes:
+        """Where a landmark is in the images of the window."""
+        return Face.of(fit, self._window).boxes(self._images)
 
-    def _is_explained(self, fit: LandmarkFit, others: list[Face]) -> bool:
-        """Whether one of some others explains the same pixels."""
-        boxes = Face.of(fit, self._window).boxes(self._window)
-        return any(same_face(boxes, other.boxes(self._window)) for other in others)
-
-    def _views_of(self, fit: LandmarkFit) -> Iterator[tuple[NDArray[np.uint8], Array]]:
-        """The images that show a landmark, each with its box."""
-        for held, row in fit.views_in(self._window):
-            if held.rgb is not None:
-                yield held.rgb, held.box(row)
+    def _surroundings(self, fit: LandmarkFit) -> float:
+        """Correlation round a landmark, see `surroundings_correlation`."""
+        views = fit.views_in(self._window)
+        return surroundings_correlation(
+            (held.rgb, held.box(row)) for held, row in views if held.rgb is not None
+        )

@@ -6,7 +6,7 @@ below the threshold, it is the verdict of the weakest term (`VERDICT_OF_TERM`). 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from wayside.schemas.detections import SOURCES
 from wayside.stages.geometry import FrenetOffset, box_areas
 from wayside.stages.mapping.association import NEAREST_M
 from wayside.stages.mapping.landmark_fit import LandmarkFit
-from wayside.stages.mapping.window import WindowFrame
+from wayside.stages.mapping.window import WindowFrame, WindowPoses
 
 VERDICT_OF_TERM = {
     "appearance": "place_score",
@@ -40,48 +40,52 @@ def in_swept_volume(fit: LandmarkFit, offset: FrenetOffset) -> bool:
     return bool(abs(offset.right) < SWEPT_HALF_WIDTH_M and bottom < SWEPT_HEIGHT_M)
 
 
-class SeenBox(NamedTuple):
-    """The box of a landmark in an image that shows it, as rays (4,). measured: a candidate gave it, no prediction."""
-
-    box: NDArray[np.float64]
-    measured: bool
-
-
 class Face(NamedTuple):
-    """A landmark as the pixels that it explains: point (3,), size (2,) in metres, its views by image number."""
+    """A landmark as the pixels that it explains: point (3,), size (2,) in metres, and its v views.
+
+    Of the views: `number` (v,) of the image, `box` (v, 4) as rays, `measured` (v,): not a predicted one.
+    """
 
     point: NDArray[np.float64]
     metric: NDArray[np.float64]
-    views: Mapping[int, SeenBox]
+    number: NDArray[np.int64]
+    box: NDArray[np.float64]
+    measured: NDArray[np.bool_]
 
     @classmethod
     def of(cls, fit: LandmarkFit, window: Sequence[WindowFrame]) -> Face:
         """Of a landmark in its window."""
-        views, predicted = {}, SOURCES.index("predicted")
-        for held, row in fit.views_in(window):
-            one = held.followed[row]
-            box = np.concatenate([one["ray"] - one["size"] / 2, one["ray"] + one["size"] / 2])
-            source = held.candidates.regions.source[one["candidate"]]
-            views[held.frame.index] = SeenBox(box, bool(source != predicted))
-        return cls(fit.point, fit.metric, views)
+        seen, frames = fit.followed_in(window), [window[k] for k in fit.frames]
+        sources = [
+            held.candidates.regions.source[own]
+            for held, own in zip(frames, seen["candidate"], strict=True)
+        ]
+        return cls(
+            fit.point,
+            fit.metric,
+            np.array([held.frame.index for held in frames]),
+            np.hstack([seen["ray"] - seen["size"] / 2, seen["ray"] + seen["size"] / 2]),
+            np.array(sources) != SOURCES.index("predicted"),
+        )
 
-    def boxes(self, window: Sequence[WindowFrame]) -> FaceBoxes:
+    def boxes(self, images: WindowPoses) -> FaceBoxes:
         """Where it is in the images of a window: as seen, else where it must be."""
-        found = FaceBoxes.none(len(window))
-        for k, held in enumerate(window):
-            x, y, z = held.motion.pose.to_camera(self.point)
-            view = self.views.get(held.frame.index)
-            if view is not None:
-                found.box[k], found.measured[k] = view
-                found.seen[k] = True
-            elif z > NEAREST_M:
-                centre, half = np.array([x, y]) / z, self.metric / z / 2
-                found.box[k] = np.concatenate([centre - half, centre + half])
+        found, local = FaceBoxes.none(len(images.number)), images.to_cameras(self.point)
+        ahead = local[:, 2] > NEAREST_M
+        depth = local[ahead, 2:]
+        centre, half = local[ahead, :2] / depth, self.metric / depth / 2
+        found.box[ahead] = np.hstack([centre - half, centre + half])
+        held, own = np.nonzero(images.number[:, None] == self.number)
+        found.box[held], found.measured[held] = self.box[own], self.measured[own]
+        found.seen[held] = True
         return found
 
 
 class FaceBoxes(NamedTuple):
-    """Where a landmark is in n images: box (n, 4) as rays, all 0 where it cannot be seen; seen, measured (n,)."""
+    """Where a landmark is in n images: box (n, 4) as rays, all 0 where it cannot be seen; seen, measured (n,).
+
+    The same of k landmarks has one axis more in front.
+    """
 
     box: NDArray[np.float64]
     seen: NDArray[np.bool_]
@@ -92,9 +96,18 @@ class FaceBoxes(NamedTuple):
         """Nowhere."""
         return cls(np.zeros((count, 4)), np.zeros(count, np.bool_), np.zeros(count, np.bool_))
 
+    def explained_by(self, others: Sequence[FaceBoxes]) -> bool:
+        """Whether one of some others explains the same pixels."""
+        if not others:
+            return False
+        stacked = FaceBoxes._make(np.stack(column) for column in zip(*others, strict=True))
+        return bool(same_face(self, stacked).any())
 
-def same_face(one: FaceBoxes, other: FaceBoxes) -> bool:
-    """Whether two landmarks explain the same pixels of the same images, so that only one of them can be a face.
+
+def same_face(one: FaceBoxes, other: FaceBoxes) -> NDArray[np.bool_]:
+    """Whether a landmark explains the same pixels of the same images as another, or each of k others (k,).
+
+    Only one of them can be a face then.
 
     Panels are opaque: the images that show two show them side by side, the near ones best. So of the pixels of the
     smaller box in each image that shows both, all these images together, not `MOST` lie in the other. Where no two
@@ -102,12 +115,12 @@ def same_face(one: FaceBoxes, other: FaceBoxes) -> bool:
     """
     either = one.measured | other.measured
     both = either & one.seen & other.seen
-    images = both if both.sum() > 1 else either
-    if images.sum() < 2:
-        return False
-    boxes = np.stack([one.box[images], other.box[images]], axis=1)
-    areas = box_areas(boxes)
-    smaller = np.where(areas.min(axis=1) > 0, areas.min(axis=1), areas.max(axis=1))
-    low, high = boxes[..., :2].max(axis=1), boxes[..., 2:].min(axis=1)
-    shared = box_areas(np.concatenate([low, high], axis=1))
-    return bool(shared.sum() > MOST * smaller.sum())
+    images = np.where(both.sum(axis=-1, keepdims=True) > 1, both, either)
+    own, others = box_areas(one.box), box_areas(other.box)
+    least, most = np.minimum(own, others), np.maximum(own, others)
+    smaller = np.where(least > 0, least, most)
+    low = np.maximum(one.box[..., :2], other.box[..., :2])
+    high = np.minimum(one.box[..., 2:], other.box[..., 2:])
+    shared = box_areas(np.concatenate([low, high], axis=-1))
+    most_shared = (shared * images).sum(axis=-1) > MOST * (smaller * images).sum(axis=-1)
+    return np.asarray(most_shared & (images.sum(axis=-1) > 1))

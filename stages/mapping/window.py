@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,6 @@ from wayside.stages.geometry import (
     rays_of_ideal,
     to_rays,
 )
-from wayside.stages.imaging import Pyramid, pyramid
 from wayside.stages.mapping.association import WindowCandidates
 
 WEAKEST_SCORE = -7.0
@@ -44,6 +43,10 @@ FOLLOWED = np.dtype(
     ]
 )
 """Columns of the followed candidates of a frame."""
+
+
+Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+"""Applies a function to each of some items, as the builtin `map`: results come in the order of the items."""
 
 
 @dataclass(slots=True)
@@ -71,13 +74,13 @@ class WindowFrame:
 
     @classmethod
     def of(cls, posed: PosedDetections, motion: Motion, camera: Camera) -> WindowFrame:
-        """What tracking needs of a frame."""
-        table = posed.detections.candidates
-        followed = np.concatenate(
-            [
-                followed_table(table, face_rows(table), camera),
-                followed_table(table, table.back_rows(), camera, back=True),
-            ]
+        """What tracking needs of a frame: its image in colour and in full size only."""
+        table, found = posed.detections.candidates, posed.detections.segmentation
+        found = replace(found, image=replace(found.image, grey=None, levels=None))
+        posed = replace(posed, detections=replace(posed.detections, segmentation=found))
+        followed = joined(
+            followed_table(table, rows, camera, back=back)
+            for rows, back in ((face_rows(table), False), (table.back_rows(), True))
         )
         return cls(posed, motion, camera, image_bounds(camera), table, followed)
 
@@ -96,27 +99,22 @@ class WindowFrame:
         """The image, or None."""
         return self.posed.detections.image.rgb
 
-    def image_pyramid(self) -> Pyramid | None:
-        """The image at full, half and quarter size, or None."""
-        image = self.posed.detections.image
-        return image.levels or (None if image.rgb is None else pyramid(image.rgb))
-
     def box(self, row: int) -> NDArray[np.float64]:
         """Box (4,) of a followed candidate, pixels."""
         own = self.followed["candidate"][row]
         return np.asarray(self.candidates.regions.box[own], np.float64)
 
-    def add(self, region: Regions, score: float, *, back: bool = False) -> int:
-        """Take one more candidate, as if it had been followed from the start; its number among the followed ones."""
-        known = np.array([score], np.float32)
-        one = Candidates.of(region)
-        one = replace(one, ideal=ideal_points(self.camera, one.center))
-        one = replace(one, back_score=known) if back else replace(one, score=known)
-        row = followed_table(one, np.zeros(1, np.int64), self.camera, back=back)
-        row["candidate"], row["seed"] = len(self.candidates), False
-        self.candidates = self.candidates.joined(one)
-        self.followed = np.concatenate([self.followed, row])
-        return len(self.followed) - 1
+    def add(self, regions: Regions, scores: NDArray[np.float32], *, back: bool = False) -> range:
+        """Take more candidates, as if they had been followed from the start; their numbers among the followed ones."""
+        more = Candidates.of(regions)
+        more = replace(more, ideal=ideal_points(self.camera, more.center))
+        more = replace(more, back_score=scores) if back else replace(more, score=scores)
+        rows = followed_table(more, np.arange(len(more)), self.camera, back=back)
+        rows["candidate"] += len(self.candidates)
+        rows["seed"], before = False, len(self.followed)
+        self.candidates = self.candidates.joined(more)
+        self.followed = joined([self.followed, rows])
+        return range(before, len(self.followed))
 
     def finished(self) -> TrackedFrame:
         """The frame; of candidates that no landmark has, the verdict says how far they went."""
@@ -221,6 +219,11 @@ def followed_table(
     return found
 
 
+def joined(tables: Iterable[NDArray[np.void]]) -> NDArray[np.void]:
+    """Tables with the columns of `FOLLOWED` as one: `np.concatenate` is slow, since it compares their columns."""
+    return np.frombuffer(bytearray(b"".join(table.tobytes() for table in tables)), FOLLOWED)
+
+
 def unassigned_verdicts(
     paired: NDArray[np.bool_], standing: NDArray[np.bool_]
 ) -> NDArray[np.uint8]:
@@ -255,13 +258,34 @@ def image_bounds(camera: Camera) -> NDArray[np.float64]:
     return np.array([rays[0, 0], rays[1, 1], rays[2, 0], rays[3, 1]])
 
 
+class WindowPoses(NamedTuple):
+    """Number (n,), rotation (n, 3, 3) and centre (n, 3) of the n images of a window."""
+
+    number: NDArray[np.int64]
+    rotation: NDArray[np.float64]
+    centre: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, window: Sequence[WindowFrame]) -> WindowPoses:
+        """Of these frames."""
+        poses = [f.motion.pose for f in window]
+        return cls(
+            np.array([f.frame.index for f in window]),
+            np.stack([pose.rotation for pose in poses]),
+            np.stack([pose.centre for pose in poses]),
+        )
+
+    def to_cameras(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """A point (3,) of the world in the frame of each camera, (n, 3)."""
+        return np.asarray(((point - self.centre)[:, None] @ self.rotation)[:, 0])
+
+
 def candidates_of(window: Sequence[WindowFrame]) -> WindowCandidates:
     """Rays of all followed candidates of consecutive frames."""
-    table = np.concatenate([f.followed for f in window])
+    table = joined(f.followed for f in window)
     columns = ("ray", "size", "score", "whole", "seed", "back")
     return WindowCandidates(
-        np.stack([f.motion.pose.rotation for f in window]),
-        np.stack([f.motion.pose.centre for f in window]),
+        *WindowPoses.of(window)[1:],
         np.array([f.focal for f in window]),
         np.stack([f.bounds for f in window]),
         np.cumsum([0, *(len(f.followed) for f in window)], dtype=np.int64),
@@ -276,15 +300,17 @@ class TravelledPath:
         self._poses: deque[tuple[NDArray[np.float64], NDArray[np.float64], float]] = deque(
             maxlen=longest
         )
+        self._columns: list[NDArray[np.float64]] = []
         self._ahead = np.array([0.0, 0.0, 1.0])
 
     def append(self, motion: Motion) -> None:
         """Go one frame further."""
         pose = motion.pose
         self._poses.append((pose.centre, -pose.rotation[:, 1], motion.station_m))
+        self._columns = [np.array(column) for column in zip(*self._poses, strict=True)]
         self._ahead = pose.rotation[:, 2]
 
     def offset(self, point: NDArray[np.float64]) -> FrenetOffset:
         """Station and offset of a point (3,) of the drive's frame."""
-        centres, ups, stations = (np.array(column) for column in zip(*self._poses, strict=True))
+        centres, ups, stations = self._columns
         return frenet_offset(point, centres, ups, stations, self._ahead)

@@ -114,7 +114,7 @@ def test_a_classifier_has_the_log_odds_of_its_side():
     for back, wanted in ((False, found.front), (True, found.back)):
         side = BoxClassifier(network(), ScoreModel(1.5, "made up"), back=back)
         assert side.threshold == 1.5
-        np.testing.assert_array_equal(side.scores(scene(), boxes), wanted)
+        np.testing.assert_array_equal(side.scores(scene()[0], boxes), wanted)
 
 
 def test_a_file_that_is_no_network_of_boxes_is_refused(tmp_path):

@@ -10,7 +10,7 @@ from wayside.stages.detection import BoxClassifier
 from wayside.stages.detection.box_network import BoxScores
 from wayside.stages.mapping import SideClassifiers, assemble, track
 from wayside.stages.mapping.landmark_fit import fit_views
-from wayside.stages.mapping.prediction import add_predicted_views, predicted_box
+from wayside.stages.mapping.prediction import add_predicted_views, predicted_boxes
 from wayside.stages.mapping.window import WindowFrame, candidates_of
 
 from ..made_frames import landmarks_of, made_regions, with_candidates, with_image
@@ -82,7 +82,7 @@ def test_the_box_of_a_known_landmark_is_predicted_where_the_panel_stands(shown, 
     held = holding(shown([panel(3.5, 1.2, 100.0, wide=0.6, tall=0.9)], 11))
     fit = fit_of(held)
     for k in (5, 6, 7, 8):
-        box, tall_px = predicted_box(fit, held[k])
+        _, (box,), (tall_px,) = predicted_boxes([fit], held[k])
         np.testing.assert_allclose(box, held[k].candidates.regions.box[0], atol=0.02)
         assert tall_px == pytest.approx(box[3] - box[1], rel=1e-3)
 
@@ -90,9 +90,8 @@ def test_the_box_of_a_known_landmark_is_predicted_where_the_panel_stands(shown, 
 def test_a_landmark_of_large_scatter_is_not_predicted(near_only):
     held = holding(near_only)
     fit = fit_of(held)
-    assert predicted_box(fit, held[6]) is not None
     unsure = replace(fit, covariance=fit.covariance * 1e4)
-    assert predicted_box(unsure, held[6]) is None
+    assert predicted_boxes([unsure, fit], held[6]).row.tolist() == [1]
 
 
 def test_a_view_too_small_to_be_searched_for_is_not_predicted(shown, panel):
