@@ -73,7 +73,6 @@ def chain_of(
 
 def default_chain(s: Settings, m: Models, routes: RouteFile | None, each: Each = map) -> Chain:
     """Preset `default`: boxes of networks or of another detector, tracks by predicted position, all evidence."""
-    del each  # for `track`
     record, watch, detector = DriveRecord(), CalibrationWatch(), detector_of(s, m)
     faces = FaceClassifier(m.face_network.path) if m.face_network else None
     return Chain(
@@ -95,6 +94,7 @@ def default_chain(s: Settings, m: Models, routes: RouteFile | None, each: Each =
                 detector.back,
                 panel_method(m),
                 jointly=True,
+                each=each,
             ),
             stage("location", classify_location, None, s.locate),
             stage("face", classify_faces, model=faces) if faces else None,
