@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pyproj
 from numpy.typing import NDArray
 
-from wayside.pipeline.files.input_files import read_parquet
+from wayside.pipeline.files.parquet import read_parquet
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.routes import RouteSegments
 from wayside.schemas.settings import RouteSettings
