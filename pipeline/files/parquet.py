@@ -10,7 +10,6 @@ from typing import Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -154,6 +153,8 @@ def read_parquet(
 
 
 def _rows(table: pa.Table, where: Where) -> pa.Table:
+    import pyarrow.compute as pc  # takes 10 MB, which a run does without
+
     for name, held in where.items():
         column = table.column(name)
         kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type

@@ -9,12 +9,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
-import pyproj
 from numpy.typing import NDArray
 
 from wayside.pipeline.files.parquet import read_parquet
@@ -23,6 +21,9 @@ from wayside.schemas.routes import RouteSegments
 from wayside.schemas.settings import RouteSettings
 from wayside.schemas.signs import Sign
 from wayside.stages.georeference import ROUTE_REACH_M
+
+if TYPE_CHECKING:
+    import pyproj
 
 _WGS_84 = "OGC:CRS84"
 _NAMES = (
@@ -84,6 +85,7 @@ class RouteFile:
         geometry = self.geometry
         if self.layer:
             import pyogrio
+            import pyproj
 
             to_file = pyproj.Transformer.from_crs(_WGS_84, self.crs, always_xy=True)
             with _with_measures():
@@ -97,7 +99,7 @@ class RouteFile:
             geometry = meta["geometry_name"] or "wkb_geometry"
         else:
             table = read_parquet(self.path, [self.column, geometry])
-        table = table.filter(pc.is_valid(pc.field(geometry)))
+        table = table.filter(table.column(geometry).is_valid())
         names = [str(name) for name in table.column(self.column).to_pylist()]
         lines = shapely.from_wkb(np.array(table.column(geometry).to_pylist(), object))
         return np.array(names, object), lines
@@ -172,6 +174,7 @@ def route_notes(settings: RouteSettings, signs: Sequence[Sign], *, on_globe: boo
 def _layer(path: Path) -> tuple[str, list[str], str, pyproj.CRS]:
     """The first layer of lines: its name, columns, and reference system."""
     import pyogrio
+    import pyproj
 
     with _with_measures():
         layers = [(str(name), str(kind)) for name, kind in pyogrio.list_layers(path)]
@@ -188,6 +191,8 @@ def _layer(path: Path) -> tuple[str, list[str], str, pyproj.CRS]:
 
 def _parquet(path: Path) -> tuple[str, list[str], str, pyproj.CRS]:
     """Columns, geometry column and reference system of a GeoParquet file."""
+    import pyproj
+
     metadata = pq.read_metadata(path)
     about = (metadata.metadata or {}).get(b"geo")
     if about is None:
@@ -220,6 +225,7 @@ def _segments(
     names: NDArray[Any], lines: NDArray[Any], file: RouteFile, box: Bounds
 ) -> RouteSegments:
     """Pieces of lines that reach into a box of WGS 84, with a measure at both ends."""
+    import pyproj
     import shapely
 
     parts, of_line = shapely.get_parts(lines, return_index=True)

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from pyproj import Transformer
 
 from wayside.schemas.frame import Fix, Pose
 from wayside.stages.geometry import cross_matrices, median_longitude_deg, turn_deg
 from wayside.stages.georeference.trajectory import Trajectory
 from wayside.stages.kernels import Array
+
+if TYPE_CHECKING:
+    from pyproj import Transformer
 
 ORIGIN_REACH_DEG = 1.0
 """A fix farther from the median of all is no origin: receivers that start up report other continents."""
@@ -113,6 +116,8 @@ def align_level(local: Array, outside: Array) -> tuple[NDArray[np.float64], NDAr
 
 
 def _topocentric(origin: LocalOrigin) -> Transformer:
+    from pyproj import Transformer  # takes 0.1 s, and drives without fixes do without
+
     return Transformer.from_pipeline(
         "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 "
         f"+step +proj=topocentric +ellps=WGS84 +lon_0={origin.longitude_deg!r} +lat_0={origin.latitude_deg!r} "
