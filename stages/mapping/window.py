@@ -152,7 +152,7 @@ def through_window(
 ) -> Iterator[TrackedFrame]:
     """Send frames through a tracker; each comes out once, in order, when it cannot change any more."""
     waiting: deque[PosedDetections | WindowFrame] = deque()
-    for item in posed:
+    for item in map(_in_colour, posed):
         camera = item.frame.camera
         if item.motion is None or camera is None:
             waiting.append(item)
@@ -163,6 +163,16 @@ def through_window(
         yield from _released(waiting, tracker)
     tracker.finish()
     yield from _released(waiting, tracker)
+
+
+def _in_colour(posed: PosedDetections) -> PosedDetections:
+    """The frame without its grey image and recorded bytes: a quarter of what the window would hold."""
+    found = posed.detections.segmentation
+    frame = replace(found.image.frame, data=b"")
+    image = replace(found.image, frame=frame, grey=None)
+    return replace(
+        posed, detections=replace(posed.detections, segmentation=replace(found, image=image))
+    )
 
 
 def _released(
