@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -21,9 +21,6 @@ from wayside.schemas.routes import RouteSegments
 from wayside.schemas.settings import RouteSettings
 from wayside.schemas.signs import Sign
 from wayside.stages.georeference import ROUTE_REACH_M
-
-if TYPE_CHECKING:
-    import pyproj
 
 _WGS_84 = "OGC:CRS84"
 _NAMES = (
@@ -51,8 +48,8 @@ class RouteFile:
     """That names the routes."""
     geometry: str
     """Column of the lines in Parquet."""
-    crs: pyproj.CRS
-    """Their reference system."""
+    crs: Any
+    """Their reference system, of pyproj."""
     settings: RouteSettings
     """Which route, in which unit."""
 
@@ -171,7 +168,7 @@ def route_notes(settings: RouteSettings, signs: Sequence[Sign], *, on_globe: boo
     ]
 
 
-def _layer(path: Path) -> tuple[str, list[str], str, pyproj.CRS]:
+def _layer(path: Path) -> tuple[str, list[str], str, Any]:
     """The first layer of lines: its name, columns, and reference system."""
     import pyogrio
     import pyproj
@@ -189,7 +186,7 @@ def _layer(path: Path) -> tuple[str, list[str], str, pyproj.CRS]:
     return lines[0], [str(name) for name in info["fields"]], "", pyproj.CRS(info["crs"])
 
 
-def _parquet(path: Path) -> tuple[str, list[str], str, pyproj.CRS]:
+def _parquet(path: Path) -> tuple[str, list[str], str, Any]:
     """Columns, geometry column and reference system of a GeoParquet file."""
     import pyproj
 

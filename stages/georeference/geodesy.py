@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,6 @@ from wayside.schemas.frame import Fix, Pose
 from wayside.stages.geometry import cross_matrices, median_longitude_deg, turn_deg
 from wayside.stages.georeference.trajectory import Trajectory
 from wayside.stages.kernels import Array
-
-if TYPE_CHECKING:
-    from pyproj import Transformer
 
 ORIGIN_REACH_DEG = 1.0
 """A fix farther from the median of all is no origin: receivers that start up report other continents."""
@@ -115,7 +112,7 @@ def align_level(local: Array, outside: Array) -> tuple[NDArray[np.float64], NDAr
     return rotation, np.median(outside - local @ rotation.T, axis=0)
 
 
-def _topocentric(origin: LocalOrigin) -> Transformer:
+def _topocentric(origin: LocalOrigin) -> Any:
     from pyproj import Transformer  # takes 0.1 s, and drives without fixes do without
 
     return Transformer.from_pipeline(

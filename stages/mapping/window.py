@@ -168,11 +168,9 @@ def through_window(
 def _in_colour(posed: PosedDetections) -> PosedDetections:
     """The frame without its grey image and recorded bytes: a quarter of what the window would hold."""
     found = posed.detections.segmentation
-    frame = replace(found.image.frame, data=b"")
-    image = replace(found.image, frame=frame, grey=None)
-    return replace(
-        posed, detections=replace(posed.detections, segmentation=replace(found, image=image))
-    )
+    image = replace(found.image, frame=replace(posed.frame, data=b""), grey=None)
+    detections = replace(posed.detections, segmentation=replace(found, image=image))
+    return replace(posed, detections=detections)
 
 
 def _released(

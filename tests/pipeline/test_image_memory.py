@@ -25,7 +25,7 @@ def frames(statuses):
 
 
 def flow(items, memory, workers, queue, window):
-    """The way of a frame as `Flow` has it: workers, and a window that holds used frames; frames, and the most MB under way."""
+    """The way of a frame as `Flow` has it, through workers and a window of used frames; order and most MB under way."""
     order, under_way = [], {"now": 0.0, "most": 0.0}
 
     def counted(source):
