@@ -8,7 +8,7 @@ presets has one of these gates. Preset `default` keeps the order, with networks 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,15 +27,13 @@ from wayside.stages.georeference import (
     place_signs,
 )
 from wayside.stages.imaging import decode
-from wayside.stages.mapping import assemble, classify_location, track
+from wayside.stages.mapping import Each, assemble, classify_location, track
 from wayside.stages.odometry import estimate_motion, extract_features, pair_images, tie_images
 from wayside.stages.panel import PanelMethod
 from wayside.stages.report import classify_trajectory, extract_sift, match_by_descriptors
 from wayside.stages.sign_codes import FaceClassifier, assign_codes, classify_faces
 
 Stages = list[Stage[Any, Any]]
-Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
-"""As the builtin `map`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,19 +6,12 @@ import codecs
 import errno
 import os
 import stat
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.parquet as pq
-
 MOST_BYTES = 1 << 30
 """Of a file read into memory, and of what Parquet unpacks to: forty million boxes with their scores."""
-Where = Mapping[str, str | Collection[int]]
-"""Rows to read: those that hold these texts, or one of these numbers, by column name."""
-_BATCH_ROWS = 1 << 12
 
 
 def open_input(path: Path) -> BinaryIO:
@@ -76,59 +69,3 @@ def files_below(folder: Path) -> Iterator[Path]:
 
     for root, _, names in os.walk(folder, onerror=refuse):
         yield from (Path(root, name) for name in names)
-
-
-def read_parquet(
-    path: Path, columns: Sequence[str] | None = None, where: Where | None = None
-) -> pa.Table:
-    """A table of a Parquet file that is not larger than `MOST_BYTES` when unpacked.
-
-    Batches are read in this thread: `pyarrow.parquet.read_table` reads in threads of Arrow's own, which sometimes abort
-    a process that ends right after them (github.com/apache/arrow/issues/34314). Filters by an expression and
-    `pre_buffer` do the same.
-
-    Parameters
-    ----------
-    path, columns
-        The file, and the columns to read; None: all.
-    where
-        The rows; its columns need not be among `columns`.
-
-    Raises as `open_input`; `pa.ArrowException` where it is no Parquet file, `pa.ArrowInvalid` beyond the bound or where
-    a column is missing.
-    """
-    found, size = [], 0
-    try:
-        with open_input(path) as stream:
-            file = pq.ParquetFile(stream, pre_buffer=False)
-            schema = file.schema_arrow
-            names = schema.names if columns is None else list(columns)
-            read = list(dict.fromkeys((*names, *(where or {}))))
-            missing = [name for name in read if name not in schema.names]
-            if missing:
-                listed = ", ".join(schema.names)
-                raise pa.ArrowInvalid(f"it has no column {missing[0]}; its columns are {listed}")
-            kept = pa.schema([schema.field(name) for name in names]).with_metadata(schema.metadata)
-            found.append(kept.empty_table())
-            for batch in file.iter_batches(_BATCH_ROWS, columns=read, use_threads=False):
-                size += batch.nbytes
-                if size > MOST_BYTES:
-                    raise pa.ArrowInvalid(
-                        f"Parquet that unpacks to more than {MOST_BYTES} bytes: leave rows or columns out"
-                    )
-                chosen = _rows(pa.Table.from_batches([batch]), where or {})
-                found.append(chosen.select(names).cast(kept))
-    except (OSError, pa.ArrowException):
-        raise
-    except (LookupError, TypeError, ValueError) as error:  # names that are no text or not unique
-        raise pa.ArrowInvalid(f"{type(error).__name__}: {error}") from error
-    return pa.concat_tables(found)
-
-
-def _rows(table: pa.Table, where: Where) -> pa.Table:
-    for name, held in where.items():
-        column = table.column(name)
-        kind = column.type.value_type if pa.types.is_dictionary(column.type) else column.type
-        values = pa.array([held] if isinstance(held, str) else sorted(held), kind)
-        table = table.filter(pc.is_in(column.cast(kind), values))
-    return table

@@ -12,12 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
-import pyproj
 from numpy.typing import NDArray
 
-from wayside.pipeline.files.input_files import read_parquet
+from wayside.pipeline.files.parquet import read_parquet
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.routes import RouteSegments
 from wayside.schemas.settings import RouteSettings
@@ -50,8 +48,8 @@ class RouteFile:
     """That names the routes."""
     geometry: str
     """Column of the lines in Parquet."""
-    crs: pyproj.CRS
-    """Their reference system."""
+    crs: Any
+    """Their reference system, of pyproj."""
     settings: RouteSettings
     """Which route, in which unit."""
 
@@ -84,6 +82,7 @@ class RouteFile:
         geometry = self.geometry
         if self.layer:
             import pyogrio
+            import pyproj
 
             to_file = pyproj.Transformer.from_crs(_WGS_84, self.crs, always_xy=True)
             with _with_measures():
@@ -97,7 +96,7 @@ class RouteFile:
             geometry = meta["geometry_name"] or "wkb_geometry"
         else:
             table = read_parquet(self.path, [self.column, geometry])
-        table = table.filter(pc.is_valid(pc.field(geometry)))
+        table = table.filter(table.column(geometry).is_valid())
         names = [str(name) for name in table.column(self.column).to_pylist()]
         lines = shapely.from_wkb(np.array(table.column(geometry).to_pylist(), object))
         return np.array(names, object), lines
@@ -169,9 +168,10 @@ def route_notes(settings: RouteSettings, signs: Sequence[Sign], *, on_globe: boo
     ]
 
 
-def _layer(path: Path) -> tuple[str, list[str], str, pyproj.CRS]:
+def _layer(path: Path) -> tuple[str, list[str], str, Any]:
     """The first layer of lines: its name, columns, and reference system."""
     import pyogrio
+    import pyproj
 
     with _with_measures():
         layers = [(str(name), str(kind)) for name, kind in pyogrio.list_layers(path)]
@@ -186,8 +186,10 @@ def _layer(path: Path) -> tuple[str, list[str], str, pyproj.CRS]:
     return lines[0], [str(name) for name in info["fields"]], "", pyproj.CRS(info["crs"])
 
 
-def _parquet(path: Path) -> tuple[str, list[str], str, pyproj.CRS]:
+def _parquet(path: Path) -> tuple[str, list[str], str, Any]:
     """Columns, geometry column and reference system of a GeoParquet file."""
+    import pyproj
+
     metadata = pq.read_metadata(path)
     about = (metadata.metadata or {}).get(b"geo")
     if about is None:
@@ -220,6 +222,7 @@ def _segments(
     names: NDArray[Any], lines: NDArray[Any], file: RouteFile, box: Bounds
 ) -> RouteSegments:
     """Pieces of lines that reach into a box of WGS 84, with a measure at both ends."""
+    import pyproj
     import shapely
 
     parts, of_line = shapely.get_parts(lines, return_index=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 from wayside.pipeline.evidence.crops import draw_crop, read_crops
 from wayside.pipeline.evidence.marks import appearance_of
-from wayside.pipeline.files.input_files import read_parquet
+from wayside.pipeline.files.parquet import read_parquet
 from wayside.pipeline.files.pictures import data_address, encode_webp, is_marked
 from wayside.pipeline.files.writing import write_file
 from wayside.pipeline.fleet.absence import SIDES, Row

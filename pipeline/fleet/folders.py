@@ -11,8 +11,8 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from wayside.pipeline.files.input_files import read_parquet
 from wayside.pipeline.files.output_folder import OutputFolder, finish_replacement
+from wayside.pipeline.files.parquet import read_parquet
 from wayside.pipeline.files.writing import give_back, not_written, refuse, take_lock
 from wayside.pipeline.fleet.manifest import MANIFEST, Manifest, read_manifest
 from wayside.schemas.errors import InputError, OutputError

@@ -13,7 +13,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from wayside.pipeline.files.input_files import decoded, read_input, read_parquet
+from wayside.pipeline.files.input_files import decoded, read_input
+from wayside.pipeline.files.parquet import read_parquet
 from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_json
 from wayside.pipeline.labels.class_map import numbered, read_class_map
 from wayside.pipeline.labels.formats import Entry, coco_box, coco_classes

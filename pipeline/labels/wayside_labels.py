@@ -10,8 +10,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from wayside.pipeline.files.input_files import open_input, read_input_text, read_parquet
-from wayside.pipeline.files.parquet import record_batch
+from wayside.pipeline.files.input_files import open_input, read_input_text
+from wayside.pipeline.files.parquet import read_parquet, record_batch
 from wayside.pipeline.files.parsing import parse_json
 from wayside.pipeline.files.writing import whole_file
 from wayside.pipeline.labels.formats import Classes, Collected, Entry, read_coco

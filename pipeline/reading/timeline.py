@@ -12,6 +12,7 @@ from wayside.pipeline.reading.agreement import (
     believed,
     image_steps,
     looks_aside,
+    steps_to_believe,
 )
 from wayside.pipeline.reading.clocks import (
     Integers,
@@ -109,7 +110,8 @@ def make_timeline(plan: Plan) -> Timeline:
     streams = [one for one in _motion_streams(plan, timeline) if one.path.known.any()]
     streams = [one for one in streams if _has_scale(plan, one, timeline)]
     if streams:
-        steps = image_steps(plan, order, times.capture_ns, timeline.cameras)
+        found = image_steps(plan, order, times.capture_ns, timeline.cameras)
+        steps = steps_to_believe(streams, found, order, times.capture_ns)
         if looks_aside(steps):
             raise InputError(
                 f"{plan.survey.path}: the camera {shortened(plan.camera.name)} looks across its way; signs are found "

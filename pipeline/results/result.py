@@ -13,8 +13,9 @@ from typing import Any, BinaryIO
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from wayside.pipeline.files.input_files import Where, read_input_text, read_parquet
+from wayside.pipeline.files.input_files import read_input_text
 from wayside.pipeline.files.output_folder import RECORDING, finish_replacement
+from wayside.pipeline.files.parquet import Where, read_parquet
 from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_json
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.files.writing import not_written

@@ -9,8 +9,8 @@ from wayside.pipeline.workers import Result
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Frame
 
-_BYTES_A_PIXEL = 3 + 1 + 3 * (1 / 4 + 1 / 16)
-"""Colour, grey, and colour at half and quarter size."""
+_HELD_A_PIXEL, _FOUND_A_PIXEL = 3, 3 + 3 * (1 / 4 + 1 / 16) + 1
+"""Bytes of colour, which tracking holds; before it there are smaller sizes and grey, too."""
 _MEGABYTE = 1e6
 
 
@@ -29,7 +29,8 @@ class ImageMemory:
     """The most that they took."""
     _bytes: int = 0
     _largest: int = 0
-    _held: dict[int, int] = field(default_factory=dict)
+    _held: dict[int, tuple[int, int]] = field(default_factory=dict)
+    """Bytes of each frame, and those that are left of them when it is tracked."""
 
     @property
     def has_room(self) -> bool:
@@ -46,25 +47,30 @@ class ImageMemory:
     def released(
         self, items: Iterator[Result], leaves: Callable[[Result], bool]
     ) -> Iterator[Result]:
-        """Pass items on and count those out that leave: their pixels are held no longer."""
+        """Pass items on and count those out that leave: their pixels are held no longer. Others go on to be tracked."""
         for item in items:
+            one, tracked = self._held.pop(item.frame.index, (0, 0))
             if leaves(item):
-                self._bytes -= self._held.pop(item.frame.index, 0)
+                tracked = 0
+            elif one:
+                self._held[item.frame.index] = tracked, tracked
+            self._bytes -= one - tracked
             yield item
 
     def _take(self, frame: Frame) -> None:
         width, height = frame.width, frame.height
         if frame.camera is not None and not (width and height):
             width, height = frame.camera.width, frame.camera.height
-        one = round(width * height * _BYTES_A_PIXEL) + len(frame.data)
-        needed = (self.window + 1) * one / _MEGABYTE
+        tracked = round(width * height * _HELD_A_PIXEL)
+        one = round(width * height * _FOUND_A_PIXEL) + len(frame.data)
+        needed = (self.window * tracked + one) / _MEGABYTE
         if 0 < self.limit_mb < needed:
             raise UsageError(
                 f"--memory: motion and tracking hold {self.window + 1} images of {width} x {height} at once, which is "
                 f"{needed:.0f} MB and more than {self.limit_mb:.0f} MB. Give more, or lower the setting "
                 "track.longest."
             )
-        self._held[frame.index] = one
+        self._held[frame.index] = one, tracked
         self._bytes += one
         self._largest = max(self._largest, one)
         self.peak_bytes = max(self.peak_bytes, self._bytes)

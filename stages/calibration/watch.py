@@ -8,7 +8,7 @@ from math import acos, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc, ndtr
 
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion, PosedDetections
@@ -122,8 +122,8 @@ def _check(segments: list[Segment], camera: Camera) -> LensCheck:
         return LensCheck(correction, sigma, None)
     found = calibrate_from(start)
     change, errors = found.lens[RADIAL], found.covariance[np.ix_(RADIAL, RADIAL)]
-    by_chance = float(stats.chi2.sf(change @ np.linalg.solve(errors, change), len(RADIAL)))
-    significant = by_chance < 2 * stats.norm.sf(CHECK_SIGMAS)
+    by_chance = float(chdtrc(len(RADIAL), change @ np.linalg.solve(errors, change)))
+    significant = by_chance < 2 * ndtr(-CHECK_SIGMAS)
     wrong = significant and displacement(camera, found.lens) > CHECK_ERROR
     return LensCheck(correction, sigma, found.camera if wrong else None)
 

@@ -53,7 +53,8 @@ def vector_from_rotation(matrix: Array) -> Array:
         q[k] = matrix[k, i] + matrix[i, k]
         q[3] = matrix[k, j] - matrix[j, k]
     if q[3] < 0:
-        q = -q
+        for i in range(4):
+            q[i] = -q[i]
     sine = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
     factor = 2.0 / q[3] if sine < 1e-12 * q[3] else 2.0 * np.arctan2(sine, q[3]) / sine
     vector = np.empty(3)
@@ -65,8 +66,15 @@ def vector_from_rotation(matrix: Array) -> Array:
 @compiled
 def halfway_direction(rotation: Array, direction: Array) -> Array:
     """Direction (3,), given in the axes half way through a rotation, in the axes before it."""
-    half: Array = np.dot(rotation_from_vector(0.5 * vector_from_rotation(rotation)), direction)
-    return half
+    vector = vector_from_rotation(rotation)
+    for i in range(3):
+        vector[i] *= 0.5
+    half, turned = rotation_from_vector(vector), np.empty(3)
+    for i in range(3):
+        turned[i] = (
+            half[i, 0] * direction[0] + half[i, 1] * direction[1] + half[i, 2] * direction[2]
+        )
+    return turned
 
 
 @compiled
@@ -80,9 +88,10 @@ def tangent_basis(direction: Array) -> Array:
         first[0], first[1], first[2] = direction[2], 0.0, -direction[0]
     else:
         first[0], first[1], first[2] = 0.0, direction[2], -direction[1]
-    first /= np.sqrt((first * first).sum())
+    length = np.sqrt(first[0] * first[0] + first[1] * first[1] + first[2] * first[2])
     result = np.empty((2, 3))
     for i in range(3):
+        first[i] /= length
         result[0, i] = first[i]
     result[1, 0] = direction[1] * first[2] - direction[2] * first[1]
     result[1, 1] = direction[2] * first[0] - direction[0] * first[2]

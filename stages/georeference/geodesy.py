@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pyproj import Transformer
 
 from wayside.schemas.frame import Fix, Pose
 from wayside.stages.geometry import cross_matrices, median_longitude_deg, turn_deg
@@ -112,7 +112,9 @@ def align_level(local: Array, outside: Array) -> tuple[NDArray[np.float64], NDAr
     return rotation, np.median(outside - local @ rotation.T, axis=0)
 
 
-def _topocentric(origin: LocalOrigin) -> Transformer:
+def _topocentric(origin: LocalOrigin) -> Any:
+    from pyproj import Transformer  # takes 0.1 s, and drives without fixes do without
+
     return Transformer.from_pipeline(
         "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=cart +ellps=WGS84 "
         f"+step +proj=topocentric +ellps=WGS84 +lon_0={origin.longitude_deg!r} +lat_0={origin.latitude_deg!r} "

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import Sightings
@@ -59,7 +59,7 @@ def solve_offsets(sightings: Sightings, settings: MergeSettings) -> DriveOffsets
     if not len(pairs):
         return DriveOffsets(offset, pairs)
     i, j = pairs.T
-    gate = float(chi2.ppf(SAME_PROBABILITY, 3))
+    gate = float(chdtri(3, 1 - SAME_PROBABILITY))
     own = sightings.covariance[i] + sightings.covariance[j]
     common = np.square(sightings.common_sigma_m)[:, [0, 0, 1]]
     kept = np.zeros(len(pairs), bool)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, poisson
+from scipy.special import chdtri, gammainc
 
 from wayside.schemas.sightings import Rows, Sightings
 from wayside.stages.inventory.association import (
@@ -126,7 +126,7 @@ def _consensus(pairs: Differences, spread: Floats, reach_m: float) -> Agreement 
     Supports are counted, as panels on one support move together. Chance puts differences anywhere along the reach. As
     chance count the supports that agree without any vector, too, so that a few panels that were moved are no vector.
     """
-    gate, nearest2 = float(chi2.ppf(SAME_PROBABILITY, 3)), NEAR_SIGMAS**2
+    gate, nearest2 = float(chdtri(3, 1 - SAME_PROBABILITY)), NEAR_SIGMAS**2
     apart, total, count = pairs.apart_m, pairs.own + pairs.stated, len(spread)
     tried = np.arange(0, count, max(1, count // _TRIED))
     agree = _distance2(apart - apart[tried, None], spread + spread[tried, None]) < gate
@@ -142,7 +142,7 @@ def _consensus(pairs: Differences, spread: Floats, reach_m: float) -> Agreement 
     supports = int(_count_supports(best[None], pairs.support)[0])
     width_m = float(np.sqrt(gate * spread[best][:, :2].mean()))
     by_chance = count * width_m / reach_m + unmoved
-    if count * poisson.sf(supports - 2, by_chance) > VECTOR_BY_CHANCE:
+    if count * gammainc(supports - 1, by_chance) > VECTOR_BY_CHANCE:
         return None
     sigma = np.sqrt(stated + 1 / (1 / pairs.own[best]).sum(axis=0))
     return Agreement(vector * (not is_zero), sigma, supports)

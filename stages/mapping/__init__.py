@@ -12,6 +12,7 @@ from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_views
 from wayside.stages.mapping.tracker import WINDOW_STEP, SideClassifiers, track
 from wayside.stages.mapping.verdicts import VERDICT_OF_TERM
 from wayside.stages.mapping.window import (
+    Each,
     TravelledPath,
     WindowFrame,
     candidates_of,
@@ -24,6 +25,7 @@ __all__ = [
     "STEP_COVARIANCE",
     "VERDICT_OF_TERM",
     "WINDOW_STEP",
+    "Each",
     "LandmarkClassifier",
     "LandmarkFit",
     "SideClassifiers",

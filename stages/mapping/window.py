@@ -74,10 +74,8 @@ class WindowFrame:
 
     @classmethod
     def of(cls, posed: PosedDetections, motion: Motion, camera: Camera) -> WindowFrame:
-        """What tracking needs of a frame: its image in colour and in full size only."""
-        table, found = posed.detections.candidates, posed.detections.segmentation
-        found = replace(found, image=replace(found.image, grey=None, levels=None))
-        posed = replace(posed, detections=replace(posed.detections, segmentation=found))
+        """What tracking needs of a frame."""
+        table = posed.detections.candidates
         followed = joined(
             followed_table(table, rows, camera, back=back)
             for rows, back in ((face_rows(table), False), (table.back_rows(), True))
@@ -150,7 +148,7 @@ def through_window(
 ) -> Iterator[TrackedFrame]:
     """Send frames through a tracker; each comes out once, in order, when it cannot change any more."""
     waiting: deque[PosedDetections | WindowFrame] = deque()
-    for item in posed:
+    for item in map(_in_colour, posed):
         camera = item.frame.camera
         if item.motion is None or camera is None:
             waiting.append(item)
@@ -161,6 +159,14 @@ def through_window(
         yield from _released(waiting, tracker)
     tracker.finish()
     yield from _released(waiting, tracker)
+
+
+def _in_colour(posed: PosedDetections) -> PosedDetections:
+    """The frame with its image in colour and full size only: three fifths of what the window would hold."""
+    found = posed.detections.segmentation
+    image = replace(found.image, frame=replace(posed.frame, data=b""), grey=None, levels=None)
+    detections = replace(posed.detections, segmentation=replace(found, image=image))
+    return replace(posed, detections=detections)
 
 
 def _released(

@@ -124,9 +124,17 @@ def _move(problem: _Problem, estimate: _Estimate, rotation: Array, direction: Ar
     # By `step` (5,): rotation vector, then along `basis` (2, 3). The direction stays of unit length: that holds the
     # baseline.
     step, basis = problem.step, problem.basis
-    rotation[:] = np.dot(rotation_from_vector(step[:3]), estimate.rotations[1])
-    direction[:] = estimate.centres[1] + step[3] * basis[0] + step[4] * basis[1]
-    direction /= np.sqrt((direction * direction).sum())
+    turn, last, centre = rotation_from_vector(step[:3]), estimate.rotations[1], estimate.centres[1]
+    square = 0.0
+    for i in range(3):
+        for j in range(3):
+            rotation[i, j] = (
+                turn[i, 0] * last[0, j] + turn[i, 1] * last[1, j] + turn[i, 2] * last[2, j]
+            )
+        direction[i] = centre[i] + step[3] * basis[0, i] + step[4] * basis[1, i]
+        square += direction[i] * direction[i]
+    for i in range(3):
+        direction[i] /= np.sqrt(square)
 
 
 @compiled

@@ -42,7 +42,7 @@ INWARD = 0.12
 """The strongest outline lies within the box by this fraction of the smaller side at most."""
 OUTWARD = 0.28
 """The strongest outline lies outside the box by this fraction at most."""
-COARSE_STEP = 1.0
+COARSE_STEP = 0.25
 """Distance between the places where that is sought."""
 SEARCH = 3.0
 """The strongest outline is sought so far, either way, at least."""

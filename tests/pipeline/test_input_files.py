@@ -9,14 +9,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from wayside.pipeline.files import input_files
-from wayside.pipeline.files.input_files import (
-    files_below,
-    open_input,
-    read_input,
-    read_input_text,
-    read_parquet,
-)
+from wayside.pipeline.files import input_files, parquet
+from wayside.pipeline.files.input_files import files_below, open_input, read_input, read_input_text
+from wayside.pipeline.files.parquet import read_parquet
 
 
 def test_pipes_devices_and_files_beyond_the_bound_are_refused_at_once(tmp_path):
@@ -57,7 +52,7 @@ def test_a_table_is_that_of_pyarrow(tmp_path):
 def test_parquet_that_unpacks_beyond_the_bound_is_refused(tmp_path, monkeypatch, column):
     path = tmp_path / "bomb.parquet"
     pq.write_table(pa.table({"frame": column}), path, compression="zstd")
-    monkeypatch.setattr(input_files, "MOST_BYTES", 1_000_000)
+    monkeypatch.setattr(parquet, "MOST_BYTES", 1_000_000)
     assert path.stat().st_size < 20_000
     with pytest.raises(pa.ArrowInvalid, match="unpacks to"):
         read_parquet(path)
@@ -71,7 +66,7 @@ def test_a_table_is_read_without_threads_of_arrow(tmp_path):
     )
     code = (
         "import os, sys; from pathlib import Path\n"
-        "from wayside.pipeline.files.input_files import read_parquet\n"
+        "from wayside.pipeline.files.parquet import read_parquet\n"
         "before = len(os.listdir('/proc/self/task'))\n"
         "rows = read_parquet(Path(sys.argv[1]), ['x', 'status'], {'status': 'sign'}).num_rows\n"
         "print(rows, read_parquet(Path(sys.argv[1])).num_rows, len(os.listdir('/proc/self/task')) - before)"
@@ -84,7 +79,7 @@ READ_ALL = """
 import sys
 from pathlib import Path
 import pyarrow as pa
-from wayside.pipeline.files.input_files import read_parquet
+from wayside.pipeline.files.parquet import read_parquet
 
 path = Path(sys.argv[1])
 content = path.read_bytes()
