@@ -28,7 +28,7 @@ from wayside.stages.georeference import (
 )
 from wayside.stages.imaging import decode
 from wayside.stages.mapping import Each, assemble, classify_location, track
-from wayside.stages.odometry import estimate_motion, extract_features, pair_images, tie_images
+from wayside.stages.odometry import estimate_motion, extract_features
 from wayside.stages.panel import PanelMethod
 from wayside.stages.report import classify_trajectory, extract_sift, match_by_descriptors
 from wayside.stages.sign_codes import FaceClassifier, assign_codes, classify_faces
@@ -42,12 +42,8 @@ class Chain:
 
     per_image: Stages
     """From frames to detections: what one image needs for itself, side by side in the workers."""
-    pairing: Stages
-    """From detections to pairs of images, in the order of the frames: little work."""
-    per_pair: Stages
-    """What a pair of images needs for itself, side by side in the workers."""
     per_frame: Stages
-    """From pairs to tracked frames, in the order of the frames."""
+    """From detections to tracked frames, in the order of the frames."""
     path: Stage[Any, DrivePath]
     """After the last frame: from the points of the path to the path of the whole drive."""
     signs: Callable[[DrivePath], Stages]
@@ -79,8 +75,6 @@ def default_chain(s: Settings, m: Models, routes: RouteFile | None, each: Each =
             *detector.stages,
             stage("features", extract_features, s.features),
         ],
-        pairing=[stage("pairs", pair_images, s.motion).unseen()],
-        per_pair=[stage("ties", tie_images, s.motion).unseen()],
         per_frame=_those(
             stage("motion", estimate_motion, s.motion),
             stage("calibration", watch_calibration, watch).unseen(),
@@ -117,8 +111,6 @@ def report_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
             stage("sift", extract_sift),
             stage("features", extract_features, s.features),
         ],
-        pairing=[stage("pairs", pair_images, s.motion).unseen()],
-        per_pair=[stage("ties", tie_images, s.motion).unseen()],
         per_frame=_those(
             stage("motion", estimate_motion, s.motion),
             stage("calibration", watch_calibration, watch).unseen(),

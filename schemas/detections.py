@@ -299,7 +299,7 @@ class Features:
     """Key points of one image: n corners for the motion, m described regions (presets of the report)."""
 
     corners: NDArray[np.float32]
-    """Corners that may become tie points, (n, 2), distorted pixels, the best of every cell first."""
+    """Corners that may become tie points, (n, 2), distorted pixels, sorted by row."""
     descriptors: NDArray[np.uint8]
     """Binary descriptors of the corners, (n, 32)."""
     sign_points: NDArray[np.float32]
@@ -308,8 +308,6 @@ class Features:
     """Their descriptors, (m, 132): SIFT, share of the box, and colour."""
     sign_rows: NDArray[np.int32]
     """Rows of the candidates that they are, (m,), ascending."""
-    ideal_corners: NDArray[np.float64]
-    """The corners without lens distortion, (n, 2)."""
 
     @staticmethod
     def empty() -> Features:
@@ -320,7 +318,6 @@ class Features:
             np.zeros((0, 2), np.float32),
             np.zeros((0, 132), np.float32),
             np.zeros(0, np.int32),
-            np.zeros((0, 2)),
         )
 
 

@@ -54,7 +54,6 @@ from wayside.schemas.signs import Sign
 from wayside.stages.calibration import CalibrationWatch, LensCheck
 from wayside.stages.detection import BOX_VALUES
 from wayside.stages.georeference import DrivePath, PathPoint
-from wayside.stages.odometry import ImagePair
 from wayside.stages.segmentation import unsegmented
 
 TESTS = Path(__file__).parent / "end_to_end"
@@ -119,8 +118,7 @@ DO_NOTHING: dict[tuple[type, type], Callable[[Any], Any]] = {
     (Frame, Image): lambda frame: Image(frame, None, None),
     (Image, Segmentation): unsegmented,
     (Segmentation, Detections): lambda found: Detections(found, Candidates.of(found.regions)),
-    (Detections, ImagePair): ImagePair,
-    (ImagePair, PosedDetections): lambda pair: PosedDetections(pair.detections, None),
+    (Detections, PosedDetections): lambda found: PosedDetections(found, None),
     (PosedDetections, TrackedFrame): _undecided,
     (Landmark, Sign): _unplaced,
     (CalibrationWatch, LensCheck): lambda watch: LensCheck(None, None, None),

@@ -45,7 +45,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.models import EvidenceModel
 from wayside.schemas.settings import ReadSettings, TrackSettings
 from wayside.stages.mapping import FEATURES, track
-from wayside.stages.odometry import estimate_motion, pair_images, tie_images
+from wayside.stages.odometry import estimate_motion
 
 FOR, AGAINST = 1, -1
 EVIDENCE: tuple[tuple[str, str, int, tuple[float, ...]], ...] = (
@@ -284,8 +284,7 @@ def _landmarks_of(folder: Path, log: Path, known: KnownPanels, read: ReadSetting
             models, front_scores=scores, landmark_classifier=None, back_landmark_classifier=None
         )
         found = Flow(settings, own, StageClock()).detect(read_frames(log, read, ReadReport()))
-        pairs = tie_images(pair_images(found, settings.motion), settings.motion)
-        moved = estimate_motion(pairs, settings.motion)
+        moved = estimate_motion(found, settings.motion)
         detector = detector_of(settings, own)
         settled = TrackSettings(fewest_views=FEWEST)
         panel = panel_method(own)

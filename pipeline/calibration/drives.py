@@ -16,7 +16,6 @@ from wayside.pipeline.reading.calibrations import read_camera_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.plan import check_settings, make_plan
 from wayside.pipeline.reading.survey import LogSurvey, survey_log
-from wayside.schemas.detections import Candidates, Detections, Regions
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion
@@ -29,9 +28,9 @@ from wayside.stages.calibration import (
     changed_camera,
     cut_segments,
 )
+from wayside.stages.geometry import ideal_points
 from wayside.stages.imaging import decode
-from wayside.stages.odometry import estimate_motion, extract_features, pair_images, tie_images
-from wayside.stages.segmentation import unsegmented
+from wayside.stages.odometry import KeypointImage, VisualOdometry, tie_corners
 
 MOST_IMAGES = 300
 """Images of a log that are used, from its start or --from on."""
@@ -182,11 +181,13 @@ def _round(
 
 
 def _motions(log: Path, camera: Camera, settings: Settings) -> Iterator[Motion]:
-    images = decode(read_frames(log, settings.read, ReadReport(), camera))
-    found = (Detections(unsegmented(one), Candidates.of(Regions.empty())) for one in images)
-    pairs = pair_images(extract_features(found, settings.features), settings.motion)
-    moved = estimate_motion(tie_images(pairs, settings.motion), settings.motion)
-    return (one.motion for one in moved if one.motion is not None)
+    odometry = VisualOdometry(settings.motion)
+    for image in decode(read_frames(log, settings.read, ReadReport(), camera)):
+        if image.frame.used and image.grey is not None:
+            corners, descriptors = tie_corners(image.grey, settings.features)
+            ideal = ideal_points(camera, corners)
+            points = KeypointImage(camera, image.grey, corners, descriptors, ideal)
+            yield odometry.advance(points, image.frame)
 
 
 def _plan(

@@ -76,10 +76,7 @@ class Flow:
             found = workers.ordered(self._find, read, queue=queue, has_room=room)
             if self.journal is not None:
                 found = self.clock.timed("journal", self.journal.record(found))
-            found = self._counted(self.clock.timed("queue", found))
-            pairs = self._through(self.chain.pairing, found)
-            tied = workers.ordered(self._tie, pairs, queue=1, has_room=room)
-            for settled in self._follow(self.clock.timed("queue", tied)):
+            for settled in self._follow(self._counted(self.clock.timed("queue", found))):
                 self.counts.settled += 1
                 yield settled
 
@@ -109,16 +106,13 @@ class Flow:
                 known = self.journal.replay(image)
             yield from self.detect(iter([frame])) if known is None else (known,)
 
-    def _tie(self, pairs: Iterator[Any]) -> Iterator[Any]:
-        return self._through(self.chain.per_pair, pairs)
-
     def _each(self, function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
         """Do independent work of a stage in the workers."""
         return self.workers.map(self.clock.shared(function), items)
 
-    def _follow(self, pairs: Iterator[Any]) -> Iterator[TrackedFrame]:
+    def _follow(self, detections: Iterator[Detections]) -> Iterator[TrackedFrame]:
         """Do what needs the frames in order. Pixels are held until the frame is tracked, or has no motion."""
-        items = pairs
+        items: Iterator[Any] = detections
         for stage in self.chain.per_frame:
             items = self._shown(stage, items)
             if stage.name == "motion":

@@ -16,19 +16,19 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.detections import Candidates, Detections, Regions
 from wayside.schemas.frame import USED, Camera, Frame, Image, Pose, PosePrior
-from wayside.schemas.motion import PosedDetections, StepPrior
+from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import ideal_of_rays, rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.odometry import (
     KeypointImage,
-    PairMotion,
+    MotionPrior,
+    Mount,
     RegisteredTies,
-    TiedPair,
+    RelativePose,
     VisualOdometry,
-    common_motion,
     fit_coarse_motion,
-    predict_alone,
+    fit_relative_pose,
 )
 from wayside.stages.segmentation import unsegmented
 
@@ -42,7 +42,6 @@ SMALLEST_PX = 8.0
 GROSS_TIE_PX, GROSS_SIGN_PX = 6.0, 5.0
 """Scatter of outliers."""
 DRIFT_WAVES = 24
-FEWEST_TIES = 8
 SURE = 3.0
 
 
@@ -155,12 +154,10 @@ class SimulatedDrive:
 
     def posed(self, settings: MotionSettings) -> Iterator[PosedDetections]:
         """Every frame with its candidates and the motion that the odometry of `wayside run` estimates."""
-        odometry, last, before = VisualOdometry(settings), None, None
+        odometry = VisualOdometry(settings, estimate=self._estimate)
         for index, pose in enumerate(self.poses):
-            frame, now, tied = self._frame(index), self._keypoint_image(index), None
-            if last is not None and before is not None:
-                tied = self._tied(before, now, predict_alone(last, frame, settings))
-            motion, last, before = odometry.advance(frame, tied), frame, now
+            frame = self._frame(index)
+            motion = odometry.advance(self._keypoint_image(index), frame)
             seen = self._observe(index, pose)
             self.seen.append(seen)
             image = Image(frame, None, None)
@@ -264,11 +261,18 @@ class SimulatedDrive:
         pixels = np.zeros((0, 0), np.uint8)
         return KeypointImage(self.camera, pixels, uv.astype(np.float32), codes, uv)
 
-    def _tied(self, before: KeypointImage, now: KeypointImage, prior: StepPrior) -> TiedPair | None:
-        """Simulated ties of two images, as `tie_images` finds them."""
+    def _estimate(
+        self,
+        before: KeypointImage,
+        now: KeypointImage,
+        expected: MotionPrior,
+        mount: Mount,
+        fewest: int,
+    ) -> RelativePose | None:
+        """Relative pose of two images from simulated ties; parameters as of `estimate_relative_pose`."""
         (*old, first), (*new, second) = (v.descriptors.view(np.int64)[:, 0] for v in (before, now))
         shared = self.common(int(first), int(second))
-        if len(shared) < FEWEST_TIES:
+        if len(shared) < max(fewest, 8):
             return None
         rows = np.column_stack([np.searchsorted(old, shared), np.searchsorted(new, shared)])
         rng, tie_px = self._rng, self.survey.tie_px
@@ -280,8 +284,7 @@ class SimulatedDrive:
         gross = rng.random(len(rows)) < self.survey.outliers
         current[gross] += rng.normal(0, GROSS_TIE_PX, (int(gross.sum()), 2))
         rays = rays_of_ideal(before.camera, previous), rays_of_ideal(now.camera, current)
-        start = common_motion(*rays, prior, now.focal_px, GROSS_TIE_PX)
-        coarse, _ = fit_coarse_motion(*rays, prior, start, now.focal_px)
+        coarse, _ = fit_coarse_motion(*rays, expected.prior, expected.search, now.focal_px)
         points = self.points[shared]
         growth = self.depth(int(first), points) / self.depth(int(second), points)
         warp = np.column_stack([growth, np.zeros(len(rows)), growth])
@@ -289,7 +292,10 @@ class SimulatedDrive:
         tied = RegisteredTies(
             previous, current, rows, warp, sigma, (rows, np.column_stack([current, warp, sigma]))
         )
-        return TiedPair(PairMotion(before, now, *coarse), tied)
+        pose = fit_relative_pose(
+            before, now, tied, (coarse.rotation, coarse.direction), expected.prior
+        )
+        return pose if pose.inliers >= fewest else None
 
     def _drift(self, uv: Array) -> Array:
         """A smooth random field at pixels (n, 2): Gaussian in its values, of unit scatter, and in its correlation."""

@@ -11,47 +11,35 @@ from wayside.stages.odometry.motion_agreement import (
     image_step,
     upright,
 )
-from wayside.stages.odometry.motion_prior import FIX_SIGMA_M, predict_alone
+from wayside.stages.odometry.motion_prior import FIX_SIGMA_M, MotionPrior
 from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.relative_pose import (
     RelativePose,
-    TiedPair,
-    common_motion,
     fit_coarse_motion,
+    fit_relative_pose,
 )
-from wayside.stages.odometry.tie_points import KeypointImage, PairMotion, RegisteredTies
-from wayside.stages.odometry.visual_odometry import (
-    ImagePair,
-    VisualOdometry,
-    estimate_motion,
-    pair_images,
-    tie_images,
-)
+from wayside.stages.odometry.tie_points import KeypointImage, RegisteredTies
+from wayside.stages.odometry.visual_odometry import VisualOdometry, estimate_motion
 
 __all__ = [
     "AXES",
     "FIX_SIGMA_M",
     "Agreement",
     "CameraPath",
-    "ImagePair",
     "ImageStep",
     "KeypointImage",
+    "MotionPrior",
     "Mount",
-    "PairMotion",
     "RegisteredTies",
     "RelativePose",
-    "TiedPair",
     "VisualOdometry",
     "agreement",
-    "common_motion",
     "estimate_motion",
     "extract_features",
     "fit_coarse_motion",
+    "fit_relative_pose",
     "image_step",
-    "pair_images",
-    "predict_alone",
     "sampson_px",
     "tie_corners",
-    "tie_images",
     "upright",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from operator import attrgetter
 from typing import Any
@@ -25,9 +25,6 @@ CORNER_CONTRAST = 9
 CORNER_CELL_PX = 25
 """Side of a cell, in pixels of its level."""
 
-BORDER_PX = 31
-"""ORB describes no corner nearer to the border."""
-
 
 def extract_features(
     images: Iterator[Detections], settings: FeatureSettings
@@ -45,7 +42,6 @@ def extract_features(
             features = replace(features, corners=corners, descriptors=descriptors)
         if camera is not None:
             candidates = replace(candidates, ideal=ideal_points(camera, candidates.center))
-            features = replace(features, ideal_corners=ideal_points(camera, features.corners))
         segmentation = replace(item.segmentation, labels=None)
         yield Detections(segmentation, candidates, features)
 
@@ -53,7 +49,7 @@ def extract_features(
 def tie_corners(
     grey: NDArray[np.uint8], settings: FeatureSettings
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Corners (n, 2) of a grey image, recorded pixels, and descriptors (n, 32): the best of every cell come first.
+    """Corners (n, 2) of a grey image, recorded pixels, sorted by row, and descriptors (n, 32).
 
     FAST corners of a pyramid (Rosten and Drummond 2006), the strongest of each cell: weak ones on road and verge are
     kept as well as strong ones against the sky. ORB descriptors (Rublee et al. 2011) are upright, because cameras on
@@ -62,50 +58,55 @@ def tie_corners(
     fast = cv2.FastFeatureDetector.create(CORNER_CONTRAST)
     orb = cv2.ORB.create(100_000, nlevels=1)
     level = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    corners, descriptors, ranks = [_NONE.corners], [_NONE.descriptors], [np.zeros(0, np.int64)]
+    corners, descriptors = [_NONE.corners], [_NONE.descriptors]
     for index in range(PYRAMID_LEVELS):
         if index > 0:
             shrink = 1 / PYRAMID_SCALE
-            level = cv2.resize(level, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_LINEAR)
+            level = cv2.resize(level, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
         found = fast.detect(level)
-        places = np.asarray(cv2.KeyPoint.convert(found), np.float64).reshape(-1, 2)
-        # A response of FAST is the largest contrast at which the corner is still one: a grey level.
-        response = np.fromiter(map(_response, found), np.float32, len(found)).astype(np.uint8)
-        size = np.array(level.shape[::-1])
-        inside = ((places >= BORDER_PX) & (places < size - BORDER_PX)).all(axis=1)
-        order = np.flatnonzero(inside)[np.argsort(~response[inside], kind="stable")]
-        rank = rank_in_cells(places[order], CORNER_CELL_PX)
-        kept = rank < settings.corners_per_cell
-        order, rank = order[kept], rank[kept]
-        if not len(order):
+        if not found:
             continue
-        _, described = orb.compute(level, [found[i] for i in order])
+        found, described = orb.compute(level, [found[i] for i in _strongest(found, settings)])
+        if described is None:
+            continue
         # Pixel centres are at integers: the centre of a block of s pixels lies (s - 1) / 2 from its first.
-        scale = np.array(grey.shape[::-1]) / size
-        corners.append(((places[order] + 0.5) * scale - 0.5).astype(np.float32))
+        scale = np.array([grey.shape[1] / level.shape[1], grey.shape[0] / level.shape[0]])
+        places = (np.asarray(cv2.KeyPoint.convert(found)) + 0.5) * scale - 0.5
+        corners.append(places.astype(np.float32))
         descriptors.append(np.asarray(described, np.uint8))
-        ranks.append(256 * rank - response[order])
-    order = np.argsort(np.concatenate(ranks), kind="stable")
-    return np.concatenate(corners)[order], np.concatenate(descriptors)[order]
+    places, codes = np.concatenate(corners), np.concatenate(descriptors)
+    order = np.lexsort((places[:, 0], places[:, 1]))
+    return places[order], codes[order]
 
 
-def rank_in_cells(places: NDArray[np.floating[Any]], side_px: float) -> NDArray[np.int64]:
-    """How many places (n, 2) px that come before one lie in the same square cell of an image, (n,)."""
+def _strongest(found: Sequence[cv2.KeyPoint], settings: FeatureSettings) -> NDArray[np.int64]:
+    # A response of FAST is the largest contrast at which the corner is still one: a grey level.
+    response = np.fromiter(map(_response, found), np.float32, len(found)).astype(np.uint8)
+    order = np.argsort(~response, kind="stable")
+    places = np.asarray(cv2.KeyPoint.convert(found), np.float64)[order]
+    kept = first_of_cells(places, CORNER_CELL_PX, settings.corners_per_cell)
+    return np.sort(order[kept])
+
+
+def first_of_cells(
+    places: NDArray[np.floating[Any]], side_px: float, most: int
+) -> NDArray[np.bool_]:
+    """Which places (n, 2) px are among the first `most` of their square cell of an image."""
     cell = np.floor(places / side_px).astype(np.int64)
     key = cell[:, 1] * (cell[:, 0].max(initial=0) + 1) + cell[:, 0]
     key -= key.min(initial=0)
-    rank = np.empty(len(key), np.int64)
-    _rank_in_cells(key, np.zeros(key.max(initial=0) + 1, np.int64), rank)
-    return rank
+    kept = np.empty(len(key), np.bool_)
+    _first_of_cells(key, np.zeros(key.max(initial=0) + 1, np.int64), most, kept)
+    return kept
 
 
 @compiled
-def _rank_in_cells(
-    key: NDArray[np.int64], count: NDArray[np.int64], rank: NDArray[np.int64]
+def _first_of_cells(
+    key: NDArray[np.int64], count: NDArray[np.int64], most: int, kept: NDArray[np.bool_]
 ) -> None:
     for i in range(key.shape[0]):
-        rank[i] = count[key[i]]
         count[key[i]] += 1
+        kept[i] = count[key[i]] <= most
 
 
 _NONE = Features.empty()

@@ -33,8 +33,8 @@ FIX_SIGMA_M = 1.5
 """Standard deviation of a fix where the log states none, m."""
 FIX_STEP_FRACTION = 0.2
 """Error of the distance between two fixes, as a fraction of a fix's: most of it is common to both."""
-NO_SPEED_MPS = 10.0
-"""Any speed: a step of unknown length."""
+POSE_SLACK_PX, ROTATION_SLACK_PX, FIRST_SLACK_PX = 12.0, 45.0, 120.0
+"""Half width of the search band, px: with poses, with the rotation of the step before, with neither."""
 SHORTEST_M = 0.02
 """Shortest step, m."""
 FASTEST_MPS, JUMP_SIGMAS = 150.0, 3.0
@@ -56,14 +56,15 @@ MEDIANS = np.array([1.386, 2.366])
 class MotionPrior:
     """What is expected of a step before its images are compared.
 
-    `prior`: of rotation, direction and length. `straight`: rotation and direction to fall back on. `rotation` (3, 3):
-    the same without ties. `source`: "straight", "points", "odometry", "poses", "fixes" or "speed". `spacing_m`: the
-    stated one of the first two, else nan.
+    `prior`: of rotation, direction and length. `straight`: rotation and direction to fall back on. `search`: rotation
+    (3, 3) by which corners are predicted. `slack_px`: half width of the band they are matched in. `source`: "straight",
+    "points", "odometry", "poses", "fixes" or "speed". `spacing_m`: the stated one of the first two, else nan.
     """
 
     prior: StepPrior
     straight: tuple[Array, Array]
-    rotation: Array
+    search: Array
+    slack_px: float
     source: str
     spacing_m: float = nan
 
@@ -74,11 +75,6 @@ class TravelDirection:
 
     direction: Array
     sigma: Array
-
-
-MOUNT_SIGMA_DEG = 1.5
-"""Scatter of the direction of travel while the mount is unknown."""
-UNKNOWN_TRAVEL = TravelDirection(np.array([0.0, 0.0, 1.0]), np.radians([MOUNT_SIGMA_DEG] * 2))
 
 
 def predict_motion(
@@ -134,14 +130,10 @@ def predict_motion(
         prior,
         (np.eye(3), travel.direction),
         np.eye(3) if last_rotation is None else last_rotation,
+        FIRST_SLACK_PX if last_rotation is None else ROTATION_SLACK_PX,
         source,
         spacing_m,
     )
-
-
-def predict_alone(before: Frame, now: Frame, settings: MotionSettings) -> StepPrior:
-    """What the log says of a step, without what other steps have shown: any pair can be matched by it."""
-    return predict_motion(before, now, UNKNOWN_TRAVEL, None, NO_SPEED_MPS, settings).prior
 
 
 def _by_poses(
@@ -178,6 +170,7 @@ def _by_poses(
         prior,
         (step.rotation, direction),
         step.rotation,
+        POSE_SLACK_PX,
         second.source,
     )
 

@@ -10,9 +10,11 @@ import numpy as np
 
 from wayside.stages.geometry import halfway_direction
 from wayside.stages.kernels import Array
-from wayside.stages.odometry.motion_prior import UNKNOWN_TRAVEL, TravelDirection
+from wayside.stages.odometry.motion_prior import TravelDirection
 from wayside.stages.odometry.tie_points import GroundPlane
 
+MOUNT_SIGMA_DEG = 1.5
+"""Scatter of the direction of travel while the mount is unknown."""
 TRAVEL_RIGHT_SIGMA_DEG = 0.35
 """Scatter of the direction of travel sideways (measured)."""
 TRAVEL_UP_SIGMA_DEG = 0.25
@@ -48,7 +50,11 @@ class Mount:
 
     slopes: deque[Array] = field(default_factory=lambda: deque(maxlen=MOUNT_MEMORY))
     heights: deque[Array] = field(default_factory=lambda: deque(maxlen=HEIGHT_MEMORY))
-    travel: TravelDirection = UNKNOWN_TRAVEL
+    travel: TravelDirection = field(
+        default_factory=lambda: TravelDirection(
+            np.array([0.0, 0.0, 1.0]), np.radians([MOUNT_SIGMA_DEG] * 2)
+        )
+    )
     height_m: float = nan
 
     def learn(self, rotation: Array, direction: Array, points: Array) -> None:

@@ -14,17 +14,10 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import Detections
 from wayside.schemas.frame import Camera
-from wayside.schemas.motion import StepPrior
-from wayside.stages.geometry import (
-    distort_points,
-    halfway_direction,
-    ideal_of_rays,
-    ideal_points,
-    rays_of_ideal,
-)
+from wayside.stages.geometry import distort_points, ideal_of_rays, ideal_points, rays_of_ideal
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.descriptor_matching import match_in_bands
-from wayside.stages.odometry.features import rank_in_cells
+from wayside.stages.odometry.features import first_of_cells
 from wayside.stages.odometry.patch_registration import register_patches
 
 COARSE_BITS = 64
@@ -55,6 +48,10 @@ SEARCH_PX = 2
 """Whole-pixel search round the expected position."""
 ROAD_SEARCH_PX = 3
 """The same on the road."""
+ROAD_GAP_PX = 3.0
+"""A match so near to the road's prediction lies on it."""
+ROAD_GAP_FRACTION = 0.1
+"""Added to that, as a fraction of the displacement."""
 NEAREST_ROAD_M = 4.0
 """Nearest road point, after the step."""
 FARTHEST_ROAD_M = 35.0
@@ -79,9 +76,7 @@ class KeypointImage:
         camera, grey, features = detections.frame.camera, detections.image.grey, detections.features
         if camera is None or grey is None:
             return None
-        return KeypointImage(
-            camera, grey, features.corners, features.descriptors, features.ideal_corners
-        )
+        return KeypointImage.of_corners(camera, grey, features.corners, features.descriptors)
 
     @staticmethod
     def of_corners(
@@ -109,12 +104,13 @@ class GroundPlane(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PairMotion:
-    """A motion between two images that is to be tried: rotation (3, 3), direction (3,)."""
+    """A motion between two images that is to be tried: rotation (3, 3), direction (3,), and the road under them."""
 
     before: KeypointImage
     now: KeypointImage
     rotation: Array
     direction: Array
+    ground: GroundPlane | None = None
 
     def far_points(self, rows: NDArray[np.int64] | slice) -> tuple[Array, Array]:
         """Ideal pixels (n, 2) of the first image's corners in the second one, if at infinity, and its epipole (2,)."""
@@ -137,30 +133,13 @@ class PairMotion:
         by_u, by_v = along_u - place, along_v - place
         return place, np.column_stack([by_u[:, 0], by_v[:, 0], by_v[:, 1]])
 
-    def off_sigmas(self, prior: StepPrior) -> float:
-        """How far the direction is off the one that is expected, in standard deviations."""
-        ahead = prior.direction
-        if prior.halfway:
-            ahead = halfway_direction(self.rotation, ahead)
-        slopes = self.direction[:2] / self.direction[2] - ahead[:2] / ahead[2]
-        return float(np.abs(slopes / prior.sigma_direction).max())
-
-    def rays(self, rows: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Rays (n, 2) of matched corners (n, 2) in both images."""
-        return (
-            rays_of_ideal(self.before.camera, self.before.ideal[rows[:, 0]]),
-            rays_of_ideal(self.now.camera, self.now.ideal[rows[:, 1]]),
-        )
-
-    def matches(
-        self, slack_px: float, bits: int, ratio: float, most: int | None = None
-    ) -> NDArray[np.int64]:
+    def matches(self, slack_px: float, bits: int, ratio: float) -> NDArray[np.int64]:
         """Rows (n, 2) of matched corners of both images, searched in bands along the epipolar lines.
 
         slack_px: half width of the bands. bits, ratio: largest descriptor distance, and its largest ratio to the second
-        best. most: corners of each image that take part, None: all.
+        best.
         """
-        far, epipole = self.far_points(slice(most))
+        far, epipole = self.far_points(slice(None))
         outward = far - epipole
         reach = np.sqrt(outward[:, 0] ** 2 + outward[:, 1] ** 2)
         outward /= np.maximum(reach, 1e-9)[:, None]
@@ -168,9 +147,9 @@ class PairMotion:
         bands = np.column_stack([far, outward, length, np.full(len(far), slack_px)])
         return match_in_bands(
             bands,
-            self.before.descriptors[:most],
-            self.now.ideal[:most],
-            self.now.descriptors[:most],
+            self.before.descriptors,
+            self.now.ideal,
+            self.now.descriptors,
             farthest=bits,
             ratio=ratio,
         )
@@ -215,7 +194,7 @@ def register_ties(pair: PairMotion, last: RegisteredTies | None = None) -> Regis
     """
     before, now = pair.before, pair.now
     rows = pair.matches(GUIDED_WIDTH_PX, GUIDED_BITS, GUIDED_RATIO)
-    rows = rows[rank_in_cells(before.corners[rows[:, 0]], CELL_PX) < PER_CELL]
+    rows = rows[first_of_cells(before.corners[rows[:, 0]], CELL_PX, PER_CELL)]
     found = np.full((len(rows), 6), np.nan)
     fresh = np.ones(len(rows), np.bool_)
     if last is not None:
@@ -253,6 +232,12 @@ def _register(pair: PairMotion, rows: NDArray[np.int64]) -> Array:
     shift = corners - before.corners[rows[:, 0]].astype(np.float64)
     starts = np.ascontiguousarray(now.corners[rows[:, 1]] + shift * growth[:, None])
     warps = np.column_stack([growth, np.zeros(len(growth)), growth])
+    if pair.ground is not None:
+        place, on_road = pair.on_road(before.ideal[rows[:, 0]], pair.ground)
+        gap = np.linalg.norm(place - matched, axis=1)
+        flow = np.linalg.norm(place - far, axis=1)
+        flat = gap < ROAD_GAP_PX + ROAD_GAP_FRACTION * flow
+        warps[flat] = on_road[flat]
     registered = register_patches(before.grey, now.grey, corners, starts, warps, SEARCH_PX)
     return np.column_stack([registered.point, warps * registered.scale[:, None], registered.sigma])
 
@@ -270,7 +255,7 @@ def register_road(pair: PairMotion, ground: GroundPlane, tied: RegisteredTies) -
     depth = ground.height_m / np.maximum(rays @ ground.down[:2] + ground.down[2], 1e-6)
     near = (depth > ground.baseline_m + NEAREST_ROAD_M) & (depth < FARTHEST_ROAD_M)
     rows = rows[near & (np.abs(rays[:, 0] * depth) < ROAD_HALF_WIDTH_M)]
-    rows = rows[rank_in_cells(before.corners[rows], CELL_PX) < PER_CELL]
+    rows = rows[first_of_cells(before.corners[rows], CELL_PX, PER_CELL)]
     corners = np.rint(before.corners[rows]).astype(np.int64)
     ideal = ideal_points(before.camera, corners.astype(np.float64))
     place, warps = pair.on_road(ideal, ground)

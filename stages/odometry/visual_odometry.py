@@ -18,20 +18,13 @@ from wayside.schemas.motion import Motion, PosedDetections
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import halfway_direction, pair_residual, points_of_second
 from wayside.stages.kernels import Array
-from wayside.stages.odometry.motion_prior import (
-    DOUBT_SIGMAS,
-    MotionPrior,
-    PoseNoise,
-    predict_alone,
-    predict_motion,
-)
+from wayside.stages.odometry.motion_prior import MotionPrior, PoseNoise, predict_motion
 from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.pair_adjustment import PairAdjustment, adjust_pair
 from wayside.stages.odometry.relative_pose import (
     RelativePose,
-    TiedPair,
+    RelativePoseEstimator,
     estimate_relative_pose,
-    tie_pair,
 )
 from wayside.stages.odometry.step_length import StepLength, step_length
 from wayside.stages.odometry.tie_points import (
@@ -54,58 +47,15 @@ STANDING_SHARE = 0.4
 """Share of corners found again in place of a camera that stands: drives show 0.26 at most, shaken images 0.43."""
 
 
-@dataclass(frozen=True, slots=True)
-class ImagePair:
-    """An image and the used one before it; None of what is missing, all of it where the frame is not used."""
-
-    detections: Detections
-    last: Frame | None = None
-    """The frame before."""
-    before: KeypointImage | None = None
-    now: KeypointImage | None = None
-    tied: TiedPair | None = None
-
-    @property
-    def frame(self) -> Frame:
-        """The frame of the later image."""
-        return self.detections.frame
-
-
-def pair_images(images: Iterator[Detections], settings: MotionSettings) -> Iterator[ImagePair]:
-    """Put the last used image beside each image.
-
-    An image that shows no motion since then becomes a frame with the status `duplicate`, without candidates. Rays of
-    both have no baseline, and a panel would get the same measurement twice. Slow motion adds up, since images are
-    compared with the one that was used last.
-    """
-    last, before = None, None
-    for item in images:
-        now = KeypointImage.of(item) if item.frame.used else None
-        if not item.frame.used:
-            yield ImagePair(item)
-        elif shows_no_motion(before, now, settings):
-            yield ImagePair(_left_out(item))
-        else:
-            yield ImagePair(item, last, before, now)
-            last, before = item.frame, now
-
-
-def tie_images(pairs: Iterator[ImagePair], settings: MotionSettings) -> Iterator[ImagePair]:
-    """Match and register the tie points of each pair: work that needs no other pair."""
-    for pair in pairs:
-        tied = None
-        if pair.last is not None and pair.before is not None and pair.now is not None:
-            prior = predict_alone(pair.last, pair.frame, settings)
-            tied = tie_pair(pair.before, pair.now, prior, settings.smallest_ties)
-        yield replace(pair, tied=tied)
-
-
 def estimate_motion(
-    pairs: Iterator[ImagePair], settings: MotionSettings
+    images: Iterator[Detections], settings: MotionSettings
 ) -> Iterator[PosedDetections]:
     """Add the camera's motion to each image.
 
-    Frames that are not used pass with motion None. The first used frame is the origin of the drive's own frame.
+    Frames that are not used pass with motion None. The first used frame is the origin of the drive's own frame. An
+    image that shows no motion since the last used one becomes a frame with the status `duplicate`, without candidates.
+    Rays of both have no baseline, and a panel would get the same measurement twice. Slow motion adds up, since images
+    are compared with the one that was used last.
 
     Raises
     ------
@@ -113,16 +63,15 @@ def estimate_motion(
         Where no source gives the length of a step.
     """
     odometry = VisualOdometry(settings)
-    for pair in pairs:
-        if not pair.frame.used:
-            yield PosedDetections(pair.detections, None)
+    for item in images:
+        if not item.frame.used:
+            yield PosedDetections(item, None)
             continue
-        tied, expected = pair.tied, odometry.expected(pair.frame)
-        if tied and expected and tied.motion.off_sigmas(expected.prior) > DOUBT_SIGMAS:
-            # Vehicles ahead can pull a pair off the direction that other steps have shown.
-            motion = tied.motion
-            tied = tie_pair(motion.before, motion.now, expected.prior, settings.smallest_ties)
-        yield PosedDetections(pair.detections, odometry.advance(pair.frame, tied))
+        image = KeypointImage.of(item)
+        if shows_no_motion(odometry.image, image, settings):
+            yield PosedDetections(_left_out(item), None)
+        else:
+            yield PosedDetections(item, odometry.advance(image, item.frame))
 
 
 def shows_no_motion(
@@ -161,9 +110,14 @@ def _left_out(item: Detections) -> Detections:
 
 @dataclass(slots=True)
 class VisualOdometry:
-    """State between images: the last frame, the motion to it, the camera's mount, the noise of poses."""
+    """State between images: the last one and its frame, the motion to it, the camera's mount, the noise of poses.
+
+    `estimate` gives the relative pose of two images; simulated drives, which have ties but no pixels, replace it.
+    """
 
     settings: MotionSettings
+    estimate: RelativePoseEstimator = field(default_factory=lambda: estimate_relative_pose)
+    image: KeypointImage | None = None
     frame: Frame | None = None
     motion: Motion | None = None
     depths: Array = field(default_factory=lambda: np.zeros(0))
@@ -175,35 +129,31 @@ class VisualOdometry:
     mount: Mount = field(default_factory=Mount)
     noise: PoseNoise = field(default_factory=PoseNoise)
 
-    def expected(self, frame: Frame) -> MotionPrior | None:
-        """What is expected of the step to a frame; None for the first one."""
-        if self.frame is None:
-            return None
-        return predict_motion(
-            self.noise.of(self.frame),
-            self.noise.of(frame),
-            self.mount.travel,
-            self.rotation,
-            self.speed_mps,
-            self.settings,
-            self.length.length_in_spacings,
-        )
-
-    def advance(self, frame: Frame, tied: TiedPair | None) -> Motion:
-        """Motion from the last image to this one, by their ties; without any the expected one."""
-        given, motion, expected = self.noise.of(frame), _START, self.expected(frame)
-        if self.frame is not None and self.motion is not None and expected is not None:
-            step, fewest = None, self.settings.smallest_ties
-            if tied is not None:
-                ground = self.mount.ground(expected.prior.length_m)
-                step = estimate_relative_pose(tied, expected.prior, ground, fewest)
-            if step is None or tied is None:
+    def advance(self, image: KeypointImage | None, frame: Frame) -> Motion:
+        """Motion from the last image to this one; without pixels the expected one."""
+        given, motion = self.noise.of(frame), _START
+        if self.frame is not None and self.motion is not None:
+            expected = predict_motion(
+                self.noise.of(self.frame),
+                given,
+                self.mount.travel,
+                self.rotation,
+                self.speed_mps,
+                self.settings,
+                self.length.length_in_spacings,
+            )
+            step = None
+            if self.image is not None and image is not None:
+                fewest = self.settings.smallest_ties
+                step = self.estimate(self.image, image, expected, self.mount, fewest)
+            if step is None or image is None:
                 motion = self._unmeasured(self.motion, expected)
             else:
-                motion = self._measured(self.motion, step, tied.motion.now, expected)
+                motion = self._measured(self.motion, step, image, expected)
             seconds = (frame.time_ns - self.frame.time_ns) * 1e-9
             self.speed_mps = motion.baseline_m / seconds if seconds > 0 else nan
-        self.frame, self.motion = frame, replace(motion, given=given.pose)
+        self.image, self.frame = image, frame
+        self.motion = replace(motion, given=given.pose)
         return self.motion
 
     def _measured(
@@ -260,7 +210,7 @@ class VisualOdometry:
 
     def _unmeasured(self, last: Motion, expected: MotionPrior) -> Motion:
         """Motion of a step with too few ties: the prior, with the rotation of the step before."""
-        prior, rotation, direction = expected.prior, expected.rotation, expected.straight[1]
+        prior, rotation, direction = expected.prior, expected.search, expected.straight[1]
         # That rotation is kept for one step without measurement, and is unknown after two.
         self.rotation = None if last.ties is None else self.rotation
         self.depths = np.zeros(0)

@@ -50,8 +50,7 @@ def flow(items, memory, workers, queue, window):
     with Workers(workers) as pool:
         frames = counted(memory.taken(iter(items)))
         found = pool.ordered(copied, frames, queue=queue, has_room=lambda: memory.has_room)
-        pairs = pool.ordered(copied, found, queue=1, has_room=lambda: memory.has_room)
-        used = memory.released(pairs, lambda one: not one.used)
+        used = memory.released(found, lambda one: not one.used)
         for one in memory.released(tracked(used), lambda one: True):
             under_way["now"] -= TRACKED_MB * one.used
             order.append(one.index)

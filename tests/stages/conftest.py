@@ -91,7 +91,6 @@ def moved_frame(index, panels, *, used=True, step=0):
         np.zeros((n, 2), np.float32),
         codes[which].reshape(-1, 132),
         np.arange(n, dtype=np.int32),
-        np.zeros((0, 2)),
     )
     segmentation = replace(unsegmented(Image(frame, None, None)), region_count=n, rows=(0, 1200))
     detections = Detections(segmentation, table, features)

@@ -9,12 +9,7 @@ from scipy.spatial.transform import Rotation
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Camera, Fix, Frame, Pose, PosePrior
 from wayside.schemas.settings import MotionSettings
-from wayside.stages.odometry.motion_prior import (
-    TravelDirection,
-    fix_distance_m,
-    predict_alone,
-    predict_motion,
-)
+from wayside.stages.odometry.motion_prior import TravelDirection, fix_distance_m, predict_motion
 
 AHEAD = np.array([0.0, 0.0, 1.0])
 SETTINGS = MotionSettings()
@@ -40,13 +35,11 @@ def test_spacing_expects_a_straight_line_of_that_length():
     assert found.prior.halfway
 
 
-def test_without_ties_the_last_turn_goes_on_and_a_pair_alone_knows_of_none():
+def test_corners_are_looked_for_round_the_last_turn_and_wider_without_one():
     turn = Rotation.from_euler("y", 2, degrees=True).as_matrix()
     now = replace(FRAME, spacing_m=8.05)
-    np.testing.assert_array_equal(expect(FRAME, now, last_rotation=turn).rotation, turn)
-    alone = predict_alone(FRAME, now, SETTINGS)
-    np.testing.assert_array_equal(alone.rotation, np.eye(3))
-    assert np.degrees(alone.sigma_direction).min() >= 1
+    np.testing.assert_array_equal(expect(FRAME, now, last_rotation=turn).search, turn)
+    assert expect(FRAME, now).slack_px > expect(FRAME, now, last_rotation=turn).slack_px
 
 
 def test_poses_come_before_spacing_and_fixes():

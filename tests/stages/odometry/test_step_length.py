@@ -20,7 +20,7 @@ AHEAD = np.array([0.0, 0.0, 1.0])
 
 def expected(length_m, sigma_m, source, spacing_m=nan):
     prior = StepPrior(np.eye(3), inf, AHEAD, np.zeros(2), True, length_m, sigma_m)
-    return MotionPrior(prior, (np.eye(3), AHEAD), np.eye(3), source, spacing_m)
+    return MotionPrior(prior, (np.eye(3), AHEAD), np.eye(3), 1.0, source, spacing_m)
 
 
 def spaced(last, carried=(nan, nan)):

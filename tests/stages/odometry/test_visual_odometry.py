@@ -15,7 +15,7 @@ from wayside.schemas.settings import FeatureSettings, MotionSettings
 from wayside.stages.odometry.features import extract_features
 from wayside.stages.odometry.motion_agreement import image_step
 from wayside.stages.odometry.tie_points import KeypointImage
-from wayside.stages.odometry.visual_odometry import estimate_motion, pair_images, tie_images
+from wayside.stages.odometry.visual_odometry import estimate_motion
 from wayside.stages.segmentation import unsegmented
 
 SETTINGS = MotionSettings()
@@ -105,13 +105,8 @@ def detections_of(images, **known):
     return extract_features(classified(), FeatureSettings())
 
 
-def moved(images, settings=SETTINGS, **known):
-    pairs = tie_images(pair_images(detections_of(images, **known), settings), settings)
-    return list(estimate_motion(pairs, settings))
-
-
 def motions(images, settings=SETTINGS, **known):
-    return [m.motion for m in moved(images, settings, **known)]
+    return [m.motion for m in estimate_motion(detections_of(images, **known), settings)]
 
 
 def turn_deg(first, second):
@@ -270,7 +265,7 @@ def assert_nothing_gained(images, at, extra, **known):
     order = [*range(at), *[at - 1] * len(extra), *range(at, len(images))]
     given = [*images[:at], *extra, *images[at:]]
     known = {name: [values[i] for i in order] for name, values in known.items()}
-    found = moved(given, **known)
+    found = list(estimate_motion(detections_of(given, **known), SETTINGS))
     statuses = [item.frame.status for item in found]
     assert statuses == [USED] * at + [DUPLICATE] * len(extra) + [USED] * (len(images) - at)
     assert all(len(item.frame.data) == 0 for item in found if item.frame.status == DUPLICATE)
