@@ -136,15 +136,8 @@ class LandmarkClassifier:
     model: EvidenceModel | None = None
     """None: nothing is known of signs, and what stands is one."""
 
-    def classify(
-        self, views: NDArray[np.float64], log_place: float, surroundings: float, value: float
-    ) -> LandmarkEvidence:
-        """The evidence for a landmark by what its views say, see `view_features`, and what else is known of it.
-
-        surroundings: correlation round it; nan: not measured. value: of its fit.
-        """
-        features = views.copy()
-        features[[PLACE, SURROUNDINGS]] = log_place, surroundings
+    def classify(self, features: NDArray[np.float64], value: float) -> LandmarkEvidence:
+        """The evidence for a landmark by its features (9,), see `FEATURES`, and the value of its fit."""
         if self.model is None:
             return LandmarkEvidence(features, (), max(value, 0.0))
         named = dict(zip(FEATURES, features.tolist(), strict=True))
