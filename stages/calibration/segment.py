@@ -43,9 +43,12 @@ class Segment(NamedTuple):
     rotation of each image in the axes of the one before, by the log. `turn_sigma` (m - 1,): its standard deviation,
     rad, inf where unknown. `lengths` (m - 1,) m.
 
-    Of each tie, those of a track together and in order: frames (n, 2) that it joins. `track` (n,). `start`, `end` (n,
-    2): recorded pixels. `warp` (n, 3): map of the surroundings of `start` to those of `end`. `sigma_px` (n,) of a
-    coordinate. `shared_px` (n,): sigma of the error common to neighbouring ties. `head` (p,): first tie of each track.
+    Of each pair of a point and an image that shows it, those of a track together and in order: `frame`, `track` (o,).
+
+    Of each tie, in the same order: `early` (n,): pair in its earlier image; the next one is that in its later image.
+    `start`, `end` (n, 2): recorded pixels. `warp` (n, 3): map of the surroundings of `start` to those of `end`.
+    `sigma_px` (n,) of a coordinate. `shared_px` (n,): sigma of the error common to neighbouring ties. `head` (p,):
+    first tie of each track.
 
     A point is origin + (ray + offset @ basis) / w, with origin, ray (p, 3) and basis (p, 2, 3) constant. The rows of
     `points` (p, 3) are offset and w, the inverse distance.
@@ -56,8 +59,9 @@ class Segment(NamedTuple):
     turns: Array
     turn_sigma: Array
     lengths: Array
-    frames: NDArray[np.int64]
+    frame: NDArray[np.int64]
     track: NDArray[np.int64]
+    early: NDArray[np.int64]
     start: Array
     end: Array
     warp: Array
@@ -111,10 +115,14 @@ def make_segment(motions: Sequence[Motion], camera: Camera, cell_px: float = 0.0
     poses = [m.pose.relative_to(motions[0].pose) for m in motions]
     rotations = np.array([pose.rotation for pose in poses])
     centres = np.array([pose.centre for pose in poses])
-    early = tied.step[head]
+    early = np.arange(len(track)) + track
+    pairs = np.zeros((2, len(track) + len(head)), np.int64)
+    for shift in (0, 1):
+        pairs[:, early + shift] = tied.step + shift, track
+    begin = tied.step[head]
     local = np.column_stack([tied.source[head], np.ones(len(head))])
     local /= np.linalg.norm(local, axis=1)[:, None]
-    ray = np.einsum("nij,nj->ni", rotations[early], local)
+    ray = np.einsum("nij,nj->ni", rotations[begin], local)
     distance = np.einsum("ni,ni->n", tied.place[head], local)
     known = np.isfinite(distance) & (distance > NEAREST_TIE_M)
     inverse = np.where(known, 1 / np.where(known, distance, 1.0), 1 / FARTHEST_TIE_M)
@@ -126,15 +134,16 @@ def make_segment(motions: Sequence[Motion], camera: Camera, cell_px: float = 0.0
         turns=turns,
         turn_sigma=sigma,
         lengths=np.maximum(gaps, _SHORTEST_M),
-        frames=np.stack([tied.step, tied.step + 1], axis=1),
-        track=np.asarray(track, np.int64),
+        frame=pairs[0],
+        track=pairs[1],
+        early=early,
         start=distort_points(camera, ideal_of_rays(camera, tied.source)),
         end=distort_points(camera, tied.pixel),
         warp=tied.warp,
         sigma_px=np.hypot(TIE_ERRORS.sigma_px, DISPLACEMENT_SIGMA * tied.displacement_px),
         shared_px=correlated_sigma_px(tied.displacement_px),
         head=np.asarray(head, np.int64),
-        origin=centres[early],
+        origin=centres[begin],
         ray=ray,
         basis=np.array([tangent_basis(np.ascontiguousarray(one)) for one in ray]),
         points=np.column_stack([np.zeros((len(head), 2)), inverse]),
