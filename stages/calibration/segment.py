@@ -81,13 +81,9 @@ def cut_segments(
 
     cell_px: of the ties of an image, one is kept in each cell of this size, longest tracks first; 0: all.
     """
-    found = []
-    for first in range(0, len(motions) - 2, images - 1):
-        part = motions[first : first + images]
-        segment = make_segment(part, camera, cell_px)
-        if segment is not None and len(segment.head) >= FEWEST_TRACKS:
-            found.append(segment)
-    return found
+    starts = range(0, len(motions) - 2, images - 1)
+    found = (make_segment(motions[k : k + images], camera, cell_px) for k in starts)
+    return [one for one in found if one is not None and len(one.head) >= FEWEST_TRACKS]
 
 
 def make_segment(motions: Sequence[Motion], camera: Camera, cell_px: float = 0.0) -> Segment | None:
@@ -126,13 +122,13 @@ def make_segment(motions: Sequence[Motion], camera: Camera, cell_px: float = 0.0
     distance = np.einsum("ni,ni->n", tied.place[head], local)
     known = np.isfinite(distance) & (distance > NEAREST_TIE_M)
     inverse = np.where(known, 1 / np.where(known, distance, 1.0), 1 / FARTHEST_TIE_M)
-    turns, sigma = _turns(motions)
+    priors = [m.prior if m.source in KNOWN_TURNS else None for m in motions[1:]]
     gaps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
     return Segment(
         rotations=rotations,
         centres=centres,
-        turns=turns,
-        turn_sigma=sigma,
+        turns=np.array([np.eye(3) if p is None else p.rotation for p in priors]),
+        turn_sigma=np.array([inf if p is None else p.sigma_rotation for p in priors]),
         lengths=np.maximum(gaps, _SHORTEST_M),
         frame=pairs[0],
         track=pairs[1],
@@ -148,13 +144,3 @@ def make_segment(motions: Sequence[Motion], camera: Camera, cell_px: float = 0.0
         basis=np.array([tangent_basis(np.ascontiguousarray(one)) for one in ray]),
         points=np.column_stack([np.zeros((len(head), 2)), inverse]),
     )
-
-
-def _turns(motions: Sequence[Motion]) -> tuple[Array, Array]:
-    """Rotations (m - 1, 3, 3) of the steps by the log, and their sigmas (m - 1,), inf where unknown."""
-    turns, sigmas = [], []
-    for motion in motions[1:]:
-        prior = motion.prior if motion.source in KNOWN_TURNS else None
-        turns.append(np.eye(3) if prior is None else prior.rotation)
-        sigmas.append(inf if prior is None else prior.sigma_rotation)
-    return np.array(turns), np.array(sigmas)

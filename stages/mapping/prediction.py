@@ -106,15 +106,9 @@ def _extended(
     """The landmark with new views: frame and row of each."""
     frames, rows = zip(*new, strict=True)
     depth = np.array([window[k].motion.pose.to_camera(fit.point)[2] for k in frames])
-    added: dict[str, Any] = {
-        "frames": frames,
-        "rows": rows,
-        "used": [False] * len(new),
-        "residual_px": [0.0] * len(new),
-        "depth": depth,
-        "weight_sigma": [1.0] * len(new),
-        "ray_sigma": [1.0] * len(new),
-    }
+    none, one = np.zeros(len(new)), np.ones(len(new))
+    added = {"frames": frames, "rows": rows, "used": none, "residual_px": none}
+    added |= {"depth": depth, "weight_sigma": one, "ray_sigma": one}
     order = np.argsort([*fit.frames, *frames], kind="stable")
     columns: dict[str, Any] = {
         name: np.concatenate([getattr(fit, name), values])[order].astype(getattr(fit, name).dtype)

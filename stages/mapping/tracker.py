@@ -134,7 +134,6 @@ class _Tracker:
         self._next_id = 0
 
     def holds(self, frame: WindowFrame) -> bool:
-        """Whether the frame is still in the window."""
         return any(f is frame for f in self._window)
 
     def append(self, frame: WindowFrame, features: Features) -> None:
@@ -214,10 +213,8 @@ class _Tracker:
         """Whether a landmark lies outside the newest image, or too near to be seen in the next."""
         newest = self._window[-1]
         x, y, z = newest.motion.pose.to_camera(fit.point)
-        if z < NEAREST_M:
-            return True
         left, top, right, bottom = newest.bounds
-        return not (left < x / z < right and top < y / z < bottom)
+        return bool(z < NEAREST_M or not (left < x / z < right and top < y / z < bottom))
 
     def _seen(self, fit: LandmarkFit) -> _Classified:
         """A landmark with the evidence for it but for its surroundings."""
@@ -287,17 +284,12 @@ class _Tracker:
         # any two rays meet somewhere: where nothing is known of signs, images in register confirm it
         known = self.sides[fit.back].landmark.model is not None
         confirmed = bool(known or fit.used.sum() > 2 or len(panel.views) > 1)
-        landmark = measure_landmark(
-            fit, self._window, panel.panel, jointly=self.jointly and confirmed
-        )
+        jointly = self.jointly and confirmed
+        landmark = measure_landmark(fit, self._window, panel.panel, jointly)
         return "sign" if confirmed else "residual", landmark, panel
 
     def _finish(
-        self,
-        one: _Classified,
-        verdict: str,
-        measured: LandmarkMeasurement,
-        seen: PanelMeasurement,
+        self, one: _Classified, verdict: str, measured: LandmarkMeasurement, seen: PanelMeasurement
     ) -> None:
         """Hand a landmark with its verdict to its first frame."""
         fit, evidence = one.fit, one.evidence
