@@ -36,11 +36,7 @@ k3 is held at 0 in `plumb_bob`, as by the calibrator of ROS: few boards determin
 near the border worse.
 """
 
-_FLAGS = {
-    "plumb_bob": cv2.CALIB_FIX_K3,
-    "plumb_bob_k3": 0,
-    "rational": cv2.CALIB_RATIONAL_MODEL,
-}
+_FLAGS = {"plumb_bob": cv2.CALIB_FIX_K3, "plumb_bob_k3": 0, "rational": cv2.CALIB_RATIONAL_MODEL}
 _NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 200, 1e-12)
 
@@ -154,6 +150,7 @@ class _Fit(NamedTuple):
     rms_px: float
     matrix: Array
     distortion: Array
+    values: Array
     sigma: Array
     view_rms_px: Array
 
@@ -180,37 +177,29 @@ def calibrate_boards(
         told, since a lens of another kind looks like that, too.
     """
     kept = list(range(len(views)))
-    _require_views(len(kept))
-    fit = _fit([views[i] for i in kept], board, size, model)
     while True:
+        if len(kept) < FEWEST_VIEWS:
+            raise CalibrationError(
+                f"{FEWEST_VIEWS} views of the board are needed, and there are {len(kept)}. Photograph it 15 to 20 "
+                "times, tilted, all over the image."
+            )
+        fit = _fit([views[i] for i in kept], board, size, model)
         worst = int(np.argmax(fit.view_rms_px))
         if fit.view_rms_px[worst] <= OUTLIER_RATIO * np.median(fit.view_rms_px):
             break
         del kept[worst]
-        _require_views(len(kept))
-        fit = _fit([views[i] for i in kept], board, size, model)
     used = [views[i] for i in kept]
     by_model = {name: _residual_px(used, board, size, name) for name in LENS_MODELS}
     spread = _jackknife(used, board, size, model)
     placed = [_place(i, view, board, fit, used=i in set(kept)) for i, view in enumerate(views)]
     count = 4 + LENS_MODELS[model]
-    values = np.concatenate([fit.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], fit.distortion])
-    parameters = tuple(
-        map(Parameter, _NAMES[:count], values.tolist(), fit.sigma.tolist(), spread.tolist())
-    )
+    columns = (_NAMES[:count], fit.values.tolist(), fit.sigma.tolist(), spread.tolist())
+    parameters = tuple(map(Parameter, *columns))
     _require_focal_length(parameters, placed, by_model, largest_sigma)
-    lens = values[4:].tolist() + [0.0] * (LENS_MODELS[model] == 4)
-    fx, fy, cx, cy = values[:4].tolist()
+    lens = fit.distortion.tolist() + [0.0] * (LENS_MODELS[model] == 4)
+    fx, fy, cx, cy = fit.values[:4].tolist()
     camera = Camera(size[0], size[1], fx, fy, cx, cy, tuple(lens))
     return BoardCalibration(camera, parameters, fit.rms_px, by_model, tuple(placed))
-
-
-def _require_views(count: int) -> None:
-    if count < FEWEST_VIEWS:
-        raise CalibrationError(
-            f"{FEWEST_VIEWS} views of the board are needed, and there are {count}. Photograph it 15 to 20 times, "
-            "tilted, all over the image."
-        )
 
 
 def _fit(views: list[Array], board: Board, size: tuple[int, int], model: str) -> _Fit:
@@ -229,11 +218,13 @@ def _fit(views: list[Array], board: Board, size: tuple[int, int], model: str) ->
             f"the {len(views)} views do not determine a camera: OpenCV cannot fit them ({error.err}). Photograph the "
             "board tilted and all over the image."
         ) from error
-    count = LENS_MODELS[model]
+    count, pinhole = LENS_MODELS[model], np.asarray(matrix, np.float64)
+    lens = np.ravel(distortion)[:count].astype(np.float64)
     return _Fit(
         float(rms),
-        np.asarray(matrix, np.float64),
-        np.ravel(distortion)[:count].astype(np.float64),
+        pinhole,
+        lens,
+        np.concatenate([pinhole[[0, 1, 0, 1], [0, 1, 2, 2]], lens]),
         np.ravel(sigma)[: 4 + count].astype(np.float64),
         np.ravel(each).astype(np.float64),
     )
@@ -253,14 +244,11 @@ def format_residuals(by_model: dict[str, float]) -> str:
 
 def _jackknife(views: list[Array], board: Board, size: tuple[int, int], model: str) -> Array:
     """Standard errors (4 + coefficients,) by leaving out one view at a time; nan where a fit fails."""
-    rows = []
-    for i in range(len(views)):
-        try:
-            fit = _fit(views[:i] + views[i + 1 :], board, size, model)
-        except CalibrationError:
-            return np.full(4 + LENS_MODELS[model], np.nan)
-        rows.append(np.concatenate([fit.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], fit.distortion]))
-    found = np.array(rows)
+    parts = [views[:i] + views[i + 1 :] for i in range(len(views))]
+    try:
+        found = np.array([_fit(part, board, size, model).values for part in parts])
+    except CalibrationError:
+        return np.full(4 + LENS_MODELS[model], np.nan)
     squares: Array = ((found - found.mean(axis=0)) ** 2).sum(axis=0)
     return np.sqrt(squares * (len(views) - 1) / len(views))
 

@@ -14,17 +14,17 @@ from math import sqrt
 import numpy as np
 
 from wayside.schemas.frame import Camera
-from wayside.stages.adjustment import ANCHOR_SIGMA_PX, TIE_ERRORS, TIE_SCALE, correlated_covariance
+from wayside.stages.adjustment import TIE_ERRORS, correlated_covariance
 from wayside.stages.calibration.segment import Segment
 from wayside.stages.calibration.segment_equations import (
     LENS,
     Equations,
-    View,
-    Weights,
+    Projection,
     changed_camera,
     evaluate,
     lens_gain,
     linearise,
+    project_segment,
     reduced,
     updated,
 )
@@ -35,8 +35,6 @@ PRINCIPAL_POINT_SIGMA = 0.006
 """Scatter of a given principal point as a fraction of the width: boards show 3 px to 20 px of 1280."""
 DISTORTION_SIGMA = 0.3
 """Scatter of k1 and k2 beforehand, for lenses of 50 to 90 degrees."""
-LENGTH_SIGMA = 0.2
-"""Relative scatter of the lengths of steps: they do not depend on the lens and only fix the scale."""
 ITERATIONS = 15
 """Steps of the lens in one fit at most."""
 START_ITERATIONS = 10
@@ -79,24 +77,29 @@ class DriveCalibration:
 
 @dataclass
 class _Problem:
-    """The camera of the start, weights, the inverse covariance (5, 5) of the lens beforehand, and the equations."""
+    """The camera of the start, the inverse covariance (5, 5) of the lens beforehand, and the equations.
+
+    `factor`: on the errors of ties as stated. `free`: whether the lens is fitted, or only poses and points.
+    """
 
     camera: Camera
-    weights: Weights
     known: Array
-    free: bool = True
-    """Whether the lens is fitted, or only poses and points."""
+    factor: float = 1.0
+    free: bool = False
     equations: list[Equations] = field(default_factory=list)
 
 
 @dataclass
 class _Estimate:
-    """Change of the lens (5,), and the segments with their poses and points."""
+    """Change of the lens (5,), and the segments with their poses and points.
+
+    Where the cost was evaluated last: what their images show, and the `lengths` of the residuals of ties.
+    """
 
     lens: Array
     segments: Sequence[Segment]
-    views: list[View] = field(default_factory=list)
-    """What their images show, where the cost was evaluated last."""
+    seen: Sequence[Projection] = ()
+    lengths: Sequence[Array] = ()
 
 
 Start = tuple[_Problem, _Estimate]
@@ -122,31 +125,22 @@ def calibrate_from(start: Start) -> DriveCalibration:
     estimate, cost = _fitted(problem, estimate, ITERATIONS)
     for _ in range(REWEIGHTINGS - 1):
         factor = _error_factor(problem, estimate)
-        if factor > SAME_ERRORS * problem.weights.factor:
+        if factor > SAME_ERRORS * problem.factor:
             break
         # A wrong lens has larger residuals, which let its errors pass for those of ties.
-        problem = replace(problem, weights=problem.weights._replace(factor=factor))
+        problem.factor = factor
         estimate, cost = _fitted(problem, estimate, ITERATIONS)
-    covariance, _ = _solution(problem, estimate)
-    count = sum(len(one.track) for one in segments)
+    _, covariance = lens_step((problem, estimate))
+    count = sum(len(one.early) for one in segments)
     return DriveCalibration(
         changed_camera(camera, estimate.lens),
         estimate.lens,
         covariance,
-        problem.weights.factor,
+        problem.factor,
         cost / count,
         len(segments),
         count,
     )
-
-
-def lens_step(start: Start) -> tuple[Array, Array]:
-    """The change (5,) of the lens to first order, in the order of `LENS`, and its covariance (5, 5).
-
-    A part of the time of `calibrate_from`. It falls short of large errors.
-    """
-    covariance, step = _solution(*start)
-    return step, covariance
 
 
 def start_of(segments: Sequence[Segment], camera: Camera, principal_sigma_px: float) -> Start:
@@ -155,27 +149,24 @@ def start_of(segments: Sequence[Segment], camera: Camera, principal_sigma_px: fl
     The arguments are those of `calibrate_drive`.
     """
     scatter = [np.inf, principal_sigma_px, principal_sigma_px, DISTORTION_SIGMA, DISTORTION_SIGMA]
-    weights = Weights(1.0, TIE_SCALE, ANCHOR_SIGMA_PX, LENGTH_SIGMA)
-    problem = _Problem(camera, weights, np.diag(1 / np.array(scatter) ** 2), free=False)
+    problem = _Problem(camera, np.diag(1 / np.array(scatter) ** 2))
     estimate, _ = _fitted(problem, _Estimate(np.zeros(len(LENS)), segments), START_ITERATIONS)
     # Compressed images have larger errors than stated.
-    weights = weights._replace(factor=_error_factor(problem, estimate))
-    problem = replace(problem, weights=weights)
+    problem.factor = _error_factor(problem, estimate)
     estimate, _ = _fitted(problem, estimate, START_ITERATIONS)
-    return replace(problem, free=True), estimate
+    problem.free = True
+    return problem, estimate
 
 
 def _error_factor(problem: _Problem, estimate: _Estimate) -> float:
     """Errors of ties over those stated, by the median residual; 1 at least."""
-    parts = zip(estimate.segments, estimate.views, strict=True)
-    lengths = [evaluate(*part, problem.weights)[1] for part in parts]
-    median = float(np.median(np.concatenate(lengths)))
-    return max(1.0, problem.weights.factor * median / _RAYLEIGH_MEDIAN)
+    median = float(np.median(np.concatenate(estimate.lengths)))
+    return max(1.0, problem.factor * median / _RAYLEIGH_MEDIAN)
 
 
 def _fitted(problem: _Problem, start: _Estimate, iterations: int) -> tuple[_Estimate, float]:
     """The estimate of least cost, and that cost."""
-    count = sum(len(one.track) for one in start.segments)
+    count = sum(len(one.early) for one in start.segments)
     schedule = Schedule(iterations, GAIN / count, damping=1e-6)
     best, cost, _ = _minimise(problem, start, replace(start), schedule)
     return best, cost
@@ -183,16 +174,15 @@ def _fitted(problem: _Problem, start: _Estimate, iterations: int) -> tuple[_Esti
 
 def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
     here = changed_camera(problem.camera, estimate.lens)
-    estimate.views = [View.of(one, here) for one in estimate.segments]
-    parts = zip(estimate.segments, estimate.views, strict=True)
-    return sum(evaluate(*part, problem.weights)[0] for part in parts) + float(
-        estimate.lens @ problem.known @ estimate.lens
-    )
+    estimate.seen = [project_segment(one, here) for one in estimate.segments]
+    parts = zip(estimate.segments, estimate.seen, strict=True)
+    costs, estimate.lengths = zip(*(evaluate(*part, problem.factor) for part in parts), strict=True)
+    return float(sum(costs) + estimate.lens @ problem.known @ estimate.lens)
 
 
 def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
-    parts = zip(estimate.segments, estimate.views, strict=True)
-    problem.equations = [linearise(*part, problem.weights) for part in parts]
+    parts = zip(estimate.segments, estimate.seen, strict=True)
+    problem.equations = [linearise(*part, problem.factor) for part in parts]
 
 
 def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estimate) -> bool:
@@ -216,11 +206,13 @@ def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estim
 _minimise = minimiser(_evaluate, _linearise, _solve, plain=True)
 
 
-def _solution(problem: _Problem, estimate: _Estimate) -> tuple[Array, Array]:
-    """Covariance (5, 5) of the lens and the Gauss-Newton step (5,) from here.
+def lens_step(start: Start) -> tuple[Array, Array]:
+    """The change (5,) of the lens to first order, in the order of `LENS`, and its covariance (5, 5).
 
-    Of independent errors and of those that neighbouring ties share; raised to what the scatter between segments says.
+    A part of the time of `calibrate_from`. It falls short of large errors. The covariance is of independent errors and
+    of those that neighbouring ties share; it is raised to what the scatter between segments says.
     """
+    problem, estimate = start
     _linearise(problem, estimate, 0)
     solved = [reduced(one, 0.0) for one in problem.equations]
     matrix = sum((one.matrix for one in solved), problem.known)
@@ -228,11 +220,10 @@ def _solution(problem: _Problem, estimate: _Estimate) -> tuple[Array, Array]:
     inverse: Array = np.asarray(np.linalg.inv(matrix), np.float64)
     result = inverse.copy()
     for segment, equations, one in zip(estimate.segments, problem.equations, solved, strict=True):
-        shared_px = problem.weights.factor * segment.shared_px
+        shared_px = problem.factor * segment.shared_px
         effect = (lens_gain(segment, equations, one) @ inverse) * shared_px[:, None, None]
-        result += correlated_covariance(
-            segment.end, segment.frames[:, 1], effect, TIE_ERRORS.reach_px
-        )
+        late = segment.frame[segment.early + 1]
+        result += correlated_covariance(segment.end, late, effect, TIE_ERRORS.reach_px)
     step: Array = np.asarray(inverse @ right, np.float64)
     count = len(solved)
     if count > 1:
@@ -241,4 +232,4 @@ def _solution(problem: _Problem, estimate: _Estimate) -> tuple[Array, Array]:
         scatter = inverse @ (rights.T @ rights) @ inverse * count / (count - 1)
         ratio = np.sqrt(np.maximum(1.0, np.diag(scatter) / np.diag(result)))
         result *= np.outer(ratio, ratio)
-    return result, step
+    return step, result

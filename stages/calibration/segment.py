@@ -43,9 +43,12 @@ class Segment(NamedTuple):
     rotation of each image in the axes of the one before, by the log. `turn_sigma` (m - 1,): its standard deviation,
     rad, inf where unknown. `lengths` (m - 1,) m.
 
-    Of each tie, those of a track together and in order: frames (n, 2) that it joins. `track` (n,). `start`, `end` (n,
-    2): recorded pixels. `warp` (n, 3): map of the surroundings of `start` to those of `end`. `sigma_px` (n,) of a
-    coordinate. `shared_px` (n,): sigma of the error common to neighbouring ties. `head` (p,): first tie of each track.
+    Of each pair of a point and an image that shows it, those of a track together and in order: `frame`, `track` (o,).
+
+    Of each tie, in the same order: `early` (n,): pair in its earlier image; the next one is that in its later image.
+    `start`, `end` (n, 2): recorded pixels. `warp` (n, 3): map of the surroundings of `start` to those of `end`.
+    `sigma_px` (n,) of a coordinate. `shared_px` (n,): sigma of the error common to neighbouring ties. `head` (p,):
+    first tie of each track.
 
     A point is origin + (ray + offset @ basis) / w, with origin, ray (p, 3) and basis (p, 2, 3) constant. The rows of
     `points` (p, 3) are offset and w, the inverse distance.
@@ -56,8 +59,9 @@ class Segment(NamedTuple):
     turns: Array
     turn_sigma: Array
     lengths: Array
-    frames: NDArray[np.int64]
+    frame: NDArray[np.int64]
     track: NDArray[np.int64]
+    early: NDArray[np.int64]
     start: Array
     end: Array
     warp: Array
@@ -77,13 +81,9 @@ def cut_segments(
 
     cell_px: of the ties of an image, one is kept in each cell of this size, longest tracks first; 0: all.
     """
-    found = []
-    for first in range(0, len(motions) - 2, images - 1):
-        part = motions[first : first + images]
-        segment = make_segment(part, camera, cell_px)
-        if segment is not None and len(segment.head) >= FEWEST_TRACKS:
-            found.append(segment)
-    return found
+    starts = range(0, len(motions) - 2, images - 1)
+    found = (make_segment(motions[k : k + images], camera, cell_px) for k in starts)
+    return [one for one in found if one is not None and len(one.head) >= FEWEST_TRACKS]
 
 
 def make_segment(motions: Sequence[Motion], camera: Camera, cell_px: float = 0.0) -> Segment | None:
@@ -111,41 +111,36 @@ def make_segment(motions: Sequence[Motion], camera: Camera, cell_px: float = 0.0
     poses = [m.pose.relative_to(motions[0].pose) for m in motions]
     rotations = np.array([pose.rotation for pose in poses])
     centres = np.array([pose.centre for pose in poses])
-    early = tied.step[head]
+    early = np.arange(len(track)) + track
+    pairs = np.zeros((2, len(track) + len(head)), np.int64)
+    for shift in (0, 1):
+        pairs[:, early + shift] = tied.step + shift, track
+    begin = tied.step[head]
     local = np.column_stack([tied.source[head], np.ones(len(head))])
     local /= np.linalg.norm(local, axis=1)[:, None]
-    ray = np.einsum("nij,nj->ni", rotations[early], local)
+    ray = np.einsum("nij,nj->ni", rotations[begin], local)
     distance = np.einsum("ni,ni->n", tied.place[head], local)
     known = np.isfinite(distance) & (distance > NEAREST_TIE_M)
     inverse = np.where(known, 1 / np.where(known, distance, 1.0), 1 / FARTHEST_TIE_M)
-    turns, sigma = _turns(motions)
+    priors = [m.prior if m.source in KNOWN_TURNS else None for m in motions[1:]]
     gaps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
     return Segment(
         rotations=rotations,
         centres=centres,
-        turns=turns,
-        turn_sigma=sigma,
+        turns=np.array([np.eye(3) if p is None else p.rotation for p in priors]),
+        turn_sigma=np.array([inf if p is None else p.sigma_rotation for p in priors]),
         lengths=np.maximum(gaps, _SHORTEST_M),
-        frames=np.stack([tied.step, tied.step + 1], axis=1),
-        track=np.asarray(track, np.int64),
+        frame=pairs[0],
+        track=pairs[1],
+        early=early,
         start=distort_points(camera, ideal_of_rays(camera, tied.source)),
         end=distort_points(camera, tied.pixel),
         warp=tied.warp,
         sigma_px=np.hypot(TIE_ERRORS.sigma_px, DISPLACEMENT_SIGMA * tied.displacement_px),
         shared_px=correlated_sigma_px(tied.displacement_px),
         head=np.asarray(head, np.int64),
-        origin=centres[early],
+        origin=centres[begin],
         ray=ray,
         basis=np.array([tangent_basis(np.ascontiguousarray(one)) for one in ray]),
         points=np.column_stack([np.zeros((len(head), 2)), inverse]),
     )
-
-
-def _turns(motions: Sequence[Motion]) -> tuple[Array, Array]:
-    """Rotations (m - 1, 3, 3) of the steps by the log, and their sigmas (m - 1,), inf where unknown."""
-    turns, sigmas = [], []
-    for motion in motions[1:]:
-        prior = motion.prior if motion.source in KNOWN_TURNS else None
-        turns.append(np.eye(3) if prior is None else prior.rotation)
-        sigmas.append(inf if prior is None else prior.sigma_rotation)
-    return np.array(turns), np.array(sigmas)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera
+from wayside.stages.adjustment import ANCHOR_SIGMA_PX, TIE_SCALE
 from wayside.stages.calibration.segment import Segment
 from wayside.stages.geometry import to_rays
 from wayside.stages.kernels import Array, compiled
@@ -28,6 +29,9 @@ LENS = ("focal", "cx", "cy", "k1", "k2")
 
 RADIAL = [0, 3, 4]
 """Of `LENS`, what moves points along their radius. Motion in the images says little of the principal point."""
+
+LENGTH_SIGMA = 0.2
+"""Relative scatter of the lengths of steps: they do not depend on the lens and only fix the scale."""
 
 _NEAREST = 1e-3
 
@@ -92,19 +96,6 @@ def project(camera: Camera, rays: Array) -> Projection:
     return Projection(pixels, -by[:, :, :3], by[:, :, 3:6], by_lens)
 
 
-class Weights(NamedTuple):
-    """Weights of residuals.
-
-    `factor`: on the sigmas of ties. `scale`: where their robust cost (Cauchy) flattens, in sigmas. `anchor_px`: sigma
-    of the pixel that defines a point in its first image. `length`: relative sigma of the lengths of the steps.
-    """
-
-    factor: float
-    scale: float
-    anchor_px: float
-    length: float
-
-
 class Equations(NamedTuple):
     """Normal equations of a segment of m images, of which the last 5 of s = 6 m + 5 unknowns are the lens.
 
@@ -136,82 +127,40 @@ class Reduced(NamedTuple):
     inverse: Array
 
 
-class _Shown(NamedTuple):
-    """The o pairs of a point and an image that shows it, those of a track together and in order.
-
-    frame, track (o,). first (p,): first pair of each track. early (n,): that of each tie in its earlier image; the next
-    one is that in its later image.
-    """
-
-    frame: NDArray[np.int64]
-    track: NDArray[np.int64]
-    first: NDArray[np.int64]
-    early: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, segment: Segment) -> _Shown:
-        """Of a segment."""
-        early = np.arange(len(segment.track)) + segment.track
-        frame, track = np.zeros((2, len(segment.track) + len(segment.head)), np.int64)
-        for at, column in ((early, 0), (early + 1, 1)):
-            frame[at], track[at] = segment.frames[:, column], segment.track
-        return cls(frame, track, segment.head + np.arange(len(segment.head)), early)
+def project_segment(segment: Segment, camera: Camera) -> Projection:
+    """Each point of a segment in each image that shows it, through a camera."""
+    s, frame, track = segment, segment.frame, segment.track
+    offset = (s.points[track, None, :2] @ s.basis[track])[:, 0]
+    world = s.ray[track] + offset + s.points[track, 2:] * (s.origin[track] - s.centres[frame])
+    return project(camera, (world[:, None] @ s.rotations[frame])[:, 0])
 
 
-class View(NamedTuple):
-    """A segment as its images show it: pixels and Jacobians of each pair.
-
-    rotation (o, 3, 3) and basis (o, 2, 3) of each, inverse (o,) distance, arm (o, 3) from its image to its origin.
-    """
-
-    shown: _Shown
-    projection: Projection
-    rotation: Array
-    basis: Array
-    inverse: Array
-    arm: Array
-
-    @classmethod
-    def of(cls, segment: Segment, camera: Camera) -> View:
-        """Through a camera."""
-        s, shown = segment, _Shown.of(segment)
-        frame, track = shown.frame, shown.track
-        rotation, basis, inverse = s.rotations[frame], s.basis[track], s.points[track, 2]
-        arm = s.origin[track] - s.centres[frame]
-        offset = (s.points[track, None, :2] @ basis)[:, 0]
-        world = s.ray[track] + offset + inverse[:, None] * arm
-        projection = project(camera, (world[:, None] @ rotation)[:, 0])
-        return cls(shown, projection, rotation, basis, inverse, arm)
-
-    def slopes(self) -> Array:
-        """Of the pixels by the pose, the lens and the point, (o, 2, 14)."""
-        seen = self.projection
-        in_world = seen.by_ray @ self.rotation.transpose(0, 2, 1)
-        by_centre = -self.inverse[:, None, None] * in_world
-        by_offset = in_world @ self.basis.transpose(0, 2, 1)
-        by_inverse = in_world @ self.arm[:, :, None]
-        return np.concatenate(
-            [seen.by_turn, by_centre, seen.by_lens, by_offset, by_inverse], axis=2
-        )
+def _slopes(segment: Segment, seen: Projection) -> Array:
+    """Of the pixels by the pose, the lens and the point, (o, 2, 14)."""
+    s, frame, track = segment, segment.frame, segment.track
+    in_world = seen.by_ray @ s.rotations[frame].transpose(0, 2, 1)
+    by_centre = -s.points[track, 2, None, None] * in_world
+    by_offset = in_world @ s.basis[track].transpose(0, 2, 1)
+    by_inverse = in_world @ (s.origin[track] - s.centres[frame])[:, :, None]
+    return np.concatenate([seen.by_turn, by_centre, seen.by_lens, by_offset, by_inverse], axis=2)
 
 
-def evaluate(segment: Segment, view: View, weights: Weights) -> tuple[float, Array]:
-    """Cost, and lengths (n,) of the residuals of the ties in their sigmas."""
-    residual, anchors = _residuals(segment, view)
-    lengths = np.linalg.norm(residual, axis=1) / (weights.factor * segment.sigma_px)
-    turns, steps = _prior_residuals(segment, weights)
-    cost = weights.scale**2 * np.log1p((lengths / weights.scale) ** 2).sum()
-    cost += ((anchors / weights.anchor_px) ** 2).sum() + (turns**2).sum() + (steps**2).sum()
+def evaluate(segment: Segment, seen: Projection, factor: float) -> tuple[float, Array]:
+    """Cost, and lengths (n,) of the residuals of the ties in their sigmas times `factor`."""
+    anchors, residual = _residuals(segment, seen.pixels)
+    lengths = np.linalg.norm(residual, axis=1) / (factor * segment.sigma_px)
+    turns, steps = _prior_residuals(segment)
+    cost = TIE_SCALE**2 * np.log1p((lengths / TIE_SCALE) ** 2).sum()
+    cost += ((anchors / ANCHOR_SIGMA_PX) ** 2).sum() + (turns**2).sum() + (steps**2).sum()
     return float(cost), lengths
 
 
-def linearise(segment: Segment, view: View, weights: Weights) -> Equations:
+def linearise(segment: Segment, seen: Projection, factor: float) -> Equations:
     """Normal equations of a segment, about its poses and points and the lens of the camera."""
-    s = segment
-    residual, anchors = _residuals(s, view)
-    sigma = weights.factor * s.sigma_px
+    s, (anchors, residual) = segment, _residuals(segment, seen.pixels)
+    sigma = factor * s.sigma_px
     lengths = np.linalg.norm(residual, axis=1) / sigma
-    weight = 1 / (sigma * np.sqrt(1 + (lengths / weights.scale) ** 2))
+    weight = 1 / (sigma * np.sqrt(1 + (lengths / TIE_SCALE) ** 2))
     size, points = 6 * len(s.rotations) + len(LENS), len(s.head)
     found = Equations(
         np.zeros((size, size)),
@@ -219,12 +168,14 @@ def linearise(segment: Segment, view: View, weights: Weights) -> Equations:
         np.zeros((points, 3, 3)),
         np.zeros((points, 3, size)),
         np.zeros((points, 3)),
-        view.slopes(),
+        _slopes(s, seen),
         weight**2,
     )
-    anchor_px = weights.anchor_px
-    _accumulate(view.shown, s.warp, residual, weight, anchors, 1 / anchor_px, found)
-    _add_priors(s, weights, found.matrix, found.right)
+    late = np.concatenate([s.early[s.head], s.early + 1])
+    weights = np.concatenate([np.full(points, 1 / ANCHOR_SIGMA_PX), weight])
+    errors = np.concatenate([anchors, residual])
+    _accumulate(s.frame, s.track, late, s.warp, errors, weights, found)
+    _add_priors(s, found.matrix, found.right)
     return found
 
 
@@ -253,13 +204,13 @@ def reduced(equations: Equations, damping: float) -> Reduced:
 
 def lens_gain(segment: Segment, equations: Equations, solved: Reduced) -> Array:
     """Part (n, 2, 5) of the right side of the lens by each pixel of the residual of each tie."""
-    e, shown = equations, _Shown.of(segment)
+    e, early = equations, segment.early
     response = np.concatenate([np.zeros((6, len(LENS))), solved.by_lens, np.eye(len(LENS))])
     moved = -solved.inverse @ (e.cross @ response)
     by_pose, own, by_point = np.split(e.slopes, [6, 6 + len(LENS)], axis=2)
     poses = response[: -len(LENS)].reshape(-1, 6, len(LENS))
-    by_lens = by_pose @ poses[shown.frame] + own + by_point @ moved[shown.track]
-    by_tie = by_lens[shown.early + 1] - _warps(segment.warp) @ by_lens[shown.early]
+    by_lens = by_pose @ poses[segment.frame] + own + by_point @ moved[segment.track]
+    by_tie = by_lens[early + 1] - _warps(segment.warp) @ by_lens[early]
     return np.asarray(by_tie * e.weight[:, None, None])
 
 
@@ -287,50 +238,48 @@ def _warps(warp: Array) -> Array:
     return matrices
 
 
-def _residuals(segment: Segment, view: View) -> tuple[Array, Array]:
-    """Residuals of ties (n, 2), and of points in the first image of their track (p, 2), px."""
-    s, shown, pixels = segment, view.shown, view.projection.pixels
-    offset = pixels[shown.early] - s.start
+def _residuals(segment: Segment, pixels: Array) -> tuple[Array, Array]:
+    """Residuals of points in the first image of their track (p, 2), and of ties (n, 2), px."""
+    s = segment
+    offset = pixels[s.early] - s.start
     mapped = s.end + (_warps(s.warp) @ offset[:, :, None])[:, :, 0]
-    return pixels[shown.early + 1] - mapped, pixels[shown.first] - s.start[s.head]
+    return offset[s.head], pixels[s.early + 1] - mapped
 
 
 @compiled
 def _accumulate(
-    shown: _Shown,
+    frame: NDArray[np.int64],
+    track: NDArray[np.int64],
+    late: NDArray[np.int64],
     warp: Array,
-    residual: Array,
-    weight: Array,
-    anchors: Array,
-    anchor: float,
+    errors: Array,
+    weights: Array,
     found: Equations,
 ) -> None:
-    # Adds the equations of the anchors, weighted by `anchor`, and of the ties. Columns of a row: pose of the later
-    # image, of the earlier one, lens, point.
-    points, lens = len(shown.first), found.matrix.shape[0] - 5
+    # Adds the equations of the anchors, then of the ties, `late`: pair in the later image. Columns of a row: pose of
+    # the later image, of the earlier one, lens, point.
+    points, lens = len(late) - len(warp), found.matrix.shape[0] - 5
     row, column = np.zeros((2, 20)), np.zeros(17, np.int64)
-    for k in range(points + len(weight)):
-        own = weight[k - points] if k >= points else anchor
-        late = shown.early[k - points] + 1 if k >= points else shown.first[k]
+    for k in range(len(late)):
+        own, at = weights[k], late[k]
         for i in range(2):
             for j in range(6):
-                row[i, j], row[i, 6 + j] = own * found.slopes[late, i, j], 0.0
+                row[i, j], row[i, 6 + j] = own * found.slopes[at, i, j], 0.0
             for j in range(6, 14):
-                row[i, 6 + j] = own * found.slopes[late, i, j]
+                row[i, 6 + j] = own * found.slopes[at, i, j]
         for j in range(6):
-            column[j] = column[6 + j] = 6 * shown.frame[late] + j
+            column[j] = column[6 + j] = 6 * frame[at] + j
         if k >= points:
             a, b, d = warp[k - points]
             for j in range(14):
-                x, y = own * found.slopes[late - 1, 0, j], own * found.slopes[late - 1, 1, j]
+                x, y = own * found.slopes[at - 1, 0, j], own * found.slopes[at - 1, 1, j]
                 row[0, 6 + j] -= a * x + b * y
                 row[1, 6 + j] -= d * y
             for j in range(6):
-                column[6 + j] = 6 * shown.frame[late - 1] + j
+                column[6 + j] = 6 * frame[at - 1] + j
         for j in range(5):
             column[12 + j] = lens + j
-        error = residual[k - points] if k >= points else anchors[k]
-        _add_row(row, column, own * error[0], own * error[1], shown.track[late], found)
+        _add_row(row, column, own * errors[k, 0], own * errors[k, 1], track[at], found)
 
 
 @compiled
@@ -351,7 +300,7 @@ def _add_row(
             found.block[track, i, j] += x * row[0, 17 + j] + y * row[1, 17 + j]
 
 
-def _prior_residuals(segment: Segment, weights: Weights) -> tuple[Array, Array]:
+def _prior_residuals(segment: Segment) -> tuple[Array, Array]:
     """Of the turns (m - 1, 3) and of the lengths (m - 1,) of the steps, in their sigmas."""
     s = segment
     turns = np.zeros((len(s.lengths), 3))
@@ -359,14 +308,14 @@ def _prior_residuals(segment: Segment, weights: Weights) -> tuple[Array, Array]:
         gap = s.turns[k].T @ s.rotations[k].T @ s.rotations[k + 1]
         turns[k] = cv2.Rodrigues(gap)[0].ravel() / s.turn_sigma[k]
     found = np.linalg.norm(np.diff(s.centres, axis=0), axis=1)
-    return turns, (found / s.lengths - 1) / weights.length
+    return turns, (found / s.lengths - 1) / LENGTH_SIGMA
 
 
-def _add_priors(segment: Segment, weights: Weights, matrix: Array, right: Array) -> None:
+def _add_priors(segment: Segment, matrix: Array, right: Array) -> None:
     s = segment
-    turns, steps = _prior_residuals(s, weights)
+    turns, steps = _prior_residuals(s)
     gaps, count = np.diff(s.centres, axis=0), len(s.lengths)
-    lengths = np.maximum(np.linalg.norm(gaps, axis=1), _FLOOR) * s.lengths * weights.length
+    lengths = np.maximum(np.linalg.norm(gaps, axis=1), _FLOOR) * s.lengths * LENGTH_SIGMA
     rows = np.zeros((count, 4, 12))
     rows[:, :3, :3] = -(s.rotations[1:].transpose(0, 2, 1) @ s.rotations[:-1])
     rows[:, :3, 6:9] = np.eye(3)

@@ -56,9 +56,9 @@ class LensCheck(NamedTuple):
     `sigma` (None: unknown). `found`: the camera by the drive, with k1 and k2, where the given one cannot be right.
     """
 
-    correction: float | None
-    sigma: float | None
-    found: Camera | None
+    correction: float | None = None
+    sigma: float | None = None
+    found: Camera | None = None
 
 
 @dataclass(slots=True)
@@ -79,16 +79,13 @@ class CalibrationWatch:
             return
         self.current.append(motion)
         if len(self.current) == self.images:
-            self._keep()
+            turn = self.current[0].pose.rotation.T @ motion.pose.rotation
+            angle = acos(min(1.0, max(-1.0, 0.5 * (float(np.trace(turn)) - 1))))
+            self.kept.append((angle, self.current))
+            # The sort is stable: of equal angles the earlier stays.
+            self.kept.sort(key=lambda one: -one[0])
+            del self.kept[self.most :]
             self.current = [motion]
-
-    def _keep(self) -> None:
-        turn = self.current[0].pose.rotation.T @ self.current[-1].pose.rotation
-        angle = acos(min(1.0, max(-1.0, 0.5 * (float(np.trace(turn)) - 1))))
-        self.kept.append((angle, self.current))
-        # The sort is stable: of equal angles the earlier stays.
-        self.kept.sort(key=lambda one: -one[0])
-        del self.kept[self.most :]
 
     def check(self) -> LensCheck:
         """Compare the lens with that of the segments kept.
@@ -96,19 +93,16 @@ class CalibrationWatch:
         It cannot be right where the adjustment of `calibrate_drive` exceeds both limits: a chi-square test and the
         displacement of points. The test is of focal length, k1 and k2 together, because their errors are correlated.
         """
-        parts = [motions for _, motions in self.kept] or [self.current]
-        camera = self.camera
+        parts, camera = [motions for _, motions in self.kept] or [self.current], self.camera
         if camera is None:
-            return _NOTHING
+            return LensCheck()
         cell_px = CHECK_CELL * camera.width
         found = (cut_segments(part, camera, self.images, cell_px) for part in parts)
         segments = [one for part in found for one in part]
-        if not segments:
-            return _NOTHING
         try:
-            return _check(segments, camera)
+            return _check(segments, camera) if segments else LensCheck()
         except np.linalg.LinAlgError:  # ties that determine nothing
-            return _NOTHING
+            return LensCheck()
 
 
 def _check(segments: list[Segment], camera: Camera) -> LensCheck:
@@ -116,7 +110,7 @@ def _check(segments: list[Segment], camera: Camera) -> LensCheck:
     start = start_of(segments, camera, sigma_px)
     step, covariance = lens_step(start)
     if not (np.isfinite(step).all() and np.isfinite(covariance).all()):
-        return _NOTHING
+        return LensCheck()
     correction, sigma = float(step[0]), sqrt(float(covariance[0, 0]))
     if displacement(camera, step) <= CHECK_CLOSER * CHECK_ERROR:
         return LensCheck(correction, sigma, None)
@@ -126,6 +120,3 @@ def _check(segments: list[Segment], camera: Camera) -> LensCheck:
     significant = by_chance < 2 * ndtr(-CHECK_SIGMAS)
     wrong = significant and displacement(camera, found.lens) > CHECK_ERROR
     return LensCheck(correction, sigma, found.camera if wrong else None)
-
-
-_NOTHING = LensCheck(None, None, None)

@@ -3,11 +3,7 @@
 from wayside.stages.mapping.assembly import assemble, classify_location
 from wayside.stages.mapping.association import GAP_SHARE
 from wayside.stages.mapping.landmark import STEP_COVARIANCE, build_landmark, measure_landmark
-from wayside.stages.mapping.landmark_evidence import (
-    FEATURES,
-    LandmarkClassifier,
-    SignPlaces,
-)
+from wayside.stages.mapping.landmark_evidence import FEATURES, LandmarkClassifier
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_views
 from wayside.stages.mapping.tracker import WINDOW_STEP, SideClassifiers, track
 from wayside.stages.mapping.verdicts import VERDICT_OF_TERM
@@ -29,7 +25,6 @@ __all__ = [
     "LandmarkClassifier",
     "LandmarkFit",
     "SideClassifiers",
-    "SignPlaces",
     "TravelledPath",
     "WindowFrame",
     "assemble",

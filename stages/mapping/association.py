@@ -151,10 +151,7 @@ def pair_hypotheses(
 
 
 def associate(
-    candidates: WindowCandidates,
-    hypotheses: Hypotheses,
-    free: NDArray[np.bool_],
-    gap_px: float,
+    candidates: WindowCandidates, hypotheses: Hypotheses, free: NDArray[np.bool_], gap_px: float
 ) -> Association:
     """Best free candidate of each frame for each hypothesis, by where and how large it must appear.
 

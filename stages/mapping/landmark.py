@@ -16,7 +16,7 @@ from wayside.stages.mapping.landmark_evidence import VotedClass, voted_class
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.local_adjustment import LandmarkRays, adjust_jointly
 from wayside.stages.mapping.panel import Panel, box_rays
-from wayside.stages.mapping.window import WindowFrame
+from wayside.stages.mapping.window import WindowFrame, WindowPoses
 
 BORDER = 1.06
 """Panel by box: boxes follow the inner field (measured on the development drives)."""
@@ -70,8 +70,7 @@ def measure_landmark(
     known = (f.motion.covariance for f in window)
     steps = [STEP_COVARIANCE if one is None else one for one in known]
     covariance = point_covariance(
-        np.stack([f.motion.pose.rotation for f in window]),
-        np.stack([f.motion.pose.centre for f in window]),
+        *WindowPoses.of(window)[1:],
         panel.point,
         panel.frames,
         panel.weight_sigma,

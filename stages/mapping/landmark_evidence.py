@@ -136,22 +136,14 @@ class LandmarkClassifier:
     model: EvidenceModel | None = None
     """None: nothing is known of signs, and what stands is one."""
 
-    def classify(
-        self, views: NDArray[np.float64], log_place: float, surroundings: float, value: float
-    ) -> LandmarkEvidence:
-        """The evidence for a landmark by what its views say, see `view_features`, and what else is known of it.
-
-        surroundings: correlation round it; nan: not measured. value: of its fit.
-        """
-        features = views.copy()
-        features[[PLACE, SURROUNDINGS]] = log_place, surroundings
+    def classify(self, features: NDArray[np.float64], value: float) -> LandmarkEvidence:
+        """The evidence for a landmark by its features (9,), see `FEATURES`, and the value of its fit."""
         if self.model is None:
             return LandmarkEvidence(features, (), max(value, 0.0))
         named = dict(zip(FEATURES, features.tolist(), strict=True))
         ratios = tuple(evidence_ratios(self.model, named).items())
-        return LandmarkEvidence(
-            features, ratios, self.model.shift + sum(ratio for _, ratio in ratios)
-        )
+        log_odds = self.model.shift + sum(ratio for _, ratio in ratios)
+        return LandmarkEvidence(features, ratios, log_odds)
 
     def accepts(self, evidence: LandmarkEvidence) -> bool:
         """Whether the log odds reach the model's threshold."""
@@ -163,12 +155,10 @@ def view_features(fit: LandmarkFit, window: Sequence[WindowFrame]) -> NDArray[np
     scores = fit.followed_in(window)["score"]
     nearest = int(np.argmin(fit.depth))
     ray = window[fit.frames[nearest]].motion.pose.rotation[:, 2]
+    means = [mean_log_probabilities(fit, window, what) for what in ("color", "shape")]
     color, shape = (
-        None if means is None else names[int(means.argmax())]
-        for means, names in (
-            (mean_log_probabilities(fit, window, "color"), COLORS),
-            (mean_log_probabilities(fit, window, "shape"), SHAPES),
-        )
+        None if mean is None else names[int(mean.argmax())]
+        for mean, names in zip(means, (COLORS, SHAPES), strict=True)
     )
     guides = shape == "rectangle" and (color is None or color in GUIDE_COLORS)
     log_sides = np.log(fit.metric)

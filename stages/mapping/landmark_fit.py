@@ -9,12 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.settings import TrackSettings
-from wayside.stages.mapping.association import (
-    MISSED,
-    Hypotheses,
-    WindowCandidates,
-    associate,
-)
+from wayside.stages.mapping.association import MISSED, Hypotheses, WindowCandidates, associate
 from wayside.stages.mapping.triangulation import POINT_ITERATIONS, triangulate_views
 from wayside.stages.mapping.window import WindowFrame, joined
 
@@ -220,9 +215,7 @@ def fit_views(
 
 
 def metric_size(
-    sizes: NDArray[np.float64],
-    depth: NDArray[np.float64],
-    whole: NDArray[np.bool_],
+    sizes: NDArray[np.float64], depth: NDArray[np.float64], whole: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Median width and height (2,) over the nearest views, and their scatter (2,), metres.
 

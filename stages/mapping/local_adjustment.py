@@ -104,41 +104,12 @@ def adjust_jointly(
         return None
     home, focal = held[best].motion.pose, window[0].focal
     poses = [h.motion.pose.relative_to(home) for h in window]
-    ties, track = well_distributed(ties_of(window, SLIDING_PX), CELL_PX)
+    ties, track = distributed_ties(window)
     start, anchors = track_starts(ties, track)
-    count, seen = len(anchors), int(inside.sum())
-    sigma = ties.scatter * np.hypot(
-        # noise of both images, that of the earlier one magnified
-        TIE_ERRORS.sigma_px * np.sqrt(1 + (ties.warp[:, 0] ** 2 + ties.warp[:, 2] ** 2) / 2),
-        DISPLACEMENT_SIGMA * ties.displacement_px,
+    seen = LandmarkRays(
+        observed.frames[inside] - first, observed.rays[inside], observed.sigma[inside]
     )
-    rows = ResidualBlocks.joined(
-        [
-            ResidualBlocks.observations(
-                observed.frames[inside] - first,
-                np.zeros(seen, np.int64),
-                observed.rays[inside],
-                observed.sigma[inside],
-                CAUCHY_SIGMAS,
-            ),
-            ResidualBlocks.observations(
-                anchors,
-                np.arange(1, count + 1, dtype=np.int64),
-                start[:, :2],
-                np.full(count, ANCHOR_SIGMA_PX / focal),
-                QUADRATIC,
-            ),
-            ResidualBlocks(
-                np.column_stack([ties.step, ties.step + 1]),
-                track + 1,
-                ties.source,
-                ties.target,
-                ties.warp,
-                sigma / focal,
-                np.full(len(track), TIE_SCALE),
-            ),
-        ]
-    )
+    rows = _residual_blocks(seen, ties, track, (start, anchors), focal)
     x, y, z = home.to_camera(point)
     found = adjust_window(
         Window(
@@ -155,13 +126,48 @@ def adjust_jointly(
     )
     if not np.isfinite(found.covariance).all():
         return None
-    shared = shared_errors(ties, found.gain[seen + count :] / focal)
+    shared = shared_errors(ties, found.gain[len(seen.rays) + len(anchors) :] / focal)
     covariance = VARIANCE_FACTOR * found.covariance + shared
     rotation, position = home.rotation, home.to_world(found.position)
     history = np.sqrt(found.history / (2 * len(rows.point)))
     ends = (window[0].frame.index, window[-1].frame.index)
     residual = WindowResidual(*ends, tuple(history.tolist()), point, position)
     return JointAdjustment(position, rotation @ covariance @ rotation.T, residual)
+
+
+def _residual_blocks(
+    seen: LandmarkRays,
+    ties: StepTies,
+    track: NDArray[np.int64],
+    starts: tuple[Array, NDArray[np.int64]],
+    focal: float,
+) -> ResidualBlocks:
+    """Rows of the landmark, which is point 0, of the starts of tracks, and of the ties."""
+    (start, anchors), landmark = starts, np.zeros(len(seen.rays), np.int64)
+    sigma = ties.scatter * np.hypot(
+        # noise of both images, that of the earlier one magnified
+        TIE_ERRORS.sigma_px * np.sqrt(1 + (ties.warp[:, 0] ** 2 + ties.warp[:, 2] ** 2) / 2),
+        DISPLACEMENT_SIGMA * ties.displacement_px,
+    )
+    points = np.arange(1, len(anchors) + 1, dtype=np.int64)
+    anchor_sigma = np.full(len(anchors), ANCHOR_SIGMA_PX / focal)
+    return ResidualBlocks.joined(
+        [
+            ResidualBlocks.observations(
+                seen.frames, landmark, seen.rays, seen.sigma, CAUCHY_SIGMAS
+            ),
+            ResidualBlocks.observations(anchors, points, start[:, :2], anchor_sigma, QUADRATIC),
+            ResidualBlocks(
+                np.column_stack([ties.step, ties.step + 1]),
+                track + 1,
+                ties.source,
+                ties.target,
+                ties.warp,
+                sigma / focal,
+                np.full(len(track), TIE_SCALE),
+            ),
+        ]
+    )
 
 
 def window_around(best: int, frames: NDArray[np.int64], most: int) -> tuple[int, int]:
@@ -174,18 +180,14 @@ def window_around(best: int, frames: NDArray[np.int64], most: int) -> tuple[int,
     return first, last
 
 
-def ties_of(window: Sequence[WindowFrame], sliding_px: float) -> StepTies:
-    """Ties of all steps of a window that agree with their motion and slide less than `sliding_px`."""
-    return StepTies.joined(
-        ties_of_step(k, now.motion, before.camera, now.camera, sliding_px, inliers=True)
+def distributed_ties(window: Sequence[WindowFrame]) -> tuple[StepTies, NDArray[np.int64]]:
+    """Ties of all steps that agree with their motion, evenly over the image, and the number of the track of each."""
+    ties = StepTies.joined(
+        ties_of_step(k, now.motion, before.camera, now.camera, SLIDING_PX, inliers=True)
         for k, (before, now) in enumerate(pairwise(window))
     )
-
-
-def well_distributed(ties: StepTies, cell_px: float) -> tuple[StepTies, NDArray[np.int64]]:
-    """The ties to keep, evenly over the image, and the number of the track of each, from 0."""
     track = link_tracks(ties.step, ties.corners)
-    cell = np.floor(ties.pixel / cell_px).astype(np.int64)
+    cell = np.floor(ties.pixel / CELL_PX).astype(np.int64)
     rows = np.flatnonzero(select_tracks(track, ties.step, cell))
     _, numbers = np.unique(track[rows], return_inverse=True)
     return ties.select(rows), numbers.astype(np.int64)

@@ -107,10 +107,7 @@ class PanelMeasurement(NamedTuple):
 
 
 def measure_panel(
-    fit: LandmarkFit,
-    held: Sequence[WindowFrame],
-    beside: FrenetOffset,
-    method: PanelMethod,
+    fit: LandmarkFit, held: Sequence[WindowFrame], beside: FrenetOffset, method: PanelMethod
 ) -> PanelMeasurement:
     """The panel of a landmark from its registered views; without views where none shows all of it."""
     plane = across_path(fit.point, held, beside)
@@ -130,8 +127,7 @@ def measure_panel(
     outline = outline_of(registered, fit.metric, method)
     if outline is None:
         return PanelMeasurement(views)
-    panel = solve_panel(fit, registered, outline, held)
-    return PanelMeasurement(views, outline, panel)
+    return PanelMeasurement(views, outline, solve_panel(fit, registered, outline, held))
 
 
 def across_path(point: Array, held: Sequence[WindowFrame], beside: FrenetOffset) -> PanelPlane:
@@ -152,17 +148,8 @@ def box_rays(fit: LandmarkFit, held: Sequence[WindowFrame]) -> Array:
     return np.ascontiguousarray(fit.followed_in(held)["ray"][fit.used])
 
 
-def projected(point: Array, fit: LandmarkFit, held: Sequence[WindowFrame]) -> Array:
-    """Rays (v, 2) of a point of the world in the frames that a landmark was fitted to."""
-    poses = [held[frame].motion.pose for frame in fit.frames[fit.used]]
-    return _rays(poses, np.broadcast_to(point, (len(poses), 3)))
-
-
 def solve_panel(
-    fit: LandmarkFit,
-    registered: RegisteredViews,
-    outline: FaceOutline,
-    held: Sequence[WindowFrame],
+    fit: LandmarkFit, registered: RegisteredViews, outline: FaceOutline, held: Sequence[WindowFrame]
 ) -> Panel | None:
     """Position, size and facing from the outline in all views; None where they are too far from those of the boxes."""
     plane, step = registered.plane, registered.step
@@ -170,12 +157,10 @@ def solve_panel(
     frames = np.array([view.image.frame for view in views], np.int64)
     poses = [view.image.pose for view in views]
     centres = np.stack([pose.centre for pose in poses])
-    focal = np.array([view.image.focal for view in views])
-    depth = np.array([view.depth for view in views])
+    focal, depth = np.array([[view.image.focal, view.depth] for view in views]).T
     shift = np.array([a.shift for a in alignments])
     stretch = np.array([a.stretch for a in alignments])
-    covariances = np.array([a.covariance for a in alignments])
-    deviations = COVARIANCE_SCALE * np.sqrt(np.einsum("vii->vi", covariances))
+    deviations = COVARIANCE_SCALE * np.sqrt([np.diag(a.covariance) for a in alignments])
     middle = (np.array(views[0].grey.shape[::-1]) - 1) / 2
     offset = ((outline.box[:2] + outline.box[2:]) / 2 - middle) * step
     size = (outline.box[2:] - outline.box[:2]) * step
@@ -190,11 +175,10 @@ def solve_panel(
         centre_views = (frames, rays, weight_sigma, ray_sigma)
     else:  # the depth is that of the boxes
         point, used = points[0], fit.used
-        shifted = (
-            box_rays(fit, held) + projected(point, fit, held) - projected(fit.point, fit, held)
-        )
+        own = [held[frame].motion.pose for frame in fit.frames[used]]
+        shifted = box_rays(fit, held) + _rays(own, point) - _rays(own, fit.point)
         centre_views = (fit.frames[used], shifted, fit.weight_sigma[used], fit.ray_sigma[used])
-    residuals = (_rays(poses, np.broadcast_to(point, points.shape)) - rays) * focal[:, None]
+    residuals = (_rays(poses, point) - rays) * focal[:, None]
     off = float(np.linalg.norm(point - fit.point))
     farther = ((point - centres) @ plane.ahead) / ((plane.point - centres) @ plane.ahead)
     sizes = size * stretch * farther[:, None]
@@ -227,6 +211,7 @@ def solve_panel(
 
 
 def _rays(poses: Sequence[Pose], points: Array) -> Array:
-    """Rays (v, 2) of a point (v, 3) of the world in each view."""
+    """Rays (v, 2) of one point (3,) of the world, or of another (v, 3) in each view."""
+    points = np.broadcast_to(points, (len(poses), 3))
     local = np.array([pose.to_camera(point) for pose, point in zip(poses, points, strict=True)])
     return np.ascontiguousarray(local[:, :2] / local[:, 2:])

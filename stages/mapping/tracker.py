@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from math import nan
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +24,8 @@ from wayside.stages.geometry import FrenetOffset
 from wayside.stages.mapping.association import NEAREST_M, Hypotheses, pair_hypotheses
 from wayside.stages.mapping.landmark import LandmarkMeasurement, build_landmark, measure_landmark
 from wayside.stages.mapping.landmark_evidence import (
+    PLACE,
+    SURROUNDINGS,
     LandmarkClassifier,
     LandmarkEvidence,
     SignPlaces,
@@ -34,12 +35,7 @@ from wayside.stages.mapping.landmark_fit import BOX_SIGMA, LandmarkFit, accept_g
 from wayside.stages.mapping.panel import PanelMeasurement, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
 from wayside.stages.mapping.surroundings import surroundings_correlation
-from wayside.stages.mapping.verdicts import (
-    VERDICT_OF_TERM,
-    Face,
-    FaceBoxes,
-    in_swept_volume,
-)
+from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, Face, FaceBoxes, in_swept_volume
 from wayside.stages.mapping.window import (
     Each,
     TravelledPath,
@@ -106,44 +102,29 @@ def track(
 
 
 class _Classified(NamedTuple):
-    """A fitted landmark with what decides on it.
-
-    `views`: what they say, see `view_features`. `surroundings`: correlation round it. None: not measured.
-    """
+    """A fitted landmark with what decides on it."""
 
     fit: LandmarkFit
     offset: FrenetOffset
-    views: NDArray[np.float64]
-    surroundings: float | None
     evidence: LandmarkEvidence
     accepted: bool
 
 
-class _Measured(NamedTuple):
-    """A landmark as measured, and its panel; confirmed: whether its images are enough for a sign."""
-
-    landmark: LandmarkMeasurement
-    panel: PanelMeasurement = PanelMeasurement()
-    confirmed: bool = False
-
-
+@dataclass
 class _Tracker:
-    """The window of frames, and the hypotheses of each."""
+    """The window of frames, and the hypotheses of each; the settings are those of `track`."""
 
-    def __init__(
-        self,
-        settings: TrackSettings,
-        sides: dict[bool, SideClassifiers],
-        panel: PanelMethod | None,
-        jointly: bool,
-        box_sigma: tuple[float, float],
-        each: Each,
-    ) -> None:
-        self._settings, self._sides = settings, sides
-        self._panel, self._jointly, self._box_sigma, self._each = panel, jointly, box_sigma, each
-        self._places = {back: SignPlaces() for back in sides}
-        self._length = settings.longest + WINDOW_STEP
-        self._path = TravelledPath(self._length + settings.longest)
+    settings: TrackSettings
+    sides: dict[bool, SideClassifiers]
+    panel: PanelMethod | None
+    jointly: bool
+    box_sigma: tuple[float, float]
+    each: Each
+
+    def __post_init__(self) -> None:
+        self._places = {back: SignPlaces() for back in self.sides}
+        self._length = self.settings.longest + WINDOW_STEP
+        self._path = TravelledPath(self._length + self.settings.longest)
         self._window: list[WindowFrame] = []
         self._hypotheses: list[Hypotheses] = []
         self._reported: list[Face] = []
@@ -153,7 +134,6 @@ class _Tracker:
         self._next_id = 0
 
     def holds(self, frame: WindowFrame) -> bool:
-        """Whether the frame is still in the window."""
         return any(f is frame for f in self._window)
 
     def append(self, frame: WindowFrame, features: Features) -> None:
@@ -179,7 +159,7 @@ class _Tracker:
         candidates = candidates_of(recent)
         first, found = candidates.first, []
         for older in range(newest):
-            pairs, hypotheses = pair_hypotheses(candidates, older, newest, self._settings.gap_px)
+            pairs, hypotheses = pair_hypotheses(candidates, older, newest, self.settings.gap_px)
             recent[older].followed["paired"][pairs[:, 0] - first[older], 1] = True
             recent[newest].followed["paired"][pairs[:, 1] - first[newest], 0] = True
             found.append(hypotheses)
@@ -192,7 +172,7 @@ class _Tracker:
         """
         fits = self._fits()
         over = [last or self._passed(fit) for fit in fits]
-        passed = self._predicted([fit for fit, done in zip(fits, over, strict=True) if done])
+        passed = [fit for fit, done in zip(fits, over, strict=True) if done]
         ahead = [fit for fit, done in zip(fits, over, strict=True) if not done]
         oldest = self._window[0].motion.pose
         self._reported = [one for one in self._reported if not oldest.to_camera(one.point)[2] < 0]
@@ -200,7 +180,8 @@ class _Tracker:
         self._taken = [one.boxes(self._images) for one in self._reported]
         rivals = [self._boxes(fit) for fit in ahead if self._seen(fit).accepted]
         settled = []
-        for one in self._ranked(passed):
+        views = {back: side.view for back, side in self.sides.items() if side.view is not None}
+        for one in self._ranked(add_predicted_views(passed, self._window, views, self.each)):
             if one.accepted and self._boxes(one.fit).explained_by(rivals):
                 ahead.append(one.fit)
             else:
@@ -218,57 +199,50 @@ class _Tracker:
         free = ~np.concatenate([f.followed["assigned"] for f in self._window])
         return [
             fit
-            for back in self._sides
+            for back in self.sides
             for fit in accept_greedily(
                 candidates,
                 hypotheses.select(hypotheses.back == back),
                 free & (candidates.back == back),
-                self._settings,
-                self._box_sigma,
+                self.settings,
+                self.box_sigma,
             )
         ]
-
-    def _predicted(self, fits: list[LandmarkFit]) -> list[LandmarkFit]:
-        """The landmarks with the views that are seen where no candidate was found."""
-        views = {back: side.view for back, side in self._sides.items() if side.view is not None}
-        return add_predicted_views(fits, self._window, views, self._each)
 
     def _passed(self, fit: LandmarkFit) -> bool:
         """Whether a landmark lies outside the newest image, or too near to be seen in the next."""
         newest = self._window[-1]
         x, y, z = newest.motion.pose.to_camera(fit.point)
-        if z < NEAREST_M:
-            return True
         left, top, right, bottom = newest.bounds
-        return not (left < x / z < right and top < y / z < bottom)
+        return bool(z < NEAREST_M or not (left < x / z < right and top < y / z < bottom))
 
     def _seen(self, fit: LandmarkFit) -> _Classified:
         """A landmark with the evidence for it but for its surroundings."""
-        return self._classify(
-            fit, self._path.offset(fit.point), view_features(fit, self._window), None
-        )
+        return self._classify(fit, self._path.offset(fit.point), view_features(fit, self._window))
 
     def _classify(
-        self,
-        fit: LandmarkFit,
-        offset: FrenetOffset,
-        views: NDArray[np.float64],
-        surroundings: float | None,
+        self, fit: LandmarkFit, offset: FrenetOffset, features: NDArray[np.float64]
     ) -> _Classified:
         """A landmark with the evidence for it, among the signs that are known by now."""
-        classifier, place = self._sides[fit.back].landmark, self._places[fit.back]
-        known = nan if surroundings is None else surroundings
-        evidence = classifier.classify(views, place.log_density(offset), known, fit.value)
-        accepted = classifier.accepts(evidence)
-        return _Classified(fit, offset, views, surroundings, evidence, accepted)
+        features[PLACE] = self._places[fit.back].log_density(offset)
+        classifier = self.sides[fit.back].landmark
+        evidence = classifier.classify(features, fit.value)
+        return _Classified(fit, offset, evidence, classifier.accepts(evidence))
+
+    def _surrounded(self, one: _Classified) -> _Classified:
+        """The landmark with the evidence of its surroundings, see `surroundings_correlation`."""
+        views = one.fit.views_in(self._window)
+        features = one.evidence.features.copy()
+        features[SURROUNDINGS] = surroundings_correlation(
+            (held.rgb, held.box(row)) for held, row in views if held.rgb is not None
+        )
+        return self._classify(one.fit, one.offset, features)
 
     def _ranked(self, fits: Sequence[LandmarkFit]) -> list[_Classified]:
         """Landmarks, likeliest signs first; the surroundings of what cannot be a sign without them are not measured."""
         found = [self._seen(fit) for fit in fits]
-        likely = [k for k, one in enumerate(found) if one.accepted]
-        measured = self._each(self._surroundings, [found[k].fit for k in likely])
-        for k, surroundings in zip(likely, measured, strict=True):
-            found[k] = self._classify(*found[k][:3], surroundings)
+        likely = iter(self.each(self._surrounded, [one for one in found if one.accepted]))
+        found = [next(likely) if one.accepted else one for one in found]
         return sorted(found, key=lambda one: -one.evidence.log_odds)
 
     def _decide(self, ranked: Sequence[_Classified]) -> None:
@@ -278,48 +252,47 @@ class _Tracker:
         """
         likely, taken = [], list(self._taken)
         for k, one in enumerate(ranked):
-            if one.accepted and not in_swept_volume(one.fit, one.offset):
-                boxes = self._boxes(one.fit)
-                if not boxes.explained_by(taken):
-                    taken.append(boxes)
-                    likely.append(k)
-        found = self._each(self._measured, [ranked[k] for k in likely])
+            if self._verdict(one, taken) == "sign":
+                taken.append(self._boxes(one.fit))
+                likely.append(k)
+        found = self.each(self._measured, [ranked[k] for k in likely])
         measured = dict(zip(likely, found, strict=True))
         for k, one in enumerate(ranked):  # once more: the surer ones say where signs stand
-            now = self._classify(*one[:4])
-            if now.accepted and one.surroundings is None:
-                now = self._classify(*one[:3], self._surroundings(one.fit))
-            verdict = self._verdict(now)
-            if verdict != "sign":
-                self._finish(now, verdict, _Measured(measure_landmark(one.fit, self._window)))
-            elif (seen := measured.get(k) or self._measured(now)).confirmed:
-                self._finish(now, "sign", seen)
+            now = self._classify(one.fit, one.offset, one.evidence.features.copy())
+            if now.accepted and np.isnan(now.evidence.features[SURROUNDINGS]):
+                now = self._surrounded(now)
+            verdict = self._verdict(now, self._taken)
+            if verdict == "sign":
+                self._finish(now, *(measured.get(k) or self._measured(now)))
             else:
-                self._finish(now, "residual", seen)
+                boxes = measure_landmark(one.fit, self._window)
+                self._finish(now, verdict, boxes, PanelMeasurement())
 
-    def _verdict(self, one: _Classified) -> str:
-        """The verdict by all but the images."""
+    def _verdict(self, one: _Classified, taken: Sequence[FaceBoxes]) -> str:
+        """The verdict by all but the images, where `taken` are signs."""
         if in_swept_volume(one.fit, one.offset):
             return "moving"
         if not one.accepted:
             return VERDICT_OF_TERM[one.evidence.weakest]
-        return "duplicate" if self._boxes(one.fit).explained_by(self._taken) else "sign"
+        return "duplicate" if self._boxes(one.fit).explained_by(taken) else "sign"
 
-    def _measured(self, one: _Classified) -> _Measured:
-        """A landmark that may be a sign, with its panel; nothing else changes."""
+    def _measured(self, one: _Classified) -> tuple[str, LandmarkMeasurement, PanelMeasurement]:
+        """A landmark that may be a sign, and its panel, with the verdict of its images; nothing else changes."""
         fit, panel = one.fit, PanelMeasurement()
-        if self._panel is not None:
-            panel = measure_panel(fit, self._window, one.offset, self._panel)
+        if self.panel is not None:
+            panel = measure_panel(fit, self._window, one.offset, self.panel)
         # any two rays meet somewhere: where nothing is known of signs, images in register confirm it
-        known = self._sides[fit.back].landmark.model is not None
+        known = self.sides[fit.back].landmark.model is not None
         confirmed = bool(known or fit.used.sum() > 2 or len(panel.views) > 1)
-        jointly = self._jointly and confirmed
+        jointly = self.jointly and confirmed
         landmark = measure_landmark(fit, self._window, panel.panel, jointly)
-        return _Measured(landmark, panel, confirmed)
+        return "sign" if confirmed else "residual", landmark, panel
 
-    def _finish(self, one: _Classified, verdict: str, found: _Measured) -> None:
+    def _finish(
+        self, one: _Classified, verdict: str, measured: LandmarkMeasurement, seen: PanelMeasurement
+    ) -> None:
         """Hand a landmark with its verdict to its first frame."""
-        fit, evidence, measured, seen = one.fit, one.evidence, found.landmark, found.panel
+        fit, evidence = one.fit, one.evidence
         landmark = replace(
             build_landmark(
                 fit,
@@ -356,10 +329,3 @@ class _Tracker:
     def _boxes(self, fit: LandmarkFit) -> FaceBoxes:
         """Where a landmark is in the images of the window."""
         return Face.of(fit, self._window).boxes(self._images)
-
-    def _surroundings(self, fit: LandmarkFit) -> float:
-        """Correlation round a landmark, see `surroundings_correlation`."""
-        views = fit.views_in(self._window)
-        return surroundings_correlation(
-            (held.rgb, held.box(row)) for held, row in views if held.rgb is not None
-        )

@@ -56,10 +56,8 @@ class Face(NamedTuple):
     def of(cls, fit: LandmarkFit, window: Sequence[WindowFrame]) -> Face:
         """Of a landmark in its window."""
         seen, frames = fit.followed_in(window), [window[k] for k in fit.frames]
-        sources = [
-            held.candidates.regions.source[own]
-            for held, own in zip(frames, seen["candidate"], strict=True)
-        ]
+        tables = [held.candidates.regions.source for held in frames]
+        sources = [table[own] for table, own in zip(tables, seen["candidate"], strict=True)]
         return cls(
             fit.point,
             fit.metric,
@@ -70,7 +68,8 @@ class Face(NamedTuple):
 
     def boxes(self, images: WindowPoses) -> FaceBoxes:
         """Where it is in the images of a window: as seen, else where it must be."""
-        found, local = FaceBoxes.none(len(images.number)), images.to_cameras(self.point)
+        found = FaceBoxes.none(len(images.number))
+        local = ((self.point - images.centre)[:, None] @ images.rotation)[:, 0]
         ahead = local[:, 2] > NEAREST_M
         depth = local[ahead, 2:]
         centre, half = local[ahead, :2] / depth, self.metric / depth / 2

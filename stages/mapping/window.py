@@ -116,11 +116,9 @@ class WindowFrame:
 
     def finished(self) -> TrackedFrame:
         """The frame; of candidates that no landmark has, the verdict says how far they went."""
-        rest = ~(self.followed["back"] | self.followed["assigned"])
-        own = self.followed[rest]
+        own = self.followed[~(self.followed["back"] | self.followed["assigned"])]
         verdict = self.candidates.verdict.copy()
-        still_open = verdict[own["candidate"]] == verdict_code("open")
-        own = own[still_open]
+        own = own[verdict[own["candidate"]] == verdict_code("open")]
         verdict[own["candidate"]] = unassigned_verdicts(own["paired"], own["standing"])
         return replace(
             untracked(self.posed, replace(self.candidates, verdict=verdict)),
@@ -274,16 +272,8 @@ class WindowPoses(NamedTuple):
     @classmethod
     def of(cls, window: Sequence[WindowFrame]) -> WindowPoses:
         """Of these frames."""
-        poses = [f.motion.pose for f in window]
-        return cls(
-            np.array([f.frame.index for f in window]),
-            np.stack([pose.rotation for pose in poses]),
-            np.stack([pose.centre for pose in poses]),
-        )
-
-    def to_cameras(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
-        """A point (3,) of the world in the frame of each camera, (n, 3)."""
-        return np.asarray(((point - self.centre)[:, None] @ self.rotation)[:, 0])
+        poses = [(f.frame.index, f.motion.pose.rotation, f.motion.pose.centre) for f in window]
+        return cls._make(np.array(column) for column in zip(*poses, strict=True))
 
 
 def candidates_of(window: Sequence[WindowFrame]) -> WindowCandidates:
@@ -303,9 +293,7 @@ class TravelledPath:
     """The last stretch of the chain of camera centres."""
 
     def __init__(self, longest: int) -> None:
-        self._poses: deque[tuple[NDArray[np.float64], NDArray[np.float64], float]] = deque(
-            maxlen=longest
-        )
+        self._poses: deque[tuple[Any, ...]] = deque(maxlen=longest)
         self._columns: list[NDArray[np.float64]] = []
         self._ahead = np.array([0.0, 0.0, 1.0])
 

@@ -11,7 +11,8 @@ from wayside.schemas.detections import COLORS
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.classifiers import evidence_ratios
 from wayside.stages.geometry import FrenetOffset
-from wayside.stages.mapping import FEATURES, LandmarkClassifier, SideClassifiers, SignPlaces
+from wayside.stages.mapping import FEATURES, LandmarkClassifier, SideClassifiers
+from wayside.stages.mapping.landmark_evidence import SignPlaces
 from wayside.stages.mapping.tracker import track
 
 from ..made_frames import landmarks_of, with_candidates, with_image
