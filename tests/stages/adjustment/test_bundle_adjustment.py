@@ -14,6 +14,7 @@ from wayside.stages.adjustment.residuals import (
     PointAnchors,
     ResidualBlocks,
     StepConstraints,
+    WindowEstimate,
     constraint_residuals,
     linearise_blocks,
 )
@@ -147,7 +148,8 @@ def test_the_minimum_is_the_one_that_scipy_finds(scales):
         gaps, known = np.empty((len(one.rows.point), 2)), np.empty((one.last, 6))
         slopes = np.empty((len(gaps), 2, 12)), np.empty((len(gaps), 2, 3))
         points = one.points + unknowns[6 * one.last :].reshape(-1, 3) * [1e-3, 1e-3, 1e-3]
-        linearise_blocks(rotations, centres, charts, points, one.rows, gaps, *slopes)
+        estimate = WindowEstimate(rotations, centres, points, gaps, known, *slopes)
+        linearise_blocks(estimate, charts, one.rows)
         constraint_residuals(rotations, centres, one.links, known)
         square, scale = (gaps**2).sum(axis=1), one.rows.scale
         flat = scale * np.sqrt(np.log1p(square / scale**2)) / np.sqrt(np.maximum(square, 1e-30))
