@@ -82,23 +82,18 @@ TRIAL_RANGES = (math.inf, 2.0, 2.0)
 """Range of a side, either way, in each sweep over the sides of a box."""
 
 
-def _moves(directions: list[list[float]]) -> Array:
+def _moves(directions: Array) -> Array:
     """Changes of a box and their ranges (d, 5): it grows, then changes along each direction in every sweep."""
     sweeps = [[*side, reach] for reach in TRIAL_RANGES for side in directions]
     return np.array([[-1, -1, 1, 1, math.inf], *sweeps])
 
 
+_CENTRE = np.array([[0.5, 0.0, 0.5, 0.0], [0.0, 0.5, 0.0, 0.5]])
+_SIZE = np.array([[-1.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 1.0]])
+"""Centre and size by left, top, right, bottom."""
 _MOVES = {
-    False: _moves([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
-    True: _moves(
-        [
-            [0.5, 0, 0.5, 0],
-            [0, 0.5, 0, 0.5],
-            [-0.5, -0.5, 0.5, 0.5],
-            [-0.5, 0, 0.5, 0],
-            [0, -0.5, 0, 0.5],
-        ]
-    ),
+    False: _moves(np.eye(4)),
+    True: _moves(np.stack([*_CENTRE, _SIZE.sum(axis=0) / 2, *_SIZE / 2])),
 }
 """How boxes change: sides of a rectangle one by one; shapes of one proportion move and grow."""
 SMALLEST_INWARD = 1.5
@@ -131,9 +126,6 @@ surrounds; unevenness of the colour of the strip inside (30 grey levels); width 
 whether it is a rectangle."""
 _UNEVEN_LEVELS, _MOST_UNEVEN = 30.0, 60.0
 """Scale and limit of the unevenness, grey levels: part of what the feature means."""
-_CENTRE = np.array([[0.5, 0.0, 0.5, 0.0], [0.0, 0.5, 0.0, 0.5]])
-_SIZE = np.array([[-1.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 1.0]])
-"""Centre and size by left, top, right, bottom."""
 
 
 class FaceOutline(NamedTuple):
@@ -171,24 +163,10 @@ def fit_face_outline(
 ) -> FaceOutline | None:
     """Find the outer outline of the face that registered views show.
 
-    Parameters
-    ----------
-    views
-        (n, rows, columns, 3) float32, the nearest first.
-    box
-        Where the face was detected, [left, top, right, bottom] in samples (4,).
-    model
-        Weights of `OUTLINE_FEATURES`.
+    None where no shape has edges all round. views: (n, rows, columns, 3) float32, the nearest first. box: where the
+    face was detected, [left, top, right, bottom] in samples (4,). model: weights of `OUTLINE_FEATURES`.
 
-    Returns
-    -------
-    FaceOutline or None
-        None where no shape has edges all round.
-
-    Raises
-    ------
-    ValueError
-        The model is of other features, or the views are another kind of array.
+    Raises ValueError where the model is of other features, or the views are another kind of array.
     """
     if model.features != OUTLINE_FEATURES:
         raise ValueError(f"a model of {model.features} instead of {OUTLINE_FEATURES}")
@@ -245,21 +223,9 @@ def outline_candidates(
 def _features(inner: Outline, outer: Array, detected: Array, edge: float, strip: float) -> Array:
     wide, tall = np.log(box_size(outer) / box_size(detected))
     uneven = min(strip, _MOST_UNEVEN) / _UNEVEN_LEVELS
-    return np.array(
-        [
-            edge,
-            np.log(edge),
-            inner.strength,
-            uneven,
-            edge * uneven,
-            wide,
-            tall,
-            wide**2,
-            tall**2,
-            abs(wide - tall),
-            float(inner.shape == "rectangle"),
-        ]
-    )
+    of_edge = [edge, np.log(edge), inner.strength, uneven, edge * uneven]
+    of_size = [wide, tall, wide**2, tall**2, abs(wide - tall)]
+    return np.array([*of_edge, *of_size, float(inner.shape == "rectangle")])
 
 
 def _peaks(values: Array) -> list[int]:

@@ -62,21 +62,16 @@ def edge_profiles(
     Segments that leave the views have strength 0.
     """
     profiles = np.empty((len(segments.normal), round((high - low) / step) + 1))
-    _edge_profiles(gradients, segments.begin, segments.end, segments.normal, low, step, profiles)
+    _edge_profiles(gradients, segments, low, step, profiles)
     return profiles
 
 
 @compiled
 def _edge_profiles(
-    gradients: Gradients,
-    begin: Array,
-    end: Array,
-    normal: Array,
-    low: float,
-    step: float,
-    profiles: Array,
+    gradients: Gradients, segments: Segments, low: float, step: float, profiles: Array
 ) -> None:
     views, rows, columns = gradients.shape[:3]
+    begin, end, normal, _ = segments
     for k in range(profiles.shape[0]):
         right, down = normal[k, 0], normal[k, 1]
         for m in range(profiles.shape[1]):

@@ -89,16 +89,9 @@ def register_views(
 ) -> RegisteredViews:
     """Register the views to the nearest one that enough others correlate with.
 
-    Parameters
-    ----------
-    plane, size
-        Where the panel is, and its width and height (2,), metres.
-    usable
-        Depth and image of the usable views, nearest first.
-    detected
-        Numbers of the frames in which the panel was detected: in others something may stand in front of it.
-    method
-        The model of outlines.
+    plane, size: where the panel is, and its width and height (2,), metres. usable: depth and image of the usable views,
+    nearest first. detected: numbers of the frames in which the panel was detected: in others something may stand in
+    front of it.
     """
     templates = [i for i, (_, image) in enumerate(usable) if image.frame in detected]
     first, *others = templates[:MOST_TEMPLATES] or [0]
