@@ -47,7 +47,7 @@ class NormalEquations(NamedTuple):
             np.maximum.at(span[:, 1], blocks.point[other], number[other])
         of_poses, of_points = ((size, size), (size,)), ((points, 3, 3), (points, 3), (points, 3, 3))
         shapes = (*of_poses, (points, size, 3), *of_points, *of_poses)
-        return NormalEquations(*(np.empty(shape) for shape in shapes), span)
+        return NormalEquations._make([*(np.empty(shape) for shape in shapes), span])
 
 
 @compiled

@@ -21,10 +21,8 @@ TIE_SCALE = 1.0
 """Scale of the robust cost of a tie, standard deviations."""
 ANCHOR_SIGMA_PX = 0.01
 """Scatter of the first corner of a track: it defines the point."""
-NEAREST_TIE_M = 1.0
-"""Least depth of a tie at the start."""
-FARTHEST_TIE_M = 2000.0
-"""Largest depth of a tie at the start."""
+NEAREST_TIE_M, FARTHEST_TIE_M = 1.0, 2000.0
+"""Least and largest depth of a tie at the start."""
 
 Numbers = NDArray[np.int64]
 Flags = NDArray[np.bool_]

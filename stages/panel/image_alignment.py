@@ -161,11 +161,8 @@ def warp_to_template(view: NDArray[np.float32], found: Alignment) -> NDArray[np.
     middle = (np.array([columns, rows]) - 1) / 2
     move = middle - found.stretch * middle + found.shift
     warp = np.array([[found.stretch[0], 0, move[0]], [0, found.stretch[1], move[1]]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     warped = cv2.warpAffine(
-        view,
-        warp,
-        (columns, rows),
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderMode=cv2.BORDER_REPLICATE,
+        view, warp, (columns, rows), flags=flags, borderMode=cv2.BORDER_REPLICATE
     )
     return np.asarray(warped * np.float32(found.gain) + np.float32(found.bias), np.float32)

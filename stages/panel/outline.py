@@ -38,10 +38,8 @@ from wayside.stages.panel.outline_shapes import (
     segments_of,
 )
 
-INWARD = 0.12
-"""The strongest outline lies within the box by this fraction of the smaller side at most."""
-OUTWARD = 0.28
-"""The strongest outline lies outside the box by this fraction at most."""
+INWARD, OUTWARD = 0.12, 0.28
+"""The strongest outline lies within the box or outside it by this fraction of the smaller side at most."""
 COARSE_STEP = 0.25
 """Distance between the places where that is sought."""
 SEARCH = 3.0
@@ -74,10 +72,8 @@ SHARP_FLANK = 1.7
 """Width of a plain edge to half of its height."""
 RIM_FRACTION = 0.7
 """Fraction of the remaining width that is rim."""
-MOST_RIM_INWARD = 0.7
-"""The rim moves the outline inwards by this at most."""
-MOST_RIM_OUTWARD = 1.4
-"""The rim moves the outline outwards by this at most."""
+MOST_RIM_INWARD, MOST_RIM_OUTWARD = 0.7, 1.4
+"""The rim moves the outline inwards and outwards by this at most."""
 TRIAL_RANGES = (math.inf, 2.0, 2.0)
 """Range of a side, either way, in each sweep over the sides of a box."""
 

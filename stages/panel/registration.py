@@ -169,9 +169,8 @@ def align_view(template: RectifiedView, view: RectifiedView, weight: Array) -> A
     first, other, mask = template.grey, view.grey, weight
     if blur > SMALLEST_BLUR:
         first = np.asarray(cv2.GaussianBlur(first, (0, 0), blur))
-    if max(weight.shape) <= FULL_SIZE_SAMPLES:
-        return align(first, mask, other, _coarse_shift(first, other, mask))
-    first, other, mask = (_halved(samples) for samples in (first, other, mask))
+    if max(weight.shape) > FULL_SIZE_SAMPLES:
+        first, other, mask = (_halved(samples) for samples in (first, other, mask))
     found = align(first, mask, other, _coarse_shift(first, other, mask))
     if found is None:
         return None
