@@ -256,20 +256,15 @@ def constraint_jacobian(rotations: Array, centres: Array, constraints: StepConst
     each, side = np.arange(steps), np.arange(2)
     # pose that moves, along which axis, there or back; first and second pose
     shape = (steps, 2, 6, 2, 2)
-    turned = np.broadcast_to(
-        rotations[constraints.frames][:, None, None, None], (*shape, 3, 3)
-    ).copy()
-    moved = np.broadcast_to(centres[constraints.frames][:, None, None, None], (*shape, 3)).copy()
+    posed = constraints.frames[:, None, None, None]
+    turned = np.broadcast_to(rotations[posed], (*shape, 3, 3)).copy()
+    moved = np.broadcast_to(centres[posed], (*shape, 3)).copy()
     for x in side:
         turned[:, x, :3, :, x] = _TURNS @ turned[:, x, :3, :, x]
         moved[:, x, 3:, :, x] += _MOVES
     found, numbers = np.empty((24 * steps, 6)), np.arange(48 * steps).reshape(-1, 2)
-    constraint_residuals(
-        turned.reshape(-1, 3, 3),
-        moved.reshape(-1, 3),
-        StepConstraints._make([numbers, *(np.repeat(c, 24, axis=0) for c in constraints[1:])]),
-        found,
-    )
+    many = StepConstraints._make([numbers, *(np.repeat(c, 24, axis=0) for c in constraints[1:])])
+    constraint_residuals(turned.reshape(-1, 3, 3), moved.reshape(-1, 3), many, found)
     there, back = np.moveaxis(found.reshape(steps, 2, 6, 2, 6), 3, 0)
     result = np.zeros((steps, len(rotations), 6, 6))
     for x in side:

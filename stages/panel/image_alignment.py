@@ -55,19 +55,14 @@ def align(template: Array, weight: Array, patch: Array, start: Array) -> Alignme
     if inside < INSIDE * total:
         return None
     try:
-        covariance = np.asarray(np.linalg.inv(normal))
+        inverse = np.asarray(np.linalg.inv(normal), np.float64)
     except np.linalg.LinAlgError:
         return None
     if x[4] <= 0 or spread <= 0:
         return None
-    return Alignment(
-        x[:2].copy(),
-        x[2:4].copy(),
-        float(x[4]),
-        float(x[5]),
-        float(np.sqrt(max(0.0, 1 - squares / spread))),
-        covariance[:4, :4] * _variance(squares, inside),
-    )
+    zncc = float(np.sqrt(max(0.0, 1 - squares / spread)))
+    covariance = inverse[:4, :4] * _variance(squares, inside)
+    return Alignment(x[:2].copy(), x[2:4].copy(), float(x[4]), float(x[5]), zncc, covariance)
 
 
 @compiled

@@ -141,10 +141,7 @@ def _correlated(
     template: RectifiedView, others: Sequence[RectifiedView], weights: Sequence[Array]
 ) -> list[tuple[RectifiedView, Alignment]]:
     """The views that correlate with the template where their weight is, with their alignment."""
-    found = [
-        (view, align_view(template, view, weight))
-        for view, weight in zip(others, weights, strict=True)
-    ]
+    found = [(v, align_view(template, v, w)) for v, w in zip(others, weights, strict=True)]
     return [(view, a) for view, a in found if a is not None and a.zncc > REGISTERED_ZNCC]
 
 
