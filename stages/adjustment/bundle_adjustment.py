@@ -20,7 +20,6 @@ from scipy.spatial.transform import Rotation
 
 from wayside.stages.adjustment.normal_equations import (
     NormalEquations,
-    WindowEstimate,
     add_blocks,
     reduce_points,
     uncertainty,
@@ -29,6 +28,7 @@ from wayside.stages.adjustment.residuals import (
     PointAnchors,
     ResidualBlocks,
     StepConstraints,
+    WindowEstimate,
     constraint_jacobian,
     constraint_residuals,
     linearise_blocks,
@@ -105,26 +105,11 @@ def adjust_window(
 ) -> WindowAdjustment:
     """Adjust poses and points together.
 
-    Parameters
-    ----------
-    window
-        Poses and points to start from.
-    blocks
-        Residuals of the points in the images.
-    constraints
-        What is known of the steps.
-    pose
-        The frame whose pose the covariance and gain are asked of; None: the first point's.
-    iterations, gain
-        At most so many; ended where one lowers the cost by a smaller fraction.
+    pose: the frame whose pose the covariance and gain are asked of; None: the first point's. Both are nan where the
+    normal equations cannot be solved, very large where nothing measures what is asked for. iterations, gain: at most so
+    many; ended where one lowers the cost by a smaller fraction.
 
-    Covariance and gain are nan where the normal equations cannot be solved, very large where nothing measures what
-    is asked for.
-
-    Raises
-    ------
-    ValueError
-        Where an array has another shape or type, or a number refers to no frame or point.
+    Raises ValueError where an array has another shape or type, or a number refers to no frame or point.
     """
     rotations, centres, held, points, anchors = window.checked(pose)
     n, p, m = len(rotations), len(points), len(blocks.point)
@@ -153,9 +138,7 @@ def adjust_window(
         by_point = np.column_stack([origins.rotation[0][:, :2], -ray / rho]) / rho
         covariance, slopes = by_point @ covariance @ by_point.T, slopes @ by_point.T
     return WindowAdjustment(
-        best.rotations,
-        best.centres,
-        best.points,
+        *best[:3],
         (best.residuals**2).sum(axis=1),
         float(cost),
         int(done),
@@ -182,12 +165,11 @@ class _Problem(NamedTuple):
 
 
 def _evaluate(problem: _Problem, estimate: WindowEstimate) -> float:
-    rotations, centres, points, residuals, known, by_pose, by_point = estimate
-    anchors, blocks = problem.anchors, problem.blocks
-    cost = linearise_blocks(
-        rotations, centres, anchors, points, blocks, residuals, by_pose, by_point
+    cost, known = (
+        linearise_blocks(estimate, problem.anchors, problem.blocks),
+        estimate.step_residuals,
     )
-    constraint_residuals(rotations, centres, problem.constraints, known)
+    constraint_residuals(estimate.rotations, estimate.centres, problem.constraints, known)
     return cost + float((known**2).sum())
 
 

@@ -43,11 +43,9 @@ def tie_scatter(distance_px: Array) -> float:
     """
     if len(distance_px) == 0:
         return 1.0
-    quantile = SCATTER_QUANTILE
-    normal = NormalDist().inv_cdf((1 + quantile) / 2)
-    return max(
-        1.0, float(np.quantile(np.abs(distance_px), quantile)) / TIE_ERRORS.sigma_px / normal
-    )
+    normal = NormalDist().inv_cdf((1 + SCATTER_QUANTILE) / 2)
+    found = float(np.quantile(np.abs(distance_px), SCATTER_QUANTILE))
+    return max(1.0, found / TIE_ERRORS.sigma_px / normal)
 
 
 def correlated_sigma_px(displacement_px: Array, errors: TieErrors = TIE_ERRORS) -> Array:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.adjustment.residuals import ResidualBlocks
+from wayside.stages.adjustment.residuals import ResidualBlocks, WindowEstimate
 from wayside.stages.geometry import invert_symmetric
 from wayside.stages.kernels import Array, compiled
 
@@ -22,8 +22,8 @@ FLOOR = 1e-9
 class NormalEquations(NamedTuple):
     """Normal equations in blocks: poses (6 n, 6 n), lower half, mixed (p, 6 n, 3), own (p, 3, 3), and right sides.
 
-    `span` (p, 2): first and last frame that measures a point, the held one aside; without any the last is -1.
     `inverse` (p, 3, 3): of `own`. `reduced`, `step`: equations of the poses alone, and their right side or solution.
+    `span` (p, 2): first and last frame that measures a point, the held one aside; without any the last is -1.
     """
 
     poses: Array
@@ -32,9 +32,9 @@ class NormalEquations(NamedTuple):
     own: Array
     own_right: Array
     inverse: Array
-    span: NDArray[np.int64]
     reduced: Array
     step: Array
+    span: NDArray[np.int64]
 
     @staticmethod
     def empty(frames: int, points: int, blocks: ResidualBlocks, held: int) -> NormalEquations:
@@ -45,32 +45,9 @@ class NormalEquations(NamedTuple):
             other = number != held
             np.minimum.at(span[:, 0], blocks.point[other], number[other])
             np.maximum.at(span[:, 1], blocks.point[other], number[other])
-        return NormalEquations(
-            poses=np.empty((size, size)),
-            poses_right=np.empty(size),
-            mixed=np.empty((points, size, 3)),
-            own=np.empty((points, 3, 3)),
-            own_right=np.empty((points, 3)),
-            inverse=np.empty((points, 3, 3)),
-            span=span,
-            reduced=np.empty((size, size)),
-            step=np.empty(size),
-        )
-
-
-class WindowEstimate(NamedTuple):
-    """Poses, points, residuals of the blocks (m, 2) and of the constraints (l, 6).
-
-    `by_pose` (m, 2, 12), `by_point` (m, 2, 3): derivatives of the residuals of the blocks.
-    """
-
-    rotations: Array
-    centres: Array
-    points: Array
-    residuals: Array
-    step_residuals: Array
-    by_pose: Array
-    by_point: Array
+        of_poses, of_points = ((size, size), (size,)), ((points, 3, 3), (points, 3), (points, 3, 3))
+        shapes = (*of_poses, (points, size, 3), *of_points, *of_poses)
+        return NormalEquations._make([*(np.empty(shape) for shape in shapes), span])
 
 
 @compiled
@@ -81,12 +58,8 @@ def add_blocks(
     residuals, frames, mixed, poses = estimate.residuals, blocks.frames, normal.mixed, normal.poses
     for i in range(residuals.shape[0]):
         n, scale = blocks.point[i], blocks.scale[i] * blocks.scale[i]
-        by_pose, by_point, u, v = (
-            estimate.by_pose[i],
-            estimate.by_point[i],
-            residuals[i, 0],
-            residuals[i, 1],
-        )
+        by_pose, by_point = estimate.by_pose[i], estimate.by_point[i]
+        u, v = residuals[i, 0], residuals[i, 1]
         weight = 1.0 / (1.0 + (u * u + v * v) / scale)
         for k in range(3):
             a, b = weight * by_point[0, k], weight * by_point[1, k]

@@ -116,6 +116,21 @@ class StepConstraints(NamedTuple):
         return self
 
 
+class WindowEstimate(NamedTuple):
+    """Poses, points, residuals of the blocks (m, 2) and of the constraints (l, 6).
+
+    `by_pose` (m, 2, 12), `by_point` (m, 2, 3): derivatives of the residuals of the blocks.
+    """
+
+    rotations: Array
+    centres: Array
+    points: Array
+    residuals: Array
+    step_residuals: Array
+    by_pose: Array
+    by_point: Array
+
+
 class PointAnchors(NamedTuple):
     """Frames of the points' coordinates: rotation (p, 3, 3) and centre (p, 3) of a camera that sees each point.
 
@@ -128,14 +143,8 @@ class PointAnchors(NamedTuple):
 
 
 _KINDS = {"frames": np.int64, "point": np.int64, "halfway": np.bool_}
-_WIDTHS: dict[str, tuple[int, ...]] = {
-    "frames": (2,),
-    "source": (2,),
-    "target": (2,),
-    "warp": (3,),
-    "direction": (3,),
-}
-_WIDTHS |= {"rotation": (3, 3), "sigma_direction": (2,)}
+_WIDTHS: dict[str, tuple[int, ...]] = {"warp": (3,), "direction": (3,), "rotation": (3, 3)}
+_WIDTHS |= dict.fromkeys(("frames", "source", "target", "sigma_direction"), (2,))
 
 
 def _require_rows(rows: ResidualBlocks | StepConstraints) -> None:
@@ -152,20 +161,14 @@ def _require_below(numbers: NDArray[np.int64], name: str, count: int) -> None:
 
 @compiled
 def linearise_blocks(
-    rotations: Array,
-    centres: Array,
-    anchors: PointAnchors,
-    points: Array,
-    blocks: ResidualBlocks,
-    residuals: Array,
-    by_pose: Array,
-    by_point: Array,
+    estimate: WindowEstimate, anchors: PointAnchors, blocks: ResidualBlocks
 ) -> float:
-    """Residuals (m, 2) in sigmas, their derivatives as in `NormalEquations`, and their robust cost.
+    """Fill the residuals in sigmas and their derivatives at the poses and points; returns the robust cost.
 
     By a rotation of a pose (rad, world axes) and its centre, earlier pose first; by the point (eq. 7.6). Residuals are
     very large where a point lies behind a camera.
     """
+    rotations, centres, points, residuals, _, by_pose, by_point = estimate
     total, ray, slope = 0.0, np.zeros((2, 2)), np.zeros((2, 2, 9))
     v, g = np.empty(3), np.empty(3)
     for i in range(residuals.shape[0]):
@@ -253,20 +256,15 @@ def constraint_jacobian(rotations: Array, centres: Array, constraints: StepConst
     each, side = np.arange(steps), np.arange(2)
     # pose that moves, along which axis, there or back; first and second pose
     shape = (steps, 2, 6, 2, 2)
-    turned = np.broadcast_to(
-        rotations[constraints.frames][:, None, None, None], (*shape, 3, 3)
-    ).copy()
-    moved = np.broadcast_to(centres[constraints.frames][:, None, None, None], (*shape, 3)).copy()
+    posed = constraints.frames[:, None, None, None]
+    turned = np.broadcast_to(rotations[posed], (*shape, 3, 3)).copy()
+    moved = np.broadcast_to(centres[posed], (*shape, 3)).copy()
     for x in side:
         turned[:, x, :3, :, x] = _TURNS @ turned[:, x, :3, :, x]
         moved[:, x, 3:, :, x] += _MOVES
     found, numbers = np.empty((24 * steps, 6)), np.arange(48 * steps).reshape(-1, 2)
-    constraint_residuals(
-        turned.reshape(-1, 3, 3),
-        moved.reshape(-1, 3),
-        StepConstraints._make([numbers, *(np.repeat(c, 24, axis=0) for c in constraints[1:])]),
-        found,
-    )
+    many = StepConstraints._make([numbers, *(np.repeat(c, 24, axis=0) for c in constraints[1:])])
+    constraint_residuals(turned.reshape(-1, 3, 3), moved.reshape(-1, 3), many, found)
     there, back = np.moveaxis(found.reshape(steps, 2, 6, 2, 6), 3, 0)
     result = np.zeros((steps, len(rotations), 6, 6))
     for x in side:

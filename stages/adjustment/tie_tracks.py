@@ -21,12 +21,11 @@ TIE_SCALE = 1.0
 """Scale of the robust cost of a tie, standard deviations."""
 ANCHOR_SIGMA_PX = 0.01
 """Scatter of the first corner of a track: it defines the point."""
-NEAREST_TIE_M = 1.0
-"""Least depth of a tie at the start."""
-FARTHEST_TIE_M = 2000.0
-"""Largest depth of a tie at the start."""
+NEAREST_TIE_M, FARTHEST_TIE_M = 1.0, 2000.0
+"""Least and largest depth of a tie at the start."""
 
 Numbers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 NEAREST_DEPTH = 1e-6
 """Smallest third coordinate of a turned ray: what would lie beside or behind the camera has no place in its image."""
@@ -147,12 +146,7 @@ def select_tracks(track: Numbers, step: Numbers, cell: Numbers) -> NDArray[np.bo
 
 @compiled
 def _select(
-    first: Numbers,
-    order: Numbers,
-    longest: Numbers,
-    key: Numbers,
-    full: NDArray[np.bool_],
-    kept: NDArray[np.bool_],
+    first: Numbers, order: Numbers, longest: Numbers, key: Numbers, full: Flags, kept: Flags
 ) -> None:
     for n in longest:
         free = False

@@ -49,22 +49,10 @@ def solve_facing(
 ) -> Facing:
     """Least squares (Cauchy weights) of angle, width and height on the sizes that the views show.
 
-    Parameters
-    ----------
-    plane
-        Through the panel's centre, across the path.
-    centres
-        Camera centres (v, 3).
-    sizes
-        Width and height (v, 2) that the panel covers on the plane, metres, seen from each camera.
-    sigmas
-        Their standard deviations relative to the size, (v, 2).
-    cauchy
-        Scale of the Cauchy weights, standard deviations.
-    aspect
-        Width over height where the shape has one proportion.
-    facing_sigma, aspect_sigma
-        Prior scatters of the angle, rad, and of that proportion, relative.
+    plane: through the panel's centre, across the path. centres: of the cameras (v, 3). sizes: width and height (v, 2)
+    that the panel covers on the plane, metres, seen from each camera. sigmas: their standard deviations relative to the
+    size, (v, 2). cauchy: scale of the Cauchy weights, standard deviations. aspect: width over height where the shape
+    has one proportion. facing_sigma, aspect_sigma: prior scatters of the angle, rad, and of that proportion, relative.
     """
     x = np.array([0.0, *np.log(np.median(sizes, axis=0))])
     observed = np.log(sizes)

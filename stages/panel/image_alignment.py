@@ -36,17 +36,10 @@ SMALLEST_VARIANCE = 1.0
 def align(template: Array, weight: Array, patch: Array, start: Array) -> Alignment | None:
     """Find the template in the patch; None where it diverges or leaves the patch.
 
-    Parameters
-    ----------
-    template, weight, patch
-        Grey levels and weights, all (rows, columns) float64; samples of no weight are not compared.
-    start
-        Shift to begin with, (2,) samples right and down.
+    template, weight, patch: grey levels and weights, all (rows, columns) float64; samples of no weight are not
+    compared. start: shift to begin with, (2,) samples right and down.
 
-    Raises
-    ------
-    ValueError
-        If the arrays are of other types or shapes.
+    Raises ValueError if the arrays are of other types or shapes.
     """
     shape = template.shape
     require_array(template, "template", np.float64, (None, None))
@@ -57,25 +50,19 @@ def align(template: Array, weight: Array, patch: Array, start: Array) -> Alignme
         return None
     mean = float((weight * template).sum()) / total
     spread = float((weight * (template - mean) ** 2).sum())
-    x = np.array([start[0], start[1], 1.0, 1.0, 1.0, 0.0])
-    normal, right = np.zeros((6, 6)), np.zeros(6)
-    if not _gauss_newton(template, weight, patch, total, x, normal, right):
+    x, normal = np.array([start[0], start[1], 1.0, 1.0, 1.0, 0.0]), np.zeros((6, 6))
+    inside, squares = _gauss_newton(template, weight, patch, total, x, normal)
+    if inside < INSIDE * total:
         return None
-    inside, squares = _normal_equations(template, weight, patch, x, normal, right)
     try:
-        covariance = np.asarray(np.linalg.inv(normal))
+        inverse = np.asarray(np.linalg.inv(normal), np.float64)
     except np.linalg.LinAlgError:
         return None
-    if x[4] <= 0 or inside < INSIDE * total or spread <= 0:
+    if x[4] <= 0 or spread <= 0:
         return None
-    return Alignment(
-        x[:2].copy(),
-        x[2:4].copy(),
-        float(x[4]),
-        float(x[5]),
-        float(np.sqrt(max(0.0, 1 - squares / spread))),
-        covariance[:4, :4] * _variance(squares, inside),
-    )
+    zncc = float(np.sqrt(max(0.0, 1 - squares / spread)))
+    covariance = inverse[:4, :4] * _variance(squares, inside)
+    return Alignment(x[:2].copy(), x[2:4].copy(), float(x[4]), float(x[5]), zncc, covariance)
 
 
 @compiled
@@ -136,40 +123,31 @@ def _normal_equations(
 
 @compiled
 def _gauss_newton(
-    template: Array,
-    weight: Array,
-    patch: Array,
-    total: float,
-    x: Array,
-    normal: Array,
-    right: Array,
-) -> bool:
-    # Moves x (6,) to the minimum; False where it diverges or leaves the patch.
-    start_u, start_v = x[0], x[1]
+    template: Array, weight: Array, patch: Array, total: float, x: Array, normal: Array
+) -> tuple[float, float]:
+    # Moves x (6,) to the minimum; `normal`, weights and squares there, or 0, 0 where it fails.
+    start_u, start_v, right = x[0], x[1], np.empty(6)
     half_u, half_v = (template.shape[1] - 1) / 2, (template.shape[0] - 1) / 2
     for _ in range(ITERATIONS):
         inside, squares = _normal_equations(template, weight, patch, x, normal, right)
         if inside < INSIDE * total:
-            return False
+            return 0.0, 0.0
         prior = _variance(squares, inside) / STRETCH_SIGMA**2
         for k in (2, 3):
             normal[k, k] += prior
             right[k] -= prior * (x[k] - 1.0)
         if not cholesky_solve(normal, right):
-            return False
+            return 0.0, 0.0
         for k in range(6):
             x[k] += right[k]
         if max(abs(x[0] - start_u), abs(x[1] - start_v)) > LARGEST_SHIFT:
-            return False
+            return 0.0, 0.0
         if max(abs(x[2] - 1), abs(x[3] - 1)) > LARGEST_STRETCH:
-            return False
-        across, down = (
-            abs(right[0]) + half_u * abs(right[2]),
-            abs(right[1]) + half_v * abs(right[3]),
-        )
-        if max(across, down) < CONVERGED:
+            return 0.0, 0.0
+        across = abs(right[0]) + half_u * abs(right[2])
+        if max(across, abs(right[1]) + half_v * abs(right[3])) < CONVERGED:
             break
-    return True
+    return _normal_equations(template, weight, patch, x, normal, right)
 
 
 def warp_to_template(view: NDArray[np.float32], found: Alignment) -> NDArray[np.float32]:
@@ -178,11 +156,8 @@ def warp_to_template(view: NDArray[np.float32], found: Alignment) -> NDArray[np.
     middle = (np.array([columns, rows]) - 1) / 2
     move = middle - found.stretch * middle + found.shift
     warp = np.array([[found.stretch[0], 0, move[0]], [0, found.stretch[1], move[1]]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     warped = cv2.warpAffine(
-        view,
-        warp,
-        (columns, rows),
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderMode=cv2.BORDER_REPLICATE,
+        view, warp, (columns, rows), flags=flags, borderMode=cv2.BORDER_REPLICATE
     )
     return np.asarray(warped * np.float32(found.gain) + np.float32(found.bias), np.float32)

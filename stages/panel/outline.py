@@ -38,10 +38,8 @@ from wayside.stages.panel.outline_shapes import (
     segments_of,
 )
 
-INWARD = 0.12
-"""The strongest outline lies within the box by this fraction of the smaller side at most."""
-OUTWARD = 0.28
-"""The strongest outline lies outside the box by this fraction at most."""
+INWARD, OUTWARD = 0.12, 0.28
+"""The strongest outline lies within the box or outside it by this fraction of the smaller side at most."""
 COARSE_STEP = 0.25
 """Distance between the places where that is sought."""
 SEARCH = 3.0
@@ -74,31 +72,24 @@ SHARP_FLANK = 1.7
 """Width of a plain edge to half of its height."""
 RIM_FRACTION = 0.7
 """Fraction of the remaining width that is rim."""
-MOST_RIM_INWARD = 0.7
-"""The rim moves the outline inwards by this at most."""
-MOST_RIM_OUTWARD = 1.4
-"""The rim moves the outline outwards by this at most."""
+MOST_RIM_INWARD, MOST_RIM_OUTWARD = 0.7, 1.4
+"""The rim moves the outline inwards and outwards by this at most."""
 TRIAL_RANGES = (math.inf, 2.0, 2.0)
 """Range of a side, either way, in each sweep over the sides of a box."""
 
 
-def _moves(directions: list[list[float]]) -> Array:
+def _moves(directions: Array) -> Array:
     """Changes of a box and their ranges (d, 5): it grows, then changes along each direction in every sweep."""
     sweeps = [[*side, reach] for reach in TRIAL_RANGES for side in directions]
     return np.array([[-1, -1, 1, 1, math.inf], *sweeps])
 
 
+_CENTRE = np.array([[0.5, 0.0, 0.5, 0.0], [0.0, 0.5, 0.0, 0.5]])
+_SIZE = np.array([[-1.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 1.0]])
+"""Centre and size by left, top, right, bottom."""
 _MOVES = {
-    False: _moves([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
-    True: _moves(
-        [
-            [0.5, 0, 0.5, 0],
-            [0, 0.5, 0, 0.5],
-            [-0.5, -0.5, 0.5, 0.5],
-            [-0.5, 0, 0.5, 0],
-            [0, -0.5, 0, 0.5],
-        ]
-    ),
+    False: _moves(np.eye(4)),
+    True: _moves(np.stack([*_CENTRE, _SIZE.sum(axis=0) / 2, *_SIZE / 2])),
 }
 """How boxes change: sides of a rectangle one by one; shapes of one proportion move and grow."""
 SMALLEST_INWARD = 1.5
@@ -131,9 +122,6 @@ surrounds; unevenness of the colour of the strip inside (30 grey levels); width 
 whether it is a rectangle."""
 _UNEVEN_LEVELS, _MOST_UNEVEN = 30.0, 60.0
 """Scale and limit of the unevenness, grey levels: part of what the feature means."""
-_CENTRE = np.array([[0.5, 0.0, 0.5, 0.0], [0.0, 0.5, 0.0, 0.5]])
-_SIZE = np.array([[-1.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 1.0]])
-"""Centre and size by left, top, right, bottom."""
 
 
 class FaceOutline(NamedTuple):
@@ -171,24 +159,10 @@ def fit_face_outline(
 ) -> FaceOutline | None:
     """Find the outer outline of the face that registered views show.
 
-    Parameters
-    ----------
-    views
-        (n, rows, columns, 3) float32, the nearest first.
-    box
-        Where the face was detected, [left, top, right, bottom] in samples (4,).
-    model
-        Weights of `OUTLINE_FEATURES`.
+    None where no shape has edges all round. views: (n, rows, columns, 3) float32, the nearest first. box: where the
+    face was detected, [left, top, right, bottom] in samples (4,). model: weights of `OUTLINE_FEATURES`.
 
-    Returns
-    -------
-    FaceOutline or None
-        None where no shape has edges all round.
-
-    Raises
-    ------
-    ValueError
-        The model is of other features, or the views are another kind of array.
+    Raises ValueError where the model is of other features, or the views are another kind of array.
     """
     if model.features != OUTLINE_FEATURES:
         raise ValueError(f"a model of {model.features} instead of {OUTLINE_FEATURES}")
@@ -245,21 +219,9 @@ def outline_candidates(
 def _features(inner: Outline, outer: Array, detected: Array, edge: float, strip: float) -> Array:
     wide, tall = np.log(box_size(outer) / box_size(detected))
     uneven = min(strip, _MOST_UNEVEN) / _UNEVEN_LEVELS
-    return np.array(
-        [
-            edge,
-            np.log(edge),
-            inner.strength,
-            uneven,
-            edge * uneven,
-            wide,
-            tall,
-            wide**2,
-            tall**2,
-            abs(wide - tall),
-            float(inner.shape == "rectangle"),
-        ]
-    )
+    of_edge = [edge, np.log(edge), inner.strength, uneven, edge * uneven]
+    of_size = [wide, tall, wide**2, tall**2, abs(wide - tall)]
+    return np.array([*of_edge, *of_size, float(inner.shape == "rectangle")])
 
 
 def _peaks(values: Array) -> list[int]:

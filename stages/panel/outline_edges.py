@@ -62,21 +62,16 @@ def edge_profiles(
     Segments that leave the views have strength 0.
     """
     profiles = np.empty((len(segments.normal), round((high - low) / step) + 1))
-    _edge_profiles(gradients, segments.begin, segments.end, segments.normal, low, step, profiles)
+    _edge_profiles(gradients, segments, low, step, profiles)
     return profiles
 
 
 @compiled
 def _edge_profiles(
-    gradients: Gradients,
-    begin: Array,
-    end: Array,
-    normal: Array,
-    low: float,
-    step: float,
-    profiles: Array,
+    gradients: Gradients, segments: Segments, low: float, step: float, profiles: Array
 ) -> None:
     views, rows, columns = gradients.shape[:3]
+    begin, end, normal, _ = segments
     for k in range(profiles.shape[0]):
         right, down = normal[k, 0], normal[k, 1]
         for m in range(profiles.shape[1]):
@@ -110,21 +105,15 @@ def strip_colors(
     return np.stack([_sampled(view, points).mean(axis=2) for view in views], axis=1)
 
 
+@compiled
 def strongest_box(
-    profiles: Array, jacobian: Array, low: float, moves: Array, step: float = OFFSET_STEP
+    profiles: Array, jacobian: Array, low: float, moves: Array, step: float
 ) -> tuple[Array, float]:
     """Change (4,) of a box whose segments lie on the strongest edges, and their mean strength.
 
     Coordinate ascent along `moves` (d, 5), one after the other: changes of the sides, and how far they may go.
     """
     change = np.zeros(4)
-    return change, _strongest_box(profiles, jacobian, low, step, moves, change)
-
-
-@compiled
-def _strongest_box(
-    profiles: Array, jacobian: Array, low: float, step: float, moves: Array, change: Array
-) -> float:
     count, last = profiles.shape[0], profiles.shape[1] - 1.001
     high, strongest = low + step * (profiles.shape[1] - 1), -1.0
     limit = max(-low, high)
@@ -149,7 +138,7 @@ def _strongest_box(
                 strongest, best = total / count, size
         for c in range(4):
             change[c] += best * moves[d, c]
-    return strongest
+    return change, strongest
 
 
 def _points(segments: Segments, low: float, high: float, count: int) -> NDArray[np.float32]:

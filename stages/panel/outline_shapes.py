@@ -8,15 +8,8 @@ import numpy as np
 
 from wayside.stages.kernels import Array, compiled
 
-ASPECT = {
-    "diamond": 1.0,
-    "octagon": 1.0,
-    "circle": 1.0,
-    "triangle": 1.155,
-    "triangle_up": 1.155,
-    "pennant": 1.278,
-    "pentagon": 1.0,
-}
+ASPECT = {"triangle": 1.155, "triangle_up": 1.155, "pennant": 1.278}
+ASPECT |= dict.fromkeys(("diamond", "octagon", "circle", "pentagon"), 1.0)
 """Width over height of shapes that come in one proportion (MUTCD)."""
 _PARTS = 3
 """Segments of each side of a shape with few sides: their offsets show its rotation and its proportions."""
@@ -87,27 +80,15 @@ def segments_of(shape: str, box: Array, rotation: float = 0.0) -> Segments:
     """Segments of a shape that fills a box [left, top, right, bottom], rotated about its centre (rad, clockwise)."""
     first, last = _TEMPLATES[shape]
     found = Segments(*(np.empty((len(first), n)) for n in (2, 2, 2, 5)))
-    _place(first, last, np.asarray(box, np.float64), rotation, *found)
+    _place(first, last, np.asarray(box, np.float64), rotation, found)
     return found
 
 
 @compiled
-def _place(
-    first: Array,
-    last: Array,
-    box: Array,
-    rotation: float,
-    begin: Array,
-    end: Array,
-    normal: Array,
-    jacobian: Array,
-) -> None:
-    u, v, wide, tall = (
-        (box[0] + box[2]) / 2,
-        (box[1] + box[3]) / 2,
-        box[2] - box[0],
-        box[3] - box[1],
-    )
+def _place(first: Array, last: Array, box: Array, rotation: float, found: Segments) -> None:
+    begin, end, normal, jacobian = found
+    u, v = (box[0] + box[2]) / 2, (box[1] + box[3]) / 2
+    wide, tall = box[2] - box[0], box[3] - box[1]
     c, s = np.cos(rotation), np.sin(rotation)
     for k in range(first.shape[0]):
         x0, y0, x1, y1 = first[k, 0], first[k, 1], last[k, 0], last[k, 1]

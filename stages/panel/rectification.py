@@ -17,10 +17,8 @@ MOST_VIEWS = 6
 """Nearest views that measure a panel."""
 SMALLEST_PX = 9.0
 """Views with a smaller side are left out."""
-NEAREST_M = 4.0
-"""Nearer views are left out."""
-FARTHEST_M = 90.0
-"""Farther views are left out."""
+NEAREST_M, FARTHEST_M = 4.0, 90.0
+"""Nearer and farther views are left out."""
 BORDER = 1.05
 """The box times this lies within a usable image."""
 BORDER_PX = 1.0

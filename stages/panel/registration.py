@@ -89,16 +89,9 @@ def register_views(
 ) -> RegisteredViews:
     """Register the views to the nearest one that enough others correlate with.
 
-    Parameters
-    ----------
-    plane, size
-        Where the panel is, and its width and height (2,), metres.
-    usable
-        Depth and image of the usable views, nearest first.
-    detected
-        Numbers of the frames in which the panel was detected: in others something may stand in front of it.
-    method
-        The model of outlines.
+    plane, size: where the panel is, and its width and height (2,), metres. usable: depth and image of the usable views,
+    nearest first. detected: numbers of the frames in which the panel was detected: in others something may stand in
+    front of it.
     """
     templates = [i for i, (_, image) in enumerate(usable) if image.frame in detected]
     first, *others = templates[:MOST_TEMPLATES] or [0]
@@ -148,10 +141,7 @@ def _correlated(
     template: RectifiedView, others: Sequence[RectifiedView], weights: Sequence[Array]
 ) -> list[tuple[RectifiedView, Alignment]]:
     """The views that correlate with the template where their weight is, with their alignment."""
-    found = [
-        (view, align_view(template, view, weight))
-        for view, weight in zip(others, weights, strict=True)
-    ]
+    found = [(v, align_view(template, v, w)) for v, w in zip(others, weights, strict=True)]
     return [(view, a) for view, a in found if a is not None and a.zncc > REGISTERED_ZNCC]
 
 
@@ -176,9 +166,8 @@ def align_view(template: RectifiedView, view: RectifiedView, weight: Array) -> A
     first, other, mask = template.grey, view.grey, weight
     if blur > SMALLEST_BLUR:
         first = np.asarray(cv2.GaussianBlur(first, (0, 0), blur))
-    if max(weight.shape) <= FULL_SIZE_SAMPLES:
-        return align(first, mask, other, _coarse_shift(first, other, mask))
-    first, other, mask = (_halved(samples) for samples in (first, other, mask))
+    if max(weight.shape) > FULL_SIZE_SAMPLES:
+        first, other, mask = (_halved(samples) for samples in (first, other, mask))
     found = align(first, mask, other, _coarse_shift(first, other, mask))
     if found is None:
         return None

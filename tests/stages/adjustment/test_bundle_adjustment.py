@@ -14,6 +14,7 @@ from wayside.stages.adjustment.residuals import (
     PointAnchors,
     ResidualBlocks,
     StepConstraints,
+    WindowEstimate,
     constraint_residuals,
     linearise_blocks,
 )
@@ -147,7 +148,8 @@ def test_the_minimum_is_the_one_that_scipy_finds(scales):
         gaps, known = np.empty((len(one.rows.point), 2)), np.empty((one.last, 6))
         slopes = np.empty((len(gaps), 2, 12)), np.empty((len(gaps), 2, 3))
         points = one.points + unknowns[6 * one.last :].reshape(-1, 3) * [1e-3, 1e-3, 1e-3]
-        linearise_blocks(rotations, centres, charts, points, one.rows, gaps, *slopes)
+        estimate = WindowEstimate(rotations, centres, points, gaps, known, *slopes)
+        linearise_blocks(estimate, charts, one.rows)
         constraint_residuals(rotations, centres, one.links, known)
         square, scale = (gaps**2).sum(axis=1), one.rows.scale
         flat = scale * np.sqrt(np.log1p(square / scale**2)) / np.sqrt(np.maximum(square, 1e-30))
@@ -175,9 +177,8 @@ def test_the_held_frame_stays_and_the_others_do_not_care_which_it_is():
     assert at_start.cost == pytest.approx(at_end.cost, rel=1e-6)
     for found in (at_end, at_start):  # the sign as the last camera sees it
         local = (found.position - found.centres[-1]) @ found.rotations[-1]
-        np.testing.assert_allclose(
-            local, (at_end.position - one.centres[-1]) @ one.rotations[-1], atol=1e-4
-        )
+        expected = (at_end.position - one.centres[-1]) @ one.rotations[-1]
+        np.testing.assert_allclose(local, expected, atol=1e-4)
 
 
 def test_the_gain_tells_how_an_error_of_a_row_moves_the_place():
@@ -188,9 +189,8 @@ def test_the_gain_tells_how_an_error_of_a_row_moves_the_place():
             target = one.rows.target.copy()
             target[row, axis] += 0.02 / FOCAL
             moved = replace(one, rows=one.rows._replace(target=target)).solve(iterations=40)
-            np.testing.assert_allclose(
-                moved.position - found.position, found.gain[row, axis] * 0.02 / FOCAL, atol=2e-6
-            )
+            expected = found.gain[row, axis] * 0.02 / FOCAL
+            np.testing.assert_allclose(moved.position - found.position, expected, atol=2e-6)
 
 
 def test_a_step_that_starts_beside_the_end_of_the_one_before_follows_the_same_point():
