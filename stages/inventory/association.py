@@ -5,11 +5,10 @@ from __future__ import annotations
 from math import lgamma, log, pi, radians
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from wayside.schemas.settings.merging import MergeSettings
-from wayside.schemas.sightings import Sightings
+from wayside.schemas.sightings import Floats, Ints, Sightings
 
 NEAR_SIGMAS = 4.0
 """Sightings farther apart, by their errors, are two: of normal errors one pair in 16,000 lies beyond."""
@@ -30,8 +29,6 @@ SIZE_FLOOR = 0.05
 MOST_CHANGED = 0.5
 """Largest probability of a change, however long ago: then the face says nothing of the place."""
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 YEAR_NS = 365.25 * 86_400e9
 
 
