@@ -133,7 +133,7 @@ def classified(
         return candidates
     named = network.scores(pyramid(item.rgb), regions.box)
     candidates = with_names(candidates, rows, named, grey=item.frame.grey)
-    columns: dict[str, NDArray[Any]] = {}
+    columns: dict[str, Any] = {}
     for name, known in (("color", found.color), ("shape", found.shape)):
         sure = np.flatnonzero(known != NONE)
         columns[name] = getattr(candidates, name).copy()

@@ -17,6 +17,7 @@ from wayside.stages.inventory.association import (
     YEAR_NS,
     candidate_pairs,
     changed_share,
+    face_log_ratio,
     faces_log_ratio,
     miss_log_ratio,
     place_log_ratio,
@@ -174,11 +175,7 @@ def _viterbi(sightings: Sightings, rows: Ints, settings: MergeSettings) -> Ints:
     """Number of the run of each row, in order of time. The possible faces are those that the rows have."""
     count = len(rows)
     seen, face = (side.ravel() for side in np.meshgrid(rows, rows, indexing="ij"))
-    fit = size_log_ratio(sightings, seen, face)
-    right, wrong = log(1 - MISREAD), log(MISREAD)
-    for code in (sightings.color, sightings.shape):
-        known = (code[seen] >= 0) & (code[face] >= 0)
-        fit += np.where(known, np.where(code[seen] == code[face], right, wrong), 0.0)
+    fit = face_log_ratio(sightings, seen, face, log(1 - MISREAD), log(MISREAD))
     fit = fit.reshape(count, count)
     changes = changed_share(np.diff(sightings.time_ns[rows]) / YEAR_NS, settings)
     best, back = fit[0], np.zeros((count, count), np.int64)

@@ -286,9 +286,11 @@ def match_regions(
     growth = two["size"][b] / one["size"][a]
     stands = ((growth >= GROWTH[0]) & (growth <= GROWTH[1])).all(axis=1)
     a, b = a[stands], b[stands]
-    distance = np.linalg.norm(descriptors[0][a] - descriptors[1][b], axis=1)
+    for part in (slice(-4, None), slice(None)):  # share and colour first, which few pairs pass
+        distance = np.linalg.norm(descriptors[0][a, part] - descriptors[1][b, part], axis=1)
+        near = distance < FARTHEST
+        a, b, distance = a[near], b[near], distance[near]
     order = np.argsort(distance, kind="stable")
-    order = order[distance[order] < FARTHEST]
     forth, back = (np.unique(side[order], return_index=True)[1] for side in (a, b))
     mutual = order[np.intersect1d(forth, back)]
     mutual = mutual[np.argsort(a[mutual])]
