@@ -12,7 +12,6 @@ from pathlib import PurePosixPath
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.schemas.detections import NONE, Candidates, Detections, Regions
 from wayside.schemas.detectors import BoxFile, ExternalBoxes
