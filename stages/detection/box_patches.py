@@ -43,8 +43,7 @@ def drawn_patches(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.uint8
         require_image(level, "levels")
     require_array(box, "box", np.float32, (None, 4))
     result = np.empty((len(box), SIDE, SIDE * 3), np.uint8)
-    full, half, quarter = levels
-    _draw_all(full, half, quarter, box, result)
+    _draw_all(levels, box, result)
     return result.reshape(-1, SIDE, SIDE, 3)
 
 
@@ -94,15 +93,11 @@ def _sample_row(row: Any, at: Any, samples: Any) -> None:
 
 
 @compiled
-def _draw_all(full: Any, half: Any, quarter: Any, box: Any, pixels: Any) -> None:
+def _draw_all(levels: Any, box: Any, pixels: Any) -> None:
     """The patch of each box, from the size of the image that is nearest above its own."""
     at = np.empty((SIDE, 3), np.int32)
     above, below = np.empty(3 * SIDE, np.int32), np.empty(3 * SIDE, np.int32)
     for n in range(box.shape[0]):
         longest = max(box[n, 2] - box[n, 0], box[n, 3] - box[n, 1]) / INNER
-        if longest >= 4:
-            _draw(quarter, 4, box[n], at, above, below, pixels[n])
-        elif longest >= 2:
-            _draw(half, 2, box[n], at, above, below, pixels[n])
-        else:
-            _draw(full, 1, box[n], at, above, below, pixels[n])
+        level = int(longest >= 2) + int(longest >= 4)
+        _draw(levels[level], 1 << level, box[n], at, above, below, pixels[n])

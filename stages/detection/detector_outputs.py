@@ -6,7 +6,7 @@ shapes and names, and only where no other format has them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -58,7 +58,6 @@ def recognised(
     ValueError
         With the shapes that were found: no format has them, or several have.
     """
-    shapes = {name: value.shape for name, value in outputs.items()}
     if {"labels", "boxes", "scores"} == set(outputs):
         return "detr_pixels"
     if {"logits", "pred_boxes"} == set(outputs):
@@ -75,7 +74,7 @@ def recognised(
     if len(found) != 1:
         several = f"; it could be {' or '.join(found)}" if found else ""
         raise ValueError(
-            f"outputs {_listed(shapes)} for an input of {input_size[1]} x {input_size[0]}{several}"
+            f"outputs {_listed(outputs)} for an input of {input_size[1]} x {input_size[0]}{several}"
         )
     return found[0]
 
@@ -117,8 +116,8 @@ def _fits(name: str, values: Array, classes: int) -> bool:
     return not classes or columns.get(name, classes) == classes
 
 
-def _listed(shapes: Mapping[str, Sequence[int]]) -> str:
-    return ", ".join(f"{name} {list(shape)}" for name, shape in shapes.items())
+def _listed(outputs: Mapping[str, Array]) -> str:
+    return ", ".join(f"{name} {list(value.shape)}" for name, value in outputs.items())
 
 
 def read_outputs(outputs: Mapping[str, Array], form: str) -> RawBoxes:
@@ -136,7 +135,11 @@ def read_outputs(outputs: Mapping[str, Array], form: str) -> RawBoxes:
         numbers = _one(outputs, "labels", 2)
         found = RawBoxes(_one(outputs, "boxes", 3), _one(outputs, "scores", 2), _whole(numbers))
     else:
-        found = _from_table(_only(outputs, form), form)
+        least = {"yolov5": (0, 6), "yolov8": (5, 0), "detr_classes": (0, 5)}.get(form, (0, 6))
+        table = _one(outputs, next(iter(outputs)), 3)
+        if len(outputs) > 1 or (np.array(table.shape) < least).any():
+            raise ValueError(f"outputs {_listed(outputs)}")
+        found = _from_table(table, form)
     if found.box.shape != (len(found.score), 4):
         raise ValueError(f"boxes {list(found.box.shape)} and scores {list(found.score.shape)}")
     if len(found.score) and not (-1e-3 <= found.score.min() and found.score.max() <= 1 + 1e-3):
@@ -160,17 +163,7 @@ def _from_table(table: Array, form: str) -> RawBoxes:
 def _one(outputs: Mapping[str, Array], name: str, axes: int) -> Array:
     value = outputs.get(name)
     if value is None or value.ndim != axes or value.shape[0] != 1:
-        raise ValueError(f"outputs {_listed({n: v.shape for n, v in outputs.items()})}")
-    return np.asarray(value[0])
-
-
-def _only(outputs: Mapping[str, Array], form: str) -> Array:
-    """The table of a format that has only one."""
-    rows, columns = {"yolov5": (0, 6), "yolov8": (5, 0), "detr_classes": (0, 5)}.get(form, (0, 6))
-    value = next(iter(outputs.values()))
-    one = len(outputs) == 1 and value.ndim == 3 and value.shape[0] == 1
-    if not (one and value.shape[1] >= rows and value.shape[2] >= columns):
-        raise ValueError(f"outputs {_listed({n: v.shape for n, v in outputs.items()})}")
+        raise ValueError(f"outputs {_listed(outputs)}")
     return np.asarray(value[0])
 
 

@@ -9,18 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import PurePosixPath
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from wayside.schemas.detections import (
-    COLORS,
-    NONE,
-    SHAPES,
-    Candidates,
-    Detections,
-    Regions,
-)
+from wayside.schemas.detections import NONE, Candidates, Detections, Regions
 from wayside.schemas.detectors import BoxFile, ExternalBoxes
 from wayside.schemas.frame import Camera, Frame, Image
 from wayside.schemas.settings import CandidateSettings
@@ -76,10 +69,8 @@ def detect_externally(
             regions=regions_of(found.box, found.shape, item.rgb, "external"),
             region_count=found.found,
         )
-        yield Detections(
-            segmentation,
-            classified(found, segmentation.regions, item, settings.keep, network),
-        )
+        candidates = classified(found, segmentation.regions, item, settings.keep, network)
+        yield Detections(segmentation, candidates)
 
 
 def boxes_of(source: BoxFile, frame: Frame) -> ExternalBoxes:
@@ -132,38 +123,23 @@ def inside_image(found: ExternalBoxes, camera: Camera) -> ExternalBoxes:
 
 
 def classified(
-    found: ExternalBoxes,
-    regions: Regions,
-    item: Image,
-    keep: int,
-    network: BoxNetwork,
+    found: ExternalBoxes, regions: Regions, item: Image, keep: int, network: BoxNetwork
 ) -> Candidates:
-    """Candidates of the boxes with scores, verdicts and classes."""
+    """Candidates of the boxes with scores, verdicts and classes: known ones are certain, else those of the network."""
     rows = np.arange(len(found))
     candidates = with_scores(Candidates.of(regions), found.score, -np.inf, keep)
     if len(found) == 0 or item.rgb is None:
         return candidates
     named = network.scores(pyramid(item.rgb), regions.box)
     candidates = with_names(candidates, rows, named, grey=item.frame.grey)
-    return replace(
-        candidates,
-        color=_known_first(found.color, candidates.color),
-        color_log_probability=_certain(found.color, candidates.color_log_probability, len(COLORS)),
-        shape=_known_first(found.shape, candidates.shape),
-        shape_log_probability=_certain(found.shape, candidates.shape_log_probability, len(SHAPES)),
-    )
-
-
-def _known_first(known: NDArray[np.int8], named: NDArray[np.int8]) -> NDArray[np.int8]:
-    return np.asarray(np.where(known == NONE, named, known), np.int8)
-
-
-def _certain(
-    known: NDArray[np.int8], named: NDArray[np.float32] | None, count: int
-) -> NDArray[np.float32]:
-    """Log probabilities (n, count): 0 for the known class and -inf for the others, else those of the network."""
-    start = np.full((len(known), count), np.nan, np.float32) if named is None else named.copy()
-    rows = np.flatnonzero(known != NONE)
-    start[rows] = -np.inf
-    start[rows, known[rows]] = 0.0
-    return start
+    columns: dict[str, Any] = {}
+    for name, known in (("color", found.color), ("shape", found.shape)):
+        sure = np.flatnonzero(known != NONE)
+        columns[name] = getattr(candidates, name).copy()
+        columns[name][sure] = known[sure]
+        likely = columns[f"{name}_log_probability"] = getattr(
+            candidates, f"{name}_log_probability"
+        ).copy()
+        likely[sure] = -np.inf
+        likely[sure, known[sure]] = 0.0
+    return replace(candidates, **columns)

@@ -105,11 +105,7 @@ def padded(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def boxes_of_maps(
-    maps: Maps,
-    size: tuple[int, int],
-    least_score: float,
-    most: int,
-    same_iou: float,
+    maps: Maps, size: tuple[int, int], least_score: float, most: int, same_iou: float
 ) -> NetworkBoxes:
     """Faces with log odds of `least_score` and more: the best `most`, none overlapping a better one by more.
 
@@ -133,11 +129,5 @@ def boxes_of_maps(
     every = fits[non_maximum_suppression(box[fits], same_iou)]
     kept = every[:most]
     color, shape = np.split(values[kept, 4:], [len(COLORS)], axis=1)
-    return NetworkBoxes(
-        box[kept],
-        score[kept],
-        heat[0][row[kept], column[kept]],
-        color,
-        shape,
-        len(every) - len(kept),
-    )
+    front = heat[0][row[kept], column[kept]]
+    return NetworkBoxes(box[kept], score[kept], front, color, shape, len(every) - len(kept))

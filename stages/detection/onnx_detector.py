@@ -10,11 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, NONE, SHAPES
-from wayside.schemas.detectors import (
-    DetectorFile,
-    ExternalBoxes,
-    SignClass,
-)
+from wayside.schemas.detectors import DetectorFile, ExternalBoxes, SignClass
 from wayside.schemas.errors import InputError
 from wayside.stages.classifiers import OnnxNetwork
 from wayside.stages.detection.detector_outputs import (
@@ -78,13 +74,8 @@ class OnnxDetector:
         else:
             box = (raw.box - np.tile(border, 2)) / np.tile(scale, 2)
         raw = raw._replace(box=np.asarray(box, np.float32))
-        return sign_boxes(
-            raw,
-            (height, width),
-            file.signs,
-            least_score,
-            same_iou if file.format in SUPPRESSED else None,
-        )
+        iou = same_iou if file.format in SUPPRESSED else None
+        return sign_boxes(raw, (height, width), file.signs, least_score, iou)
 
 
 def fitted(
@@ -149,11 +140,9 @@ def named_boxes(
 ) -> ExternalBoxes:
     """Those boxes (n, 4) whose classes are signs, with what these say of colour and shape."""
     if signs is None:
-        known = [SignClass()] * len(number)
-        rows = np.arange(len(number))
-    else:
-        rows = np.flatnonzero([int(k) in signs for k in number])
-        known = [signs[int(number[row])] for row in rows]
+        signs = dict.fromkeys(number.tolist(), SignClass())
+    rows = np.flatnonzero([k in signs for k in number.tolist()])
+    known = [signs[k] for k in number[rows].tolist()]
     color = [NONE if one.color is None else COLORS.index(one.color) for one in known]
     shape = [NONE if one.shape is None else SHAPES.index(one.shape) for one in known]
     return ExternalBoxes(

@@ -5,11 +5,10 @@ from __future__ import annotations
 from math import lgamma, log, pi, radians
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from wayside.schemas.settings.merging import MergeSettings
-from wayside.schemas.sightings import Sightings
+from wayside.schemas.sightings import Floats, Ints, Sightings
 
 NEAR_SIGMAS = 4.0
 """Sightings farther apart, by their errors, are two: of normal errors one pair in 16,000 lies beyond."""
@@ -25,13 +24,13 @@ MISREAD = 0.03
 """Probability that a drive gives a face another colour; the same of shape and size (judgement)."""
 SAME_BY_CHANCE = 0.3
 """Probability that two panels have one colour by chance; the same of the shape: three kinds in equal parts."""
+AGREE, DIFFER = log((1 - MISREAD) / SAME_BY_CHANCE), log(MISREAD / (1 - SAME_BY_CHANCE))
+"""What it says of two panels that their colours are the same, and that they are not; the same of shapes."""
 SIZE_FLOOR = 0.05
 """Smallest relative standard deviation of a width or height (rendered drives held out)."""
 MOST_CHANGED = 0.5
 """Largest probability of a change, however long ago: then the face says nothing of the place."""
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 YEAR_NS = 365.25 * 86_400e9
 
 
@@ -68,13 +67,13 @@ def facing_pairs(sightings: Sightings, where: Floats, radius_m: float) -> Ints:
     return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
 
 
-def face_log_ratio(sightings: Sightings, i: Ints, j: Ints) -> Floats:
+def face_log_ratio(
+    sightings: Sightings, i: Ints, j: Ints, agree: float = AGREE, differ: float = DIFFER
+) -> Floats:
     """Log-likelihood ratio (m,) of the faces of rows i and j: of one panel, against of two by chance.
 
-    What is unknown in either row says nothing.
+    What is unknown in either row says nothing. agree, differ: what a colour or shape says.
     """
-    agree = log((1 - MISREAD) / SAME_BY_CHANCE)
-    differ = log(MISREAD / (1 - SAME_BY_CHANCE))
     ratio = size_log_ratio(sightings, i, j)
     for code in (sightings.color, sightings.shape):
         known = (code[i] >= 0) & (code[j] >= 0)

@@ -6,17 +6,18 @@ from math import log
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array, triu
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from wayside.schemas.settings.merging import MergeSettings
-from wayside.schemas.sightings import MergedPanels, Sightings
+from wayside.schemas.sightings import Floats, Ints, MergedPanels, Sightings
 from wayside.stages.inventory.association import (
     MISREAD,
     YEAR_NS,
     candidate_pairs,
     changed_share,
+    face_log_ratio,
     faces_log_ratio,
     miss_log_ratio,
     place_log_ratio,
@@ -25,9 +26,6 @@ from wayside.stages.inventory.association import (
 )
 from wayside.stages.inventory.offsets import relative_variance, solve_offsets
 from wayside.stages.kernels import compiled
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 def merge_sightings(sightings: Sightings, settings: MergeSettings) -> MergedPanels:
@@ -177,11 +175,7 @@ def _viterbi(sightings: Sightings, rows: Ints, settings: MergeSettings) -> Ints:
     """Number of the run of each row, in order of time. The possible faces are those that the rows have."""
     count = len(rows)
     seen, face = (side.ravel() for side in np.meshgrid(rows, rows, indexing="ij"))
-    fit = size_log_ratio(sightings, seen, face)
-    right, wrong = log(1 - MISREAD), log(MISREAD)
-    for code in (sightings.color, sightings.shape):
-        known = (code[seen] >= 0) & (code[face] >= 0)
-        fit += np.where(known, np.where(code[seen] == code[face], right, wrong), 0.0)
+    fit = face_log_ratio(sightings, seen, face, log(1 - MISREAD), log(MISREAD))
     fit = fit.reshape(count, count)
     changes = changed_share(np.diff(sightings.time_ns[rows]) / YEAR_NS, settings)
     best, back = fit[0], np.zeros((count, count), np.int64)
@@ -202,28 +196,17 @@ def _supports(sightings: Sightings, panel: Ints, position: Floats, near_m: float
     """Support (p,) of each panel: one place on the ground, or one assembly in most of the drives that saw both."""
     count = len(position)
     key = np.stack([sightings.drive, sightings.assembly], axis=1)
-    of = np.unique(key, axis=0, return_inverse=True)[1].ravel()
-    together = _pairs_within(of, panel)
-    same, votes = np.unique(together, axis=0, return_counts=True)
-    drives = coo_array(
-        (np.ones(len(panel), np.int64), (panel, sightings.drive)),
-        shape=(count, int(sightings.drive.max(initial=0)) + 1),
-    ).tocsr()
-    voters: Ints = (drives[same[:, 0]] * drives[same[:, 1]]).sum(axis=1)
+    _, assembly = np.unique(key, axis=0, return_inverse=True)
+    votes = triu(_in_common(panel, assembly.ravel()), 1, "coo")
+    voters = _in_common(panel, sightings.drive)[votes.row, votes.col]
+    same = np.stack([votes.row, votes.col], axis=1)[2 * votes.data > voters]
     near = cKDTree(position[:, :2]).query_pairs(near_m, output_type="ndarray")
-    a, b = np.concatenate([same[2 * votes > voters], near]).T
+    a, b = np.concatenate([same, near]).T
     graph = coo_array((np.ones(len(a), bool), (a, b)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], np.int64)
 
 
-def _pairs_within(group: Ints, item: Ints) -> Ints:
-    """Pairs (m, 2) of the items (n,) of each group (n,), the lesser number first."""
-    order = np.argsort(group, kind="stable")
-    found = [np.zeros((0, 2), np.int64)]
-    for step in range(1, len(group)):
-        a, b = order[:-step], order[step:]
-        both = group[a] == group[b]
-        if not both.any():
-            break
-        found.append(np.sort(np.stack([item[a[both]], item[b[both]]], axis=1), axis=1))
-    return np.concatenate(found)
+def _in_common(panel: Ints, group: Ints) -> csr_array:
+    """How many groups two panels have in common, (p, p); panel and group (n,) of each sighting."""
+    member = csr_array((np.ones(len(panel), np.int64), (panel, group)))
+    return csr_array(member @ member.T)

@@ -14,13 +14,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import coo_array, csc_array
+from scipy.sparse import coo_array, csc_array, diags_array
 from scipy.sparse.linalg import splu
 from scipy.special import chdtri
 
 from wayside.schemas.settings.merging import MergeSettings
-from wayside.schemas.sightings import Sightings
+from wayside.schemas.sightings import Floats, Ints, Sightings
 from wayside.stages.inventory.association import (
     SAME_PROBABILITY,
     candidate_pairs,
@@ -34,8 +33,6 @@ CORRELATION_S = 60.0
 KERNEL = (1.0, 0.5, 0.25, 0.1, 0.05, 0.0)
 """Kernel width of each iteration, by the common errors' sigma: wide first, signs without a like beside them decide."""
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 _SHORTEST_S = 1e-3
 """Panels of one image share the error; a shorter step would make the matrix singular."""
 _AXES = ((0, [0, 1]), (1, [2]))
@@ -141,23 +138,18 @@ def _adjust(
 
 def _process(sightings: Sightings, sigma: Floats) -> csc_array:
     """Precision (n, n) of the Gauss-Markov processes of all drives, sampled at their sightings."""
-    count = len(sightings)
-    diagonal = 1 / np.square(sigma)
-    a, b = np.arange(count - 1), np.arange(1, count)
-    same = sightings.drive[a] == sightings.drive[b]
-    a, b = a[same], b[same]
-    variance = sigma[a] * sigma[b]
-    step_s = np.maximum((sightings.time_ns[b] - sightings.time_ns[a]) * 1e-9, _SHORTEST_S)
-    keep = np.exp(-step_s / CORRELATION_S)
+    diagonal, variance = 1 / np.square(sigma), sigma[:-1] * sigma[1:]
+    step_s = np.maximum(np.diff(sightings.time_ns) * 1e-9, _SHORTEST_S)
+    keep = np.where(np.diff(sightings.drive) == 0, np.exp(-step_s / CORRELATION_S), 0.0)
     lost = 1 - keep**2
     # precision of the bridge between neighbours; the ends keep the stationary precision
-    np.add.at(diagonal, a, keep**2 / lost / variance)
-    np.add.at(diagonal, b, keep**2 / lost / variance)
+    bridge = keep**2 / lost / variance
+    diagonal[:-1] += bridge
+    diagonal[1:] += bridge
     beside = -keep / lost / variance
-    rows = np.concatenate([np.arange(count), a, b])
-    columns = np.concatenate([np.arange(count), b, a])
-    values = np.concatenate([diagonal, beside, beside])
-    return csc_array(coo_array((values, (rows, columns)), shape=(count, count)))
+    matrix = csc_array(diags_array([beside, diagonal, beside], offsets=[-1, 0, 1]))
+    matrix.eliminate_zeros()
+    return matrix
 
 
 def _laplacian(pairs: Ints, precision: Floats, count: int) -> csc_array:

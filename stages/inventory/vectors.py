@@ -11,10 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri, gammainc
 
-from wayside.schemas.sightings import Rows, Sightings
+from wayside.schemas.sightings import Flags, Floats, Ints, Rows, Sightings
 from wayside.stages.inventory.association import (
     NEAR_SIGMAS,
     SAME_PROBABILITY,
@@ -28,9 +27,6 @@ VECTOR_REACH_M = (15.0, 30.0)
 VECTOR_BY_CHANCE = 1e-3
 """Chance makes as many supports agree with less than this probability: about five supports."""
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 _TRIED = 64
 """Differences of two drives that are tried as their vector: one that many supports share is among them."""
 

@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings.merging import ChangeSettings
+from wayside.schemas.sightings import Floats, Ints
 from wayside.stages.geometry import distort_points, ideal_of_rays
 
 NEAREST_M = 1.0
@@ -31,8 +32,6 @@ CORRELATION_MARGIN = 0.1
 BESIDE = 0.1
 """What is so much of its distance before or behind a place stands at it."""
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 _FORBIDDEN = 1e9
 _SAMPLES = 24
 """Of a window, each way."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -27,22 +26,6 @@ TERMS = (-1, 2, -2, 3, -3, -4)
 These are the six lowest at which the outlines of signs differ: a regular n-gon has term 1-n as its first upper one
 (triangle -2, square -3, pentagon -4), an elongated outline has -1, one without symmetry has 2 and 3.
 """
-
-
-def traced_sequences(labels: NDArray[np.uint8], boxes: NDArray[Any]) -> NDArray[np.complex128]:
-    """Resampled outlines (n, SAMPLES) of the connected regions (4 neighbours) that fill boxes (n, 4) exactly.
-
-    u + iv in pixels of the label image (height, width) uint8, clockwise as seen; nan where no region has this box. No
-    two regions fill the same box: where both touched all four sides they would have to cross. Raises ValueError where
-    the label image is of another type, shape or layout.
-    """
-    require_array(labels, "labels", np.uint8, (None, None))
-    sequences = np.full((len(boxes), SAMPLES), complex(np.nan, np.nan))
-    for i, box in enumerate(np.rint(boxes).astype(np.int64)):
-        outline = trace_region(labels, box)
-        if outline is not None:
-            sequences[i] = resample_outline(outline)
-    return sequences
 
 
 def trace_region(labels: NDArray[np.uint8], box: NDArray[np.int64]) -> Array | None:
@@ -101,9 +84,7 @@ _PASSES = (SOURCES.index("pass1"), SOURCES.index("pass2"))
 
 
 def classify_shape(
-    detections: Iterator[Detections],
-    *,
-    model: GaussianModel,
+    detections: Iterator[Detections], *, model: GaussianModel
 ) -> Iterator[Detections]:
     """Give the open candidates the shape class of their outline by Mahalanobis distance, in space "fourier6".
 
@@ -128,12 +109,19 @@ def region_descriptors(segmentation: Segmentation, regions: Regions) -> NDArray[
 
 
 def outlines_of(segmentation: Segmentation, regions: Regions) -> NDArray[np.complex128]:
-    """Resampled outline of each region, (n, samples) in pixels of the label image, nan without an outline."""
+    """Resampled outlines (n, SAMPLES), u + iv in pixels of the label image, of regions that fill their boxes exactly.
+
+    Clockwise as seen; nan without an outline. Regions are those of equal label (4 neighbours). No two fill the same
+    box: where both touched all four sides they would have to cross. Raises ValueError where a label image is of another
+    type or shape.
+    """
     sequences = np.full((len(regions), SAMPLES), complex(np.nan, np.nan))
-    if segmentation.labels is not None:
-        top = segmentation.rows[0]
-        shift = np.array([0, top, 0, top], np.float32)
-        for source, labels in zip(_PASSES, segmentation.labels, strict=True):
-            own = regions.source == source
-            sequences[own] = traced_sequences(labels, regions.box[own] - shift)
+    top = segmentation.rows[0]
+    boxes = np.rint(regions.box - [0, top, 0, top]).astype(np.int64)
+    for source, labels in zip(_PASSES, segmentation.labels or (), strict=False):
+        require_array(labels, "labels", np.uint8, (None, None))
+        for i in np.flatnonzero(regions.source == source):
+            outline = trace_region(labels, boxes[i])
+            if outline is not None:
+                sequences[i] = resample_outline(outline)
     return sequences

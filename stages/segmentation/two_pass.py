@@ -205,57 +205,55 @@ def connected_regions(
     require_array(rgb, "rgb", np.uint8, (height, width, 3))
     if labels.size == 0:
         return Regions.empty(), 0
-    end, parent, area = np.empty((3, labels.size), np.int32)
-    first = np.empty(height + 1, np.int32)
-    total = _join_runs(labels, first, end, parent, area)
-    area = area[: first[-1]]
+    end, parent, area = np.zeros((3, labels.size), np.int32)
+    count = _join_runs(labels, end, parent, area)
+    area = area[:count]
     kept = np.flatnonzero((area >= gate.smallest_px) & (area <= gate.largest_px))
     row = np.full(len(area), -1, np.int32)
     row[kept] = np.arange(len(kept))
     box = np.tile(np.array([width, height, 0, 0], np.int32), (len(kept), 1))
     sums = np.zeros((len(kept), 3), np.int64)
-    _measure(first, end, parent, row, rgb, box, sums)
+    _measure(end, parent, row, rgb, box, sums)
     return Regions(
         box.astype(np.float32),
         area[kept],
         (sums / area[kept, None]).astype(np.float32),
         np.full(len(kept), SOURCES.index(source), np.uint8),
-    ), total
+    ), int(np.count_nonzero(area))
 
 
 @compiled
 def _join_runs(
     labels: NDArray[np.uint8],
-    first: NDArray[np.int32],
     end: NDArray[np.int32],
     parent: NDArray[np.int32],
     area: NDArray[np.int32],
 ) -> int:
-    """Number of regions, and the runs of equal label of all rows, in reading order.
+    """Number of runs of equal label in rows, in reading order.
 
-    Fills the first run of each row (height + 1,), and of each run its end, the first run of its region (`parent`), and
-    the pixels of the region that it is the first run of, else 0. Union-find: a root is the smallest run. The loops that
-    find runs and pairs of them have no branch, which would be mispredicted in noise.
+    Fills for each run its end (row * width + column), the first run of its region (`parent`), and the pixels of the
+    region that it is the first run of, else 0. Union-find: a root is the smallest run. The loops that find runs and
+    pairs of them have no branch, which would be mispredicted in noise.
     """
     height, width = labels.shape
     label = np.empty(labels.size, np.uint8)
     above, below = np.empty((2, 2 * width), np.int32)
-    n = 0
+    n = first = 0
     for y in range(height):
-        first[y], before = n, labels[y, 0]
+        upper_first, first, before = first, n, labels[y, 0]
         for x in range(1, width):
-            end[n], label[n] = x, before
+            end[n], label[n] = y * width + x, before
             n += labels[y, x] != before
             before = labels[y, x]
-        end[n], label[n] = width, before
+        end[n], label[n] = (y + 1) * width, before
         n += 1
-        for i in range(first[y], n):
-            parent[i], area[i] = i, 0
-        i, j, pairs = first[max(y - 1, 0)], first[y], 0
+        for i in range(first, n):
+            parent[i] = i
+        i, j, pairs = upper_first, first, 0
         while y > 0 and j < n:
             above[pairs], below[pairs] = i, j
             pairs += label[i] == label[j]
-            upper, lower = end[i], end[j]
+            upper, lower = end[i] + width, end[j]
             i += upper <= lower
             j += lower <= upper
         for k in range(pairs):
@@ -263,21 +261,16 @@ def _join_runs(
             if parent[j] != j:  # joined already
                 j = _root(parent, j)
             parent[max(i, j)] = min(i, j)
-    first[height] = n
-    total = 0
-    for y in range(height):
-        start = 0
-        for i in range(first[y], first[y + 1]):
-            parent[i] = parent[parent[i]]
-            total += parent[i] == i
-            area[parent[i]] += end[i] - start
-            start = end[i]
-    return total
+    start = 0
+    for i in range(n):
+        parent[i] = parent[parent[i]]
+        area[parent[i]] += end[i] - start
+        start = end[i]
+    return n
 
 
 @compiled
 def _measure(
-    first: NDArray[np.int32],
     end: NDArray[np.int32],
     parent: NDArray[np.int32],
     row: NDArray[np.int32],
@@ -286,17 +279,18 @@ def _measure(
     sums: NDArray[np.int64],
 ) -> None:
     """Boxes (k, 4) and sums of colours (k, 3) of the regions whose first run has a row."""
-    for y in range(rgb.shape[0]):
-        for i in range(first[y], first[y + 1]):
-            k = row[parent[i]]
-            if k < 0:
-                continue
-            start = end[i - 1] if i > first[y] else 0
-            box[k, 0], box[k, 1] = min(box[k, 0], start), min(box[k, 1], y)
-            box[k, 2], box[k, 3] = max(box[k, 2], end[i]), y + 1
-            for x in range(start, end[i]):
-                for c in range(3):
-                    sums[k, c] += rgb[y, x, c]
+    for i in range(row.size):
+        k = row[parent[i]]
+        if k < 0:
+            continue
+        start = end[i - 1] if i > 0 else 0
+        y, left = divmod(start, rgb.shape[1])
+        right = left + end[i] - start
+        box[k, 0], box[k, 1] = min(box[k, 0], left), min(box[k, 1], y)
+        box[k, 2], box[k, 3] = max(box[k, 2], right), y + 1
+        for x in range(left, right):
+            for c in range(3):
+                sums[k, c] += rgb[y, x, c]
 
 
 @compiled
@@ -325,14 +319,8 @@ def _regions_of(
 
 def unsegmented(image: Image) -> Segmentation:
     """An image without regions, as one that is not used."""
-    return Segmentation(
-        image,
-        Regions.empty(),
-        0,
-        np.zeros((0, 3), np.float32),
-        np.zeros(0, np.float32),
-        (0, 0),
-    )
+    centers, breaks = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+    return Segmentation(image, Regions.empty(), 0, centers, breaks, (0, 0))
 
 
 def _check(settings: SegmentSettings, gate: GateSettings) -> None:
