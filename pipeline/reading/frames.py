@@ -15,14 +15,7 @@ from wayside.pipeline.reading.selection import Selection
 from wayside.pipeline.reading.timeline import Timeline, make_timeline
 from wayside.pipeline.reading.video import CameraImages, image_messages, is_grey
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import (
-    NO_POSITION,
-    OTHER_CAMERA,
-    USED,
-    WRONG_SIZE,
-    Camera,
-    Frame,
-)
+from wayside.schemas.frame import NO_POSITION, OTHER_CAMERA, USED, WRONG_SIZE, Camera, Frame
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.imaging import used_bits
 
@@ -98,10 +91,7 @@ class _Reader:
     def frames(self) -> Iterator[Frame]:
         """All frames; see `read_frames`."""
         messages = image_messages(
-            self.plan.survey,
-            self.plan.camera.name,
-            self.timeline.order,
-            self.report,
+            self.plan.survey, self.plan.camera.name, self.timeline.order, self.report
         )
         for row, message in messages:
             yield self._frame(row, message)

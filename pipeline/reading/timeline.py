@@ -14,12 +14,7 @@ from wayside.pipeline.reading.agreement import (
     looks_aside,
     steps_to_believe,
 )
-from wayside.pipeline.reading.clocks import (
-    Integers,
-    StreamTimes,
-    clock_set_at,
-    pair_times,
-)
+from wayside.pipeline.reading.clocks import Integers, StreamTimes, clock_set_at, pair_times
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.plan import Plan, shortened
 from wayside.pipeline.reading.series import (

@@ -50,10 +50,7 @@ BEFORE, AFTER = (214, 96, 10), (24, 145, 66)
 MOVED_INK = (245, 150, 60)
 JPEG_QUALITY, DIFFERENCE_QUALITY = 85, 92
 SIFT_INK = (255, 160, 255)
-KEYPOINT_PATHS = {
-    "features": (at.KEYPOINTS, (120, 200, 255)),
-    "sift": (at.SIFT_POINTS, SIFT_INK),
-}
+KEYPOINT_PATHS = {"features": (at.KEYPOINTS, (120, 200, 255)), "sift": (at.SIFT_POINTS, SIFT_INK)}
 """Stages that find key points: where theirs are shown, and in which colour."""
 PASSED_THROUGH = {"jpeg": "image/jpeg", "jpg": "image/jpeg", "png": "image/png"}
 LAST_STAGE, SIGN = "assemble", verdict_code("sign")

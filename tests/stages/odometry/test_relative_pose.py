@@ -7,11 +7,7 @@ from scipy.spatial.transform import Rotation
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import StepPrior
 from wayside.stages.geometry import halfway_direction
-from wayside.stages.odometry.relative_pose import (
-    INLIER_RATIO,
-    fit_relative_pose,
-    fit_to_most,
-)
+from wayside.stages.odometry.relative_pose import INLIER_RATIO, fit_relative_pose, fit_to_most
 from wayside.stages.odometry.tie_points import PairMotion
 
 CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
