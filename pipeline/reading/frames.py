@@ -90,10 +90,8 @@ class _Reader:
 
     def frames(self) -> Iterator[Frame]:
         """All frames; see `read_frames`."""
-        messages = image_messages(
-            self.plan.survey, self.plan.camera.name, self.timeline.order, self.report
-        )
-        for row, message in messages:
+        survey, camera = self.plan.survey, self.plan.camera.name
+        for row, message in image_messages(survey, camera, self.timeline.order, self.report):
             yield self._frame(row, message)
         self._finish()
 
