@@ -13,7 +13,6 @@ from typing import Any
 import pyarrow.parquet as pq
 
 LEARNED = Path(__file__).parents[1] / "training" / "checked_boxes.parquet"
-
 OF_TESTS = Path(__file__).with_suffix(".json")
 
 

@@ -8,8 +8,8 @@ trained, which costs the same. plain: the method of KS-09-9 in the calls that Op
 
 from __future__ import annotations
 
-import argparse
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -29,9 +29,7 @@ SIZES = 50, 20_000
 
 def main() -> int:
     """Process the first images."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("log", type=Path)
     parser.add_argument("way", choices=WAYS)
     parser.add_argument("--frames", type=int, default=12)

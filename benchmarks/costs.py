@@ -12,15 +12,15 @@ Prints tables; writes only scratch.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
@@ -39,6 +39,8 @@ PAUSE_NS = 300_000_000
 """Between two turns."""
 PEERS = {"yolo": 12, "plain": 2, "pycolmap": 24}
 """Other programs, and on how many images they run."""
+SIDE_BY_SIDE = "decode propose detect features segment color shape sift ties".split()
+"""Stages in the workers; whatever else a run counts is in order, in one thread."""
 FIRST_IMAGE = """
 import sys, time
 from pathlib import Path
@@ -90,9 +92,7 @@ class Decoder:
 
 def main() -> int:
     """Measure and print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("log", type=Path)
     parser.add_argument("--times", type=int, default=10)
     parser.add_argument("--rounds", type=int, default=3)
@@ -106,6 +106,8 @@ def main() -> int:
         )
         print()
         print_table(["stage", "ms an image", "decodes"], bench.stages("default, 2 workers"))
+        print()
+        print_table(["workers", "images/s"], bench.rates("default, 2 workers"))
         print()
         print_table(["start", "wall s", "processor s"], bench.starts())
         same = bench.digest("default, 1 worker") == bench.digest("default, 2 workers")
@@ -159,16 +161,23 @@ class Bench:
         ]
 
     def stages(self, way: str) -> list[list[str]]:
-        """A row a stage of the last run of a way."""
-        result = json.loads((self._scratch / way / "run.json").read_text())
-        images, decode = result["accounting"]["frames_read"], self._decoder.ms()
-        spent = {k: 1000 * v / images for k, v in result["times"]["cpu_s_by_stage"].items()}
-        return [[k, f"{v:.1f}", f"{v / decode:.2f}"] for k, v in spent.items() if v >= 0.05]
+        """A row a stage of the last run of a way, and one each for those in the workers and those in order."""
+        spent, decode = self._spent(way), self._decoder.ms()
+        rows = [(name, ms) for name, ms in spent.items() if ms >= 0.05]
+        shared = sum(spent.get(name, 0.0) for name in SIDE_BY_SIDE)
+        rows += [("side by side", shared), ("in order", sum(spent.values()) - shared)]
+        return [[name, f"{ms:.1f}", f"{ms / decode:.2f}"] for name, ms in rows]
+
+    def rates(self, way: str) -> Iterator[list[object]]:
+        """Rows: what more workers would give; the whole is shared, but what is in order takes one thread."""
+        spent = self._spent(way)
+        order = sum(ms for name, ms in spent.items() if name not in SIDE_BY_SIDE)
+        for count in (1, 2, 4, 8, 16):
+            yield [count, f"{1000 / max(order, sum(spent.values()) / count):.1f}"]
 
     def starts(self) -> list[list[str]]:
         """Rows: help, the first image, and the first run after an installation beside the next one."""
-        run = [WAYSIDE, "run", self._short, "-o", self._scratch / "start", "--overwrite"]
-        run += ["--spacing", SPACING, "--set", "read.thin_m=0"]
+        run = self._command("start", self._short)
         fresh = {"NUMBA_CACHE_DIR": str(self._scratch / "kernels")}
         first = [sys.executable, "-c", FIRST_IMAGE, self._short]
         ways = {
@@ -190,9 +199,17 @@ class Bench:
         return [files[name]["sha256"] for name in TABLES]
 
     def _run(self, name: str, log: Path, times: int, *more: str) -> Cost:
-        command = [WAYSIDE, "run", log, "-o", self._scratch / name, "--overwrite"]
-        command += ["--spacing", SPACING, "--set", "read.thin_m=0", *more]
-        return self._child(command, self._count * times)
+        return self._child([*self._command(name, log), *more], self._count * times)
+
+    def _command(self, name: str, log: Path) -> list[object]:
+        run = [WAYSIDE, "run", log, "-o", self._scratch / name, "--overwrite"]
+        return [*run, "--spacing", SPACING, "--set", "read.thin_m=0"]
+
+    def _spent(self, way: str) -> dict[str, float]:
+        """Milliseconds an image of each stage, in the last run of a way."""
+        about = json.loads((self._scratch / way / "run.json").read_text())
+        spent, images = about["times"]["cpu_s_by_stage"], about["accounting"]["frames_read"]
+        return {name: 1000 * seconds / images for name, seconds in spent.items()}
 
     def _peer(self, python: Path, name: str) -> Cost:
         program = "peer.py" if name == "pycolmap" else "cost_peers.py"

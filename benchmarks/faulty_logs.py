@@ -55,9 +55,8 @@ def read_log(path: Path) -> Messages:
     counts: dict[str, int] = {}
     messages = []
     with path.open("rb") as stream:
-        for schema, channel, message in NonSeekingReader(stream).iter_messages(
-            log_time_order=False
-        ):
+        reader = NonSeekingReader(stream)
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
             assert schema is not None
             number = counts.get(channel.topic, 0)
             counts[channel.topic] = number + 1
@@ -73,10 +72,8 @@ def write_log(path: Path, messages: Iterable[Logged]) -> None:
         channels: dict[str, int] = {}
         for one in messages:
             if one.topic not in channels:
-                schema = writer.register_schema(
-                    one.schema.name, one.schema.encoding, one.schema.data
-                )
-                encoding = one.channel.message_encoding
+                kind, encoding = one.schema, one.channel.message_encoding
+                schema = writer.register_schema(kind.name, kind.encoding, kind.data)
                 channels[one.topic] = writer.register_channel(one.topic, encoding, schema)
             writer.add_message(channels[one.topic], one.log_ns, one.data, one.log_ns, one.number)
         writer.finish()
@@ -196,9 +193,8 @@ def scaled(
         content.data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()
 
     def smaller_camera(content: Any) -> None:
-        content.width, content.height = (
-            round(size * factor) for size in (content.width, content.height)
-        )
+        content.width = round(content.width * factor)
+        content.height = round(content.height * factor)
         for matrix in (content.K, content.P):
             width = len(matrix) // 3
             for k in range(2 * width):

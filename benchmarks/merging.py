@@ -218,10 +218,7 @@ def _changes(seed: int, drives: int, told: Told) -> None:
 
 
 def _count_changes(
-    counted: Told,
-    root: Path,
-    identities: Identities,
-    history: dict[int, tuple[str, int | None]],
+    counted: Told, root: Path, identities: Identities, history: dict[int, tuple[str, int | None]]
 ) -> None:
     of = panel_identities(root, identities).of
     told: dict[int, str] = {}

@@ -231,11 +231,7 @@ class _Seen:
 
 
 def _measured(
-    truth: Road,
-    back: NDArray[np.bool_],
-    error: Floats,
-    quality: Quality,
-    rng: np.random.Generator,
+    truth: Road, back: NDArray[np.bool_], error: Floats, quality: Quality, rng: np.random.Generator
 ) -> _Seen:
     """Places, colours and shapes with their errors; some rows are no panel."""
     n = len(back)

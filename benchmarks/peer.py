@@ -8,9 +8,9 @@ Needs the extra `benchmark`: .venv/bin/pip install pycolmap.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +25,7 @@ SEED = 1
 
 def main() -> int:
     """Read images, reconstruct, write poses and points."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("log", type=Path)
     parser.add_argument("out", type=Path)
     parser.add_argument("--frames", type=int, default=24)

@@ -21,13 +21,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from recordings.drives.messages.content import Calibration, CameraPose, FixReading
 from recordings.drives.messages.dialects import DIALECTS
 from recordings.drives.spec import CameraSpec
-from wayside.pipeline.reading.layout import (
-    MAGIC,
-    RECORD_HEAD,
-    Budget,
-    parse_record,
-    unpack_chunk,
-)
+from wayside.pipeline.reading.layout import MAGIC, RECORD_HEAD, Budget, parse_record, unpack_chunk
 from wayside.pipeline.reading.records import Message, ScanReport, scan
 from wayside.schemas.labels import BACK, SIGN
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS

@@ -51,12 +51,7 @@ def calibrate_by_boards(
 
 
 def calibrate_by_drive(
-    log: Path,
-    settings: Settings,
-    *,
-    name: str,
-    out: Path | None,
-    overwrite: bool,
+    log: Path, settings: Settings, *, name: str, out: Path | None, overwrite: bool
 ) -> str:
     """Calibrate by a drive, write the camera, and give the report.
 

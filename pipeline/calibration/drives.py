@@ -157,10 +157,7 @@ def _best_start(
 
 
 def _round(
-    log: Path,
-    camera: Camera,
-    principal_sigma_px: float,
-    settings: Settings,
+    log: Path, camera: Camera, principal_sigma_px: float, settings: Settings
 ) -> tuple[int, DriveCalibration]:
     """Images used, and the calibration by ties that were matched with a camera."""
     motions = list(islice(_motions(log, camera, settings), MOST_IMAGES))

@@ -12,14 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from wayside.pipeline.cli.help import Application, examples
-from wayside.pipeline.cli.options import (
-    Log,
-    Option,
-    Overwrite,
-    chosen_settings,
-    settings_of,
-    takes,
-)
+from wayside.pipeline.cli.options import Log, Option, Overwrite, chosen_settings, settings_of, takes
 from wayside.pipeline.cli.running import exit_with, read_as_log
 from wayside.pipeline.files.lengths import parse_length
 from wayside.pipeline.files.visible_text import fitted, visible, visible_lines

@@ -56,10 +56,7 @@ Out = Annotated[Path, typer.Argument(metavar="OUT", help="Folder written by `way
 MovedLog = Annotated[
     Path | None, typer.Option(help="Where the log lies now, if it has moved since the run.")
 ]
-Overwrite = Annotated[
-    bool,
-    typer.Option("--overwrite", help="Replace files of the same names."),
-]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files of the same names.")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,11 +86,7 @@ class Option:
         """As a parameter of a command."""
         panel = heading or self.panel or _HEADINGS.get(self.sets.partition(".")[0])
         option = typer.Option(
-            *self.names,
-            help=self.help,
-            rich_help_panel=panel,
-            metavar=self.metavar,
-            min=self.least,
+            *self.names, help=self.help, rich_help_panel=panel, metavar=self.metavar, min=self.least
         )
         kind = self.kind if self.default is not None else self.kind | None
         return inspect.Parameter(

@@ -88,10 +88,7 @@ def draw_crop(crop: Crop, size: tuple[int, int]) -> NDArray[np.uint8]:
 
 
 def read_crops(
-    out: Path,
-    log: Path | None,
-    boxes: Iterable[tuple[Key, int, Box]],
-    proportion: float,
+    out: Path, log: Path | None, boxes: Iterable[tuple[Key, int, Box]], proportion: float
 ) -> Iterator[tuple[Key, Crop | None]]:
     """Cut boxes with their surroundings out of the images of a result's log, which is read once.
 

@@ -76,10 +76,9 @@ def record_batch(table: Table, values: dict[str, Any]) -> pa.RecordBatch:
         value = values[column.name]
         if not isinstance(value, pa.Array):
             if pa.types.is_dictionary(column.type):
-                codes = [None if v is None else column.values.index(v) for v in value]
-                value = pa.DictionaryArray.from_arrays(
-                    pa.array(codes, pa.int8()), list(column.values)
-                )
+                codes = (None if v is None else column.values.index(v) for v in value)
+                numbers = pa.array(codes, pa.int8())
+                value = pa.DictionaryArray.from_arrays(numbers, list(column.values))
             else:
                 value = pa.array(value, column.type)
         arrays.append(value)

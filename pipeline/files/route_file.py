@@ -23,10 +23,7 @@ from wayside.schemas.signs import Sign
 from wayside.stages.georeference import ROUTE_REACH_M
 
 _WGS_84 = "OGC:CRS84"
-_NAMES = (
-    *("route", "route_id", "routeid", "route_name", "routename", "rte_id", "rte_nm", "rid"),
-    *("rte", "name"),
-)
+_NAMES = "route route_id routeid route_name routename rte_id rte_nm rid rte name".split()
 """Usual names of the column that names a route, the surest first."""
 _PARQUET = (".parquet", ".geoparquet")
 _MOST_LISTED = 8
@@ -58,9 +55,7 @@ class RouteFile:
 
         Pieces without a measure at both ends are left out. Raises InputError where the file can no longer be read.
         """
-        margin = (
-            ROUTE_REACH_M / 1e4
-        )  # degrees: a metre is at most 1e-4, up to 84 degrees of latitude
+        margin = ROUTE_REACH_M / 1e4  # degrees: a metre is at most 1e-4, up to a latitude of 84
         low, high = (places.min(axis=0) - margin).tolist(), (places.max(axis=0) + margin).tolist()
         try:
             names, lines = self._read((low[0], low[1], high[0], high[1]))
@@ -175,11 +170,10 @@ def _layer(path: Path) -> tuple[str, list[str], str, Any]:
 
     with _with_measures():
         layers = [(str(name), str(kind)) for name, kind in pyogrio.list_layers(path)]
-    lines = [name for name, kind in layers if "LineString" in kind or kind == "Unknown"]
-    if not lines:
-        found = ", ".join(f"{name} ({kind})" for name, kind in layers) or "no layers"
-        raise InputError(f"--routes {path}: there is no layer of lines, only {found}")
-    with _with_measures():
+        lines = [name for name, kind in layers if "LineString" in kind or kind == "Unknown"]
+        if not lines:
+            found = ", ".join(f"{name} ({kind})" for name, kind in layers) or "no layers"
+            raise InputError(f"--routes {path}: there is no layer of lines, only {found}")
         info = pyogrio.read_info(path, layer=lines[0])
     if info["crs"] is None:
         raise _no_crs(path)

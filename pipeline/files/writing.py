@@ -120,10 +120,7 @@ def require_free(path: Path, *, is_own: IsOwn = _is_never_own, overwrite: bool =
 
 @contextmanager
 def whole_file(
-    path: Path,
-    *,
-    is_own: IsOwn = _is_never_own,
-    overwrite: bool = False,
+    path: Path, *, is_own: IsOwn = _is_never_own, overwrite: bool = False
 ) -> Iterator[BinaryIO]:
     """A file to write, which appears under its name, synced, when the block ends without an error.
 

@@ -28,13 +28,7 @@ from wayside.pipeline.results.result import is_finished, log_fingerprint
 from wayside.pipeline.running.journal import result_keys
 from wayside.pipeline.running.run import RunRequest, run_log
 from wayside.pipeline.running.tuning import tune_process
-from wayside.schemas.errors import (
-    InputError,
-    OutputError,
-    StageError,
-    UsageError,
-    WaysideError,
-)
+from wayside.schemas.errors import InputError, OutputError, StageError, UsageError, WaysideError
 from wayside.schemas.settings import Settings
 
 _BEGUN, _DONE, _UNCOUNTED = "begun", "done", "not counted"
@@ -165,12 +159,7 @@ def _run(task: Task) -> None:
         tune_process()
         options = task.options
         asked = RunRequest(
-            log,
-            task.folder,
-            task.settings,
-            models,
-            options.arguments,
-            overwrite=options.overwrite,
+            log, task.folder, task.settings, models, options.arguments, overwrite=options.overwrite
         )
         run_log(asked)
 

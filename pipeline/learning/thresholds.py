@@ -288,11 +288,7 @@ def rates_of(others: int) -> list[float]:
 
 
 def score_points(
-    score: Values,
-    on: Flags,
-    group: NDArray[np.int64],
-    tail: Tail,
-    rates: Iterable[float],
+    score: Values, on: Flags, group: NDArray[np.int64], tail: Tail, rates: Iterable[float]
 ) -> Points:
     """Operating points of a gate that accepts scores (n,) from a threshold on, by rising false-alarm rate.
 

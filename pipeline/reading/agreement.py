@@ -129,9 +129,8 @@ def steps_to_believe(
     """The steps that `believed` needs of those `found`: a few where all agree with the first stream, else all."""
     steps = list(islice(found, _FIRST_STEPS))
     alike = agreement(steps, streams[0].path).agree == _FIRST_STEPS
-    if alike and believed(streams[:1], steps, order, time_ns, []) is not None:
-        return steps
-    return [*steps, *found]
+    sound = alike and believed(streams[:1], steps, order, time_ns, []) is not None
+    return steps if sound else [*steps, *found]
 
 
 def looks_aside(steps: list[ImageStep]) -> bool:

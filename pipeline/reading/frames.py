@@ -15,14 +15,7 @@ from wayside.pipeline.reading.selection import Selection
 from wayside.pipeline.reading.timeline import Timeline, make_timeline
 from wayside.pipeline.reading.video import CameraImages, image_messages, is_grey
 from wayside.schemas.errors import InputError
-from wayside.schemas.frame import (
-    NO_POSITION,
-    OTHER_CAMERA,
-    USED,
-    WRONG_SIZE,
-    Camera,
-    Frame,
-)
+from wayside.schemas.frame import NO_POSITION, OTHER_CAMERA, USED, WRONG_SIZE, Camera, Frame
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.imaging import used_bits
 
@@ -97,13 +90,8 @@ class _Reader:
 
     def frames(self) -> Iterator[Frame]:
         """All frames; see `read_frames`."""
-        messages = image_messages(
-            self.plan.survey,
-            self.plan.camera.name,
-            self.timeline.order,
-            self.report,
-        )
-        for row, message in messages:
+        survey, camera = self.plan.survey, self.plan.camera.name
+        for row, message in image_messages(survey, camera, self.timeline.order, self.report):
             yield self._frame(row, message)
         self._finish()
 

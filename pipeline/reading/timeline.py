@@ -14,12 +14,7 @@ from wayside.pipeline.reading.agreement import (
     looks_aside,
     steps_to_believe,
 )
-from wayside.pipeline.reading.clocks import (
-    Integers,
-    StreamTimes,
-    clock_set_at,
-    pair_times,
-)
+from wayside.pipeline.reading.clocks import Integers, StreamTimes, clock_set_at, pair_times
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.plan import Plan, shortened
 from wayside.pipeline.reading.series import (
@@ -67,9 +62,7 @@ class Timeline:
         motion = self.motion
         if motion is None or not motion.path.known[row]:
             return None
-        sigma_m, sigma_rad = (
-            None if np.isnan(one) else float(one) for one in motion.sigma[row, :2]
-        )
+        sigma_m, sigma_rad = (None if np.isnan(s) else float(s) for s in motion.sigma[row, :2])
         pose = Pose(motion.path.rotation[row], motion.path.centre[row])
         source = "odometry" if motion.source == "odometry" else "poses"
         return PosePrior(pose, sigma_m, sigma_rad, source)
@@ -108,7 +101,7 @@ def make_timeline(plan: Plan) -> Timeline:
         timeline.notes.append(_off_words(times, plan.camera.name))
     timeline.fixes = _fixes(plan, timeline)
     streams = [one for one in _motion_streams(plan, timeline) if one.path.known.any()]
-    streams = [one for one in streams if _has_scale(plan, one, timeline)]
+    streams = [one for one in streams if _has_scale(one, timeline)]
     if streams:
         found = image_steps(plan, order, times.capture_ns, timeline.cameras)
         steps = steps_to_believe(streams, found, order, times.capture_ns)
@@ -126,7 +119,7 @@ def make_timeline(plan: Plan) -> Timeline:
     return timeline
 
 
-def _has_scale(plan: Plan, stream: MotionStream, timeline: Timeline) -> bool:
+def _has_scale(stream: MotionStream, timeline: Timeline) -> bool:
     """Whether poses and fixes agree on lengths, where both cover a part that is long enough to tell."""
     if timeline.fixes is None:
         return True

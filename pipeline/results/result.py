@@ -41,10 +41,7 @@ _KINDS: dict[str, type | UnionType] = {
 
 
 def read_table(
-    out: Path,
-    table: Table,
-    columns: Sequence[str] | None = None,
-    where: Where | None = None,
+    out: Path, table: Table, columns: Sequence[str] | None = None, where: Where | None = None
 ) -> pa.Table:
     """One table of a result folder.
 

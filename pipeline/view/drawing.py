@@ -12,14 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.entities import Entity, cleared, entity
-from wayside.schemas.detections import (
-    COLOR_RGB,
-    COLORS,
-    SHAPES,
-    VERDICTS,
-    Candidates,
-    Detections,
-)
+from wayside.schemas.detections import COLOR_RGB, COLORS, SHAPES, VERDICTS, Candidates, Detections
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.measurement import Measurement

@@ -50,10 +50,7 @@ BEFORE, AFTER = (214, 96, 10), (24, 145, 66)
 MOVED_INK = (245, 150, 60)
 JPEG_QUALITY, DIFFERENCE_QUALITY = 85, 92
 SIFT_INK = (255, 160, 255)
-KEYPOINT_PATHS = {
-    "features": (at.KEYPOINTS, (120, 200, 255)),
-    "sift": (at.SIFT_POINTS, SIFT_INK),
-}
+KEYPOINT_PATHS = {"features": (at.KEYPOINTS, (120, 200, 255)), "sift": (at.SIFT_POINTS, SIFT_INK)}
 """Stages that find key points: where theirs are shown, and in which colour."""
 PASSED_THROUGH = {"jpeg": "image/jpeg", "jpg": "image/jpeg", "png": "image/png"}
 LAST_STAGE, SIGN = "assemble", verdict_code("sign")
@@ -186,21 +183,15 @@ def view_posed(item: PosedDetections, stage: str, state: ViewState) -> list[Enti
         entity(at.PATH, path),
         *_view_ties(motion, frame.camera),
     ]
-    for name, value in (
-        ("straight", motion.residual_straight_px),
-        ("adjusted", motion.residual_px),
-    ):
+    residuals = {"straight": motion.residual_straight_px, "adjusted": motion.residual_px}
+    for name, value in residuals.items():
         if np.isfinite(value):
             found.append(entity(f"{at.RESIDUALS}/{name}", rr.Scalars([value])))
     if motion.history_px:
-        found.append(entity(at.ITERATIONS, rr.Scalars(_residual_by_iteration(motion))))
+        shown = np.array(motion.history_px[: ITERATIONS_SHOWN + 1])  # the last one stays
+        padded = np.pad(shown, (0, ITERATIONS_SHOWN + 1 - len(shown)), mode="edge")
+        found.append(entity(at.ITERATIONS, rr.Scalars(padded)))
     return found
-
-
-def _residual_by_iteration(motion: Motion) -> NDArray[np.float64]:
-    """Residual (ITERATIONS_SHOWN + 1,) at the start and after each iteration; it stays as it is after the last one."""
-    history = np.array(motion.history_px[: ITERATIONS_SHOWN + 1])
-    return np.pad(history, (0, ITERATIONS_SHOWN + 1 - len(history)), mode="edge")
 
 
 def _view_ties(motion: Motion, camera: Camera) -> list[Entity]:

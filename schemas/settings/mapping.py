@@ -12,10 +12,7 @@ class TrackSettings:
     """Following candidates from frame to frame and measuring them."""
 
     longest: int = setting(
-        14,
-        "frames",
-        "frames over which a sign is followed, the last that show it",
-        low=2,
+        14, "frames", "frames over which a sign is followed, the last that show it", low=2
     )
     fewest_views: int = setting(2, "views", "landmarks with fewer views are not reported", low=2)
     gap_px: float = setting(

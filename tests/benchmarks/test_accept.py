@@ -104,7 +104,7 @@ def test_a_total_below_the_floor_is_named(accept, outcome, tmp_path, monkeypatch
     assert together([]).recall == 1.0
 
 
-def test_a_rendered_drive_that_a_model_was_learned_from_is_named_and_real_ones_stand_apart(
+def test_rendered_drives_that_models_learned_from_are_named_and_real_ones_stand_apart(
     accept, outcome
 ):
     real = RealEvaluation(learned_by=("network",))

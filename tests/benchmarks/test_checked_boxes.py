@@ -13,9 +13,7 @@ def checked(load):
     return load("checked_boxes")
 
 
-def test_a_row_on_a_sign_without_a_label_is_not_false_and_finds_nothing(
-    checked, tmp_path, monkeypatch
-):
+def test_a_row_on_an_unlabelled_sign_is_not_false_and_finds_nothing(checked, tmp_path, monkeypatch):
     boxes = {"signs": [[10, 10, 20, 20, "white", None]], "other": [[50, 50, 60, 60]]}
     path = tmp_path / "checked.json"
     path.write_text(json.dumps({"road": {"4": boxes}}))

@@ -2,7 +2,6 @@
 
 import json
 import signal
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -36,9 +35,6 @@ class Result:
     def verdicts(self):
         """Regions by the verdict on them, the unlisted ones too."""
         return dict(self.about["accounting"]["regions"])
-
-
-RunDemo = Callable[..., Result]
 
 
 def run_demo_log(folder, *options):

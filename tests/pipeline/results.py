@@ -1,6 +1,7 @@
 """Results of runs made by hand: rows in which everything is null that may be, and the files of a folder."""
 
 import json
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -15,6 +16,9 @@ from wayside.pipeline.logs.importing import import_images
 from wayside.pipeline.reading.calibrations import format_camera
 from wayside.schemas.frame import Camera
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+
+NO_MODELS = SimpleNamespace(digests=lambda: {"box": "0"})
+"""Stands for the models, whose digests take seconds."""
 
 
 def sign_row(sign_id, **changes):

@@ -13,14 +13,9 @@ from wayside.pipeline.results.result import file_digest, log_fingerprint
 from wayside.pipeline.running.journal import result_key
 from wayside.schemas.errors import InputError, InterruptionError, OutputError, UsageError
 
+from .results import NO_MODELS
+
 SETTINGS, _ = load_settings()
-
-
-class NoModels:
-    """Stands for the models, whose digests take seconds."""
-
-    def digests(self):
-        return {"box": "0"}
 
 
 @pytest.fixture
@@ -37,14 +32,14 @@ def drives(tmp_path, monkeypatch):
         folder.mkdir(parents=True, exist_ok=True)
         table = folder / "signs.parquet"
         table.write_text(content)
-        key = result_key(log, settings, NoModels().digests(), every_region=how.every_region)
+        key = result_key(log, settings, NO_MODELS.digests(), every_region=how.every_region)
         files = {"signs.parquet": {"sha256": file_digest(table)}}
         about = {"wayside": "1", "log_fingerprint": log_fingerprint(log), "files": files}
         (folder / "run.json").write_text(json.dumps(about | {"result_key": key}))
         return int(content)
 
     monkeypatch.setattr(running, "process", process)
-    monkeypatch.setattr(model_files, "load_models", lambda settings: NoModels())
+    monkeypatch.setattr(model_files, "load_models", lambda settings: NO_MODELS)
 
     def run(contents, settings=SETTINGS, **options):
         ran.clear()

@@ -213,9 +213,7 @@ def test_views_are_the_measured_ones_in_order_with_their_range_else_the_best_box
 
 
 @pytest.mark.parametrize(("made", "lost"), [({"broken": (0, 2)}, 1), ({"images": 4}, 2)])
-def test_views_that_do_not_decode_or_that_the_log_has_no_more_are_left_empty(
-    out, tmp_path, made, lost
-):
+def test_views_that_do_not_decode_or_that_the_log_lacks_are_left_empty(out, tmp_path, made, lost):
     log = make_log(tmp_path, **made)
     words = results.invoke("evidence", out, "--log", log, status=4)
     assert f"{lost} views have no image" in words
@@ -546,9 +544,7 @@ def test_long_words_are_cut_in_the_middle(most):
     assert short == words or "..." in short
 
 
-def test_a_run_notes_where_its_log_lies_and_one_without_signs_has_an_index(
-    tmp_path, log, monkeypatch
-):
+def test_a_run_notes_its_log_and_one_without_signs_has_an_index(tmp_path, log, monkeypatch):
     monkeypatch.chdir(log.parent)
     out = tmp_path / "out"
     settings = Settings(read=ReadSettings(spacing_m=SPACING_M, thin_m=0.0))

@@ -252,9 +252,7 @@ def test_a_file_that_finds_no_room_is_not_written_and_the_earlier_one_stays(out,
 
 @pytest.mark.parametrize("kept", [0.0, 0.4, 0.7, 0.95])
 @pytest.mark.parametrize("suffix", [".gpkg", ".shp", ".dbf", ".shx", ".kml"])
-def test_what_gdal_cuts_silently_is_seen_when_it_is_read_back(
-    out, tmp_path, monkeypatch, suffix, kept
-):
+def test_what_gdal_cuts_silently_is_seen_when_read_back(out, tmp_path, monkeypatch, suffix, kept):
     whole = pyogrio.write_arrow
 
     def cut(batches, path, **options):

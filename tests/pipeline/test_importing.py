@@ -131,9 +131,7 @@ def test_what_cannot_be_imported_is_refused_and_no_log_is_left(
         (0x9003, None, ""),
     ],
 )
-def test_names_and_dates_that_cameras_wrote_travel_in_the_log(
-    tmp_path, calibration, tag, written, read
-):
+def test_names_and_dates_of_cameras_travel_in_the_log(tmp_path, calibration, tag, written, read):
     exif = Image.Exif()
     if written:
         (exif if tag == 0x0132 else exif.get_ifd(0x8769))[tag] = written

@@ -69,7 +69,7 @@ def test_the_models_that_ship_name_the_drives_they_saw_and_none_that_is_for_test
     assert of_thresholds <= set(learned_from("learn_alley_70000", said))
 
 
-def test_every_model_that_ships_says_what_it_was_learned_from_and_how_its_threshold_was_chosen(
+def test_every_shipped_model_says_what_it_was_learned_from_and_how_its_threshold_was_chosen(
     shipped,
 ):
     report = models_of("report")

@@ -19,9 +19,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.spatial.transform import Rotation
 
-pytest.importorskip(
-    "foxglove_schemas_protobuf", reason="the renderer needs: pip install -e '.[drives]'"
-)
+pytest.importorskip("foxglove_schemas_protobuf", reason="needs: pip install -e '.[drives]'")
 
 from recordings.drives.__main__ import main
 from recordings.drives.alignment import build_alignment

@@ -7,9 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-pytest.importorskip(
-    "foxglove_schemas_protobuf", reason="the renderer needs: pip install -e '.[drives]'"
-)
+pytest.importorskip("foxglove_schemas_protobuf", reason="needs: pip install -e '.[drives]'")
 
 from recordings.drives.camera import CameraModel
 from recordings.drives.sensor import Exposure, Sensor

@@ -15,14 +15,7 @@ from training.box_samples import (
     laid_around,
     negative_weights,
 )
-from training.detector_crops import (
-    CROP_PX,
-    KNOWN,
-    UNKNOWN,
-    UNSURE,
-    drawn_crop,
-    shown_faces,
-)
+from training.detector_crops import CROP_PX, KNOWN, UNKNOWN, UNSURE, drawn_crop, shown_faces
 from training.detector_crops import targets as crop_targets
 from training.detector_images import BACK, FRONT, LabelledImage
 from training.face_drawings import FaceLibrary

@@ -9,15 +9,7 @@ import pytest
 from recordings.drives.signs.face import COLORS as SHEETING
 from training import camera_effects, face_compositing
 from training.camera_effects import make_noise, through_a_camera
-from training.detector_crops import (
-    CROP_PX,
-    KNOWN,
-    STRIDE,
-    UNKNOWN,
-    UNSURE,
-    drawn_crop,
-    targets,
-)
+from training.detector_crops import CROP_PX, KNOWN, STRIDE, UNKNOWN, UNSURE, drawn_crop, targets
 from training.detector_images import BACK, FRONT, LabelledImage
 from training.distractor_drawings import SLANTED, draw_distractor
 from training.face_compositing import blend, draw_faces, wear

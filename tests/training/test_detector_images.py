@@ -118,7 +118,7 @@ def test_the_boxes_that_were_looked_at_are_sound():
         assert box[1] < box[3]
 
 
-def test_distractors_of_a_real_drive_are_no_signs_unless_their_description_leaves_it_open(
+def test_distractors_of_a_real_drive_are_no_signs_unless_their_words_leave_it_open(
     monkeypatch,
 ):
     log = REAL / "ca_city_garmin.mcap"

@@ -5,13 +5,7 @@ import pytest
 from scipy.special import expit
 
 from training import learn_landmarks as module
-from training.learn_landmarks import (
-    SAMPLE,
-    learn_landmark_classifier,
-    main,
-    provenance,
-    samples_of,
-)
+from training.learn_landmarks import SAMPLE, learn_landmark_classifier, main, provenance, samples_of
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
 from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.schemas.errors import InputError

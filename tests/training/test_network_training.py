@@ -108,9 +108,7 @@ def test_the_learning_rate_rises_stays_and_falls(torch):
     assert rates[0] < rates[1] < rates[2] == rates[3] == 1 > rates[4] > rates[5] > 0
 
 
-def test_the_losses_fall_and_the_average_follows_the_weights(
-    torch, crop_batches, training, tmp_path
-):
+def test_losses_fall_and_the_average_follows_the_weights(torch, crop_batches, training, tmp_path):
     made = crop_batches.CropBatches(IMAGES, FaceLibrary((), ()), PROPOSING, 1)
     learns = training.Training(made, options(training, 1000), tmp_path)
     learns.take_until(64)

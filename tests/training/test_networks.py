@@ -6,14 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from training.detector_crops import (
-    CROP_PX,
-    KNOWN,
-    STRIDE,
-    UNKNOWN,
-    UNSURE,
-    targets,
-)
+from training.detector_crops import CROP_PX, KNOWN, STRIDE, UNKNOWN, UNSURE, targets
 from training.detector_images import FRONT, LabelledImage
 from wayside.pipeline.models.model_files import onnx_metadata
 from wayside.schemas.detections import COLORS, NONE, SHAPES

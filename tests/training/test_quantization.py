@@ -7,10 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from training import quantization
-from training.quantization import (
-    _two_digits,
-    rewrite,
-)
+from training.quantization import _two_digits, rewrite
 from wayside.pipeline.models.model_files import onnx_metadata
 from wayside.stages.classifiers import OnnxNetwork
 from wayside.stages.detection import DetectionNetwork

@@ -104,9 +104,7 @@ def test_options_of_boards_and_of_logs_are_not_mixed(arguments, words):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("given", [WRONG, None])
-def test_the_demo_drive_corrects_a_focal_length_that_is_off_by_a_tenth(
-    tmp_path, given, monkeypatch
-):
+def test_the_demo_drive_corrects_a_focal_length_off_by_a_tenth(tmp_path, given, monkeypatch):
     if given is None:  # as if the log had no calibration
         monkeypatch.setattr(drives, "_given", lambda *_: (None, ""))
         found = calibrate_log(DEMO, Settings()).calibration

@@ -23,6 +23,8 @@ from wayside.pipeline.results.result import file_digest
 from wayside.pipeline.running.journal import result_key
 from wayside.schemas.errors import InputError, OutputError, StageError
 
+from ..results import NO_MODELS
+
 SETTINGS, _ = load_settings()
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 FINDS_ALL = {"recall": 1.0, "outliers": 0.0, "false": 0.0, "misread": 0.0}
@@ -61,13 +63,6 @@ def rewrite(file, alter):
     for row in rows:
         row.update(alter(row))
     pq.write_table(pa.Table.from_pylist(rows, table.schema), file)
-
-
-class NoModels:
-    """Stands for the models, whose digests take seconds."""
-
-    def digests(self):
-        return {"box": "0"}
 
 
 class Died(BaseException):
@@ -142,7 +137,7 @@ def fleet(tmp_path, monkeypatch):
 
     task._equipment.cache_clear()
     for module in (task, running):
-        monkeypatch.setattr(module, "load_models", lambda settings: NoModels())
+        monkeypatch.setattr(module, "load_models", lambda settings: NO_MODELS)
     monkeypatch.setattr(task, "run_log", run_log)
     monkeypatch.setattr(running, "merge_inventory", merge)
 

@@ -5,7 +5,6 @@ import io
 import json
 from datetime import datetime
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pyarrow.dataset as ds
@@ -18,8 +17,6 @@ from wayside.schemas.errors import InputError, UsageError
 
 from ..results import invoke, read_by_gdal
 from .conftest import drives_of
-
-Row = dict[str, Any]
 
 
 @pytest.fixture(scope="module")

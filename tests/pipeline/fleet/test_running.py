@@ -40,9 +40,7 @@ def test_every_log_is_done_although_a_worker_dies(fleet, tmp_path):
 
 
 @pytest.mark.parametrize(("content", "logged"), [("die", " begun "), ("fault", "StageError")])
-def test_a_log_that_always_fails_is_put_aside_with_its_own_log_until_a_retry(
-    fleet, content, logged
-):
+def test_a_log_that_always_fails_is_put_aside_with_its_log_until_a_retry(fleet, content, logged):
     seen = fleet({"a": content, "b": f"{content} then two"})
     assert seen.states == {"a": ("quarantined", 1), "b": DONE}
     assert (seen.began.count("a"), seen.began.count("b")) == (3, 2)

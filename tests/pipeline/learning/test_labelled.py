@@ -50,9 +50,7 @@ SMALL = (100.0, 100.0, 104.0, 104.0)
         pytest.param(label(UNSURE, FACE), FACE, NEITHER, id="unsure"),
     ],
 )
-def test_what_shows_a_face_badly_or_one_that_does_not_count_is_no_example_of_a_sign(
-    one, box, expected
-):
+def test_a_face_shown_badly_or_that_does_not_count_is_no_example_of_a_sign(one, box, expected):
     assert label_of(faces(one), box) == expected
 
 

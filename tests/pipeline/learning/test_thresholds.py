@@ -93,7 +93,7 @@ def colours():
     return samples(np.concatenate(values), np.arange(2100) < 600, kind)
 
 
-def test_each_colour_has_the_knee_of_its_own_signs_and_one_without_signs_keeps_its_threshold(
+def test_each_colour_has_the_knee_of_its_own_signs_and_one_without_keeps_its_threshold(
     colours,
 ):
     found = with_learned_thresholds(model((0,), (20,), (99,)), colours)
@@ -188,7 +188,7 @@ def test_a_normal_threshold_is_the_quantile_of_the_fitted_density():
 
 
 @pytest.mark.parametrize("tail", [normal_tail, counted_tail])
-def test_points_hold_their_rates_on_fresh_samples_and_intervals_grow_with_the_scatter_of_drives(
+def test_points_hold_their_rates_on_fresh_samples_and_intervals_grow_as_drives_scatter(
     tail,
 ):
     draw = np.random.default_rng(2)

@@ -419,9 +419,7 @@ def test_what_a_log_lacks_is_refused_and_told_with_what_helps(new_log, lack):
         ({"thin_m": -1.0}, "thin_m"),
     ],
 )
-def test_settings_that_make_no_sense_are_refused_before_anything_is_read(
-    tmp_path, settings, option
-):
+def test_senseless_settings_are_refused_before_anything_is_read(tmp_path, settings, option):
     with pytest.raises(UsageError, match=option):
         read_frames(tmp_path / "none.mcap", ReadSettings(**settings), ReadReport())
 

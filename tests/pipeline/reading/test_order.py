@@ -124,9 +124,7 @@ def test_a_wrong_time_costs_no_image_no_pose_and_is_counted(new_log, attack, wit
 
 
 @pytest.mark.parametrize(("size", "since"), [(3 * SECOND, 16), (6 * SECOND, 26)])
-def test_a_clock_set_back_into_what_was_recorded_leaves_no_order_and_is_refused(
-    new_log, size, since
-):
+def test_a_clock_set_back_into_the_recording_leaves_no_order_and_is_refused(new_log, size, since):
     path = write(new_log, moved(messages(), -size, since))
     with pytest.raises(InputError, match=r"order of the images of /camera/image is not known.*Cut"):
         read(path)
@@ -144,9 +142,7 @@ def test_headers_tell_the_order_where_the_log_clock_was_set_back(new_log):
 @pytest.mark.parametrize("without", [(), ("/pose",)])
 @pytest.mark.parametrize("packing", [{}, {"use_chunking": False}])
 @pytest.mark.parametrize("order", sorted(ORDERS))
-def test_messages_in_another_order_give_the_frames_of_the_sound_log(
-    new_log, order, packing, without
-):
+def test_messages_in_any_order_give_the_frames_of_the_sound_log(new_log, order, packing, without):
     rows = messages(without)
     sound, before = read(write(new_log, rows, **packing))
     frames, report = read(write(new_log, ORDERS[order](rows), name="attacked.mcap", **packing))

@@ -11,19 +11,12 @@ import pytest
 
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.labels.read import read_labels
-from wayside.pipeline.learning.asked import (
-    TRAJECTORIES,
-    gather_samples,
-)
+from wayside.pipeline.learning.asked import TRAJECTORIES, gather_samples
 from wayside.pipeline.learning.curves import roc_curves
 from wayside.pipeline.learning.gates import learn_gates, trajectory_densities
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
 from wayside.pipeline.models.model_files import load_models
-from wayside.pipeline.roc.command import (
-    _write,
-    format_curves,
-    measure_roc,
-)
+from wayside.pipeline.roc.command import _write, format_curves, measure_roc
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.labels import LabelledImage, Labels
 from wayside.schemas.landmarks import EVIDENCE_TERMS

@@ -60,8 +60,10 @@ from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.schemas.motion import Motion
 from wayside.schemas.settings import ReadSettings
 from wayside.schemas.signs import Sign
+from wayside.stages.geometry import iou_matrix
 from wayside.stages.georeference import DrivePath
 from wayside.stages.georeference.path import PathPoint
+from wayside.stages.odometry import ImagePair
 
 from ...made_landmarks import made_landmark
 from ..results import sign_row
@@ -176,8 +178,8 @@ def stream_types():
 
 
 def test_every_type_that_travels_has_a_view():
-    assert len(stream_types()) == 6 + len(AFTER_THE_DRIVE)
-    assert stream_types() - set(VIEWS) == AFTER_THE_DRIVE
+    assert len(stream_types()) == 7 + len(AFTER_THE_DRIVE)
+    assert stream_types() - set(VIEWS) == AFTER_THE_DRIVE | {ImagePair}  # of images already shown
 
 
 def test_every_path_of_the_viewer_holds_something(chunks, report_chunks):
@@ -319,18 +321,12 @@ def test_the_face_drawn_into_the_best_image_lies_on_the_true_face(recorded):
         face = face_in_image(landmark, landmark.best_pose, camera) - 0.5
         seen = [f for s in truth["signs"] for f in s["frames"] if f["frame"] == row["best_frame"]]
         if row["status"] == "sign":
-            shares.append(max(overlap(face, np.reshape(f["box"], (2, 2))) for f in seen))
+            box = np.concatenate([face.min(axis=0), face.max(axis=0)])[None]
+            shares.append(iou_matrix(box, np.array([f["box"] for f in seen])).max())
     assert len(shares) >= 4
     # what has been seen from afar only may be measured half as large again
     assert min(shares) > 0.3
     assert np.median(shares) > 0.8
-
-
-def overlap(points, box):
-    """Intersection over union of the box round points and a box, by their corners."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    shared = np.maximum(np.minimum(high, box[1]) - np.maximum(low, box[0]), 0).prod()
-    return shared / ((high - low).prod() + (box[1] - box[0]).prod() - shared)
 
 
 @pytest.mark.parametrize("facing", [0.0, 30.0])

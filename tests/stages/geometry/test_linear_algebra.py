@@ -1,10 +1,7 @@
 import numpy as np
 import pytest
 
-from wayside.stages.geometry.linear_algebra import (
-    cholesky_solve,
-    invert_symmetric,
-)
+from wayside.stages.geometry.linear_algebra import cholesky_solve, invert_symmetric
 
 
 def positive(size, seed):

@@ -86,9 +86,7 @@ def test_given_poses_are_the_world_and_gaps_follow_the_chain():
 
 
 @pytest.mark.parametrize(("world", "heading", "off_m"), [("enu", 30.0, 0.3), ("log", 90.0, 0.05)])
-def test_fixes_place_the_drive_on_the_earth_in_its_own_world_or_east_north_up(
-    world, heading, off_m
-):
+def test_fixes_place_a_drive_on_the_earth_in_its_own_world_or_east_north_up(world, heading, off_m):
     given = [camera_at(8.0 * n, 5.0, 2.0) for n in range(30)]
     ends = [GEOD.fwd(11.0, 48.0, heading, 8.0 * n) for n in range(30)]  # the log's x points east
     fixes = [Fix(north, east, 500.0, None) for east, north, _ in ends]

@@ -65,9 +65,7 @@ def test_signs_are_numbered_by_station_and_share_the_number_of_their_support():
     ("score", "back", "status"),
     [(3.0, False, "sign"), (-0.1, False, "uncertain"), (-3.0, True, "back"), (900.0, True, "back")],
 )
-def test_a_face_below_the_confidence_threshold_is_uncertain_and_a_back_stays_one(
-    score, back, status
-):
+def test_a_face_below_the_threshold_is_uncertain_and_a_back_stays_one(score, back, status):
     (sign,) = signs(landmark(score=score, back=back))
     assert sign.status == status
     assert 0 < sign.confidence <= 1

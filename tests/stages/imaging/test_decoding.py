@@ -87,9 +87,7 @@ def test_a_jpeg_of_which_a_part_is_missing_is_damaged(progressive, share, end):
 
 @pytest.mark.parametrize("encoding", ["tiff", "png", "jpeg"])
 @pytest.mark.parametrize(("side", "status"), [(20032, "wrong_size"), (0, "undecodable")])
-def test_an_image_that_is_larger_than_its_camera_is_not_decoded(
-    encoding, side, status, monkeypatch
-):
+def test_an_image_larger_than_its_camera_is_not_decoded(encoding, side, status, monkeypatch):
     def decoded(*_, **__):
         raise AssertionError("it was decoded")
 

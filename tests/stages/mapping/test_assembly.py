@@ -42,9 +42,7 @@ def test_landmarks_far_from_where_signs_stand_are_refused(panel, drive, where, e
 
 
 @pytest.mark.parametrize(("where", "verdict"), [(model((3.1, 0.6)), "location"), (None, "sign")])
-def test_candidates_carry_track_verdict_and_residual_of_their_landmark(
-    panel, drive, where, verdict
-):
+def test_candidates_have_track_verdict_and_residual_of_their_landmark(panel, drive, where, verdict):
     tracked = located(drive([panel(-4.0, 1.0, 130.0)], 20), where)
     (landmark,) = landmarks_of(tracked)
     assert set(verdicts_of(tracked)) == {landmark.verdict} == {verdict}

@@ -41,9 +41,7 @@ def test_a_panel_is_measured_where_it_stands(panel, drive):
 
 
 @pytest.mark.parametrize("union_score", [2.0, 5.0])
-def test_a_sign_and_its_plaque_that_far_images_show_as_one_box_are_both_found(
-    panel, drive, union_score
-):
+def test_a_sign_and_its_plaque_in_one_box_of_far_images_are_both_found(panel, drive, union_score):
     far, near = tuple(range(7)), tuple(range(7, 20))  # frames 7 to 14 show both boxes
     sign = panel(3.5, 2.0, 120.0, only_in=near)
     plaque = panel(3.5, 1.44, 120.0, wide=0.6, tall=0.3, only_in=near)
@@ -189,9 +187,7 @@ def test_no_more_frames_are_held_than_the_window_is_long(panel, drive, follow):
     assert most <= SETTINGS.longest + WINDOW_STEP
 
 
-def test_a_landmark_below_the_threshold_is_refused_for_its_weakest_term(
-    panel, drive, evidence_model
-):
+def test_a_landmark_below_threshold_is_refused_for_its_weakest_term(panel, drive, evidence_model):
     model = evidence_model(-3.0, score_best=0.1, depth_sigma=-9.0)
     model = replace(model, terms=("appearance", "rigidity"))
     tracked = run(drive([panel(3.5, 1.2, 120.0)], 20), classifier=LandmarkClassifier(model))
@@ -203,9 +199,7 @@ def test_a_landmark_below_the_threshold_is_refused_for_its_weakest_term(
     assert {"residual"} <= set(verdicts_of(tracked)) <= {"residual", "far_view", "few_views"}
 
 
-def test_a_face_under_a_box_that_shows_half_of_a_known_one_is_found_in_the_rest(
-    panel, drive, surest
-):
+def test_a_face_under_a_box_with_half_of_a_known_one_is_found_in_the_rest(panel, drive, surest):
     plate = panel(3.5, 2.3, 120.0, wide=0.6, tall=0.4, score=5.0)
     shield = panel(3.5, 1.8, 120.0, wide=0.6, tall=0.6, score=2.5)
     double = panel(3.5, 1.94, 120.0, wide=0.6, tall=0.78, score=3.0)

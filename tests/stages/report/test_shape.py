@@ -47,9 +47,7 @@ HOUSE = np.array([[0.0, 30], [0, 12], [15, 0], [30, 12], [30, 30]])
     st.integers(0, 7),
     st.booleans(),
 )
-def test_descriptors_are_free_of_scale_rotation_place_and_start(
-    outline, angle, scale, start, backwards
-):
+def test_descriptors_ignore_scale_rotation_place_and_start(outline, angle, scale, start, backwards):
     rotation = Rotation.from_euler("z", angle).as_matrix()[:2, :2]
     moved = np.roll(outline, start, axis=0) @ rotation.T * scale + [300, -40]
     if backwards:

@@ -68,9 +68,7 @@ def code(one, settings=US, classes=()):
         ("vienna", "white", "rectangle", (11.8, 39.4), "A29", ANY),
     ],
 )
-def test_what_colour_shape_and_size_settle_is_stated(
-    system, color, shape, size_in, wanted, nominal
-):
+def test_what_colour_shape_and_size_tell_is_stated(system, color, shape, size_in, wanted, nominal):
     found = code(sign(color, shape, *size_in), CodeSettings(system=system))
     assert (found.system, found.code, found.nominal_in) == (system, wanted, nominal)
     assert found.probability >= US.settled
@@ -128,9 +126,7 @@ def test_the_face_settles_what_size_and_colour_do_not():
     st.floats(0.0, 20),
     st.sampled_from(["auto", *SYSTEMS]),
 )
-def test_what_is_stated_is_in_the_catalogue_and_probable(
-    color, shape, width, height, sigma, system
-):
+def test_what_is_stated_is_catalogued_and_probable(color, shape, width, height, sigma, system):
     settings = CodeSettings(system=system)
     found = code(sign(color, shape, width, height, sigma), settings)
     if found is None:
