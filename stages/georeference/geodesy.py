@@ -33,14 +33,11 @@ class LocalOrigin:
 
     def topocentric(self, points: Array) -> Array:
         """East, north, up (n, 3) of points (n, 3): longitude, latitude (deg), ellipsoidal height (m)."""
-        columns = _topocentric(self).transform(*points.T)
-        return np.stack([np.asarray(column, np.float64) for column in columns], axis=1)
+        return np.column_stack(_topocentric(self).transform(*points.T))
 
     def geodetic(self, points: Array) -> Array:
         """Longitude, latitude (deg) and ellipsoidal height (m), (n, 3), of points (n, 3) east, north, up."""
-        x, y, z = points.T
-        columns = _topocentric(self).transform(x, y, z, direction="INVERSE")
-        return np.stack([np.asarray(column) for column in columns], axis=1)
+        return np.column_stack(_topocentric(self).transform(*points.T, direction="INVERSE"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -107,21 +107,20 @@ def collect(tracked: Iterator[TrackedFrame], record: DriveRecord) -> Iterator[Tr
         frame, motion = item.frame, item.motion
         record.landmarks += [landmark for landmark in item.landmarks if landmark.verdict == "sign"]
         if motion is not None:
-            record.points.append(
-                PathPoint(
-                    frame.index,
-                    motion.pose,
-                    motion.given,
-                    frame.fix,
-                    frame.time_ns,
-                    motion.covariance,
-                    motion.source,
-                    motion.length_ratio,
-                    motion.station_m,
-                    None if motion.step is None else motion.baseline_m,
-                    motion.camera_height_m,
-                )
+            point = PathPoint(
+                frame.index,
+                motion.pose,
+                motion.given,
+                frame.fix,
+                frame.time_ns,
+                motion.covariance,
+                motion.source,
+                motion.length_ratio,
+                motion.station_m,
+                None if motion.step is None else motion.baseline_m,
+                motion.camera_height_m,
             )
+            record.points.append(point)
         yield item
 
 

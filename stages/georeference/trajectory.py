@@ -237,7 +237,11 @@ class _Adjustment:
         """Absolute positions and rotations at the time offset before the frame's capture; roll and first rotation."""
         measured, rows = self.measured, self.measured.row
         m = len(rows)
-        lever, velocity = self.rotation[rows] @ measured.lever_arm_m, self._velocity()[rows]
+        lever, moved = (
+            self.rotation[rows] @ measured.lever_arm_m,
+            self.centre[2:] - self.centre[:-2],
+        )
+        velocity = _rate(moved, self.chain.time_s, len(self.centre))[rows]
         correlated = measured.correlated_sigma_m[rows] * self.estimates_correlated
         position = (
             self.centre[rows]
@@ -257,7 +261,8 @@ class _Adjustment:
         if not self.estimates_correlated:
             sigma[:, :3] = np.hypot(measured.sigma_m, measured.correlated_sigma_m[rows])
         if measured.rotation is not None and measured.sigma_rad is not None:
-            rate = self._rotation_rate()[rows]
+            turned = _vector(self.rotation[2:] @ self.rotation[:-2].transpose(0, 2, 1))
+            rate = _rate(turned, self.chain.time_s, len(self.centre))[rows]
             apart = _vector(measured.rotation @ self.rotation[rows].transpose(0, 2, 1))
             residual[:, 3:] = apart + rate * self.offset[rows, None]
             jacobian[:, 3:, ROTATION] = np.eye(3)
@@ -281,18 +286,9 @@ class _Adjustment:
         weight = measured.first_sigma_rad[None] ** -2
         normal.add(np.zeros(1, int), range(3, 6), np.eye(3)[None], apart, weight)
 
-    def _velocity(self) -> Array:
-        """Velocity of each frame (n, 3), m/s, 0 where times do not tell."""
-        return _rate(self.centre[2:] - self.centre[:-2], self.chain.time_s, len(self.centre))
-
-    def _rotation_rate(self) -> Array:
-        """Rotation rate (n, 3), rad/s, about the world's axes."""
-        rotation = _vector(self.rotation[2:] @ self.rotation[:-2].transpose(0, 2, 1))
-        return _rate(rotation, self.chain.time_s, len(self.centre))
-
 
 def _rate(change: Array, time_s: Array, n: int) -> Array:
-    """Central differences (n, 3) of changes (n - 2, 3) over two intervals."""
+    """Central differences (n, 3) of changes (n - 2, 3) over two intervals, 0 where times do not tell."""
     result = np.zeros((n, 3))
     if n < 3:
         return result
