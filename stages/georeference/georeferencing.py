@@ -26,10 +26,8 @@ from wayside.stages.kernels import Array
 from wayside.stages.mapping import STEP_COVARIANCE
 from wayside.stages.odometry import FIX_SIGMA_M
 
-POSE_FLOOR_M = 1e-3
-"""Smallest scatter of a pose of the log at the time of a frame (estimate)."""
-POSE_FLOOR_RAD = 1e-4
-"""Smallest scatter of the rotation of such a pose (estimate)."""
+POSE_FLOORS = 1e-3, 1e-4
+"""Smallest scatter of a pose of the log at the time of a frame, m, and of its rotation, rad (estimates)."""
 CORRELATION_S = 60.0
 """Correlation time of the error of fixes (atmosphere, orbits, reflections), usual for single receivers."""
 WHITE_FRACTION = 0.1
@@ -44,14 +42,11 @@ WORLD_TILT_DEG = 0.5
 """Scatter of the tilt of the log's own world against the level of the globe (estimate)."""
 ROLL_DEG = 10.0
 """Scatter of each camera's roll, that of its mount included, where only fixes are given (estimate)."""
-POSES_DRIFT_M = 0.02
-"""Drift of the log's poses against the globe after a metre (estimate); grows with the root of the distance."""
-POSES_DRIFT_DEG = 0.002
-"""The same of the rotation of poses (estimate)."""
-ODOMETRY_DRIFT_M = 0.1
-"""Drift of the log's odometry against the globe after a metre (estimate); grows with the root of the distance."""
-ODOMETRY_DRIFT_DEG = 0.02
-"""The same of the rotation of odometry (estimate)."""
+POSES_DRIFT = 0.02, radians(0.002)
+"""Drift of the log's poses against the globe after a metre, m, and of their rotation, rad (estimates); both grow with
+the root of the distance."""
+ODOMETRY_DRIFT = 0.1, radians(0.02)
+"""The same of odometry (estimates)."""
 HEADING_STEP_M = 1.0
 """Without poses and fixes, x of the world points along the first displacement longer than this."""
 
@@ -146,8 +141,7 @@ def _drifting_chain(
     rotation[1:] = back @ inside.rotation[1:]
     translation[1:] = np.einsum("nij,nj->ni", back, np.diff(inside.centre, axis=0))
     poses = next(p.given.source for p in path if p.given is not None) == "poses"
-    drift_m = POSES_DRIFT_M if poses else ODOMETRY_DRIFT_M
-    drift_rad = radians(POSES_DRIFT_DEG if poses else ODOMETRY_DRIFT_DEG)
+    drift_m, drift_rad = POSES_DRIFT if poses else ODOMETRY_DRIFT
     length = np.linalg.norm(translation, axis=1)
     covariance = length[:, None, None] * np.diag([drift_rad**2] * 3 + [drift_m**2] * 3)
     gap = np.array([p.given is None for p in path])
@@ -164,8 +158,7 @@ def _times(path: Sequence[PathPoint]) -> Array:
 def _measured_poses(path: Sequence[PathPoint]) -> AbsoluteMeasurements:
     """The log's own poses."""
     given = [(row, p.given) for row, p in enumerate(path) if p.given is not None]
-    floors = POSE_FLOOR_M, POSE_FLOOR_RAD
-    sigma_m, sigma_rad = np.maximum([g.sigmas() for _, g in given], floors).T
+    sigma_m, sigma_rad = np.maximum([g.sigmas() for _, g in given], POSE_FLOORS).T
     return AbsoluteMeasurements(
         row=np.array([row for row, _ in given]),
         position=np.stack([g.pose.centre for _, g in given]),

@@ -83,23 +83,21 @@ class RelativeMotionChain:
         """Lengths against those before by points common to both steps, where there are enough."""
         rows = self._neighbours()
         ratio, scatter = self.length_ratio[rows].T
-        limit = RATIO_LIMIT
         with np.errstate(invalid="ignore"):
-            known = (ratio > 1 / limit) & (ratio < limit) & np.isfinite(scatter)
+            known = (ratio > 1 / RATIO_LIMIT) & (ratio < RATIO_LIMIT) & np.isfinite(scatter)
         rows, ratio, scatter = rows[known], ratio[known], scatter[known]
         sigma = np.hypot(RATIO_FRACTION * scatter / ratio, RATIO_SIGMA)
         return rows, np.log(ratio) - self._given(rows), sigma
 
     def ratios_by_time(self) -> LengthRatios:
         """Lengths against those before at a steady speed; equal lengths where times do not tell."""
-        stamp = STAMP_S
         rows = self._neighbours()
         now, before = self.interval_s[rows], self.interval_s[rows - 1]
-        timed = (now > stamp) & (before > stamp)
+        timed = (now > STAMP_S) & (before > STAMP_S)
         now, before = np.where(timed, now, 1.0), np.where(timed, before, 1.0)
         by_speed = ACCELERATION_MPS2 * 0.5 * (now + before) * now / self.length[rows]
         # of the logarithm of the ratio of two intervals that share a stamp
-        by_stamps = stamp * np.sqrt(2 * (now**-2 + before**-2 + 1 / (now * before)))
+        by_stamps = STAMP_S * np.sqrt(2 * (now**-2 + before**-2 + 1 / (now * before)))
         wanted = np.where(timed, np.log(now / before) - self._given(rows), 0.0)
         sigma = np.where(timed, np.hypot(by_speed, by_stamps), EQUAL_LENGTH_SIGMA)
         return rows, wanted, sigma

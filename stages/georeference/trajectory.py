@@ -25,10 +25,8 @@ KNOWN_LENGTH_SIGMA = 1e-4
 """Relative scatter of the scale of a step whose length is measured: holds it at 1."""
 UNKNOWN_LENGTH_SIGMA = 0.3
 """The same where the length was taken from fixes, points or the last speed (estimate)."""
-ITERATIONS = 50
-"""Of Gauss-Newton at most."""
-CONVERGED_M = 1e-4
-"""The adjustment ends when no camera centre moves further."""
+ITERATIONS, CONVERGED_M = 50, 1e-4
+"""Gauss-Newton ends after so many iterations, or when no camera centre moves further."""
 OFFSET_SIGMA_S = 0.5
 """Prior scatter of the time offset between poses or fixes and frames (estimate)."""
 OFFSET_DRIFT_S = 1e-5
@@ -37,12 +35,8 @@ OFFSET_SIGMAS = 4.0
 """An offset of so many of its standard deviations is undone: rendered drives without one show none."""
 SMALLEST_OFFSET_S = 0.02
 """Shorter time offsets are ignored (estimate)."""
-STEP_REACH = 6.0
-"""Residual of a step, in standard deviations, at which its Cauchy weight is one half."""
-RATIO_REACH = 6.0
-"""The same of a length ratio."""
-POSITION_REACH = 3.0
-"""The same of a pose or fix."""
+STEP_REACH, RATIO_REACH, POSITION_REACH = 6.0, 6.0, 3.0
+"""Residual of a step, a length ratio, a pose or fix, in standard deviations, at which its Cauchy weight is one half."""
 JUMP_WEIGHT = 0.3
 """Poses and fixes of lower weight are excluded before the correlated error is estimated: it would follow a jump."""
 EXCLUDED_WEIGHT = 1e-6
