@@ -344,10 +344,8 @@ def process(
         ):
             result = run_log(asked, under_way)
     except KeyboardInterrupt as error:
-        done = "were" if under_way.committed else "were not"
-        more = (
-            "; the same command goes on from here" if how.resume and not under_way.committed else ""
-        )
+        done = "were" if under_way.result else "were not"
+        more = "; the same command goes on from here" if how.resume and not under_way.result else ""
         raise InterruptionError(f"interrupted; this log's tables {done} written{more}") from error
     seen = sys.stdout.isatty()  # a pipe gets each statement as one line
     console = Console(highlight=False, soft_wrap=not seen, width=None if seen else 160)

@@ -22,7 +22,7 @@ import time
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import fields, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
@@ -34,17 +34,11 @@ from wayside.pipeline.files.writing import create, not_written
 from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.models.model_json import digest
 from wayside.pipeline.results.result import file_digest, log_fingerprint
-from wayside.schemas.detections import (
-    Candidates,
-    Detections,
-    Dropped,
-    Features,
-    Regions,
-    Segmentation,
-)
+from wayside.schemas.detections import Candidates, Detections, Dropped, Features, Regions
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Image
 from wayside.schemas.settings import Settings
+from wayside.stages.segmentation import unsegmented
 
 JOURNAL = ".wayside-journal"
 _HEAD = struct.Struct("<III")
@@ -98,12 +92,7 @@ def _key(settings: Settings, digests: dict[str, str]) -> dict[str, Any]:
 class Journal:
     """The results of the first frames of a log, by frame; more are appended in order.
 
-    Parameters
-    ----------
-    folder
-        The output folder, locked by the caller.
-    key
-        What the results depend on; a journal of another key is begun anew.
+    folder: of the output, locked by the caller. key: what results depend on; a journal of another one is begun anew.
 
     Raises OutputError where the journal cannot be read or written.
     """
@@ -136,15 +125,7 @@ class Journal:
         if (width, height) != _size(image):
             return None
         arrays["regions"] = _table(Regions, arrays)
-        seen = Segmentation(
-            image,
-            Regions.empty(),
-            region_count,
-            np.zeros((0, 3), np.float32),
-            np.zeros(0, np.float32),
-            (0, 0),
-            dropped=Dropped(*dropped),
-        )
+        seen = replace(unsegmented(image), region_count=region_count, dropped=Dropped(*dropped))
         return Detections(seen, _table(Candidates, arrays), _table(Features, arrays))
 
     def record(self, found: Iterator[Detections]) -> Iterator[Detections]:

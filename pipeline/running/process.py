@@ -58,8 +58,7 @@ def open_standard_streams() -> None:
         raw = io.BufferedWriter(_Pipe(number, "wb", closefd=False))
         at_once = getattr(stream, "write_through", False)  # PYTHONUNBUFFERED
         lines = name == "stderr" or stream.isatty() or at_once
-        text = _Text(raw, stream.encoding, _PLAIN, line_buffering=lines)
-        setattr(sys, name, text)
+        setattr(sys, name, _Text(raw, stream.encoding, _PLAIN, line_buffering=lines))
 
 
 def in_words(error: OSError) -> WaysideError:

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 
 from wayside.pipeline.code_words import system_notes
 from wayside.pipeline.files.output_folder import RECORDING, OutputFolder
-from wayside.pipeline.files.route_file import RouteFile, open_routes, route_notes
+from wayside.pipeline.files.route_file import open_routes, route_notes
 from wayside.pipeline.files.settings_file import settings_digest
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.files.writing import create, not_written
@@ -132,9 +132,7 @@ class Run:
     report: ReadReport = field(default_factory=ReadReport)
     """What reading came across so far."""
     result: RunResult | None = None
-    """There after the last frame."""
-    committed: bool = False
-    """Whether its files stand."""
+    """There once its files stand."""
     counts: FrameCounts = field(default_factory=FrameCounts)
     """Of the frames that are done so far."""
 
@@ -199,7 +197,7 @@ def process_log(asked: RunRequest, run: Run) -> Iterator[TrackedFrame]:
         result = yield from _Task(asked, run, output.part, earlier, journal).process()
         _write_run(result, asked, output.part)
         output.commit([RECORDING] if earlier.recorded and not result.recorded else [])
-        run.result, run.committed = result, True
+        run.result = result
         remove_journal(folder)
 
 
@@ -221,14 +219,18 @@ class _Task:
         """Yield every frame once it is done, then give the result."""
         asked, source = self.asked, self.asked.models.external
         routes, frames = open_routes(asked.settings.route), self._frames()
-        name = visible(asked.log.stem)
+        name, settings = visible(asked.log.stem), asked.settings
         writer = InventoryWriter(self.part, name, every_region=asked.every_region)
         observer = asked.open_observer(self.run.report, self.part)
         accounting = None if source is None else BoxAccounting(source)
+        memory = ImageMemory(settings.run.memory_mb, settings.track.longest + WINDOW_STEP)
         try:
             if observer is not None and observer.records:
                 self.earlier.check_recording()
-            flow = self._flow(observer, routes)
+            counts, clock = self.run.counts, self.clock
+            flow = Flow(
+                settings, asked.models, clock, observer, self.journal, routes, memory, counts
+            )
             for settled in flow.track(frames):
                 self.statuses[settled.frame.status] += 1
                 if settled.frame.status == DUPLICATE:
@@ -280,13 +282,6 @@ class _Task:
             report.notes += paired(source, first, report.images_held)
         return chain((first,), frames)
 
-    def _flow(self, observer: RunObserver | None, routes: RouteFile | None) -> Flow:
-        settings, models = self.asked.settings, self.asked.models
-        memory = ImageMemory(settings.run.memory_mb, settings.track.longest + WINDOW_STEP)
-        return Flow(
-            settings, models, self.clock, observer, self.journal, routes, memory, self.run.counts
-        )
-
     def _notes(self, drive: Drive) -> list[str]:
         """What a person has to know of the drive."""
         on_globe, found = drive.path.globe is not None, drive.lens.found
@@ -317,21 +312,16 @@ def _wrong_calibration(log: Path, report: ReadReport, found: Camera) -> str:
 
 
 def _no_image(log: Path, statuses: Counter[str]) -> str:
-    reasons = (
-        ", ".join(f"{count} {status}" for status, count in sorted(statuses.items()))
-        or "the log has none"
-    )
+    reasons = ", ".join(f"{count} {status}" for status, count in sorted(statuses.items()))
     return (
-        f"{log}: there are no images to process: {reasons}. See `wayside info` for what the log holds, and loosen "
-        "--from, --until, --every or the calibration."
+        f"{log}: there are no images to process: {reasons or 'the log has none'}. See `wayside info` for what the "
+        "log holds, and loosen --from, --until, --every or the calibration."
     )
 
 
 def _write_run(result: RunResult, asked: RunRequest, part: Path) -> None:
     """`run.json`: everything needed to repeat the run, and all that differs between two runs of it."""
     settings, models, drive = asked.settings, asked.models, result.inventory
-    used = result.frames.get(USED, 0)
-    rejected = {k: v for k, v in sorted(result.frames.items()) if k != USED}
     digests = models.digests()
     content: dict[str, Any] = {
         "wayside": version("wayside"),
@@ -357,8 +347,8 @@ def _write_run(result: RunResult, asked: RunRequest, part: Path) -> None:
         "notes": result.notes,
         "accounting": {
             "frames_read": sum(result.frames.values()),
-            "used": used,
-            "rejected": rejected,
+            "used": result.frames.get(USED, 0),
+            "rejected": {k: v for k, v in sorted(result.frames.items()) if k != USED},
             "regions": drive.verdicts,
             "boxes": None if result.boxes is None else result.boxes.counts,
             "lost": result.lost,

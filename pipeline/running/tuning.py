@@ -56,8 +56,7 @@ def watched_compilation(notify: Callable[[bool], None]) -> Iterator[None]:
     Garbage collection pauses meanwhile. The compiler makes millions of small objects that live until it is done, and
     scanning them repeatedly costs about a fifth of its time.
     """
-    listener = _CompilationListener(notify)
-    with event.install_listener("numba:compile", listener):
+    with event.install_listener("numba:compile", _CompilationListener(notify)):
         yield
 
 
@@ -65,9 +64,7 @@ class _CompilationListener(event.Listener):
     """Counts nested compilations; numba compiles under one lock, so there is one at a time."""
 
     def __init__(self, notify: Callable[[bool], None]) -> None:
-        self._notify = notify
-        self._depth = 0
-        self._collects = False
+        self._notify, self._depth, self._collects = notify, 0, False
 
     def on_start(self, event: object) -> None:
         self._depth += 1
