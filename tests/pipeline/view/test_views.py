@@ -63,7 +63,6 @@ from wayside.schemas.signs import Sign
 from wayside.stages.geometry import iou_matrix
 from wayside.stages.georeference import DrivePath
 from wayside.stages.georeference.path import PathPoint
-from wayside.stages.odometry import ImagePair
 
 from ...made_landmarks import made_landmark
 from ..results import sign_row
@@ -178,8 +177,8 @@ def stream_types():
 
 
 def test_every_type_that_travels_has_a_view():
-    assert len(stream_types()) == 7 + len(AFTER_THE_DRIVE)
-    assert stream_types() - set(VIEWS) == AFTER_THE_DRIVE | {ImagePair}  # of images already shown
+    assert len(stream_types()) == 6 + len(AFTER_THE_DRIVE)
+    assert stream_types() - set(VIEWS) == AFTER_THE_DRIVE
 
 
 def test_every_path_of_the_viewer_holds_something(chunks, report_chunks):
