@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import cv2
@@ -32,7 +32,7 @@ AROUND = 1.5
 """Sides of what is described, in sides of the region's box: the face and the edge around it."""
 LARGEST_ENTRY = 0.2
 """No entry of a normalised descriptor is larger (Lowe 2004)."""
-_LEVELS, _CELLS, _SAMPLES, _ANGLES = 4, 4, 16, 8
+_LEVELS, _CELLS, _SAMPLES, _ANGLES, _STRIDE = 4, 4, 16, 8, 12
 _turn = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
 _DIRECTIONS = np.stack([np.cos(_turn), np.sin(_turn)], axis=1).astype(np.float32)
 _middles = (np.arange(_SAMPLES) + 0.5) * (_CELLS / _SAMPLES) - 0.5
@@ -76,7 +76,7 @@ def describe_regions(grey: NDArray[np.uint8], regions: Regions) -> NDArray[np.fl
             half = [max(n // 2, 1) for n in image.shape[::-1]]
             image = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint8)
         at = (middle + 0.5) / 2**k - 0.5
-        _describe(image, rows, at, step / 2**k, cells)
+        _describe(image, rows, at, step / 2**k, _DIRECTIONS, _WEIGHTS, cells)
     found = cells.reshape(len(regions), _CELLS * _CELLS * _ANGLES)
     for most in (LARGEST_ENTRY, np.inf):
         found = np.minimum(
@@ -92,30 +92,33 @@ def _describe(
     rows: NDArray[np.int64],
     middle: Array,
     step: Array,
+    directions: NDArray[np.float32],
+    weights: NDArray[np.float32],
     found: NDArray[np.float32],
 ) -> None:
     """Gradients (n, cells, cells, angles) of the patches of some rows: points (n, 2), steps (n, 2) between samples."""
-    patch = np.empty((_SAMPLES + 2, _SAMPLES + 2), np.float32)
-    across, along = np.empty((_CELLS, _ANGLES), np.float32), np.empty(_ANGLES, np.float32)
+    cells, samples = _CELLS, _SAMPLES
+    patch = np.empty((samples + 2, samples + 2), np.float32)
+    across, along = np.empty((cells, _ANGLES), np.float32), np.empty(_ANGLES, np.float32)
     for i in rows:
         _sample(image, middle[i, 0], middle[i, 1], step[i, 0], step[i, 1], patch)
-        for a in range(_SAMPLES):
+        for a in range(samples):
             across[:] = 0
-            for b in range(_SAMPLES):
+            for b in range(samples):
                 right = patch[a + 1, b + 2] - patch[a + 1, b]
                 down = patch[a + 2, b + 1] - patch[a, b + 1]
                 for k in range(_ANGLES):
-                    turned = right * _DIRECTIONS[k, 0] + down * _DIRECTIONS[k, 1]
+                    turned = right * directions[k, 0] + down * directions[k, 1]
                     along[k] = max(turned, np.float32(0))
-                for c in range(_CELLS):
-                    if _WEIGHTS[c, b] > 0:
+                for c in range(cells):
+                    if weights[c, b] > 0:
                         for k in range(_ANGLES):
-                            across[c, k] += _WEIGHTS[c, b] * along[k]
-            for r in range(_CELLS):
-                if _WEIGHTS[r, a] > 0:
-                    for c in range(_CELLS):
+                            across[c, k] += weights[c, b] * along[k]
+            for r in range(cells):
+                if weights[r, a] > 0:
+                    for c in range(cells):
                         for k in range(_ANGLES):
-                            found[i, r, c, k] += _WEIGHTS[r, a] * across[c, k]
+                            found[i, r, c, k] += weights[r, a] * across[c, k]
 
 
 @compiled
@@ -176,8 +179,7 @@ class _Matcher:
         self._settings = settings
         self._path = TravelledPath(2 * settings.longest)
         self._window: list[WindowFrame] = []
-        self._features = Features.empty()
-        self._rows = np.zeros(0, np.int64)  # of the newest frame, those that have descriptors
+        self._features: Features | None = None
         self._chains: dict[int, _Chain] = {}  # by followed candidate of the newest frame
         self._next_id = 0
 
@@ -188,34 +190,36 @@ class _Matcher:
     def append(self, frame: WindowFrame, features: Features) -> None:
         """Take the next frame: chains go on or end."""
         going: dict[int, _Chain] = {}
-        rows = np.searchsorted(frame.followed["candidate"], features.sign_rows)
-        if self._window:
+        if self._features is not None:
             before, previous = self._window[-1], self._features
-            described = previous.sign_descriptors, features.sign_descriptors
-            both = self._rows, rows
-            a, b = match_regions(before, frame, both, described, self._settings.gap_px)
+            a, b = match_regions((before, previous), (frame, features), self._settings.gap_px)
             frame.matches = np.concatenate([previous.sign_points[a], features.sign_points[b]], 1)
-            olds, news = self._rows[a], rows[b]
+            olds, news = _followed(before, previous)[a], _followed(frame, features)[b]
             before.followed["paired"][olds, 1] = frame.followed["paired"][news, 0] = True
             for old, new in zip(olds.tolist(), news.tolist(), strict=True):
                 chain = self._chains.pop(old, ((before, old),))
                 going[new] = (*chain, (frame, new))[-self._settings.longest :]
-        ended = self._chains.values()
+        ended = list(self._chains.values())
         self._window.append(frame)
         frame.posed = _without_pixels(frame.posed)
         self._path.append(frame.motion)
         self._end(ended)
-        self._chains, self._features, self._rows = going, features, rows
-        wanted = {id(f) for chain in going.values() for f, _ in chain} | {id(frame)}
-        while id(self._window[0]) not in wanted:
-            del self._window[0]
+        self._chains, self._features = going, features
+        self._let_go()
 
     def finish(self) -> None:
         """End all chains: no frame follows."""
-        self._end(self._chains.values())
+        self._end(list(self._chains.values()))
+        self._chains = {}
         self._window = []
 
-    def _end(self, chains: Collection[_Chain]) -> None:
+    def _let_go(self) -> None:
+        wanted = {id(f) for chain in self._chains.values() for f, _ in chain}
+        wanted.add(id(self._window[-1]))
+        while id(self._window[0]) not in wanted:
+            del self._window[0]
+
+    def _end(self, chains: list[_Chain]) -> None:
         if not chains:
             return
         candidates = candidates_of(self._window)
@@ -258,40 +262,80 @@ class _Matcher:
 
 def _without_pixels(posed: PosedDetections) -> PosedDetections:
     """The frame, of which the window keeps the candidates only."""
-    found = posed.detections.segmentation
-    segmentation = replace(found, image=replace(found.image, rgb=None))
-    return replace(posed, detections=replace(posed.detections, segmentation=segmentation))
+    found = posed.detections
+    image = replace(found.image, rgb=None, grey=None, levels=None)
+    segmentation = replace(found.segmentation, image=image)
+    return replace(posed, detections=replace(found, segmentation=segmentation))
+
+
+def _followed(frame: WindowFrame, features: Features) -> NDArray[np.int64]:
+    """Number among the followed ones of each region that has a descriptor."""
+    return np.searchsorted(frame.followed["candidate"], features.sign_rows)
 
 
 def match_regions(
-    first: WindowFrame,
-    second: WindowFrame,
-    rows: tuple[NDArray[np.int64], NDArray[np.int64]],
-    descriptors: tuple[NDArray[np.float32], NDArray[np.float32]],
-    gap_px: float,
+    first: tuple[WindowFrame, Features], second: tuple[WindowFrame, Features], gap_px: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Regions (k,) of one image and of the next that are each other's nearest.
 
     Only regions on each other's epipolar lines that grow as what stands does are compared. Lowe's ratio test would
     compare with other regions of the same thing; the distance itself decides.
     """
-    one, two = (frame.followed[own] for frame, own in zip((first, second), rows, strict=True))
-    start, end = first.motion.pose, second.motion.pose
+    (before, own), (frame, other) = first, second
+    one, two = (f.followed[_followed(f, x)] for f, x in (first, second))
+    start, end = before.motion.pose, frame.motion.pose
     moved = end.rotation.T @ (start.centre - end.centre)
     essential = cross_matrices(moved) @ end.rotation.T @ start.rotation
     lines = np.column_stack([one["ray"], np.ones(len(one))]) @ essential.T
     lines /= np.linalg.norm(lines[:, :2], axis=1, keepdims=True)
-    gap = abs(lines[:, :2] @ two["ray"].T + lines[:, 2:])
-    a, b = np.nonzero(gap <= gap_px / second.focal + GAP_SHARE * two["size"][:, 1])
-    growth = two["size"][b] / one["size"][a]
-    stands = ((growth >= GROWTH[0]) & (growth <= GROWTH[1])).all(axis=1)
-    a, b = a[stands], b[stands]
-    for part in (slice(-4, None), slice(None)):  # share and colour first, which few pairs pass
-        distance = np.linalg.norm(descriptors[0][a, part] - descriptors[1][b, part], axis=1)
-        near = distance < FARTHEST
-        a, b, distance = a[near], b[near], distance[near]
-    order = np.argsort(distance, kind="stable")
-    forth, back = (np.unique(side[order], return_index=True)[1] for side in (a, b))
-    mutual = order[np.intersect1d(forth, back)]
-    mutual = mutual[np.argsort(a[mutual])]
-    return a[mutual], b[mutual]
+    nearest = np.full(len(one), -1)
+    _match(
+        lines,
+        np.ascontiguousarray(one["size"]),
+        own.sign_descriptors,
+        np.ascontiguousarray(two["ray"]),
+        np.ascontiguousarray(two["size"]),
+        other.sign_descriptors,
+        gap_px / frame.focal + GAP_SHARE * two["size"][:, 1],
+        nearest,
+    )
+    matched = np.flatnonzero(nearest >= 0)
+    return matched, nearest[matched]
+
+
+@compiled
+def _match(
+    lines: Array,
+    size: Array,
+    described: NDArray[np.float32],
+    other_ray: Array,
+    other_size: Array,
+    other_described: NDArray[np.float32],
+    allowed: Array,
+    nearest: NDArray[np.int64],
+) -> None:
+    n, m = lines.shape[0], other_ray.shape[0]
+    gap, least, back = np.empty(m), np.full(m, np.inf), np.full(m, -1)
+    for i in range(n):
+        for j in range(m):
+            x, y = other_ray[j, 0], other_ray[j, 1]
+            gap[j] = abs(lines[i, 0] * x + lines[i, 1] * y + lines[i, 2])
+        best = FARTHEST**2
+        for j in range(m):
+            if gap[j] > allowed[j]:
+                continue
+            wider, taller = other_size[j, 0] / size[i, 0], other_size[j, 1] / size[i, 1]
+            if min(wider, taller) < GROWTH[0] or max(wider, taller) > GROWTH[1]:
+                continue
+            square, start = np.float32(0), described.shape[1]
+            while start > 0 and square < FARTHEST**2:  # share and colour first
+                start -= _STRIDE
+                for k in range(start, start + _STRIDE):
+                    square += (described[i, k] - other_described[j, k]) ** 2
+            if square < best:
+                best, nearest[i] = float(square), j
+            if square < least[j]:
+                least[j], back[j] = square, i
+    for i in range(n):
+        if nearest[i] >= 0 and back[nearest[i]] != i:
+            nearest[i] = -1
