@@ -39,7 +39,7 @@ PAUSE_NS = 300_000_000
 """Between two turns."""
 PEERS = {"yolo": 12, "plain": 2, "pycolmap": 24}
 """Other programs, and on how many images they run."""
-SIDE_BY_SIDE = "decode propose detect features segment color shape sift ties".split()
+SIDE_BY_SIDE = "decode propose detect features segment color shape sift measure".split()
 """Stages in the workers; whatever else a run counts is in order, in one thread."""
 FIRST_IMAGE = """
 import sys, time

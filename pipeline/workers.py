@@ -82,14 +82,11 @@ class StageClock:
             self.add(name, spent)
             self._thread.upstream += spent
 
-    def shared(self, function: Callable[[Given], Value]) -> Callable[[Given], Value]:
-        """The function, whose time in other threads counts for the stage that is at work in this one."""
-        stage, caller = self._thread.stage, threading.get_ident()
+    def apart(self, name: str, function: Callable[[Given], Value]) -> Callable[[Given], Value]:
+        """The function, whose time counts under a name of its own in whichever thread it runs."""
 
         def counted(item: Given) -> Value:
-            if threading.get_ident() == caller:
-                return function(item)
-            with self.aside(stage):
+            with self.aside(name):
                 return function(item)
 
         return counted
@@ -117,7 +114,6 @@ class StageClock:
         thread = self._thread
         while True:
             before, thread.upstream = thread.upstream, 0.0
-            outer, thread.stage = thread.stage, name
             start = thread_time()
             try:
                 item = next(items, None)
@@ -128,17 +124,16 @@ class StageClock:
             finally:
                 inclusive = thread_time() - start
                 self.add(name, inclusive - thread.upstream)
-                thread.upstream, thread.stage = before + inclusive, outer
+                thread.upstream = before + inclusive
             if item is None:
                 return
             yield item
 
 
 class _ThreadState(threading.local):
-    """Of one thread: time that upstream stages took of the call in progress, the stage at work, the frame before."""
+    """Of one thread: time that upstream stages took of the call in progress, and the frame handed on last."""
 
     upstream: float = 0.0
-    stage: str = ""
     frame: int | None = None
 
 

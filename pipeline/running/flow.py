@@ -108,7 +108,7 @@ class Flow:
 
     def _each(self, function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
         """Do independent work of a stage in the workers."""
-        return self.workers.map(self.clock.shared(function), items)
+        return self.workers.map(self.clock.apart("measure", function), items)
 
     def _follow(self, detections: Iterator[Detections]) -> Iterator[TrackedFrame]:
         """Do what needs the frames in order. Pixels are held until the frame is tracked, or has no motion."""
