@@ -37,7 +37,7 @@ TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
 SPACING = "26.4ft"
 PAUSE_NS = 300_000_000
 """Between two turns."""
-PEERS = {"yolo": 12, "plain": 2, "pycolmap": 24}
+PEERS = {"yolo": 12, "plain": 2, "pycolmap": 12}
 """Other programs, and on how many images they run."""
 SIDE_BY_SIDE = "decode propose detect features segment color shape sift measure".split()
 """Stages in the workers; whatever else a run counts is in order, in one thread."""

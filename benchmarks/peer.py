@@ -44,7 +44,7 @@ def reconstruct(log: Path, scratch: Path, count: int) -> pycolmap.Reconstruction
     images, database = scratch / "images", scratch / "model.db"
     images.mkdir()
     camera = None
-    for frame in read_frames(log, ReadSettings(thin_m=0.0), ReadReport()):
+    for frame in read_frames(log, ReadSettings(spacing_m=8.0, thin_m=0.0), ReadReport()):
         if frame.used and frame.camera is not None and frame.index < count:
             (images / f"{frame.index:05d}.jpg").write_bytes(frame.data)
             camera = frame.camera
