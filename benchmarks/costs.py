@@ -7,7 +7,7 @@ process of its own, start and all; the ways take turns, and the table holds medi
 played over and over: its images and calibration only, times moved on, so both run from the known spacing.
 
 --peers: a Python that has ultralytics and pycolmap, which then run on the same images (`cost_peers.py`).
-Prints tables; writes only scratch.
+Prints tables.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ from common import BENCHMARKS, WAYSIDE, print_table
 from faulty_logs import CALIBRATION, IMAGE, Logged, edited, read_log, write_log
 
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.running.tuning import tune_process
 from wayside.schemas.settings import ReadSettings
 
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
 SPACING = "26.4ft"
-PAUSE_NS = 300_000_000
-"""Between two turns."""
+PAUSE_NS = 300_000_000  # between two turns
 PEERS = {"yolo": 12, "plain": 2, "pycolmap": 24}
 """Other programs, and on how many images they run."""
 SIDE_BY_SIDE = "decode propose detect features segment color shape sift measure".split()
 """Stages in the workers; whatever else a run counts is in order, in one thread."""
 FIRST_IMAGE = """
-import sys, time
+import sys
 from pathlib import Path
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.models.model_files import load_models
@@ -78,7 +78,7 @@ class Decoder:
         settings = ReadSettings(spacing_m=8.0, thin_m=0.0)
         frames = read_frames(log, settings, ReadReport())
         self._data = [np.frombuffer(one.data, np.uint8) for one in frames if one.used]
-        cv2.setNumThreads(1)
+        tune_process()  # with fresh memory for each image a decode takes half as long again
 
     def ms(self) -> float:
         """Median over the images."""
