@@ -176,7 +176,7 @@ class Bench:
             yield [count, f"{1000 / max(order, sum(spent.values()) / count):.1f}"]
 
     def starts(self) -> list[list[str]]:
-        """Rows: help, the first image, and the first run after an installation beside the next one."""
+        """Rows: help, the first image, and the first run after an installation, and the next one."""
         run = self._command("start", self._short)
         fresh = {"NUMBA_CACHE_DIR": str(self._scratch / "kernels")}
         first = [sys.executable, "-c", FIRST_IMAGE, self._short]
