@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,7 @@ def write_figures(
 
     `labels`: in any format that is read; None: those that stand beside the log. `boards`, `board`: images of a
     chessboard and its inner corners (9x6), for figure 6.1. `assignments`, `options`: settings GROUP.NAME=VALUE, and by
-    their names. `overwrite`: replace a file of the user's; a page of before is replaced always. Raises InputError,
+    their names. `overwrite`: replace a file of the user's; wayside's own page is always replaced. Raises InputError,
     UsageError, StageError as in `gather_drive` and `calibrate_images`, OutputError where the page cannot be written.
     """
     page = folder / PAGE
@@ -69,7 +69,7 @@ def chapters_of(
     drive: Drive, boards: list[Path], board: str | None
 ) -> list[tuple[str, list[Figure]]]:
     """All figures by chapter of the report."""
-    draw = (
+    draw: tuple[Callable[[Drive], Iterable[Figure]], ...] = (
         segmentation_figures,
         color_figures,
         shape_figures,
