@@ -120,7 +120,7 @@ def parse_board(text: str, square_m: float) -> Board:
     columns, _, rows = text.lower().partition("x")
     if not (columns.isdecimal() and rows.isdecimal() and min(int(columns), int(rows)) >= 3):
         raise UsageError(
-            f"--board: {text!r} is not a number of inner corners. Give the corners along both sides, at least 3 each: "
+            f"--board: {text!r} does not give the inner corners. Give how many there are along both sides, at least 3: "
             "a board of 10 x 7 squares is 9x6."
         )
     return Board(int(columns), int(rows), square_m)

@@ -29,7 +29,7 @@ _MARK = "wayside changes"
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """What a page holds: changes with images, images that no log gave, and why, in words."""
+    """What a page shows: how many changes, how many images no log holds, and why."""
 
     shown: int
     lost_images: int

@@ -98,7 +98,7 @@ def read_rows(
 
 
 def find_sign(out: Path, signs: Sequence[dict[str, Any]], sign_id: str) -> dict[str, Any]:
-    """The row of a sign; raises UsageError where there is none, and offers the nearest."""
+    """The row of a sign. Raises UsageError if there is none; its message names the nearest."""
     by_id = {row["sign_id"]: row for row in signs}
     if sign_id not in by_id:
         near = difflib.get_close_matches(sign_id, by_id, n=1, cutoff=0.0)
@@ -214,8 +214,8 @@ def file_digest(path: Path) -> str:
 def check_earlier(folder: Path, log: Path, *, overwrite: bool = False) -> EarlierResult:
     """Make sure that a run loses nothing of the user's.
 
-    A result of the same log, by its fingerprint, may be replaced where each table is as `run.json` states it; with
-    `overwrite`, whatever stands there.
+    A result of the same log, by its fingerprint, may be replaced if each table is as `run.json` states it. `overwrite`
+    replaces any result.
 
     Raises OutputError where a result of another log stands there, or files that no run of wayside has left there.
     """
