@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wayside.pipeline.files.pictures import data_address, encode_webp
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.labels.read import FrameLabels, read_labels
 from wayside.pipeline.learning.asked import ClassifierSamples, gather_samples, labels_of_log
@@ -21,6 +21,7 @@ from wayside.pipeline.learning.labelled import ON, Faces, labelled_faces
 from wayside.pipeline.learning.page import Figure, Picture
 from wayside.pipeline.models.model_files import Models, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.statistics import share_interval
 from wayside.pipeline.workers import Item
 from wayside.schemas.detections import SHAPES, Detections, Regions, Segmentation
 from wayside.schemas.errors import InputError
@@ -36,10 +37,10 @@ from wayside.stages.segmentation import segment
 
 PRESET, SHAPE_PRESET, TRAJECTORY_PRESET = "report", "report-shape", "report-2d"
 """The report's last chain, and the one with its shape classifier."""
-REPORT: dict[str, dict[str, tuple[str, str]]] = tomllib.loads(
+REPORT: dict[str, dict[str, list[str]]] = tomllib.loads(
     Path(__file__).with_name("report.toml").read_text(encoding="utf-8")
 )
-"""What the report shows: by chapter and number, the title and the words of a figure."""
+"""What the report shows: by chapter and number, the title and the words of a figure; those of a claim end in `open`."""
 T = TypeVar("T")
 LABELS_BESIDE = (".truth.json", ".labels.json", ".labels.parquet")
 """Endings of a log's labels beside it, in the order in which they are looked for."""
@@ -72,8 +73,7 @@ class Scene:
     def rgb(self) -> NDArray[np.uint8]:
         """The image."""
         rgb = self.segmentation.image.rgb
-        if rgb is None:
-            raise ValueError("there is no image")
+        assert rgb is not None
         return rgb
 
     @property
@@ -87,8 +87,7 @@ class Scene:
     @property
     def difference(self) -> NDArray[np.float32]:
         """Distance of each pixel to the colour of its cluster (chapter 2.3)."""
-        apart = self.rgb.astype(np.float32) - self.clustered
-        return np.asarray(np.sqrt((apart**2).sum(axis=2)), np.float32)
+        return np.asarray(np.linalg.norm(self.rgb - self.clustered.astype(np.float32), axis=2))
 
 
 @dataclass
@@ -97,8 +96,9 @@ class Drive:
 
     `shapes`, `density`: the classes of shapes, and of what moves as signs do, that decide in other chains of the
     report. `samples`: what each classifier was asked, by its name. `frames`: motion by frame. `landmarks`: all, with
-    their verdicts. `regions`: those of each frame that passed the size gate. `outlines`: of those that passed the
-    colour gate and lie on a face, in order of frames.
+    their verdicts. `regions`: those of each frame that passed the size gate. `passed`: boxes (n, 4) of those that
+    passed the colour gate, too. `outlines`: of those of them that lie on a face, in order of frames. `matches` (k, 4):
+    SIFT matches of each frame with the one before, u, v, u, v.
     """
 
     log: Path
@@ -112,7 +112,9 @@ class Drive:
     frames: dict[int, Motion] = field(default_factory=dict, repr=False)
     landmarks: list[Landmark] = field(default_factory=list, repr=False)
     regions: dict[int, Regions] = field(default_factory=dict, repr=False)
+    passed: dict[int, NDArray[np.float32]] = field(default_factory=dict, repr=False)
     outlines: list[FaceOutline] = field(default_factory=list, repr=False)
+    matches: dict[int, NDArray[np.float32]] = field(default_factory=dict, repr=False)
 
     @property
     def signs(self) -> list[Landmark]:
@@ -146,10 +148,13 @@ class Drive:
             self.frames[item.frame.index] = item.motion
             self.landmarks.extend(item.landmarks)
             self.regions[item.frame.index] = item.candidates.regions
+            if item.matches is not None:
+                self.matches[item.frame.index] = item.matches
 
     def _outlines_on_faces(self, item: Detections) -> Iterator[FaceOutline]:
         rows = item.candidates.open_rows()
         regions, frame = item.candidates.regions.select(rows), item.frame.index
+        self.passed[frame] = regions.box
         label, face = self.faces.label_regions(frame, regions.box)
         on = np.flatnonzero(label == ON)
         regions, face = regions.select(on), face[on]
@@ -170,8 +175,21 @@ class Drive:
 
 def figure(number: str) -> Figure:
     """A figure with what the report shows, and still without this drive."""
-    own = next(figures for figures in REPORT.values() if number in figures)
-    return Figure(number, *own[number])
+    title, words, *claim = next(own[number] for own in REPORT.values() if number in own)
+    return Figure(number, title, words, claim="".join(claim))
+
+
+NEARLY_ALL, ALMOST_NO = 0.95, 0.05
+"""How the words of the report are read that state no number: "near perfect", "typically all", and "almost no", here a
+false place in twenty images."""
+
+
+def reached(count: int, total: int, share: float) -> str:
+    """Whether a share of at least so much is `met`, or `not met`; `open` where its interval holds it all the same."""
+    interval = share_interval(count, total)
+    if interval is None:
+        return "open"
+    return "met" if count >= share * total else "not met" if interval.high < share else "open"
 
 
 def evenly(values: Sequence[T], count: int) -> list[T]:
@@ -222,7 +240,8 @@ Ink = tuple[int, int, int]
 ACCENT: Ink = (255, 0, 140)
 SIGN_INK: Ink = (255, 230, 0)
 _PAPER, _GAP, _SHIFT = 255, 6, 4
-_WIDEST, _QUALITY = 1100, 82
+_WIDEST, IMAGE_WIDE = 1100, 800
+"""Most pixels of the width of a picture, and of one that shows a whole image."""
 
 
 def around(
@@ -290,15 +309,11 @@ def lined(
     return page
 
 
-def photo(rgb: NDArray[np.uint8], words: str = "", *, scale: float = 1.0) -> Picture:
-    """An image (height, width, 3) RGB or (height, width) grey as JPEG, enlarged by a factor, shrunk where too wide."""
-    factor = min(scale, _WIDEST / rgb.shape[1])
-    size = (max(round(rgb.shape[1] * factor), 1), max(round(rgb.shape[0] * factor), 1))
-    method = cv2.INTER_CUBIC if factor > 1 else cv2.INTER_AREA
-    shown = cv2.resize(rgb, size, interpolation=method)
-    if shown.ndim == 3:
-        shown = cv2.cvtColor(shown, cv2.COLOR_RGB2BGR)
-    _, coded = cv2.imencode(".jpg", shown, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-    source = base64.b64encode(coded.tobytes()).decode()
+def photo(rgb: NDArray[np.uint8], words: str = "", wide: int = _WIDEST) -> Picture:
+    """An image (height, width, 3) RGB or (height, width) grey, shrunk to a width in pixels where it is wider."""
+    factor = min(1.0, wide / rgb.shape[1])
+    size = round(rgb.shape[1] * factor), max(round(rgb.shape[0] * factor), 1)
+    shown = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
+    source = data_address(encode_webp(shown if shown.ndim == 3 else np.dstack([shown] * 3)))
     alt = f'width="{size[0]}" height="{size[1]}" alt="{escape(words)}"'
-    return Picture(f'<img src="data:image/jpeg;base64,{source}" {alt}>', words)
+    return Picture(f'<img src="{source}" {alt}>', words)

@@ -37,6 +37,7 @@ from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import Motion, PosedDetections, Ties
 from wayside.stages.geometry import distort_points, pair_residual, points_of_second, rays_of_ideal
+from wayside.stages.odometry import root_mean
 from wayside.stages.segmentation import difference_image
 
 RECENT = 60
@@ -183,10 +184,6 @@ def view_posed(item: PosedDetections, stage: str, state: ViewState) -> list[Enti
         entity(at.PATH, path),
         *_view_ties(motion, frame.camera),
     ]
-    residuals = {"straight": motion.residual_straight_px, "adjusted": motion.residual_px}
-    for name, value in residuals.items():
-        if np.isfinite(value):
-            found.append(entity(f"{at.RESIDUALS}/{name}", rr.Scalars([value])))
     if motion.history_px:
         shown = np.array(motion.history_px[: ITERATIONS_SHOWN + 1])  # the last one stays
         padded = np.pad(shown, (0, ITERATIONS_SHOWN + 1 - len(shown)), mode="edge")
@@ -195,8 +192,8 @@ def view_posed(item: PosedDetections, stage: str, state: ViewState) -> list[Enti
 
 
 def _view_ties(motion: Motion, camera: Camera) -> list[Entity]:
-    ties, step = motion.ties, motion.step
-    if ties is None or step is None:
+    ties, step, line = motion.ties, motion.step, motion.straight
+    if ties is None or step is None or line is None:
         empty = rr.Points3D(np.zeros((0, 3)))
         return [
             entity(at.MATCHES, rr.LineStrips2D([])),
@@ -206,13 +203,20 @@ def _view_ties(motion: Motion, camera: Camera) -> list[Entity]:
     points = [distort_points(camera, ends) for ends in (ties.previous, ties.current)]
     ends = np.stack(points, axis=1).astype(np.float32)
     before, after = rays_of_ideal(camera, ties.previous), rays_of_ideal(camera, ties.current)
-    squares = pair_residual(before, after, step.rotation, step.centre, (camera.fx, camera.fy))
-    residual = np.sqrt(np.minimum(squares, 1e6) / 4).astype(np.float32)
+    squares = {
+        name: pair_residual(before, after, one.rotation, one.centre, (camera.fx, camera.fy))
+        for name, one in (("straight", line), ("adjusted", step))
+    }
+    residual = np.sqrt(np.minimum(squares["adjusted"], 1e6) / 4).astype(np.float32)
     ink = np.where(ties.inlier[:, None], GOOD, BAD).astype(np.uint8)
     lines = rr.LineStrips2D(ends, colors=ink, radii=rr.Radius.ui_points(1.0))
-    expected = motion.expected or step
-    straight = points_of_second(before, after, expected.rotation, expected.centre)
+    straight = points_of_second(before, after, line.rotation, line.centre)
     return [
+        *(
+            entity(f"{at.RESIDUALS}/{name}", rr.Scalars([value]))
+            for name, own in squares.items()
+            if np.isfinite(value := root_mean(own[ties.inlier]))
+        ),
         entity(at.MATCHES, lines, rr.AnyValues(residual_px=residual)),
         entity(at.POINTS_STRAIGHT, _cloud(straight, motion, ties, BEFORE)),
         entity(at.POINTS_ADJUSTED, _cloud(ties.point, motion, ties, AFTER)),

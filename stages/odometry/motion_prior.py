@@ -58,7 +58,8 @@ class MotionPrior:
 
     `prior`: of rotation, direction and length. `straight`: rotation and direction to fall back on. `search`: rotation
     (3, 3) by which corners are predicted. `slack_px`: half width of the band they are matched in. `source`: "straight",
-    "points", "odometry", "poses", "fixes" or "speed". `spacing_m`: the stated one of the first two, else nan.
+    "points", "odometry", "poses", "fixes" or "speed". `spacing_m`: the stated one of the first two, else nan. `posed`:
+    rotation and direction by the log's poses, None without any.
     """
 
     prior: StepPrior
@@ -67,6 +68,7 @@ class MotionPrior:
     slack_px: float
     source: str
     spacing_m: float = nan
+    posed: tuple[Array, Array] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +90,9 @@ def predict_motion(
 ) -> MotionPrior:
     """Expected step between two frames by the best source: poses, then spacing, then fixes, then the last speed.
 
-    Poses that stand still give way to a known spacing. Where points have shown that the spacing varies, the step is as
-    long in spacings as the one before.
+    Poses that stand still give way to a known spacing. Where a straight line may stand for a step (`residual_px`), as
+    in the report, poses give only its length. Where points have shown that the spacing varies, the step is as long in
+    spacings as the one before.
 
     last_rotation (3, 3): of the step before; None: unknown. speed_mps: over that step; nan: unknown.
     length_in_spacings: its length in stated spacings where these vary, else nan.
@@ -99,13 +102,18 @@ def predict_motion(
     InputError
         Where no source gives the distance.
     """
+    posed: MotionPrior | None = None
+    spacing_m = nan if now.spacing_m is None else max(now.spacing_m, SHORTEST_M)
     if before.pose is not None and now.pose is not None:
         step = now.pose.pose.relative_to(before.pose.pose)
         stands = float(np.linalg.norm(step.centre)) <= SHORTEST_M
         if not (stands and now.spacing_m is not None):
-            return _by_poses(before.pose, now.pose, step, travel)
-    spacing_m = nan if now.spacing_m is None else max(now.spacing_m, SHORTEST_M)
-    if isfinite(spacing_m) and isfinite(length_in_spacings):
+            posed, spacing_m = _by_poses(before.pose, now.pose, step, travel), nan
+            if settings.residual_px == 0:
+                return posed
+    if posed is not None:
+        baseline, sigma, source = posed.prior.length_m, posed.prior.sigma_m, posed.source
+    elif isfinite(spacing_m) and isfinite(length_in_spacings):
         baseline, sigma = length_in_spacings * spacing_m, SPACING_SCATTER * spacing_m
         source = "points"
     elif isfinite(spacing_m):
@@ -133,6 +141,7 @@ def predict_motion(
         FIRST_SLACK_PX if last_rotation is None else ROTATION_SLACK_PX,
         source,
         spacing_m,
+        None if posed is None else posed.posed,
     )
 
 
@@ -172,6 +181,7 @@ def _by_poses(
         step.rotation,
         POSE_SLACK_PX,
         second.source,
+        posed=(step.rotation, direction),
     )
 
 
@@ -223,9 +233,9 @@ class PoseNoise:
 
     def learn(self, expected: MotionPrior, adjusted: PairAdjustment) -> None:
         """Take in a step that was expected by poses and adjusted to its images."""
-        if expected.source not in ("poses", "odometry"):
+        if expected.posed is None:
             return
-        rotation, direction = expected.straight
+        rotation, direction = expected.posed
         turned = vector_from_rotation(adjusted.rotation @ rotation.T)
         aside = np.cross(adjusted.direction, direction)
         square = np.array([aside @ aside, turned @ turned]) / MEDIANS
