@@ -53,16 +53,13 @@ class Figure:
         self, ours: str, *pictures: Picture, table: Sequence[Sequence[str]] = (), claim: str = ""
     ) -> Figure:
         """The same with what this drive gives."""
-        return replace(self, ours=ours, pictures=pictures, table=table, claim=claim or self.claim)
+        claim = claim or self.claim
+        return replace(self, ours=ours, pictures=pictures, needs="", table=table, claim=claim)
 
     @property
     def anchor(self) -> str:
         """Its name in links."""
         return "figure-" + re.sub(r"[^0-9a-z]+", "-", self.number).strip("-")
-
-    def left_out(self, needs: str) -> Figure:
-        """The same without, and what it needs."""
-        return replace(self, needs=needs)
 
 
 def format_page(

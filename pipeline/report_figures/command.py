@@ -17,6 +17,7 @@ from wayside.pipeline.report_figures.drive import (
     PRESET,
     REPORT,
     Drive,
+    figure,
     gather_drive,
     labels_beside,
 )
@@ -58,7 +59,7 @@ def write_figures(
     labelled = labels_beside(log) if labels is None else labels
     drive = gather_drive(log, labelled, assignments or [], options)
     chapters = chapters_of(drive, boards or [], board)
-    figures = [figure for _, own in chapters for figure in own]
+    figures = [one for _, own in chapters for one in own]
     words = (
         f"Preset {PRESET} on {len(drive.frames)} images with {int(drive.faces.example.sum())} labelled views of signs. "
         "What the report shows and says stands beside the same of this drive; shares have their 95 % interval.",
@@ -81,17 +82,21 @@ def write_figures(
 def chapters_of(
     drive: Drive, boards: list[Path], board: str | None
 ) -> list[tuple[str, list[Figure]]]:
-    """All figures by chapter of the report."""
+    """All figures by chapter of the report; those that the drive has nothing for say what they need."""
     draw: tuple[Callable[[Drive], Iterable[Figure]], ...] = (
         segmentation_figures,
         color_figures,
         shape_figures,
         track_figures,
-        lambda _: [board_figure(boards, board)],
-        lambda drive: [residual_figure(drive)],
+        lambda _: board_figure(boards, board),
+        residual_figure,
         scene_figures,
         neyman_pearson_figures,
         roc_figures,
         result_figures,
     )
-    return [(chapter, list(one(drive))) for chapter, one in zip(REPORT, draw, strict=True)]
+    chapters = []
+    for (chapter, numbers), one in zip(REPORT.items(), draw, strict=True):
+        made = {own.number: own for own in one(drive)}
+        chapters.append((chapter, [made.get(number) or figure(number) for number in numbers]))
+    return chapters

@@ -106,8 +106,11 @@ def neyman_pearson_figures(drive: Drive) -> Iterator[Figure]:
     white = drive.faces.color == "white"
     area = np.where(white, box_areas(drive.faces.box), 0.0)
     frame = max(images, default=None, key=lambda f: float(area[drive.faces.frame == f].sum()))
-    for number, alpha in (("9.4", None), ("9.5", 0.1), ("9.6", 0.03)):
-        yield _image(images, frame, number, alpha, on, off)
+    if frame is not None:
+        rgb = images[frame]
+        yield figure("9.4").shown(f"frame {frame}", photo(rgb, wide=IMAGE_WIDE))
+        for number, alpha in (("9.5", 0.1), ("9.6", 0.03)):
+            yield _decided(rgb, number, report_threshold(alpha), on, off)
 
 
 def color_curves(drive: Drive) -> dict[str, RocCurve]:
@@ -130,18 +133,22 @@ def roc_figures(drive: Drive) -> Iterator[Figure]:
     """Figure 10.1 for each colour, and the report's claim for green."""
     curves = color_curves(drive)
     if not curves:
-        needs = "labelled signs of a colour that the report's classifier has"
-        yield figure("10.1").left_out(needs)
         return
     used = {name: one.at(one.used) for name, one in curves.items()}
-    reach = [one.fpr[row] for name, one in curves.items() for row in (one.knee, used[name])]
+    near = min(1.2 * max(one.fpr[one.knee] for one in curves.values()) + 0.001, 1.0)
     pictures, key = [], "ring: knee; dot: threshold of a run"
-    for end, words in ((1.0, key), (min(1.2 * max(reach) + 0.001, 1.0), f"magnified; {key}")):
+    for end, words in ((1.0, key), (near, f"the knees magnified; {key}, if it lies here")):
         axes = new_axes((0, end), (0, 1), RATES)
         for name, one in curves.items():
             rgb = (max(v - 30, 0) for v in COLOR_RGB[name])
             ink = TEXT if name == "white" else "#{:02x}{:02x}{:02x}".format(*rgb)
-            draw_roc(axes, one, ink, name.replace("_", " "), used=used[name])
+            draw_roc(
+                axes,
+                one,
+                ink,
+                name.replace("_", " "),
+                used=used[name] if one.fpr[used[name]] <= end else None,
+            )
         pictures.append(svg(axes, words))
     head = ("colour", "signs", "others", "area", "TPR of a run", "FPR of a run")
     rows: list[Sequence[str]] = [(*head, "FPR where all signs pass")]
@@ -250,20 +257,13 @@ def _power(own: Law | None = None) -> Figure:
     return figure("9.3").shown(ours, svg(axes), table=rows)
 
 
-def _image(
-    images: dict[int, NDArray[np.uint8]],
-    frame: int | None,
+def _decided(
+    rgb: NDArray[np.uint8],
     number: str,
-    alpha: float | None,
+    y: float,
     on: NDArray[np.float64],
     off: NDArray[np.float64],
 ) -> Figure:
-    if frame is None:
-        return figure(number).left_out("a labelled white sign")
-    rgb = images[frame]
-    if alpha is None:
-        return figure(number).shown(f"frame {frame}", photo(rgb, wide=IMAGE_WIDE))
-    y = report_threshold(alpha)
     shown = np.where((rgb > y).all(axis=2, keepdims=True), rgb, 0).astype(np.uint8)
     words = [
         f"{name}: {share_words(int((pixels[:, 0] >= y).sum()), len(pixels))} by red, "
@@ -271,4 +271,4 @@ def _image(
         for name, pixels in (("of pixels of white signs pass", on), ("of other pixels", off))
     ]
     ours = f"threshold {y:.2f} by eq. 9.7; {'; '.join(words)}"
-    return figure(number).shown(ours, photo(shown, f"frame {frame}, what passes", IMAGE_WIDE))
+    return figure(number).shown(ours, photo(shown, "what passes", IMAGE_WIDE))

@@ -37,10 +37,10 @@ from wayside.stages.segmentation import segment
 
 PRESET, SHAPE_PRESET, TRAJECTORY_PRESET = "report", "report-shape", "report-2d"
 """The report's last chain, and the one with its shape classifier."""
-REPORT: dict[str, dict[str, list[str]]] = tomllib.loads(
+REPORT: dict[str, dict[str, dict[str, str]]] = tomllib.loads(
     Path(__file__).with_name("report.toml").read_text(encoding="utf-8")
 )
-"""What the report shows: by chapter and number, the title and the words of a figure; those of a claim end in `open`."""
+"""What the report shows: by chapter and number, fields of a `Figure`."""
 T = TypeVar("T")
 LABELS_BESIDE = (".truth.json", ".labels.json", ".labels.parquet")
 """Endings of a log's labels beside it, in the order in which they are looked for."""
@@ -63,31 +63,18 @@ class FaceOutline:
     distance: float
 
 
-@dataclass(frozen=True, slots=True)
-class Scene:
-    """One image again, and its segmentation."""
+def clustered(one: Segmentation) -> NDArray[np.uint8]:
+    """The image in the colours of the clusters of pass one; black where it was not segmented."""
+    shown = np.zeros_like(rgb_of(one))
+    if one.labels is not None:
+        shown[one.rows[0] : one.rows[1]] = np.rint(one.palette).astype(np.uint8)[one.labels[0]]
+    return shown
 
-    segmentation: Segmentation
 
-    @property
-    def rgb(self) -> NDArray[np.uint8]:
-        """The image."""
-        rgb = self.segmentation.image.rgb
-        assert rgb is not None
-        return rgb
-
-    @property
-    def clustered(self) -> NDArray[np.uint8]:
-        """The image in the colours of the clusters of pass one; black where it was not segmented."""
-        one, shown = self.segmentation, np.zeros_like(self.rgb)
-        if one.labels is not None:
-            shown[one.rows[0] : one.rows[1]] = np.rint(one.palette).astype(np.uint8)[one.labels[0]]
-        return shown
-
-    @property
-    def difference(self) -> NDArray[np.float32]:
-        """Distance of each pixel to the colour of its cluster (chapter 2.3)."""
-        return np.asarray(np.linalg.norm(self.rgb - self.clustered.astype(np.float32), axis=2))
+def rgb_of(one: Segmentation) -> NDArray[np.uint8]:
+    """The image of a segmentation of its own."""
+    assert one.image.rgb is not None
+    return one.image.rgb
 
 
 @dataclass
@@ -130,11 +117,11 @@ class Drive:
         found = decode(self._frames(wanted))
         return {one.frame.index: one.rgb for one in found if one.rgb is not None}
 
-    def scenes(self, wanted: Collection[int]) -> dict[int, Scene]:
+    def segmented(self, wanted: Collection[int]) -> dict[int, Segmentation]:
         """Images of frames, segmented again."""
         s = self.settings
         found = segment(decode(self._frames(wanted)), settings=s.segment, gate=s.gate)
-        return {one.frame.index: Scene(one) for one in found if one.frame.used}
+        return {one.frame.index: one for one in found if one.frame.used}
 
     def _frames(self, wanted: Collection[int]) -> Iterator[Frame]:
         read = read_frames(self.log, self.settings.read, ReadReport())
@@ -174,9 +161,8 @@ class Drive:
 
 
 def figure(number: str) -> Figure:
-    """A figure with what the report shows, and still without this drive."""
-    title, words, *claim = next(own[number] for own in REPORT.values() if number in own)
-    return Figure(number, title, words, claim="".join(claim))
+    """A figure with what the report shows, and what it needs of a drive."""
+    return Figure(number, **next(own[number] for own in REPORT.values() if number in own))
 
 
 NEARLY_ALL, ALMOST_NO = 0.95, 0.05

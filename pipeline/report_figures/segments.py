@@ -18,21 +18,22 @@ from wayside.pipeline.report_figures.drive import (
     NEARLY_ALL,
     Drive,
     FaceOutline,
-    Scene,
     around,
     beside,
     boxed,
+    clustered,
     cut,
     evenly,
     figure,
     lined,
     photo,
     reached,
+    rgb_of,
 )
 from wayside.pipeline.statistics import share_words
 from wayside.pipeline.view.drawing import CURVES, curve_of_terms
 from wayside.pipeline.view.drawing import INKS as OUTLINE_INKS
-from wayside.schemas.detections import SOURCES
+from wayside.schemas.detections import SOURCES, Segmentation
 
 REPORT_GATE_PX = (50, 20_000)
 TALL = 220
@@ -46,21 +47,19 @@ def segmentation_figures(drive: Drive) -> Iterator[Figure]:
     faces = drive.faces
     rows = np.flatnonzero(faces.example & np.isin(faces.frame, list(drive.frames)))
     if not len(rows):
-        for number in ("2.1", "2.2", "2.3"):
-            yield figure(number).left_out("labels of a whole sign face")
-        yield _size_gate(drive, None)
+        yield from _size_gate(drive, None)
         return
     yellow, green = (
         rows[faces.color[rows] == color].tolist() or rows.tolist() for color in ("yellow", "green")
     )
     tall = (faces.box[:, 3] - faces.box[:, 1]).tolist()
     near, far = max(yellow, key=tall.__getitem__), min(green, key=tall.__getitem__)
-    scenes = drive.scenes({int(faces.frame[row]) for row in (near, far)})
-    near_scene, far_scene = (scenes[int(faces.frame[row])] for row in (near, far))
-    yield _clustered(drive, "2.1", near_scene, near)
-    yield _clustered(drive, "2.2", far_scene, far)
-    yield _difference(drive, far_scene, far)
-    yield _size_gate(drive, near_scene)
+    found = drive.segmented({int(faces.frame[row]) for row in (near, far)})
+    near_one, far_one = (found[int(faces.frame[row])] for row in (near, far))
+    yield _clustered(drive, "2.1", near_one, near)
+    yield _clustered(drive, "2.2", far_one, far)
+    yield _difference(drive, far_one, far)
+    yield from _size_gate(drive, near_one)
 
 
 def color_figures(drive: Drive) -> Iterator[Figure]:
@@ -92,37 +91,36 @@ def color_figures(drive: Drive) -> Iterator[Figure]:
         yield figure(number).shown(ours, *pictures, claim=claim if number == "3.2" else "")
 
 
-def _clustered(drive: Drive, number: str, scene: Scene, row: int) -> Figure:
-    box = drive.faces.box[row]
-    x0, y0, x1, y1 = _inside(box, scene.rgb.shape)
-    own = scene.difference[y0:y1, x0:x1]
-    corners = around(box, scene.rgb.shape[:2])
-    pictures = beside([cut(scene.rgb, corners, TALL), cut(scene.clustered, corners, TALL)])
-    pixels = scene.clustered[y0:y1, x0:x1].reshape(-1, 3)
+def _clustered(drive: Drive, number: str, one: Segmentation, row: int) -> Figure:
+    box, rgb, shown = drive.faces.box[row], rgb_of(one), clustered(one)
+    margin = 0.2 * (box[2:] - box[:2])
+    (x0, y0), (x1, y1) = np.maximum(np.rint([box[:2] + margin, box[2:] - margin]), 0).astype(int)
+    inside = slice(y0, y1 + 1), slice(x0, x1 + 1)
+    corners = around(box, rgb.shape[:2])
+    pictures = beside([cut(rgb, corners, TALL), cut(shown, corners, TALL)])
+    pixels = shown[inside].reshape(-1, 3)
     (color, count) = Counter(map(tuple, pixels.tolist())).most_common(1)[0]
     ours = (
-        f"frame {scene.segmentation.frame.index}, {drive.faces.color[row] or 'unknown'} sign {box[2] - box[0]:.0f} x "
-        f"{box[3] - box[1]:.0f} px, k = {len(scene.segmentation.palette)}: {100 * count / len(pixels):.0f} % of its "
-        f"pixels are of one cluster, whose colour is {color}; its pixels lie {np.median(own):.0f} levels from the "
-        f"colours of their clusters (median; whole image {np.median(scene.difference):.0f})"
+        f"frame {one.frame.index}, {drive.faces.color[row] or 'unknown'} sign {box[2] - box[0]:.0f} x "
+        f"{box[3] - box[1]:.0f} px, k = {len(one.palette)}: {100 * count / len(pixels):.0f} % of its "
+        f"pixels are of one cluster, whose colour is {color}"
     )
-    return figure(number).shown(
-        ours, photo(pictures, "the image, and in the colours of its clusters")
-    )
+    words = "the image, and in the colours of its clusters"
+    return figure(number).shown(ours, photo(pictures, words))
 
 
-def _difference(drive: Drive, scene: Scene, row: int) -> Figure:
-    grey = np.minimum(np.rint(3 * scene.difference), 255).astype(np.uint8)
+def _difference(drive: Drive, one: Segmentation, row: int) -> Figure:
+    apart = np.linalg.norm(rgb_of(one) - clustered(one).astype(np.float32), axis=2)
+    grey = np.minimum(np.rint(3 * apart), 255).astype(np.uint8)
     by_source = _found_by_source(drive)
     first, rescued, lost = by_source.values()
-    corners = around(drive.faces.box[row], scene.rgb.shape[:2])
     counts = ", ".join(f"{count} {words}" for words, count in by_source.items())
-    whole = f"frame {scene.segmentation.frame.index}: distance of each pixel to its cluster, three times as bright"
+    whole = f"frame {one.frame.index}: distance of each pixel to its cluster, three times as bright"
     return figure("2.3").shown(
         f"of {first + rescued + lost} labelled views of signs, by the connected regions that pass the size gate: "
         f"{counts}; of those that pass one loses, pass two finds {share_words(rescued, rescued + lost)}",
         photo(grey, whole, IMAGE_WIDE),
-        photo(cut(grey, corners, TALL), "the small sign of figure 2.2 in it"),
+        photo(cut(grey, around(drive.faces.box[row], grey.shape), TALL), "the sign of figure 2.2"),
         claim=reached(rescued, rescued + lost, 0.5),
     )
 
@@ -139,10 +137,10 @@ def _found_by_source(drive: Drive) -> dict[str, int]:
     return dict(zip(names, counts, strict=True))
 
 
-def _size_gate(drive: Drive, scene: Scene | None) -> Figure:
+def _size_gate(drive: Drive, one: Segmentation | None) -> Iterator[Figure]:
     low, high = REPORT_GATE_PX
     if "size" not in drive.samples:
-        return figure("3.1").left_out("segments counted before the gate")
+        return
     samples, gate = drive.samples["size"], drive.settings.gate
     area, count, on = samples.values[:, 0], samples.count, samples.label == ON
     edges = np.logspace(0, 6, 37)
@@ -155,33 +153,22 @@ def _size_gate(drive: Drive, scene: Scene | None) -> Figure:
     for limit in (*REPORT_GATE_PX, gate.largest_px):
         axes.axvline(limit, color=TEXT, linestyle="--", linewidth=1)
     pictures = [svg(axes, "dashed: 50 and 20000 px, and the largest area that is kept here")]
-    if scene is not None:
-        kept = scene.segmentation.regions.box[
-            scene.segmentation.regions.source == SOURCES.index("pass1")
-        ]
-        gated = boxed(scene.clustered, list(kept), width=1)
-        pictures.append(
-            photo(gated, f"the {len(kept)} segments of pass one after the gate", IMAGE_WIDE)
-        )
+    if one is not None:
+        kept = one.regions.box[one.regions.source == SOURCES.index("pass1")]
+        gated = boxed(clustered(one), list(kept), width=1)
+        words = f"the {len(kept)} segments of pass one after the gate"
+        pictures.append(photo(gated, words, IMAGE_WIDE))
 
     def counted(rows: NDArray[np.bool_]) -> int:
         return int(count[rows].sum())
 
-    return figure("3.1").shown(
+    yield figure("3.1").shown(
         f"{count.sum():,} segments: {100 * counted(area < low) / count.sum():.1f} % below {low} px, "
         f"{counted(area > high)} above {high} px; of {counted(on)} on labelled signs the report's gate drops "
         f"{counted(on & ((area < low) | (area > high)))}, the gate here ({gate.smallest_px} to {gate.largest_px} px) "
         f"{counted(on & ((area < gate.smallest_px) | (area > gate.largest_px)))}",
         *pictures,
     )
-
-
-def _inside(box: NDArray[np.float64], shape: tuple[int, ...]) -> tuple[int, int, int, int]:
-    """The middle of a box, a fifth off each side, as whole pixels of an image."""
-    margin = 0.2 * (box[2:] - box[:2])
-    x0, y0 = np.maximum(np.floor(box[:2] + margin), 0).astype(int)
-    x1, y1 = np.ceil(box[2:] - margin).astype(int)
-    return x0, y0, min(max(x1, x0 + 1), shape[1]), min(max(y1, y0 + 1), shape[0])
 
 
 def _crops(
@@ -213,21 +200,16 @@ def shape_figures(drive: Drive) -> Iterator[Figure]:
     shown = sorted(shown, key=lambda view: -_area(_largest(view)))[:_MOST]
     worst = [view for view in by_size if not right(drive, view)][:_MOST]
     images = drive.images({view[0].frame for view in (*shown, *worst)})
-    yield _curves(drive, images, [_largest(view) for view in shown])
-    yield _false_negatives(drive, images, [_largest(view) for view in worst])
+    for number, those in (("4.1", shown), ("4.2", worst)):
+        if those:
+            outlines = [_largest(view) for view in those]
+            yield figure(number).shown(_told(drive, outlines), _drawn(images, outlines))
     yield _claim(drive, views)
 
 
 def right(drive: Drive, view: View) -> bool:
     """Whether one of its outlines is accepted with the right shape."""
     return any(one.accepted and one.named == drive.faces.shape[one.face] for one in view)
-
-
-def misfit(sequence: NDArray[np.complex128], terms: tuple[int, ...]) -> float:
-    """RMS distance of an outline from the curve of its terms, as a share of its mean radius."""
-    curve = curve_of_terms(sequence[None], terms)[0]
-    radius = np.abs(sequence - sequence.mean()).mean()
-    return float(np.sqrt((np.abs(sequence - curve) ** 2).mean()) / radius)
 
 
 def _area(one: FaceOutline) -> float:
@@ -238,42 +220,23 @@ def _largest(view: View) -> FaceOutline:
     return max(view, key=_area)
 
 
-def _drawn(
-    images: Images, outlines: Sequence[FaceOutline], curves: Sequence[str]
-) -> NDArray[np.uint8]:
+def _drawn(images: Images, outlines: Sequence[FaceOutline]) -> Picture:
     crops = []
     for one in outlines:
         rgb = images[one.frame]
-        corners = around(one.box, rgb.shape[:2], times=1.5, least=24)
-        lines = [(one.sequence, OUTLINE_INKS["traced"])]
-        for name in curves:
-            curve = curve_of_terms(one.sequence[None], CURVES[name])[0]
-            lines.append((curve, OUTLINE_INKS[name]))
-        crops.append(lined(rgb, corners, _TALL, lines))
-    return beside(crops)
-
-
-def _curves(drive: Drive, images: Images, shown: Sequence[FaceOutline]) -> Figure:
-    if not shown:
-        return figure("4.1").left_out("a labelled sign whose outline is recognised")
-    rows = [("shape", *(name.replace("_", " ") for name in CURVES))]
-    for one in shown:
-        errors = [f"{100 * misfit(one.sequence, terms):.1f} %" for terms in CURVES.values()]
-        rows.append((drive.faces.shape[one.face], *errors))
+        curves = {name: curve_of_terms(one.sequence[None], CURVES[name])[0] for name in CURVES}
+        lines = [(v, OUTLINE_INKS[k]) for k, v in ({"traced": one.sequence} | curves).items()]
+        crops.append(lined(rgb, around(one.box, rgb.shape[:2], times=1.5, least=24), _TALL, lines))
     words = "white: traced; orange: circle; blue: ellipse; pink: six terms"
-    ours = "distance of the outline from each curve, RMS, as a share of its mean radius:"
-    return figure("4.1").shown(ours, photo(_drawn(images, shown, tuple(CURVES)), words), table=rows)
+    return photo(beside(crops), words)
 
 
-def _false_negatives(drive: Drive, images: Images, worst: Sequence[FaceOutline]) -> Figure:
-    if not worst:
-        return figure("4.2").shown("none of the labelled signs is missed")
-    told = [
+def _told(drive: Drive, outlines: Sequence[FaceOutline]) -> str:
+    return "; ".join(
         f"{drive.faces.shape[one.face]} taken for {one.named} at {one.distance:.1f}"
         + ("" if one.accepted else ", too far")
-        for one in worst
-    ]
-    return figure("4.2").shown("; ".join(told), photo(_drawn(images, worst, ()), "traced outlines"))
+        for one in outlines
+    )
 
 
 def _claim(drive: Drive, views: Sequence[View]) -> Figure:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from wayside.pipeline.calibration.boards import (
     CalibratedImages,
@@ -17,7 +17,6 @@ from wayside.pipeline.calibration.boards import (
     parse_board,
 )
 from wayside.pipeline.evaluation.rendered import FEWEST_FRAMES
-from wayside.pipeline.labels.box_matching import Box, same_thing
 from wayside.pipeline.learning.gates import KANSAS_MEAN
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
 from wayside.pipeline.learning.page import (
@@ -46,13 +45,11 @@ from wayside.pipeline.report_figures.drive import (
 )
 from wayside.pipeline.statistics import rate_words, share_words
 from wayside.schemas.detections import COLOR_RGB, box_centers
-from wayside.schemas.labels import SIGN
 from wayside.schemas.landmarks import Landmark, Observation
 from wayside.stages.geometry import ideal_points
 from wayside.stages.report import mean_log_density
 
 FEET = 0.3048
-_JUDGED = {ON: "yes", OFF: "no", NEITHER: "not known"}
 REPORT_SIZE_FT = (3.5, 2.0)
 SCENE_M = 25.0
 """Points of the scene are drawn so near to the camera, and so far beside its path."""
@@ -60,71 +57,56 @@ SCENE_M = 25.0
 
 def track_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 5.1 to 5.4."""
-    longest = _longest(drive)
-    if longest is None:
-        for number in ("5.1", "5.2"):
-            yield figure(number).left_out("a sign that is followed over several images")
-    else:
-        yield from _track(drive, sorted(longest.views, key=lambda view: view.frame))
-    yield _trajectories(drive)
+
+    def rank(one: Landmark) -> tuple[bool, int, float]:
+        """The largest sign of four views or of the most, on a labelled one if there is any."""
+        return drive.judge(one) == ON, min(len(one.views), 4), one.best_box[3] - one.best_box[1]
+
+    if drive.signs:
+        shown = max(drive.signs, key=rank)
+        yield from _track(drive, sorted(shown.views, key=lambda view: view.frame))
+    yield from _trajectories(drive)
 
 
-def _longest(drive: Drive) -> Landmark | None:
-    """The sign with the most views, on a labelled one if there is any."""
-    labelled = [one for one in drive.signs if drive.judge(one) == ON]
-    return max(labelled or drive.signs, key=lambda one: len(one.views), default=None)
-
-
-def board_figure(boards: list[Path], board: str | None) -> Figure:
+def board_figure(boards: list[Path], board: str | None) -> Iterator[Figure]:
     """Figure 6.1, by images of a chessboard where some are given."""
     if not boards or board is None:
-        return figure("6.1").left_out("images of a chessboard: --boards FOLDER --board 9x6")
+        return
     found = calibrate_images(boards, parse_board(board, float("nan")), "plumb_bob")
     one = found.calibration
     drawn = np.asarray(cv2.cvtColor(draw_coverage(found), cv2.COLOR_BGR2RGB), np.uint8)
-    pictures, off = _straightened(found)
-    return figure("6.1").shown(
+    yield figure("6.1").shown(
         f"{sum(view.used for view in one.views)} of {len(found.images)} images used, {one.rms_px:.2f} px RMS, fx "
-        f"{one.camera.fx:.1f} px, fy {one.camera.fy:.1f} px, centre {one.camera.cx:.1f}, {one.camera.cy:.1f} px; "
-        f"corners lie up to {off[0]:.1f} px off the lines of the board, and {off[1]:.1f} px after undistortion",
-        *pictures,
+        f"{one.camera.fx:.1f} px, fy {one.camera.fy:.1f} px, centre {one.camera.cx:.1f}, {one.camera.cy:.1f} px",
+        *_undistorted(found),
         photo(drawn, "corners of all images", IMAGE_WIDE),
     )
 
 
-def _straightened(found: CalibratedImages) -> tuple[list[Picture], list[float]]:
-    """The most bent board before and after undistortion, with the lines through the ends of its rows.
-
-    Beside it how far corners lie off these lines, px.
-    """
-
-    def lines(corners: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-        rows = corners.reshape(found.board.rows, found.board.columns, 2)
-        first, along = rows[:, :1], rows[:, -1:] - rows[:, :1]
-        normal = along[..., ::-1] * (1, -1) / np.linalg.norm(along, axis=2, keepdims=True)
-        return rows[:, [0, -1]], float(np.abs(((rows - first) * normal).sum(axis=2)).max())
-
-    camera = found.calibration.camera
-    seen = [image for image, view in found.seen if view.used]
-    image = max(seen, key=lambda one: lines(one.corners)[1])
-    bent = np.asarray(cv2.imread(str(image.path))[..., ::-1], np.uint8)
+def _undistorted(found: CalibratedImages) -> Iterator[Picture]:
+    """The image whose corners reach farthest out, before and after undistortion, its rows joined."""
+    camera, board = found.calibration.camera, found.board
+    reach = {
+        image.path: (np.abs(image.corners - (camera.cx, camera.cy)).max(), image.corners)
+        for image, view in found.seen
+        if view.used and image.corners is not None
+    }
+    path = max(reach, key=lambda one: float(reach[one][0]))
+    bent = cv2.imread(str(path))
     flat = cv2.undistort(bent, camera.matrix, np.array(camera.distortion))
-    pictures, off = [], []
-    corners = image.corners, ideal_points(camera, image.corners)
-    for page, own, when in zip((bent, flat), corners, ("before", "after"), strict=True):
-        ends, far = lines(own)
-        page = np.ascontiguousarray(page)
-        cv2.polylines(page, list(np.rint(ends).astype(np.int32)), False, ACCENT, 2, cv2.LINE_AA)
-        pictures.append(photo(page, f"{image.path.name} {when} undistortion", IMAGE_WIDE))
-        off.append(far)
-    return pictures, off
+    straight = ideal_points(camera, reach[path][1])
+    for page, corners, when in ((bent, reach[path][1], "before"), (flat, straight, "after")):
+        rows = corners.reshape(board.rows, board.columns, 2)
+        cv2.polylines(page, list(np.rint(rows).astype(np.int32)), False, ACCENT, 2, cv2.LINE_AA)
+        words = f"{path.name} {when} undistortion"
+        yield photo(np.asarray(page[..., ::-1], np.uint8), words, IMAGE_WIDE)
 
 
-def _trajectories(drive: Drive) -> Figure:
+def _trajectories(drive: Drive) -> Iterator[Figure]:
     """Figures 5.3 and 5.4: one image with all tracks on it, and with those that move as signs do."""
     asked = [one for one in drive.landmarks if one.verdict in ("sign", "location", "duplicate")]
     if not asked:
-        return figure("5.3, 5.4").left_out("tracks of candidates that pass the colours")
+        return
     density = drive.density
     typical = [mean_log_density(one.trajectory, density) >= density.threshold for one in asked]
     words, right = [], []
@@ -144,17 +126,17 @@ def _trajectories(drive: Drive) -> Figure:
         key = f"image {frame}: {len(boxes)} segments"
         pages.append(photo(boxed(rgb, boxes, SIGN_INK), key, IMAGE_WIDE))
     claim = reached(sum(right), len(right), NEARLY_ALL)
-    return figure("5.3, 5.4").shown("; ".join(words), *pages, claim=claim)
+    yield figure("5.3, 5.4").shown("; ".join(words), *pages, claim=claim)
 
 
-def residual_figure(drive: Drive) -> Figure:
+def residual_figure(drive: Drive) -> Iterator[Figure]:
     """Figure 7.2: eq. 7.5 by straight motion and by the adjusted one, image by image."""
     frames, steps = np.array(sorted(drive.frames)), [m for _, m in sorted(drive.frames.items())]
     straight = np.array([m.residual_straight_px for m in steps])
     adjusted = np.array([m.residual_px for m in steps])
     good = np.isfinite(straight)
     if not good.any():
-        return figure("7.2").left_out("two images that follow each other")
+        return
     rotations = np.array([np.eye(3) if m.step is None else m.step.rotation for m in steps])
     turns = np.degrees(np.arctan2(rotations[:, 0, 2], rotations[:, 2, 2]))
     top = 1.1 * float(np.nanmax([straight, adjusted]))
@@ -175,40 +157,39 @@ def residual_figure(drive: Drive) -> Figure:
         f"the adjustment of these {share_words(low, int(high.sum()))} have less"
     )
     claim = reached(low, int(high.sum()), NEARLY_ALL)
-    return figure("7.2").shown(ours, svg(axes, f"dotted: {limit:g} px"), claim=claim)
+    yield figure("7.2").shown(ours, svg(axes, f"dotted: {limit:g} px"), claim=claim)
 
 
 def scene_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 8.3 to 8.6."""
-    for number, show in (("8.3", _matches), ("8.4, 8.5", _scene), ("8.6", _size)):
-        lacking = figure(number).left_out("signs in three dimensions")
-        yield show(drive, drive.signs) if drive.signs else lacking
+    if drive.signs:
+        yield _matches(drive, drive.signs)
+        yield _scene(drive, drive.signs)
+        yield _size(drive, drive.signs)
 
 
 def _matches(drive: Drive, signs: list[Landmark]) -> Figure:
     """Two images that follow each other, with the matches that signs consist of in yellow."""
     own = Counter(view.frame for one in signs if drive.judge(one) == ON for view in one.views[1:])
-    frame = max(drive.matches, key=lambda k: (own[k], len(drive.matches[k]), -k), default=None)
-    if frame is None:
-        return figure("8.3").left_out("two images that follow each other")
+    frame = max(drive.matches, key=lambda k: (own[k], len(drive.matches[k]), -k))
     before = max(k for k in drive.frames if k < frame)
     images, matches = drive.images({before, frame}), drive.matches[frame]
-    page = beside([images[before], images[frame]])
-    ends = np.add(matches, (0, 0, page.shape[1] - images[frame].shape[1], 0))
+    page = beside([images[before], images[frame]], 1)
+    ends = np.add(matches, (0, 0, 0, len(page) - len(images[frame])))
     held = np.array([v.box for one in signs for v in one.views if v.frame == frame]).reshape(-1, 4)
     at = matches[:, None, 2:]
     on = ((at >= held[:, :2]) & (at <= held[:, 2:])).all(axis=2).any(axis=1)
-    for kept, ink in ((~on, ACCENT), (on, SIGN_INK)):
+    for kept, ink, width in ((~on, _INKS[NEITHER], 1), (on, SIGN_INK, 4)):
         for u0, v0, u1, v1 in np.rint(ends[kept]).astype(int).tolist():
-            cv2.line(page, (u0, v0), (u1, v1), ink, 2 + 2 * (ink == SIGN_INK), cv2.LINE_AA)
+            cv2.line(page, (u0, v0), (u1, v1), ink, width, cv2.LINE_AA)
     words = f"frames {before} and {frame}: {len(matches)} matches, {on.sum()} of them on reported places (yellow)"
-    return figure("8.3").shown(words, photo(page, wide=2 * IMAGE_WIDE))
+    return figure("8.3").shown(words, photo(page, wide=IMAGE_WIDE))
 
 
 def _track(drive: Drive, views: list[Observation]) -> Iterator[Figure]:
     some = evenly(views, 4)
     images = drive.images({view.frame for view in some})
-    seen = [boxed(images[view.frame], [view.box], SIGN_INK, 5) for view in some]
+    seen = [boxed(images[view.frame], [view.box + _AROUND], SIGN_INK, 6) for view in some]
     frames = ", ".join(str(view.frame) for view in some)
     yield figure("5.1").shown(f"frames {frames}, the sign boxed", photo(beside(seen, 2)))
     page = images[views[-1].frame].copy()
@@ -232,10 +213,10 @@ def _named(sign: Landmark) -> str:
 def _scene(drive: Drive, signs: list[Landmark]) -> Figure:
     places = np.array([one.best_pose.to_world(one.position) for one in signs])
     path = np.array([m.pose.centre for _, m in sorted(drive.frames.items())])
-    far = max(float(path[:, 2].max()), float(places[:, 2].max()))
-    span = (float(min(path[:, 2].min(), 0)), far + 5)
+    right, up = np.array([(one.right_m, one.above_m) for one in signs]).T
+    ahead, left = np.concatenate([path, places])[:, [2, 0]].T * ((1,), (-1,))
     words = ("ahead of the first camera, m", "left of its axis, m")
-    above = new_axes(span, (-SCENE_M, SCENE_M), words, (1080, 420), equal=True)
+    above = new_axes(_span(ahead), _span(left), words)
     points = [
         m.pose.to_world(m.ties.point[m.ties.inlier & (np.abs(m.ties.point) < SCENE_M).all(axis=1)])
         for _, m in sorted(drive.frames.items())
@@ -243,25 +224,29 @@ def _scene(drive: Drive, signs: list[Landmark]) -> Figure:
     ]
     ground = np.concatenate([np.zeros((0, 3)), *points])
     some = ground[:: max(len(ground) // 3000, 1)]
-    above.scatter(some[:, 2], -some[:, 0], 2, color="#b8c0c8", label="tie points", rasterized=True)
+    above.scatter(some[:, 2], -some[:, 0], 2, color="#b8c0c8", rasterized=True)
     above.plot(path[:, 2], -path[:, 0], color=TEXT, label="camera")
     words = ("right of the path, m", "above the camera, m")
-    across = new_axes((-15, 15), (-3, 8), words, (640, 300), equal=True)
-    right, up = np.array([(one.right_m, one.above_m) for one in signs]).T
+    mean = KANSAS_MEAN
+    across = new_axes(_span([*right, mean[0]]), _span([*up, mean[1]]), words)
     inks = [np.divide(COLOR_RGB.get(one.color or "", (150,) * 3), 255) for one in signs]
-    above.scatter(places[:, 2], -places[:, 0], 60, color=inks, edgecolor=FAINT)
-    across.scatter(right, up, 60, color=inks, edgecolor=FAINT)
-    for one, (x, _, z) in zip(signs, places, strict=True):
-        if drive.judge(one) == ON:
-            above.annotate(_named(one), (z, -x), (5, 4), textcoords="offset points", color=FAINT)
-    across.plot(*KANSAS_MEAN, "o", color=TEXT, label="report's mean sign")
+    edges = [TEXT if drive.judge(one) == ON else "none" for one in signs]
+    for axes, x, y in ((above, places[:, 2], -places[:, 0]), (across, right, up)):
+        axes.scatter(x, y, 50, color=inks, edgecolor=edges, linewidth=1.8)
+    across.plot(*mean, "+", color=TEXT, markersize=14, label="report's mean sign")
     return figure("8.4, 8.5").shown(
         f"{len(signs)} signs, {(right < 0).sum()} left and {(right >= 0).sum()} right of the path, at "
         f"{np.median(np.abs(right)):.1f} m from it (median); "
         "the report's mean sign is 3.1 m right, 0.6 m above the camera",
-        svg(above, "from above; named: on labelled signs"),
-        svg(across, "across the road"),
+        svg(above, "from above, with tie points; ringed: on labelled signs; scales differ"),
+        svg(across, "across the road; scales differ"),
     )
+
+
+def _span(values: ArrayLike) -> tuple[float, float]:
+    """Ends of an axis that holds all values."""
+    margin = 0.05 * float(np.ptp(values)) + 1
+    return float(np.min(values)) - margin, float(np.max(values)) + margin
 
 
 def _size(drive: Drive, signs: list[Landmark]) -> Figure:
@@ -269,32 +254,23 @@ def _size(drive: Drive, signs: list[Landmark]) -> Figure:
     # that of the report is one whose size the adjustment gave well
     one = min(listed, key=lambda sign: sign.sigma_width_m / sign.width_m)
     wide, tall = one.width_m / FEET, one.height_m / FEET
-    ends = [(-0.5, max(pair) + 1) for pair in zip((wide, tall), REPORT_SIZE_FT, strict=True)]
-    axes = new_axes(ends[0], ends[1], ("ft", "ft"), (420, 320), equal=True)
+    ends = [(-1, np.ceil(max(p)) + 1) for p in zip((wide, tall), REPORT_SIZE_FT, strict=True)]
+    axes = new_axes(ends[0], ends[1], ("ft", "ft"), equal=True)
+    axes.set(xticks=np.arange(-1, ends[0][1] + 1), yticks=np.arange(-1, ends[1][1] + 1))
     shown = ((wide, tall, 0, "-", "the sign"), (*REPORT_SIZE_FT, 1, "--", "the report's sign"))
     for x, y, ink, style, name in shown:
         axes.plot([0, x, x, 0, 0], [0, 0, y, y, 0], style, color=INKS[ink], label=name)
-    sizes: list[Sequence[str]] = [
-        ("sign", "on a labelled sign", "width ft", "height ft", "width m", "height m")
-    ]
-    for sign in listed:
-        pairs = ((sign.width_m, sign.sigma_width_m), (sign.height_m, sign.sigma_height_m))
-        feet = (f"{size / FEET:.1f} ± {sigma / FEET:.1f}" for size, sigma in pairs)
-        width, height = (f"{size:.2f}" for size, _ in pairs)
-        name = f"{_named(sign)}, frame {sign.best_frame}"
-        sizes.append((name, _JUDGED[drive.judge(sign)], *feet, width, height))
     return figure("8.6").shown(
         f"the sign of the surest width, {_named(one)}: {wide:.1f} ± {one.sigma_width_m / FEET:.1f} ft wide, "
-        f"{tall:.1f} ± {one.sigma_height_m / FEET:.1f} ft high, by its boxes in {len(one.views)} images; "
-        f"{len(signs) - len(listed)} rows that are on no labelled sign are not listed",
+        f"{tall:.1f} ± {one.sigma_height_m / FEET:.1f} ft high, by its boxes in {len(one.views)} images",
         svg(axes),
-        table=sizes,
     )
 
 
 REPORT_IMAGES = 100
 _KEY = "yellow: on a labelled sign; pink: on none; grey: not known"
 _INKS = {ON: SIGN_INK, OFF: ACCENT, NEITHER: (170, 170, 170)}
+_PASSED, _AROUND = (0, 170, 255), np.array([-6, -6, 6, 6])
 
 
 def result_figures(drive: Drive) -> Iterator[Figure]:
@@ -305,11 +281,9 @@ def result_figures(drive: Drive) -> Iterator[Figure]:
     # the busiest, and the next one, if possible some way from it
     frames = busiest[:1] + sorted(busiest[1:], key=lambda k: abs(k - busiest[0]) <= 5)[:1]
     images = drive.images(frames)
-    if not images:
-        yield figure("11.1").left_out("a sign that is found")
     for number, frame in zip(("11.1", "11.2"), sorted(images), strict=False):
         passed = drive.passed[frame]
-        before = boxed(images[frame], list(passed), _INKS[NEITHER], 2)
+        before = boxed(images[frame], list(passed), _PASSED, 2)
         page = images[frame]
         for kind, ink in _INKS.items():
             own = [one for one in signs if judged[one.track_id] == kind]
@@ -328,18 +302,10 @@ def result_figures(drive: Drive) -> Iterator[Figure]:
 
 def _claim(drive: Drive, judged: dict[int, int]) -> Figure:
     """Of the labelled panels that are seen large and whole in enough images, how many are found."""
-    views: defaultdict[str, dict[int, Box]] = defaultdict(dict)
-    for frame, own in drive.labels.labels.items():
-        for one in own:
-            clear = one.visible is None or one.visible >= 0.5
-            if one.kind == SIGN and one.wanted and one.panel and clear and one.height_px >= 10:
-                views[one.panel][frame] = one.box
-    wanted = [boxes for boxes in views.values() if len(boxes) >= FEWEST_FRAMES]
-    reported = [view for one in drive.signs for view in one.views]
-    found = sum(
-        any(v.frame in boxes and same_thing(v.box, boxes[v.frame]) for v in reported)
-        for boxes in wanted
-    )
+    seen = np.bincount(drive.faces.sign[drive.faces.example])
+    wanted = np.flatnonzero(seen >= FEWEST_FRAMES)
+    reported = {drive.faces.sign_at(v.frame, v.box) for one in drive.signs for v in one.views}
+    found = sum(int(sign) in reported for sign in wanted)
     images = len(drive.frames)
     false = sum(kind == OFF for kind in judged.values())
     few = "" if images >= REPORT_IMAGES else f"; the drive has fewer than {REPORT_IMAGES} images"

@@ -58,8 +58,7 @@ class MotionPrior:
 
     `prior`: of rotation, direction and length. `straight`: rotation and direction to fall back on. `search`: rotation
     (3, 3) by which corners are predicted. `slack_px`: half width of the band they are matched in. `source`: "straight",
-    "points", "odometry", "poses", "fixes" or "speed". `spacing_m`: the stated one of the first two, else nan. `posed`:
-    rotation and direction by the log's poses, None without any.
+    "points", "odometry", "poses", "fixes" or "speed". `spacing_m`: the stated one of the first two, else nan.
     """
 
     prior: StepPrior
@@ -68,7 +67,6 @@ class MotionPrior:
     slack_px: float
     source: str
     spacing_m: float = nan
-    posed: tuple[Array, Array] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +139,6 @@ def predict_motion(
         FIRST_SLACK_PX if last_rotation is None else ROTATION_SLACK_PX,
         source,
         spacing_m,
-        None if posed is None else posed.posed,
     )
 
 
@@ -181,7 +178,6 @@ def _by_poses(
         step.rotation,
         POSE_SLACK_PX,
         second.source,
-        posed=(step.rotation, direction),
     )
 
 
@@ -233,9 +229,9 @@ class PoseNoise:
 
     def learn(self, expected: MotionPrior, adjusted: PairAdjustment) -> None:
         """Take in a step that was expected by poses and adjusted to its images."""
-        if expected.posed is None:
+        if expected.prior.halfway:  # no poses, or only their distance
             return
-        rotation, direction = expected.posed
+        rotation, direction = expected.straight
         turned = vector_from_rotation(adjusted.rotation @ rotation.T)
         aside = np.cross(adjusted.direction, direction)
         square = np.array([aside @ aside, turned @ turned]) / MEDIANS
