@@ -123,7 +123,7 @@ def draw_roc(
     axes.plot(x, y, color=ink, linewidth=width, label=name)
     ring, dot = {"markerfacecolor": "white", "markersize": 8}, {"markersize": 6}
     for row, mark in ((curve.knee, ring), (used, dot)):
-        if row is not None:
+        if row is not None and x[row] <= axes.get_xlim()[1]:
             axes.plot(x[row], y[row], "o", color=ink, clip_on=False, zorder=3, **mark)
 
 

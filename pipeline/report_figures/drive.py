@@ -186,11 +186,10 @@ def evenly(values: Sequence[T], count: int) -> list[T]:
 
 def labels_beside(log: Path) -> Path:
     """The file of labels of a log, in the same folder. Raises InputError without such a file."""
-    for ending in LABELS_BESIDE:
-        path = log.with_name(log.stem + ending)
-        if path.is_file():
-            return path
-    names = ", ".join(log.stem + ending for ending in LABELS_BESIDE)
+    every = [log.with_name(log.stem + ending) for ending in LABELS_BESIDE]
+    if found := [path for path in every if path.is_file()]:
+        return found[0]
+    names = ", ".join(path.name for path in every)
     raise InputError(
         f"{log}: there are no labels next to the log ({names}). The figures compare with labels: give them with "
         "--labels; see docs/labels.md."
@@ -255,17 +254,14 @@ def cut(
 
 def beside(images: Sequence[NDArray[np.uint8]], columns: int = 99) -> NDArray[np.uint8]:
     """Pictures of one height in rows of so many, with gaps."""
-    tall = images[0].shape[0]
-    rows = [images[i : i + columns] for i in range(0, len(images), columns)]
-    wide = max(sum(one.shape[1] + _GAP for one in row) for row in rows) - _GAP
-    page = np.full((len(rows) * (tall + _GAP) - _GAP, wide, 3), _PAPER, np.uint8)
-    for r, row in enumerate(rows):
-        left = 0
-        for one in row:
-            top = r * (tall + _GAP)
-            page[top : top + tall, left : left + one.shape[1]] = one
-            left += one.shape[1] + _GAP
-    return page
+    framed = [_widened(one, _GAP, _GAP) for one in images]
+    rows = [np.hstack(framed[i : i + columns]) for i in range(0, len(framed), columns)]
+    wide = max(row.shape[1] for row in rows)
+    return np.vstack([_widened(row, wide - row.shape[1]) for row in rows])
+
+
+def _widened(image: NDArray[np.uint8], right: int, below: int = 0) -> NDArray[np.uint8]:
+    return np.pad(image, ((0, below), (0, right), (0, 0)), constant_values=_PAPER)
 
 
 def boxed(

@@ -17,6 +17,7 @@ from wayside.pipeline.calibration.boards import (
     parse_board,
 )
 from wayside.pipeline.evaluation.rendered import FEWEST_FRAMES
+from wayside.pipeline.labels.box_matching import same_thing
 from wayside.pipeline.learning.gates import KANSAS_MEAN
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
 from wayside.pipeline.learning.page import (
@@ -84,18 +85,14 @@ def board_figure(boards: list[Path], board: str | None) -> Iterator[Figure]:
 
 
 def _undistorted(found: CalibratedImages) -> Iterator[Picture]:
-    """The image whose corners reach farthest out, before and after undistortion, its rows joined."""
+    """The largest view of the board before and after undistortion, its rows joined."""
     camera, board = found.calibration.camera, found.board
-    reach = {
-        image.path: (np.abs(image.corners - (camera.cx, camera.cy)).max(), image.corners)
-        for image, view in found.seen
-        if view.used and image.corners is not None
-    }
-    path = max(reach, key=lambda one: float(reach[one][0]))
+    views = [(one.path, np.array(one.corners)) for one, view in found.seen if view.used]
+    path, seen = max(views, key=lambda one: float(np.ptp(one[1], axis=0).prod()))
     bent = cv2.imread(str(path))
     flat = cv2.undistort(bent, camera.matrix, np.array(camera.distortion))
-    straight = ideal_points(camera, reach[path][1])
-    for page, corners, when in ((bent, reach[path][1], "before"), (flat, straight, "after")):
+    straight = ideal_points(camera, seen)
+    for page, corners, when in ((bent, seen, "before"), (flat, straight, "after")):
         rows = corners.reshape(board.rows, board.columns, 2)
         cv2.polylines(page, list(np.rint(rows).astype(np.int32)), False, ACCENT, 2, cv2.LINE_AA)
         words = f"{path.name} {when} undistortion"
@@ -170,19 +167,20 @@ def scene_figures(drive: Drive) -> Iterator[Figure]:
 
 def _matches(drive: Drive, signs: list[Landmark]) -> Figure:
     """Two images that follow each other, with the matches that signs consist of in yellow."""
-    own = Counter(view.frame for one in signs if drive.judge(one) == ON for view in one.views[1:])
+    right = [view for one in signs if drive.judge(one) == ON for view in one.views[1:]]
+    own = Counter(view.frame for view in right)
     frame = max(drive.matches, key=lambda k: (own[k], len(drive.matches[k]), -k))
     before = max(k for k in drive.frames if k < frame)
     images, matches = drive.images({before, frame}), drive.matches[frame]
     page = beside([images[before], images[frame]], 1)
-    ends = np.add(matches, (0, 0, 0, len(page) - len(images[frame])))
-    held = np.array([v.box for one in signs for v in one.views if v.frame == frame]).reshape(-1, 4)
+    ends = np.add(matches, (0, 0, 0, len(page) // 2))
+    held = np.array([view.box for view in right if view.frame == frame]).reshape(-1, 4)
     at = matches[:, None, 2:]
     on = ((at >= held[:, :2]) & (at <= held[:, 2:])).all(axis=2).any(axis=1)
     for kept, ink, width in ((~on, _INKS[NEITHER], 1), (on, SIGN_INK, 4)):
         for u0, v0, u1, v1 in np.rint(ends[kept]).astype(int).tolist():
             cv2.line(page, (u0, v0), (u1, v1), ink, width, cv2.LINE_AA)
-    words = f"frames {before} and {frame}: {len(matches)} matches, {on.sum()} of them on reported places (yellow)"
+    words = f"frames {before} and {frame}: {len(matches)} matches, {on.sum()} of them on labelled signs (yellow)"
     return figure("8.3").shown(words, photo(page, wide=IMAGE_WIDE))
 
 
@@ -192,11 +190,9 @@ def _track(drive: Drive, views: list[Observation]) -> Iterator[Figure]:
     seen = [boxed(images[view.frame], [view.box + _AROUND], SIGN_INK, 6) for view in some]
     frames = ", ".join(str(view.frame) for view in some)
     yield figure("5.1").shown(f"frames {frames}, the sign boxed", photo(beside(seen, 2)))
-    page = images[views[-1].frame].copy()
     path = box_centers(np.array([view.box for view in views]))
-    cv2.polylines(page, [np.rint(path).astype(np.int32)[:, None]], False, SIGN_INK, 3, cv2.LINE_AA)
-    for u, v in path:
-        cv2.circle(page, (round(u), round(v)), 7, SIGN_INK, -1, cv2.LINE_AA)
+    page = seen[-1]
+    cv2.polylines(page, [np.rint(path).astype(np.int32)[:, None]], False, ACCENT, 4, cv2.LINE_AA)
     lengths = ", ".join(f"{n:.0f}" for n in np.linalg.norm(np.diff(path, axis=0), axis=1))
     yield figure("5.2").shown(
         f"{len(views)} images, frames {views[0].frame} to {views[-1].frame}; "
@@ -230,9 +226,13 @@ def _scene(drive: Drive, signs: list[Landmark]) -> Figure:
     mean = KANSAS_MEAN
     across = new_axes(_span([*right, mean[0]]), _span([*up, mean[1]]), words)
     inks = [np.divide(COLOR_RGB.get(one.color or "", (150,) * 3), 255) for one in signs]
-    edges = [TEXT if drive.judge(one) == ON else "none" for one in signs]
+    right_ones = [drive.judge(one) == ON for one in signs]
+    edges = {
+        "edgecolor": np.where(right_ones, TEXT, FAINT),
+        "linewidth": np.where(right_ones, 2, 0.5),
+    }
     for axes, x, y in ((above, places[:, 2], -places[:, 0]), (across, right, up)):
-        axes.scatter(x, y, 50, color=inks, edgecolor=edges, linewidth=1.8)
+        axes.scatter(x, y, 50, color=inks, **edges)
     across.plot(*mean, "+", color=TEXT, markersize=14, label="report's mean sign")
     return figure("8.4, 8.5").shown(
         f"{len(signs)} signs, {(right < 0).sum()} left and {(right >= 0).sum()} right of the path, at "
@@ -304,8 +304,10 @@ def _claim(drive: Drive, judged: dict[int, int]) -> Figure:
     """Of the labelled panels that are seen large and whole in enough images, how many are found."""
     seen = np.bincount(drive.faces.sign[drive.faces.example])
     wanted = np.flatnonzero(seen >= FEWEST_FRAMES)
-    reported = {drive.faces.sign_at(v.frame, v.box) for one in drive.signs for v in one.views}
-    found = sum(int(sign) in reported for sign in wanted)
+    faces, reported = drive.faces, [view for one in drive.signs for view in one.views]
+    rows = np.flatnonzero(faces.example & np.isin(faces.sign, wanted))
+    pairs = [(row, view) for row in rows for view in reported if view.frame == faces.frame[row]]
+    found = len({faces.sign[row] for row, v in pairs if same_thing(v.box, faces.box[row])})
     images = len(drive.frames)
     false = sum(kind == OFF for kind in judged.values())
     few = "" if images >= REPORT_IMAGES else f"; the drive has fewer than {REPORT_IMAGES} images"

@@ -69,7 +69,3 @@ def test_signs_on_both_sides_of_the_others_need_two_thresholds():
     found = most_powerful_test(norm.pdf(values) / 100, norm.pdf(values, 0, 3) / 100, 0.2)
     assert found[[0, -1]].all()
     assert not found[500]
-
-
-def test_a_value_that_no_sign_has_is_not_accepted():
-    assert not most_powerful_test(np.array([0.0, 1.0]), np.array([0.0, 0.0]), 1.0).any()

@@ -55,11 +55,8 @@ def test_where_a_straight_line_may_stand_poses_give_its_length_alone():
     before, now = posed((0, 0, 0)), replace(posed((0.4, 0, 7.9), 5.0), spacing_m=8.05)
     report = MotionSettings(residual_px=0.5)
     found = predict_motion(before, now, MOUNTED, None, math.nan, report)
-    assert found.prior.length_m == pytest.approx(np.hypot(0.4, 7.9))
-    for rotation, direction in (found.straight, (found.search, found.prior.direction)):
-        np.testing.assert_array_equal(rotation, np.eye(3))
-        np.testing.assert_array_equal(direction, AHEAD)
-    assert found.prior.sigma_rotation == np.inf
+    expected = expect(FRAME, replace(FRAME, spacing_m=float(np.hypot(0.4, 7.9))))
+    assert str(found) == str(expected)
 
 
 @pytest.mark.parametrize(
