@@ -61,10 +61,10 @@ def write_figures(
     chapters = chapters_of(drive, boards or [], board)
     figures = [one for _, own in chapters for one in own]
     words = (
-        f"Preset {PRESET} on {len(drive.frames)} images with {int(drive.faces.example.sum())} labelled views of signs. "
-        "What the report shows and says stands beside the same of this drive; shares have their 95 % interval.",
-        "TPR and FPR are eq. 10.1 and 10.2 on the segments that pass the size gate: of those on signs of a colour, and "
-        "of those on no sign, the share within the threshold of that colour.",
+        f"Preset {PRESET} on {len(drive.frames)} images with {int(drive.faces.example.sum())} labelled views of signs, "
+        "each figure and number beside that of the report; shares have their 95 % interval. TPR and FPR are eq. 10.1 "
+        "and 10.2 on the segments that pass the size gate: how many of those on signs of a colour, and of those on no "
+        "sign, lie within the threshold of that colour.",
         "A claim is met where this drive reaches the number of the report, and open where only its interval does. "
         f'"Near perfect", "typically all" and a low residual are read as {100 * NEARLY_ALL:g} %, "almost no" as '
         f"{100 * ALMOST_NO:g} false places in 100 images; pass two must find half of what pass one loses.",

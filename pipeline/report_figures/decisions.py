@@ -92,7 +92,8 @@ deviation that their counts are smoothed with, levels."""
 
 def neyman_pearson_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 9.1 to 9.6."""
-    images = drive.images(_frames_with_white(drive))
+    frames = _frames_with_white(drive)
+    images = drive.images(frames)
     on, off = _pixels(drive, images)
     densities = [("report", *report_densities(LEVELS))]
     ours = "no labelled white sign: the report's own densities only"
@@ -103,12 +104,9 @@ def neyman_pearson_figures(drive: Drive) -> Iterator[Figure]:
     yield _densities(densities, ours)
     yield _ratio(densities)
     yield _power(*densities[1:])
-    white = drive.faces.color == "white"
-    area = np.where(white, box_areas(drive.faces.box), 0.0)
-    frame = max(images, default=None, key=lambda f: float(area[drive.faces.frame == f].sum()))
-    if frame is not None:
-        rgb = images[frame]
-        yield figure("9.4").shown(f"frame {frame}", photo(rgb, wide=IMAGE_WIDE))
+    if images:
+        rgb = images[frames[0]]
+        yield figure("9.4").shown(f"frame {frames[0]}", photo(rgb, wide=IMAGE_WIDE))
         for number, alpha in (("9.5", 0.1), ("9.6", 0.03)):
             yield _decided(rgb, number, report_threshold(alpha), on, off)
 
@@ -220,9 +218,14 @@ def _ratio(densities: Sequence[Law]) -> Figure:
         ratio = likelihood_ratio(off, on)
         known = np.isfinite(ratio) & (ratio > 0)
         axes.plot(LEVELS[known], np.log10(ratio[known]), color=INKS[i], label=name)
-        below = np.flatnonzero((ratio < 1) & (off > 0))
-        words.append(f"{name}: L is above 1 from {below[-1] + 1} on")
+        words.append(f"{name}: L is above 1 from {_from(ratio >= 1, on)}")
     return figure("9.2").shown("; ".join(words), svg(axes))
+
+
+def _from(accepted: NDArray[np.bool_], on: NDArray[np.float64]) -> str:
+    """The level from which all that signs have are accepted, in words."""
+    first = int(np.argmax(accepted))
+    return str(first) if (accepted | (on == 0))[first:].all() else "several ranges"
 
 
 def _power(own: Law | None = None) -> Figure:
@@ -232,18 +235,15 @@ def _power(own: Law | None = None) -> Figure:
     axes.plot(alphas, equation, color=INKS[0], label="report, eq. 9.7 and 9.8")
     head = ("alpha", "report, eq. 9.7: red from", "power by 9.8", "captions")
     rows: list[tuple[str, ...]] = [(*head, "this drive: red from", "power")]
-    tests = {} if own is None else {a: most_powerful_test(*own[1:], a) for a in (*ALPHAS, *alphas)}
     if own is not None:
-        power = [float(own[2][tests[alpha]].sum()) for alpha in alphas]
-        axes.plot(alphas, power, color=INKS[1], label="this drive")
+        order = np.argsort(-likelihood_ratio(*own[1:]), kind="stable")
+        axes.plot(*(law[order].cumsum() for law in own[1:]), color=INKS[1], label="this drive")
     for alpha in ALPHAS:
         y = report_threshold(alpha)
         cells = [f"{alpha:g}", f"{y:.2f}", f"{report_power(y):.4f}", str(CAPTIONS.get(alpha, ""))]
         if own is not None:
-            first = int(np.argmax(tests[alpha]))
-            whole = tests[alpha].any() and (tests[alpha] | (own[2] == 0))[first:].all()
-            cells += [str(first) if whole else "several ranges or none"]
-            cells += [f"{own[2][tests[alpha]].sum():.4f}"]
+            test = most_powerful_test(*own[1:], alpha)
+            cells += [_from(test, own[2]), f"{own[2][test].sum():.4f}"]
         rows.append((*cells, *[""] * (6 - len(cells))))
     ours = "the equations give 167.73 and 190.77: 172 and 207 are the thresholds of alpha 0.082 and 0.0105"
     return figure("9.3").shown(ours, svg(axes), table=rows)

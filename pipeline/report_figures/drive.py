@@ -63,18 +63,14 @@ class FaceOutline:
     distance: float
 
 
-def clustered(one: Segmentation) -> NDArray[np.uint8]:
-    """The image in the colours of the clusters of pass one; black where it was not segmented."""
-    shown = np.zeros_like(rgb_of(one))
+def clustered(one: Segmentation) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """The image, and in the colours of the clusters of pass one; black where it was not segmented."""
+    rgb = one.image.rgb
+    assert rgb is not None
+    shown = np.zeros_like(rgb)
     if one.labels is not None:
         shown[one.rows[0] : one.rows[1]] = np.rint(one.palette).astype(np.uint8)[one.labels[0]]
-    return shown
-
-
-def rgb_of(one: Segmentation) -> NDArray[np.uint8]:
-    """The image of a segmentation of its own."""
-    assert one.image.rgb is not None
-    return one.image.rgb
+    return rgb, shown
 
 
 @dataclass
@@ -130,6 +126,7 @@ class Drive:
     def see(self, stage: str, item: Item) -> None:
         """Take note of the outlines on faces, and of a frame whose candidates are all decided."""
         if stage == "color" and isinstance(item, Detections):
+            self.passed[item.frame.index] = item.candidates.regions.box[item.candidates.open_rows()]
             self.outlines.extend(self._outlines_on_faces(item))
         if stage == "assemble" and isinstance(item, TrackedFrame) and item.motion is not None:
             self.frames[item.frame.index] = item.motion
@@ -141,7 +138,6 @@ class Drive:
     def _outlines_on_faces(self, item: Detections) -> Iterator[FaceOutline]:
         rows = item.candidates.open_rows()
         regions, frame = item.candidates.regions.select(rows), item.frame.index
-        self.passed[frame] = regions.box
         label, face = self.faces.label_regions(frame, regions.box)
         on = np.flatnonzero(label == ON)
         regions, face = regions.select(on), face[on]

@@ -28,7 +28,6 @@ from wayside.pipeline.report_figures.drive import (
     lined,
     photo,
     reached,
-    rgb_of,
 )
 from wayside.pipeline.statistics import share_words
 from wayside.pipeline.view.drawing import CURVES, curve_of_terms
@@ -92,7 +91,7 @@ def color_figures(drive: Drive) -> Iterator[Figure]:
 
 
 def _clustered(drive: Drive, number: str, one: Segmentation, row: int) -> Figure:
-    box, rgb, shown = drive.faces.box[row], rgb_of(one), clustered(one)
+    box, (rgb, shown) = drive.faces.box[row], clustered(one)
     margin = 0.2 * (box[2:] - box[:2])
     (x0, y0), (x1, y1) = np.maximum(np.rint([box[:2] + margin, box[2:] - margin]), 0).astype(int)
     inside = slice(y0, y1 + 1), slice(x0, x1 + 1)
@@ -110,31 +109,29 @@ def _clustered(drive: Drive, number: str, one: Segmentation, row: int) -> Figure
 
 
 def _difference(drive: Drive, one: Segmentation, row: int) -> Figure:
-    apart = np.linalg.norm(rgb_of(one) - clustered(one).astype(np.float32), axis=2)
+    rgb, shown = clustered(one)
+    apart = np.linalg.norm(rgb - shown.astype(np.float32), axis=2)
     grey = np.minimum(np.rint(3 * apart), 255).astype(np.uint8)
-    by_source = _found_by_source(drive)
-    first, rescued, lost = by_source.values()
-    counts = ", ".join(f"{count} {words}" for words, count in by_source.items())
+    first, rescued, lost = _found_by_source(drive)
     whole = f"frame {one.frame.index}: distance of each pixel to its cluster, three times as bright"
     return figure("2.3").shown(
-        f"of {first + rescued + lost} labelled views of signs, by the connected regions that pass the size gate: "
-        f"{counts}; of those that pass one loses, pass two finds {share_words(rescued, rescued + lost)}",
+        f"of {first + rescued + lost} labelled views of signs {first} have a region of pass one that passes the size "
+        f"gate, {rescued} only one of pass two, {lost} neither: pass two finds {share_words(rescued, rescued + lost)}",
         photo(grey, whole, IMAGE_WIDE),
         photo(cut(grey, around(drive.faces.box[row], grey.shape), TALL), "the sign of figure 2.2"),
         claim=reached(rescued, rescued + lost, 0.5),
     )
 
 
-def _found_by_source(drive: Drive) -> dict[str, int]:
+def _found_by_source(drive: Drive) -> tuple[int, int, int]:
     """How many faces have a region on them in pass one, in pass two alone, in none."""
-    faces, counts = drive.faces, [0, 0, 0]
+    faces, first, found = drive.faces, set[int](), set[int]()
     for frame, regions in drive.regions.items():
         label, face = faces.label_regions(frame, regions.box)
-        for row in np.flatnonzero((faces.frame == frame) & faces.example):
-            sources = {SOURCES[s] for s in regions.source[(label == ON) & (face == row)]}
-            counts[0 if "pass1" in sources else 1 if sources else 2] += 1
-    names = ("have one from pass one", "only from pass two", "from neither")
-    return dict(zip(names, counts, strict=True))
+        found.update(face[label == ON].tolist())
+        first.update(face[(label == ON) & (regions.source == SOURCES.index("pass1"))].tolist())
+    total = int((faces.example & np.isin(faces.frame, list(drive.regions))).sum())
+    return len(first), len(found - first), total - len(found)
 
 
 def _size_gate(drive: Drive, one: Segmentation | None) -> Iterator[Figure]:
@@ -155,7 +152,7 @@ def _size_gate(drive: Drive, one: Segmentation | None) -> Iterator[Figure]:
     pictures = [svg(axes, "dashed: 50 and 20000 px, and the largest area that is kept here")]
     if one is not None:
         kept = one.regions.box[one.regions.source == SOURCES.index("pass1")]
-        gated = boxed(clustered(one), list(kept), width=1)
+        gated = boxed(clustered(one)[1], list(kept), width=1)
         words = f"the {len(kept)} segments of pass one after the gate"
         pictures.append(photo(gated, words, IMAGE_WIDE))
 
@@ -196,8 +193,7 @@ def shape_figures(drive: Drive) -> Iterator[Figure]:
     by_size = sorted(views, key=lambda view: -_area(_largest(view)))
     found = [view for view in by_size if right(drive, view)]
     # the largest of each shape
-    shown = list({drive.faces.shape[view[0].face]: view for view in reversed(found)}.values())
-    shown = sorted(shown, key=lambda view: -_area(_largest(view)))[:_MOST]
+    shown = list({drive.faces.shape[v[0].face]: v for v in reversed(found)}.values())[:_MOST]
     worst = [view for view in by_size if not right(drive, view)][:_MOST]
     images = drive.images({view[0].frame for view in (*shown, *worst)})
     for number, those in (("4.1", shown), ("4.2", worst)):

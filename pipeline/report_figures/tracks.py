@@ -75,12 +75,11 @@ def board_figure(boards: list[Path], board: str | None) -> Iterator[Figure]:
         return
     found = calibrate_images(boards, parse_board(board, float("nan")), "plumb_bob")
     one = found.calibration
-    drawn = np.asarray(cv2.cvtColor(draw_coverage(found), cv2.COLOR_BGR2RGB), np.uint8)
     yield figure("6.1").shown(
         f"{sum(view.used for view in one.views)} of {len(found.images)} images used, {one.rms_px:.2f} px RMS, fx "
         f"{one.camera.fx:.1f} px, fy {one.camera.fy:.1f} px, centre {one.camera.cx:.1f}, {one.camera.cy:.1f} px",
         *_undistorted(found),
-        photo(drawn, "corners of all images", IMAGE_WIDE),
+        photo(draw_coverage(found)[..., ::-1], "corners of all images", IMAGE_WIDE),
     )
 
 
@@ -89,14 +88,14 @@ def _undistorted(found: CalibratedImages) -> Iterator[Picture]:
     camera, board = found.calibration.camera, found.board
     views = [(one.path, np.array(one.corners)) for one, view in found.seen if view.used]
     path, seen = max(views, key=lambda one: float(np.ptp(one[1], axis=0).prod()))
-    bent = cv2.imread(str(path))
-    flat = cv2.undistort(bent, camera.matrix, np.array(camera.distortion))
+    bent = np.asarray(cv2.imread(str(path)), np.uint8)
+    flat = np.asarray(cv2.undistort(bent, camera.matrix, np.array(camera.distortion)), np.uint8)
     straight = ideal_points(camera, seen)
     for page, corners, when in ((bent, seen, "before"), (flat, straight, "after")):
         rows = corners.reshape(board.rows, board.columns, 2)
         cv2.polylines(page, list(np.rint(rows).astype(np.int32)), False, ACCENT, 2, cv2.LINE_AA)
         words = f"{path.name} {when} undistortion"
-        yield photo(np.asarray(page[..., ::-1], np.uint8), words, IMAGE_WIDE)
+        yield photo(page[..., ::-1], words, IMAGE_WIDE)
 
 
 def _trajectories(drive: Drive) -> Iterator[Figure]:
@@ -201,11 +200,6 @@ def _track(drive: Drive, views: list[Observation]) -> Iterator[Figure]:
     )
 
 
-def _named(sign: Landmark) -> str:
-    words = " ".join(word for word in (sign.color, sign.shape) if word)
-    return words.replace("_", " ") or "sign"
-
-
 def _scene(drive: Drive, signs: list[Landmark]) -> Figure:
     places = np.array([one.best_pose.to_world(one.position) for one in signs])
     path = np.array([m.pose.centre for _, m in sorted(drive.frames.items())])
@@ -223,17 +217,13 @@ def _scene(drive: Drive, signs: list[Landmark]) -> Figure:
     above.scatter(some[:, 2], -some[:, 0], 2, color="#b8c0c8", rasterized=True)
     above.plot(path[:, 2], -path[:, 0], color=TEXT, label="camera")
     words = ("right of the path, m", "above the camera, m")
-    mean = KANSAS_MEAN
-    across = new_axes(_span([*right, mean[0]]), _span([*up, mean[1]]), words)
+    across = new_axes(_span([*right, KANSAS_MEAN[0]]), _span([*up, KANSAS_MEAN[1]]), words)
     inks = [np.divide(COLOR_RGB.get(one.color or "", (150,) * 3), 255) for one in signs]
-    right_ones = [drive.judge(one) == ON for one in signs]
-    edges = {
-        "edgecolor": np.where(right_ones, TEXT, FAINT),
-        "linewidth": np.where(right_ones, 2, 0.5),
-    }
+    on = [drive.judge(one) == ON for one in signs]
+    ring, width = np.where(on, TEXT, FAINT), np.where(on, 2.0, 0.5)
     for axes, x, y in ((above, places[:, 2], -places[:, 0]), (across, right, up)):
-        axes.scatter(x, y, 50, color=inks, **edges)
-    across.plot(*mean, "+", color=TEXT, markersize=14, label="report's mean sign")
+        axes.scatter(x, y, 50, color=inks, edgecolor=ring, linewidth=width)
+    across.plot(*KANSAS_MEAN, "+", color=TEXT, markersize=14, label="report's mean sign")
     return figure("8.4, 8.5").shown(
         f"{len(signs)} signs, {(right < 0).sum()} left and {(right >= 0).sum()} right of the path, at "
         f"{np.median(np.abs(right)):.1f} m from it (median); "
@@ -261,13 +251,12 @@ def _size(drive: Drive, signs: list[Landmark]) -> Figure:
     for x, y, ink, style, name in shown:
         axes.plot([0, x, x, 0, 0], [0, 0, y, y, 0], style, color=INKS[ink], label=name)
     return figure("8.6").shown(
-        f"the sign of the surest width, {_named(one)}: {wide:.1f} ± {one.sigma_width_m / FEET:.1f} ft wide, "
+        f"the sign of the surest width, {one.color or 'unknown'}: {wide:.1f} ± {one.sigma_width_m / FEET:.1f} ft wide, "
         f"{tall:.1f} ± {one.sigma_height_m / FEET:.1f} ft high, by its boxes in {len(one.views)} images",
         svg(axes),
     )
 
 
-REPORT_IMAGES = 100
 _KEY = "yellow: on a labelled sign; pink: on none; grey: not known"
 _INKS = {ON: SIGN_INK, OFF: ACCENT, NEITHER: (170, 170, 170)}
 _PASSED, _AROUND = (0, 170, 255), np.array([-6, -6, 6, 6])
@@ -289,11 +278,10 @@ def result_figures(drive: Drive) -> Iterator[Figure]:
             own = [one for one in signs if judged[one.track_id] == kind]
             boxes = [view.box for one in own for view in one.views if view.frame == frame]
             page = boxed(page, boxes, ink, 4)
-        here = [one for one in signs if any(view.frame == frame for view in one.views)]
-        right = sum(judged[one.track_id] == ON for one in here)
-        words = f"frame {frame}: {len(passed)} segments pass size and colour; {len(here)} places are found, {right} "
+        here = [judged[one.track_id] for one in signs for v in one.views if v.frame == frame]
+        words = f"frame {frame}: {len(passed)} segments pass size and colour; {len(here)} places are found, "
         yield figure(number).shown(
-            f"{words}of them on labelled signs",
+            f"{words}{here.count(ON)} of them on labelled signs",
             photo(before, "all that pass size and colour", IMAGE_WIDE),
             photo(page, f"signs: {_KEY}", IMAGE_WIDE),
         )
@@ -310,10 +298,9 @@ def _claim(drive: Drive, judged: dict[int, int]) -> Figure:
     found = len({faces.sign[row] for row, v in pairs if same_thing(v.box, faces.box[row])})
     images = len(drive.frames)
     false = sum(kind == OFF for kind in judged.values())
-    few = "" if images >= REPORT_IMAGES else f"; the drive has fewer than {REPORT_IMAGES} images"
     return figure("11 (claim)").shown(
         f"labelled signs of {FEWEST_FRAMES} images or more that are found: {share_words(found, len(wanted))}; reported "
-        f"places on no sign: {rate_words(false, images)}{few}",
+        f"places on no sign: {rate_words(false, images)}",
         claim=min(
             reached(found, len(wanted), 1.0),
             reached(max(images - false, 0), images, 1 - ALMOST_NO),
