@@ -118,10 +118,7 @@ def color_curves(drive: Drive) -> dict[str, RocCurve]:
     return {one.name: one for one in found if one.name != ALL and one.two_sided}
 
 
-Count = tuple[int, int]
-
-
-def rates_at(curve: RocCurve, threshold: float) -> tuple[Count, Count]:
+def rates_at(curve: RocCurve, threshold: float) -> tuple[tuple[int, int], ...]:
     """TPR (eq. 10.1) and FPR (eq. 10.2) at a threshold: how many are accepted, and how many there are."""
     on, off = (own & curve.within(threshold) for own in (curve.on, ~curve.on))
     return (int(on.sum()), curve.positives), (int(off.sum()), curve.negatives)

@@ -33,6 +33,7 @@ from wayside.pipeline.statistics import share_words
 from wayside.pipeline.view.drawing import CURVES, curve_of_terms
 from wayside.pipeline.view.drawing import INKS as OUTLINE_INKS
 from wayside.schemas.detections import SOURCES, Segmentation
+from wayside.stages.geometry import box_areas
 
 REPORT_GATE_PX = (50, 20_000)
 TALL = 220
@@ -64,19 +65,11 @@ def segmentation_figures(drive: Drive) -> Iterator[Figure]:
 def color_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 3.2 to 3.4."""
     samples = drive.samples["color"].known()
-    named = {color: samples.named == color for color in ("yellow", "green")}
-    right = np.flatnonzero((samples.kind == "yellow") & named["yellow"])
-    off = samples.label == OFF
-    size = (samples.box[:, 2:] - samples.box[:, :2]).prod(axis=1)
-    wrong = {
-        color: (rows := np.flatnonzero(off & own))[np.argsort(-size[rows], kind="stable")]
-        for color, own in named.items()
-    }
-    chosen = (
-        ("3.2", "yellow", right),
-        ("3.3", "green", wrong["green"]),
-        ("3.4", "yellow", wrong["yellow"]),
-    )
+    size, chosen = box_areas(samples.box), []
+    for number, color, on in (("3.2", "yellow", 1), ("3.3", "green", 0), ("3.4", "yellow", 0)):
+        kind = samples.kind == color if on else samples.label == OFF
+        rows = np.flatnonzero(kind & (samples.named == color))
+        chosen.append((number, color, rows[np.argsort(-size[rows], kind="stable")]))
     crops = [evenly(rows.tolist(), _MOST_CROPS) for *_, rows in chosen]
     images = drive.images({int(samples.frame[row]) for own in crops for row in own})
     curves = color_curves(drive)
