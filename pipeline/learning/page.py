@@ -146,8 +146,7 @@ def svg(axes: Axes, words: str = "") -> Picture:
     with matplotlib.rc_context(_STYLE):
         if names := axes.get_legend_handles_labels()[1]:
             columns = 2 if max(map(len, names)) > 20 else 4
-            loc = "outside upper left"  # beside the axes, off the curves
-            _sheet(axes).legend(loc=loc, ncols=columns, labelcolor="linecolor")
+            _sheet(axes).legend(loc="outside upper left", ncols=columns, labelcolor="linecolor")
         _sheet(axes).savefig(text, format="svg", metadata=_PLAIN)
     drawn = text.getvalue()
     return Picture(re.sub(r' xmlns(:\w+)?="[^"]*"', "", drawn[drawn.index("<svg") :]), words)

@@ -32,15 +32,18 @@ REPORT_GROWTH, REPORT_FACTOR, REPORT_ON = 235.0**0.5, 4.211e-9, (136.2, 253.8)
 
 LEVELS = np.arange(256.0)
 """Of the red of a pixel."""
+Law = tuple[str, NDArray[np.float64], NDArray[np.float64]]
+"""Whose densities these are, p0 and p1 at all levels."""
 
 
-def report_densities(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """The report's densities p0 and p1 (n,) of the red of no sign and of white signs (eq. 9.1 and 9.2), as printed."""
+def report_densities(values: NDArray[np.float64]) -> Law:
+    """The report's densities (n,) of the red of no sign and of white signs (eq. 9.1 and 9.2), as printed."""
     off = np.exp(-((values - REPORT_MEAN) ** 2) / (2 * REPORT_VARIANCE))
     off /= np.sqrt(2 * np.pi * REPORT_VARIANCE)
     on = REPORT_FACTOR * np.exp(values / REPORT_GROWTH)
-    pairs = ((off, REPORT_OFF), (on, REPORT_ON))
-    return tuple(np.where((values >= low) & (values <= high), p, 0) for p, (low, high) in pairs)
+    off[(values < REPORT_OFF[0]) | (values > REPORT_OFF[1])] = 0
+    on[(values < REPORT_ON[0]) | (values > REPORT_ON[1])] = 0
+    return "report", off, on
 
 
 def likelihood_ratio(off: NDArray[np.float64], on: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -95,11 +98,12 @@ def neyman_pearson_figures(drive: Drive) -> Iterator[Figure]:
     frames = _frames_with_white(drive)
     images = drive.images(frames)
     on, off = _pixels(drive, images)
-    densities = [("report", *report_densities(LEVELS))]
+    densities = [report_densities(LEVELS)]
     ours = "no labelled white sign: the report's own densities only"
     if len(on) and len(off):
         counts = (np.bincount(own[:, 0].astype(int), minlength=256) / len(own) for own in (off, on))
-        densities.append(("this drive", *(gaussian_filter1d(own, _SMOOTH) for own in counts)))
+        p0, p1 = (gaussian_filter1d(own, _SMOOTH) for own in counts)
+        densities.append(("this drive", p0, p1))
         ours = f"red of {len(on)} pixels of white signs and {len(off)} beside them, in {len(images)} images"
     yield _densities(densities, ours)
     yield _ratio(densities)
@@ -192,10 +196,6 @@ def _pixels(drive: Drive, images: dict[int, NDArray[np.uint8]]) -> list[NDArray[
             pixels = rgb[mask].astype(np.float64)
             kept.append(pixels[draw.permutation(len(pixels))[: _PIXELS // _IMAGES]])
     return [np.concatenate(own) for own in found]
-
-
-Law = tuple[str, NDArray[np.float64], NDArray[np.float64]]
-"""Whose densities these are, p0 and p1 at all levels."""
 
 
 def _densities(densities: Sequence[Law], ours: str) -> Figure:

@@ -37,7 +37,7 @@ from wayside.stages.segmentation import segment
 
 PRESET, SHAPE_PRESET, TRAJECTORY_PRESET = "report", "report-shape", "report-2d"
 """The report's last chain, and the one with its shape classifier."""
-REPORT: dict[str, dict[str, dict[str, str]]] = tomllib.loads(
+REPORT: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(
     Path(__file__).with_name("report.toml").read_text(encoding="utf-8")
 )
 """What the report shows: by chapter and number, fields of a `Figure`."""

@@ -173,7 +173,7 @@ def _matches(drive: Drive, signs: list[Landmark]) -> Figure:
     ends = np.add(matches, (0, 0, 0, len(page) // 2))
     held = np.array([view.box for view in right if view.frame == frame]).reshape(-1, 4)
     at = matches[:, None, 2:]
-    on = ((at >= held[:, :2]) & (at <= held[:, 2:])).all(axis=2).any(axis=1)
+    on = np.any(np.all((at >= held[:, :2]) & (at <= held[:, 2:]), axis=2), axis=1)
     for kept, ink, width in ((~on, _INKS[NEITHER], 1), (on, SIGN_INK, 4)):
         for u0, v0, u1, v1 in np.rint(ends[kept]).astype(int).tolist():
             cv2.line(page, (u0, v0), (u1, v1), ink, width, cv2.LINE_AA)

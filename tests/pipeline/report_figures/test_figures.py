@@ -1,7 +1,6 @@
 """Plots, pictures, outlines and the page of the report's figures; the command on the demo drive."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,15 +12,7 @@ from hypothesis import strategies as st
 from wayside.pipeline.files.pictures import is_marked, marked_head
 from wayside.pipeline.learning.page import Figure, Picture, format_page, new_axes, png, svg
 from wayside.pipeline.report_figures.command import MARK, PAGE, write_figures
-from wayside.pipeline.report_figures.drive import (
-    REPORT,
-    around,
-    cut,
-    evenly,
-    labels_beside,
-    photo,
-    reached,
-)
+from wayside.pipeline.report_figures.drive import around, cut, evenly, labels_beside, photo, reached
 from wayside.pipeline.statistics import rate_words, share_words
 from wayside.schemas.errors import InputError, OutputError
 
@@ -75,8 +66,8 @@ def test_a_cut_out_lies_inside_of_the_image(x, y, wide, tall):
 def test_the_page_bears_its_mark_and_says_what_a_figure_needs(tmp_path):
     shown = Figure("2.1", "a & b", "k < 16", "ours", (photo(np.zeros((4, 4, 3), np.uint8), "x"),))
     missing = Figure("6.1", "boards", "none", needs="images of a board")
-    told = Figure("10.1 (x)", "rates", "1.8 %", "2 %", (Picture("<svg></svg>"),), claim="not met")
-    told = replace(told, table=(("a",), ("<1",)))
+    rates = {"table": (("a",), ("<1",)), "claim": "not met"}
+    told = Figure("10.1 (x)", "rates", "1.8 %", "2 %", (Picture("<svg></svg>"),), **rates)
     page = tmp_path / "page.html"
     chapters = [("2", [shown, missing]), ("10", [told])]
     page.write_text(format_page("drive", ["words"], chapters, marked_head(MARK)))
@@ -90,9 +81,8 @@ def test_the_page_bears_its_mark_and_says_what_a_figure_needs(tmp_path):
     assert set(links) == set(re.findall(r'<section id="([^"]*)"', html))
     assert re.findall(r'(?:src|href)="(?!data:|#)', html) == []
     summary = re.findall(r"<td[^>]*>(.*?)</td>", html.split("<nav>")[0], re.DOTALL)
-    assert [re.sub("<.*?>", "", one) for one in summary] == [
-        *("10.1 (x)", "rates", "not met", "1.8 %", "2 %"),
-    ]
+    words = [re.sub("<.*?>", "", one) for one in summary]
+    assert words == ["10.1 (x)", "rates", "not met", "1.8 %", "2 %"]
 
 
 def test_a_claim_is_open_where_only_the_interval_holds_its_number():
@@ -130,7 +120,6 @@ def test_labels_beside_the_log_are_found_and_asked_for_where_there_are_none(tmp_
 def test_every_figure_is_made_or_says_what_it_needs(tmp_path):
     page, figures = write_figures(DEMO, tmp_path, assignments=["read.until_s=3"])
     assert page == tmp_path / PAGE
-    assert [one.number for one in figures] == [number for own in REPORT.values() for number in own]
     assert {figure.number for figure in figures if figure.needs} == {"6.1"}
     html = page.read_text()
     assert "nan" not in re.sub(r"base64,[^\"]*", "", html)
