@@ -26,7 +26,7 @@ from wayside.pipeline.view.drawing import (
     panel_rotation,
 )
 from wayside.pipeline.view.entities import Batch, Entity, Times, cleared, entity
-from wayside.pipeline.view.views import AFTER, BAD, BEFORE, GOOD, ITERATIONS_SHOWN, ViewState
+from wayside.pipeline.view.views import AFTER, BEFORE, ITERATIONS_SHOWN, ViewState
 from wayside.schemas.detections import SOURCES, Dropped
 from wayside.schemas.landmarks import Landmark
 from wayside.schemas.models import GaussianModel
@@ -45,8 +45,6 @@ GATE_NAMES = {
 MARK = rr.Radius.ui_points(6)
 """Of a landmark in space: on the screen the same from any distance, where a panel of 0.7 m is a few pixels."""
 LEAST_HALF_AXIS_M = 0.02
-HIGH_RESIDUAL_PX = 2.0
-"""Marks are red from here on: nine in ten of the rows on labelled signs have less."""
 
 
 def opening(location: GaussianModel) -> Batch:
@@ -83,9 +81,8 @@ def closing(
 ) -> Iterator[Batch]:
     """What is known at the end of the drive only: the table, the map, and sign by sign."""
     yield Batch(None, tuple(_table_and_map(inventory)))
-    scored = any(np.isfinite(sign.landmark.score) for sign in inventory.signs)
     if inventory.signs and times:
-        yield from _names(inventory, times) if scored else [_marks_by_residual(inventory)]
+        yield from _names(inventory, times)
     for row, sign in zip(inventory.sign_rows, inventory.signs, strict=True):
         part = rr.escape_entity_path_part(row["sign_id"])
         name = " ".join(filter(None, (row["sign_id"], code_of(row))))
@@ -119,7 +116,8 @@ def _names(inventory: WrittenTables, times: Mapping[int, Times]) -> Iterator[Bat
     """Every sign marked in its colour; in white the names of all, and frame by frame of those in view.
 
     Panels of one assembly share a name, which would lie on each other. The viewer writes a label in the colour of its
-    point, and brown or blue words are not readable on a dark ground: names are points of their own.
+    point, and brown or blue words are not readable on a dark ground: names are points of their own. Rows without a
+    confidence are too many to be named: their names and residuals show under the pointer.
     """
     landmarks = [sign.landmark for sign in inventory.signs]
     centres = np.array([centre_of(one) for one in landmarks])
@@ -137,26 +135,17 @@ def _names(inventory: WrittenTables, times: Mapping[int, Times]) -> Iterator[Bat
         spots = places[list(rows)].reshape(-1, 3)
         return rr.Points3D(spots, colors=[WHITE], labels=labels, show_labels=True, radii=THIN)
 
-    marks = entity(at.MARKS, rr.Points3D(centres, colors=inks, radii=MARK))
+    pairs = zip(inventory.sign_rows, landmarks, strict=True)
+    hidden = [f"{sign_name(row)}, residual {one.residual_px:.2f} px" for row, one in pairs]
+    points = rr.Points3D(centres, colors=inks, radii=MARK, labels=hidden, show_labels=False)
+    marks = entity(at.MARKS, points)
+    if np.isnan([one.score for one in landmarks]).all():
+        yield Batch(None, (marks,))
+        return
     yield Batch(None, (marks, entity(at.NAMES, named(range(len(words))))))
     for frame in sorted(times):
         shown = [i for i, (first, last) in enumerate(spans) if first <= frame <= last]
         yield Batch(times[frame], (entity(at.NAMES_IN_VIEW, named(shown)),))
-
-
-def _marks_by_residual(inventory: WrittenTables) -> Batch:
-    """Every sign marked in green to red by its residual, with its name under the pointer.
-
-    The presets of the report state no confidence and find many rows at one place: the residual tells them apart.
-    """
-    centres = np.array([centre_of(sign.landmark) for sign in inventory.signs])
-    residual = np.array([sign.landmark.residual_px for sign in inventory.signs])
-    part = np.clip(residual / HIGH_RESIDUAL_PX, 0, 1)[:, None]
-    inks = np.rint(np.array(GOOD) + part * np.subtract(BAD, GOOD)).astype(np.uint8)
-    pairs = zip(inventory.sign_rows, residual, strict=True)
-    names = [f"{sign_name(row)}, residual {px:.2f} px" for row, px in pairs]
-    points = rr.Points3D(centres, colors=inks, radii=MARK, labels=names, show_labels=False)
-    return Batch(None, (entity(at.MARKS, points),))
 
 
 def sign_name(row: Mapping[str, Any]) -> str:

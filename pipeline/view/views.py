@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.drawing import (
+    BAD,
+    GOOD,
     HAIR,
     THIN,
     WHITE,
@@ -45,7 +47,6 @@ RECENT = 60
 ITERATIONS_SHOWN = 4
 """The adjustment converges in fewer, as a rule."""
 IMAGE_PLANE_M, REACH_M = 3.0, 150.0
-GOOD, BAD = (90, 220, 120), (240, 90, 90)
 BEFORE, AFTER = (214, 96, 10), (24, 145, 66)
 """The straight motion, and the adjusted one; in plots, whose ground the viewer's theme makes light or dark."""
 MOVED_INK = (245, 150, 60)
@@ -270,11 +271,13 @@ def _view_tracks(index: int, motion: Motion, camera: Camera, state: ViewState) -
         distort_points(camera, np.array([(v.u_px, v.v_px) for v in views])) for views in until_now
     ]
     faces = [face_in_image(one, motion.pose, camera) for one in active]
-    rays = [np.stack([motion.pose.centre, centre_of(one)]) for one in active]
+    # of rows without a confidence, those that are refused are thousands
+    known = [one for one in active if one.verdict == "sign" or np.isfinite(one.score)]
+    rays = [np.stack([motion.pose.centre, centre_of(one)]) for one in known]
     return [
         entity(at.TRACKS, rr.LineStrips2D(tracks, colors=looks["colors"], radii=HAIR)),
         entity(at.REPROJECTED, rr.LineStrips2D(faces, radii=THIN, **looks)),
-        entity(at.RAYS, rr.LineStrips3D(rays, colors=looks["colors"], radii=THIN)),
+        entity(at.RAYS, rr.LineStrips3D(rays, colors=colored(known)["colors"], radii=THIN)),
     ]
 
 
