@@ -85,8 +85,8 @@ class Motion:
     """Iterations of the adjustment."""
     camera_height_m: float
     """Above the road below. nan: unknown."""
-    expected: Pose | None = None
-    """The step by the prior alone. None: nothing was measured."""
+    straight: Pose | None = None
+    """The step along a straight line of its length. None: nothing was measured."""
     history_px: tuple[float, ...] = ()
     """RMS of eq. 7.5 of the inliers, at the start and after each iteration."""
     length_ratio: tuple[float, float] = (nan, nan)

@@ -19,6 +19,9 @@ from matplotlib.figure import Figure as Sheet
 
 from wayside.pipeline.learning.curves import RocCurve
 
+CLAIMS = ("not met", "open", "met")
+"""What a drive says of a claim; open: it has too little to tell."""
+
 
 @dataclass(frozen=True, slots=True)
 class Picture:
@@ -33,7 +36,8 @@ class Figure:
     """One figure of the report, or without a number pictures and a table under a chapter.
 
     `number`, `title`. `report`: what the report shows and which number it gives. `ours`: the same of this drive.
-    `needs`: why it is left out (empty: it is not). `table`: rows of cells, the first one the head.
+    `needs`: why it is left out (empty: it is not). `table`: rows of cells, the first one the head. `claim`: whether
+    this drive meets a claim of the report, one of `CLAIMS` (empty: there is none).
     """
 
     number: str
@@ -43,26 +47,32 @@ class Figure:
     pictures: Sequence[Picture] = ()
     needs: str = ""
     table: Sequence[Sequence[str]] = ()
+    claim: str = ""
 
-    def shown(self, ours: str, *pictures: Picture, table: Sequence[Sequence[str]] = ()) -> Figure:
+    def shown(
+        self, ours: str, *pictures: Picture, table: Sequence[Sequence[str]] = (), claim: str = ""
+    ) -> Figure:
         """The same with what this drive gives."""
-        return replace(self, ours=ours, pictures=pictures, table=table)
+        claim = claim or self.claim
+        return replace(self, ours=ours, pictures=pictures, needs="", table=table, claim=claim)
 
-    def left_out(self, needs: str) -> Figure:
-        """The same without, and what it needs."""
-        return replace(self, needs=needs)
+    @property
+    def anchor(self) -> str:
+        """Its name in links."""
+        return "figure-" + re.sub(r"[^0-9a-z]+", "-", self.number).strip("-")
 
 
 def format_page(
     title: str,
     intro: Iterable[str],
-    chapters: Iterable[tuple[str, Iterable[Figure]]],
+    chapters: Sequence[tuple[str, Sequence[Figure]]],
     head: str = "",
 ) -> str:
     """The whole page. `intro`: paragraphs. `head`: HTML for its head."""
     templates = Environment(loader=PackageLoader("wayside.pipeline.learning", ""), autoescape=True)
     page = templates.get_template("page.html")
-    return page.render(title=title, intro=intro, chapters=chapters, head=head)
+    claims = [one for _, figures in chapters for one in figures if one.claim]
+    return page.render(title=title, intro=intro, chapters=chapters, head=head, claims=claims)
 
 
 INKS = ("#0b61a4", "#c4500a", "#2a8c4a", "#8b2fa3", "#a08000", "#c8102e", "#5a4632", "#119da4")
@@ -73,7 +83,7 @@ _PER_INCH = 96
 _STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "wayside",
-    "font.size": 9,
+    "font.size": 10,
     "axes.edgecolor": FAINT,
     "axes.labelcolor": FAINT,
     "axes.grid": True,
@@ -113,7 +123,7 @@ def draw_roc(
     axes.plot(x, y, color=ink, linewidth=width, label=name)
     ring, dot = {"markerfacecolor": "white", "markersize": 8}, {"markersize": 6}
     for row, mark in ((curve.knee, ring), (used, dot)):
-        if row is not None:
+        if row is not None and x[row] <= axes.get_xlim()[1]:
             axes.plot(x[row], y[row], "o", color=ink, clip_on=False, zorder=3, **mark)
 
 
@@ -134,8 +144,9 @@ def svg(axes: Axes, words: str = "") -> Picture:
     """The figure of these axes for a page."""
     text = StringIO()
     with matplotlib.rc_context(_STYLE):
-        if axes.get_legend_handles_labels()[1] and axes.get_legend() is None:
-            axes.legend(loc="best", labelcolor="linecolor")
+        if names := axes.get_legend_handles_labels()[1]:
+            columns = 2 if max(map(len, names)) > 20 else 4
+            _sheet(axes).legend(loc="outside upper left", ncols=columns, labelcolor="linecolor")
         _sheet(axes).savefig(text, format="svg", metadata=_PLAIN)
     drawn = text.getvalue()
     return Picture(re.sub(r' xmlns(:\w+)?="[^"]*"', "", drawn[drawn.index("<svg") :]), words)

@@ -8,18 +8,17 @@ whatever is not a sign with probability alpha (report eq. 9.3 to 9.6).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 from scipy.special import erfinv
-from scipy.stats import gaussian_kde
 
 from wayside.pipeline.learning.asked import ClassifierSamples
-from wayside.pipeline.learning.curves import ALL, roc_curves
+from wayside.pipeline.learning.curves import ALL, RocCurve, roc_curves
 from wayside.pipeline.learning.labelled import ON
 from wayside.pipeline.learning.page import INKS, RATES, TEXT, Figure, draw_roc, new_axes, svg
-from wayside.pipeline.report_figures.drive import Drive, figure, photo
+from wayside.pipeline.report_figures.drive import IMAGE_WIDE, Drive, figure, photo, reached
 from wayside.pipeline.statistics import share_words
 from wayside.schemas.detections import COLOR_RGB
 from wayside.stages.geometry import box_areas
@@ -31,89 +30,42 @@ REPORT_MEAN, REPORT_VARIANCE, REPORT_OFF = 118.337, 1489.0, (20.0, 252.6)
 REPORT_GROWTH, REPORT_FACTOR, REPORT_ON = 235.0**0.5, 4.211e-9, (136.2, 253.8)
 """Eq. 9.2: red of pixels of white signs, 4.211e-9 exp(y / sqrt 235) on 136.2 to 253.8."""
 
-GRID = 2048
-"""Values at which fitted densities are compared."""
+LEVELS = np.arange(256.0)
+"""Of the red of a pixel."""
+Law = tuple[str, NDArray[np.float64], NDArray[np.float64]]
+"""Whose densities these are, p0 and p1 at all levels."""
 
 
-@dataclass(frozen=True, slots=True)
-class Densities:
-    """Both densities on equally spaced values (n,): `off` of what is no sign (p0), `on` of signs (p1)."""
-
-    values: NDArray[np.float64]
-    off: NDArray[np.float64]
-    on: NDArray[np.float64]
-
-    @property
-    def step(self) -> float:
-        """Distance of the values."""
-        return float(self.values[1] - self.values[0])
-
-    @property
-    def likelihood_ratio(self) -> NDArray[np.float64]:
-        """p1 / p0 (n,), eq. 9.3: inf where only signs have a density, 0 where neither has one."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = self.on / self.off
-        return np.where(self.on > 0, ratio, 0.0)
-
-
-@dataclass(frozen=True, slots=True)
-class PowerfulTest:
-    """The most powerful test of a false-alarm rate.
-
-    `accepted` (n,) bool by value. `false_alarm`, `power`: probabilities that it accepts what is no sign, and a sign.
-    `threshold`: the least accepted value where all larger ones are accepted too, None where these have gaps.
-    """
-
-    accepted: NDArray[np.bool_]
-    false_alarm: float
-    power: float
-    threshold: float | None
-
-
-def fitted_densities(on: NDArray[np.floating], off: NDArray[np.floating]) -> Densities:
-    """Kernel densities (Gaussian, bandwidth by Scott's rule) of the values of signs (m,) and of everything else (n,).
-
-    Each kind has two different values at least.
-    """
-    together = np.concatenate([off, on])
-    margin = 0.1 * float(np.ptp(together))
-    grid = np.linspace(together.min() - margin, together.max() + margin, GRID)
-    return Densities(grid, gaussian_kde(off)(grid), gaussian_kde(on)(grid))
-
-
-def report_densities() -> Densities:
-    """The report's densities of the red of white signs (eq. 9.1 and 9.2), as printed."""
-    values = np.linspace(0.0, 256.0, 2**16 + 1)
+def report_densities(values: NDArray[np.float64]) -> Law:
+    """The report's densities (n,) of the red of no sign and of white signs (eq. 9.1 and 9.2), as printed."""
     off = np.exp(-((values - REPORT_MEAN) ** 2) / (2 * REPORT_VARIANCE))
     off /= np.sqrt(2 * np.pi * REPORT_VARIANCE)
     on = REPORT_FACTOR * np.exp(values / REPORT_GROWTH)
-    return Densities(
-        values,
-        np.where((values >= REPORT_OFF[0]) & (values <= REPORT_OFF[1]), off, 0.0),
-        np.where((values >= REPORT_ON[0]) & (values <= REPORT_ON[1]), on, 0.0),
-    )
+    off[(values < REPORT_OFF[0]) | (values > REPORT_OFF[1])] = 0
+    on[(values < REPORT_ON[0]) | (values > REPORT_ON[1])] = 0
+    return "report", off, on
 
 
-def most_powerful_test(densities: Densities, alpha: float) -> PowerfulTest:
-    """The test of largest power among those of false-alarm rate at most `alpha`, 0 to 1 (eq. 9.4 to 9.6)."""
-    ratio, step = densities.likelihood_ratio, densities.step
+def likelihood_ratio(off: NDArray[np.float64], on: NDArray[np.float64]) -> NDArray[np.float64]:
+    """p1 / p0 (n,), eq. 9.3: inf where only signs have a density, 0 where neither has one."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(on > 0, on / off, 0.0)
+
+
+def most_powerful_test(
+    off: NDArray[np.float64], on: NDArray[np.float64], alpha: float
+) -> NDArray[np.bool_]:
+    """Which of n values the test of largest power accepts whose false-alarm rate is at most alpha (eq. 9.4 to 9.6).
+
+    `off`, `on` (n,): probabilities of the values without and with a sign. Of equal ratios all are accepted or none.
+    """
+    ratio = likelihood_ratio(off, on)
     order = np.argsort(-ratio, kind="stable")
-    alarm = np.cumsum(densities.off[order]) * step
-    # of equal ratios all are accepted or none: a set of positive probability is not cut
     ends = np.append(ratio[order][1:] < ratio[order][:-1], True)
-    allowed = np.flatnonzero(ends & (alarm <= alpha))
-    last = int(allowed[-1]) if len(allowed) else -1
+    allowed = np.flatnonzero(ends & (off[order].cumsum() <= alpha) & (ratio[order] > 0))
     accepted = np.zeros(len(ratio), np.bool_)
-    accepted[order[: last + 1]] = True
-    accepted &= densities.on > 0
-    first = int(np.argmax(accepted)) if accepted.any() else len(accepted)
-    whole = bool(accepted.any()) and bool((accepted | (densities.on <= 0))[first:].all())
-    return PowerfulTest(
-        accepted,
-        float(densities.off[accepted].sum() * step),
-        min(1.0, float(densities.on[accepted].sum() * step)),
-        float(densities.values[first]) if whole else None,
-    )
+    accepted[order[: allowed[-1] + 1 if len(allowed) else 0]] = True
+    return accepted
 
 
 def report_threshold(alpha: float) -> float:
@@ -132,60 +84,77 @@ def report_power(threshold: float) -> float:
     return float(np.clip(power, 0.0, 1.0))
 
 
-CAPTIONS = {0.1: 172, 0.03: 207}
-"""Thresholds that the captions of figures 9.5 and 9.6 give for their alpha."""
-_IMAGES, _PIXELS, _SEED = 12, 20_000, 1
-"""Images with white signs whose pixels are taken, pixels of either kind at most, and which of them."""
+REPORT_GREEN, NEAR = 0.018, 0.1
+"""Figure 10.1: false positive rate with which all green signs are found, and to where its axis is magnified."""
+ALPHAS, CAPTIONS = (0.1, 0.05, 0.03, 0.01), {0.1: 172, 0.03: 207}
+"""Rates of the table of figure 9.3, and thresholds that the captions of figures 9.5 and 9.6 give for theirs."""
+_IMAGES, _PIXELS, _SEED, _SMOOTH = 12, 20_000, 1, 3.0
+"""Images with white signs whose pixels are taken, pixels of either kind at most, which of them, and the standard
+deviation that their counts are smoothed with, levels."""
 
 
 def neyman_pearson_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 9.1 to 9.6."""
-    images = drive.images(_frames_with_white(drive))
+    frames = _frames_with_white(drive)
+    images = drive.images(frames)
     on, off = _pixels(drive, images)
-    densities = [("report", report_densities())]
+    densities = [report_densities(LEVELS)]
     ours = "no labelled white sign: the report's own densities only"
-    if all(len(np.unique(pixels[:, 0])) > 1 for pixels in (on, off)):
-        densities.append(("this drive", fitted_densities(on[:, 0], off[:, 0])))
+    if len(on) and len(off):
+        counts = (np.bincount(own[:, 0].astype(int), minlength=256) / len(own) for own in (off, on))
+        p0, p1 = (gaussian_filter1d(own, _SMOOTH) for own in counts)
+        densities.append(("this drive", p0, p1))
         ours = f"red of {len(on)} pixels of white signs and {len(off)} beside them, in {len(images)} images"
     yield _densities(densities, ours)
     yield _ratio(densities)
-    yield _power(densities)
-    white = drive.faces.color == "white"
-    area = np.where(white, box_areas(drive.faces.box), 0.0)
-    frame = max(images, default=None, key=lambda f: float(area[drive.faces.frame == f].sum()))
-    for number, alpha in (("9.4", None), ("9.5", 0.1), ("9.6", 0.03)):
-        yield _image(images, frame, number, alpha, on, off)
+    yield _power(*densities[1:])
+    if images:
+        rgb = images[frames[0]]
+        yield figure("9.4").shown(f"frame {frames[0]}", photo(rgb, wide=IMAGE_WIDE))
+        for number, alpha in (("9.5", 0.1), ("9.6", 0.03)):
+            yield _decided(rgb, number, report_threshold(alpha), on, off)
+
+
+def color_curves(drive: Drive) -> dict[str, RocCurve]:
+    """The ROC curve of each colour that has signs and others."""
+    samples = {"color": drive.samples["color"].known()}
+    found = roc_curves(samples, drive.settings, drive.models)
+    return {one.name: one for one in found if one.name != ALL and one.two_sided}
+
+
+def rates_at(curve: RocCurve, threshold: float) -> tuple[tuple[int, int], ...]:
+    """TPR (eq. 10.1) and FPR (eq. 10.2) at a threshold: how many are accepted, and how many there are."""
+    on, off = (own & curve.within(threshold) for own in (curve.on, ~curve.on))
+    return (int(on.sum()), curve.positives), (int(off.sum()), curve.negatives)
 
 
 def roc_figures(drive: Drive) -> Iterator[Figure]:
     """Figure 10.1 for each colour, and the report's claim for green."""
-    samples = drive.samples["color"].known()
-    axes = new_axes((0, 1), (0, 1), RATES)
-    shipped = "at the shipped distance: TPR"
-    rows: list[Sequence[str]] = [
-        ("colour", "signs", "others", "area", shipped, "FPR", "FPR where all signs pass")
-    ]
-    green = "no labelled green sign"
-    for one in roc_curves({"color": samples}, drive.settings, drive.models):
-        if one.name == ALL or not one.two_sided:
-            continue
-        name, on = one.name.replace("_", " "), one.on
-        ink = "#{:02x}{:02x}{:02x}".format(*(max(v - 30, 0) for v in COLOR_RGB[one.name]))
-        draw_roc(axes, one, TEXT if name == "white" else ink, name)
-        accepted, reached = one.within(one.used), one.within(one.value[on].max())
-        shares = [
-            share_words(int((flags & kind).sum()), int(kind.sum()))
-            for flags, kind in ((accepted, on), (accepted, ~on), (reached, ~on))
-        ]
-        rows.append((name, str(on.sum()), str((~on).sum()), f"{one.area:.4f}", *shares))
-        if name == "green":
-            green = f"green: all signs pass with FPR {shares[2]}"
-    if len(rows) == 1:
-        needs = "labelled signs of a colour that the report's classifier has"
-        yield figure("10.1").left_out(needs)
+    curves = color_curves(drive)
+    if not curves:
         return
-    yield figure("10.1").shown(green, svg(axes), table=rows)
-    yield _confusion(samples)
+    pictures, key = [], "ring: knee; dot: threshold of a run"
+    for end, words in ((1.0, key), (NEAR, f"the same magnified; {key}")):
+        axes = new_axes((0, end), (0, 1), RATES)
+        for name, one in curves.items():
+            rgb = (max(v - 30, 0) for v in COLOR_RGB[name])
+            ink = TEXT if name == "white" else "#{:02x}{:02x}{:02x}".format(*rgb)
+            draw_roc(axes, one, ink, name.replace("_", " "), used=one.used_row)
+        pictures.append(svg(axes, words))
+    head = ("colour", "signs", "others", "area", "TPR of a run", "FPR of a run")
+    rows: list[Sequence[str]] = [(*head, "FPR where all signs pass")]
+    words, claim = "no labelled green sign", "open"
+    for name, one in curves.items():
+        signs = one.value[one.on]
+        passed, others = rates_at(one, signs.max() if one.accept_below else signs.min())[1]
+        shares = [share_words(*own) for own in (*rates_at(one, one.used), (passed, others))]
+        counts = str(one.positives), str(one.negatives), f"{one.area:.4f}"
+        rows.append((name.replace("_", " "), *counts, *shares))
+        if name == "green":
+            words = f"green: all signs pass with FPR {shares[-1]}"
+            claim = reached(others - passed, others, 1 - REPORT_GREEN)
+    yield figure("10.1").shown(words, *pictures, table=rows, claim=claim)
+    yield _confusion(drive.samples["color"].known())
 
 
 def _confusion(samples: ClassifierSamples) -> Figure:
@@ -210,98 +179,80 @@ def _frames_with_white(drive: Drive) -> list[int]:
     return list(dict.fromkeys(own.tolist()))[:_IMAGES]
 
 
-def _white_mask(
-    drive: Drive, frame: int, shape: tuple[int, ...]
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Pixels of an image inside white faces (their middle four fifths), and outside of all faces."""
-    inside, outside = np.zeros(shape[:2], bool), np.ones(shape[:2], bool)
-    faces = drive.faces
-    for row in np.flatnonzero(faces.frame == frame):
-        x0, y0, x1, y1 = faces.box[row]
-        outside[max(int(y0) - 1, 0) : int(y1) + 2, max(int(x0) - 1, 0) : int(x1) + 2] = False
-        if faces.color[row] == "white" and faces.example[row]:
-            dx, dy = 0.1 * (x1 - x0), 0.1 * (y1 - y0)
-            rows = slice(max(round(y0 + dy), 0), round(y1 - dy))
-            inside[rows, max(round(x0 + dx), 0) : round(x1 - dx)] = True
-    return inside, outside
-
-
-def _pixels(
-    drive: Drive, images: dict[int, NDArray[np.uint8]]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Colours of pixels of white signs and of what is no sign, (n, 3) each."""
-    draw = np.random.default_rng(_SEED)
-    found: tuple[list[NDArray[np.float64]], ...] = ([np.zeros((0, 3))], [np.zeros((0, 3))])
+def _pixels(drive: Drive, images: dict[int, NDArray[np.uint8]]) -> list[NDArray[np.float64]]:
+    """Colours of pixels of white signs (their middle four fifths) and of what is no sign, (n, 3) each."""
+    draw, faces = np.random.default_rng(_SEED), drive.faces
+    found = [[np.zeros((0, 3))], [np.zeros((0, 3))]]
     for frame, rgb in sorted(images.items()):
-        for kept, mask in zip(found, _white_mask(drive, frame, rgb.shape), strict=True):
+        inside, outside = np.zeros(rgb.shape[:2], bool), np.ones(rgb.shape[:2], bool)
+        for row in np.flatnonzero(faces.frame == frame):
+            x0, y0, x1, y1 = faces.box[row]
+            outside[max(int(y0) - 1, 0) : int(y1) + 2, max(int(x0) - 1, 0) : int(x1) + 2] = False
+            if faces.color[row] == "white" and faces.example[row]:
+                dx, dy = 0.1 * (x1 - x0), 0.1 * (y1 - y0)
+                rows = slice(max(round(y0 + dy), 0), round(y1 - dy))
+                inside[rows, max(round(x0 + dx), 0) : round(x1 - dx)] = True
+        for kept, mask in zip(found, (inside, outside), strict=True):
             pixels = rgb[mask].astype(np.float64)
             kept.append(pixels[draw.permutation(len(pixels))[: _PIXELS // _IMAGES]])
-    return np.concatenate(found[0]), np.concatenate(found[1])
+    return [np.concatenate(own) for own in found]
 
 
-def _densities(densities: Sequence[tuple[str, Densities]], ours: str) -> Figure:
-    top = max(float(max(d.off.max(), d.on.max())) for _, d in densities)
+def _densities(densities: Sequence[Law], ours: str) -> Figure:
+    top = max(max(off.max(), np.quantile(on, 0.99)) for _, off, on in densities)
     axes = new_axes((0, 255), (0, 1.1 * top), ("red", "density"))
-    for i, (name, d) in enumerate(densities):
+    for i, (name, off, on) in enumerate(densities):
         style = "--" if i else "-"
-        axes.plot(d.values, d.off, style, color=INKS[2 * i], label=f"{name}: no sign, p0")
-        axes.plot(d.values, d.on, style, color=INKS[2 * i + 1], label=f"{name}: white sign, p1")
+        axes.plot(LEVELS, off, style, color=INKS[2 * i], label=f"{name}: no sign, p0")
+        axes.plot(LEVELS, on, style, color=INKS[2 * i + 1], label=f"{name}: white sign, p1")
     return figure("9.1").shown(ours, svg(axes))
 
 
-def _ratio(densities: Sequence[tuple[str, Densities]]) -> Figure:
+def _ratio(densities: Sequence[Law]) -> Figure:
     axes = new_axes((0, 255), (-6, 6), ("red", "log10 of the likelihood ratio"))
     words = []
-    for i, (name, d) in enumerate(densities):
-        with np.errstate(divide="ignore"):
-            ratio = np.log10(d.likelihood_ratio)
-        axes.plot(d.values, np.where(np.isfinite(ratio), ratio, np.nan), color=INKS[i], label=name)
-        inside = (d.values >= 0) & (d.values <= 255)
-        below = np.flatnonzero(inside & (d.likelihood_ratio < 1) & (d.off > 0))
-        if len(below) and below[-1] + 1 < len(d.values):
-            words.append(f"{name}: L is above 1 from {d.values[below[-1] + 1]:.1f} on")
+    for i, (name, off, on) in enumerate(densities):
+        ratio = likelihood_ratio(off, on)
+        known = np.isfinite(ratio) & (ratio > 0)
+        axes.plot(LEVELS[known], np.log10(ratio[known]), color=INKS[i], label=name)
+        words.append(f"{name}: L is above 1 from {_from(ratio >= 1, on)}")
     return figure("9.2").shown("; ".join(words), svg(axes))
 
 
-def _power(densities: Sequence[tuple[str, Densities]]) -> Figure:
+def _from(accepted: NDArray[np.bool_], on: NDArray[np.float64]) -> str:
+    """The level from which all that signs have are accepted, in words."""
+    first = int(np.argmax(accepted))
+    return str(first) if (accepted | (on == 0))[first:].all() else "several ranges"
+
+
+def _power(own: Law | None = None) -> Figure:
     alphas = np.concatenate([np.linspace(0, 0.1, 41), np.linspace(0.11, 0.99, 45)]).tolist()
-    axes = new_axes((0, 1), (0, 1), ("false-alarm rate alpha", "power"))
+    axes = new_axes((0, 1), (0, 1), ("false-alarm rate alpha of pixels", "power"))
     equation = [report_power(report_threshold(alpha)) for alpha in alphas]
     axes.plot(alphas, equation, color=INKS[0], label="report, eq. 9.7 and 9.8")
     head = ("alpha", "report, eq. 9.7: red from", "power by 9.8", "captions")
     rows: list[tuple[str, ...]] = [(*head, "this drive: red from", "power")]
-    own = densities[1][1] if len(densities) > 1 else None
     if own is not None:
-        tests = [most_powerful_test(own, alpha) for alpha in alphas]
-        points = np.array([(test.false_alarm, test.power) for test in tests])
-        axes.plot(*points.T, color=INKS[1], label="this drive")
-    for alpha in (0.1, 0.05, 0.03, 0.01):
+        order = np.argsort(-likelihood_ratio(*own[1:]), kind="stable")
+        axes.plot(*(law[order].cumsum() for law in own[1:]), color=INKS[1], label="this drive")
+    for alpha in ALPHAS:
         y = report_threshold(alpha)
         cells = [f"{alpha:g}", f"{y:.2f}", f"{report_power(y):.4f}", str(CAPTIONS.get(alpha, ""))]
-        if own is None:
-            rows.append((*cells, "", ""))
-            continue
-        test = most_powerful_test(own, alpha)
-        reds = "several ranges" if test.threshold is None else f"{test.threshold:.1f}"
-        rows.append((*cells, reds, f"{test.power:.4f}"))
+        if own is not None:
+            test = most_powerful_test(*own[1:], alpha)
+            cells += [_from(test, own[2]), f"{own[2][test].sum():.4f}"]
+        rows.append((*cells, *[""] * (6 - len(cells))))
     ours = "the equations give 167.73 and 190.77: 172 and 207 are the thresholds of alpha 0.082 and 0.0105"
     return figure("9.3").shown(ours, svg(axes), table=rows)
 
 
-def _image(
-    images: dict[int, NDArray[np.uint8]],
-    frame: int | None,
+def _decided(
+    rgb: NDArray[np.uint8],
     number: str,
-    alpha: float | None,
+    y: float,
     on: NDArray[np.float64],
     off: NDArray[np.float64],
 ) -> Figure:
-    if frame is None:
-        return figure(number).left_out("a labelled white sign")
-    rgb = images[frame]
-    if alpha is None:
-        return figure(number).shown(f"frame {frame}", photo(rgb, scale=0.5))
-    y = report_threshold(alpha)
     shown = np.where((rgb > y).all(axis=2, keepdims=True), rgb, 0).astype(np.uint8)
     words = [
         f"{name}: {share_words(int((pixels[:, 0] >= y).sum()), len(pixels))} by red, "
@@ -309,4 +260,4 @@ def _image(
         for name, pixels in (("of pixels of white signs pass", on), ("of other pixels", off))
     ]
     ours = f"threshold {y:.2f} by eq. 9.7; {'; '.join(words)}"
-    return figure(number).shown(ours, photo(shown, f"frame {frame}, what passes", scale=0.5))
+    return figure(number).shown(ours, photo(shown, "what passes", IMAGE_WIDE))

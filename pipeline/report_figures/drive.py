@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wayside.pipeline.files.pictures import data_address, encode_webp
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.labels.read import FrameLabels, read_labels
 from wayside.pipeline.learning.asked import ClassifierSamples, gather_samples, labels_of_log
@@ -21,6 +21,7 @@ from wayside.pipeline.learning.labelled import ON, Faces, labelled_faces
 from wayside.pipeline.learning.page import Figure, Picture
 from wayside.pipeline.models.model_files import Models, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.pipeline.statistics import share_interval
 from wayside.pipeline.workers import Item
 from wayside.schemas.detections import SHAPES, Detections, Regions, Segmentation
 from wayside.schemas.errors import InputError
@@ -36,10 +37,10 @@ from wayside.stages.segmentation import segment
 
 PRESET, SHAPE_PRESET, TRAJECTORY_PRESET = "report", "report-shape", "report-2d"
 """The report's last chain, and the one with its shape classifier."""
-REPORT: dict[str, dict[str, tuple[str, str]]] = tomllib.loads(
+REPORT: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(
     Path(__file__).with_name("report.toml").read_text(encoding="utf-8")
 )
-"""What the report shows: by chapter and number, the title and the words of a figure."""
+"""What the report shows: by chapter and number, fields of a `Figure`."""
 T = TypeVar("T")
 LABELS_BESIDE = (".truth.json", ".labels.json", ".labels.parquet")
 """Endings of a log's labels beside it, in the order in which they are looked for."""
@@ -62,33 +63,14 @@ class FaceOutline:
     distance: float
 
 
-@dataclass(frozen=True, slots=True)
-class Scene:
-    """One image again, and its segmentation."""
-
-    segmentation: Segmentation
-
-    @property
-    def rgb(self) -> NDArray[np.uint8]:
-        """The image."""
-        rgb = self.segmentation.image.rgb
-        if rgb is None:
-            raise ValueError("there is no image")
-        return rgb
-
-    @property
-    def clustered(self) -> NDArray[np.uint8]:
-        """The image in the colours of the clusters of pass one; black where it was not segmented."""
-        one, shown = self.segmentation, np.zeros_like(self.rgb)
-        if one.labels is not None:
-            shown[one.rows[0] : one.rows[1]] = np.rint(one.palette).astype(np.uint8)[one.labels[0]]
-        return shown
-
-    @property
-    def difference(self) -> NDArray[np.float32]:
-        """Distance of each pixel to the colour of its cluster (chapter 2.3)."""
-        apart = self.rgb.astype(np.float32) - self.clustered
-        return np.asarray(np.sqrt((apart**2).sum(axis=2)), np.float32)
+def clustered(one: Segmentation) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """The image, and in the colours of the clusters of pass one; black where it was not segmented."""
+    rgb = one.image.rgb
+    assert rgb is not None
+    shown = np.zeros_like(rgb)
+    if one.labels is not None:
+        shown[one.rows[0] : one.rows[1]] = np.rint(one.palette).astype(np.uint8)[one.labels[0]]
+    return rgb, shown
 
 
 @dataclass
@@ -97,8 +79,9 @@ class Drive:
 
     `shapes`, `density`: the classes of shapes, and of what moves as signs do, that decide in other chains of the
     report. `samples`: what each classifier was asked, by its name. `frames`: motion by frame. `landmarks`: all, with
-    their verdicts. `regions`: those of each frame that passed the size gate. `outlines`: of those that passed the
-    colour gate and lie on a face, in order of frames.
+    their verdicts. `regions`: those of each frame that passed the size gate. `passed`: boxes (n, 4) of those that
+    passed the colour gate, too. `outlines`: of those of them that lie on a face, in order of frames. `matches` (k, 4):
+    SIFT matches of each frame with the one before, u, v, u, v.
     """
 
     log: Path
@@ -112,7 +95,9 @@ class Drive:
     frames: dict[int, Motion] = field(default_factory=dict, repr=False)
     landmarks: list[Landmark] = field(default_factory=list, repr=False)
     regions: dict[int, Regions] = field(default_factory=dict, repr=False)
+    passed: dict[int, NDArray[np.float32]] = field(default_factory=dict, repr=False)
     outlines: list[FaceOutline] = field(default_factory=list, repr=False)
+    matches: dict[int, NDArray[np.float32]] = field(default_factory=dict, repr=False)
 
     @property
     def signs(self) -> list[Landmark]:
@@ -128,11 +113,11 @@ class Drive:
         found = decode(self._frames(wanted))
         return {one.frame.index: one.rgb for one in found if one.rgb is not None}
 
-    def scenes(self, wanted: Collection[int]) -> dict[int, Scene]:
+    def segmented(self, wanted: Collection[int]) -> dict[int, Segmentation]:
         """Images of frames, segmented again."""
         s = self.settings
         found = segment(decode(self._frames(wanted)), settings=s.segment, gate=s.gate)
-        return {one.frame.index: Scene(one) for one in found if one.frame.used}
+        return {one.frame.index: one for one in found if one.frame.used}
 
     def _frames(self, wanted: Collection[int]) -> Iterator[Frame]:
         read = read_frames(self.log, self.settings.read, ReadReport())
@@ -141,11 +126,14 @@ class Drive:
     def see(self, stage: str, item: Item) -> None:
         """Take note of the outlines on faces, and of a frame whose candidates are all decided."""
         if stage == "color" and isinstance(item, Detections):
+            self.passed[item.frame.index] = item.candidates.regions.box[item.candidates.open_rows()]
             self.outlines.extend(self._outlines_on_faces(item))
         if stage == "assemble" and isinstance(item, TrackedFrame) and item.motion is not None:
             self.frames[item.frame.index] = item.motion
             self.landmarks.extend(item.landmarks)
             self.regions[item.frame.index] = item.candidates.regions
+            if item.matches is not None:
+                self.matches[item.frame.index] = item.matches
 
     def _outlines_on_faces(self, item: Detections) -> Iterator[FaceOutline]:
         rows = item.candidates.open_rows()
@@ -169,9 +157,21 @@ class Drive:
 
 
 def figure(number: str) -> Figure:
-    """A figure with what the report shows, and still without this drive."""
-    own = next(figures for figures in REPORT.values() if number in figures)
-    return Figure(number, *own[number])
+    """A figure with what the report shows, and what it needs of a drive."""
+    return Figure(number, **next(own[number] for own in REPORT.values() if number in own))
+
+
+NEARLY_ALL, ALMOST_NO = 0.95, 0.05
+"""How the words of the report are read that state no number: "near perfect", "typically all", and "almost no", here a
+false place in twenty images."""
+
+
+def reached(count: int, total: int, share: float) -> str:
+    """Whether a share of at least so much is `met`, or `not met`; `open` where its interval holds it all the same."""
+    interval = share_interval(count, total)
+    if interval is None:
+        return "open"
+    return "met" if count >= share * total else "not met" if interval.high < share else "open"
 
 
 def evenly(values: Sequence[T], count: int) -> list[T]:
@@ -182,11 +182,10 @@ def evenly(values: Sequence[T], count: int) -> list[T]:
 
 def labels_beside(log: Path) -> Path:
     """The file of labels of a log, in the same folder. Raises InputError without such a file."""
-    for ending in LABELS_BESIDE:
-        path = log.with_name(log.stem + ending)
-        if path.is_file():
-            return path
-    names = ", ".join(log.stem + ending for ending in LABELS_BESIDE)
+    every = [log.with_name(log.stem + ending) for ending in LABELS_BESIDE]
+    if found := [path for path in every if path.is_file()]:
+        return found[0]
+    names = ", ".join(path.name for path in every)
     raise InputError(
         f"{log}: there are no labels next to the log ({names}). The figures compare with labels: give them with "
         "--labels; see docs/labels.md."
@@ -222,7 +221,8 @@ Ink = tuple[int, int, int]
 ACCENT: Ink = (255, 0, 140)
 SIGN_INK: Ink = (255, 230, 0)
 _PAPER, _GAP, _SHIFT = 255, 6, 4
-_WIDEST, _QUALITY = 1100, 82
+_WIDEST, IMAGE_WIDE = 1100, 800
+"""Most pixels of the width of a picture, and of one that shows a whole image."""
 
 
 def around(
@@ -250,17 +250,14 @@ def cut(
 
 def beside(images: Sequence[NDArray[np.uint8]], columns: int = 99) -> NDArray[np.uint8]:
     """Pictures of one height in rows of so many, with gaps."""
-    tall = images[0].shape[0]
-    rows = [images[i : i + columns] for i in range(0, len(images), columns)]
-    wide = max(sum(one.shape[1] + _GAP for one in row) for row in rows) - _GAP
-    page = np.full((len(rows) * (tall + _GAP) - _GAP, wide, 3), _PAPER, np.uint8)
-    for r, row in enumerate(rows):
-        left = 0
-        for one in row:
-            top = r * (tall + _GAP)
-            page[top : top + tall, left : left + one.shape[1]] = one
-            left += one.shape[1] + _GAP
-    return page
+    framed = [_widened(one, _GAP, _GAP) for one in images]
+    rows = [np.hstack(framed[i : i + columns]) for i in range(0, len(framed), columns)]
+    wide = max(row.shape[1] for row in rows)
+    return np.vstack([_widened(row, wide - row.shape[1]) for row in rows])
+
+
+def _widened(image: NDArray[np.uint8], right: int, below: int = 0) -> NDArray[np.uint8]:
+    return np.pad(image, ((0, below), (0, right), (0, 0)), constant_values=_PAPER)
 
 
 def boxed(
@@ -290,15 +287,11 @@ def lined(
     return page
 
 
-def photo(rgb: NDArray[np.uint8], words: str = "", *, scale: float = 1.0) -> Picture:
-    """An image (height, width, 3) RGB or (height, width) grey as JPEG, enlarged by a factor, shrunk where too wide."""
-    factor = min(scale, _WIDEST / rgb.shape[1])
-    size = (max(round(rgb.shape[1] * factor), 1), max(round(rgb.shape[0] * factor), 1))
-    method = cv2.INTER_CUBIC if factor > 1 else cv2.INTER_AREA
-    shown = cv2.resize(rgb, size, interpolation=method)
-    if shown.ndim == 3:
-        shown = cv2.cvtColor(shown, cv2.COLOR_RGB2BGR)
-    _, coded = cv2.imencode(".jpg", shown, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-    source = base64.b64encode(coded.tobytes()).decode()
+def photo(rgb: NDArray[np.uint8], words: str = "", wide: int = _WIDEST) -> Picture:
+    """An image (height, width, 3) RGB or (height, width) grey, shrunk to a width in pixels where it is wider."""
+    factor = min(1.0, wide / rgb.shape[1])
+    size = round(rgb.shape[1] * factor), max(round(rgb.shape[0] * factor), 1)
+    shown = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
+    source = data_address(encode_webp(shown if shown.ndim == 3 else np.dstack([shown] * 3)))
     alt = f'width="{size[0]}" height="{size[1]}" alt="{escape(words)}"'
-    return Picture(f'<img src="data:image/jpeg;base64,{source}" {alt}>', words)
+    return Picture(f'<img src="{source}" {alt}>', words)

@@ -6,30 +6,34 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.learning.asked import ClassifierSamples
 from wayside.pipeline.learning.labelled import OFF, ON
 from wayside.pipeline.learning.page import INKS, TEXT, Figure, Picture, new_axes, svg
+from wayside.pipeline.report_figures.decisions import color_curves, rates_at
 from wayside.pipeline.report_figures.drive import (
+    IMAGE_WIDE,
+    NEARLY_ALL,
     Drive,
     FaceOutline,
-    Scene,
     around,
     beside,
     boxed,
+    clustered,
     cut,
     evenly,
     figure,
     lined,
     photo,
+    reached,
 )
 from wayside.pipeline.statistics import share_words
 from wayside.pipeline.view.drawing import CURVES, curve_of_terms
 from wayside.pipeline.view.drawing import INKS as OUTLINE_INKS
-from wayside.schemas.detections import SOURCES
+from wayside.schemas.detections import SOURCES, Segmentation
+from wayside.stages.geometry import box_areas
 
 REPORT_GATE_PX = (50, 20_000)
 TALL = 220
@@ -43,106 +47,90 @@ def segmentation_figures(drive: Drive) -> Iterator[Figure]:
     faces = drive.faces
     rows = np.flatnonzero(faces.example & np.isin(faces.frame, list(drive.frames)))
     if not len(rows):
-        for number in ("2.1", "2.2", "2.3"):
-            yield figure(number).left_out("labels of a whole sign face")
-        yield _size_gate(drive, None)
+        yield from _size_gate(drive, None)
         return
     yellow, green = (
         rows[faces.color[rows] == color].tolist() or rows.tolist() for color in ("yellow", "green")
     )
     tall = (faces.box[:, 3] - faces.box[:, 1]).tolist()
     near, far = max(yellow, key=tall.__getitem__), min(green, key=tall.__getitem__)
-    scenes = drive.scenes({int(faces.frame[row]) for row in (near, far)})
-    near_scene, far_scene = (scenes[int(faces.frame[row])] for row in (near, far))
-    yield _clustered(drive, "2.1", near_scene, near)
-    yield _clustered(drive, "2.2", far_scene, far)
-    yield _difference(drive, far_scene, far)
-    yield _size_gate(drive, near_scene)
+    found = drive.segmented({int(faces.frame[row]) for row in (near, far)})
+    near_one, far_one = (found[int(faces.frame[row])] for row in (near, far))
+    yield _clustered(drive, "2.1", near_one, near)
+    yield _clustered(drive, "2.2", far_one, far)
+    yield _difference(drive, far_one, far)
+    yield from _size_gate(drive, near_one)
 
 
 def color_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 3.2 to 3.4."""
     samples = drive.samples["color"].known()
-    named = {color: samples.named == color for color in ("yellow", "green")}
-    right = np.flatnonzero((samples.kind == "yellow") & named["yellow"])
-    off = samples.label == OFF
-    size = (samples.box[:, 2:] - samples.box[:, :2]).prod(axis=1)
-    wrong = {
-        color: (rows := np.flatnonzero(off & own))[np.argsort(-size[rows], kind="stable")]
-        for color, own in named.items()
-    }
-    chosen = (
-        ("3.2", "yellow", right),
-        ("3.3", "green", wrong["green"]),
-        ("3.4", "yellow", wrong["yellow"]),
-    )
+    size, chosen = box_areas(samples.box), []
+    for number, color, on in (("3.2", "yellow", 1), ("3.3", "green", 0), ("3.4", "yellow", 0)):
+        kind = samples.kind == color if on else samples.label == OFF
+        rows = np.flatnonzero(kind & (samples.named == color))
+        chosen.append((number, color, rows[np.argsort(-size[rows], kind="stable")]))
     crops = [evenly(rows.tolist(), _MOST_CROPS) for *_, rows in chosen]
     images = drive.images({int(samples.frame[row]) for own in crops for row in own})
+    curves = color_curves(drive)
     for (number, color, rows), own in zip(chosen, crops, strict=True):
-        found, signs, false, others = rates_of(samples, color)
-        ours = (
-            f"at the shipped distance: TPR {share_words(found, signs)} of the segments on {color} signs, "
-            f"FPR {share_words(false, others)} of the segments on no sign"
-        )
-        yield figure(number).shown(ours, *_crops(images, samples, own, len(rows)))
+        ours, claim, one = f"no labelled {color} sign", "open", curves.get(color)
+        if one is not None:
+            found, false = rates_at(one, one.used)
+            ours = f"in a run: TPR {share_words(*found)}, FPR {share_words(*false)}"
+            claim = reached(*found, NEARLY_ALL)
+        pictures = _crops(images, samples, own, len(rows))
+        yield figure(number).shown(ours, *pictures, claim=claim if number == "3.2" else "")
 
 
-def rates_of(samples: ClassifierSamples, color: str) -> tuple[int, int, int, int]:
-    """Segments on signs of a colour named so, and all; segments on no sign named so, and all (eq. 10.1, 10.2)."""
-    on = (samples.label == ON) & (samples.kind == color)
-    off, named = samples.label == OFF, samples.named == color
-    return int((on & named).sum()), int(on.sum()), int((off & named).sum()), int(off.sum())
-
-
-def _clustered(drive: Drive, number: str, scene: Scene, row: int) -> Figure:
-    box = drive.faces.box[row]
-    x0, y0, x1, y1 = _inside(box, scene.rgb.shape)
-    own = scene.difference[y0:y1, x0:x1]
-    corners = around(box, scene.rgb.shape[:2])
-    pictures = beside([cut(scene.rgb, corners, TALL), cut(scene.clustered, corners, TALL)])
-    pixels = scene.clustered[y0:y1, x0:x1].reshape(-1, 3)
+def _clustered(drive: Drive, number: str, one: Segmentation, row: int) -> Figure:
+    box, (rgb, shown) = drive.faces.box[row], clustered(one)
+    margin = 0.2 * (box[2:] - box[:2])
+    (x0, y0), (x1, y1) = np.maximum(np.rint([box[:2] + margin, box[2:] - margin]), 0).astype(int)
+    inside = slice(y0, y1 + 1), slice(x0, x1 + 1)
+    corners = around(box, rgb.shape[:2])
+    pictures = beside([cut(rgb, corners, TALL), cut(shown, corners, TALL)])
+    pixels = shown[inside].reshape(-1, 3)
     (color, count) = Counter(map(tuple, pixels.tolist())).most_common(1)[0]
     ours = (
-        f"frame {scene.segmentation.frame.index}, {drive.faces.color[row] or 'unknown'} sign {box[2] - box[0]:.0f} x "
-        f"{box[3] - box[1]:.0f} px, k = {len(scene.segmentation.palette)}: {100 * count / len(pixels):.0f} % of its "
-        f"pixels are of one cluster, whose colour is {color}; its pixels lie {np.median(own):.0f} levels from the "
-        f"colours of their clusters (median; whole image {np.median(scene.difference):.0f})"
+        f"frame {one.frame.index}, {drive.faces.color[row] or 'unknown'} sign {box[2] - box[0]:.0f} x "
+        f"{box[3] - box[1]:.0f} px, k = {len(one.palette)}: {100 * count / len(pixels):.0f} % of its "
+        f"pixels are of one cluster, whose colour is {color}"
     )
-    return figure(number).shown(
-        ours, photo(pictures, "the image, and in the colours of its clusters")
-    )
+    words = "the image, and in the colours of its clusters"
+    return figure(number).shown(ours, photo(pictures, words))
 
 
-def _difference(drive: Drive, scene: Scene, row: int) -> Figure:
-    grey = np.minimum(np.rint(3 * scene.difference), 255).astype(np.uint8)
-    by_source = _found_by_source(drive)
-    corners = around(drive.faces.box[row], scene.rgb.shape[:2])
-    counts = ", ".join(f"{count} {words}" for words, count in by_source.items())
-    whole = f"frame {scene.segmentation.frame.index}: distance of each pixel to its cluster, three times as bright"
+def _difference(drive: Drive, one: Segmentation, row: int) -> Figure:
+    rgb, shown = clustered(one)
+    apart = np.linalg.norm(rgb - shown.astype(np.float32), axis=2)
+    grey = np.minimum(np.rint(3 * apart), 255).astype(np.uint8)
+    first, rescued, lost = _found_by_source(drive)
+    whole = f"frame {one.frame.index}: distance of each pixel to its cluster, three times as bright"
     return figure("2.3").shown(
-        f"of {sum(by_source.values())} labelled views of signs, by the connected regions that pass the size gate: "
-        f"{counts}",
-        photo(grey, whole, scale=0.5),
-        photo(cut(grey, corners, TALL), "the small sign of figure 2.2 in it"),
+        f"of {first + rescued + lost} labelled views of signs {first} have a region of pass one that passes the size "
+        f"gate, {rescued} only one of pass two, {lost} neither: pass two finds {share_words(rescued, rescued + lost)}",
+        photo(grey, whole, IMAGE_WIDE),
+        photo(cut(grey, around(drive.faces.box[row], grey.shape), TALL), "the sign of figure 2.2"),
+        claim=reached(rescued, rescued + lost, 0.5),
     )
 
 
-def _found_by_source(drive: Drive) -> dict[str, int]:
+def _found_by_source(drive: Drive) -> tuple[int, int, int]:
     """How many faces have a region on them in pass one, in pass two alone, in none."""
-    faces, counts = drive.faces, [0, 0, 0]
+    faces, first, found = drive.faces, set[int](), set[int]()
     for frame, regions in drive.regions.items():
         label, face = faces.label_regions(frame, regions.box)
-        for row in np.flatnonzero((faces.frame == frame) & faces.example):
-            sources = {SOURCES[s] for s in regions.source[(label == ON) & (face == row)]}
-            counts[0 if "pass1" in sources else 1 if sources else 2] += 1
-    names = ("have one from pass one", "only from pass two", "from neither")
-    return dict(zip(names, counts, strict=True))
+        found.update(face[label == ON].tolist())
+        first.update(face[(label == ON) & (regions.source == SOURCES.index("pass1"))].tolist())
+    total = int((faces.example & np.isin(faces.frame, list(drive.regions))).sum())
+    return len(first), len(found - first), total - len(found)
 
 
-def _size_gate(drive: Drive, scene: Scene | None) -> Figure:
+def _size_gate(drive: Drive, one: Segmentation | None) -> Iterator[Figure]:
     low, high = REPORT_GATE_PX
     if "size" not in drive.samples:
-        return figure("3.1").left_out("segments counted before the gate")
+        return
     samples, gate = drive.samples["size"], drive.settings.gate
     area, count, on = samples.values[:, 0], samples.count, samples.label == ON
     edges = np.logspace(0, 6, 37)
@@ -155,48 +143,22 @@ def _size_gate(drive: Drive, scene: Scene | None) -> Figure:
     for limit in (*REPORT_GATE_PX, gate.largest_px):
         axes.axvline(limit, color=TEXT, linestyle="--", linewidth=1)
     pictures = [svg(axes, "dashed: 50 and 20000 px, and the largest area that is kept here")]
-    if scene is not None:
-        gated = _gated(scene, gate.smallest_px, gate.largest_px)
-        pictures.append(photo(gated, "pass one after the gate", scale=0.5))
+    if one is not None:
+        kept = one.regions.box[one.regions.source == SOURCES.index("pass1")]
+        gated = boxed(clustered(one)[1], list(kept), width=1)
+        words = f"the {len(kept)} segments of pass one after the gate"
+        pictures.append(photo(gated, words, IMAGE_WIDE))
 
     def counted(rows: NDArray[np.bool_]) -> int:
         return int(count[rows].sum())
 
-    return figure("3.1").shown(
+    yield figure("3.1").shown(
         f"{count.sum():,} segments: {100 * counted(area < low) / count.sum():.1f} % below {low} px, "
         f"{counted(area > high)} above {high} px; of {counted(on)} on labelled signs the report's gate drops "
         f"{counted(on & ((area < low) | (area > high)))}, the gate here ({gate.smallest_px} to {gate.largest_px} px) "
         f"{counted(on & ((area < gate.smallest_px) | (area > gate.largest_px)))}",
         *pictures,
     )
-
-
-def _gated(scene: Scene, smallest: int, largest: int) -> NDArray[np.uint8]:
-    """The clustered image with the boxes of the regions that the gate drops in black."""
-    one = scene.segmentation
-    page = scene.clustered
-    if one.labels is None:
-        return page
-    labels, top = one.labels[0], one.rows[0]
-    kept = np.zeros(labels.shape, np.uint8)
-    for value in range(len(one.palette)):
-        _, parts, found, _ = cv2.connectedComponentsWithStats(
-            (labels == value).astype(np.uint8), connectivity=4
-        )
-        area = found[:, cv2.CC_STAT_AREA]
-        good = (area >= smallest) & (area <= largest)
-        good[0] = False
-        kept |= good[parts].astype(np.uint8)
-    page[top : top + len(kept)][kept == 0] = 0
-    return page
-
-
-def _inside(box: NDArray[np.float64], shape: tuple[int, ...]) -> tuple[int, int, int, int]:
-    """The middle of a box, a fifth off each side, as whole pixels of an image."""
-    margin = 0.2 * (box[2:] - box[:2])
-    x0, y0 = np.maximum(np.floor(box[:2] + margin), 0).astype(int)
-    x1, y1 = np.ceil(box[2:] - margin).astype(int)
-    return x0, y0, min(max(x1, x0 + 1), shape[1]), min(max(y1, y0 + 1), shape[0])
 
 
 def _crops(
@@ -210,7 +172,7 @@ def _crops(
     return (photo(beside(crops, 8), f"{len(crops)} of {total} segments"),) if crops else ()
 
 
-REPORT_IMAGES = 50
+REPORT_IMAGES, REPORT_SHAPES = 50, 0.92
 _TALL, _MOST = 300, 4
 
 View = list[FaceOutline]
@@ -224,25 +186,19 @@ def shape_figures(drive: Drive) -> Iterator[Figure]:
     by_size = sorted(views, key=lambda view: -_area(_largest(view)))
     found = [view for view in by_size if right(drive, view)]
     # the largest of each shape
-    shown = list({drive.faces.shape[view[0].face]: view for view in reversed(found)}.values())
-    shown = sorted(shown, key=lambda view: -_area(_largest(view)))[:_MOST]
+    shown = list({drive.faces.shape[v[0].face]: v for v in reversed(found)}.values())[:_MOST]
     worst = [view for view in by_size if not right(drive, view)][:_MOST]
     images = drive.images({view[0].frame for view in (*shown, *worst)})
-    yield _curves(drive, images, [_largest(view) for view in shown])
-    yield _false_negatives(drive, images, [_largest(view) for view in worst])
+    for number, those in (("4.1", shown), ("4.2", worst)):
+        if those:
+            outlines = [_largest(view) for view in those]
+            yield figure(number).shown(_told(drive, outlines), _drawn(images, outlines))
     yield _claim(drive, views)
 
 
 def right(drive: Drive, view: View) -> bool:
     """Whether one of its outlines is accepted with the right shape."""
     return any(one.accepted and one.named == drive.faces.shape[one.face] for one in view)
-
-
-def misfit(sequence: NDArray[np.complex128], terms: tuple[int, ...]) -> float:
-    """RMS distance of an outline from the curve of its terms, as a share of its mean radius."""
-    curve = curve_of_terms(sequence[None], terms)[0]
-    radius = np.abs(sequence - sequence.mean()).mean()
-    return float(np.sqrt((np.abs(sequence - curve) ** 2).mean()) / radius)
 
 
 def _area(one: FaceOutline) -> float:
@@ -253,51 +209,32 @@ def _largest(view: View) -> FaceOutline:
     return max(view, key=_area)
 
 
-def _drawn(
-    images: Images, outlines: Sequence[FaceOutline], curves: Sequence[str]
-) -> NDArray[np.uint8]:
+def _drawn(images: Images, outlines: Sequence[FaceOutline]) -> Picture:
     crops = []
     for one in outlines:
         rgb = images[one.frame]
-        corners = around(one.box, rgb.shape[:2], times=1.5, least=24)
-        lines = [(one.sequence, OUTLINE_INKS["traced"])]
-        for name in curves:
-            curve = curve_of_terms(one.sequence[None], CURVES[name])[0]
-            lines.append((curve, OUTLINE_INKS[name]))
-        crops.append(lined(rgb, corners, _TALL, lines))
-    return beside(crops)
-
-
-def _curves(drive: Drive, images: Images, shown: Sequence[FaceOutline]) -> Figure:
-    if not shown:
-        return figure("4.1").left_out("a labelled sign whose outline is recognised")
-    rows = [("shape", *(name.replace("_", " ") for name in CURVES))]
-    for one in shown:
-        errors = [f"{100 * misfit(one.sequence, terms):.1f} %" for terms in CURVES.values()]
-        rows.append((drive.faces.shape[one.face], *errors))
+        curves = {name: curve_of_terms(one.sequence[None], CURVES[name])[0] for name in CURVES}
+        lines = [(v, OUTLINE_INKS[k]) for k, v in ({"traced": one.sequence} | curves).items()]
+        crops.append(lined(rgb, around(one.box, rgb.shape[:2], times=1.5, least=24), _TALL, lines))
     words = "white: traced; orange: circle; blue: ellipse; pink: six terms"
-    ours = "distance of the outline from each curve, RMS, as a share of its mean radius:"
-    return figure("4.1").shown(ours, photo(_drawn(images, shown, tuple(CURVES)), words), table=rows)
+    return photo(beside(crops), words)
 
 
-def _false_negatives(drive: Drive, images: Images, worst: Sequence[FaceOutline]) -> Figure:
-    if not worst:
-        return figure("4.2").shown("none of the labelled signs is missed")
-    told = [
+def _told(drive: Drive, outlines: Sequence[FaceOutline]) -> str:
+    return "; ".join(
         f"{drive.faces.shape[one.face]} taken for {one.named} at {one.distance:.1f}"
         + ("" if one.accepted else ", too far")
-        for one in worst
-    ]
-    return figure("4.2").shown("; ".join(told), photo(_drawn(images, worst, ()), "traced outlines"))
+        for one in outlines
+    )
 
 
 def _claim(drive: Drive, views: Sequence[View]) -> Figure:
     sample = evenly(views, REPORT_IMAGES)
     hits = sum(right(drive, view) for view in sample)
     found = sum(any(one.accepted for one in view) for view in sample)
-    every = sum(right(drive, view) for view in views)
     return figure("4 (claim)").shown(
         f"views of labelled signs that reach the classifier, evenly along the drive: right "
-        f"{share_words(hits, len(sample))}; some sign shape {share_words(found, len(sample))}; right on all "
-        f"{share_words(every, len(views))}. The intervals take views as independent, which those of one sign are not"
+        f"{share_words(hits, len(sample))}; some sign shape {share_words(found, len(sample))}. The intervals take "
+        "views as independent, which those of one sign are not",
+        claim=reached(hits, len(sample), REPORT_SHAPES),
     )

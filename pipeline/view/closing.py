@@ -116,7 +116,8 @@ def _names(inventory: WrittenTables, times: Mapping[int, Times]) -> Iterator[Bat
     """Every sign marked in its colour; in white the names of all, and frame by frame of those in view.
 
     Panels of one assembly share a name, which would lie on each other. The viewer writes a label in the colour of its
-    point, and brown or blue words are not readable on a dark ground: names are points of their own.
+    point, and brown or blue words are not readable on a dark ground: names are points of their own. Rows without a
+    confidence are too many to be named: their names and residuals show under the pointer.
     """
     landmarks = [sign.landmark for sign in inventory.signs]
     centres = np.array([centre_of(one) for one in landmarks])
@@ -134,7 +135,13 @@ def _names(inventory: WrittenTables, times: Mapping[int, Times]) -> Iterator[Bat
         spots = places[list(rows)].reshape(-1, 3)
         return rr.Points3D(spots, colors=[WHITE], labels=labels, show_labels=True, radii=THIN)
 
-    marks = entity(at.MARKS, rr.Points3D(centres, colors=inks, radii=MARK))
+    pairs = zip(inventory.sign_rows, landmarks, strict=True)
+    hidden = [f"{sign_name(row)}, residual {one.residual_px:.2f} px" for row, one in pairs]
+    points = rr.Points3D(centres, colors=inks, radii=MARK, labels=hidden, show_labels=False)
+    marks = entity(at.MARKS, points)
+    if np.isnan([one.score for one in landmarks]).all():
+        yield Batch(None, (marks,))
+        return
     yield Batch(None, (marks, entity(at.NAMES, named(range(len(words))))))
     for frame in sorted(times):
         shown = [i for i, (first, last) in enumerate(spans) if first <= frame <= last]

@@ -23,7 +23,10 @@ from wayside.stages.report import TERMS, outlines_of
 Ink = tuple[int, int, int]
 GREY, WHITE = (150, 150, 150), (255, 255, 255)
 """Grey: what is no sign, or has no colour."""
-OUTLINE_INK = (90, 220, 120)
+GOOD, BAD = (90, 220, 120), (240, 90, 90)
+HIGH_RESIDUAL_PX = 2.0
+"""Residual from which a row without confidence is drawn in `BAD`: on the demo drive one in twenty has more."""
+OUTLINE_INK = GOOD
 THIN, HAIR = rr.Radius.ui_points(1.5), rr.Radius.ui_points(0.75)
 PIXEL_CENTRE = 0.5
 """Where the viewer has the centre of the first pixel, which is 0 elsewhere."""
@@ -43,8 +46,12 @@ _GAP_PX, _QUALITY = 4, 92
 
 
 def landmark_color(landmark: Landmark) -> Ink:
-    """Colour to draw a landmark in: its own where it is a sign."""
-    return COLOR_RGB.get(landmark.color or "", GREY) if landmark.verdict == "sign" else GREY
+    """Colour to draw a landmark in: its own where it is a sign, by its residual where it has no confidence."""
+    if landmark.verdict != "sign" or np.isfinite(landmark.score):
+        return COLOR_RGB.get(landmark.color or "", GREY) if landmark.verdict == "sign" else GREY
+    part = min(landmark.residual_px / HIGH_RESIDUAL_PX, 1.0)
+    red, green, blue = (round(a + part * (b - a)) for a, b in zip(GOOD, BAD, strict=True))
+    return red, green, blue
 
 
 def colored(landmarks: Sequence[Landmark]) -> dict[str, Any]:

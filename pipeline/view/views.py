@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.drawing import (
+    BAD,
+    GOOD,
     HAIR,
     THIN,
     WHITE,
@@ -37,6 +39,7 @@ from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import Motion, PosedDetections, Ties
 from wayside.stages.geometry import distort_points, pair_residual, points_of_second, rays_of_ideal
+from wayside.stages.odometry import root_mean
 from wayside.stages.segmentation import difference_image
 
 RECENT = 60
@@ -44,7 +47,6 @@ RECENT = 60
 ITERATIONS_SHOWN = 4
 """The adjustment converges in fewer, as a rule."""
 IMAGE_PLANE_M, REACH_M = 3.0, 150.0
-GOOD, BAD = (90, 220, 120), (240, 90, 90)
 BEFORE, AFTER = (214, 96, 10), (24, 145, 66)
 """The straight motion, and the adjusted one; in plots, whose ground the viewer's theme makes light or dark."""
 MOVED_INK = (245, 150, 60)
@@ -183,10 +185,6 @@ def view_posed(item: PosedDetections, stage: str, state: ViewState) -> list[Enti
         entity(at.PATH, path),
         *_view_ties(motion, frame.camera),
     ]
-    residuals = {"straight": motion.residual_straight_px, "adjusted": motion.residual_px}
-    for name, value in residuals.items():
-        if np.isfinite(value):
-            found.append(entity(f"{at.RESIDUALS}/{name}", rr.Scalars([value])))
     if motion.history_px:
         shown = np.array(motion.history_px[: ITERATIONS_SHOWN + 1])  # the last one stays
         padded = np.pad(shown, (0, ITERATIONS_SHOWN + 1 - len(shown)), mode="edge")
@@ -195,8 +193,8 @@ def view_posed(item: PosedDetections, stage: str, state: ViewState) -> list[Enti
 
 
 def _view_ties(motion: Motion, camera: Camera) -> list[Entity]:
-    ties, step = motion.ties, motion.step
-    if ties is None or step is None:
+    ties, step, line = motion.ties, motion.step, motion.straight
+    if ties is None or step is None or line is None:
         empty = rr.Points3D(np.zeros((0, 3)))
         return [
             entity(at.MATCHES, rr.LineStrips2D([])),
@@ -206,13 +204,20 @@ def _view_ties(motion: Motion, camera: Camera) -> list[Entity]:
     points = [distort_points(camera, ends) for ends in (ties.previous, ties.current)]
     ends = np.stack(points, axis=1).astype(np.float32)
     before, after = rays_of_ideal(camera, ties.previous), rays_of_ideal(camera, ties.current)
-    squares = pair_residual(before, after, step.rotation, step.centre, (camera.fx, camera.fy))
-    residual = np.sqrt(np.minimum(squares, 1e6) / 4).astype(np.float32)
+    squares = {
+        name: pair_residual(before, after, one.rotation, one.centre, (camera.fx, camera.fy))
+        for name, one in (("straight", line), ("adjusted", step))
+    }
+    residual = np.sqrt(np.minimum(squares["adjusted"], 1e6) / 4).astype(np.float32)
     ink = np.where(ties.inlier[:, None], GOOD, BAD).astype(np.uint8)
     lines = rr.LineStrips2D(ends, colors=ink, radii=rr.Radius.ui_points(1.0))
-    expected = motion.expected or step
-    straight = points_of_second(before, after, expected.rotation, expected.centre)
+    straight = points_of_second(before, after, line.rotation, line.centre)
     return [
+        *(
+            entity(f"{at.RESIDUALS}/{name}", rr.Scalars([value]))
+            for name, own in squares.items()
+            if np.isfinite(value := root_mean(own[ties.inlier]))
+        ),
         entity(at.MATCHES, lines, rr.AnyValues(residual_px=residual)),
         entity(at.POINTS_STRAIGHT, _cloud(straight, motion, ties, BEFORE)),
         entity(at.POINTS_ADJUSTED, _cloud(ties.point, motion, ties, AFTER)),
@@ -266,11 +271,13 @@ def _view_tracks(index: int, motion: Motion, camera: Camera, state: ViewState) -
         distort_points(camera, np.array([(v.u_px, v.v_px) for v in views])) for views in until_now
     ]
     faces = [face_in_image(one, motion.pose, camera) for one in active]
-    rays = [np.stack([motion.pose.centre, centre_of(one)]) for one in active]
+    # of rows without a confidence, those that are refused are thousands
+    known = [one for one in active if one.verdict == "sign" or np.isfinite(one.score)]
+    rays = [np.stack([motion.pose.centre, centre_of(one)]) for one in known]
     return [
         entity(at.TRACKS, rr.LineStrips2D(tracks, colors=looks["colors"], radii=HAIR)),
         entity(at.REPROJECTED, rr.LineStrips2D(faces, radii=THIN, **looks)),
-        entity(at.RAYS, rr.LineStrips3D(rays, colors=looks["colors"], radii=THIN)),
+        entity(at.RAYS, rr.LineStrips3D(rays, colors=colored(known)["colors"], radii=THIN)),
     ]
 
 

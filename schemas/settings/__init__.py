@@ -75,7 +75,7 @@ REPORT: dict[str, dict[str, Any]] = {
     "segment": {"whole_picture": True},
     "gate": {"smallest_px": 50, "largest_px": 20_000},
     "report": {"on": True},
-    "motion": {"always_adjust": False},
+    "motion": {"residual_px": 0.5},
     "locate": {"smallest_side_m": 0.0, "largest_side_m": 100.0},
 }
 """Preset `report`, the report's last chain: its own choices where they differ from the defaults."""

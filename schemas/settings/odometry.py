@@ -18,9 +18,8 @@ class FeatureSettings:
 class MotionSettings:
     """Motion between frames (report chapters 7 and 8)."""
 
-    always_adjust: bool = setting(True, "", "adjust every pair, not only those of high residual")
     residual_px: float = setting(
-        0.5, "px", "straight-line residual above which a pair is adjusted", low=0
+        0.0, "px", "straight-line residual above which a pair is adjusted; 0: every pair is", low=0
     )
     smallest_ties: int = setting(
         20, "points", "fewer tie points: the step is not measured, the expected one stands", low=5

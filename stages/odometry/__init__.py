@@ -19,7 +19,7 @@ from wayside.stages.odometry.relative_pose import (
     fit_relative_pose,
 )
 from wayside.stages.odometry.tie_points import KeypointImage, RegisteredTies
-from wayside.stages.odometry.visual_odometry import VisualOdometry, estimate_motion
+from wayside.stages.odometry.visual_odometry import VisualOdometry, estimate_motion, root_mean
 
 __all__ = [
     "AXES",
@@ -39,6 +39,7 @@ __all__ = [
     "fit_coarse_motion",
     "fit_relative_pose",
     "image_step",
+    "root_mean",
     "sampson_px",
     "tie_corners",
     "upright",

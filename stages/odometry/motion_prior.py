@@ -88,8 +88,9 @@ def predict_motion(
 ) -> MotionPrior:
     """Expected step between two frames by the best source: poses, then spacing, then fixes, then the last speed.
 
-    Poses that stand still give way to a known spacing. Where points have shown that the spacing varies, the step is as
-    long in spacings as the one before.
+    Poses that stand still give way to a known spacing. Where a straight line may stand for a step (`residual_px`), as
+    in the report, their distance is the spacing. Where points have shown that the spacing varies, the step is as long
+    in spacings as the one before.
 
     last_rotation (3, 3): of the step before; None: unknown. speed_mps: over that step; nan: unknown.
     length_in_spacings: its length in stated spacings where these vary, else nan.
@@ -99,12 +100,14 @@ def predict_motion(
     InputError
         Where no source gives the distance.
     """
+    spacing_m = nan if now.spacing_m is None else max(now.spacing_m, SHORTEST_M)
     if before.pose is not None and now.pose is not None:
         step = now.pose.pose.relative_to(before.pose.pose)
-        stands = float(np.linalg.norm(step.centre)) <= SHORTEST_M
-        if not (stands and now.spacing_m is not None):
-            return _by_poses(before.pose, now.pose, step, travel)
-    spacing_m = nan if now.spacing_m is None else max(now.spacing_m, SHORTEST_M)
+        length = float(np.linalg.norm(step.centre))
+        if length > SHORTEST_M or now.spacing_m is None:
+            if settings.residual_px == 0:
+                return _by_poses(before.pose, now.pose, step, travel)
+            spacing_m = max(length, SHORTEST_M)
     if isfinite(spacing_m) and isfinite(length_in_spacings):
         baseline, sigma = length_in_spacings * spacing_m, SPACING_SCATTER * spacing_m
         source = "points"
@@ -223,7 +226,7 @@ class PoseNoise:
 
     def learn(self, expected: MotionPrior, adjusted: PairAdjustment) -> None:
         """Take in a step that was expected by poses and adjusted to its images."""
-        if expected.source not in ("poses", "odometry"):
+        if expected.prior.halfway:  # no poses, or only their distance
             return
         rotation, direction = expected.straight
         turned = vector_from_rotation(adjusted.rotation @ rotation.T)

@@ -161,6 +161,7 @@ class VisualOdometry:
     ) -> Motion:
         focal = (image.camera.fx, image.camera.fy)
         held = step.previous[step.inlier], step.current[step.inlier]
+        ahead = self.mount.travel.direction
         scatter = step.scatter(image.focal_px)
         adjusted = adjust_pair(
             *held,
@@ -169,11 +170,11 @@ class VisualOdometry:
             focal_px=image.focal_px,
             scatter=scatter,
         )
-        straight_px = _root_mean(pair_residual(*held, *expected.straight, focal))
+        straight_px = root_mean(pair_residual(*held, *expected.straight, focal))
         carried = self._carried_length(step, adjusted)
         self.length = step_length(self.length, carried, expected, self.settings)
         baseline, sigma_m = self.length.length_m, self.length.sigma_m
-        needed = self.settings.always_adjust or not straight_px <= self.settings.residual_px
+        needed = not straight_px <= self.settings.residual_px
         rotation, direction = (
             (adjusted.rotation, adjusted.direction) if needed else expected.straight
         )
@@ -198,11 +199,11 @@ class VisualOdometry:
             station_m=last.station_m + baseline,
             ties=step.ties(points, scatter),
             residual_straight_px=straight_px,
-            residual_px=_root_mean(pair_residual(*held, rotation, direction, focal)),
+            residual_px=root_mean(pair_residual(*held, rotation, direction, focal)),
             adjusted=needed,
             iterations=adjusted.iterations if needed else 0,
             camera_height_m=self.mount.height_m,
-            expected=Pose(expected.straight[0], baseline * expected.straight[1]),
+            straight=Pose(np.eye(3), baseline * ahead),
             history_px=tuple(adjusted.history_px.tolist()),
             length_ratio=tuple(np.divide(carried, last.baseline_m or nan).tolist()),
             prior=prior,
@@ -251,7 +252,7 @@ class VisualOdometry:
         return length, scatter
 
 
-def _root_mean(squares: Array) -> float:
+def root_mean(squares: Array) -> float:
     """Eq. 7.5 of each tie (n,) as RMS per coordinate over the smallest of them (`TRIMMED`).
 
     Midpoints near the focus of expansion can lie to the side of the camera; a few such ties would dominate the mean.

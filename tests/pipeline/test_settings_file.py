@@ -68,7 +68,7 @@ def test_later_layers_win_over_earlier_ones(tmp_path):
     ("name", "text", "value"),
     [
         ("segment.whole_picture", "yes", True),
-        ("motion.always_adjust", "False", False),
+        ("locate.gate", "False", False),
         ("read.from_s", "30s", 30.0),
         ("read.thin_m", "5", 5.0),
         ("read.spacing_m", "7.6 m", 7.6),

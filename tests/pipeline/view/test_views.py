@@ -16,6 +16,7 @@ from typing import get_args, get_origin, get_type_hints
 
 import numpy as np
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 import pytest
 import rerun as rr
 
@@ -119,10 +120,15 @@ def chunks(recorded):
 
 
 @pytest.fixture(scope="module")
-def report_chunks(tmp_path_factory):
+def report_run(tmp_path_factory):
     """The chain with shapes and SIFT, over two frames."""
     folder, viewing = tmp_path_factory.mktemp("report"), Viewing(file=True, detail=True)
-    return chunks_of(run(folder, viewing, 1, TWO_FRAMES_S, SHAPES_AND_SIFT))
+    return run(folder, viewing, 1, TWO_FRAMES_S, SHAPES_AND_SIFT)
+
+
+@pytest.fixture(scope="module")
+def report_chunks(report_run):
+    return chunks_of(report_run)
 
 
 @pytest.fixture(scope="module")
@@ -241,6 +247,29 @@ def test_registered_views_look_alike(chunks, recorded):
     words = column(chunks, f"/sign_panels/{first}/outlines", "LineStrips2D:labels")[0]
     assert len(set(words)) > 1
     assert all(float(word.rsplit(" ", 1)[1]) > 0.8 for word in words)
+
+
+def test_the_straight_motion_that_is_shown_is_straight_though_the_log_has_poses(
+    chunks, recorded, report_chunks, report_run
+):
+    shown, known = (
+        np.ravel(column(own, "/residuals/straight", "Scalars:scalars"))
+        for own in (chunks, report_chunks)
+    )
+    tables = [pq.read_table(one.folder / "frames.parquet") for one in (recorded, report_run)]
+    prior, straight = (t.column("residual_straight_px").drop_null().to_numpy() for t in tables)
+    np.testing.assert_allclose(known, straight, rtol=1e-3)
+    assert (shown > prior).all()  # the table of preset default is of the poses
+
+
+def test_rows_without_confidence_are_marked_by_their_residual_and_not_named(report_chunks):
+    (words,) = column(report_chunks, "/world/marks", "Points3D:labels")
+    (inks,) = column(report_chunks, "/world/marks", "Points3D:colors")
+    assert not column(report_chunks, "/world/names/all", "Points3D:labels")
+    residual = [float(one.removesuffix(" px").rsplit(" ", 1)[1]) for one in words]
+    red = (np.array(inks) >> 24)[np.argsort(residual)]
+    assert (np.diff(red) >= 0).all()
+    assert red[-1] > red[0]
 
 
 def test_a_type_without_a_view_is_an_error():

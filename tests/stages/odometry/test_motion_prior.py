@@ -51,6 +51,14 @@ def test_poses_come_before_spacing_and_fixes():
     np.testing.assert_allclose(found.prior.rotation, posed((0, 0, 0), 1.0).pose.pose.rotation)
 
 
+def test_where_a_straight_line_may_stand_poses_give_its_length_alone():
+    before, now = posed((0, 0, 0)), replace(posed((0.4, 0, 7.9), 5.0), spacing_m=8.05)
+    report = MotionSettings(residual_px=0.5)
+    found = predict_motion(before, now, MOUNTED, None, math.nan, report)
+    expected = expect(FRAME, replace(FRAME, spacing_m=float(np.hypot(0.4, 7.9))))
+    assert str(found) == str(expected)
+
+
 @pytest.mark.parametrize(
     ("centre", "sigma_m", "low", "high", "back"),
     [

@@ -204,13 +204,15 @@ def test_noisy_poses_are_made_better():
     assert np.abs(error[:, 3] - 1).max() < 0.01
 
 
-def test_the_report_adjusts_only_where_the_straight_line_does_not_fit():
-    _, images = painted(4, 2.0)
-    report = MotionSettings(always_adjust=False)
-    found = motions(images, report, spacing_m=[SPACING] * 4)
+@pytest.mark.parametrize("by_poses", [False, True])
+def test_the_report_adjusts_only_where_the_straight_line_does_not_fit(by_poses):
+    poses, images = painted(4, 2.0)
+    report = MotionSettings(residual_px=0.5)
+    known = {"pose": told(poses)} if by_poses else {"spacing_m": [SPACING] * 4}
+    found = motions(images, report, **known)
     assert all(m.adjusted for m in found[1:])
     assert all(m.residual_straight_px > 0.5 > m.residual_px for m in found[1:])
-    found = motions(images, replace(report, residual_px=1e6), spacing_m=[SPACING] * 4)
+    found = motions(images, replace(report, residual_px=1e6), **known)
     assert not any(m.adjusted for m in found)
     np.testing.assert_array_equal(found[2].step.rotation, np.eye(3))
     assert found[2].iterations == 0
