@@ -114,16 +114,21 @@ def _clustered(drive: Drive, number: str, scene: Scene, row: int) -> Figure:
 
 
 def _difference(drive: Drive, scene: Scene, row: int) -> Figure:
-    grey = np.minimum(np.rint(3 * scene.difference), 255).astype(np.uint8)
+    grey, one = np.minimum(np.rint(3 * scene.difference), 255).astype(np.uint8), scene.segmentation
+    second, k = np.zeros_like(grey), len(one.difference_levels)
+    if one.labels is not None:
+        second[one.rows[0] : one.rows[1]] = np.linspace(0, 255, k).astype(np.uint8)[one.labels[1]]
     by_source = _found_by_source(drive)
     corners = around(drive.faces.box[row], scene.rgb.shape[:2])
     counts = ", ".join(f"{count} {words}" for words, count in by_source.items())
-    whole = f"frame {scene.segmentation.frame.index}: distance of each pixel to its cluster, three times as bright"
+    whole = f"frame {one.frame.index}: distance of each pixel to its cluster, three times as bright"
+    small = beside([cut(image, corners, TALL) for image in (scene.rgb, grey, second)])
     return figure("2.3").shown(
         f"of {sum(by_source.values())} labelled views of signs, by the connected regions that pass the size gate: "
         f"{counts}",
         photo(grey, whole, scale=0.5),
-        photo(cut(grey, corners, TALL), "the small sign of figure 2.2 in it"),
+        photo(second, f"K-means on it, k = {k}: brighter classes are farther", scale=0.5),
+        photo(small, "the small sign of figure 2.2: the image, its differences, their classes"),
     )
 
 

@@ -122,7 +122,7 @@ def drawn(names, radius=24):
 
 def candidates_of(image):
     """The faces as candidates of pass one, from left to right."""
-    settings = SegmentSettings(clusters=2, difference_clusters=2, whole_picture=True)
+    settings = SegmentSettings(clusters=2, whole_picture=True)
     (one,) = segment(iter([image]), settings, GateSettings())
     yellow = np.abs(one.regions.rgb - YELLOW).max(axis=1) < 20
     regions = one.regions.select(yellow & (one.regions.source == 0))
