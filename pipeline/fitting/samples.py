@@ -26,6 +26,7 @@ from wayside.schemas.labels import SIGN, LabelledImage, Labels
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.settings import ReadSettings, Settings
 from wayside.stages.classifiers import nearest_class
+from wayside.stages.geometry import iou_matrix
 from wayside.stages.imaging import decode
 from wayside.stages.report import color_features, region_descriptors
 from wayside.stages.segmentation import segment
@@ -182,6 +183,9 @@ def _folder_images(folder: Path, wanted: Mapping[int, int]) -> Iterator[Image]:
 MOST_OTHERS = 100
 """Regions of an image that are no sign and are looked at: 50 images then tell a rate of 0.01 by 50 samples."""
 
+WHOLE = 0.8
+"""Overlap (IoU) with its face from which a region has the outline of the face: half a face has another shape."""
+
 
 @dataclass(frozen=True, slots=True)
 class Gathered:
@@ -197,8 +201,9 @@ def region_samples(
 ) -> Gathered:
     """What the colour classifier is asked about; with colours that accept regions before it, the shape classifier.
 
-    Mean colours, in RGB, of regions on labelled faces and on none; or Fourier descriptors of outlines, of those on none
-    where the colours accept them. Of an image at most `MOST_OTHERS` others, evenly spread.
+    Mean colours, in RGB, of regions on labelled faces and on none; or Fourier descriptors of outlines, of those that
+    cover their face, and of those on none where the colours accept them. Of an image at most `MOST_OTHERS` others,
+    evenly spread.
     """
     parts, faces, met = [], 0, 0
     for drive in drives:
@@ -214,6 +219,9 @@ def region_samples(
                 features = color_features(regions.rgb, accepting.space)
                 off &= nearest_class(features, accepting, COLORS)[2]
             on = np.flatnonzero((label == ON) & (kind != ""))
+            if accepting is not None:
+                box, whole = regions.box[on], drive.faces.box[face[on]]
+                on = on[iou_matrix(box, whole).diagonal() >= WHOLE]
             rows = np.union1d(spread(np.flatnonzero(off), MOST_OTHERS), on)
             values = (
                 regions.rgb[rows].astype(np.float64)

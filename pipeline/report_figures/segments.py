@@ -105,13 +105,19 @@ def _difference(drive: Drive, one: Segmentation, row: int) -> Figure:
     rgb, shown = clustered(one)
     apart = np.linalg.norm(rgb - shown.astype(np.float32), axis=2)
     grey = np.minimum(np.rint(3 * apart), 255).astype(np.uint8)
+    second, k = np.zeros_like(grey), len(one.difference_levels)
+    if one.labels is not None:
+        second[one.rows[0] : one.rows[1]] = np.linspace(0, 255, k).astype(np.uint8)[one.labels[1]]
     first, rescued, lost = _found_by_source(drive)
     whole = f"frame {one.frame.index}: distance of each pixel to its cluster, three times as bright"
+    corners = around(drive.faces.box[row], grey.shape)
+    small = beside([cut(image, corners, TALL) for image in (rgb, grey, second)])
     return figure("2.3").shown(
         f"of {first + rescued + lost} labelled views of signs {first} have a region of pass one that passes the size "
         f"gate, {rescued} only one of pass two, {lost} neither: pass two finds {share_words(rescued, rescued + lost)}",
         photo(grey, whole, IMAGE_WIDE),
-        photo(cut(grey, around(drive.faces.box[row], grey.shape), TALL), "the sign of figure 2.2"),
+        photo(second, f"K-means on it, k = {k}: brighter classes are farther", IMAGE_WIDE),
+        photo(small, "the sign of figure 2.2: the image, its differences, their classes"),
         claim=reached(rescued, rescued + lost, 0.5),
     )
 

@@ -13,7 +13,7 @@ class SegmentSettings:
 
     clusters: int = setting(16, "colours", "k of pass one", low=2, high=256)
     difference_clusters: int = setting(
-        16, "classes", "k of pass two, on the difference image", low=2, high=256
+        5, "classes", "k of pass two, on the difference image", low=3, high=256
     )
     whole_picture: bool = setting(
         False, "", "segment the whole image instead of the band where signs can be"

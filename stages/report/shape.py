@@ -1,7 +1,7 @@
 """Shape class of candidates by the Fourier descriptors of their outlines (report chapter 4).
 
-An outline is the closed polygon through the middles of the pixel edges between a region and the rest, in order,
-clockwise as seen. Along rows, columns and diagonals it is straight, and it encloses the pixels, not their centres.
+An outline is the convex hull of the middles of the pixel edges of a region. Faces of signs are convex (all but
+crossbucks), so a legend or a border that cuts into the region does not count, nor do holes.
 """
 
 from __future__ import annotations
@@ -26,10 +26,12 @@ TERMS = (-1, 2, -2, 3, -3, -4)
 These are the six lowest at which the outlines of signs differ: a regular n-gon has term 1-n as its first upper one
 (triangle -2, square -3, pentagon -4), an elongated outline has -1, one without symmetry has 2 and 3.
 """
+_EDGES = np.array([[-0.5, 0], [0.5, 0], [0, -0.5], [0, 0.5]], np.float32)
+"""Middles of the edges of a pixel from its centre."""
 
 
 def trace_region(labels: NDArray[np.uint8], box: NDArray[np.int64]) -> Array | None:
-    """Middles (n, 2) of the outer pixel edges of the region that fills a box, in order; None where none does."""
+    """Outline (n, 2) of the region that fills a box, in order; None where none does."""
     left, top, right, bottom = box
     if not (0 <= left < right <= labels.shape[1] and 0 <= top < bottom <= labels.shape[0]):
         return None
@@ -42,20 +44,10 @@ def trace_region(labels: NDArray[np.uint8], box: NDArray[np.int64]) -> Array | N
         )
         filling = np.flatnonzero((found[1:, :4] == wanted).all(axis=1))
         if len(filling):
-            return np.asarray(_outer_edges(parts == 1 + filling[0]) + np.array([x, y]))
+            pixels = np.argwhere(parts == 1 + filling[0])[:, ::-1] + (x, y)
+            middles = cv2.convexHull(pixels.astype(np.float32)) + _EDGES
+            return np.asarray(cv2.convexHull(middles.reshape(-1, 2))[:, 0])
     return None
-
-
-def _outer_edges(region: NDArray[np.bool_]) -> Array:
-    # On a grid of half pixels, centres are at odd numbers. The region is a hole (4 neighbours) in all the rest
-    # (8 neighbours), whose border runs along the edges and corners of the region.
-    rest = np.pad(~region, 1, constant_values=True)
-    grid = np.zeros(2 * np.array(rest.shape) + 1, np.uint8)
-    grid[1::2, 1::2] = rest
-    grid = np.asarray(cv2.dilate(grid, np.ones((3, 3), np.uint8)), np.uint8)
-    contours, tree = cv2.findContours(grid, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    border = contours[int(np.argmax(tree[0, :, 3] >= 0))][:, 0]
-    return np.asarray((border[border.sum(axis=1) % 2 == 1] - 3) / 2)
 
 
 def resample_outline(outline: Array, samples: int = SAMPLES) -> NDArray[np.complex128]:

@@ -16,7 +16,6 @@ from wayside.schemas.settings import GateSettings, SegmentSettings
 from wayside.stages.kernels import compiled, require_array
 from wayside.stages.segmentation.palette import (
     DIFFERENCES,
-    MOST_CENTERS,
     difference_histogram,
     label_both_passes,
     palette,
@@ -62,9 +61,11 @@ def segment(
     Raises
     ------
     UsageError
-        If a setting is outside its range.
+        If the limits of the size contradict each other.
+    ValueError
+        If a number of clusters is outside its range.
     """
-    _check(settings, gate)
+    _check(gate)
     for image in images:
         if image.rgb is None or image.rgb.size == 0:
             yield unsegmented(image)
@@ -112,7 +113,7 @@ def _segment_rows(
     breaks = optimal_breaks(
         difference_histogram(sample.pixels, centers), settings.difference_clusters
     )
-    # the lower half is noise around the colours of pass one, a million regions: one class, which leaves half
+    # The lower half is noise around the colours of pass one: one class. Larger k cut faces into pieces.
     breaks[: settings.difference_clusters // 2 + 1] = 0
     labels = label_both_passes(band, centers, classes_of_values(breaks, DIFFERENCES))
     table, count = _regions_of(labels, band, rows[0], gate)
@@ -323,13 +324,7 @@ def unsegmented(image: Image) -> Segmentation:
     return Segmentation(image, Regions.empty(), 0, centers, breaks, (0, 0))
 
 
-def _check(settings: SegmentSettings, gate: GateSettings) -> None:
-    for name, value in (
-        ("segment.clusters", settings.clusters),
-        ("segment.difference_clusters", settings.difference_clusters),
-    ):
-        if not 2 <= value <= MOST_CENTERS:
-            raise UsageError(f"{name}: {value} is outside 2 to {MOST_CENTERS}")
+def _check(gate: GateSettings) -> None:
     if not 1 <= gate.smallest_px <= gate.largest_px:
         raise UsageError(
             f"gate: smallest_px {gate.smallest_px} and largest_px {gate.largest_px} must satisfy 1 <= smallest_px <= "

@@ -68,10 +68,10 @@ def test_labels_are_nearest_colours_and_classes_of_the_distance_to_them():
 
 @pytest.mark.parametrize("clusters", [2, 3, 7, 16, 40])
 def test_k_of_both_passes_is_as_set(clusters):
-    settings = replace(WHOLE, clusters=clusters, difference_clusters=42 - clusters)
+    settings = replace(WHOLE, clusters=clusters, difference_clusters=43 - clusters)
     result = one(image(), settings)
     assert len(result.palette) == clusters
-    assert len(result.difference_levels) == 42 - clusters
+    assert len(result.difference_levels) == 43 - clusters
     assert result.labels[0].max() < clusters
 
 
@@ -132,14 +132,19 @@ def test_threads_side_by_side_give_the_same_bytes_as_one(bits):
 
 
 @pytest.mark.parametrize(
-    ("settings", "gate", "name"),
-    [
-        (replace(WHOLE, clusters=257), GATE, "segment.clusters"),
-        (replace(WHOLE, difference_clusters=1), GATE, "segment.difference_clusters"),
-        (WHOLE, GateSettings(smallest_px=0), "gate"),
-        (WHOLE, GateSettings(smallest_px=9, largest_px=8), "gate"),
-    ],
+    "gate", [GateSettings(smallest_px=0), GateSettings(smallest_px=9, largest_px=8)]
 )
-def test_settings_out_of_range_are_refused_by_name(settings, gate, name):
-    with pytest.raises(UsageError, match=name):
-        one(image(), settings, gate)
+def test_limits_of_the_size_that_contradict_each_other_are_refused(gate):
+    with pytest.raises(UsageError, match="gate"):
+        one(image(), gate=gate)
+
+
+def test_a_face_whose_colour_no_cluster_has_is_found_whole_by_pass_two():
+    rgb = image(signs=False).rgb.astype(float)
+    rgb[60:78, 90:110] = np.array([120, 150, 120]) + np.random.default_rng(3).normal(
+        0, 6, (18, 20, 3)
+    )
+    result = one(made_image(rgb.astype(np.uint8)), replace(WHOLE, clusters=2))
+    face = [90, 60, 110, 78]
+    assert face not in rows_of(result, "pass1").box.tolist()
+    assert face in rows_of(result, "pass2").box.tolist()
