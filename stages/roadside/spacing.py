@@ -1,0 +1,116 @@
+"""The stage that finds the next sign of the same type ahead of each sign, how far it is, and how the road curves.
+
+The distance is that along the travelled path. Its error is that of the stretch between the best images of both signs,
+and of each sign relative to its own: what both share, as an offset of the fixes, is not in it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from wayside.schemas.sign_catalogue import SERIES
+from wayside.schemas.signs import Sign
+from wayside.stages.geometry import turn_deg
+from wayside.stages.georeference import DrivePath
+from wayside.stages.kernels import Array
+
+SAME_WAY_DEG = 45.0
+"""Signs that face the same way differ by less: those of a side road face it at right angles."""
+RADIUS_REACH_M = 40.0
+"""The radius is that of the circle through the path abreast of the sign and so far before and behind: shorter than most
+curves that have signs, and long against the vehicle's way within its lane."""
+IN_LANE_M = 0.1
+"""Scatter of the sagitta over this reach, as vehicles do not keep to the middle of their lane (estimate)."""
+STRAIGHT_SIGMAS = 2.0
+"""A road whose curvature is less than so many of its standard deviations is straight: it has no radius."""
+
+
+def measure_spacing(signs: Iterator[Sign], *, path: DrivePath) -> Iterator[Sign]:
+    """Signs with the next of the same type ahead, and the radius of the path abreast of them.
+
+    Of the same type are signs of one code, or of one colour and shape where no code but at most a series is settled, on
+    the same side of the path and facing the same way, but not on the same support. Backs and uncertain signs take no
+    part.
+
+    Yields the signs, in order, after the last one came.
+    """
+    listed = list(signs)
+    if not listed:
+        return
+    station = path.travelled(np.array([sign.station_m for sign in listed]))
+    curves = radii(path, station)
+    row = {frame: row for row, frame in enumerate(path.poses)}
+    after = _next_of_type(listed, station)
+    for k, sign in enumerate(listed):
+        curved = replace(sign, radius_m=float(curves[0, k]), sigma_radius_m=float(curves[1, k]))
+        if (n := after.get(k)) is None:
+            yield curved
+            continue
+        other = listed[n]
+        between = path.length_variance(*(row[s.landmark.best_frame] for s in (sign, other)))
+        own = sign.covariance[2, 2] + other.covariance[2, 2]
+        yield replace(
+            curved,
+            next_number=other.number,
+            spacing_m=float(station[n] - station[k]),
+            sigma_spacing_m=math.sqrt(between + own),
+        )
+
+
+def radii(path: DrivePath, stations: Array) -> Array:
+    """Radius of the path at distances (k,) along it and its standard deviation, (2, k), metres.
+
+    Positive in a right turn; nan where the path is straight, or ends within the reach. The curvature is that of the
+    circle through three points: four times the area of their triangle over the product of its sides.
+    """
+    known = path.travelled(np.array(list(path.stations.values())))
+    centres = np.array([pose.centre[:2] for pose in path.poses.values()])
+    before, at, after = (
+        np.stack([np.interp(stations + shift, known, axis) for axis in centres.T], axis=1)
+        for shift in (-RADIUS_REACH_M, 0.0, RADIUS_REACH_M)
+    )
+    a, b, c = at - before, after - at, after - before
+    sides = np.prod([np.linalg.norm(side, axis=1) for side in (a, b, c)], axis=0)
+    curvature = 2 * (a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1]) / np.maximum(sides, 1e-9)
+    sigma = 2 * IN_LANE_M / RADIUS_REACH_M**2
+    inside = (stations >= known[0] + RADIUS_REACH_M) & (stations <= known[-1] - RADIUS_REACH_M)
+    curved = inside & (np.abs(curvature) > STRAIGHT_SIGMAS * sigma)
+    radius = 1 / np.where(curved, curvature, math.nan)
+    return np.stack([radius, radius**2 * sigma])
+
+
+def _next_of_type(signs: list[Sign], station: Array) -> dict[int, int]:
+    """Rows of signs by that of the last one of their type before them; station (k,)."""
+    types: dict[Hashable, list[int]] = {}
+    for row in np.argsort(station, kind="stable").tolist():
+        if (kind := _type_of(signs[row])) is not None:
+            types.setdefault(kind, []).append(row)
+    return {
+        row: after
+        for rows in types.values()
+        for at, row in enumerate(rows)
+        if (after := next((n for n in rows[at + 1 :] if _follows(signs[row], signs[n])), None))
+        is not None
+    }
+
+
+def _type_of(sign: Sign) -> Hashable:
+    """What signs of one type have in common; None where that is not known."""
+    landmark, code = sign.landmark, sign.code
+    if sign.status != "sign":
+        return None
+    if code is not None and code.code not in SERIES[code.system]:
+        return code.system, code.code, sign.lateral_m > 0
+    if landmark.color is None or landmark.shape is None:
+        return None
+    return landmark.color, landmark.shape, sign.lateral_m > 0
+
+
+def _follows(sign: Sign, other: Sign) -> bool:
+    """Whether the other is on a support of its own and faces the same way, as far as that is known."""
+    turn = turn_deg(sign.landmark.facing_deg, other.landmark.facing_deg)
+    return sign.assembly != other.assembly and not abs(turn) > SAME_WAY_DEG
