@@ -1,8 +1,8 @@
 """Spacings, and verdicts of rules, on rendered drives against their truth.
 
-`PYTHONPATH=. python benchmarks/rules.py OUT TRUTH [OUT TRUTH ...]` compares results with their truth files: each stated
-spacing with the true one of the same two panels, and each verdict with that of the true values. A verdict is wrong where
-the true value is on the other side of its limit; then how far that is in stated standard deviations is printed.
+`PYTHONPATH=. python benchmarks/rules.py OUT TRUTH [OUT TRUTH ...]` compares results with their truth files: each
+stated spacing with the true one of the same two panels, and each verdict with that of the true values. A verdict is
+wrong where the true value is on the other side of its limit: how far off it is in standard deviations is printed.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def true_rows(truth: Row) -> list[dict[str, Any]]:
         system, codes = allowed(panel) or ("mutcd", frozenset())
         narrow = sorted(codes - SERIES[US].keys()) or sorted(codes)
         later = (
-            other["station_m"] - panel["station_m"]
+            (other["station_m"] - panel["station_m"], other["id"])
             for other in panels
             if other["kind"] == panel["kind"]
             and other["assembly_id"] != panel["assembly_id"]
@@ -53,7 +53,10 @@ def true_rows(truth: Row) -> list[dict[str, Any]]:
             | {f"sigma_{name}": 0.0 for name in EXACT}
             | {"sign_id": panel["id"], "assembly_id": panel["assembly_id"]}
             | {"panel_width_m": panel["width_m"], "panel_height_m": panel["height_m"]}
-            | {"spacing_m": min(later, default=None), "radius_m": true_radius(truth, panel)}
+            | dict(
+                zip(("spacing_m", "next_sign_id"), min(later, default=(None, None)), strict=True)
+            )
+            | {"radius_m": true_radius(truth, panel)}
             | {"sigma_radius_m": 0.0, system: narrow[0] if narrow else None}
         )
     return rows
@@ -78,8 +81,10 @@ def true_verdict(check: Check) -> str:
     return "fails" if check.value < check.least or check.value > check.most else "meets"
 
 
-def compare(out: Path, truth_file: Path) -> tuple[list[tuple[float, float]], list[tuple[Check, Check | None]]]:
-    """Errors of the spacings with their sigmas, and each check with the one of the truth, None: the rule is not for it."""
+def compare(
+    out: Path, truth_file: Path
+) -> tuple[list[tuple[float, float]], list[tuple[Check, Check | None]]]:
+    """Errors of spacings with their sigmas, and each check with that of the truth; None: the rule is not for it."""
     truth = json.loads(truth_file.read_text())
     evaluation = evaluate(out, truth_file)
     assert isinstance(evaluation, RenderedEvaluation)
@@ -128,16 +133,20 @@ def main() -> None:
         some, more = compare(out, truth)
         spacings += some
         pairs += more
-    errors = spread(error for error, _ in spacings)
+    errors = spread(abs(error) for error, _ in spacings)
     share = sigma_share([error for error, _ in spacings], [sigma for _, sigma in spacings])
     sigma = np.median([one for _, one in spacings]) if spacings else 0.0
-    print(f"{errors.n} spacings: error median {errors.median} m, 95 % {errors.p95} m, sigma {sigma:.3f}; {share}\n")
+    print(
+        f"{errors.n} spacings: error median {errors.median} m, 95 % {errors.p95} m, sigma {sigma:.3f}; {share}\n"
+    )
     print("\n".join(table(("rule", "verdict", *TRUE_VERDICTS), confusion(pairs), words=2)))
     for mine, true in pairs:
         opposite = {"meets": "fails", "fails": "meets"}.get(mine.verdict)
         if true is not None and true_verdict(true) == opposite:
             off = (mine.value - true.value) / mine.sigma
-            print(f"wrong: {mine.rule.id} {mine.sign['sign_id']}: {mine.words}; true {true.value:.3f}, {off:+.1f} sigma")
+            print(
+                f"wrong: {mine.rule.id} {mine.sign['sign_id']}: {mine.words}; true {true.value:.3f}, {off:+.1f} sigma"
+            )
 
 
 if __name__ == "__main__":

@@ -13,7 +13,12 @@ from wayside.schemas.tables import SIGNS
 
 Row = Mapping[str, Any]
 ROAD_SIGMA_M = 0.05
-"""Scatter of the road below the camera, by which heights are measured, where it is abreast of the sign."""
+"""Scatter of the road abreast of a sign against the one that its height is measured from: with it, 94 % of 316 lower
+edges on rendered drives are within two standard deviations, without it 56 %."""
+
+
+MISSED = 0.03
+"""Share of signs that a run misses (7 of 272 on held-out drives): the next one found need not be the next one."""
 
 
 class Measured(NamedTuple):
@@ -22,6 +27,8 @@ class Measured(NamedTuple):
     value: float = math.nan
     sigma: float = 0.0
     missing: str = ""
+    less: float = 0.0
+    """Probability that it is less than the value by more than its error."""
 
 
 def measure(name: str, row: Row, rows: Sequence[Row]) -> Measured:
@@ -29,7 +36,9 @@ def measure(name: str, row: Row, rows: Sequence[Row]) -> Measured:
     if name in DERIVED:
         return DERIVED[name](row, rows)
     value, sigma = row[name], row.get(f"sigma_{name}", 0.0)
-    return Measured(missing=name) if value is None or sigma is None else Measured(value, sigma)
+    if value is None or sigma is None:
+        return Measured(missing=name)
+    return Measured(value, sigma, less=MISSED if name == "spacing_m" else 0.0)
 
 
 def _bottom(row: Row, rows: Sequence[Row]) -> Measured:
@@ -60,6 +69,16 @@ def _offset(row: Row, rows: Sequence[Row]) -> Measured:
     return Measured(value, sigma)
 
 
+def _curve_radius(row: Row, rows: Sequence[Row]) -> Measured:
+    """Radius of the curve of a sign and the next of its type: the smaller one, as a curve begins and ends wider."""
+    after = next((other for other in rows if other["sign_id"] == row["next_sign_id"]), row)
+    known = [one for one in (row, after) if one["radius_m"] is not None]
+    if not known:
+        return Measured(missing="a curve")
+    sharpest = min(known, key=lambda one: abs(float(one["radius_m"])))
+    return Measured(abs(sharpest["radius_m"]), sharpest["sigma_radius_m"])
+
+
 def _pair(row: Row, rows: Sequence[Row]) -> Measured:
     """Distance along the path to the nearest sign of the same type on the other side."""
     found = [
@@ -71,7 +90,7 @@ def _pair(row: Row, rows: Sequence[Row]) -> Measured:
         return Measured(missing="one of its type on the other side")
     nearest = min(found, key=lambda other: abs(float(other["station_m"] - row["station_m"])))
     sigma = math.hypot(row["sigma_along_m"] or 0.0, nearest["sigma_along_m"] or 0.0)
-    return Measured(abs(nearest["station_m"] - row["station_m"]), sigma)
+    return Measured(abs(nearest["station_m"] - row["station_m"]), sigma, less=MISSED)
 
 
 def _type_of(row: Row) -> tuple[str | None, ...]:
@@ -84,6 +103,7 @@ DERIVED: dict[str, Callable[[Row, Sequence[Row]], Measured]] = {
     "width_m": _extent("width"),
     "height_m": _extent("height"),
     "offset_m": _offset,
+    "curve_radius_m": _curve_radius,
     "pair_m": _pair,
 }
 KNOWN_QUANTITIES = (

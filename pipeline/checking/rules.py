@@ -47,7 +47,7 @@ class Rule:
     least: Limits = ()
     most: Limits = ()
     by: str = ""
-    """Quantity that the limits depend on; its absolute value counts."""
+    """Quantity that the limits depend on."""
     tolerance: float = 0.0
     """How far a value may lie beyond the limit."""
     codes: tuple[str, ...] = ()

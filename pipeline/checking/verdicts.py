@@ -29,8 +29,8 @@ SURE = float(ndtr(SIGMAS))
 """The probability of that: below one minus it a rule is met, above it is broken."""
 EXACT = 1e-9
 """Standard deviation of a value that is exact: keeps divisions finite."""
-SIZE_RANGE = 0.3
-"""A panel may be of a size of the catalogue that it differs from by less: the next size is a fifth larger."""
+SIZE_RANGE = 0.5, 1.3
+"""A panel may be of a code if its sides are more than half of the shortest and not much more than the longest of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,7 @@ def _check(
     low, high = (_at(limits, other) for limits in (rule.least, rule.most))
     under = sum(p * ndtr((limit - rule.tolerance - value) / sigma) for p, limit in low)
     over = sum(p * ndtr((value - limit - rule.tolerance) / sigma) for p, limit in high)
-    broken = float(under + over)
+    broken = float(under + over * (1 - found.less))
     verdict = "fails" if broken >= SURE else "meets" if broken <= 1 - SURE else "unclear"
     least, most = (max(at, default=(0, math.nan))[1] for at in (low, high))
     tolerance = rule.tolerance
@@ -116,7 +116,7 @@ def _at(limits: Limits, by: Measured) -> list[tuple[float, float]]:
     """The probability of each limit, as far as the quantity is known that they depend on, with the limit."""
     at, before, sigma = [], 0.0, max(by.sigma, EXACT)
     for end, limit in limits:
-        below = float(ndtr((end - abs(by.value)) / sigma))
+        below = float(ndtr((end - by.value) / sigma))
         at.append((below - before, limit))
         before = below
     return at
@@ -166,21 +166,15 @@ def is_of(row: Row, patterns: Sequence[str]) -> bool | None:
 
 def _looks_like(row: Row, sign: CatalogueSign, system: str) -> bool:
     """Whether a sign can be one of the catalogue by what is known of its colour, shape and size."""
-    size = row["panel_width_m"], row["panel_height_m"]
-    upright = row["shape"] == "rectangle" and None not in size and sign.sizes
-    return (
-        row["color"] in (None, *sign.colors)
-        and row["shape"] in (None, *sign.shapes)
-        and (
-            not upright
-            or any(
-                all(
-                    abs(m / (side * UNIT_M[system]) - 1) < SIZE_RANGE
-                    for m, side in zip(size, nominal, strict=True)
-                )
-                for nominal in sign.sizes
-            )
-        )
+    if row["color"] not in (None, *sign.colors) or row["shape"] not in (None, *sign.shapes):
+        return False
+    if row["shape"] != "rectangle" or not sign.sizes:
+        return True
+    measured = row["panel_width_m"], row["panel_height_m"]
+    return all(
+        value is None or low * min(sides) < value / UNIT_M[system] < high * max(sides)
+        for value, sides in zip(measured, zip(*sign.sizes, strict=True), strict=True)
+        for low, high in (SIZE_RANGE,)
     )
 
 

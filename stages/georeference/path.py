@@ -80,18 +80,12 @@ class DrivePath:
     errors: Trajectory | Array | None = field(default=None, repr=False)
     """The adjustment of `poses`; of a chain that none adjusts, the standard deviation (n,) of each step's length."""
 
-    def travelled(self, stations: Array) -> Array:
-        """Distance (k,) along the final path to stations (k,), metres: in the plane where the world is level.
-
-        Before and past the ends, the path goes on.
-        """
+    def lengths(self) -> Array:
+        """Distance (n,) along the path to each of the `poses`, metres: in the plane where the world is level."""
         centres = np.array([pose.centre for pose in self.poses.values()])
         centres[:, 2] *= not self.is_level
         steps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
-        known = np.array(list(self.stations.values()))
-        inside = np.clip(stations, known[0], known[-1])
-        length = np.interp(inside, known, np.concatenate([[0.0], np.cumsum(steps)]))
-        return np.asarray(length + stations - inside)
+        return np.concatenate([[0.0], np.cumsum(steps)])
 
     @property
     def is_level(self) -> bool:
@@ -122,20 +116,22 @@ class DrivePath:
         inside = float(np.clip(given_m, before[0], before[-1]))
         return float(np.interp(inside, before, after)) + given_m - inside
 
-    def offset_of(self, point: Array, frame: int) -> FrenetOffset | None:
-        """Offset of a world point (3,) from the path near a frame; None where only the cameras know which way is up.
+    def offset_of(self, point: Array, frame: int, lengths: Array | None = None) -> FrenetOffset:
+        """Offset of a world point (3,) from the path near a frame; its height counts along the world's z.
 
-        With given poses up is the world's z: a camera rolled by half a degree puts a panel 8 m aside 7 cm off in
-        height.
+        With given poses up is z: a camera rolled by half a degree puts a panel 8 m aside 7 cm off in height. Where only
+        the cameras know which way is up, the height is not that above the road.
+
+        lengths (n,): as `lengths` gives them; None: stations count from the first camera near.
         """
-        if self.world != "log":
-            return None
         frames = sorted(self.poses)
         at = bisect_left(frames, frame)
-        near = [self.poses[f] for f in frames[max(0, at - FRAMES_BEFORE) : at + FRAMES_AFTER]]
-        centres = np.array([pose.centre for pose in near])
-        ups = np.tile([0.0, 0.0, 1.0], (len(near), 1))
-        return frenet_offset(point, centres, ups, np.zeros(len(near)), near[0].rotation[:, 2])
+        near = slice(max(0, at - FRAMES_BEFORE), at + FRAMES_AFTER)
+        poses = [self.poses[f] for f in frames[near]]
+        centres = np.array([pose.centre for pose in poses])
+        ups = np.tile([0.0, 0.0, 1.0], (len(poses), 1))
+        stations = np.zeros(len(poses)) if lengths is None else lengths[near]
+        return frenet_offset(point, centres, ups, stations, poses[0].rotation[:, 2])
 
 
 def collect(tracked: Iterator[TrackedFrame], record: DriveRecord) -> Iterator[TrackedFrame]:

@@ -28,6 +28,9 @@ IN_LANE_M = 0.1
 STRAIGHT_SIGMAS = 2.0
 """A road whose curvature is less than so many of its standard deviations is straight: it has no radius."""
 
+UNSEEN_CURVATURE = 1 / 400
+"""Scatter of the curvature of a road ahead of the last image, 1/m: that of curves which signs warn of (estimate)."""
+
 
 def measure_spacing(signs: Iterator[Sign], *, path: DrivePath) -> Iterator[Sign]:
     """Signs with the next of the same type ahead, and the radius of the path abreast of them.
@@ -41,8 +44,10 @@ def measure_spacing(signs: Iterator[Sign], *, path: DrivePath) -> Iterator[Sign]
     listed = list(signs)
     if not listed:
         return
-    station = path.travelled(np.array([sign.station_m for sign in listed]))
-    curves = radii(path, station)
+    lengths = path.lengths()
+    feet = (path.offset_of(s.centre, s.landmark.best_frame, lengths) for s in listed)
+    station = np.array([foot.station for foot in feet])
+    curves = radii(path, lengths, station)
     row = {frame: row for row, frame in enumerate(path.poses)}
     after = _next_of_type(listed, station)
     for k, sign in enumerate(listed):
@@ -52,7 +57,7 @@ def measure_spacing(signs: Iterator[Sign], *, path: DrivePath) -> Iterator[Sign]
             continue
         other = listed[n]
         between = path.length_variance(*(row[s.landmark.best_frame] for s in (sign, other)))
-        own = sign.covariance[2, 2] + other.covariance[2, 2]
+        own = sum(_own_variance(listed[i], station[i] - lengths[-1]) for i in (k, n))
         yield replace(
             curved,
             next_number=other.number,
@@ -61,26 +66,31 @@ def measure_spacing(signs: Iterator[Sign], *, path: DrivePath) -> Iterator[Sign]
         )
 
 
-def radii(path: DrivePath, stations: Array) -> Array:
-    """Radius of the path at distances (k,) along it and its standard deviation, (2, k), metres.
+def radii(path: DrivePath, lengths: Array, stations: Array) -> Array:
+    """Radius of the path at stations (k,) and its standard deviation, (2, k), metres; lengths (n,): of its poses.
 
     Positive in a right turn; nan where the path is straight, or ends within the reach. The curvature is that of the
     circle through three points: four times the area of their triangle over the product of its sides.
     """
-    known = path.travelled(np.array(list(path.stations.values())))
     centres = np.array([pose.centre[:2] for pose in path.poses.values()])
     before, at, after = (
-        np.stack([np.interp(stations + shift, known, axis) for axis in centres.T], axis=1)
+        np.stack([np.interp(stations + shift, lengths, axis) for axis in centres.T], axis=1)
         for shift in (-RADIUS_REACH_M, 0.0, RADIUS_REACH_M)
     )
     a, b, c = at - before, after - at, after - before
     sides = np.prod([np.linalg.norm(side, axis=1) for side in (a, b, c)], axis=0)
     curvature = 2 * (a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1]) / np.maximum(sides, 1e-9)
     sigma = 2 * IN_LANE_M / RADIUS_REACH_M**2
-    inside = (stations >= known[0] + RADIUS_REACH_M) & (stations <= known[-1] - RADIUS_REACH_M)
+    inside = (stations >= lengths[0] + RADIUS_REACH_M) & (stations <= lengths[-1] - RADIUS_REACH_M)
     curved = inside & (np.abs(curvature) > STRAIGHT_SIGMAS * sigma)
     radius = 1 / np.where(curved, curvature, math.nan)
     return np.stack([radius, radius**2 * sigma])
+
+
+def _own_variance(sign: Sign, beyond_m: float) -> float:
+    """Variance, m^2, of the station of a sign against its camera; beyond the end of the path, it may turn there."""
+    turn = UNSEEN_CURVATURE * max(beyond_m, 0.0)
+    return float(sign.covariance[2, 2]) + (turn * sign.lateral_m) ** 2
 
 
 def _next_of_type(signs: list[Sign], station: Array) -> dict[int, int]:

@@ -39,14 +39,15 @@ def path_of(n=60, radius_m=np.inf, poses=False, slope=0.0):
 
 def sign_at(station, code=None, *, path, status="sign", **changes):
     frame = int(np.clip(station // STEP_M - 1, 0, len(path.poses) - 1))
-    covariance = np.diag([0.01, 0.01, OWN_M**2])
-    seen = {"station_m": station, "best_frame": frame, "covariance": covariance}
+    right = changes.get("right_m", 3.0)
+    place = np.array([right, -0.5, station - frame * STEP_M])
+    seen = {"station_m": station, "best_frame": frame, "position": place}
+    seen["covariance"] = np.diag([0.01, 0.01, OWN_M**2])
     number = int(station * 100)
     (sign,) = place_signs(iter([made_landmark(track_id=number, **seen | changes)]), path, 0.5)
     coded = None if code is None else SignCode("us", code, None, 0.99, None)
-    side = changes.get("right_m", 3.0)
     named = {"number": number, "assembly": changes.get("assembly", number)}
-    return replace(sign, code=coded, status=status, lateral_m=side, **named)
+    return replace(sign, code=coded, status=status, lateral_m=right, **named)
 
 
 def next_of(signs, path):
