@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,8 @@ ROADS = ("rural", "urban", "freeway")
 UNITS = {"m": 1.0, "ft": METRES_IN_FOOT, "in": INCH_M, "deg": 1.0, "": 1.0}
 """Units that limits are written in, in metres, degrees, or the unit of the quantity."""
 _LIMIT = re.compile(r"([+-]?\d+\.?\d*)\s*(m|ft|in|deg|)")
+_UNITS_OF = {"m": ("m", "ft", "in"), "deg": ("deg",)}
+"""Those of a quantity, by the end of its name."""
 Limits = tuple[tuple[float, float], ...]
 """Up to which value of `by` a limit holds, and the limit; the last one holds beyond."""
 
@@ -35,8 +37,7 @@ class Rule:
     words: str
     """What must be so, for a person."""
     quantity: str
-    """One of `KNOWN_QUANTITIES`."""
-    unit: str = ""
+    unit: str
     """That its limits are written in."""
     level: str = "own"
     """shall: a standard of the manual; should: a guidance; own: of neither."""
@@ -51,19 +52,30 @@ class Rule:
     tolerance: float = 0.0
     """How far a value may lie beyond the limit."""
     codes: tuple[str, ...] = ()
-    """Codes or series that it holds for; `W1-*` are all that begin so. Empty: all."""
+    """Codes or series that it holds for; `W1-*` are all that begin so. Empty, as below: all."""
     not_codes: tuple[str, ...] = ()
-    """Those that it does not hold for."""
     colors: tuple[str, ...] = ()
     shapes: tuple[str, ...] = ()
     sides: tuple[str, ...] = ()
-    """`left` or `right` of the path."""
     roads: tuple[str, ...] = ()
-    """Of `ROADS`."""
     below_another: bool | None = None
     """Whether a panel of the same support stands above it. None: either."""
     next_within: float = math.inf
     """It holds only for signs whose next one of the same type is so near, metres."""
+
+
+_KEYS = [field.name for field in fields(Rule) if field.name not in ("id", "unit")]
+_LISTS = ("codes", "not_codes", "colors", "shapes", "sides", "roads")
+_CHOICES = {
+    "quantity": KNOWN_QUANTITIES,
+    "by": KNOWN_QUANTITIES,
+    "level": ("shall", "should", "own"),
+    "system": SYSTEMS,
+    "colors": COLORS,
+    "shapes": SHAPES,
+    "sides": ("left", "right"),
+    "roads": ROADS,
+}
 
 
 def read_rules(names: Sequence[str]) -> list[Rule]:
@@ -84,10 +96,9 @@ def read_rules(names: Sequence[str]) -> list[Rule]:
         except ValueError as error:
             raise UsageError(f"rules {name}: this is no valid TOML: {error}") from error
         shared = {key: value for key, value in content.items() if not isinstance(value, dict)}
-        for key, values in content.items():
+        for key in [key for key in content if key not in shared]:
             try:
-                if key not in shared:
-                    rules[key] = _rule(key, shared | values)
+                rules[key] = _rule(key, shared | content[key])
             except ValueError as error:
                 raise UsageError(f"rules {name}, rule [{key}]: {error}") from error
     return list(rules.values())
@@ -95,111 +106,62 @@ def read_rules(names: Sequence[str]) -> list[Rule]:
 
 def _rule(name: str, values: Mapping[str, Any]) -> Rule:
     """One rule; raises ValueError with what is wrong."""
-    made: dict[str, Any] = {}
-    units = set()
-    for key, value in values.items():
-        if key in ("least", "most"):
-            made[key], unit = _limits(key, value)
-            units.add(unit)
-        elif key in _READERS:
-            made[key] = _READERS[key](key, value)
-        else:
-            known = ", ".join((*_READERS, "least", "most"))
-            raise ValueError(f"there is no key {key}; the keys are {known}")
-    if lacking := {"words", "quantity"} - made.keys():
-        raise ValueError(f"the key {min(lacking)} is missing")
-    if not units:
-        raise ValueError("it has no limit: give least, most or both")
-    if len(units) > 1:
-        raise ValueError("least and most have different units")
-    unit = units.pop()
-    wanted = next(
-        (
-            u
-            for end, u in (("_m", ("m", "ft", "in")), ("_deg", ("deg",)))
-            if made["quantity"].endswith(end)
-        ),
-        ("",),
-    )
-    if unit not in wanted:
+    if alien := [key for key in values if key not in _KEYS]:
+        raise ValueError(f"there is no key {alien[0]}; the keys are {', '.join(_KEYS)}")
+    if lacking := [key for key in ("words", "quantity") if key not in values]:
+        raise ValueError(f"the key {lacking[0]} is missing")
+    made = {key: _value(key, value) for key, value in values.items()}
+    limits = {key: _limits(key, made[key]) for key in ("least", "most") if key in made}
+    units = {unit for _, unit in limits.values()}
+    if len(units) != 1:
+        raise ValueError("it has no limit, or limits in different units: give least, most or both")
+    wanted = _UNITS_OF.get(made["quantity"].rpartition("_")[2], ("",))
+    if not units <= {*wanted}:
+        named = " or ".join(wanted)
         raise ValueError(
-            f"a limit of {made['quantity']} is in {' or '.join(wanted) or 'no unit'}, not {unit!r}"
+            f"a limit of {made['quantity']} is in {named or 'no unit'}, not {min(units)}"
         )
-    if any(len(made.get(key, ())) > 1 for key in ("least", "most")) and "by" not in made:
+    if any(len(pairs) > 1 for pairs, _ in limits.values()) and "by" not in made:
         raise ValueError("limits that are a list depend on a quantity: name it with the key by")
-    return Rule(id=name, unit=unit, **made)
+    made |= {key: pairs for key, (pairs, _) in limits.items()}
+    return Rule(id=name, unit=units.pop(), **made)
+
+
+def _value(key: str, value: Any) -> Any:
+    """The value of a key, limits as they are; raises ValueError where it is of another kind, or none of the choices."""
+    if key in ("least", "most"):
+        return value
+    if key == "below_another":
+        if not isinstance(value, bool):
+            raise ValueError(f"{key} must be true or false, but is {value!r}")
+        return value
+    listed = value if key in _LISTS else [value]
+    if not isinstance(listed, list) or not all(isinstance(one, str) for one in listed):
+        kind = "a list of texts" if key in _LISTS else "a text"
+        raise ValueError(f"{key} must be {kind}, but is {value!r}")
+    if wrong := [one for one in listed if one not in _CHOICES.get(key, listed)]:
+        raise ValueError(f"{key}: {wrong[0]!r} is none of: {', '.join(_CHOICES[key])}")
+    if key in ("tolerance", "next_within"):
+        return _measure(key, value)[0]
+    return tuple(listed) if key in _LISTS else value
 
 
 def _limits(key: str, value: Any) -> tuple[Limits, str]:
-    """A limit, or pairs of a limit and up to which value of `by` it holds; and their unit."""
-    if not isinstance(value, list):
-        limit, unit = _measure(key, value)
-        return ((math.inf, limit),), unit
-    pairs, units = [], set()
-    for pair in value:
-        if not isinstance(pair, list) or len(pair) != 2:
-            raise ValueError(f'{key}: {pair!r} is no pair ["up to", "limit"]')
-        limit, unit = _measure(key, pair[1])
-        pairs.append((math.inf if pair[0] == "" else _measure(key, pair[0])[0], limit))
-        units.add(unit)
-    ends = [end for end, _ in pairs]
+    """A limit, or pairs of up to which value of `by` one holds and the limit, in order; and their unit."""
+    pairs = value if isinstance(value, list) else [["", value]]
+    if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
+        raise ValueError(f'{key}: {value!r} is no list of pairs ["up to", "limit"]')
+    read = [_measure(key, limit) for _, limit in pairs]
+    ends = [math.inf if end == "" else _measure(key, end)[0] for end, _ in pairs]
+    units = {unit for _, unit in read}
     if len(units) != 1 or ends != sorted(ends) or ends[-1] != math.inf:
-        raise ValueError(f'{key}: pairs rise, are in one unit and end with ["", "limit"]')
-    return tuple(pairs), units.pop()
+        raise ValueError(f'{key}: pairs rise, have one unit and end with ["", "limit"]')
+    return tuple(zip(ends, (limit for limit, _ in read), strict=True)), units.pop()
 
 
 def _measure(key: str, value: Any) -> tuple[float, str]:
-    """A number with its unit, in metres or degrees."""
+    """A number in metres or degrees, and the unit that it is written in."""
     match = _LIMIT.fullmatch(value.strip()) if isinstance(value, str) else None
     if match is None:
         raise ValueError(f'{key}: {value!r} is no number with a unit, such as "5 ft" or "15 deg"')
     return float(match[1]) * UNITS[match[2]], match[2]
-
-
-def _length(key: str, value: Any) -> float:
-    return _measure(key, value)[0]
-
-
-def _text(key: str, value: Any) -> str:
-    if not isinstance(value, str):
-        raise ValueError(f"{key} must be a text, but is {value!r}")
-    return value
-
-
-def _flag(key: str, value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError(f"{key} must be true or false, but is {value!r}")
-    return value
-
-
-def _one_of(known: Collection[str]) -> Callable[[str, Any], str]:
-    def read(key: str, value: Any) -> str:
-        if value not in known:
-            raise ValueError(f"{key}: {value!r} is none of: {', '.join(known)}")
-        return str(value)
-
-    return read
-
-
-def _each(reader: Callable[[str, Any], str]) -> Callable[[str, Any], tuple[str, ...]]:
-    def read(key: str, value: Any) -> tuple[str, ...]:
-        if not isinstance(value, list) or not value:
-            raise ValueError(f"{key} must be a list of texts, but is {value!r}")
-        return tuple(reader(key, one) for one in value)
-
-    return read
-
-
-_READERS: dict[str, Callable[[str, Any], Any]] = {
-    **dict.fromkeys(("words", "edition", "section"), _text),
-    **dict.fromkeys(("quantity", "by"), _one_of(KNOWN_QUANTITIES)),
-    "level": _one_of(("shall", "should", "own")),
-    "system": _one_of(SYSTEMS),
-    **dict.fromkeys(("tolerance", "next_within"), _length),
-    **dict.fromkeys(("codes", "not_codes"), _each(_text)),
-    "colors": _each(_one_of(COLORS)),
-    "shapes": _each(_one_of(SHAPES)),
-    "sides": _each(_one_of(("left", "right"))),
-    "roads": _each(_one_of(ROADS)),
-    "below_another": _flag,
-}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -16,13 +16,15 @@ from scipy.special import ndtr
 from wayside.pipeline.checking.quantities import Measured, Row, measure
 from wayside.pipeline.checking.rules import UNITS, Limits, Rule
 from wayside.pipeline.code_words import code_of
+from wayside.pipeline.evidence.marks import appearance_of
 from wayside.pipeline.files.parquet import ParquetFile, record_batch
 from wayside.pipeline.files.writing import whole_file
 from wayside.pipeline.results.result import read_rows, read_run
 from wayside.schemas.sign_catalogue import CATALOGUE, SERIES, UNIT_M, US, VIENNA, CatalogueSign
 from wayside.schemas.tables import CHECK_VERDICTS, CHECKS, SIGNS
 
-CHECKS_FILE = CHECKS.file
+SHOWN = ("fails", "unclear")
+"""Verdicts whose signs are listed, and have an image on the page."""
 SIGMAS = 2.0
 """A value is clearly on one side of a limit that is so many of its standard deviations away."""
 SURE = float(ndtr(SIGMAS))
@@ -52,8 +54,18 @@ class Check:
     """What is not known. Empty: nothing."""
 
     @property
-    def words(self) -> str:
-        """The value and its limit in the unit of the rule, or what is missing."""
+    def name(self) -> str:
+        """Of the sign."""
+        return str(self.sign["sign_id"])
+
+    @property
+    def face(self) -> str:
+        """Its code, or how it looks."""
+        return code_of(self.sign) or appearance_of(self.sign["color"], self.sign["shape"])
+
+    @property
+    def said(self) -> str:
+        """The value and its limits in the unit of the rule, or what is missing."""
         if self.missing:
             return f"not known: {self.missing}"
         unit = UNITS[self.rule.unit]
@@ -179,49 +191,33 @@ def _looks_like(row: Row, sign: CatalogueSign, system: str) -> bool:
 
 
 def format_checks(rules: Sequence[Rule], checks: Sequence[Check]) -> str:
-    """How many signs each rule has by verdict, and those that fail or are unclear, as lines of text."""
+    """How many signs each rule has by verdict, and those to look at, as lines of text."""
     lines = [f"{'rule':<28}{''.join(f'{verdict:>15}' for verdict in CHECK_VERDICTS)}"]
     for rule in rules:
         counts = Counter(check.verdict for check in checks if check.rule is rule)
         if counts:
             lines.append(f"{rule.id:<28}{''.join(f'{counts[v]:>15}' for v in CHECK_VERDICTS)}")
-    for verdict in ("fails", "unclear"):
+    for verdict in SHOWN:
         found = [check for check in checks if check.verdict == verdict]
         lines += ["", verdict] if found else []
-        for check in found:
-            name = f"{check.sign['sign_id']}  {code_of(check.sign) or '?'}"
-            lines.append(f"  {check.rule.id:<28}{name:<28}{check.words}")
+        lines += [f"  {c.rule.id:<28}{c.name}  {c.face:<26}{c.said}" for c in found]
     return "\n".join(lines)
 
 
-def write_checks(checks: Sequence[Check], file: Path, *, overwrite: bool = False) -> None:
-    """Write checks as a table; an earlier one is replaced, another file only with `overwrite`. Raises OutputError."""
-    rows = [check_row(check) for check in checks]
-    values = {name: [row[name] for row in rows] for name in CHECKS.schema.names}
+def write_checks(checks: Sequence[Check], out: Path, *, overwrite: bool = False) -> None:
+    """Write checks as a table into a result, also over an earlier one; raises OutputError."""
+    columns: dict[str, list[Any]] = {name: [] for name in CHECKS.schema.names}
+    for check in checks:
+        for name, values in columns.items():
+            rule_has = {"rule": check.rule.id, "sign_id": check.name, "code": code_of(check.sign)}
+            value = rule_has.get(name, getattr(check, name, getattr(check.rule, name, None)))
+            unknown = value == "" or (isinstance(value, float) and not math.isfinite(value))
+            values.append(None if unknown else value)
     with (
-        whole_file(file, is_own=_is_checks, overwrite=overwrite) as stream,
+        whole_file(out / CHECKS.file, is_own=_is_checks, overwrite=overwrite) as stream,
         ParquetFile(stream, CHECKS.schema) as sink,
     ):
-        sink.write([record_batch(CHECKS, values)])
-
-
-def check_row(check: Check) -> dict[str, Any]:
-    """All columns of a check."""
-    rule = check.rule
-    numbers = ("value", "sigma", "least", "most", "probability")
-    known: Mapping[str, float] = {name: getattr(check, name) for name in numbers}
-    return {
-        **{name: getattr(rule, name) or None for name in ("edition", "section")},
-        **{name: number if math.isfinite(number) else None for name, number in known.items()},
-        "rule": rule.id,
-        "words": rule.words,
-        "level": rule.level,
-        "quantity": rule.quantity,
-        "sign_id": check.sign["sign_id"],
-        "code": code_of(check.sign),
-        "verdict": check.verdict,
-        "missing": check.missing or None,
-    }
+        sink.write([record_batch(CHECKS, columns)])
 
 
 def _is_checks(file: Path) -> bool:

@@ -26,14 +26,6 @@ OverOption = Annotated[
 FrameOption = Annotated[int | None, typer.Option("--frame", help="A frame of the log.")]
 
 
-class Road(StrEnum):
-    """Kinds of road that rules tell apart."""
-
-    rural = "rural"
-    urban = "urban"
-    freeway = "freeway"
-
-
 class Format(StrEnum):
     """What the file is."""
 
@@ -109,7 +101,6 @@ def evidence(
 
 @app.command(
     epilog=examples(
-        "wayside check out",
         "wayside check out --only height --road rural",
         "wayside check out --rules mutcd --rules ours.toml",
     )
@@ -120,21 +111,15 @@ def check(
     ],
     rules: Annotated[
         list[str] | None,
-        typer.Option(
-            help="TOML file of rules, or mutcd; later ones replace rules of the same name."
-        ),
+        typer.Option(help="mutcd, or a TOML file; later rules replace those of the same name."),
     ] = None,
-    only: Annotated[
-        str, typer.Option(metavar="NAME", help="Only rules whose name begins so.")
-    ] = "",
-    road: Annotated[
-        Road | None, typer.Option(help="The kind of road, which rules ask for.")
-    ] = None,
+    only: Annotated[str, typer.Option(help="Only rules whose name begins so.")] = "",
+    road: Annotated[str | None, typer.Option(help="Its kind: rural, urban or freeway.")] = None,
     log: MovedLog = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Compare signs with placement rules; lists those that fail and writes checks.html and checks.parquet into OUT."""
-    from wayside.pipeline.checking.rules import read_rules
+    """Compare signs with placement rules: lists those that fail; writes checks.html and checks.parquet into OUT."""
+    from wayside.pipeline.checking.rules import ROADS, read_rules
     from wayside.pipeline.exporting.table import is_inventory
     from wayside.pipeline.fleet.folders import open_inventory
     from wayside.pipeline.fleet.manifest import DRIVES
@@ -144,12 +129,12 @@ def check(
     asked = [rule for rule in read_rules(rules or ["mutcd"]) if rule.id.startswith(only)]
     if not asked:
         raise UsageError(f"--only {only}: no rule has a name that begins so")
+    if road not in (None, *ROADS):
+        raise UsageError(f"--road {road}: the kinds of road are {', '.join(ROADS)}")
     drives = [out]
     if is_inventory(out):
         drives = [out / DRIVES / entry.name for entry in open_inventory(out).done()]
-    kind = None if road is None else road.value
-    faults = [_check(drive, asked, kind, log, overwrite=overwrite) for drive in drives]
-    if any(faults):
+    if any([_check(drive, asked, road, log, overwrite=overwrite) for drive in drives]):
         raise typer.Exit(PARTS_LOST)
 
 
@@ -158,26 +143,18 @@ def _check(
 ) -> bool:
     """Check one drive and say what came of it; whether images are lost."""
     from wayside.pipeline.checking.page import PAGE_FILE, write_page
-    from wayside.pipeline.checking.verdicts import (
-        CHECKS_FILE,
-        check_drive,
-        format_checks,
-        write_checks,
-    )
+    from wayside.pipeline.checking.verdicts import check_drive, format_checks, write_checks
     from wayside.pipeline.evidence.write import INDEX_FILE, write_evidence
 
-    checks, sheets = check_drive(out, rules, road), out / "evidence"
-    write_checks(checks, out / CHECKS_FILE, overwrite=overwrite)
-    fault = ""
+    checks, sheets, fault = check_drive(out, rules, road), out / "evidence", ""
+    write_checks(checks, out, overwrite=overwrite)
     try:
         if not (sheets / INDEX_FILE).exists():
             write_evidence(out, sheets, log=log)
     except InputError as error:
         fault = str(error)
-    page = out / PAGE_FILE
-    fault = write_page(out, rules, checks, page, log=log, overwrite=overwrite) or fault
-    typer.echo(visible_lines(format_checks(rules, checks)))
-    typer.echo(visible(f"open {page}"))
+    fault = write_page(out, rules, checks, log=log, overwrite=overwrite) or fault
+    typer.echo(visible_lines(f"{format_checks(rules, checks)}\n\nopen {out / PAGE_FILE}"))
     if fault:
         typer.echo(visible(f"wayside: the page lacks images or evidence: {fault}"), err=True)
     return bool(fault)

@@ -95,26 +95,15 @@ def _beside_the_road(sign: dict[str, Any]) -> list[Figure]:
         found.append(Figure("Route", f"{sign['route']}, {at}" if sign["route"] else at))
     side = "" if lateral is None else ", right" if lateral >= 0 else ", left"
     beside = None if lateral is None else abs(lateral)
+    apart, sigma = sign["spacing_m"], sign["sigma_spacing_m"]
     return [
         *found,
         _length("Along the road", sign["station_m"], sign["sigma_along_m"]),
         _length(f"Beside the path{side}", beside, sign["sigma_lateral_m"]),
         _length("Centre above the road", sign["up_m"], sign["sigma_up_m"]),
         _length("Lower edge above it", sign["bottom_m"]),
-        *_next_of_type(sign),
+        *([] if apart is None else [_length("To the next of its type", apart, sigma)]),
     ]
-
-
-def _next_of_type(sign: dict[str, Any]) -> list[Figure]:
-    """How far the next sign of the same type is, and the curve that the sign stands at; neither where there is none."""
-    radius, found = sign["radius_m"], []
-    if sign["next_sign_id"] is not None:
-        sigma = _sigma(sign["sigma_spacing_m"], " m")
-        found.append(Figure("To the next of its type", f"{sign['spacing_m']:.2f} m", sigma))
-    if radius is not None:
-        curve = f"{abs(radius):.0f} m, to the {'right' if radius > 0 else 'left'}"
-        found.append(Figure("Radius of the curve", curve, f"± {sign['sigma_radius_m']:.0f} m"))
-    return found
 
 
 def _in_the_world(sign: dict[str, Any], world: str) -> list[Figure]:

@@ -80,13 +80,6 @@ class DrivePath:
     errors: Trajectory | Array | None = field(default=None, repr=False)
     """The adjustment of `poses`; of a chain that none adjusts, the standard deviation (n,) of each step's length."""
 
-    def lengths(self) -> Array:
-        """Distance (n,) along the path to each of the `poses`, metres: in the plane where the world is level."""
-        centres = np.array([pose.centre for pose in self.poses.values()])
-        centres[:, 2] *= not self.is_level
-        steps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
-        return np.concatenate([[0.0], np.cumsum(steps)])
-
     @property
     def is_level(self) -> bool:
         """Whether up is known, and not only by the camera's own axes."""
@@ -116,22 +109,20 @@ class DrivePath:
         inside = float(np.clip(given_m, before[0], before[-1]))
         return float(np.interp(inside, before, after)) + given_m - inside
 
-    def offset_of(self, point: Array, frame: int, lengths: Array | None = None) -> FrenetOffset:
-        """Offset of a world point (3,) from the path near a frame; its height counts along the world's z.
+    def offset_of(self, point: Array, frame: int) -> FrenetOffset | None:
+        """Offset of a world point (3,) from the path near a frame; None where only the cameras know which way is up.
 
-        With given poses up is z: a camera rolled by half a degree puts a panel 8 m aside 7 cm off in height. Where only
-        the cameras know which way is up, the height is not that above the road.
-
-        lengths (n,): as `lengths` gives them; None: stations count from the first camera near.
+        With given poses up is the world's z: a camera rolled by half a degree puts a panel 8 m aside 7 cm off in
+        height.
         """
+        if self.world != "log":
+            return None
         frames = sorted(self.poses)
         at = bisect_left(frames, frame)
-        near = slice(max(0, at - FRAMES_BEFORE), at + FRAMES_AFTER)
-        poses = [self.poses[f] for f in frames[near]]
-        centres = np.array([pose.centre for pose in poses])
-        ups = np.tile([0.0, 0.0, 1.0], (len(poses), 1))
-        stations = np.zeros(len(poses)) if lengths is None else lengths[near]
-        return frenet_offset(point, centres, ups, stations, poses[0].rotation[:, 2])
+        near = [self.poses[f] for f in frames[max(0, at - FRAMES_BEFORE) : at + FRAMES_AFTER]]
+        centres = np.array([pose.centre for pose in near])
+        ups = np.tile([0.0, 0.0, 1.0], (len(near), 1))
+        return frenet_offset(point, centres, ups, np.zeros(len(near)), near[0].rotation[:, 2])
 
 
 def collect(tracked: Iterator[TrackedFrame], record: DriveRecord) -> Iterator[TrackedFrame]:

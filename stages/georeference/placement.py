@@ -43,7 +43,7 @@ def _sign(
     covariance = _scaled_covariance(landmark, scale)
     pose = path.poses[landmark.best_frame]
     centre = pose.to_world(position)
-    offset = path.offset_of(centre, landmark.best_frame) if path.world == "log" else None
+    offset = path.offset_of(centre, landmark.best_frame)
     right, above = (
         (scale.factor * landmark.right_m, scale.factor * landmark.above_m)
         if offset is None

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from wayside.schemas.sign_catalogue import SERIES
 from wayside.schemas.signs import Sign
-from wayside.stages.geometry import turn_deg
+from wayside.stages.geometry import frenet_offset, turn_deg
 from wayside.stages.georeference import DrivePath
 from wayside.stages.kernels import Array
 
@@ -28,6 +29,12 @@ IN_LANE_M = 0.1
 STRAIGHT_SIGMAS = 2.0
 """A road whose curvature is less than so many of its standard deviations is straight: it has no radius."""
 
+LINE_STEP_M = 1.0
+"""Longest step of the line through the cameras."""
+SHORTEST_M = 1e-3
+"""A camera that has moved less stands."""
+NEAR_M = -25.0, 160.0
+"""Where the path is abreast of a sign, from the camera of its best image on."""
 UNSEEN_CURVATURE = 1 / 400
 """Scatter of the curvature of a road ahead of the last image, 1/m: that of curves which signs warn of (estimate)."""
 
@@ -44,11 +51,11 @@ def measure_spacing(signs: Iterator[Sign], *, path: DrivePath) -> Iterator[Sign]
     listed = list(signs)
     if not listed:
         return
-    lengths = path.lengths()
-    feet = (path.offset_of(s.centre, s.landmark.best_frame, lengths) for s in listed)
-    station = np.array([foot.station for foot in feet])
-    curves = radii(path, lengths, station)
     row = {frame: row for row, frame in enumerate(path.poses)}
+    best = [row[sign.landmark.best_frame] for sign in listed]
+    line = PathLine.of(path)
+    station = np.array([line.station(s.centre, at) for s, at in zip(listed, best, strict=True)])
+    curves = line.radii(station)
     after = _next_of_type(listed, station)
     for k, sign in enumerate(listed):
         curved = replace(sign, radius_m=float(curves[0, k]), sigma_radius_m=float(curves[1, k]))
@@ -56,8 +63,8 @@ def measure_spacing(signs: Iterator[Sign], *, path: DrivePath) -> Iterator[Sign]
             yield curved
             continue
         other = listed[n]
-        between = path.length_variance(*(row[s.landmark.best_frame] for s in (sign, other)))
-        own = sum(_own_variance(listed[i], station[i] - lengths[-1]) for i in (k, n))
+        between = path.length_variance(best[k], best[n])
+        own = sum(_own_variance(listed[i], station[i] - line.stations[-1]) for i in (k, n))
         yield replace(
             curved,
             next_number=other.number,
@@ -66,25 +73,67 @@ def measure_spacing(signs: Iterator[Sign], *, path: DrivePath) -> Iterator[Sign]
         )
 
 
-def radii(path: DrivePath, lengths: Array, stations: Array) -> Array:
-    """Radius of the path at stations (k,) and its standard deviation, (2, k), metres; lengths (n,): of its poses.
+@dataclass(frozen=True, slots=True)
+class PathLine:
+    """A smooth line through the cameras of a path: a chord of it turns the foot of a sign in a curve by decimetres.
 
-    Positive in a right turn; nan where the path is straight, or ends within the reach. The curvature is that of the
-    circle through three points: four times the area of their triangle over the product of its sides.
+    `axes` (3,): 1 of those that the line lies in, else 0: it is level where the world is. `points` (m, 3): metres.
+    `stations` (m,): distance along it, metres. `rows` (n,): stations of the poses. `ahead` (3,): where the first looks.
     """
-    centres = np.array([pose.centre[:2] for pose in path.poses.values()])
-    before, at, after = (
-        np.stack([np.interp(stations + shift, lengths, axis) for axis in centres.T], axis=1)
-        for shift in (-RADIUS_REACH_M, 0.0, RADIUS_REACH_M)
-    )
-    a, b, c = at - before, after - at, after - before
-    sides = np.prod([np.linalg.norm(side, axis=1) for side in (a, b, c)], axis=0)
-    curvature = 2 * (a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1]) / np.maximum(sides, 1e-9)
-    sigma = 2 * IN_LANE_M / RADIUS_REACH_M**2
-    inside = (stations >= lengths[0] + RADIUS_REACH_M) & (stations <= lengths[-1] - RADIUS_REACH_M)
-    curved = inside & (np.abs(curvature) > STRAIGHT_SIGMAS * sigma)
-    radius = 1 / np.where(curved, curvature, math.nan)
-    return np.stack([radius, radius**2 * sigma])
+
+    axes: Array
+    points: Array
+    stations: Array
+    rows: Array
+    ahead: Array
+
+    @classmethod
+    def of(cls, path: DrivePath) -> PathLine:
+        """The cubic spline through the poses over the lengths of its chords, as points a metre apart at most."""
+        poses = list(path.poses.values())
+        axes = np.array([1.0, 1.0, 0.0 if path.is_level else 1.0])
+        centres = np.array([pose.centre for pose in poses]) * axes
+        chords = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+        knots = np.concatenate([[0.0], np.cumsum(chords)])
+        moved = np.concatenate([[True], chords > SHORTEST_M])
+        points, at = centres[:1], knots[:1]
+        if moved.sum() > 1:
+            pieces = np.ceil(np.diff(knots[moved]) / LINE_STEP_M)
+            ends = np.concatenate([[0.0], np.cumsum(pieces)])
+            at = np.interp(np.arange(ends[-1] + 1), ends, knots[moved])
+            points = CubicSpline(knots[moved], centres[moved])(at)
+        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        stations = np.concatenate([[0.0], np.cumsum(steps)])
+        return cls(axes, points, stations, np.interp(knots, at, stations), poses[0].rotation[:, 2])
+
+    def station(self, point: Array, row: int) -> float:
+        """Station of a world point (3,) that the camera of a row sees; the line goes on straight past its ends."""
+        near = slice(*np.searchsorted(self.stations, self.rows[row] + np.array(NEAR_M)))
+        ups = np.tile([0.0, 0.0, 1.0], (len(self.points[near]), 1))
+        along = self.points[near], ups, self.stations[near]
+        return frenet_offset(point * self.axes, *along, self.ahead).station
+
+    def radii(self, stations: Array) -> Array:
+        """Radius of the line at stations (k,) and its standard deviation, (2, k), metres.
+
+        Positive in a right turn; nan where the line is straight, or ends within the reach. The curvature is that of the
+        circle through three points: four times the area of their triangle over the product of its sides.
+        """
+        before, at, after = (
+            np.stack(
+                [np.interp(stations + shift, self.stations, axis) for axis in self.points[:, :2].T],
+                axis=1,
+            )
+            for shift in (-RADIUS_REACH_M, 0.0, RADIUS_REACH_M)
+        )
+        a, b, c = at - before, after - at, after - before
+        sides = np.prod([np.linalg.norm(side, axis=1) for side in (a, b, c)], axis=0)
+        curvature = 2 * (a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1]) / np.maximum(sides, 1e-9)
+        sigma = 2 * IN_LANE_M / RADIUS_REACH_M**2
+        inside = np.abs(stations - self.stations[-1] / 2) <= self.stations[-1] / 2 - RADIUS_REACH_M
+        curved = inside & (np.abs(curvature) > STRAIGHT_SIGMAS * sigma)
+        radius = 1 / np.where(curved, curvature, math.nan)
+        return np.stack([radius, radius**2 * sigma])
 
 
 def _own_variance(sign: Sign, beyond_m: float) -> float:

@@ -53,7 +53,7 @@ def test_a_drive_without_poses_starts_at_the_first_camera_with_x_ahead_y_left_z_
         assert (path.world, path.globe) == ("drive_start", None)
         np.testing.assert_allclose(path.poses[2].centre, [16, 0, 0], atol=1e-9)
         np.testing.assert_allclose(path.poses[0].rotation, turn, atol=1e-9)
-        assert not path.is_level  # the camera is all that knows up
+        assert path.offset_of(np.zeros(3), 0) is None  # the camera is all that knows up
     assert path_through([]).poses == {}
 
 
