@@ -242,12 +242,7 @@ FRAMES = Table(
     ),
 )  # fmt: skip
 
-CHECK_VERDICTS = {
-    "meets": "the rule is met: the value is two standard deviations or more inside its limits",
-    "fails": "the rule is broken: the value is two standard deviations or more outside its limits",
-    "unclear": "the value is nearer to a limit than two standard deviations",
-    "not checkable": "something is not known that the rule needs; `missing` says what",
-}
+CHECK_VERDICTS = ("meets", "fails", "unclear", "not checkable")
 
 CHECKS = Table(
     "checks",
@@ -255,19 +250,20 @@ CHECKS = Table(
     (
         Column("rule", _TEXT, "", "name of the rule in its file", _SURE),
         Column("words", _TEXT, "", "what the rule says", _SURE),
-        Column("edition", _TEXT, "", "manual that it is of; null: the file names none"),
-        Column("section", _TEXT, "", "its section or table; null: the file names none"),
+        Column("edition", _TEXT, "", "manual that it is of, and section or table; null: the file names none"),
+        Column("section", _TEXT, "", "manual that it is of, and section or table; null: the file names none"),
         Column("level", _TEXT, "", "shall: a standard; should: a guidance; own: of no manual", _SURE),
         Column("sign_id", _TEXT, "", "row of `signs.parquet`", _SURE),
         Column("code", _TEXT, "", "its code or series with the legend; null: not known"),
-        Column("verdict", _CHOICE, "", "whether the sign keeps the rule", _SURE, tuple(CHECK_VERDICTS)),
+        Column("verdict", _CHOICE, "", "meets, fails: two standard deviations or more inside, or outside, of the "
+               "limits; unclear: nearer to one; not checkable: `missing` says why", _SURE, CHECK_VERDICTS),
         Column("probability", _DOUBLE, "", "that the rule is broken; null: not checkable"),
         Column("quantity", _TEXT, "", "what was compared; its name ends in its unit", _SURE),
-        Column("value", _DOUBLE, "", "of the quantity"),
-        Column("sigma", _DOUBLE, "", "standard deviation of the value; 0: exact"),
-        Column("least", _DOUBLE, "", "least value, with the tolerance; null: none"),
-        Column("most", _DOUBLE, "", "largest value, with the tolerance; null: none"),
-        Column("missing", _TEXT, "", "what is not known; null: nothing"),
+        Column("value", _DOUBLE, "", "of the quantity, and its standard deviation (0: exact)"),
+        Column("sigma", _DOUBLE, "", "of the quantity, and its standard deviation (0: exact)"),
+        Column("least", _DOUBLE, "", "limits, the tolerance included; null: none"),
+        Column("most", _DOUBLE, "", "limits, the tolerance included; null: none"),
+        Column("missing", _TEXT, "", "what is not known that the rule needs; null: nothing"),
     ),
 )  # fmt: skip
 

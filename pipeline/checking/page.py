@@ -40,7 +40,7 @@ def write_page(
         "checks.html",
         _MARK,
         name=out.resolve().name,
-        verdicts=list(CHECK_VERDICTS),
+        verdicts=CHECK_VERDICTS,
         shown=SHOWN,
         rules=[(rule, [check for check in worst_first if check.rule is rule]) for rule in rules],
         images=images,

@@ -42,7 +42,7 @@ class Check:
     rule: Rule
     sign: Row
     verdict: str
-    """A key of `CHECK_VERDICTS`."""
+    """One of `CHECK_VERDICTS`."""
     value: float = math.nan
     sigma: float = math.nan
     least: float = math.nan

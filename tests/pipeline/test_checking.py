@@ -282,7 +282,7 @@ def test_the_table_holds_each_check_and_the_same_bytes_once_more(out):
     assert low["probability"] > 0.999
     assert rows["size_stop", "d-0002"]["verdict"] == "meets"
     assert rows["offset", "d-0001"]["missing"] == "the edge of the travelled way"
-    assert {one["verdict"] for one in rows.values()} <= CHECK_VERDICTS.keys()
+    assert {one["verdict"] for one in rows.values()} <= {*CHECK_VERDICTS}
     before = (out / CHECKS.file).read_bytes(), (out / "checks.html").read_bytes()
     invoke("check", out)
     assert before == ((out / CHECKS.file).read_bytes(), (out / "checks.html").read_bytes())
