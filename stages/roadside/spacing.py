@@ -22,10 +22,9 @@ from wayside.stages.kernels import Array
 SAME_WAY_DEG = 45.0
 """Signs that face the same way differ by less: those of a side road face it at right angles."""
 RADIUS_REACH_M = 40.0
-"""The radius is that of the circle through the path abreast of the sign and so far before and behind: shorter than most
-curves that have signs, and long against the vehicle's way within its lane."""
-IN_LANE_M = 0.1
-"""Scatter of the sagitta over this reach, as vehicles do not keep to the middle of their lane (estimate)."""
+"""The radius is that of the turn from so far before a sign to so far behind: shorter than most curves with signs."""
+IN_LANE_RAD = 0.005
+"""Scatter of half that turn, as vehicles do not keep to the middle of their lane (estimate)."""
 STRAIGHT_SIGMAS = 2.0
 """A road whose curvature is less than so many of its standard deviations is straight: it has no radius."""
 
@@ -114,23 +113,18 @@ class PathLine:
         return frenet_offset(point * self.axes, *along, self.ahead).station
 
     def radii(self, stations: Array) -> Array:
-        """Radius of the line at stations (k,) and its standard deviation, (2, k), metres.
+        """Radius at stations (k,) by the turn over the reach, and its standard deviation, (2, k), metres.
 
-        Positive in a right turn; nan where the line is straight, or ends within the reach. The curvature is that of the
-        circle through three points: four times the area of their triangle over the product of its sides.
+        Positive in a right turn; nan where the line is straight, or ends within the reach.
         """
-        before, at, after = (
-            np.stack(
-                [np.interp(stations + shift, self.stations, axis) for axis in self.points[:, :2].T],
-                axis=1,
-            )
-            for shift in (-RADIUS_REACH_M, 0.0, RADIUS_REACH_M)
-        )
-        a, b, c = at - before, after - at, after - before
-        sides = np.prod([np.linalg.norm(side, axis=1) for side in (a, b, c)], axis=0)
-        curvature = 2 * (a[:, 1] * b[:, 0] - a[:, 0] * b[:, 1]) / np.maximum(sides, 1e-9)
-        sigma = 2 * IN_LANE_M / RADIUS_REACH_M**2
-        inside = np.abs(stations - self.stations[-1] / 2) <= self.stations[-1] / 2 - RADIUS_REACH_M
+        ends = np.stack([stations - RADIUS_REACH_M, stations + RADIUS_REACH_M])
+        step = np.diff(self.points[:, :2], axis=0)
+        middle = (self.stations[1:] + self.stations[:-1]) / 2
+        inside = (ends[0] >= 0) & (ends[1] <= self.stations[-1])
+        if not inside.any():
+            return np.full((2, len(stations)), math.nan)
+        left, right = np.interp(ends, middle, np.unwrap(np.arctan2(step[:, 1], step[:, 0])))
+        curvature, sigma = (left - right) / (2 * RADIUS_REACH_M), IN_LANE_RAD / RADIUS_REACH_M
         curved = inside & (np.abs(curvature) > STRAIGHT_SIGMAS * sigma)
         radius = 1 / np.where(curved, curvature, math.nan)
         return np.stack([radius, radius**2 * sigma])

@@ -121,7 +121,7 @@ def test_the_radius_of_a_curve_is_that_of_its_circle_positive_to_the_right(radiu
     path = path_of(radius_m=radius_m)
     sign = next_of([sign_at(200, path=path)], path)[20000]
     assert sign.radius_m == pytest.approx(radius_m, rel=1e-3)
-    assert sign.sigma_radius_m == pytest.approx(2 * 0.1 / 40**2 * radius_m**2, rel=0.01)
+    assert sign.sigma_radius_m == pytest.approx(0.005 / 40 * radius_m**2, rel=0.01)
 
 
 @pytest.mark.parametrize(("station", "radius_m"), [(200, np.inf), (200, 9000.0), (30, 150.0)])
