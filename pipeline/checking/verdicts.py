@@ -25,10 +25,8 @@ from wayside.schemas.tables import CHECK_VERDICTS, CHECKS, SIGNS
 
 SHOWN = ("fails", "unclear")
 """Verdicts whose signs are listed, and have an image on the page."""
-SIGMAS = 2.0
-"""A value is clearly on one side of a limit that is so many of its standard deviations away."""
-SURE = float(ndtr(SIGMAS))
-"""The probability of that: below one minus it a rule is met, above it is broken."""
+SURE = float(ndtr(2.0))
+"""From this probability on a rule is broken, and up to one minus it met: two standard deviations from a limit."""
 EXACT = 1e-9
 """Standard deviation of a value that is exact: keeps divisions finite."""
 SIZE_RANGE = 0.5, 1.3
@@ -89,39 +87,35 @@ def check_rows(rows: Sequence[Row], rules: Sequence[Rule], road: str | None) -> 
     supports = defaultdict(list)
     for row in rows:
         supports[row["assembly_id"]].append(row)
-    checks = (
-        _check(rule, row, rows, supports[row["assembly_id"]], road)
+    return [
+        check
         for rule in rules
         for row in rows
-    )
-    return [check for check in checks if check is not None]
+        if (check := _check(rule, row, rows, supports[row["assembly_id"]], road)) is not None
+    ]
 
 
 def _check(
     rule: Rule, row: Row, rows: Sequence[Row], support: Sequence[Row], road: str | None
 ) -> Check | None:
     """One check; None where the rule does not hold for the sign."""
-    conditions = dict(_conditions(rule, row, support, road))
-    if False in conditions.values():
+    conditions = list(_conditions(rule, row, support, road))
+    if any(holds is False for _, holds in conditions):
         return None
-    unknown = [name for name, holds in conditions.items() if holds is None]
-    if unknown:
-        return Check(rule, row, "not checkable", missing=unknown[0])
     found = measure(rule.quantity, row, rows)
     other = measure(rule.by, row, rows) if rule.by else Measured(0.0)
-    if missing := found.missing or other.missing:
+    unknown = next((name for name, holds in conditions if holds is None), "")
+    if missing := unknown or found.missing or other.missing:
         return Check(rule, row, "not checkable", missing=missing)
     value, sigma = found.value, max(found.sigma, EXACT)
-    low, high = (_at(limits, other) for limits in (rule.least, rule.most))
-    under = sum(p * ndtr((limit - rule.tolerance - value) / sigma) for p, limit in low)
-    over = sum(p * ndtr((value - limit - rule.tolerance) / sigma) for p, limit in high)
+    low = [(p, limit - rule.tolerance) for p, limit in _at(rule.least, other)]
+    high = [(p, limit + rule.tolerance) for p, limit in _at(rule.most, other)]
+    under = sum(p * ndtr((limit - value) / sigma) for p, limit in low)
+    over = sum(p * ndtr((value - limit) / sigma) for p, limit in high)
     broken = float(under + over * (1 - found.less))
     verdict = "fails" if broken >= SURE else "meets" if broken <= 1 - SURE else "unclear"
-    least, most = (max(at, default=(0, math.nan))[1] for at in (low, high))
-    tolerance = rule.tolerance
-    return Check(
-        rule, row, verdict, value, found.sigma, least - tolerance, most + tolerance, broken
-    )
+    likeliest = (max(at, default=(0, math.nan))[1] for at in (low, high))
+    return Check(rule, row, verdict, value, found.sigma, *likeliest, probability=broken)
 
 
 def _at(limits: Limits, by: Measured) -> list[tuple[float, float]]:
@@ -182,11 +176,10 @@ def _looks_like(row: Row, sign: CatalogueSign, system: str) -> bool:
         return False
     if row["shape"] != "rectangle" or not sign.sizes:
         return True
-    measured = row["panel_width_m"], row["panel_height_m"]
+    measured, (low, high) = (row["panel_width_m"], row["panel_height_m"]), SIZE_RANGE
     return all(
         value is None or low * min(sides) < value / UNIT_M[system] < high * max(sides)
         for value, sides in zip(measured, zip(*sign.sizes, strict=True), strict=True)
-        for low, high in (SIZE_RANGE,)
     )
 
 

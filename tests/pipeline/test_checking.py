@@ -13,7 +13,9 @@ from scipy.stats import norm
 from wayside.pipeline.checking.quantities import MISSED, ROAD_SIGMA_M
 from wayside.pipeline.checking.rules import read_rules
 from wayside.pipeline.checking.verdicts import check_rows, is_of
+from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import OutputError, UsageError
+from wayside.schemas.settings import ReadSettings
 from wayside.schemas.sign_catalogue import CATALOGUE, US
 from wayside.schemas.tables import CHECK_VERDICTS, CHECKS, SIGNS
 
@@ -156,11 +158,18 @@ def test_a_panel_below_another_has_its_own_limit(checked):
         assert checked(f"{LIMIT}below_another = {below}\n", upper, lower).keys() == names
 
 
-def test_the_kind_of_road_that_a_rule_asks_for_has_to_be_given(checked):
+def test_a_rule_holds_on_its_kind_of_road_and_for_its_side_look_and_system(checked):
     text = LIMIT + 'roads = ["urban"]\n'
     assert checked(text, row())["d-1"].missing == "the kind of road"
     assert checked(text, row(), road="urban")["d-1"].verdict == "meets"
     assert not checked(text, row(), road="rural")
+    for condition in ('sides = ["left"]', 'colors = ["white"]', 'shapes = ["circle"]'):
+        assert not checked(LIMIT + condition, row())
+        assert (
+            len(checked(LIMIT + condition, row(lateral_m=-5.0, color="white", shape="circle"))) == 1
+        )
+    assert not checked(LIMIT + 'system = "us"', row(mutcd=None, vienna="B2"))
+    assert checked(LIMIT + 'colors = ["white"]', row(color=None))["d-1"].missing == "its color"
 
 
 def test_the_size_of_a_diamond_is_the_side_of_its_square(checked):
@@ -220,42 +229,33 @@ def test_a_code_that_is_not_settled_may_be_one_that_looks_alike(changes, pattern
     assert is_of(row(**changes), patterns) is is_one
 
 
-def test_a_rule_for_us_signs_leaves_vienna_signs_out(checked):
-    assert not checked('system = "us"\n' + LIMIT, row(mutcd=None, vienna="B2"))
-
-
 LOW, HIGH = 4 * FOOT, 8 * FOOT
 
 
 @pytest.fixture
 def out(tmp_path):
+    """A result with a face that stands too low, one that does not, and a back, and its log."""
     log = make_log(
         tmp_path / "d.mcap", [np.full((120, 160, 3), 90 + n, np.uint8) for n in range(3)]
     )
-    known = {"log": "d", "views": 2, "best_frame": 1, "last_frame": 1}
-    box = [60.0, 40.0, 76.0, 54.0]
-    rows = [
-        row("d-0001", bottom_m=LOW, best_box=box, **known),
-        row("d-0002", bottom_m=HIGH, **known),
-    ]
-    rows.append(row("d-0003", bottom_m=LOW, **known | {"status": "back"}))
+    seen = {"log": "d", "best_frame": 1, "best_box": [60.0, 40.0, 76.0, 54.0]}
+    rows = [row("d-0001", bottom_m=LOW, **seen), row("d-0002", bottom_m=HIGH, **seen)]
+    rows.append(row("d-0003", bottom_m=LOW, status="back", **seen))
+    read = read_frames(log, ReadSettings(thin_m=0.0), ReadReport())
     frames = [
-        {"frame": n, "log_time_ns": n, "status": "used", "x": 8.0 * n, "y": 0.0, "z": 0.0}
-        for n in range(3)
+        {
+            "frame": n,
+            "log_time_ns": one.log_time_ns,
+            "status": "used",
+            "x": 8.0 * n,
+            "y": 0.0,
+            "z": 0.0,
+        }
+        for n, one in enumerate(read)
     ]
     settings = {"read": {"spacing_m": 8.0, "thin_m": 0.0}}
     about = {"log": "d.mcap", "log_path": str(log), "world": "drive_start", "settings": settings}
-    folder = write_tables(tmp_path / "out", rows, frames=frames_of(log, frames), **about)
-    return folder
-
-
-def frames_of(log, frames):
-    """The frames with the times that the log has."""
-    from wayside.pipeline.reading.frames import ReadReport, read_frames
-    from wayside.schemas.settings import ReadSettings
-
-    times = [f.log_time_ns for f in read_frames(log, ReadSettings(thin_m=0.0), ReadReport())]
-    return [frame | {"log_time_ns": time} for frame, time in zip(frames, times, strict=True)]
+    return write_tables(tmp_path / "out", rows, frames=frames, **about)
 
 
 def test_one_command_lists_what_stands_too_low_and_shows_it(out):

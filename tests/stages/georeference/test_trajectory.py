@@ -169,21 +169,6 @@ def test_the_variance_of_a_stretch_is_that_of_the_whole_covariance(first, last, 
     assert found.length_variance(first, last, level=False) == pytest.approx(wanted, rel=1e-6)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("free", [False, True])
-def test_errors_of_stretches_are_stated(free):
-    pulls = []
-    for seed in range(120):
-        drive = drive_of(seed, 110, free=free)
-        found = drive.smooth()
-        error = way_between(found.centre) - way_between(drive.centre)
-        for first, last in ((10, 25), (60, 90)):
-            sigma = found.length_variance(first, last, level=False) ** 0.5
-            pulls.append(error[first:last].sum() / sigma)
-    assert 0.58 < (np.abs(pulls) < 1).mean() < 0.76
-    assert 0.92 < (np.abs(pulls) < 2).mean() < 0.99
-
-
 def test_a_lost_ratio_is_bridged_by_a_steady_speed():
     drive = drive_of(1, free=True)
     drive.chain.length_ratio[150] = np.nan
