@@ -24,7 +24,7 @@ from wayside.schemas.sign_catalogue import CATALOGUE, SERIES, UNIT_M, US, VIENNA
 from wayside.schemas.tables import CHECK_VERDICTS, CHECKS, SIGNS
 
 SHOWN = ("fails", "unclear")
-"""Verdicts whose signs are listed, and have an image on the page."""
+"""Verdicts whose signs have an image on the page."""
 SURE = float(ndtr(2.0))
 """From this probability on a rule is broken, and up to one minus it met: two standard deviations from a limit."""
 EXACT = 1e-9
@@ -184,15 +184,17 @@ def _looks_like(row: Row, sign: CatalogueSign, system: str) -> bool:
 
 
 def format_checks(rules: Sequence[Rule], checks: Sequence[Check]) -> str:
-    """How many signs each rule has by verdict, and those to look at, as lines of text."""
+    """How many signs each rule has by verdict, and those that rather break one, as lines of text."""
     lines = [f"{'rule':<28}{''.join(f'{verdict:>15}' for verdict in CHECK_VERDICTS)}"]
     for rule in rules:
         counts = Counter(check.verdict for check in checks if check.rule is rule)
         if counts:
             lines.append(f"{rule.id:<28}{''.join(f'{counts[v]:>15}' for v in CHECK_VERDICTS)}")
     for verdict in SHOWN:
-        found = [check for check in checks if check.verdict == verdict]
-        lines += ["", verdict] if found else []
+        found = [c for c in checks if c.verdict == verdict and c.probability >= 0.5]
+        lines += (
+            ["", verdict if verdict == "fails" else f"{verdict}, rather broken"] if found else []
+        )
         lines += [f"  {c.rule.id:<28}{c.name}  {c.face:<26}{c.said}" for c in found]
     return "\n".join(lines)
 
