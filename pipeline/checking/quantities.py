@@ -81,16 +81,19 @@ def _curve_radius(row: Row, rows: Sequence[Row]) -> Measured:
 
 def _pair(row: Row, rows: Sequence[Row]) -> Measured:
     """Distance along the path to the nearest sign of the same type on the other side."""
-    found = [
-        other
+    if row["station_m"] is None or row["lateral_m"] is None:
+        return Measured(missing="its place on the path")
+    across = [
+        (abs(float(other["station_m"] - row["station_m"])), other["sigma_along_m"] or 0.0)
         for other in rows
-        if _type_of(other) == _type_of(row) and (other["lateral_m"] > 0) != (row["lateral_m"] > 0)
+        if _type_of(other) == _type_of(row)
+        and other["station_m"] is not None
+        and ((other["lateral_m"] or 0.0) > 0) != (row["lateral_m"] > 0)
     ]
-    if not found:
+    if not across:
         return Measured(missing="one of its type on the other side")
-    nearest = min(found, key=lambda other: abs(float(other["station_m"] - row["station_m"])))
-    sigma = math.hypot(row["sigma_along_m"] or 0.0, nearest["sigma_along_m"] or 0.0)
-    return Measured(abs(nearest["station_m"] - row["station_m"]), sigma, less=MISSED)
+    apart, sigma = min(across)
+    return Measured(apart, math.hypot(row["sigma_along_m"] or 0.0, sigma), less=MISSED)
 
 
 def _type_of(row: Row) -> tuple[str | None, ...]:

@@ -143,11 +143,12 @@ def _conditions(
         if wanted := getattr(rule, name):
             yield f"its {one}", None if row[one] is None else row[one] in wanted
     if rule.sides:
-        yield "its side", ("right" if row["lateral_m"] > 0 else "left") in rule.sides
+        side = None if row["lateral_m"] is None else "right" if row["lateral_m"] > 0 else "left"
+        yield "its side", None if side is None else side in rule.sides
     if rule.roads:
         yield "the kind of road", None if road is None else road in rule.roads
     if rule.below_another is not None and row["up_m"] is not None:
-        above = any(other["up_m"] > row["up_m"] for other in support)
+        above = any((other["up_m"] or -math.inf) > row["up_m"] for other in support)
         yield "its place on the support", above == rule.below_another
     if math.isfinite(rule.next_within):
         yield "the next of its type", (row["spacing_m"] or math.inf) <= rule.next_within

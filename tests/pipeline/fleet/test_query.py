@@ -17,7 +17,7 @@ from wayside.pipeline.cli import app
 from wayside.pipeline.fleet.manifest import Entry, Manifest, write_manifest
 from wayside.schemas.errors import InputError, UsageError
 
-from ..results import sign_row, write_tables
+from ..results import invoke, sign_row, write_tables
 
 pytest.importorskip("duckdb", reason="wayside[query] is not installed")
 from wayside.pipeline.fleet.query import FORMATS, first_rows, write_answer
@@ -50,6 +50,14 @@ def inventory(tmp_path):
     logs.append(Entry("old", "/old.mcap", "old", 9, "old", "quarantined"))
     write_manifest(tmp_path, Manifest().with_entries(logs))
     return tmp_path
+
+
+def test_the_checks_of_all_drives_are_one_view(inventory):
+    with pytest.raises(InputError, match="there are no checks: `wayside check` compares signs"):
+        first_rows(inventory, "FROM checks", 9)
+    invoke("check", inventory, "--only", "offset", status=4)  # their logs are not there
+    _, rows = first_rows(inventory, "SELECT drive, sign_id, verdict FROM checks ORDER BY drive", 9)
+    assert rows == [[drive, "d-0001", "not checkable"] for drive in ("one", "two")]
 
 
 def test_the_questions_of_the_documentation_are_answered(inventory):
