@@ -31,6 +31,7 @@ from wayside.stages.mapping import Each, assemble, classify_location, track
 from wayside.stages.odometry import estimate_motion, extract_features
 from wayside.stages.panel import PanelMethod
 from wayside.stages.report import classify_trajectory, extract_sift, match_by_descriptors
+from wayside.stages.roadside import measure_spacing
 from wayside.stages.sign_codes import FaceClassifier, assign_codes, classify_faces
 
 Stages = list[Stage[Any, Any]]
@@ -142,7 +143,7 @@ def _signs(
     path: DrivePath,
     classes: tuple[str, ...] = (),
 ) -> Stages:
-    """Landmarks on the path, measured along a route where one is given, with their codes."""
+    """Landmarks on the path, measured along a route where one is given, with codes and the next of their type."""
     segments = None
     if routes is not None and path.globe is not None:
         segments = routes.near(path.globe.route()[:, :2])
@@ -153,6 +154,7 @@ def _signs(
         if along
         else None,
         stage("codes", assign_codes, settings=s.codes, classes=classes),
+        stage("spacing", measure_spacing, path=path),
     )
 
 

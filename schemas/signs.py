@@ -91,3 +91,13 @@ class Sign:
     """None: not even its series is settled."""
     us_probability: float = math.nan
     """That the signs of the drive are of the US system."""
+    next_number: int | None = None
+    """Number of the next sign of the same type ahead. None: there is none, or the type is not known."""
+    spacing_m: float = math.nan
+    """Distance to it along the path."""
+    sigma_spacing_m: float = math.nan
+    """Standard deviation of that distance."""
+    radius_m: float = math.nan
+    """Of the path abreast of the sign, positive in a right turn. nan: straight."""
+    sigma_radius_m: float = math.nan
+    """Standard deviation of the radius."""

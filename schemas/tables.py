@@ -1,4 +1,4 @@
-"""The three tables of a result: every column with its type, unit and meaning.
+"""The three tables of a result, and that of its checks: every column with its type, unit and meaning.
 
 Columns are never renamed; new ones may be added, which raises no version. Null means unknown, never 0. Units and words
 also travel in the field metadata of the files, so that a table explains itself (`pyarrow.parquet.read_schema`).
@@ -157,6 +157,13 @@ SIGNS = Table(
         Column("nominal_width_in", _SINGLE, "in", "standard width that agrees with the measured one, of a diamond the "
                "side of its square; null: none or several"),
         Column("nominal_height_in", _SINGLE, "in", "the same of the height"),
+        Column("next_sign_id", _TEXT, "", "next sign ahead of the same code (else colour and shape), on the same side, "
+               "facing the same way, on another support; null: none"),
+        Column("spacing_m", _DOUBLE, "m", "distance to it along the path, horizontal if the log has poses or fixes"),
+        Column("sigma_spacing_m", _SINGLE, "m", "standard deviation of the spacing: of the stretch between both"),
+        Column("radius_m", _DOUBLE, "m", "radius of the path abreast of the sign, positive in a right turn; null: "
+               "straight, or within 40 m of an end of the path"),
+        Column("sigma_radius_m", _SINGLE, "m", "standard deviation of the radius"),
     ),
 )  # fmt: skip
 
@@ -232,6 +239,31 @@ FRAMES = Table(
         Column("alt_m", _DOUBLE, "m", "height above the WGS 84 ellipsoid; null without fixes"),
         Column("heading_deg", _SINGLE, "deg", "compass direction the camera looks in, clockwise from north; null "
                "without fixes"),
+    ),
+)  # fmt: skip
+
+CHECK_VERDICTS = ("meets", "fails", "unclear", "not checkable")
+
+CHECKS = Table(
+    "checks",
+    "One row per rule and sign that it holds for, in order of the rules. `wayside check` writes it.",
+    (
+        Column("rule", _TEXT, "", "name of the rule in its file", _SURE),
+        Column("words", _TEXT, "", "what the rule says", _SURE),
+        Column("edition", _TEXT, "", "manual that it is of, and section or table; null: the file names none"),
+        Column("section", _TEXT, "", "manual that it is of, and section or table; null: the file names none"),
+        Column("level", _TEXT, "", "shall: a standard; should: a guidance; own: of no manual", _SURE),
+        Column("sign_id", _TEXT, "", "row of `signs.parquet`", _SURE),
+        Column("code", _TEXT, "", "its code or series with the legend; null: not known"),
+        Column("verdict", _CHOICE, "", "meets, fails: two standard deviations or more inside, or outside, of the "
+               "limits; unclear: nearer to one; not checkable: `missing` says why", _SURE, CHECK_VERDICTS),
+        Column("probability", _DOUBLE, "", "that the rule is broken; null: not checkable"),
+        Column("quantity", _TEXT, "", "what was compared; its name ends in its unit", _SURE),
+        Column("value", _DOUBLE, "", "of the quantity, and its standard deviation (0: exact)"),
+        Column("sigma", _DOUBLE, "", "of the quantity, and its standard deviation (0: exact)"),
+        Column("least", _DOUBLE, "", "limits, the tolerance included; null: none"),
+        Column("most", _DOUBLE, "", "limits, the tolerance included; null: none"),
+        Column("missing", _TEXT, "", "what is not known that the rule needs; null: nothing"),
     ),
 )  # fmt: skip
 

@@ -152,7 +152,7 @@ def query(
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Ask an inventory in SQL: views panels, supports, sightings, signs, frames, observations, logs."""
+    """Ask an inventory in SQL: views panels, supports, sightings, signs, frames, observations, checks, logs."""
     from wayside.pipeline.files.writing import whole_file
     from wayside.pipeline.fleet.query import FORMATS, first_rows, write_answer
 

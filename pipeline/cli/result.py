@@ -11,7 +11,7 @@ import typer
 from wayside.pipeline.cli.help import Application, examples
 from wayside.pipeline.cli.options import MovedLog, Option, Out, Overwrite, parse_size, takes
 from wayside.pipeline.files.visible_text import visible, visible_lines
-from wayside.schemas.errors import PARTS_LOST, UsageError
+from wayside.schemas.errors import PARTS_LOST, InputError, UsageError
 
 app = Application("Its result")
 SignOption = Annotated[str | None, typer.Option("--sign", metavar="ID", help="A sign_id.")]
@@ -97,6 +97,67 @@ def evidence(
             err=True,
         )
         raise typer.Exit(PARTS_LOST)
+
+
+@app.command(
+    epilog=examples(
+        "wayside check out --only height --road rural",
+        "wayside check out --rules mutcd --rules ours.toml",
+    )
+)
+def check(
+    out: Annotated[
+        Path, typer.Argument(metavar="OUT", help="Folder written by `wayside run` or `fleet`.")
+    ],
+    rules: Annotated[
+        list[str] | None,
+        typer.Option(help="mutcd, or a TOML file; later rules replace those of the same name."),
+    ] = None,
+    only: Annotated[str, typer.Option(help="Only rules whose name begins so.")] = "",
+    road: Annotated[str | None, typer.Option(help="Its kind: rural, urban or freeway.")] = None,
+    log: MovedLog = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Compare signs with placement rules: lists those that fail; writes checks.html and checks.parquet into OUT."""
+    from wayside.pipeline.checking.rules import ROADS, read_rules
+    from wayside.pipeline.exporting.table import is_inventory
+    from wayside.pipeline.fleet.folders import open_inventory
+    from wayside.pipeline.fleet.manifest import DRIVES
+    from wayside.pipeline.running.tuning import tune_process
+
+    tune_process()
+    asked = [rule for rule in read_rules(rules or ["mutcd"]) if rule.id.startswith(only)]
+    if not asked:
+        raise UsageError(f"--only {only}: no rule has a name that begins so")
+    if road not in (None, *ROADS):
+        raise UsageError(f"--road {road}: the kinds of road are {', '.join(ROADS)}")
+    drives = [out]
+    if is_inventory(out):
+        drives = [out / DRIVES / entry.name for entry in open_inventory(out).done()]
+    if any([_check(drive, asked, road, log, overwrite=overwrite) for drive in drives]):
+        raise typer.Exit(PARTS_LOST)
+
+
+def _check(
+    out: Path, rules: list[Any], road: str | None, log: Path | None, *, overwrite: bool
+) -> bool:
+    """Check one drive and say what came of it; whether images are lost."""
+    from wayside.pipeline.checking.page import PAGE_FILE, write_page
+    from wayside.pipeline.checking.verdicts import check_drive, format_checks, write_checks
+    from wayside.pipeline.evidence.write import INDEX_FILE, write_evidence
+
+    checks, sheets, fault = check_drive(out, rules, road), out / "evidence", ""
+    write_checks(checks, out, overwrite=overwrite)
+    try:
+        if not (sheets / INDEX_FILE).exists():
+            write_evidence(out, sheets, log=log)
+    except InputError as error:
+        fault = str(error)
+    fault = write_page(out, rules, checks, log=log, overwrite=overwrite) or fault
+    typer.echo(visible_lines(f"{format_checks(rules, checks)}\n\nopen {out / PAGE_FILE}"))
+    if fault:
+        typer.echo(visible(f"wayside: the page lacks images or evidence: {fault}"), err=True)
+    return bool(fault)
 
 
 @app.command(

@@ -18,7 +18,7 @@ from wayside.pipeline.fleet.folders import CELL, merged_parts, open_inventory
 from wayside.pipeline.fleet.manifest import DRIVES, Manifest
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.inventory_tables import CHANGES
-from wayside.schemas.tables import TABLES
+from wayside.schemas.tables import CHECKS, TABLES
 
 try:
     import duckdb
@@ -28,9 +28,13 @@ except ImportError as error:
     ) from error
 
 MERGED_VIEWS = ("panels", "supports", "sightings", "changes")
-DRIVE_VIEWS = {table.name: table.file for table in TABLES}
+DRIVE_VIEWS = {table.name: table.file for table in (*TABLES, CHECKS)}
 LOGS_VIEW = "logs"
 VIEWS = (*MERGED_VIEWS, *DRIVE_VIEWS, LOGS_VIEW)
+_WRITTEN_BY = {
+    CHANGES.name: "`wayside changes` compares surveys and writes them",
+    CHECKS.name: "`wayside check` compares signs with rules and writes them",
+}
 FORMATS = {"csv": "csv, header", "json": "json, array true", "parquet": "parquet"}
 """What an answer is written as, and how DuckDB calls it."""
 
@@ -49,9 +53,9 @@ def write_answer(inventory: Path, sql: str, stream: BinaryIO, kind: str) -> None
     """Write the answer to one question, an SQL statement that reads, as one of `FORMATS`.
 
     Views of the merged inventory: `panels`, `supports`, `sightings` and `changes`. Views of its drives: `signs`,
-    `frames` and `observations`, with the name of the drive in the column `drive`. `logs` is the entry of each log in
-    `fleet.json`. Nothing is changed, and nothing is fetched from elsewhere. Raises UsageError where the statement
-    cannot be answered, and InputError where the folder is no inventory, or lacks what is asked for.
+    `frames`, `observations` and `checks`, with the name of the drive in the column `drive`. `logs` is the entry of
+    each log in `fleet.json`. Nothing is changed, and nothing is fetched from elsewhere. Raises UsageError where the
+    statement cannot be answered, and InputError where the folder is no inventory, or lacks what is asked for.
     """
     with _prepared(inventory, sql) as (connection, question), TemporaryDirectory() as scratch:
         file = Path(scratch) / "answer"
@@ -88,11 +92,8 @@ def _prepared(inventory: Path, sql: str) -> Iterator[tuple[duckdb.DuckDBPyConnec
             yield connection, statements[0].query.strip().rstrip(";")
         except duckdb.CatalogException as error:
             if lacking:
-                why = (
-                    "`wayside changes` compares surveys and writes them"
-                    if lacking == ["changes"]
-                    else "nothing is merged yet, or no drive has satellite fixes"
-                )
+                nothing = "nothing is merged yet, or no drive has satellite fixes"
+                why = _WRITTEN_BY.get(lacking[0], nothing)
                 raise InputError(
                     f"{inventory}: there are no {', '.join(lacking)}: {why}"
                 ) from error
@@ -118,7 +119,8 @@ def _create_view(
         return True
     folder = "parse_path(filename, 'forward_slash')[-2]"
     if view in DRIVE_VIEWS:
-        files = [inventory / DRIVES / entry.name / DRIVE_VIEWS[view] for entry in manifest.done()]
+        drives = [inventory / DRIVES / entry.name for entry in manifest.done()]
+        files = [file for drive in drives if (file := drive / DRIVE_VIEWS[view]).exists()]
         columns = f"{folder} AS drive, * EXCLUDE filename"
     elif view == CHANGES.name:
         files = [file for file in [inventory / CHANGES.file] if file.exists()]

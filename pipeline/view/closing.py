@@ -234,13 +234,14 @@ def inventory_table(signs: Sequence[Mapping[str, Any]]) -> str:
         "width m": "panel_width_m",
         "height m": "panel_height_m",
         "± along m": "sigma_along_m",
+        "to next m": "spacing_m",
     }
     heads = ("sign", "code", "colour", "shape", *numbers, "views", "confidence")
     lines = [
         f"# {len(signs)} signs",
         "",
         f"| {' | '.join(heads)} |",
-        "|---|---|---|---" + "|--:" * 8 + "|",
+        "|---|---|---|---" + "|--:" * (len(numbers) + 2) + "|",
     ]
     for row in signs:
         measured = [_number(row[name]) for name in numbers.values()]

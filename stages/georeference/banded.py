@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg import cho_solve_banded, cholesky_banded, solve_banded
 
 from wayside.stages.kernels import Array, compiled, require_array
 
@@ -82,6 +82,24 @@ def block_covariances(factor: Array, size: int) -> Array:
         for j in range(size):
             own[:, i, j] = inverse[abs(i - j), first + min(i, j)]
     return own
+
+
+def combination_variance(factor: Array, last: Array, gradient: Array) -> float:
+    """Variance of a linear combination of the unknowns of neighbouring blocks, first to last.
+
+    The blocks after these do not enter but by the covariance of the last: given it, those before are independent of
+    them. The cost is proportional to the number of blocks of the combination.
+
+    factor (2 size, k size): columns of the banded Cholesky factor of these k blocks. last (size, size): covariance of
+    the last block, from `block_covariances`. gradient (k size,): the factor of each unknown.
+    """
+    size = len(last)
+    white = np.asarray(solve_banded((len(factor) - 1, 0), factor, gradient))
+    lower = np.array(
+        [[factor[i - j, j - size] if i >= j else 0.0 for j in range(size)] for i in range(size)]
+    )
+    rest = lower @ white[-size:]
+    return float(white[:-size] @ white[:-size] + rest @ last @ rest)
 
 
 @compiled

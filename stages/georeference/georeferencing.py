@@ -71,12 +71,13 @@ def georeference(points: Iterator[PathPoint], motion: MotionSettings) -> Iterato
         return
     start = _drive_start(path) if path else None
     poses = [] if start is None else [start.compose(p.chained) for p in path]
+    chain = _chain(path)
     if sum(p.fix is not None for p in path) < 2:
         in_order = {p.frame: q for p, q in zip(path, poses, strict=True)}
-        scales = _scales_by_points(path, _chain(path))
-        yield drive_path(path, "drive_start", in_order, None, scales, notes_on_spacing(path))
+        scales, sigma = _scales_by_points(path, chain), chain.relative_length_sigma * chain.length
+        notes = notes_on_spacing(path)
+        yield drive_path(path, "drive_start", in_order, None, scales, notes, sigma)
         return
-    chain = _chain(path)
     tilt, roll = radians(FIRST_TILT_DEG), radians(ROLL_DEG)
     globe, notes = _on_globe(path, chain, _stacked(poses), tilt, roll, motion)
     if globe is None:
@@ -85,7 +86,8 @@ def georeference(points: Iterator[PathPoint], motion: MotionSettings) -> Iterato
             "(--spacing 26.4ft)"
         )
     scales = _scales(path, chain, globe.trajectory)
-    yield drive_path(path, "enu", _poses(path, globe.trajectory), globe, scales, notes)
+    found = globe.trajectory
+    yield drive_path(path, "enu", _poses(path, found), globe, scales, notes, found)
 
 
 def _in_world_of_poses(
@@ -103,7 +105,7 @@ def _in_world_of_poses(
         globe, more = _on_globe(path, drifting, start, tilt, np.inf, motion)
         notes += more
     scales = _scales(path, chain, inside)
-    return drive_path(path, "log", _poses(path, inside), globe, scales, notes)
+    return drive_path(path, "log", _poses(path, inside), globe, scales, notes, inside)
 
 
 def _poses(path: Sequence[PathPoint], found: Trajectory) -> dict[int, Pose]:

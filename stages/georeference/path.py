@@ -14,6 +14,7 @@ from wayside.schemas.frame import Fix, Pose, PosePrior
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.stages.geometry import FrenetOffset, frenet_offset
 from wayside.stages.georeference.geodesy import Globe
+from wayside.stages.georeference.trajectory import Trajectory
 from wayside.stages.kernels import Array
 
 FRAMES_BEFORE, FRAMES_AFTER = 3, 20
@@ -76,6 +77,29 @@ class DrivePath:
     globe: Globe | None
     scales: dict[int, StepScale]
     notes: tuple[str, ...]
+    errors: Trajectory | Array | None = field(default=None, repr=False)
+    """The adjustment of `poses`; of a chain that none adjusts, the standard deviation (n,) of each step's length."""
+
+    @property
+    def is_level(self) -> bool:
+        """Whether up is known, and not only by the camera's own axes."""
+        return self.world != "drive_start"
+
+    def length_variance(self, first: int, last: int) -> float:
+        """Variance, m^2, of the distance travelled between two of the `poses`: of the stretch between them alone.
+
+        Lengths by points follow each other, so their errors add up; those of other steps are independent. A wrong scale
+        of the whole log is not in it. nan where nothing is known of the errors.
+        """
+        if self.errors is None:
+            return nan
+        start, end = sorted((first, last))
+        if isinstance(self.errors, Trajectory):
+            return self.errors.length_variance(start, end, self.is_level)
+        steps = slice(start + 1, end + 1)
+        follows = np.array([frame in self.scales for frame in [*self.poses][steps]], bool)
+        sigma = self.errors[steps]
+        return float((sigma[~follows] ** 2).sum() + sigma[follows].sum() ** 2)
 
     def station_of(self, given_m: float) -> float:
         """Final station of a station as first taken. Before and past the ends, the path goes on."""
@@ -131,6 +155,7 @@ def drive_path(
     globe: Globe | None = None,
     scales: dict[int, StepScale] | None = None,
     notes: tuple[str, ...] = (),
+    errors: Trajectory | Array | None = None,
 ) -> DrivePath:
     """The path with the stations, baselines and camera height that its final lengths give."""
     scales = scales or {}
@@ -148,4 +173,4 @@ def drive_path(
     factor = sum(one.factor for one in scales.values()) / len(scales) if scales else 1.0
     height = float(np.median(heights)) * factor if heights else None
     given = np.array([p.station_m for p in points])
-    return DrivePath(world, poses, stations, baselines, given, height, globe, scales, notes)
+    return DrivePath(world, poses, stations, baselines, given, height, globe, scales, notes, errors)

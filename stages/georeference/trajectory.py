@@ -13,7 +13,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from wayside.stages.geometry import cross_matrices
-from wayside.stages.georeference.banded import BandedNormal, block_covariances
+from wayside.stages.georeference.banded import (
+    BandedNormal,
+    block_covariances,
+    combination_variance,
+)
 from wayside.stages.georeference.measurements import (
     STEP_FLOOR_RAD,
     AbsoluteMeasurements,
@@ -46,15 +50,16 @@ OUTLIER_WEIGHT = 0.05
 
 
 CENTRE, ROTATION, SCALE, CORRELATED, OFFSET = slice(0, 3), slice(3, 6), 6, slice(7, 10), 10
-UNKNOWNS, STATED = 11, 7
-"""Unknowns of a frame, and how many of them have their covariance stated."""
+UNKNOWNS = 11
+"""Of a frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
     """Where the camera was: rotation (n, 3, 3), centre (n, 3); scale (n,): length of each step over that given.
 
-    `covariance` (n, 7, 7): of centre (m), rotation vector about the world's axes (rad), logarithm of the scale.
+    `covariance` (n, 11, 11): of centre (m), rotation vector about the world's axes (rad), logarithm of the scale, and
+    the unknowns of the absolute positions. `factor` (22, 11 n): of its inverse for all frames, banded (Cholesky).
     `weight` (m,): of the absolute measurements, near 0 for an outlier, which `outliers` counts. `time_offset_s`: how
     long after a frame's capture its position is reported, 0 where none is found. `impossible_offset_s`: one that no
     recorder has and that is therefore not undone, or 0.
@@ -64,11 +69,27 @@ class Trajectory:
     centre: Array
     scale: Array
     covariance: Array
+    factor: Array
     weight: Array
     outliers: int
     time_offset_s: float
     time_offset_sigma_s: float
     impossible_offset_s: float = 0.0
+
+    def length_variance(self, first: int, last: int, level: bool) -> float:
+        """Variance, m^2, of the distance travelled from one row of the path to a later one.
+
+        Each step's length changes with both of its ends along the step: errors that the ends share cancel. level: of
+        the distance in the plane x, y.
+        """
+        steps = np.diff(self.centre[first : last + 1], axis=0)
+        steps[:, 2] *= not level
+        ahead = steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), 1e-9)
+        gradient = np.zeros((len(steps) + 1, UNKNOWNS))
+        gradient[1:, CENTRE] += ahead
+        gradient[:-1, CENTRE] -= ahead
+        columns = self.factor[:, first * UNKNOWNS : (last + 1) * UNKNOWNS]
+        return combination_variance(columns, self.covariance[last], gradient.ravel())
 
 
 LONGEST_OFFSET_S = 1.0
@@ -143,7 +164,8 @@ class _Adjustment:
             self.rotation,
             self.centre,
             np.exp(self.scale),
-            own[:, :STATED, :STATED],
+            own,
+            factor,
             self.weight,
             int((self.weight < OUTLIER_WEIGHT).sum()),
             float(self.offset[0]),

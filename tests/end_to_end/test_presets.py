@@ -234,6 +234,14 @@ def test_the_default_preset_tells_the_codes_of_the_demo(default_demo):
     assert (stop["nominal_width_in"], stop["nominal_height_in"]) == (36, 36)
 
 
+def test_the_default_states_the_radius_of_the_curve_that_a_sign_stands_at(default_demo):
+    by_code = {row["mutcd"]: row for row in default_demo.signs}
+    assert by_code["R1-1"]["radius_m"] is None  # 40 m before the curve of 600 m begins
+    school = by_code["S1-1"]
+    assert school["radius_m"] == pytest.approx(600, abs=2 * school["sigma_radius_m"])
+    assert school["sigma_radius_m"] < 60
+
+
 def test_the_classes_of_preset_report_tell_series(demo_of):
     assert any(codes(demo_of("report")))
 

@@ -13,13 +13,16 @@ import pytest
 from wayside.schemas.detections import VERDICT_WORDS
 from wayside.schemas.frame import FRAME_STATUS_WORDS
 from wayside.schemas.tables import (
+    CHECKS,
     MOTION_SOURCES,
     SCHEMA_VERSION,
     SIGN_STATUSES,
-    TABLES,
     Column,
     Table,
 )
+from wayside.schemas.tables import TABLES as OF_A_RUN
+
+TABLES = (*OF_A_RUN, CHECKS)
 
 PAGE = Path(__file__).parents[2] / "docs" / "tables.md"
 INTRODUCTION = """# The tables of a result

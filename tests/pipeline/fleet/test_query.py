@@ -17,7 +17,7 @@ from wayside.pipeline.cli import app
 from wayside.pipeline.fleet.manifest import Entry, Manifest, write_manifest
 from wayside.schemas.errors import InputError, UsageError
 
-from ..results import sign_row, write_tables
+from ..results import invoke, sign_row, write_tables
 
 pytest.importorskip("duckdb", reason="wayside[query] is not installed")
 from wayside.pipeline.fleet.query import FORMATS, first_rows, write_answer
@@ -37,9 +37,12 @@ def inventory(tmp_path):
         look = {"color": "yellow", "geometry": b"\x01", "panel_height_m": height, "views": 3}
         frames = [{"frame": 0, "log_time_ns": 5, "status": "undecodable"}]
         (tmp_path / "drives").mkdir(exist_ok=True)
+        look |= {"next_sign_id": "d-0002", "spacing_m": 50 + height, "sigma_spacing_m": height}
         write_tables(tmp_path / "drives" / name, [sign_row("d-0001", **look)], frames=frames)
     sightings = [
-        {"panel_id": "one/d-0001", "drive": d, "sign_id": "d-0001"} for d in ("one", "two")
+        {"panel_id": f"one/d-000{number}", "drive": drive, "sign_id": f"d-000{number}"}
+        for drive in ("one", "two")
+        for number in (1, 2)
     ]
     write(tmp_path / "sightings" / "cell=0231" / "part-0.parquet", sightings)
     panel = {"panel_id": "one/d-0001", "status": "sign", "color": "yellow", "shape": "diamond"}
@@ -52,11 +55,20 @@ def inventory(tmp_path):
     return tmp_path
 
 
+def test_the_checks_of_all_drives_are_one_view(inventory):
+    with pytest.raises(InputError, match="there are no checks: `wayside check` compares signs"):
+        first_rows(inventory, "FROM checks", 9)
+    invoke("check", inventory, "--only", "offset", status=4)  # their logs are not there
+    _, rows = first_rows(inventory, "SELECT drive, sign_id, verdict FROM checks ORDER BY drive", 9)
+    assert rows == [[drive, "d-0001", "not checkable"] for drive in ("one", "two")]
+
+
 def test_the_questions_of_the_documentation_are_answered(inventory):
     questions = re.findall(r"^-- .*?\n(?=\n|```)", DOCUMENT.read_text(), re.DOTALL | re.MULTILINE)
-    assert len(questions) == 5
+    assert len(questions) == 6
     answers = [first_rows(inventory, question, 9) for question in questions]
-    assert [rows[0][0] for _, rows in answers] == ["yellow", *["one/d-0001"] * 3, "one"]
+    assert [rows[0][0] for _, rows in answers] == ["yellow", *["one/d-0001"] * 4, "one"]
+    assert answers[4][1] == [["one/d-0001", "one/d-0002", "50.7", "0.7"]]
     names, rows = answers[3]
     assert dict(zip(names, rows[0], strict=True)) == {
         "panel_id": "one/d-0001",

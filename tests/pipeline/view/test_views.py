@@ -441,7 +441,8 @@ def test_words_of_candidates_do_not_cover_the_image(verdict):
 
 
 def test_a_row_is_headed_by_what_it_looks_like():
-    lengths = ("station_m", "lateral_m", "up_m", "panel_width_m", "panel_height_m", "sigma_along_m")
+    lengths = ("station_m", "lateral_m", "up_m", "panel_width_m", "panel_height_m")
+    lengths += ("sigma_along_m", "spacing_m")
     look = {"color": "red", "shape": "octagon", "views": 4, "confidence": 0.9}
     row = sign_row("d-0001", **dict.fromkeys(lengths, 1.5) | look)
     behind = row | {"status": "back", "color": None}

@@ -146,6 +146,29 @@ def test_errors_are_bounded_by_those_of_the_fixes_and_stated(radius_m, free):
         assert 0.55 < (np.abs(stretches) < 1).mean() < 0.80
 
 
+def dense_covariance(found):
+    """Of all unknowns of all frames, by inversion of the whole normal matrix."""
+    n = found.factor.shape[1]
+    lower = np.zeros((n, n))
+    for down, diagonal in enumerate(found.factor):
+        lower[np.arange(down, n), np.arange(n - down)] = diagonal[: n - down]
+    return np.linalg.inv(lower @ lower.T)
+
+
+@pytest.mark.parametrize(("first", "last"), [(0, 29), (3, 4), (7, 20)])
+@pytest.mark.parametrize("free", [False, True])
+def test_the_variance_of_a_stretch_is_that_of_the_whole_covariance(first, last, free):
+    found = drive_of(2, 30, free=free).smooth()
+    covariance = dense_covariance(found)
+    steps = np.diff(found.centre[first : last + 1], axis=0)
+    gradient = np.zeros((30, 11))
+    for row, step in enumerate(steps, first):
+        gradient[row, :3] -= step / np.linalg.norm(step)
+        gradient[row + 1, :3] += step / np.linalg.norm(step)
+    wanted = gradient.ravel() @ covariance @ gradient.ravel()
+    assert found.length_variance(first, last, level=False) == pytest.approx(wanted, rel=1e-6)
+
+
 def test_a_lost_ratio_is_bridged_by_a_steady_speed():
     drive = drive_of(1, free=True)
     drive.chain.length_ratio[150] = np.nan

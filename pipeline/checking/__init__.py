@@ -1,0 +1,1 @@
+"""Placement rules as data, and whether the signs of a drive keep them."""

@@ -1,0 +1,65 @@
+"""The page of the checks of a drive: by rule, with an image of each sign that needs looking at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from wayside.pipeline.checking.rules import Rule
+from wayside.pipeline.checking.verdicts import SHOWN, Check
+from wayside.pipeline.evidence.crops import draw_crop, read_crops
+from wayside.pipeline.files.pictures import data_address, encode_webp, is_marked
+from wayside.pipeline.files.writing import write_file
+from wayside.pipeline.pages import render_page
+from wayside.schemas.errors import InputError
+from wayside.schemas.tables import CHECK_VERDICTS
+
+PAGE_FILE = "checks.html"
+_SIZE = 240, 180
+_MARK = "wayside check"
+
+
+def write_page(
+    out: Path,
+    rules: Sequence[Rule],
+    checks: Sequence[Check],
+    *,
+    log: Path | None = None,
+    overwrite: bool = False,
+) -> str:
+    """Write the checks of the result `out` as a page in it, with links to the evidence that lies there.
+
+    log: where the log lies now. Returns why there are no images, or an empty text. Raises OutputError.
+    """
+    images, fault = _images(out, checks, log)
+    sheets = {check.name: f"evidence/{check.name}.html" for check in checks}
+    worst_first = sorted(
+        checks, key=lambda check: -check.probability if check.probability >= 0 else 1.0
+    )
+    page = render_page(
+        "checks.html",
+        _MARK,
+        name=out.resolve().name,
+        verdicts=CHECK_VERDICTS,
+        shown=SHOWN,
+        rules=[(rule, [check for check in worst_first if check.rule is rule]) for rule in rules],
+        images=images,
+        sheets={name: sheet for name, sheet in sheets.items() if (out / sheet).is_file()},
+    )
+    file = out / PAGE_FILE
+    write_file(file, page.encode(), is_own=lambda path: is_marked(path, _MARK), overwrite=overwrite)
+    return fault
+
+
+def _images(out: Path, checks: Sequence[Check], log: Path | None) -> tuple[dict[str, str], str]:
+    """Addresses of images of the signs to look at, by id; and why there are none."""
+    signs = {check.name: check.sign for check in checks if check.verdict in SHOWN}
+    boxes = [(name, one["best_frame"], tuple(one["best_box"])) for name, one in signs.items()]
+    images = {}
+    try:
+        for name, crop in read_crops(out, log, boxes, _SIZE[0] / _SIZE[1]):
+            if crop is not None:
+                images[name] = data_address(encode_webp(draw_crop(crop, _SIZE)))
+    except InputError as error:
+        return images, str(error)
+    return images, ""
