@@ -18,7 +18,7 @@ from wayside.pipeline.fleet.folders import CELL, merged_parts, open_inventory
 from wayside.pipeline.fleet.manifest import DRIVES, Manifest
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.inventory_tables import CHANGES
-from wayside.schemas.tables import TABLES
+from wayside.schemas.tables import ROADSIDE, TABLES
 
 try:
     import duckdb
@@ -29,6 +29,7 @@ except ImportError as error:
 
 MERGED_VIEWS = ("panels", "supports", "sightings", "changes")
 DRIVE_VIEWS = {table.name: table.file for table in TABLES}
+ROADSIDE_VIEWS = tuple(table.name for table in ROADSIDE)
 LOGS_VIEW = "logs"
 VIEWS = (*MERGED_VIEWS, *DRIVE_VIEWS, LOGS_VIEW)
 FORMATS = {"csv": "csv, header", "json": "json, array true", "parquet": "parquet"}
@@ -48,9 +49,8 @@ def first_rows(inventory: Path, sql: str, count: int) -> tuple[list[str], list[l
 def write_answer(inventory: Path, sql: str, stream: BinaryIO, kind: str) -> None:
     """Write the answer to one question, an SQL statement that reads, as one of `FORMATS`.
 
-    Views of the merged inventory: `panels`, `supports`, `sightings` and `changes`. Views of its drives: `signs`,
-    `frames` and `observations`, with the name of the drive in the column `drive`. `logs` is the entry of each log in
-    `fleet.json`. Nothing is changed, and nothing is fetched from elsewhere. Raises UsageError where the statement
+    Views of the merged inventory: `panels`, `supports`, `sightings` and `changes`. Views of its drives: their tables,
+    with the name of the drive in the column `drive`. `logs` is the entry of each log in `fleet.json`. Nothing is changed, and nothing is fetched from elsewhere. Raises UsageError where the statement
     cannot be answered, and InputError where the folder is no inventory, or lacks what is asked for.
     """
     with _prepared(inventory, sql) as (connection, question), TemporaryDirectory() as scratch:
@@ -88,11 +88,11 @@ def _prepared(inventory: Path, sql: str) -> Iterator[tuple[duckdb.DuckDBPyConnec
             yield connection, statements[0].query.strip().rstrip(";")
         except duckdb.CatalogException as error:
             if lacking:
-                why = (
-                    "`wayside changes` compares surveys and writes them"
-                    if lacking == ["changes"]
-                    else "nothing is merged yet, or no drive has satellite fixes"
-                )
+                why = "nothing is merged yet, or no drive has satellite fixes"
+                if lacking == ["changes"]:
+                    why = "`wayside changes` compares surveys and writes them"
+                elif set(lacking) <= set(ROADSIDE_VIEWS):
+                    why = "no drive was run with the setting `roadside.on`"
                 raise InputError(
                     f"{inventory}: there are no {', '.join(lacking)}: {why}"
                 ) from error
@@ -119,6 +119,8 @@ def _create_view(
     folder = "parse_path(filename, 'forward_slash')[-2]"
     if view in DRIVE_VIEWS:
         files = [inventory / DRIVES / entry.name / DRIVE_VIEWS[view] for entry in manifest.done()]
+        if view in ROADSIDE_VIEWS:  # of the drives that were asked for them
+            files = [file for file in files if file.exists()]
         columns = f"{folder} AS drive, * EXCLUDE filename"
     elif view == CHANGES.name:
         files = [file for file in [inventory / CHANGES.file] if file.exists()]
