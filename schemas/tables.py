@@ -246,7 +246,8 @@ PROFILE = Table(
         Column("sigma_m", _SINGLE, "m", "standard deviation of the height; without poses in the log it holds a roll "
                "of the camera of 0.5 degrees"),
         Column("count", _WHOLE, "pairs", "pairs of images that show the strip", _SURE),
-        Column("status", _CHOICE, "", "whether the height was measured", _SURE, tuple(GROUND_STATUSES)),
+        Column("status", _CHOICE, "", "; ".join(f"`{name}`: {words}" for name, words in GROUND_STATUSES.items()), _SURE,
+               tuple(GROUND_STATUSES)),
         Column("frame", _WHOLE, "", "last used frame before the station", _SURE),
         Column("x", _DOUBLE, "m", "point on the ground in the world frame"),
         Column("y", _DOUBLE, "m", "point on the ground in the world frame"),
@@ -264,15 +265,14 @@ SECTIONS = Table(
     (
         Column("station_m", _DOUBLE, "m", "along the travelled path from the first used frame", _SURE),
         Column("side", _CHOICE, "", "of the path, in the direction of travel", _SURE, SIDES),
-        Column("frame", _WHOLE, "", "last used frame before the station", _SURE),
         Column("lane_width_m", _SINGLE, "m", "between the nearest painted lines of both sides, middle to middle"),
         Column("line_m", _SINGLE, "m", "distance of the nearest painted line"),
         Column("edge_m", _SINGLE, "m", "distance of the edge of the travelled way: outermost solid line within 8 m"),
         Column("shoulder_m", _SINGLE, "m", "distance of the first break of the ground: the outer edge of the shoulder"),
         Column("ditch_m", _SINGLE, "m", "distance of the second break: the bottom of the ditch, or the top of a bank"),
         Column("ditch_height_m", _SINGLE, "m", "height there, above the road"),
-        Column("fore_slope", _SINGLE, "", "of the ground from shoulder to ditch, rise over run: -0.25 falls 1:4"),
-        Column("back_slope", _SINGLE, "", "of the ground beyond the ditch"),
+        Column("fore_slope", _SINGLE, "", "ground before and beyond the ditch, rise over run: -0.25 falls 1:4"),
+        Column("back_slope", _SINGLE, "", "ground before and beyond the ditch, rise over run: -0.25 falls 1:4"),
     ),
 )  # fmt: skip
 

@@ -50,8 +50,9 @@ def write_answer(inventory: Path, sql: str, stream: BinaryIO, kind: str) -> None
     """Write the answer to one question, an SQL statement that reads, as one of `FORMATS`.
 
     Views of the merged inventory: `panels`, `supports`, `sightings` and `changes`. Views of its drives: their tables,
-    with the name of the drive in the column `drive`. `logs` is the entry of each log in `fleet.json`. Nothing is changed, and nothing is fetched from elsewhere. Raises UsageError where the statement
-    cannot be answered, and InputError where the folder is no inventory, or lacks what is asked for.
+    with the name of the drive in the column `drive`. `logs` is the entry of each log in `fleet.json`. Nothing is
+    changed, and nothing is fetched from elsewhere. Raises UsageError where the statement cannot be answered, and
+    InputError where the folder is no inventory, or lacks what is asked for.
     """
     with _prepared(inventory, sql) as (connection, question), TemporaryDirectory() as scratch:
         file = Path(scratch) / "answer"

@@ -174,7 +174,7 @@ def roadside_rows(
     """The rows of `profile.parquet` and `sections.parquet`."""
     rows: dict[Table, list[dict[str, Any]]] = {PROFILE: [], SECTIONS: []}
     for one in sections:
-        place = {"station_m": one.station_m, "frame": one.frame}
+        at: dict[str, Any] = {"station_m": one.station_m}
         globe = np.full((len(one.points), 3), np.nan)
         if path.globe is not None:
             local = path.poses[one.frame].to_camera(one.points)
@@ -185,12 +185,12 @@ def roadside_rows(
             one.offset_m.tolist(), one.pairs.tolist(), one.status, *columns, strict=True
         ):
             measured = dict(zip(names, map(finite, values), strict=True))
-            known = {"offset_m": offset, "count": count, "status": status}
-            rows[PROFILE].append(place | known | measured)
+            strip = {"offset_m": offset, "count": count, "status": status, "frame": one.frame}
+            rows[PROFILE].append(at | strip | measured)
         width = finite(one.lane_width_m)
         for side, found in zip(SIDES, one.sides, strict=True):
-            values = {name: finite(value) for name, value in asdict(found).items()}
-            rows[SECTIONS].append(place | {"side": side, "lane_width_m": width} | values)
+            known = {name: finite(value) for name, value in asdict(found).items()}
+            rows[SECTIONS].append(at | known | {"side": side, "lane_width_m": width})
     return rows
 
 

@@ -74,4 +74,4 @@ def _fitted(at: Array, value: Array, weight: Array, breaks: Array) -> tuple[Arra
     normal = np.swapaxes(design, 1, 2) @ design + 1e-9 * np.eye(design.shape[-1])
     found = np.linalg.solve(normal, np.swapaxes(design, 1, 2) @ target[:, None])[..., 0]
     left = target - (design @ found[..., None])[..., 0]
-    return (left**2).sum(axis=1), found
+    return np.asarray((left**2).sum(axis=1), np.float64), np.asarray(found, np.float64)

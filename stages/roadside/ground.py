@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wayside.stages.kernels import Array
 
@@ -31,7 +32,7 @@ class Ground(NamedTuple):
     """Of the correlation at that height, 1/m^2."""
 
 
-def ground_of(score: Array, pairs: Array, heights: Array) -> Ground:
+def ground_of(score: NDArray[Any], pairs: NDArray[Any], heights: Array) -> Ground:
     """The heights of strips side by side at which the images agree best together.
 
     score (n, h): sum of the correlations of `pairs` (n,) pairs of images at evenly spaced heights (h,). Found by
@@ -59,8 +60,9 @@ def ground_of(score: Array, pairs: Array, heights: Array) -> Ground:
     return Ground(*(np.where(pairs > 0, part, np.nan) for part in parts))
 
 
-def pooled(values: Sequence[Array], at: int) -> Array:
+def pooled(values: Sequence[NDArray[Any]], at: int) -> Array:
     """Weighted sum of the values of a station and those around it."""
     reach = len(NEIGHBOUR_WEIGHTS) - 1
     near = range(max(at - reach, 0), min(at + reach + 1, len(values)))
-    return np.sum([NEIGHBOUR_WEIGHTS[abs(k - at)] * values[k] for k in near], axis=0)
+    parts = [NEIGHBOUR_WEIGHTS[abs(k - at)] * values[k] for k in near]
+    return np.asarray(np.sum(parts, axis=0), np.float64)

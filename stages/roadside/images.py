@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.motion import Motion
-from wayside.stages.geometry import distort_points, ideal_points
+from wayside.stages.geometry import ideal_points
 from wayside.stages.kernels import Array, compiled, require_array
 
 Singles = NDArray[np.float32]
@@ -78,7 +78,7 @@ def ground_image(
 ) -> GroundImage:
     """The lower part of a recorded image (height, width), without distortion, in `LEVELS` sizes."""
     first, second, matrix = _maps(camera)
-    inside = cv2.max(grey, 1)
+    inside = np.maximum(grey, 1)
     whole = cv2.remap(inside, first, second, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
     sizes = [np.asarray(whole, np.uint8)]
     while len(sizes) < LEVELS:
@@ -104,11 +104,10 @@ def _maps(camera: Camera) -> tuple[Any, Any, Array]:
     x0 = np.floor(max(left[:, 0].min(), -spare))
     x1 = np.ceil(min(last[:, 0].max(), right + spare))
     y0, y1 = np.floor(rows[0]), np.ceil(min(foot[:, 1].max(), bottom + spare))
-    u, v = np.meshgrid(np.arange(x0, x1 + 1), np.arange(y0, y1 + 1))
-    pixels = distort_points(camera, np.column_stack([u.ravel(), v.ravel()]))
-    maps = cv2.convertMaps(pixels.reshape(*u.shape, 2).astype(np.float32), None, cv2.CV_16SC2)
-    shift = np.array([[1, 0, -x0], [0, 1, -y0], [0, 0, 1]])
-    return maps[0], maps[1], shift @ camera.matrix
+    matrix = np.array([[1, 0, -x0], [0, 1, -y0], [0, 0, 1]]) @ camera.matrix
+    lens, size = np.array(camera.distortion or (0.0,) * 4), (int(x1 - x0) + 1, int(y1 - y0) + 1)
+    maps = cv2.initUndistortRectifyMap(camera.matrix, lens, None, matrix, size, cv2.CV_16SC2)
+    return maps[0], maps[1], matrix
 
 
 @compiled

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from wayside.stages.kernels import Array
 from wayside.stages.roadside.images import Singles
@@ -19,6 +21,8 @@ APART_M = 0.5
 """A line nearer to a better one is a part of it: a double line is one."""
 LEAST_PAINTED = 0.2
 """Part of a strip's length that is painted, at least: a strip shows half a dash or more."""
+_SHORTEST = np.ones((1, 5), np.uint8)
+"""Paint over fewer rows in a row is a spot: gravel, leaves, light through a fence."""
 
 
 def painted_lines(strip: Singles) -> Array:
@@ -44,11 +48,12 @@ def painted_lines(strip: Singles) -> Array:
     contrast = mean(-half, half) / np.maximum(beside, 1.0) - 1
     known = np.isfinite(contrast)
     paint = np.where(known, np.maximum(contrast, 0.0), 0.0)
+    long = cv2.morphologyEx((paint > CONTRAST).view(np.uint8), cv2.MORPH_OPEN, _SHORTEST)
     rows = np.maximum(known.sum(axis=1), strip.shape[1] / 2)
-    return _strongest(columns, (paint > CONTRAST).sum(axis=1) / rows, paint.sum(axis=1) / rows)
+    return _strongest(columns, long.sum(axis=1) / rows, (paint * long).sum(axis=1) / rows)
 
 
-def _strongest(columns: Array, painted: Array, strength: Array) -> Array:
+def _strongest(columns: NDArray[np.int64], painted: Array, strength: Array) -> Array:
     """Centres and painted parts of the strongest columns, none near a stronger one, from left to right."""
     reach, left = round(APART_M / COLUMN_M), np.where(painted >= LEAST_PAINTED, strength, 0.0)
     found = []

@@ -103,17 +103,20 @@ def _placed(sweep: Sweep, score: Array, pairs: Array, path: DrivePath) -> _Place
     height = scale * (ground.height - sweep.road_m)
     local = np.stack([0 * height, scale * OFFSETS_M, height], axis=-1) @ turn.T
     offsets = np.where(np.isfinite(height), local[:, 1], scale * OFFSETS_M)
-    lines = _settled(sweep.lines, ground.height - sweep.road_m, turn) * (scale, 1.0)
+    known = np.where(ground.margin >= LEAST_MARGIN, ground.height - sweep.road_m, np.nan)
+    lines = _settled(sweep.lines, known, turn) * (scale, 1.0)
     return _Placed(sweep, level, offsets, local[:, 2], ground, pairs, lines)
 
 
 def _settled(lines: Array, height: Array, turn: Array) -> Array:
     """Offset and painted part (k, 2) of the lines of a sweep, on ground of these heights (offsets,) above the path.
 
-    turn (3, 3): from the axes of the sweep to those of the final path. A ray meets ground farther down farther off.
+    turn (3, 3): from the axes of the sweep to those of the final path. A ray meets ground farther down farther off, so
+    lines on ground of unknown height (nan) are left out.
     """
-    known = np.isfinite(height)
-    if not known.any():
+    nearest = np.abs(lines[:, :1] - OFFSETS_M).argmin(axis=1)
+    lines, known = lines[np.isfinite(height[nearest])], np.isfinite(height)
+    if not len(lines):
         return lines[:, :2]
     above = np.interp(lines[:, 0], OFFSETS_M[known], height[known])
     right = lines[:, 0] * above / lines[:, 2]
