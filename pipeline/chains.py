@@ -32,7 +32,7 @@ from wayside.stages.mapping import Each, assemble, classify_location, track
 from wayside.stages.odometry import estimate_motion, extract_features
 from wayside.stages.panel import PanelMethod
 from wayside.stages.report import classify_trajectory, extract_sift, match_by_descriptors
-from wayside.stages.roadside import RoadsideRecord, profile, sweep_roadside
+from wayside.stages.roadside import RoadsideRecord, place_sections, sweep_roadside
 from wayside.stages.sign_codes import FaceClassifier, assign_codes, classify_faces
 
 Stages = list[Stage[Any, Any]]
@@ -147,7 +147,7 @@ def _swept(record: RoadsideRecord | None) -> Stage[Any, Any] | None:
 
 def profile_stage(path: DrivePath) -> Stage[Any, CrossSection]:
     """After the last frame: from the sweeps of the roadside to the cross-sections on the path."""
-    return stage("profile", profile, path)
+    return stage("profile", place_sections, path)
 
 
 def panel_method(m: Models) -> PanelMethod:

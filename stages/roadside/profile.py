@@ -48,7 +48,7 @@ class _Placed(NamedTuple):
     """Offset, m, and painted part, (k, 2)."""
 
 
-def profile(sweeps: Iterator[Sweep], path: DrivePath) -> Iterator[CrossSection]:
+def place_sections(sweeps: Iterator[Sweep], path: DrivePath) -> Iterator[CrossSection]:
     """The cross-sections of a drive in the order of the route."""
     every = list(sweeps)
     scores, pairs = [one.score for one in every], [one.pairs for one in every]

@@ -33,6 +33,8 @@ ALONG_M = np.arange(-4.0, 4.05, 0.25)
 """Points of a line of a patch, along the road."""
 ACROSS_M = np.linspace(-0.36, 0.36, 5)
 """Lines of a patch, across the road."""
+USUAL_CAMERA_M = 1.6
+"""Height of a camera above the road until the motion tells it; the assumed heights leave room for 0.8 to 3 m."""
 SHORTEST_STEP_M = 4.0
 """Images nearer to the one before are not compared: their parallax is too small."""
 NEAREST_M, FARTHEST_M = 3.0, 36.0
@@ -92,10 +94,9 @@ def _swept(held: deque[GroundImage]) -> Iterator[Sweep]:
     if len(held) < 2:
         return
     before, after = held[-2], held[-1]
-    road_m = after.motion.camera_height_m
+    known = after.motion.camera_height_m
+    road_m = known if np.isfinite(known) else USUAL_CAMERA_M
     first, last = before.motion.station_m, after.motion.station_m
-    if not np.isfinite(road_m):
-        return
     for number in range(int(np.ceil(first / STATION_M)), int(np.ceil(last / STATION_M))):
         station = number * STATION_M
         place = _place(held, (station - first) / (last - first))

@@ -9,7 +9,7 @@ from wayside.schemas.frame import USED, Camera, Frame, Image, Pose
 from wayside.schemas.motion import Motion, PosedDetections
 from wayside.stages.georeference import PathPoint
 from wayside.stages.georeference.path import drive_path
-from wayside.stages.roadside import RoadsideRecord, on_road, profile, sweep_roadside
+from wayside.stages.roadside import RoadsideRecord, on_road, place_sections, sweep_roadside
 from wayside.stages.roadside.breaks import breaks_of
 from wayside.stages.roadside.ground import ground_of
 from wayside.stages.roadside.images import agreement, ground_image
@@ -84,7 +84,7 @@ def sections_of(frames, roll_deg=0.0, world="drive_start"):
     up = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # from the first camera to x ahead, z up
     poses = {p.frame: Pose(up @ p.chained.rotation, up @ p.chained.centre) for p in points}
     path = drive_path(points, world, poses)
-    return list(profile(iter(record.sweeps), path)), path
+    return list(place_sections(iter(record.sweeps), path)), path
 
 
 @pytest.fixture(scope="module")
