@@ -16,6 +16,7 @@ from wayside.pipeline.detectors import detector_of
 from wayside.pipeline.files.route_file import RouteFile
 from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.workers import Stage, stage
+from wayside.schemas.roadside import CrossSection
 from wayside.schemas.settings import Settings
 from wayside.stages.calibration import CalibrationWatch, check_calibration, watch_calibration
 from wayside.stages.georeference import (
@@ -31,7 +32,12 @@ from wayside.stages.mapping import Each, assemble, classify_location, track
 from wayside.stages.odometry import estimate_motion, extract_features
 from wayside.stages.panel import PanelMethod
 from wayside.stages.report import classify_trajectory, extract_sift, match_by_descriptors
-from wayside.stages.roadside import measure_spacing
+from wayside.stages.roadside import (
+    RoadsideRecord,
+    measure_spacing,
+    place_sections,
+    sweep_roadside,
+)
 from wayside.stages.sign_codes import FaceClassifier, assign_codes, classify_faces
 
 Stages = list[Stage[Any, Any]]
@@ -53,6 +59,8 @@ class Chain:
     """After the last frame: what the drive says of its lens."""
     record: DriveRecord
     """Filled by `per_frame`, read by `path` and `signs`."""
+    roadside: RoadsideRecord | None
+    """Filled by `per_frame`, read by `profile_stage`. None: the ground beside the road is not asked for."""
     calibration: CalibrationWatch
     """Filled by `per_frame`, read by `lens`."""
 
@@ -69,6 +77,7 @@ def chain_of(
 def default_chain(s: Settings, m: Models, routes: RouteFile | None, each: Each = map) -> Chain:
     """Preset `default`: boxes of networks or of another detector, tracks by predicted position, all evidence."""
     record, watch, detector = DriveRecord(), CalibrationWatch(), detector_of(s, m)
+    roadside = RoadsideRecord() if s.roadside.on else None
     faces = FaceClassifier(m.face_network.path) if m.face_network else None
     return Chain(
         per_image=[
@@ -79,6 +88,7 @@ def default_chain(s: Settings, m: Models, routes: RouteFile | None, each: Each =
         per_frame=_those(
             stage("motion", estimate_motion, s.motion),
             stage("calibration", watch_calibration, watch).unseen(),
+            _swept(roadside),
             stage(
                 "track",
                 track,
@@ -98,6 +108,7 @@ def default_chain(s: Settings, m: Models, routes: RouteFile | None, each: Each =
         signs=lambda path: _signs(s, m, routes, path, faces.classes if faces else ()),
         lens=stage("lens", check_calibration),
         record=record,
+        roadside=roadside,
         calibration=watch,
     )
 
@@ -105,6 +116,7 @@ def default_chain(s: Settings, m: Models, routes: RouteFile | None, each: Each =
 def report_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
     """Presets `report`, `report-2d` and `report-shape`: one of the gates shape, trajectory and location each."""
     record, watch, moves = DriveRecord(), CalibrationWatch(), m.trajectory_density
+    roadside = RoadsideRecord() if s.roadside.on else None
     return Chain(
         per_image=[
             stage("decode", decode, s.balance),
@@ -115,6 +127,7 @@ def report_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
         per_frame=_those(
             stage("motion", estimate_motion, s.motion),
             stage("calibration", watch_calibration, watch).unseen(),
+            _swept(roadside),
             stage("track", match_by_descriptors, s.track),
             stage("trajectory", classify_trajectory, moves) if moves else None,
             stage("location", classify_location, m.location_classes, s.locate)
@@ -127,8 +140,19 @@ def report_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
         signs=lambda path: _signs(s, m, routes, path),
         lens=stage("lens", check_calibration),
         record=record,
+        roadside=roadside,
         calibration=watch,
     )
+
+
+def _swept(record: RoadsideRecord | None) -> Stage[Any, Any] | None:
+    """Notes what the images say of the ground beside the road."""
+    return None if record is None else stage("roadside", sweep_roadside, record).unseen()
+
+
+def profile_stage(path: DrivePath) -> Stage[Any, CrossSection]:
+    """After the last frame: from the sweeps of the roadside to the cross-sections on the path."""
+    return stage("profile", place_sections, path)
 
 
 def panel_method(m: Models) -> PanelMethod:

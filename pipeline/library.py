@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 PathLike = str | os.PathLike[str]
 _PARTS = ("signs", "observations", "frames", "about")
+_ROADSIDE = ("profile", "sections")
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +99,18 @@ class Inventory:
         return frames
 
     @property
+    def profile(self) -> pa.Table:
+        """The ground across the road, the columns of `profile.parquet`; with the setting `roadside.on` only."""
+        profile: pa.Table = self._part("profile")
+        return profile
+
+    @property
+    def sections(self) -> pa.Table:
+        """Lines, edges and slopes by station and side, the columns of `sections.parquet`; as `profile`."""
+        sections: pa.Table = self._part("sections")
+        return sections
+
+    @property
     def about(self) -> dict[str, Any]:
         """The content of `run.json`: versions, settings, notes, what was lost. Raises as `finish` does."""
         about: dict[str, Any] = self._part("about")
@@ -105,7 +118,9 @@ class Inventory:
 
     def _part(self, name: str) -> Any:
         self.finish()
-        if name not in self._read and self._folder is not None:
+        if name not in self._read:
+            if self._folder is None:
+                raise UsageError(f"the run has no {name}: give the setting roadside.on=True")
             self._read[name] = _read(self._folder, name)
         return self._read[name]
 
@@ -115,7 +130,8 @@ class Inventory:
         """Process in a scratch folder that goes with the last frame, when its tables are in memory."""
         with TemporaryDirectory(prefix="wayside-") as scratch:
             yield from process(Path(scratch))
-            self._read = {name: _read(Path(scratch), name) for name in _PARTS}
+            more = (name for name in _ROADSIDE if (Path(scratch) / f"{name}.parquet").exists())
+            self._read = {name: _read(Path(scratch), name) for name in (*_PARTS, *more)}
 
 
 def run(  # noqa: PLR0913 - one for each option

@@ -1,4 +1,4 @@
-"""The three tables of a result, and that of its checks: every column with its type, unit and meaning.
+"""The tables of a result, and that of its checks: every column with its type, unit and meaning.
 
 Columns are never renamed; new ones may be added, which raises no version. Null means unknown, never 0. Units and words
 also travel in the field metadata of the files, so that a table explains itself (`pyarrow.parquet.read_schema`).
@@ -15,6 +15,7 @@ import pyarrow as pa
 from wayside.schemas.detections import COLORS, SHAPES, SOURCES, VERDICTS
 from wayside.schemas.frame import FRAME_STATUSES
 from wayside.schemas.landmarks import EVIDENCE_TERMS
+from wayside.schemas.roadside import GROUND_STATUSES, SIDES
 from wayside.schemas.routes import MEASURE_UNITS
 
 SCHEMA_VERSION = 1
@@ -267,4 +268,46 @@ CHECKS = Table(
     ),
 )  # fmt: skip
 
-TABLES = (SIGNS, OBSERVATIONS, FRAMES)
+PROFILE = Table(
+    "profile",
+    "Only with `--roadside`. One row per station and offset: the ground across the road every 8 m of the route.",
+    (
+        Column("station_m", _DOUBLE, "m", "along the travelled path from the first used frame", _SURE),
+        Column("offset_m", _DOUBLE, "m", "to the right of the path, positive", _SURE),
+        Column("height_m", _DOUBLE, "m", "height of the ground above the road under the camera; null: `unseen`"),
+        Column("sigma_m", _SINGLE, "m", "standard deviation of the height; without poses in the log it holds a roll "
+               "of the camera of 0.5 degrees"),
+        Column("count", _WHOLE, "pairs", "pairs of images that show the strip", _SURE),
+        Column("status", _CHOICE, "", "; ".join(f"`{name}`: {words}" for name, words in GROUND_STATUSES.items()), _SURE,
+               tuple(GROUND_STATUSES)),
+        Column("frame", _WHOLE, "", "last used frame before the station", _SURE),
+        Column("x", _DOUBLE, "m", "point on the ground in the world frame"),
+        Column("y", _DOUBLE, "m", "point on the ground in the world frame"),
+        Column("z", _DOUBLE, "m", "point on the ground in the world frame"),
+        Column("lon_deg", _DOUBLE, "deg", "WGS 84 longitude and latitude; null without fixes"),
+        Column("lat_deg", _DOUBLE, "deg", "WGS 84 longitude and latitude; null without fixes"),
+        Column("alt_m", _DOUBLE, "m", "height above the WGS 84 ellipsoid; null without fixes"),
+    ),
+)  # fmt: skip
+
+SECTIONS = Table(
+    "sections",
+    "Only with `--roadside`. One row per station and side: lines, edges and slopes. Distances are from the path, "
+    "outwards.",
+    (
+        Column("station_m", _DOUBLE, "m", "along the travelled path from the first used frame", _SURE),
+        Column("side", _CHOICE, "", "of the path, in the direction of travel", _SURE, SIDES),
+        Column("lane_width_m", _SINGLE, "m", "between the nearest painted lines of both sides, middle to middle"),
+        Column("line_m", _SINGLE, "m", "distance of the nearest painted line"),
+        Column("edge_m", _SINGLE, "m", "distance of the edge of the travelled way: outermost solid line within 8 m"),
+        Column("shoulder_m", _SINGLE, "m", "distance of the first break of the ground: the outer edge of the shoulder"),
+        Column("ditch_m", _SINGLE, "m", "distance of the second break: the bottom of the ditch, or the top of a bank"),
+        Column("ditch_height_m", _SINGLE, "m", "height there, above the road"),
+        Column("fore_slope", _SINGLE, "", "ground before and beyond the ditch, rise over run: -0.25 falls 1:4"),
+        Column("back_slope", _SINGLE, "", "ground before and beyond the ditch, rise over run: -0.25 falls 1:4"),
+    ),
+)  # fmt: skip
+
+ROADSIDE = (PROFILE, SECTIONS)
+"""Of a run with `roadside.on`."""
+TABLES = (SIGNS, OBSERVATIONS, FRAMES, *ROADSIDE)

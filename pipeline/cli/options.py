@@ -170,6 +170,12 @@ SHARED = {
         "False-alarm rate of every gate, instead of the thresholds of the models.",
         "models.alpha",
     ),
+    "roadside": flag(
+        "--roadside",
+        "Also measure the ground beside the road: profile.parquet and sections.parquet.",
+        "roadside.on",
+        panel=ROUTE,
+    ),
     "route": Option(str, 'Route of the drive: "US-36 EB".', "route.name", metavar="NAME"),
     "milepost": Option(
         str, "Measure at the first used image: 12.35 (miles), 19.875km.", panel=ROUTE

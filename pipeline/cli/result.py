@@ -45,10 +45,11 @@ class Units(StrEnum):
 
 
 class InventoryTable(StrEnum):
-    """Of an inventory."""
+    """Of an inventory, and `profile` of a drive."""
 
     panels = "panels"
     supports = "supports"
+    profile = "profile"
 
 
 @app.command(
@@ -212,7 +213,10 @@ HOW_TO_EXPORT = {
         names=("-o", "--out"),
     ),
     "kind": Option(Format, "Default: by the end of the name.", names=("-f", "--format")),
-    "table": Option(InventoryTable, "Of an inventory: what has a row each.  [default: panels]"),
+    "table": Option(
+        InventoryTable,
+        "Of an inventory panels or supports; of a drive profile.  [default: panels; signs]",
+    ),
     "units": Option(
         Units, "`us`: distances in feet, sizes of signs in inches.", default=Units.metric
     ),
@@ -254,7 +258,7 @@ def export(
 
     chosen = _format_of(given["file"], given["kind"])
     inventory, review, table = is_inventory(out), given["review"], given["table"]
-    name = (table or InventoryTable.panels) if inventory else "signs"
+    name = table or ("panels" if inventory else "signs")
     target = given["file"] or out / f"{name}.{chosen}"
     if inventory and review is not None:
         raise UsageError(

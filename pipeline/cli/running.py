@@ -89,7 +89,7 @@ class RunOptions:
 @takes(
     *("spacing", "camera", "calibration", "start", "until", "every", "workers", "memory"),
     *("preset", "settings", "assignments", *_DETECTORS, "alpha"),
-    *("route", "milepost", "decreasing", "routes", "view", *_SHOWN),
+    *("roadside", "route", "milepost", "decreasing", "routes", "view", *_SHOWN),
 )
 def run(
     logs: Annotated[

@@ -20,6 +20,7 @@ from wayside.pipeline.exporting.place import PlacedRows
 from wayside.pipeline.exporting.table import (
     GEOMETRY,
     INVENTORY_TABLES,
+    drive_profile,
     drive_signs,
     inventory_rows,
     is_inventory,
@@ -28,6 +29,7 @@ from wayside.pipeline.files.parsing import guarded
 from wayside.pipeline.files.writing import is_stream, refuse, whole_file
 from wayside.pipeline.reviewing.review import Review
 from wayside.schemas.errors import UsageError
+from wayside.schemas.tables import PROFILE
 
 FORMATS = {
     "csv": "table of text",
@@ -75,7 +77,7 @@ def export(  # noqa: PLR0913 - one for each option
     file, kind
         Where it goes, and a key of `FORMATS`. A Shapefile is several files of one stem.
     table
-        Of an inventory: one of `INVENTORY_TABLES`; None: the panels.
+        Of an inventory: one of `INVENTORY_TABLES`; None: the panels. Of a drive: `profile`; None: the signs.
     units
         `metric` as measured, or `us`: feet and inches.
     crs
@@ -104,7 +106,7 @@ def export(  # noqa: PLR0913 - one for each option
     if inventory:
         source = inventory_rows(out, table or next(iter(INVENTORY_TABLES)))
     else:
-        source = drive_signs(out, review)
+        source = drive_signs(out, review) if table is None else drive_profile(out)
     if kind in _ALWAYS_WGS_84 and source.world is not None:
         raise UsageError(
             f"{out}: {FORMATS[kind]} needs longitude and latitude, but the log has no satellite fixes. Export CSV, "
@@ -136,10 +138,11 @@ def _require_fitting(
         raise UsageError(
             "--units us: the schemas of mcap are in metres. Leave --units out, or choose another format."
         )
-    if table is not None and not inventory:
+    known = (*INVENTORY_TABLES,) if inventory else (PROFILE.name,)
+    if table is not None and (table not in known or kind == "mcap"):
         raise UsageError(
-            f"--table {table}: only an inventory of `wayside fleet` has tables to choose from, but {out} is the "
-            "result of one drive. Leave --table out."
+            f"--table {table}: {out} is {'an inventory' if inventory else 'the result of one drive'}, of which "
+            f"{' and '.join(known)} can be chosen, in all formats but mcap. Leave --table out."
         )
     if kind == "mcap" and inventory:
         raise UsageError(

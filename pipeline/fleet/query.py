@@ -18,7 +18,7 @@ from wayside.pipeline.fleet.folders import CELL, merged_parts, open_inventory
 from wayside.pipeline.fleet.manifest import DRIVES, Manifest
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.inventory_tables import CHANGES
-from wayside.schemas.tables import CHECKS, TABLES
+from wayside.schemas.tables import CHECKS, ROADSIDE, TABLES
 
 try:
     import duckdb
@@ -34,6 +34,7 @@ VIEWS = (*MERGED_VIEWS, *DRIVE_VIEWS, LOGS_VIEW)
 _WRITTEN_BY = {
     CHANGES.name: "`wayside changes` compares surveys and writes them",
     CHECKS.name: "`wayside check` compares signs with rules and writes them",
+    **{table.name: "no drive was run with the setting `roadside.on`" for table in ROADSIDE},
 }
 FORMATS = {"csv": "csv, header", "json": "json, array true", "parquet": "parquet"}
 """What an answer is written as, and how DuckDB calls it."""
@@ -52,10 +53,10 @@ def first_rows(inventory: Path, sql: str, count: int) -> tuple[list[str], list[l
 def write_answer(inventory: Path, sql: str, stream: BinaryIO, kind: str) -> None:
     """Write the answer to one question, an SQL statement that reads, as one of `FORMATS`.
 
-    Views of the merged inventory: `panels`, `supports`, `sightings` and `changes`. Views of its drives: `signs`,
-    `frames`, `observations` and `checks`, with the name of the drive in the column `drive`. `logs` is the entry of
-    each log in `fleet.json`. Nothing is changed, and nothing is fetched from elsewhere. Raises UsageError where the
-    statement cannot be answered, and InputError where the folder is no inventory, or lacks what is asked for.
+    Views of the merged inventory: `panels`, `supports`, `sightings` and `changes`. Views of its drives: their tables
+    and `checks`, with the name of the drive in the column `drive`. `logs` is the entry of each log in `fleet.json`.
+    Nothing is changed, and nothing is fetched from elsewhere. Raises UsageError where the statement cannot be answered,
+    and InputError where the folder is no inventory, or lacks what is asked for.
     """
     with _prepared(inventory, sql) as (connection, question), TemporaryDirectory() as scratch:
         file = Path(scratch) / "answer"

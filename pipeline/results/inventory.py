@@ -1,4 +1,4 @@
-"""Writes the three tables of a result, in memory that grows with the signs and not with the images."""
+"""Writes the tables of a result, in memory that grows with the signs and not with the images."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import struct
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +27,10 @@ from wayside.pipeline.files.writing import create, not_written
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.frame import DUPLICATE, USED, Camera
 from wayside.schemas.landmarks import EVIDENCE_TERMS, TrackedFrame
+from wayside.schemas.roadside import SIDES, CrossSection
 from wayside.schemas.sign_catalogue import US, VIENNA
 from wayside.schemas.signs import Sign
-from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS, Table
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, PROFILE, SECTIONS, SIGNS, Table
 from wayside.stages.georeference import DrivePath
 
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
@@ -172,6 +173,32 @@ def _on_globe(sign: Sign) -> dict[str, Any]:
     return values | {"geometry": struct.pack("<BIddd", 1, 1001, *place)}
 
 
+def roadside_rows(
+    sections: Sequence[CrossSection], path: DrivePath
+) -> dict[Table, list[dict[str, Any]]]:
+    """The rows of `profile.parquet` and `sections.parquet`."""
+    rows: dict[Table, list[dict[str, Any]]] = {PROFILE: [], SECTIONS: []}
+    for one in sections:
+        at: dict[str, Any] = {"station_m": one.station_m}
+        globe = np.full((len(one.points), 3), np.nan)
+        if path.globe is not None:
+            local = path.poses[one.frame].to_camera(one.points)
+            globe = path.globe.origin.geodetic(path.globe.pose(one.frame).to_world(local))
+        columns = (one.height_m, one.sigma_m, *one.points.T, *globe.T)
+        names = ("height_m", "sigma_m", "x", "y", "z", "lon_deg", "lat_deg", "alt_m")
+        for offset, count, status, *values in zip(
+            one.offset_m.tolist(), one.pairs.tolist(), one.status, *columns, strict=True
+        ):
+            measured = dict(zip(names, map(finite, values), strict=True))
+            strip = {"offset_m": offset, "count": count, "status": status, "frame": one.frame}
+            rows[PROFILE].append(at | strip | measured)
+        width = finite(one.lane_width_m)
+        for side, found in zip(SIDES, one.sides, strict=True):
+            known = {name: finite(value) for name, value in asdict(found).items()}
+            rows[SECTIONS].append(at | known | {"side": side, "lane_width_m": width})
+    return rows
+
+
 @dataclass(frozen=True, slots=True)
 class WrittenTables:
     """What was written."""
@@ -188,6 +215,8 @@ class WrittenTables:
     """Number of regions, by verdict."""
     camera: Camera | None = None
     """Calibration of the first used image."""
+    sections: tuple[CrossSection, ...] | None = None
+    """Of the road. None: not asked for."""
 
     @property
     def us_probability(self) -> float | None:
@@ -237,14 +266,22 @@ class InventoryWriter:
             except OSError as error:
                 raise not_written(self._folder, error) from error
 
-    def finish(self, path: DrivePath, signs: Sequence[Sign]) -> WrittenTables:
-        """Write the tables."""
+    def finish(
+        self,
+        path: DrivePath,
+        signs: Sequence[Sign],
+        sections: Sequence[CrossSection] | None = None,
+    ) -> WrittenTables:
+        """Write the tables; those of the roadside where there are cross-sections."""
         try:
             self._stream.close()
             self._scratch.close()
             self._write_signs(signs, path)
             self._write_frames(path)
             self._write_observations(signs)
+            roadside = {} if sections is None else roadside_rows(sections, path)
+            for table, found in roadside.items():
+                self._write(table, {name: [r[name] for r in found] for name in table.schema.names})
         except OSError as error:
             raise not_written(self._folder, error) from error
         finally:
@@ -253,9 +290,16 @@ class InventoryWriter:
             SIGNS.file: len(signs),
             OBSERVATIONS.file: self._observation_count,
             FRAMES.file: len(self._frames["frame"]),
+            **{table.file: len(found) for table, found in roadside.items()},
         }
         return WrittenTables(
-            self._log, tuple(signs), path, rows, dict(sorted(self._verdicts.items())), self._camera
+            self._log,
+            tuple(signs),
+            path,
+            rows,
+            dict(sorted(self._verdicts.items())),
+            self._camera,
+            None if sections is None else tuple(sections),
         )
 
     def discard(self) -> None:

@@ -22,7 +22,7 @@ from wayside.pipeline.files.writing import not_written
 from wayside.pipeline.reading.parts import bag_parts, is_bag
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.settings import ReadSettings
-from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS, Table
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, ROADSIDE, SIGNS, Table
 
 RUN_FILE = "run.json"
 TABLES = (SIGNS.file, OBSERVATIONS.file, FRAMES.file)
@@ -219,7 +219,8 @@ def check_earlier(folder: Path, log: Path, *, overwrite: bool = False) -> Earlie
 
     Raises OutputError where a result of another log stands there, or files that no run of wayside has left there.
     """
-    standing = [name for name in (*TABLES, RUN_FILE) if _is_there(folder, name)]
+    tables = (*TABLES, *(table.file for table in ROADSIDE))
+    standing = [name for name in (*tables, RUN_FILE) if _is_there(folder, name)]
     run = _read_run(folder)
     found = EarlierResult(folder, run is not None and run.get("recording") is not None, overwrite)
     if overwrite or not standing:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from wayside.pipeline.chains import Chain, chain_of
+from wayside.pipeline.chains import Chain, chain_of, profile_stage
 from wayside.pipeline.files.route_file import RouteFile
 from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.running.image_memory import ImageMemory
@@ -16,10 +16,12 @@ from wayside.pipeline.workers import Item, Stage, StageClock, Workers
 from wayside.schemas.detections import Detections
 from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import TrackedFrame
+from wayside.schemas.roadside import CrossSection
 from wayside.schemas.settings import Settings
 from wayside.schemas.signs import Sign
 from wayside.stages.calibration import LensCheck
 from wayside.stages.georeference import DrivePath
+from wayside.stages.roadside import on_road
 
 
 class Observer(Protocol):
@@ -46,6 +48,8 @@ class Drive:
     """In the order of their numbers."""
     lens: LensCheck
     """What the drive says of its lens."""
+    sections: tuple[CrossSection, ...] | None = None
+    """Of the road, in the order of the route. None: not asked for."""
 
 
 @dataclass(slots=True)
@@ -88,9 +92,13 @@ class Flow:
         """After the last frame: the path of the whole drive, the signs on it, and what it says of its lens."""
         own = self.chain
         (path,) = self._of_drive([own.path], iter(own.record.points))
+        sections = None
+        if own.roadside is not None:
+            sections = tuple(self._of_drive([profile_stage(path)], iter(own.roadside.sweeps)))
+            path = on_road(path, sections)
         signs = tuple(self._of_drive(own.signs(path), iter(own.record.landmarks)))
         (lens,) = self._of_drive([own.lens], iter([own.calibration]))
-        return Drive(path, signs, lens)
+        return Drive(path, signs, lens, sections)
 
     def _counted(self, found: Iterator[Detections]) -> Iterator[Detections]:
         for item in found:

@@ -52,6 +52,7 @@ from wayside.schemas.frame import (
 )
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
+from wayside.schemas.tables import ROADSIDE
 from wayside.stages.calibration import LensCheck
 from wayside.stages.classifiers import providers
 from wayside.stages.mapping import WINDOW_STEP
@@ -196,7 +197,8 @@ def process_log(asked: RunRequest, run: Run) -> Iterator[TrackedFrame]:
             ended.callback(journal.close)
         result = yield from _Task(asked, run, output.part, earlier, journal).process()
         _write_run(result, asked, output.part)
-        output.commit([RECORDING] if earlier.recorded and not result.recorded else [])
+        drop = [table.file for table in ROADSIDE] if result.inventory.sections is None else []
+        output.commit([*drop, RECORDING] if earlier.recorded and not result.recorded else drop)
         run.result = result
         remove_journal(folder)
 
@@ -245,7 +247,7 @@ class _Task:
                 accounting.require_known()
             drive = flow.finish()
             self.run.report.notes += self._notes(drive)
-            inventory = writer.finish(drive.path, drive.signs)
+            inventory = writer.finish(drive.path, drive.signs, drive.sections)
         except BaseException:
             writer.discard()
             if observer is not None:

@@ -45,6 +45,7 @@ GATE_NAMES = {
 MARK = rr.Radius.ui_points(6)
 """Of a landmark in space: on the screen the same from any distance, where a panel of 0.7 m is a few pixels."""
 LEAST_HALF_AXIS_M = 0.02
+GROUND_INK = (150, 110, 60)
 
 
 def opening(location: GaussianModel) -> Batch:
@@ -81,6 +82,7 @@ def closing(
 ) -> Iterator[Batch]:
     """What is known at the end of the drive only: the table, the map, and sign by sign."""
     yield Batch(None, tuple(_table_and_map(inventory)))
+    yield Batch(None, tuple(_ground(inventory, state)))
     if inventory.signs and times:
         yield from _names(inventory, times)
     for row, sign in zip(inventory.sign_rows, inventory.signs, strict=True):
@@ -110,6 +112,26 @@ def _table_and_map(inventory: WrittenTables) -> Iterator[Entity]:
         inks = [landmark_color(landmark) for landmark in landmarks]
         points = rr.GeoPoints(lat_lon=places, colors=inks, radii=MARK)
         yield entity(f"{at.MAP}/signs", points)
+
+
+def _ground(inventory: WrittenTables, state: ViewState) -> Iterator[Entity]:
+    """The cross-sections of the road: the measured ground, and in grey what plants or rails hide."""
+    strips: list[Any] = []
+    marks: list[Any] = []
+    for one in inventory.sections or ():
+        if one.frame not in state.poses:
+            continue
+        local = inventory.path.poses[one.frame].to_camera(one.points)
+        points, status = state.poses[one.frame][0].to_world(local), np.array(one.status)
+        marks.append(points[status == "hidden"])
+        runs = np.split(np.arange(len(points)), np.flatnonzero(status != "ground"))
+        strips += [points[run[status[run] == "ground"]] for run in runs]
+    if not marks:
+        return
+    shown = [strip for strip in strips if len(strip) > 1]
+    yield entity(f"{at.GROUND}/measured", rr.LineStrips3D(shown, colors=[GROUND_INK], radii=THIN))
+    hidden = rr.Points3D(np.concatenate(marks), colors=[GREY], radii=THIN)
+    yield entity(f"{at.GROUND}/hidden", hidden)
 
 
 def _names(inventory: WrittenTables, times: Mapping[int, Times]) -> Iterator[Batch]:

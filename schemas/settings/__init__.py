@@ -19,6 +19,7 @@ from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.report import ReportSettings
+from wayside.schemas.settings.roadside import RoadsideSettings
 from wayside.schemas.settings.route import RouteSettings
 from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
 
@@ -38,6 +39,7 @@ __all__ = [
     "MotionSettings",
     "ReadSettings",
     "ReportSettings",
+    "RoadsideSettings",
     "RouteSettings",
     "RunSettings",
     "SegmentSettings",
@@ -61,6 +63,7 @@ class Settings:
     motion: MotionSettings = dataclasses.field(default_factory=MotionSettings)
     track: TrackSettings = dataclasses.field(default_factory=TrackSettings)
     locate: LocateSettings = dataclasses.field(default_factory=LocateSettings)
+    roadside: RoadsideSettings = dataclasses.field(default_factory=RoadsideSettings)
     route: RouteSettings = dataclasses.field(default_factory=RouteSettings)
     codes: CodeSettings = dataclasses.field(default_factory=CodeSettings)
     models: ModelSettings = dataclasses.field(default_factory=ModelSettings)

@@ -5,7 +5,7 @@ from wayside.stages.georeference.georeferencing import georeference
 from wayside.stages.georeference.linear_reference import ROUTE_REACH_M, measure_along_route
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
 from wayside.stages.georeference.path import DrivePath, DriveRecord, PathPoint, StepScale, collect
-from wayside.stages.georeference.placement import place_signs
+from wayside.stages.georeference.placement import place_signs, scale_near
 from wayside.stages.georeference.trajectory import smooth
 
 __all__ = [
@@ -21,5 +21,6 @@ __all__ = [
     "georeference",
     "measure_along_route",
     "place_signs",
+    "scale_near",
     "smooth",
 ]

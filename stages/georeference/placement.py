@@ -38,7 +38,7 @@ def place_signs(
 def _sign(
     landmark: Landmark, number: int, assembly: int, path: DrivePath, confidence: float
 ) -> Sign:
-    scale = _scale(landmark, path)
+    scale = scale_near(path, landmark.best_frame)
     position = scale.factor * landmark.position
     covariance = _scaled_covariance(landmark, scale)
     pose = path.poses[landmark.best_frame]
@@ -89,10 +89,10 @@ def _on_globe(
     return GlobePosition(longitude, latitude, altitude, (east, north, up))
 
 
-def _scale(landmark: Landmark, path: DrivePath) -> StepScale:
-    """Scale of the steps up to the best frame: the landmark is measured against these."""
+def scale_near(path: DrivePath, frame: int) -> StepScale:
+    """Scale of the steps up to a frame: what is near its camera is measured against these."""
     frames = sorted(path.poses)
-    at = bisect_right(frames, landmark.best_frame)
+    at = bisect_right(frames, frame)
     near = frames[max(0, at - SCALE_STEPS) : at]
     return mean_scale([path.scales[f] for f in near if f in path.scales])
 

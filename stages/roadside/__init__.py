@@ -1,5 +1,7 @@
-"""What the road and its signs are like together: how far signs of one type stand apart, and how the road curves."""
+"""What is beside the road: the ground and the painted lines, swept while the images are held; the spacing of signs."""
 
+from wayside.stages.roadside.profile import on_road, place_sections
 from wayside.stages.roadside.spacing import measure_spacing
+from wayside.stages.roadside.sweep import RoadsideRecord, sweep_roadside
 
-__all__ = ["measure_spacing"]
+__all__ = ["RoadsideRecord", "measure_spacing", "on_road", "place_sections", "sweep_roadside"]

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import json
 import os
 import re
 import subprocess
@@ -9,6 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
@@ -72,6 +74,32 @@ def test_without_a_folder_nothing_stays_on_disk(tmp_path, monkeypatch):
     assert inventory.about["settings"]["read"]["until_s"] == SHORT["read.until_s"]
     assert os.listdir(tmp_path) == ["scratch"]
     assert os.listdir(scratch) == []
+
+
+def test_the_roadside_is_measured_only_where_it_is_asked_for(tmp_path, command):
+    road = json.loads(DEMO.with_suffix(".truth.json").read_text())["road"]
+    lane = road["travel_offset_m"]
+    chosen = {"roadside.on": True, "read.until_s": 4.5}
+    inventory = wayside.run(DEMO, settings=chosen, out=tmp_path).finish()
+    profile = inventory.profile.to_pylist()
+    assert wayside.open_inventory(tmp_path).sections.num_rows == 2 * len(profile) / 25
+    assert inventory.about["files"]["profile.parquet"]["rows"] == len(profile)
+    beside = []
+    for row in profile:
+        truth = np.interp([lane + row["offset_m"], lane], *np.transpose(road["cross_section"]))
+        if row["status"] == "ground":
+            beside.append(row["height_m"] - (truth[0] - truth[1]))
+    assert len(beside) > 0.4 * len(profile)
+    assert np.median(np.abs(beside)) < 0.05
+    edges = [row["edge_m"] for row in inventory.sections.to_pylist() if row["side"] == "right"]
+    assert np.nanmedian(np.array(edges, float)) == pytest.approx(3.5 - lane, abs=0.15)
+    done = command("export", tmp_path, "--table", "profile", "-o", tmp_path / "ground.csv")
+    assert f"{len(profile)} rows" in done.stdout, done.stderr
+    plain = wayside.run(DEMO, settings={"read.until_s": 4.5}, out=tmp_path)
+    assert plain.finish().about["files"].keys() == {t.file for t in (SIGNS, OBSERVATIONS, FRAMES)}
+    assert not (tmp_path / "profile.parquet").exists()  # of the run before
+    with pytest.raises(InputError, match="profile"):
+        plain.profile  # noqa: B018
 
 
 def test_a_log_that_is_not_there_is_told_at_every_access(tmp_path):

@@ -59,11 +59,13 @@ from wayside.schemas.frame import Camera, Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.schemas.motion import Motion
+from wayside.schemas.roadside import CrossSection
 from wayside.schemas.settings import ReadSettings
 from wayside.schemas.signs import Sign
 from wayside.stages.geometry import iou_matrix
 from wayside.stages.georeference import DrivePath
 from wayside.stages.georeference.path import PathPoint
+from wayside.stages.roadside.sweep import Sweep
 
 from ...made_landmarks import made_landmark
 from ..results import sign_row
@@ -74,7 +76,7 @@ START_BYTES = 2_600_000
 """Length of the start of the demo log that holds so many frames."""
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
 TWO_FRAMES_S, SHAPES_AND_SIFT = 0.4, "report-shape"
-AFTER_THE_DRIVE = {PathPoint, DrivePath, Landmark, Sign}
+AFTER_THE_DRIVE = {PathPoint, DrivePath, Landmark, Sign, Sweep, CrossSection}
 """Shown all at once, by `closing`."""
 CAMERA = "/world/vehicle/camera"
 LAYERS = ("image", "keypoints", "matches", "tracks", "signs", "candidates/score", "candidates/sign")
@@ -86,9 +88,9 @@ EVERY_FRAME = (
 TIMELINES = {"frame", "capture_time", "station_cm", "message_log_time"}
 
 
-def run(folder, viewing=None, workers=2, until_s=None, preset="default", log=DEMO):
+def run(folder, viewing=None, workers=2, until_s=None, preset="default", log=DEMO, **more):
     rr.set_strict_mode(True)
-    options = {"run.workers": workers}
+    options = {"run.workers": workers} | more
     options |= {} if until_s is None else {"read.until_s": until_s}
     settings, _ = load_settings(preset, options=options)
     models = load_models(settings)
@@ -106,7 +108,7 @@ def recorded(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recorded")
     log = folder / "start.mcap"
     log.write_bytes(DEMO.read_bytes()[:START_BYTES])
-    return run(folder / "out", Viewing(file=True, detail=True), 1, log=log)
+    return run(folder / "out", Viewing(file=True, detail=True), 1, log=log, **{"roadside.on": True})
 
 
 def chunks_of(result):

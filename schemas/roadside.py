@@ -1,0 +1,68 @@
+"""The ground and the lines across the road, at stations along the route."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+GROUND_STATUSES = {
+    "ground": "measured",
+    "hidden": "the images do not agree on a height: plants, a rail or a vehicle before it, or nothing to compare",
+    "unseen": "no two images show it",
+}
+"""What is known of the ground at one offset."""
+SIDES = ("left", "right")
+"""Of the path, in the direction of travel."""
+
+
+@dataclass(frozen=True, slots=True)
+class Roadside:
+    """One side of the road abreast of a station. Offsets are metres from the path, outwards; nan: not found."""
+
+    line_m: float
+    """Of the nearest painted line."""
+    edge_m: float
+    """Of the edge of the travelled way: the outermost solid line."""
+    shoulder_m: float
+    """Of the break where the ground begins to fall or rise faster: the outer edge of the shoulder."""
+    ditch_m: float
+    """Of the bottom of the ditch, or the foot of a bank."""
+    ditch_height_m: float
+    """Height of the ground there, above the road."""
+    fore_slope: float
+    """Of the ground from the shoulder to the ditch, rise over run; below 0 it falls away from the road."""
+    back_slope: float
+    """Of the ground beyond the ditch."""
+
+
+@dataclass(frozen=True, slots=True)
+class CrossSection:
+    """The ground across the road abreast of a station, n offsets, from left to right."""
+
+    station_m: float
+    """Along the travelled path."""
+    frame: int
+    """Last used frame before it."""
+    camera_m: float
+    """Height of the camera above the road, the same all the drive. nan: unknown."""
+    offset_m: NDArray[np.float64]
+    """To the right of the path, (n,)."""
+    height_m: NDArray[np.float64]
+    """Above the road below the camera, (n,). nan: unseen."""
+    sigma_m: NDArray[np.float64]
+    """Standard deviation of the height, (n,)."""
+    pairs: NDArray[np.int64]
+    """Pairs of images that were compared, (n,)."""
+    status: tuple[str, ...]
+    """A key of `GROUND_STATUSES` each."""
+    points: NDArray[np.float64] = field(repr=False)
+    """In the world frame, (n, 3), metres."""
+    sides: tuple[Roadside, Roadside]
+    """Left and right."""
+
+    @property
+    def lane_width_m(self) -> float:
+        """Between the nearest lines of both sides. nan: one is not seen."""
+        return self.sides[0].line_m + self.sides[1].line_m

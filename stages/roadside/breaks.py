@@ -1,0 +1,77 @@
+"""Where the ground beside a road changes its slope: edge of the shoulder, ditch, and the slopes between."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from wayside.stages.kernels import Array
+
+_STEP_M = 0.25
+_SHOULDERS_M = np.arange(2.0, 10.0, _STEP_M)
+"""Where the first break may lie."""
+_LEAST_APART_M = 1.5
+"""Between both breaks: a slope needs two strips."""
+_LEAST_GAIN = 16.0
+"""Fall of chi-square that a break must bring: 4 standard deviations."""
+_LEAST_CHANGE = 0.06
+"""Change of slope at a break, at least."""
+
+
+class Breaks(NamedTuple):
+    """Distances from the path outwards, m, height above the path's road, m, and slopes, rise over run; nan: none."""
+
+    shoulder: float = np.nan
+    ditch: float = np.nan
+    ditch_height: float = np.nan
+    fore_slope: float = np.nan
+    back_slope: float = np.nan
+
+
+def breaks_of(distance: Array, height: Array, sigma: Array) -> Breaks:
+    """The breaks of the ground on one side, by a polyline of up to three pieces.
+
+    distance, height and sigma (n,), metres; heights that are nan are left out.
+    """
+    known = np.isfinite(height)
+    far = distance[known].max(initial=0.0)
+    if known.sum() < 6 or far < _SHOULDERS_M[0] + 2 * _LEAST_APART_M:
+        return Breaks()
+    at, value, weight = distance[known], height[known], 1 / sigma[known]
+    first = _SHOULDERS_M[_SHOULDERS_M < far - _LEAST_APART_M]
+    plain, _ = _fitted(at, value, weight, np.zeros((1, 0)))
+    one, of_one = _fitted(at, value, weight, first[:, None])
+    if plain[0] - one.min() < _LEAST_GAIN:
+        return Breaks()
+    pairs = np.array(
+        [
+            (a, b)
+            for a in first
+            for b in np.arange(a + _LEAST_APART_M, far - _LEAST_APART_M + 0.01, _STEP_M)
+        ]
+    ).reshape(-1, 2)
+    two, of_two = _fitted(at, value, weight, pairs) if len(pairs) else (np.array([np.inf]), one)
+    if one.min() - two.min() < _LEAST_GAIN:
+        best = int(one.argmin())
+        shoulder, fit = float(first[best]), of_one[best]
+        if abs(fit[2]) < _LEAST_CHANGE:
+            return Breaks()
+        return Breaks(shoulder, fore_slope=float(fit[1] + fit[2]))
+    best = int(two.argmin())
+    (shoulder, ditch), fit = pairs[best].tolist(), of_two[best]
+    slope = np.cumsum(fit[1:])
+    bottom = float(fit[0] + fit[1] * ditch + fit[2] * (ditch - shoulder))
+    return Breaks(shoulder, ditch, bottom, float(slope[1]), float(slope[2]))
+
+
+def _fitted(at: Array, value: Array, weight: Array, breaks: Array) -> tuple[Array, Array]:
+    """Chi-square (k,) and coefficients (k, 2 + b) of polylines with b breaks each, (k, b): height, slope, changes."""
+    hinges = np.maximum(at[None, :, None] - breaks[:, None, :], 0.0)
+    straight = np.broadcast_to(np.stack([np.ones_like(at), at], axis=-1), (len(breaks), len(at), 2))
+    design = np.concatenate([straight, hinges], axis=-1) * weight[:, None]
+    target = value * weight
+    normal = np.swapaxes(design, 1, 2) @ design + 1e-9 * np.eye(design.shape[-1])
+    found = np.linalg.solve(normal, np.swapaxes(design, 1, 2) @ target[:, None])[..., 0]
+    left = target - (design @ found[..., None])[..., 0]
+    return np.asarray((left**2).sum(axis=1), np.float64), np.asarray(found, np.float64)

@@ -1,0 +1,173 @@
+"""After the last frame: the cross-sections of the road, from the sweeps and the path of the whole drive."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from wayside.schemas.frame import Pose
+from wayside.schemas.roadside import CrossSection, Roadside
+from wayside.stages.georeference import DrivePath, scale_near
+from wayside.stages.kernels import Array
+from wayside.stages.roadside.breaks import breaks_of
+from wayside.stages.roadside.ground import NEIGHBOUR_WEIGHTS, Ground, ground_of, pooled
+from wayside.stages.roadside.sweep import HEIGHTS_M, OFFSETS_M, Sweep
+
+LEAST_MARGIN = 0.12
+"""Correlation by which the best height must exceed all others (set on rendered drives)."""
+SIGMA_M, SIGMA_FACTOR = 0.012, 0.55
+"""Scatter of a height that the correlation does not show, and the factor on what it does (rendered drives)."""
+ROLL_SIGMA_DEG = 0.5
+"""Scatter of the camera's roll, which tilts the ground where no poses say which way is up."""
+ROAD_M = 1.0
+"""The road under the camera, whose height is 0, reaches so far from the path."""
+NEAREST_LINE_M = 0.5
+"""No line of the own lane is nearer to the path."""
+SOLID = 0.5
+"""Painted part of the length of a solid line, at least; a usual dash is a quarter of its period."""
+SAME_LINE_M = 0.3
+"""A line farther from where it is at the stations around is another one."""
+
+
+class _Placed(NamedTuple):
+    """A sweep on the final path."""
+
+    sweep: Sweep
+    world: Pose
+    """The path at the station; axes along, right and up, level where the world's up is known."""
+    offset: Array
+    """To the right of the path, (n,), metres."""
+    above: Array
+    """Height of the ground above the camera's path, (n,), metres."""
+    ground: Ground
+    pairs: Array
+    lines: Array
+    """Offset, m, and painted part, (k, 2)."""
+
+
+def place_sections(sweeps: Iterator[Sweep], path: DrivePath) -> Iterator[CrossSection]:
+    """The cross-sections of a drive in the order of the route."""
+    every = list(sweeps)
+    scores, pairs = [one.score for one in every], [one.pairs for one in every]
+    placed = [
+        _placed(one, pooled(scores, k), pooled(pairs, k), path) for k, one in enumerate(every)
+    ]
+    camera_m = _camera_height(placed)
+    sides = [[_lines(placed, sign, solid=solid) for solid in (False, True)] for sign in (-1, 1)]
+    for k, one in enumerate(placed):
+        measured = one.ground.margin >= LEAST_MARGIN
+        sigma = _sigma(one)
+        height = one.above + camera_m
+        left, right = (
+            _side(one.offset * sign, np.where(measured, height, np.nan), sigma, near[k], edge[k])
+            for sign, (near, edge) in zip((-1, 1), sides, strict=True)
+        )
+        tilt = 0.0 if path.world == "log" else np.radians(ROLL_SIGMA_DEG)
+        seen = np.where(measured, "ground", "hidden")
+        yield CrossSection(
+            station_m=path.station_of(one.sweep.station_m),
+            frame=one.sweep.frame,
+            camera_m=camera_m,
+            offset_m=one.offset,
+            height_m=height,
+            sigma_m=np.hypot(sigma, tilt * one.offset),
+            pairs=one.sweep.pairs,
+            status=tuple(np.where(np.isfinite(height), seen, "unseen").tolist()),
+            points=one.world.to_world(np.stack([0 * height, one.offset, one.above], axis=-1)),
+            sides=(left, right),
+        )
+
+
+def on_road(path: DrivePath, sections: Sequence[CrossSection]) -> DrivePath:
+    """The path with the camera's height above the road as measured by the cross-sections, where there are any."""
+    known = [one.camera_m for one in sections if np.isfinite(one.camera_m)]
+    return replace(path, camera_height_m=known[0]) if known else path
+
+
+def _placed(sweep: Sweep, score: Array, pairs: Array, path: DrivePath) -> _Placed:
+    """A sweep on the final path, its ground by the pooled scores."""
+    ground = ground_of(score, pairs, HEIGHTS_M)
+    scale = scale_near(path, sweep.frame).factor
+    near = Pose(sweep.place.rotation, scale * sweep.place.centre)
+    raw = path.poses[sweep.frame].compose(near)
+    along, up = raw.rotation[:, 0], raw.rotation[:, 2]
+    if path.world == "log":
+        up = np.array([0.0, 0.0, 1.0])
+    right = np.cross(along, up)
+    right /= np.linalg.norm(right)
+    level = Pose(np.column_stack([along, right, np.cross(right, along)]), raw.centre)
+    turn = level.rotation.T @ raw.rotation
+    height = scale * (ground.height - sweep.road_m)
+    local = np.stack([0 * height, scale * OFFSETS_M, height], axis=-1) @ turn.T
+    offsets = np.where(np.isfinite(height), local[:, 1], scale * OFFSETS_M)
+    known = np.where(ground.margin >= LEAST_MARGIN, ground.height - sweep.road_m, np.nan)
+    lines = _settled(sweep.lines, known, turn) * (scale, 1.0)
+    return _Placed(sweep, level, offsets, local[:, 2], ground, pairs, lines)
+
+
+def _settled(lines: Array, height: Array, turn: Array) -> Array:
+    """Offset and painted part (k, 2) of the lines of a sweep, on ground of these heights (offsets,) above the path.
+
+    turn (3, 3): from the axes of the sweep to those of the final path. A ray meets ground farther down farther off, so
+    lines on ground of unknown height (nan) are left out.
+    """
+    nearest = np.abs(lines[:, :1] - OFFSETS_M).argmin(axis=1)
+    lines, known = lines[np.isfinite(height[nearest])], np.isfinite(height)
+    if not len(lines):
+        return lines[:, :2]
+    above = np.interp(lines[:, 0], OFFSETS_M[known], height[known])
+    right = lines[:, 0] * above / lines[:, 2]
+    return np.column_stack([turn[1, 1] * right + turn[1, 2] * above, lines[:, 1]])
+
+
+def _camera_height(placed: Sequence[_Placed]) -> float:
+    """Height of the camera above the road, the same all the drive; nan where the road is nowhere measured."""
+    road = [
+        -one.above[(np.abs(one.offset) <= ROAD_M) & (one.ground.margin >= LEAST_MARGIN)]
+        for one in placed
+    ]
+    heights = np.concatenate([*road, np.zeros(0)])
+    return float(np.median(heights)) if len(heights) else np.nan
+
+
+def _sigma(one: _Placed) -> Array:
+    """Standard deviation of the heights (n,), metres, by how sharply the images agree on them."""
+    ground = one.ground
+    with np.errstate(invalid="ignore", divide="ignore"):
+        spread = np.sqrt((1 - ground.agreement) / (ground.curvature * one.pairs))
+    return np.hypot(SIGMA_M, SIGMA_FACTOR * spread)
+
+
+def _lines(placed: Sequence[_Placed], sign: int, *, solid: bool) -> Array:
+    """Distance from the path, by station, of the nearest line on one side, or of the outermost solid one; nan: none.
+
+    sign: 1 for the right side, -1 for the left. A dashed line is not at every station: those around tell where it is.
+    """
+    found = np.full(len(placed), np.nan)
+    for k, one in enumerate(placed):
+        distance = sign * one.lines[:, 0]
+        own = distance[
+            (distance > NEAREST_LINE_M) & ((one.lines[:, 1] >= SOLID) if solid else True)
+        ]
+        if len(own):
+            found[k] = own.max() if solid else own.min()
+    reach = len(NEIGHBOUR_WEIGHTS) - 1
+    result = np.full(len(placed), np.nan)
+    for k in range(len(placed)):
+        near = found[max(k - reach, 0) : k + reach + 1]
+        near = near[np.isfinite(near)]
+        if len(near) > reach:
+            usual = float(np.median(near))
+            result[k] = found[k] if abs(found[k] - usual) < SAME_LINE_M else usual
+    return result
+
+
+def _side(distance: Array, height: Array, sigma: Array, line: float, edge: float) -> Roadside:
+    """One side of the road; distance (n,): from the path outwards, negative on the other side."""
+    own = np.flatnonzero(distance > -ROAD_M)
+    own = own[np.argsort(distance[own])]
+    found = breaks_of(distance[own], height[own], sigma[own])
+    return Roadside(line, edge, *found)
