@@ -23,6 +23,8 @@ class GlobePosition:
     """Above the ellipsoid."""
     sigma_m: tuple[float, float, float]
     """Standard deviations east, north and up, of camera and sign together."""
+    bearing_deg: float
+    """Compass direction that the face of the panel looks in, 0 to 360. nan: its facing was not measured."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -124,8 +124,10 @@ SIGNS = Table(
         Column("sigma_width_m", _SINGLE, "m", "standard deviation of the width"),
         Column("sigma_height_m", _SINGLE, "m", "standard deviation of the height"),
         Column("facing_deg", _SINGLE, "deg", "normal of the visible side relative to the reverse of travel: 0 faces "
-               "the camera, right turn positive; null in the presets of the report, which does not measure it"),
+               "the camera, right turn positive; null where it was not measured"),
         Column("sigma_facing_deg", _SINGLE, "deg", "standard deviation of the facing"),
+        Column("bearing_deg", _SINGLE, "deg", "compass direction that the face looks in, clockwise from north; null "
+               "without fixes or facing"),
         Column("lon_deg", _DOUBLE, "deg", "WGS 84 longitude; null without fixes"),
         Column("lat_deg", _DOUBLE, "deg", "WGS 84 latitude; null without fixes"),
         Column("alt_m", _DOUBLE, "m", "height above the WGS 84 ellipsoid; null without fixes"),

@@ -18,7 +18,14 @@ from types import TracebackType
 from typing import Self
 
 from wayside.pipeline.files.parsing import parse_json
-from wayside.pipeline.files.writing import PART, give_back, not_written, sync, take_lock
+from wayside.pipeline.files.writing import (
+    PART,
+    give_back,
+    not_written,
+    require_local,
+    sync,
+    take_lock,
+)
 from wayside.schemas.errors import InputError, OutputError
 
 DONE, LOCK = ".wayside-done", ".wayside-lock"
@@ -50,6 +57,7 @@ class OutputFolder:
 
     def __enter__(self) -> Self:
         """Take the lock and make an empty `part`; what a killed process left is finished or removed."""
+        require_local(self.folder)
         with ExitStack() as ended:
             try:
                 if not self.folder.exists():

@@ -10,6 +10,7 @@ import errno
 import filecmp
 import json
 import os
+import re
 import secrets
 import stat
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -137,6 +138,7 @@ def whole_file(
 
     Raises OutputError where it cannot be written, or would replace a file of the user.
     """
+    require_local(path)
     try:
         if is_stream(path):
             with path.open("wb") as stream:
@@ -195,6 +197,14 @@ def holding(keys: Collection[str]) -> IsOwn:
         return isinstance(found, dict) and found.keys() >= set(keys)
 
     return is_own
+
+
+def require_local(path: Path) -> None:
+    """Raise OutputError for an address such as s3://bucket, of which the system would make a folder `s3:`."""
+    if re.fullmatch(r"[a-z][a-z0-9+.-]+:", path.parts[0] if path.parts else "", re.IGNORECASE):
+        raise OutputError(
+            f"{path}: this is an address, and results are written to local files only. Write to a folder, and copy it."
+        )
 
 
 def resolved(path: Path) -> Path:

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 
 from wayside.pipeline.files.output_folder import OutputFolder, finish_replacement
 from wayside.pipeline.files.parquet import read_parquet
-from wayside.pipeline.files.writing import give_back, not_written, refuse, take_lock
+from wayside.pipeline.files.writing import give_back, not_written, refuse, require_local, take_lock
 from wayside.pipeline.fleet.manifest import MANIFEST, Manifest, read_manifest
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
@@ -31,6 +31,7 @@ _LOCK = ".wayside-fleet-lock"
 @contextmanager
 def locked_inventory(inventory: Path) -> Iterator[None]:
     """One fleet at a time in a block; the folder is made where it is missing. Raises OutputError."""
+    require_local(inventory)
     try:
         inventory.mkdir(parents=True, exist_ok=True)
         lock = take_lock(inventory / _LOCK)

@@ -63,6 +63,11 @@ def bag_parts(folder: Path) -> list[Path]:
     Raises InputError if a part is missing or this is another directory.
     """
     file = folder / BAG_METADATA
+    if not file.exists():
+        raise InputError(
+            f"{folder}: this folder is not a ROS 2 bag, as it holds no {BAG_METADATA}. Give an MCAP file of it, write "
+            f"the list with `ros2 bag reindex`, or make a log of images with `wayside import {folder}`."
+        )
     try:
         content = parse_yaml(read_input_text(file))
         listed = content["rosbag2_bagfile_information"]["relative_file_paths"]

@@ -167,10 +167,11 @@ def _on_globe(sign: Sign) -> dict[str, Any]:
     names = ("lon_deg", "lat_deg", "alt_m", "sigma_east_m", "sigma_north_m", "sigma_alt_m")
     globe = sign.globe
     if globe is None:
-        return dict.fromkeys((*names, "geometry"))
+        return dict.fromkeys((*names, "bearing_deg", "geometry"))
     place = (globe.longitude_deg, globe.latitude_deg, globe.altitude_m)
     values = dict(zip(names, (*place, *globe.sigma_m), strict=True))
-    return values | {"geometry": struct.pack("<BIddd", 1, 1001, *place)}
+    geometry = struct.pack("<BIddd", 1, 1001, *place)
+    return values | {"bearing_deg": finite(globe.bearing_deg), "geometry": geometry}
 
 
 def roadside_rows(

@@ -14,6 +14,9 @@ from wayside.stages.geometry import cross_matrices, median_longitude_deg, turn_d
 from wayside.stages.georeference.trajectory import Trajectory
 from wayside.stages.kernels import Array
 
+SHORTEST_STEP_M = 0.5
+"""Between cameras that tell a direction of travel."""
+
 ORIGIN_REACH_DEG = 1.0
 """A fix farther from the median of all is no origin: receivers that start up report other continents."""
 
@@ -56,6 +59,13 @@ class Globe:
         """Compass direction (n,) that each camera looks in, clockwise from north, 0 to 360."""
         ahead = self.trajectory.rotation[:, :, 2]
         return np.asarray(np.degrees(np.arctan2(ahead[:, 0], ahead[:, 1])) % 360)
+
+    def travel_deg(self, frame: int) -> float:
+        """Compass direction of travel at a frame: from the camera before to the next one. nan: it stands still."""
+        row, centre = self.rows[frame], self.trajectory.centre
+        east, north, _ = centre[min(row + 1, len(centre) - 1)] - centre[max(row - 1, 0)]
+        moved = np.hypot(east, north) > SHORTEST_STEP_M
+        return float(np.degrees(np.arctan2(east, north)) % 360) if moved else np.nan
 
     def pose(self, frame: int) -> Pose:
         """The camera of a frame in east, north, up."""

@@ -72,21 +72,25 @@ def _sign(
         height_m=height,
         sigma_width_m=math.hypot(scale.factor * landmark.sigma_width_m, scale.sigma * width),
         sigma_height_m=math.hypot(scale.factor * landmark.sigma_height_m, scale.sigma * height),
-        globe=_on_globe(path.globe, landmark.best_frame, position, covariance),
+        globe=_on_globe(path.globe, landmark, position, covariance),
     )
 
 
 def _on_globe(
-    globe: Globe | None, frame: int, position: Array, covariance: Array
+    globe: Globe | None, landmark: Landmark, position: Array, covariance: Array
 ) -> GlobePosition | None:
-    """The place on WGS 84 and its uncertainty."""
+    """The place on WGS 84 with its uncertainty, and the direction of the face."""
     if globe is None:
         return None
+    frame = landmark.best_frame
     point = globe.pose(frame).to_world(position)
     longitude, latitude, altitude = globe.origin.geodetic(point[None])[0].tolist()
     sigma = np.sqrt(np.diag(globe.point_covariance(frame, position, covariance)))
     east, north, up = sigma.tolist()
-    return GlobePosition(longitude, latitude, altitude, (east, north, up))
+    # the visible side looks against the travel; of a back, the face looks along with it
+    turned = landmark.facing_deg + (0.0 if landmark.back else 180.0)
+    bearing = (globe.travel_deg(frame) + turned) % 360
+    return GlobePosition(longitude, latitude, altitude, (east, north, up), bearing)
 
 
 def scale_near(path: DrivePath, frame: int) -> StepScale:

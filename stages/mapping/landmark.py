@@ -24,8 +24,6 @@ SIZE_SIGMA = 0.05
 """Scatter of that factor (measured on the development drives)."""
 CENTRE_BIAS = 0.02
 """Error that the centres of all boxes share, by the size (measured on the development drives)."""
-FACING_SIGMA_DEG = 20.0
-"""Scatter of an unmeasured facing (set on the development drives)."""
 STEP_COVARIANCE = np.diag(np.square([2e-4, 2e-4, 2e-4, 0.01, 0.005, 0.025]))
 """Covariance (6, 6) of a step of unknown scatter: turn, rad; right, down, ahead, m (set on the development drives)."""
 
@@ -148,8 +146,8 @@ def box_panel(fit: LandmarkFit, window: Sequence[WindowFrame]) -> Panel:
         centre_sigma=CENTRE_BIAS * fit.metric,
         size=BORDER * fit.metric,
         sigma_size=np.hypot(fit.spread, SIZE_SIGMA * fit.metric),
-        facing_deg=0.0,
-        sigma_facing_deg=FACING_SIGMA_DEG,
+        facing_deg=np.nan,
+        sigma_facing_deg=np.nan,
         shape="",
         residual_px=fit.rms_px,
     )

@@ -3,11 +3,14 @@
 import errno
 import os
 import stat
+from pathlib import Path
 
 import pytest
 
 from wayside.pipeline.files import writing
+from wayside.pipeline.files.output_folder import OutputFolder
 from wayside.pipeline.files.writing import PART, whole_file, write_file, write_json
+from wayside.pipeline.fleet.folders import locked_inventory
 from wayside.schemas.errors import OutputError
 
 
@@ -24,6 +27,18 @@ def test_a_file_appears_when_its_block_ends(tmp_path):
     assert names_in(tmp_path) == ["a.bin"]
     (tmp_path / "plain").touch()
     assert path.stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_an_address_is_refused_and_makes_no_folder_of_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    place = Path("s3://bucket/drive")
+    with pytest.raises(OutputError, match="is an address"):
+        write_file(place, b"one")
+    for folder in (OutputFolder(place), locked_inventory(place)):
+        with pytest.raises(OutputError, match="is an address"), folder:
+            pass
+    write_file(Path("s3: or not"), b"one")
+    assert names_in(tmp_path) == ["s3: or not"]
 
 
 def test_an_error_in_the_block_leaves_what_stood_there(tmp_path):
