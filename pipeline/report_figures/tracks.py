@@ -249,8 +249,9 @@ def _size(drive: Drive, signs: list[Landmark]) -> Figure:
     for x, y, ink, style, name in shown:
         axes.plot([0, x, x, 0, 0], [0, 0, y, y, 0], style, color=INKS[ink], label=name)
     return figure("8.6").shown(
-        f"the sign of the surest width, {(one.color or 'unknown').replace('_', ' ')}: {wide:.1f} ± {one.sigma_width_m / FEET:.1f} ft wide, "
-        f"{tall:.1f} ± {one.sigma_height_m / FEET:.1f} ft high, by its boxes in {len(one.views)} images",
+        f"the {(one.color or '').replace('_', ' ')} sign of the surest width: {wide:.1f} ± "
+        f"{one.sigma_width_m / FEET:.1f} ft wide, {tall:.1f} ± {one.sigma_height_m / FEET:.1f} ft high, by its boxes "
+        f"in {len(one.views)} images",
         svg(axes),
     )
 
