@@ -265,7 +265,8 @@ def result_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 11.1 and 11.2, and the claim."""
     signs = drive.signs
     judged = {one.track_id: drive.judge(one) for one in signs}
-    busiest = [k for k, _ in Counter(v.frame for one in signs for v in one.views).most_common()]
+    right = [one for one in signs if judged[one.track_id] == ON] or signs
+    busiest = [k for k, _ in Counter(v.frame for one in right for v in one.views).most_common()]
     # the busiest, and the next one, if possible some way from it
     frames = busiest[:1] + sorted(busiest[1:], key=lambda k: abs(k - busiest[0]) <= 5)[:1]
     images = drive.images(frames)
