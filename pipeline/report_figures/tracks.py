@@ -249,8 +249,9 @@ def _size(drive: Drive, signs: list[Landmark]) -> Figure:
     for x, y, ink, style, name in shown:
         axes.plot([0, x, x, 0, 0], [0, 0, y, y, 0], style, color=INKS[ink], label=name)
     return figure("8.6").shown(
-        f"the sign of the surest width, {one.color or 'unknown'}: {wide:.1f} ± {one.sigma_width_m / FEET:.1f} ft wide, "
-        f"{tall:.1f} ± {one.sigma_height_m / FEET:.1f} ft high, by its boxes in {len(one.views)} images",
+        f"the {(one.color or '').replace('_', ' ')} sign of the surest width: {wide:.1f} ± "
+        f"{one.sigma_width_m / FEET:.1f} ft wide, {tall:.1f} ± {one.sigma_height_m / FEET:.1f} ft high, by its boxes "
+        f"in {len(one.views)} images",
         svg(axes),
     )
 
@@ -264,7 +265,8 @@ def result_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 11.1 and 11.2, and the claim."""
     signs = drive.signs
     judged = {one.track_id: drive.judge(one) for one in signs}
-    busiest = [k for k, _ in Counter(v.frame for one in signs for v in one.views).most_common()]
+    right = [one for one in signs if judged[one.track_id] == ON] or signs
+    busiest = [k for k, _ in Counter(v.frame for one in right for v in one.views).most_common()]
     # the busiest, and the next one, if possible some way from it
     frames = busiest[:1] + sorted(busiest[1:], key=lambda k: abs(k - busiest[0]) <= 5)[:1]
     images = drive.images(frames)

@@ -156,9 +156,7 @@ def _by_poses(
     if backward or direction[2] > _LEAST_COSINE:
         slopes = (given * direction[:2] / direction[2] + mounted * slopes) / (given + mounted)
     else:
-        given = (
-            0.0  # No camera of a vehicle looks across its way: such poses are not of this camera.
-        )
+        given = 0.0  # no camera of a vehicle looks across its way: such poses are not of this one
     both = np.array([slopes[0], slopes[1], 1.0]) * (-1.0 if backward else 1.0)
     prior = StepPrior(
         step.rotation,
@@ -169,13 +167,8 @@ def _by_poses(
         baseline,
         sigma_m,
     )
-    return MotionPrior(
-        prior,
-        (step.rotation, direction),
-        step.rotation,
-        POSE_SLACK_PX,
-        second.source,
-    )
+    motion = step.rotation, direction
+    return MotionPrior(prior, motion, step.rotation, POSE_SLACK_PX, second.source)
 
 
 def fix_distance_m(first: Fix, second: Fix) -> float:

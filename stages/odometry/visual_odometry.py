@@ -175,9 +175,7 @@ class VisualOdometry:
         self.length = step_length(self.length, carried, expected, self.settings)
         baseline, sigma_m = self.length.length_m, self.length.sigma_m
         needed = not straight_px <= self.settings.residual_px
-        rotation, direction = (
-            (adjusted.rotation, adjusted.direction) if needed else expected.straight
-        )
+        rotation, direction = adjusted[:2] if needed else expected.straight
         points = points_of_second(step.previous, step.current, rotation, baseline * direction)
         self.rotation, self.depths = adjusted.rotation, np.full(len(image.corners), np.nan)
         # Only matched ties measure lengths and the height of the road: those predicted by the ground plane are biased.
