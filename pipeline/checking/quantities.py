@@ -18,7 +18,8 @@ edges on rendered drives are within two standard deviations, without it 56 %."""
 
 
 ROLL_RAD = 0.0175
-"""Scatter of the camera's roll against the road: without poses in the log, the camera is all that knows up."""
+"""Scatter of the camera's roll against the road, one degree, where the log has no poses that know what is up: with it,
+97 % of 122 lower edges on such drives are within two standard deviations, without it 86 %."""
 MISSED = 0.03
 """Share of signs that a run misses (7 of 272 on held-out drives): the next one found need not be the next one."""
 

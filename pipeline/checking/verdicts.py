@@ -115,8 +115,8 @@ def _check(
     over = sum(p * ndtr((value - limit) / sigma) for p, limit in high)
     broken = float(under + over * (1 - found.less))
     verdict = "fails" if broken >= SURE else "meets" if broken <= 1 - SURE else "unclear"
-    likeliest = (max(at, default=(0, math.nan))[1] for at in (low, high))
-    return Check(rule, row, verdict, value, found.sigma, *likeliest, probability=broken)
+    least, most = (max(at, default=(0, math.nan))[1] for at in (low, high))
+    return Check(rule, row, verdict, value, found.sigma, least, most, broken)
 
 
 def _at(limits: Limits, by: Measured) -> list[tuple[float, float]]:
