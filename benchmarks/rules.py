@@ -145,7 +145,7 @@ def main() -> None:
         if true is not None and true_verdict(true) == opposite:
             off = (mine.value - true.value) / mine.sigma
             print(
-                f"wrong: {mine.rule.id} {mine.sign['sign_id']}: {mine.words}; true {true.value:.3f}, {off:+.1f} sigma"
+                f"wrong: {mine.rule.id} {mine.sign['sign_id']}: {mine.said}; true {true.value:.3f}, {off:+.1f} sigma"
             )
 
 

@@ -76,8 +76,9 @@ class Check:
 def check_drive(out: Path, rules: Sequence[Rule], road: str | None = None) -> list[Check]:
     """The checks of all rules on the faces that a drive reports; raises InputError where the folder is no result."""
     columns = [name for name in SIGNS.schema.names if name != "geometry"]
-    rows = [row for row in read_rows(out, SIGNS, columns) if row["status"] == "sign"]
-    us_probability = read_run(out).get("us_probability")
+    run, read = read_run(out), read_rows(out, SIGNS, columns)
+    rows = [row | {"world": run.get("world")} for row in read if row["status"] == "sign"]
+    us_probability = run.get("us_probability")
     system = US if us_probability is None or us_probability >= 0.5 else VIENNA
     return check_rows(rows, [rule for rule in rules if rule.system in ("", system)], road)
 
@@ -114,8 +115,8 @@ def _check(
     over = sum(p * ndtr((value - limit) / sigma) for p, limit in high)
     broken = float(under + over * (1 - found.less))
     verdict = "fails" if broken >= SURE else "meets" if broken <= 1 - SURE else "unclear"
-    likeliest = (max(at, default=(0, math.nan))[1] for at in (low, high))
-    return Check(rule, row, verdict, value, found.sigma, *likeliest, probability=broken)
+    least, most = (max(at, default=(0, math.nan))[1] for at in (low, high))
+    return Check(rule, row, verdict, value, found.sigma, least, most, broken)
 
 
 def _at(limits: Limits, by: Measured) -> list[tuple[float, float]]:

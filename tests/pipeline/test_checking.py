@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from wayside.pipeline.checking.quantities import MISSED, ROAD_SIGMA_M
+from wayside.pipeline.checking.quantities import MISSED, ROAD_SIGMA_M, ROLL_RAD
 from wayside.pipeline.checking.rules import read_rules
 from wayside.pipeline.checking.verdicts import check_rows, is_of
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -115,6 +115,12 @@ def test_a_verdict_is_sure_at_two_standard_deviations(tmp_path_factory, bottom_m
     assert one.probability == pytest.approx(norm.cdf(-off), abs=1e-9)
 
 
+def test_without_poses_the_roll_of_the_camera_makes_heights_unsure(checked):
+    rows = [row(world, world=world, lateral_m=-9.0) for world in ("log", "enu", "drive_start")]
+    level, *others = (one.sigma for one in checked(LIMIT, *rows).values())
+    assert others == pytest.approx([np.hypot(level, 9 * ROLL_RAD)] * 2)
+
+
 def test_both_ends_of_a_range_and_the_tolerance_count(checked):
     text = '[one]\nwords = "w"\nquantity = "facing_deg"\nleast = "-15 deg"\nmost = "15 deg"\n'
     turned = [row(str(deg), facing_deg=float(deg)) for deg in (-25, -16, 0, 14, 25)]
@@ -165,9 +171,7 @@ def test_a_rule_holds_on_its_kind_of_road_and_for_its_side_look_and_system(check
     assert not checked(text, row(), road="rural")
     for condition in ('sides = ["left"]', 'colors = ["white"]', 'shapes = ["circle"]'):
         assert not checked(LIMIT + condition, row())
-        assert (
-            len(checked(LIMIT + condition, row(lateral_m=-5.0, color="white", shape="circle"))) == 1
-        )
+        assert checked(LIMIT + condition, row(lateral_m=-5.0, color="white", shape="circle"))
     assert not checked(LIMIT + 'system = "us"', row(mutcd=None, vienna="B2"))
     assert checked(LIMIT + 'colors = ["white"]', row(color=None))["d-1"].missing == "its color"
 
@@ -190,22 +194,15 @@ def test_a_pair_stands_across_the_road(checked):
     assert found["alone"].said == "not known: one of its type on the other side"
 
 
-@pytest.mark.parametrize(
-    ("quantity", "changes"),
-    [
-        ("bottom_m", {"bottom_m": None}),
-        ("offset_m", {}),
-        ("spacing_m", {}),
-        ("facing_deg", {"sigma_facing_deg": None}),
-    ],
-)
-def test_what_a_rule_lacks_is_said(checked, quantity, changes):
-    unit = "deg" if quantity.endswith("_deg") else "ft"
-    text = f'[one]\nwords = "w"\nquantity = "{quantity}"\nleast = "5 {unit}"\n'
-    one = checked(text, row(**changes))["d-1"]
-    assert one.verdict == "not checkable"
-    assert one.missing
-    assert np.isnan(one.probability)
+def test_what_a_rule_lacks_is_said(checked):
+    lacks = {"bottom_m": "bottom_m", "sigma_facing_deg": "facing_deg", "spacing_m": "spacing_m"}
+    for column, quantity in (lacks | {"offset_edge_m": "offset_m"}).items():
+        unit = "deg" if quantity.endswith("_deg") else "ft"
+        text = f'[one]\nwords = "w"\nquantity = "{quantity}"\nleast = "5 {unit}"\n'
+        one = checked(text, row(**{column: None}))["d-1"]
+        assert one.verdict == "not checkable"
+        assert one.missing == lacks.get(column, "the edge of the travelled way")
+        assert np.isnan(one.probability)
 
 
 @pytest.mark.parametrize(
@@ -254,7 +251,7 @@ def out(tmp_path):
         for n, one in enumerate(read)
     ]
     settings = {"read": {"spacing_m": 8.0, "thin_m": 0.0}}
-    about = {"log": "d.mcap", "log_path": str(log), "world": "drive_start", "settings": settings}
+    about = {"log": "d.mcap", "log_path": str(log), "world": "log", "settings": settings}
     return write_tables(tmp_path / "out", rows, frames=frames, **about)
 
 
