@@ -2,7 +2,12 @@
 
 from wayside.stages.mapping.assembly import assemble, classify_location
 from wayside.stages.mapping.association import GAP_SHARE
-from wayside.stages.mapping.landmark import STEP_COVARIANCE, build_landmark, measure_landmark
+from wayside.stages.mapping.landmark import (
+    STEP_COVARIANCE,
+    build_landmark,
+    measure_landmark,
+    point_covariance,
+)
 from wayside.stages.mapping.landmark_evidence import FEATURES, LandmarkClassifier
 from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_views
 from wayside.stages.mapping.tracker import WINDOW_STEP, SideClassifiers, track
@@ -33,6 +38,7 @@ __all__ = [
     "classify_location",
     "fit_views",
     "measure_landmark",
+    "point_covariance",
     "through_window",
     "track",
 ]

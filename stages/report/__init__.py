@@ -2,6 +2,8 @@
 
 from wayside.stages.report.color import COLOR_SPACES, classify_color, color_features
 from wayside.stages.report.match import extract_sift, match_by_descriptors
+from wayside.stages.report.panels import merge_segments
+from wayside.stages.report.points import triangulate_points
 from wayside.stages.report.shape import (
     TERMS,
     classify_shape,
@@ -30,5 +32,7 @@ __all__ = [
     "match_by_descriptors",
     "mean_log_density",
     "outlines_of",
+    "merge_segments",
     "region_descriptors",
+    "triangulate_points",
 ]

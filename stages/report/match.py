@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import Detections, Features, Regions, box_centers
-from wayside.schemas.landmarks import TrackedFrame
+from wayside.schemas.landmarks import Crop, TrackedFrame
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.geometry import cross_matrices
@@ -150,6 +150,8 @@ def _sample(
 
 SIFT_VIEWS = 2
 """Nearest views that place a chain of descriptors, as in report chapter 7."""
+MARGIN, MARGIN_PX = 0.1, 4.0
+"""Around the box of a view, of its sides and px: points on the edge of a face have half of their pixels outside."""
 FARTHEST = 0.39
 """Descriptors at a larger distance do not match."""
 GROWTH = (0.9, 2.0)
@@ -201,9 +203,10 @@ class _Matcher:
                 going[new] = (*chain, (frame, new))[-self._settings.longest :]
         ended = list(self._chains.values())
         self._window.append(frame)
-        frame.posed = _without_pixels(frame.posed)
         self._path.append(frame.motion)
         self._end(ended)
+        for held in self._window[-SIFT_VIEWS - 1 : -SIFT_VIEWS]:
+            held.posed = _without_pixels(held.posed)
         self._chains, self._features = going, features
         self._let_go()
 
@@ -253,11 +256,23 @@ class _Matcher:
             facing_deg=np.nan,
             sigma_facing_deg=np.nan,
             trajectory=trajectory_of(rays, [held.motion for held, _ in views]),
+            crops=tuple(crop for view in views[-SIFT_VIEWS:] for crop in _crops(*view)),
         )
         window[fit.frames[0]].landmarks.append(landmark)
         for held, row in views:
             held.followed["assigned"][row] = True
         self._next_id += 1
+
+
+def _crops(held: WindowFrame, row: int) -> Iterator[Crop]:
+    """The pixels around a followed candidate, where the image has pixels."""
+    if held.rgb is not None:
+        box = held.box(row)
+        margin = MARGIN * (box[2:] - box[:2]) + MARGIN_PX
+        x0, y0 = np.maximum(np.floor(box[:2] - margin), 0).astype(int).tolist()
+        x1, y1 = np.ceil(box[2:] + margin).astype(int).tolist()
+        grey = cv2.cvtColor(held.rgb[y0:y1, x0:x1], cv2.COLOR_RGB2GRAY)
+        yield Crop(np.asarray(grey, np.uint8), np.array([x0, y0], float), held.camera, held.motion)
 
 
 def _without_pixels(posed: PosedDetections) -> PosedDetections:
