@@ -18,12 +18,13 @@ from wayside.stages.kernels import Array, compiled
 from wayside.stages.mapping import (
     GAP_SHARE,
     LandmarkFit,
+    LandmarkMeasurement,
     TravelledPath,
     WindowFrame,
+    box_panel,
     build_landmark,
     candidates_of,
     fit_views,
-    measure_landmark,
     through_window,
 )
 from wayside.stages.report.trajectory import trajectory_of
@@ -238,12 +239,12 @@ class _Matcher:
                 self._add_landmark(fit)
 
     def _add_landmark(self, fit: LandmarkFit) -> None:
-        """Measure a landmark and give it to its frames."""
+        """Give a landmark to its frames; its points measure it, where a gate accepts it."""
         window = self._window
         landmark = build_landmark(
             fit,
             window,
-            measure_landmark(fit, window),
+            LandmarkMeasurement(fit.point, fit.covariance, box_panel(fit, window)),
             self._path.offset(fit.point),
             track_id=self._next_id,
             score=np.nan,
@@ -267,12 +268,12 @@ class _Matcher:
 def _crops(held: WindowFrame, row: int) -> Iterator[Crop]:
     """The pixels around a followed candidate, where the image has pixels."""
     if held.rgb is not None:
-        box = held.box(row)
-        margin = MARGIN * (box[2:] - box[:2]) + MARGIN_PX
-        x0, y0 = np.maximum(np.floor(box[:2] - margin), 0).astype(int).tolist()
-        x1, y1 = np.ceil(box[2:] + margin).astype(int).tolist()
-        grey = cv2.cvtColor(held.rgb[y0:y1, x0:x1], cv2.COLOR_RGB2GRAY)
-        yield Crop(np.asarray(grey, np.uint8), np.array([x0, y0], float), held.camera, held.motion)
+        x0, y0, x1, y1 = held.box(row).tolist()
+        right, down = MARGIN * (x1 - x0) + MARGIN_PX, MARGIN * (y1 - y0) + MARGIN_PX
+        x, y = max(0, int(x0 - right)), max(0, int(y0 - down))
+        part = held.rgb[y : int(y1 + down), x : int(x1 + right)]
+        grey = np.asarray(cv2.cvtColor(part, cv2.COLOR_RGB2GRAY), np.uint8)
+        yield Crop(grey, np.array([x, y], np.float64), held.camera, held.motion)
 
 
 def _without_pixels(posed: PosedDetections) -> PosedDetections:
