@@ -31,7 +31,13 @@ from wayside.stages.imaging import decode
 from wayside.stages.mapping import Each, assemble, classify_location, track
 from wayside.stages.odometry import estimate_motion, extract_features
 from wayside.stages.panel import PanelMethod
-from wayside.stages.report import classify_trajectory, extract_sift, match_by_descriptors
+from wayside.stages.report import (
+    classify_trajectory,
+    extract_sift,
+    match_by_descriptors,
+    merge_segments,
+    triangulate_points,
+)
 from wayside.stages.roadside import (
     RoadsideRecord,
     measure_spacing,
@@ -133,6 +139,8 @@ def report_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
             stage("location", classify_location, m.location_classes, s.locate)
             if s.locate.gate
             else None,
+            stage("points", triangulate_points),
+            stage("panels", merge_segments),
             stage("assemble", assemble),
             stage("collect", collect, record).unseen(),
         ),

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import NOTHING_DROPPED, Candidates, Dropped
-from wayside.schemas.frame import Frame, Pose
+from wayside.schemas.frame import Camera, Frame, Pose
 from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import Motion
 
@@ -39,6 +39,20 @@ class Observation:
     """x0, y0, x1, y1, pixels as recorded."""
     residual_px: float
     """Distance to the reprojected landmark."""
+
+
+@dataclass(frozen=True, slots=True)
+class Crop:
+    """The pixels of a view of a landmark."""
+
+    grey: NDArray[np.uint8]
+    """Its box and a margin, (height, width)."""
+    corner: NDArray[np.float64]
+    """Column and row of the first pixel in the image, (2,)."""
+    camera: Camera
+    """Of the image."""
+    motion: Motion
+    """Of the camera."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +117,8 @@ class Landmark:
     """Log-likelihood ratio of each term, sign against anything else. With the prior log odds they sum to `score`."""
     trajectory: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2, 4)), repr=False)
     """u, v, du, dv of each step between matched views, in both forms, (s, 2, 4). See `trajectory_of`."""
+    crops: tuple[Crop, ...] = field(default=(), repr=False)
+    """Its last two views, until its points are triangulated. Presets of the report only."""
     color_log_probability: tuple[float, ...] = field(default=(), repr=False)
     """Mean over the views, of each of `COLORS`. Empty: no network classified them."""
     shape_log_probability: tuple[float, ...] = field(default=(), repr=False)

@@ -39,7 +39,9 @@ GATE_NAMES = {
         ("segment", "propose"), (*SOURCES, *(f"dropped, {reason}" for reason in Dropped._fields))
     ),
     **dict.fromkeys(("color", "detect", "shape"), ("kept", "refused")),
-    **dict.fromkeys(("track", "trajectory", "location", "assemble"), ("signs first seen",)),
+    **dict.fromkeys(
+        ("track", "trajectory", "location", "points", "panels", "assemble"), ("signs first seen",)
+    ),
 }
 """What the numbers of a stage are, in the order in which its view gives them."""
 MARK = rr.Radius.ui_points(6)

@@ -2,9 +2,15 @@
 
 from wayside.stages.mapping.assembly import assemble, classify_location
 from wayside.stages.mapping.association import GAP_SHARE
-from wayside.stages.mapping.landmark import STEP_COVARIANCE, build_landmark, measure_landmark
+from wayside.stages.mapping.landmark import (
+    STEP_COVARIANCE,
+    LandmarkMeasurement,
+    box_panel,
+    build_landmark,
+    point_covariance,
+)
 from wayside.stages.mapping.landmark_evidence import FEATURES, LandmarkClassifier
-from wayside.stages.mapping.landmark_fit import LandmarkFit, fit_views
+from wayside.stages.mapping.landmark_fit import BOX_SIGMA, LandmarkFit, fit_views
 from wayside.stages.mapping.tracker import WINDOW_STEP, SideClassifiers, track
 from wayside.stages.mapping.verdicts import VERDICT_OF_TERM
 from wayside.stages.mapping.window import (
@@ -16,6 +22,7 @@ from wayside.stages.mapping.window import (
 )
 
 __all__ = [
+    "BOX_SIGMA",
     "FEATURES",
     "GAP_SHARE",
     "STEP_COVARIANCE",
@@ -24,15 +31,17 @@ __all__ = [
     "Each",
     "LandmarkClassifier",
     "LandmarkFit",
+    "LandmarkMeasurement",
     "SideClassifiers",
     "TravelledPath",
     "WindowFrame",
     "assemble",
+    "box_panel",
     "build_landmark",
     "candidates_of",
     "classify_location",
     "fit_views",
-    "measure_landmark",
+    "point_covariance",
     "through_window",
     "track",
 ]

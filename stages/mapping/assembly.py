@@ -1,4 +1,4 @@
-"""What is left to decide of landmarks: where signs stand, which are one panel, and which hang on one support.
+"""What is left to decide of landmarks: where signs stand, and which hang on one support.
 
 After that the verdict of every candidate is known: it is that of its landmark.
 """
@@ -16,7 +16,6 @@ from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.settings import LocateSettings
 from wayside.stages.classifiers import class_distances
-from wayside.stages.mapping.verdicts import MOST
 
 REMEMBER_M = 60.0
 """Stretch of path over which landmarks are compared, m: longer than the window."""
@@ -64,16 +63,14 @@ def classify_location(
 
 
 def assemble(tracked: Iterator[TrackedFrame]) -> Iterator[TrackedFrame]:
-    """Refuse later landmarks of one panel (`duplicate`), number the supports from 0, and decide every candidate."""
+    """Number the supports from 0, and decide every candidate."""
     views: defaultdict[int, list[tuple[Landmark, Observation]]] = defaultdict(list)
     recent: list[Landmark] = []
     count = 0
     for frame in tracked:
         landmarks = []
         for one in frame.landmarks:
-            if one.verdict == "sign" and any(same_panel(one, other) for other in recent):
-                one = replace(one, verdict="duplicate")
-            elif one.verdict == "sign":
+            if one.verdict == "sign":
                 near = (p.assembly for p in recent if same_support(one, p))
                 one = replace(one, assembly=next(near, count))
                 count += one.assembly == count
@@ -99,20 +96,6 @@ def candidates_decided(
         track_id[view.row], residual_px[view.row] = one.track_id, view.residual_px
     candidates = replace(frame.candidates, verdict=verdict)
     return replace(frame, candidates=candidates, track_id=track_id, residual_px=residual_px)
-
-
-def same_panel(one: Landmark, other: Landmark) -> bool:
-    """Whether two landmarks are one panel: most of the smaller lies on the other, at one station."""
-    wide = _shared(one.right_m, one.width_m, other.right_m, other.width_m)
-    high = _shared(one.above_m, one.height_m, other.above_m, other.height_m)
-    smaller = min(one.width_m * one.height_m, other.width_m * other.height_m)
-    return bool(wide * high > MOST * smaller and same_station(one, other))
-
-
-def _shared(middle: float, side: float, other_middle: float, other_side: float) -> float:
-    """Length that two intervals share."""
-    high = min(middle + side / 2, other_middle + other_side / 2)
-    return max(0.0, high - max(middle - side / 2, other_middle - other_side / 2))
 
 
 def same_support(one: Landmark, other: Landmark) -> bool:

@@ -16,7 +16,12 @@ from wayside.schemas.detections import NOTHING_DROPPED, Candidates, Detections, 
 from wayside.schemas.frame import DUPLICATE, Frame, Image, Pose
 from wayside.schemas.motion import Motion, PosedDetections
 from wayside.schemas.settings import MotionSettings
-from wayside.stages.geometry import halfway_direction, pair_residual, points_of_second
+from wayside.stages.geometry import (
+    halfway_direction,
+    pair_residual,
+    points_of_second,
+    vector_from_rotation,
+)
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.motion_prior import MotionPrior, PoseNoise, predict_motion
 from wayside.stages.odometry.mount import Mount
@@ -176,6 +181,11 @@ class VisualOdometry:
         baseline, sigma_m = self.length.length_m, self.length.sigma_m
         needed = not straight_px <= self.settings.residual_px
         rotation, direction = adjusted[:2] if needed else expected.straight
+        covariance = adjusted.step_covariance(baseline, sigma_m)
+        if not needed:  # its error is what the adjustment would have changed
+            turn = vector_from_rotation(rotation @ adjusted.rotation.T)
+            off = np.concatenate([turn, baseline * (direction - adjusted.direction)])
+            covariance += np.outer(off, off)
         points = points_of_second(step.previous, step.current, rotation, baseline * direction)
         self.rotation, self.depths = adjusted.rotation, np.full(len(image.corners), np.nan)
         # Only matched ties measure lengths and the height of the road: those predicted by the ground plane are biased.
@@ -191,7 +201,7 @@ class VisualOdometry:
         return Motion(
             pose=last.pose.compose(pose),
             step=pose,
-            covariance=adjusted.step_covariance(baseline, sigma_m),
+            covariance=covariance,
             source="points" if isfinite(self.length.length_in_spacings) else expected.source,
             baseline_m=baseline,
             station_m=last.station_m + baseline,

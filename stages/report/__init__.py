@@ -2,6 +2,7 @@
 
 from wayside.stages.report.color import COLOR_SPACES, classify_color, color_features
 from wayside.stages.report.match import extract_sift, match_by_descriptors
+from wayside.stages.report.points import merge_segments, triangulate_points
 from wayside.stages.report.shape import (
     TERMS,
     classify_shape,
@@ -29,6 +30,8 @@ __all__ = [
     "fourier_descriptors",
     "match_by_descriptors",
     "mean_log_density",
+    "merge_segments",
     "outlines_of",
     "region_descriptors",
+    "triangulate_points",
 ]

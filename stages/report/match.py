@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import Detections, Features, Regions, box_centers
-from wayside.schemas.landmarks import TrackedFrame
+from wayside.schemas.landmarks import Crop, TrackedFrame
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.geometry import cross_matrices
@@ -18,12 +18,13 @@ from wayside.stages.kernels import Array, compiled
 from wayside.stages.mapping import (
     GAP_SHARE,
     LandmarkFit,
+    LandmarkMeasurement,
     TravelledPath,
     WindowFrame,
+    box_panel,
     build_landmark,
     candidates_of,
     fit_views,
-    measure_landmark,
     through_window,
 )
 from wayside.stages.report.trajectory import trajectory_of
@@ -150,6 +151,8 @@ def _sample(
 
 SIFT_VIEWS = 2
 """Nearest views that place a chain of descriptors, as in report chapter 7."""
+MARGIN, MARGIN_PX = 0.1, 4.0
+"""Around the box of a view, of its sides and px: points on the edge of a face have half of their pixels outside."""
 FARTHEST = 0.39
 """Descriptors at a larger distance do not match."""
 GROWTH = (0.9, 2.0)
@@ -201,9 +204,10 @@ class _Matcher:
                 going[new] = (*chain, (frame, new))[-self._settings.longest :]
         ended = list(self._chains.values())
         self._window.append(frame)
-        frame.posed = _without_pixels(frame.posed)
         self._path.append(frame.motion)
         self._end(ended)
+        for held in self._window[-SIFT_VIEWS - 1 : -SIFT_VIEWS]:
+            held.posed = _without_pixels(held.posed)
         self._chains, self._features = going, features
         self._let_go()
 
@@ -235,12 +239,12 @@ class _Matcher:
                 self._add_landmark(fit)
 
     def _add_landmark(self, fit: LandmarkFit) -> None:
-        """Measure a landmark and give it to its frames."""
+        """Give a landmark to its frames; its points measure it, where a gate accepts it."""
         window = self._window
         landmark = build_landmark(
             fit,
             window,
-            measure_landmark(fit, window),
+            LandmarkMeasurement(fit.point, fit.covariance, box_panel(fit, window)),
             self._path.offset(fit.point),
             track_id=self._next_id,
             score=np.nan,
@@ -253,11 +257,23 @@ class _Matcher:
             facing_deg=np.nan,
             sigma_facing_deg=np.nan,
             trajectory=trajectory_of(rays, [held.motion for held, _ in views]),
+            crops=tuple(crop for view in views[-SIFT_VIEWS:] for crop in _crops(*view)),
         )
         window[fit.frames[0]].landmarks.append(landmark)
         for held, row in views:
             held.followed["assigned"][row] = True
         self._next_id += 1
+
+
+def _crops(held: WindowFrame, row: int) -> Iterator[Crop]:
+    """The pixels around a followed candidate, where the image has pixels."""
+    if held.rgb is not None:
+        x0, y0, x1, y1 = held.box(row).tolist()
+        right, down = MARGIN * (x1 - x0) + MARGIN_PX, MARGIN * (y1 - y0) + MARGIN_PX
+        x, y = max(0, int(x0 - right)), max(0, int(y0 - down))
+        part = held.rgb[y : int(y1 + down), x : int(x1 + right)]
+        grey = np.asarray(cv2.cvtColor(part, cv2.COLOR_RGB2GRAY), np.uint8)
+        yield Crop(grey, np.array([x, y], np.float64), held.camera, held.motion)
 
 
 def _without_pixels(posed: PosedDetections) -> PosedDetections:

@@ -1,0 +1,217 @@
+"""SIFT points of a segment, triangulated from its two nearest views, and one row a panel (report chapters 5 and 7)."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from wayside.schemas.frame import Pose
+from wayside.schemas.landmarks import Crop, Landmark, TrackedFrame
+from wayside.stages.geometry import pair_residual, points_of_second, to_rays
+from wayside.stages.mapping import BOX_SIGMA, STEP_COVARIANCE, point_covariance
+
+# Set on learning drives, where no other reason is given.
+MOST_POINTS, CONTRAST = 60, 0.03
+"""Strongest SIFT points of a view, and their least contrast."""
+RATIO, SAME_PX = 0.8, 2.0
+"""Largest distance of a descriptor from its nearest, by that from the nearest at another place (Lowe 2004), px away."""
+LARGEST_E = 4.0
+"""Largest residual of a point (eq. 7.5), px squared: a pixel in each of four coordinates."""
+POINT_PX, AGREE_SIGMAS = 0.25, 2.5
+"""Scatter of a point a coordinate, px; depths that agree differ by less, standard deviations."""
+LEAST_SIGMA = 0.003
+"""Least scatter of the depth of a point about that of its panel, by the depth: panels are turned a little."""
+WRONG, LOG_DEPTHS = 0.3, 4.1
+"""Share of wrong matches; logarithm of the ratio of their largest and least depth: 5 to 300 m."""
+LEAST_EVIDENCE = 2.2
+"""Least mean evidence of the centre and the points of a segment: keeps 90 % of panels, and 31 % of what is none."""
+CENTRE_SIGMA, SIZE_SIGMA = 0.25, 0.9
+"""Errors of centre and size of a segment as those of its panel, by its size: most are only parts of their panel."""
+PLANE_SIGMAS, PLANE_M = 2.5, 0.6
+"""Stations of one plane differ by less, standard deviations of both, or metres."""
+
+
+def match_points(
+    first: Crop, second: Crop, sift: cv2.SIFT
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Midpoints (k, 3) of the SIFT points that match, in the axes of the second camera, and their residual e (k,).
+
+    Points match that are each other's nearest among those on each other's epipolar lines and ahead of both cameras.
+    """
+    (one, own), (two, other) = (sift.detectAndCompute(crop.grey, None) for crop in (first, second))
+    if own is None or other is None:
+        return np.zeros((0, 3)), np.zeros(0)
+    places = np.asarray(cv2.KeyPoint.convert(two), np.float64)
+    start = to_rays(first.camera, np.asarray(cv2.KeyPoint.convert(one)) + first.corner)
+    end = to_rays(second.camera, places + second.corner)
+    moved = second.motion.pose.relative_to(first.motion.pose)
+    shape = len(start), len(end)
+    i, j = (numbers.ravel() for numbers in np.indices(shape))
+    pair = start[i], end[j], moved.rotation, moved.centre
+    e = pair_residual(*pair, (second.camera.fx, second.camera.fy)).reshape(shape)
+    point = points_of_second(*pair).reshape(*shape, 3)
+    apart = np.linalg.norm(own[:, None] - other, axis=2)
+    apart[~((e < LARGEST_E) & np.isfinite(point[:, :, 2]))] = np.inf
+    nearest, rows = apart.argmin(axis=1), np.arange(len(start))
+    elsewhere = np.linalg.norm(places[:, None] - places, axis=2) > SAME_PX
+    others = np.where(elsewhere[nearest], apart, np.inf).min(axis=1)
+    mutual = apart.argmin(axis=0)[nearest] == rows
+    rows = rows[mutual & (apart[rows, nearest] < RATIO * others)]
+    return point[rows, nearest[rows]], e[rows, nearest[rows]]
+
+
+def depth_sigma(point: NDArray[np.float64], travel: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Scatter (k,) of the depth of points (k, 3) by that of a ray, metres: z z' sqrt(z^2 + z'^2) / (R b).
+
+    Two views, `travel` (3,) apart in the axes of the nearer one; z' is the depth in the other, R the distance from the
+    line of travel.
+    """
+    z = point[:, 2]
+    before = z + travel[2]
+    aside = np.linalg.norm(point[:, :2] - z[:, None] * (travel[:2] / travel[2]), axis=1)
+    base = float(np.linalg.norm(travel))
+    return np.asarray(z * before * np.hypot(z, before) / (np.maximum(aside, 1e-3) * base))
+
+
+class DepthFit(NamedTuple):
+    """The depth that most of k points agree on, and its standard deviation, metres; which agree (k,).
+
+    `evidence` (k,): log-likelihood ratio of each point, of that depth against any depth.
+    """
+
+    depth: float
+    sigma: float
+    agree: NDArray[np.bool_]
+    evidence: NDArray[np.float64]
+
+
+def fit_depth(depth: NDArray[np.float64], sigma: NDArray[np.float64]) -> DepthFit:
+    """The depth of k > 0 points by their depths and standard deviations (k,)."""
+    near = np.abs(depth[:, None] - depth) <= AGREE_SIGMAS * sigma
+    agree = near[np.lexsort((sigma, -near.sum(axis=1)))[0]]
+    weight = agree / sigma**2
+    mean = float(weight @ depth / weight.sum())
+    chi2 = float(weight @ (depth - mean) ** 2) / max(1, agree.sum() - 1)
+    relative = np.maximum(sigma / depth, LEAST_SIGMA)
+    off = np.log(depth / mean) / relative
+    density = np.exp(-0.5 * off**2) / (relative * np.sqrt(2 * np.pi))
+    evidence = np.log(WRONG + (1 - WRONG) * LOG_DEPTHS * density)
+    return DepthFit(mean, float(np.sqrt(max(1.0, chi2) / weight.sum())), agree, evidence)
+
+
+def triangulate_points(tracked: Iterator[TrackedFrame]) -> Iterator[TrackedFrame]:
+    """Place accepted landmarks by the SIFT points of their two nearest views; refuse those that scatter (`residual`).
+
+    The points of a face lie on a plane that stands, so that their midpoints (eq. 7.4) agree on one depth, and the
+    centre of the segment with them; those of leaves and of what is behind them do not. A landmark without pixels stays
+    as it is.
+    """
+    sift = cv2.SIFT.create(MOST_POINTS, contrastThreshold=CONTRAST)
+    for frame in tracked:
+        landmarks = (
+            _placed(one, sift) if one.verdict == "sign" and len(one.crops) > 1 else one
+            for one in frame.landmarks
+        )
+        yield replace(frame, landmarks=tuple(replace(one, crops=()) for one in landmarks))
+
+
+def _placed(one: Landmark, sift: cv2.SIFT) -> Landmark:
+    first, second = one.crops
+    points, e = match_points(first, second, sift)
+    poses = [crop.motion.pose for crop in one.crops]
+    travel, focal = -poses[1].to_camera(poses[0].centre), second.camera.fx
+    centre = poses[1].to_camera(one.best_pose.to_world(one.position))
+    tall_px = focal * one.height_m / centre[2]
+    points = np.vstack([centre, points])
+    scatter = depth_sigma(points, travel) / focal
+    scatter *= [BOX_SIGMA[0] + BOX_SIGMA[1] * tall_px, *(POINT_PX for _ in e)]
+    fit = fit_depth(points[:, 2], scatter)
+    if not fit.agree[1:].any() or fit.evidence.mean() < LEAST_EVIDENCE:
+        return replace(one, verdict="residual")
+    centre *= fit.depth / centre[2]
+    point = poses[1].to_world(centre)
+    rays = np.full(2, fit.sigma / float(depth_sigma(centre[None], travel)[0]))
+    step = STEP_COVARIANCE if second.motion.covariance is None else second.motion.covariance
+    rotations, centres = (
+        np.stack([getattr(p, name) for p in poses]) for name in ("rotation", "centre")
+    )
+    world = point_covariance(
+        rotations, centres, point, np.arange(2), rays, rays, np.stack([step, step]), 1
+    )
+    axes, position = one.best_pose.rotation, one.best_pose.to_camera(point)
+    right, down, ahead = position - one.position
+    width, height = position[2] / one.position[2] * np.array([one.width_m, one.height_m])
+    across = CENTRE_SIGMA * np.array([width, height, 0.0])
+    return replace(
+        one,
+        position=position,
+        covariance=axes.T @ world @ axes + np.diag(across**2),
+        right_m=one.right_m + right,
+        above_m=one.above_m - down,
+        station_m=one.station_m + ahead,
+        width_m=float(width),
+        height_m=float(height),
+        sigma_width_m=SIZE_SIGMA * float(width),
+        sigma_height_m=SIZE_SIGMA * float(height),
+        residual_px=float(np.sqrt(e[fit.agree[1:]].mean() / 2)),
+        evidence=(("rigidity", float(fit.evidence.sum())),),
+    )
+
+
+def merge_segments(tracked: Iterator[TrackedFrame]) -> Iterator[TrackedFrame]:
+    """Of accepted landmarks on one panel, such as legend, face and frame, keep that of most evidence (`duplicate`).
+
+    Frames come out in order, when the camera has passed their landmarks: then all others there are known.
+    """
+    waiting: deque[TrackedFrame] = deque()
+    known: list[Landmark] = []
+    for frame in tracked:
+        waiting.append(frame)
+        known += [one for one in frame.landmarks if one.verdict == "sign"]
+        while waiting and frame.motion is not None:
+            station = frame.motion.station_m
+            if any(o.verdict == "sign" and o.station_m > station for o in waiting[0].landmarks):
+                break
+            first = waiting.popleft()
+            yield _merged(first, known)
+            if first.motion is not None:
+                passed = first.motion.station_m
+                known = [one for one in known if one.station_m > passed]
+    yield from (_merged(frame, known) for frame in waiting)
+
+
+def _merged(frame: TrackedFrame, known: Sequence[Landmark]) -> TrackedFrame:
+    def rank(one: Landmark) -> tuple[float, int]:
+        return sum(ratio for _, ratio in one.evidence), -one.track_id
+
+    landmarks = (
+        replace(one, verdict="duplicate")
+        if one.verdict == "sign"
+        and any(rank(other) > rank(one) and same_plane(one, other) for other in known)
+        else one
+        for one in frame.landmarks
+    )
+    return replace(frame, landmarks=tuple(landmarks))
+
+
+def same_plane(one: Landmark, other: Landmark) -> bool:
+    """Whether two landmarks at one depth overlap in the camera that sees the nearer one best."""
+    variance = one.covariance[2, 2] + other.covariance[2, 2]
+    if abs(one.station_m - other.station_m) > max(PLANE_M, PLANE_SIGMAS * float(np.sqrt(variance))):
+        return False
+    camera = min(one, other, key=lambda each: float(each.position[2])).best_pose
+    (low, high), (least, most) = _box_seen(camera, one), _box_seen(camera, other)
+    return bool((np.minimum(high, most) > np.maximum(low, least)).all())
+
+
+def _box_seen(camera: Pose, one: Landmark) -> NDArray[np.float64]:
+    """Least and largest x/z and y/z (2, 2) of a landmark."""
+    centre = camera.to_camera(one.best_pose.to_world(one.position))
+    half = np.array([one.width_m, one.height_m]) / 2
+    return np.asarray(np.stack([centre[:2] - half, centre[:2] + half]) / centre[2])
