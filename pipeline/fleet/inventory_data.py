@@ -139,7 +139,7 @@ def read_signs(folder: Path, frames: DriveFrames, settings: MergeSettings) -> Dr
         color=_class(table, "color", COLORS),
         shape=_class(table, "shape", SHAPES),
         front=~back,
-        # the visible side looks against the travel, about so where not measured; of a back, the face looks along with it
+        # the visible side looks about against the travel; of a back, the face looks along with it
         bearing_rad=travel + np.radians(np.nan_to_num(facing)) + np.where(back, 0.0, np.pi),
         size_m=_matrix(table, "panel_width_m", "panel_height_m"),
         size_sigma_m=_matrix(table, "sigma_width_m", "sigma_height_m"),
