@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from wayside.pipeline.checking.quantities import MISSED, ROAD_SIGMA_M, ROLL_RAD
+from wayside.pipeline.checking.quantities import MISSED, ROAD_SIGMA_M, ROLL_RAD, ROUGH_HEIGHT
 from wayside.pipeline.checking.rules import read_rules
 from wayside.pipeline.checking.verdicts import check_rows, is_of
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -115,10 +115,12 @@ def test_a_verdict_is_sure_at_two_standard_deviations(tmp_path_factory, bottom_m
     assert one.probability == pytest.approx(norm.cdf(-off), abs=1e-9)
 
 
-def test_without_poses_the_roll_of_the_camera_makes_heights_unsure(checked):
-    rows = [row(world, world=world, lateral_m=-9.0) for world in ("log", "enu", "drive_start")]
-    level, *others = (one.sigma for one in checked(LIMIT, *rows).values())
-    assert others == pytest.approx([np.hypot(level, 9 * ROLL_RAD)] * 2)
+def test_without_poses_roll_and_height_of_the_camera_make_heights_unsure(checked):
+    far = {"lateral_m": -9.0, "camera_height_m": 2.0}
+    rows = [row(world, world=world, **far) for world in ("log", "drive_start", "enu")]
+    level, by_spacing, by_fixes = (one.sigma for one in checked(LIMIT, *rows).values())
+    assert by_spacing == pytest.approx(np.hypot(level, 9 * ROLL_RAD))
+    assert by_fixes == pytest.approx(np.hypot(by_spacing, 2 * ROUGH_HEIGHT))
 
 
 def test_both_ends_of_a_range_and_the_tolerance_count(checked):
