@@ -1,6 +1,7 @@
 """Placement rules: how they are read, what they say of signs, and the page and table of a drive."""
 
 import json
+import os
 import re
 
 import numpy as np
@@ -268,6 +269,10 @@ def test_one_command_lists_what_stands_too_low_and_shows_it(out):
     assert page.count('src="data:image/webp') == 1
     assert "2A.15 p4" in page
     assert "d-0003" not in page
+    (out / "evidence" / "d-0001.html").unlink()
+    os.utime(out / "run.json", (4e9, 4e9))  # of a later run, whose evidence is not there
+    invoke("check", out)
+    assert (out / "evidence" / "d-0001.html").is_file()
 
 
 def test_the_table_holds_each_check_and_the_same_bytes_once_more(out):
