@@ -77,7 +77,8 @@ def check_drive(out: Path, rules: Sequence[Rule], road: str | None = None) -> li
     """The checks of all rules on the faces that a drive reports; raises InputError where the folder is no result."""
     columns = [name for name in SIGNS.schema.names if name != "geometry"]
     run, read = read_run(out), read_rows(out, SIGNS, columns)
-    rows = [row | {"world": run.get("world")} for row in read if row["status"] == "sign"]
+    of_drive = {name: run.get(name) for name in ("world", "camera_height_m")}
+    rows = [row | of_drive for row in read if row["status"] == "sign"]
     us_probability = run.get("us_probability")
     system = US if us_probability is None or us_probability >= 0.5 else VIENNA
     return check_rows(rows, [rule for rule in rules if rule.system in ("", system)], road)

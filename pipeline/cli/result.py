@@ -146,12 +146,13 @@ def _check(
     from wayside.pipeline.checking.page import PAGE_FILE, write_page
     from wayside.pipeline.checking.verdicts import check_drive, format_checks, write_checks
     from wayside.pipeline.evidence.write import INDEX_FILE, write_evidence
+    from wayside.pipeline.results.result import RUN_FILE
 
-    checks, sheets, fault = check_drive(out, rules, road), out / "evidence", ""
+    checks, index, fault = check_drive(out, rules, road), out / "evidence" / INDEX_FILE, ""
     write_checks(checks, out, overwrite=overwrite)
-    try:
-        if not (sheets / INDEX_FILE).exists():
-            write_evidence(out, sheets, log=log)
+    try:  # sheets of an earlier run show other signs
+        if not index.exists() or index.stat().st_mtime < (out / RUN_FILE).stat().st_mtime:
+            write_evidence(out, index.parent, log=log)
     except InputError as error:
         fault = str(error)
     fault = write_page(out, rules, checks, log=log, overwrite=overwrite) or fault

@@ -1,6 +1,7 @@
 """Placement rules: how they are read, what they say of signs, and the page and table of a drive."""
 
 import json
+import os
 import re
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from wayside.pipeline.checking.quantities import MISSED, ROAD_SIGMA_M, ROLL_RAD
+from wayside.pipeline.checking.quantities import MISSED, ROAD_SIGMA_M, ROLL_RAD, ROUGH_HEIGHT
 from wayside.pipeline.checking.rules import read_rules
 from wayside.pipeline.checking.verdicts import check_rows, is_of
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -115,10 +116,12 @@ def test_a_verdict_is_sure_at_two_standard_deviations(tmp_path_factory, bottom_m
     assert one.probability == pytest.approx(norm.cdf(-off), abs=1e-9)
 
 
-def test_without_poses_the_roll_of_the_camera_makes_heights_unsure(checked):
-    rows = [row(world, world=world, lateral_m=-9.0) for world in ("log", "enu", "drive_start")]
-    level, *others = (one.sigma for one in checked(LIMIT, *rows).values())
-    assert others == pytest.approx([np.hypot(level, 9 * ROLL_RAD)] * 2)
+def test_without_poses_roll_and_height_of_the_camera_make_heights_unsure(checked):
+    far = {"lateral_m": -9.0, "camera_height_m": 2.0}
+    rows = [row(world, world=world, **far) for world in ("log", "drive_start", "enu")]
+    level, by_spacing, by_fixes = (one.sigma for one in checked(LIMIT, *rows).values())
+    assert by_spacing == pytest.approx(np.hypot(level, 9 * ROLL_RAD))
+    assert by_fixes == pytest.approx(np.hypot(by_spacing, 2 * ROUGH_HEIGHT))
 
 
 def test_both_ends_of_a_range_and_the_tolerance_count(checked):
@@ -266,6 +269,10 @@ def test_one_command_lists_what_stands_too_low_and_shows_it(out):
     assert page.count('src="data:image/webp') == 1
     assert "2A.15 p4" in page
     assert "d-0003" not in page
+    (out / "evidence" / "d-0001.html").unlink()
+    os.utime(out / "run.json", (4e9, 4e9))  # of a later run, whose evidence is not there
+    invoke("check", out)
+    assert (out / "evidence" / "d-0001.html").is_file()
 
 
 def test_the_table_holds_each_check_and_the_same_bytes_once_more(out):
