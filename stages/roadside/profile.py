@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wayside.schemas.frame import Pose
 from wayside.schemas.roadside import CrossSection, Roadside
@@ -18,6 +19,8 @@ from wayside.stages.roadside.sweep import HEIGHTS_M, OFFSETS_M, Sweep
 
 LEAST_MARGIN = 0.12
 """Correlation by which the best height must exceed all others (set on rendered drives)."""
+STEADY_M, STEADY_OVER = 0.15, 3
+"""Ground is this near to the median of so many stations before and behind, of which as many measure it."""
 SIGMA_M, SIGMA_FACTOR = 0.012, 0.55
 """Scatter of a height that the correlation does not show, and the factor on what it does (rendered drives)."""
 ROLL_SIGMA_DEG = 0.5
@@ -57,8 +60,7 @@ def place_sections(sweeps: Iterator[Sweep], path: DrivePath) -> Iterator[CrossSe
     ]
     camera_m = _camera_height(placed)
     sides = [[_lines(placed, sign, solid=solid) for solid in (False, True)] for sign in (-1, 1)]
-    for k, one in enumerate(placed):
-        measured = one.ground.margin >= LEAST_MARGIN
+    for k, (one, measured) in enumerate(zip(placed, _measured(placed), strict=True)):
         sigma = _sigma(one)
         height = one.above + camera_m
         left, right = (
@@ -131,6 +133,20 @@ def _camera_height(placed: Sequence[_Placed]) -> float:
     ]
     heights = np.concatenate([*road, np.zeros(0)])
     return float(np.median(heights)) if len(heights) else np.nan
+
+
+def _measured(placed: Sequence[_Placed]) -> NDArray[np.bool_]:
+    """Whether heights (stations, n) are of ground: sure, and much the same along the road, which vehicles are not."""
+    above = np.array(
+        [np.where(one.ground.margin >= LEAST_MARGIN, one.above, np.nan) for one in placed]
+    ).reshape(-1, len(OFFSETS_M))
+    steady = np.zeros(above.shape, np.bool_)
+    for k in range(len(placed)):
+        near = above[max(k - STEADY_OVER, 0) : k + STEADY_OVER + 1]
+        often = np.isfinite(near).sum(axis=0) >= STEADY_OVER
+        usual = np.nanmedian(near[:, often], axis=0)
+        steady[k, often] = np.abs(above[k, often] - usual) < STEADY_M
+    return steady
 
 
 def _sigma(one: _Placed) -> Array:

@@ -46,7 +46,7 @@ def rendered(ground, other, pose):
     rays = np.column_stack([rays, np.ones(len(rays))]) @ pose.rotation.T
     down = np.maximum(rays[:, 1], 1e-3)
     far = CAMERA_M / down
-    for _ in range(40):
+    for _ in range(15):
         far = (CAMERA_M - np.interp(rays[:, 0] * far, *SECTION.T)) / down
     right, along = rays[:, 0] * far, rays[:, 2] * far + pose.centre[2]
     place = [((along + 4) / 0.04) % 4090, (right / 0.04 + 512).clip(0, 1020)]
