@@ -30,6 +30,8 @@ class Ground(NamedTuple):
     """How far it is above that at the best other height; -1 where the height is no maximum."""
     curvature: Array
     """Of the correlation at that height, 1/m^2."""
+    greatest: Array
+    """Greatest mean correlation at any height."""
 
 
 def ground_of(score: NDArray[Any], pairs: NDArray[Any], heights: Array) -> Ground:
@@ -60,7 +62,7 @@ def ground_of(score: NDArray[Any], pairs: NDArray[Any], heights: Array) -> Groun
     others = np.where(change[at] > OTHER_HEIGHT_M, mean, -1.0).max(axis=1)
     # at an end of the range, and on a slope that leads elsewhere, the height is not where agreement is greatest
     margin = np.where((peak >= low) & (peak >= high), peak - others, -1.0)
-    parts = height, peak, margin, bend / step**2
+    parts = height, peak, margin, bend / step**2, mean.max(axis=1)
     return Ground(*(np.where(pairs > 0, part, np.nan) for part in parts))
 
 

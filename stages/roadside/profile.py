@@ -19,9 +19,11 @@ from wayside.stages.roadside.sweep import HEIGHTS_M, OFFSETS_M, Sweep
 
 LEAST_MARGIN = 0.12
 """Correlation by which the best height must exceed all others (set on rendered drives)."""
+UPRIGHT_AGREEMENT = 0.45
+"""Images that agree so well on several heights show a rail, a wall or a vehicle (set on rendered drives)."""
 STEADY_M, STEADY_OVER = 0.15, 3
 """Ground is this near to the median of so many stations before and behind, of which as many measure it."""
-SIGMA_M, SIGMA_FACTOR = 0.012, 0.55
+SIGMA_M, SIGMA_FACTOR = 0.018, 0.55
 """Scatter of a height that the correlation does not show, and the factor on what it does (rendered drives)."""
 ROLL_SIGMA_DEG = 0.5
 """Scatter of the camera's roll, which tilts the ground where no poses say which way is up."""
@@ -136,9 +138,12 @@ def _camera_height(placed: Sequence[_Placed]) -> float:
 
 
 def _measured(placed: Sequence[_Placed]) -> NDArray[np.bool_]:
-    """Whether heights (stations, n) are of ground: sure, and much the same along the road, which vehicles are not."""
+    """Whether heights (stations, n) are of ground: sure, in sight, and much the same along the road."""
     above = np.array(
-        [np.where(one.ground.margin >= LEAST_MARGIN, one.above, np.nan) for one in placed]
+        [
+            np.where((one.ground.margin >= LEAST_MARGIN) & ~_behind(one.ground), one.above, np.nan)
+            for one in placed
+        ]
     ).reshape(-1, len(OFFSETS_M))
     steady = np.zeros(above.shape, np.bool_)
     for k in range(len(placed)):
@@ -147,6 +152,15 @@ def _measured(placed: Sequence[_Placed]) -> NDArray[np.bool_]:
         usual = np.nanmedian(near[:, often], axis=0)
         steady[k, often] = np.abs(above[k, often] - usual) < STEADY_M
     return steady
+
+
+def _behind(ground: Ground) -> NDArray[np.bool_]:
+    """Whether each strip (n,) stands upright itself, or lies beyond one beside the road that does."""
+    upright = (ground.greatest >= UPRIGHT_AGREEMENT) & (ground.margin <= 0)
+    middle = len(OFFSETS_M) // 2
+    upright[np.abs(OFFSETS_M) <= ROAD_M] = False
+    left = np.logical_or.accumulate(upright[middle::-1])[::-1]
+    return np.concatenate([left, np.logical_or.accumulate(upright[middle + 1 :])])
 
 
 def _sigma(one: _Placed) -> Array:
