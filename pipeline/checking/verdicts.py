@@ -21,7 +21,7 @@ from wayside.pipeline.files.parquet import ParquetFile, record_batch
 from wayside.pipeline.files.writing import whole_file
 from wayside.pipeline.results.result import read_rows, read_run
 from wayside.schemas.sign_catalogue import CATALOGUE, SERIES, UNIT_M, US, VIENNA, CatalogueSign
-from wayside.schemas.tables import CHECK_VERDICTS, CHECKS, SIGNS
+from wayside.schemas.tables import CHECK_VERDICTS, CHECKS, SECTIONS, SIGNS
 
 SHOWN = ("fails", "unclear")
 """Verdicts whose signs have an image on the page."""
@@ -29,6 +29,8 @@ SURE = float(ndtr(2.0))
 """From this probability on a rule is broken, and up to one minus it met: two standard deviations from a limit."""
 EXACT = 1e-9
 """Standard deviation of a value that is exact: keeps divisions finite."""
+SECTION_M, EDGE_SIGMA_M = 8.0, 0.1
+"""Distance between cross-sections, and scatter of the edge of the travelled way that they show (rendered drives)."""
 SIZE_RANGE = 0.5, 1.3
 """A panel may be of a code if its sides are more than half of the shortest and not much more than the longest of it."""
 
@@ -78,10 +80,31 @@ def check_drive(out: Path, rules: Sequence[Rule], road: str | None = None) -> li
     columns = [name for name in SIGNS.schema.names if name != "geometry"]
     run, read = read_run(out), read_rows(out, SIGNS, columns)
     of_drive = {name: run.get(name) for name in ("world", "camera_height_m")}
-    rows = [row | of_drive for row in read if row["status"] == "sign"]
+    edges: list[Row] = []
+    if (out / SECTIONS.file).is_file():
+        edges = read_rows(out, SECTIONS, ("station_m", "side", "edge_m"))
+    rows = [row | of_drive | from_edge(row, edges) for row in read if row["status"] == "sign"]
     us_probability = run.get("us_probability")
     system = US if us_probability is None or us_probability >= 0.5 else VIENNA
     return check_rows(rows, [rule for rule in rules if rule.system in ("", system)], road)
+
+
+def from_edge(row: Row, edges: Sequence[Row]) -> dict[str, float]:
+    """How far the panel is from the edge of the travelled way, metres, by the cross-section abreast of it."""
+    if row["lateral_m"] is None:
+        return {}
+    side = "right" if row["lateral_m"] > 0 else "left"
+    gaps = [
+        (abs(one["station_m"] - row["station_m"]), one["edge_m"])
+        for one in edges
+        if one["side"] == side and one["edge_m"] is not None
+    ]
+    apart, edge = min(gaps, default=(math.inf, 0.0))
+    if apart > SECTION_M:
+        return {}
+    sigmas = EDGE_SIGMA_M, row["sigma_lateral_m"] or 0.0, (row["sigma_width_m"] or 0.0) / 2
+    offset = abs(row["lateral_m"]) - (row["panel_width_m"] or 0.0) / 2 - edge
+    return {"offset_edge_m": offset, "sigma_offset_edge_m": math.hypot(*sigmas)}
 
 
 def check_rows(rows: Sequence[Row], rules: Sequence[Rule], road: str | None) -> list[Check]:

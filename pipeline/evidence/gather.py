@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.results.result import find_sign, read_rows
 from wayside.schemas.errors import InputError
-from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, PROFILE, SIGNS
 from wayside.stages.geometry import turn_deg
 
 _LONGEST_ID = 240
@@ -21,6 +22,9 @@ _FRAME_COLUMNS = (
     *("frame", "log_time_ns", "status", "x", "y", "z", "lon_deg", "lat_deg"),
     *("image_name", "image_date"),
 )
+_STRIP_COLUMNS = ("station_m", "offset_m", "height_m")
+_STRIP_M, _LEAST_KNOWN = (8.0, 1.0), 0.5
+"""Distance of strips along the road and across it."""
 _SIGN_COLUMNS = tuple(column.name for column in SIGNS.columns if column.name != "geometry")
 
 
@@ -93,11 +97,32 @@ def gather(out: Path, sign_id: str | None) -> tuple[DriveMap, list[Evidence]]:
         _require_file_name(out, sign["sign_id"])
     chosen = signs if sign_id is None else [find_sign(out, signs, sign_id)]
     drive = _read_drive(out, signs)
+    grounds = _grounds_below(out, chosen)
+    chosen = [sign | {"ground_m": ground} for sign, ground in zip(chosen, grounds, strict=True)]
     where = {"verdict": "sign"} if sign_id is None else {"verdict": "sign", "sign_id": sign_id}
     views = defaultdict(list)
     for row in read_rows(out, OBSERVATIONS, ("sign_id", "frame", "box", "residual_px"), where):
         views[row["sign_id"]].append(row)
     return drive, [_evidence(sign, views[sign["sign_id"]], drive) for sign in chosen]
+
+
+def _grounds_below(out: Path, signs: Sequence[dict[str, Any]]) -> list[float | None]:
+    """Height of the ground below each sign above the road, metres; None: not measured there, or not asked for.
+
+    Interpolated between the strips around it, of which those that are measured must make up half.
+    """
+    if not (out / PROFILE.file).is_file():
+        return [None] * len(signs)
+    rows = read_rows(out, PROFILE, _STRIP_COLUMNS, {"status": "ground"})
+    strips = np.array([[row[name] for name in _STRIP_COLUMNS] for row in rows]).reshape(-1, 3)
+    found: list[float | None] = []
+    for sign in signs:
+        place = np.array([sign["station_m"], sign["lateral_m"]], np.float64)  # nan: not known
+        away = strips[:, :2] - place
+        weight = np.maximum(1 - np.abs(away) / _STRIP_M, 0.0).prod(axis=1)
+        known = weight.sum() >= _LEAST_KNOWN
+        found.append(float(weight @ strips[:, 2] / weight.sum()) if known else None)
+    return found
 
 
 def _read_drive(out: Path, signs: list[dict[str, Any]]) -> DriveMap:

@@ -94,14 +94,18 @@ def _beside_the_road(sign: dict[str, Any]) -> list[Figure]:
         at = f"{sign['measure']:.3f} {sign['measure_unit']}"
         found.append(Figure("Route", f"{sign['route']}, {at}" if sign["route"] else at))
     side = "" if lateral is None else ", right" if lateral >= 0 else ", left"
-    beside = None if lateral is None else abs(lateral)
+    beside, ground = None if lateral is None else abs(lateral), sign.get("ground_m")
     apart, sigma = sign["spacing_m"], sign["sigma_spacing_m"]
+    clear = []
+    if ground is not None and sign["bottom_m"] is not None:
+        clear.append(_length("and above the ground below", sign["bottom_m"] - ground))
     return [
         *found,
         _length("Along the road", sign["station_m"], sign["sigma_along_m"]),
         _length(f"Beside the path{side}", beside, sign["sigma_lateral_m"]),
         _length("Centre above the road", sign["up_m"], sign["sigma_up_m"]),
         _length("Lower edge above it", sign["bottom_m"]),
+        *clear,
         *([] if apart is None else [_length("To the next of its type", apart, sigma)]),
     ]
 

@@ -56,6 +56,7 @@ from wayside.schemas.tables import ROADSIDE
 from wayside.stages.calibration import LensCheck
 from wayside.stages.classifiers import providers
 from wayside.stages.mapping import WINDOW_STEP
+from wayside.stages.roadside import HELD_IMAGES
 
 
 class RunObserver(Observer, Protocol):
@@ -225,7 +226,8 @@ class _Task:
         writer = InventoryWriter(self.part, name, every_region=asked.every_region)
         observer = asked.open_observer(self.run.report, self.part)
         accounting = None if source is None else BoxAccounting(source)
-        memory = ImageMemory(settings.run.memory_mb, settings.track.longest + WINDOW_STEP)
+        window = settings.track.longest + WINDOW_STEP + HELD_IMAGES * settings.roadside.on
+        memory = ImageMemory(settings.run.memory_mb, window)
         try:
             if observer is not None and observer.records:
                 self.earlier.check_recording()

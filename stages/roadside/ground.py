@@ -27,9 +27,11 @@ class Ground(NamedTuple):
     agreement: Array
     """Mean correlation at that height."""
     margin: Array
-    """How far it is above that at the best other height."""
+    """How far it is above that at the best other height; -1 where the height is no maximum."""
     curvature: Array
     """Of the correlation at that height, 1/m^2."""
+    greatest: Array
+    """Greatest mean correlation at any height."""
 
 
 def ground_of(score: NDArray[Any], pairs: NDArray[Any], heights: Array) -> Ground:
@@ -50,13 +52,17 @@ def ground_of(score: NDArray[Any], pairs: NDArray[Any], heights: Array) -> Groun
     chosen = [int(best.argmax())]
     for origin in reversed(origins):
         chosen.append(int(origin[chosen[-1]]))
-    at = np.clip(chosen[::-1], 1, len(heights) - 2)
-    strips = np.arange(len(at))
+    strips, last = np.arange(len(mean)), len(heights) - 2
+    around = np.clip(chosen[::-1], 1, last)[:, None] + (0, -1, 1)
+    # the neighbours may hold a strip one step off its own maximum
+    at = np.clip(around[strips, mean[strips[:, None], around].argmax(axis=1)], 1, last)
     low, peak, high = (mean[strips, at + k] for k in (-1, 0, 1))
     bend = np.maximum(2 * peak - low - high, 1e-6)
     height = heights[at] + step * np.clip((high - low) / (2 * bend), -0.5, 0.5)
     others = np.where(change[at] > OTHER_HEIGHT_M, mean, -1.0).max(axis=1)
-    parts = height, peak, peak - others, bend / step**2
+    # at an end of the range, and on a slope that leads elsewhere, the height is not where agreement is greatest
+    margin = np.where((peak >= low) & (peak >= high), peak - others, -1.0)
+    parts = height, peak, margin, bend / step**2, mean.max(axis=1)
     return Ground(*(np.where(pairs > 0, part, np.nan) for part in parts))
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wayside.schemas.frame import Pose
 from wayside.schemas.roadside import CrossSection, Roadside
@@ -18,7 +19,11 @@ from wayside.stages.roadside.sweep import HEIGHTS_M, OFFSETS_M, Sweep
 
 LEAST_MARGIN = 0.12
 """Correlation by which the best height must exceed all others (set on rendered drives)."""
-SIGMA_M, SIGMA_FACTOR = 0.012, 0.55
+UPRIGHT_AGREEMENT = 0.45
+"""Images that agree so well on several heights show a rail, a wall or a vehicle (set on rendered drives)."""
+STEADY_M, STEADY_OVER = 0.15, 3
+"""Ground is this near to the median of so many stations before and behind, of which as many measure it."""
+SIGMA_M, SIGMA_FACTOR = 0.018, 0.55
 """Scatter of a height that the correlation does not show, and the factor on what it does (rendered drives)."""
 ROLL_SIGMA_DEG = 0.5
 """Scatter of the camera's roll, which tilts the ground where no poses say which way is up."""
@@ -57,8 +62,7 @@ def place_sections(sweeps: Iterator[Sweep], path: DrivePath) -> Iterator[CrossSe
     ]
     camera_m = _camera_height(placed)
     sides = [[_lines(placed, sign, solid=solid) for solid in (False, True)] for sign in (-1, 1)]
-    for k, one in enumerate(placed):
-        measured = one.ground.margin >= LEAST_MARGIN
+    for k, (one, measured) in enumerate(zip(placed, _measured(placed), strict=True)):
         sigma = _sigma(one)
         height = one.above + camera_m
         left, right = (
@@ -131,6 +135,32 @@ def _camera_height(placed: Sequence[_Placed]) -> float:
     ]
     heights = np.concatenate([*road, np.zeros(0)])
     return float(np.median(heights)) if len(heights) else np.nan
+
+
+def _measured(placed: Sequence[_Placed]) -> NDArray[np.bool_]:
+    """Whether heights (stations, n) are of ground: sure, in sight, and much the same along the road."""
+    above = np.array(
+        [
+            np.where((one.ground.margin >= LEAST_MARGIN) & ~_behind(one.ground), one.above, np.nan)
+            for one in placed
+        ]
+    ).reshape(-1, len(OFFSETS_M))
+    steady = np.zeros(above.shape, np.bool_)
+    for k in range(len(placed)):
+        near = above[max(k - STEADY_OVER, 0) : k + STEADY_OVER + 1]
+        often = np.isfinite(near).sum(axis=0) >= STEADY_OVER
+        usual = np.nanmedian(near[:, often], axis=0)
+        steady[k, often] = np.abs(above[k, often] - usual) < STEADY_M
+    return steady
+
+
+def _behind(ground: Ground) -> NDArray[np.bool_]:
+    """Whether each strip (n,) stands upright itself, or lies beyond one beside the road that does."""
+    upright = (ground.greatest >= UPRIGHT_AGREEMENT) & (ground.margin <= 0)
+    middle = len(OFFSETS_M) // 2
+    upright[np.abs(OFFSETS_M) <= ROAD_M] = False
+    left = np.logical_or.accumulate(upright[middle::-1])[::-1]
+    return np.concatenate([left, np.logical_or.accumulate(upright[middle + 1 :])])
 
 
 def _sigma(one: _Placed) -> Array:

@@ -39,6 +39,8 @@ SHORTEST_STEP_M = 4.0
 """Images nearer to the one before are not compared: their parallax is too small."""
 NEAREST_M, FARTHEST_M = 3.0, 36.0
 """Distance of the middle of a patch ahead of a camera: farther off a pixel covers too much of the road."""
+HELD_IMAGES = 4
+"""Images in colour and full size that take as much memory as all those that are held at `SHORTEST_STEP_M`."""
 SMALL_M = 0.4
 """Ground along the road that a pixel may cover in the size of the image that is taken."""
 LINES_REACH_M = 8.0

@@ -28,7 +28,7 @@ from wayside.pipeline.running.run import RunRequest, run_log
 from wayside.schemas.detections import SHAPES
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.settings import ReadSettings, Settings
-from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, PROFILE, SIGNS
 
 from . import results
 from .results import table_of, write_tables
@@ -533,6 +533,23 @@ def test_what_is_not_known_is_said_to_be_unknown_and_a_route_is_told_where_it_is
 def test_nothing_is_less_than_zero_by_less_than_is_shown():
     values = {f.label: f.value for f in figures(facing_deg=-0.3, bottom_m=-0.004)}
     assert (values["Facing"], values["Lower edge above it"]) == ("0°", "0.00 m")
+
+
+def test_the_ground_below_a_sign_is_that_between_the_strips_around_it(out):
+    assert {one.sign["ground_m"] for one in gather(out, None)[1]} == {None}
+    near = [(36.0, 5.5, -0.5), (36.0, 6.5, -0.9), (44.0, 5.5, -0.7), (44.0, 6.5, -1.1)]
+    far, hidden = (60.0, 6.0, 3.0), (40.0, 6.0, 9.0)
+    strips = [
+        {"station_m": station, "offset_m": offset, "height_m": height, "count": 2, "frame": 3}
+        | {"status": "hidden" if (station, offset, height) == hidden else "ground"}
+        for station, offset, height in [*near, far, hidden]
+    ]
+    pq.write_table(table_of(PROFILE, strips), out / PROFILE.file)
+    beside, other, bare = gather(out, None)[1]
+    assert beside.sign["ground_m"] == pytest.approx(-0.8)
+    assert (other.sign["ground_m"], bare.sign["ground_m"]) == (None, None)
+    values = {f.label: f.value for group in figures_of(beside.sign, "").values() for f in group}
+    assert values["and above the ground below"] == "2.90 m"
 
 
 @pytest.mark.parametrize("most", [5, 14, 30, 2000])

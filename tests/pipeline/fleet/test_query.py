@@ -79,6 +79,15 @@ def test_the_questions_of_the_documentation_are_answered(inventory):
     }
 
 
+def test_the_ground_is_that_of_the_drives_that_were_asked_for_it(inventory):
+    with pytest.raises(InputError, match=r"roadside\.on"):
+        first_rows(inventory, "SELECT * FROM profile", 9)
+    strip = {"station_m": 8.0, "offset_m": 3.0, "height_m": -0.2, "count": 2, "frame": 1}
+    rows = pa.Table.from_pylist([strip | {"status": "ground"}])
+    pq.write_table(rows, inventory / "drives" / "two" / "profile.parquet")
+    assert first_rows(inventory, "SELECT drive, height_m FROM profile", 9)[1] == [["two", "-0.2"]]
+
+
 def test_only_results_that_are_done_count_and_cells_keep_their_zeros(inventory):
     assert first_rows(inventory, "SELECT drive FROM signs ORDER BY 1;", 9)[1] == [["one"], ["two"]]
     assert first_rows(inventory, "SELECT cell FROM panels", 9)[1] == [["0231"]]

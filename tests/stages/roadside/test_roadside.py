@@ -14,6 +14,7 @@ from wayside.stages.roadside.breaks import breaks_of
 from wayside.stages.roadside.ground import ground_of
 from wayside.stages.roadside.images import agreement, ground_image
 from wayside.stages.roadside.lines import COLUMN_M, painted_lines
+from wayside.stages.roadside.sweep import HEIGHTS_M, OFFSETS_M, Sweep
 from wayside.stages.segmentation import unsegmented
 
 CAMERA = Camera(800, 600, 700.0, 700.0, 399.5, 279.5, (-0.1, 0.02, 0.0, 0.0, 0.0))
@@ -46,7 +47,7 @@ def rendered(ground, other, pose):
     rays = np.column_stack([rays, np.ones(len(rays))]) @ pose.rotation.T
     down = np.maximum(rays[:, 1], 1e-3)
     far = CAMERA_M / down
-    for _ in range(40):
+    for _ in range(15):
         far = (CAMERA_M - np.interp(rays[:, 0] * far, *SECTION.T)) / down
     right, along = rays[:, 0] * far, rays[:, 2] * far + pose.centre[2]
     place = [((along + 4) / 0.04) % 4090, (right / 0.04 + 512).clip(0, 1020)]
@@ -171,6 +172,22 @@ def test_a_strip_that_shows_nothing_follows_its_neighbours():
     assert found.margin[0] > 0.3
     assert found.margin[1] <= 0
     assert np.isnan(found.height[3])
+
+
+def test_what_stands_upright_is_hidden_and_hides_what_lies_beyond():
+    peak = np.exp(-(((HEIGHTS_M + 0.2) / 0.2) ** 2))
+    score = np.tile(peak, (len(OFFSETS_M), 1)).astype(np.float32)
+    score[OFFSETS_M == 6] = np.where((HEIGHTS_M > -0.3) & (HEIGHTS_M < 0.8), 0.9, 0.2)
+    place = Pose(np.array([[0.0, 1, 0], [0, 0, -1], [1, 0, 0]]), np.zeros(3))
+    pairs = np.ones(len(OFFSETS_M), np.int64)
+    none = np.zeros((0, 3))
+    sweeps = [Sweep(0, 8.0 * k, place, 1.5, score, pairs, none) for k in range(5)]
+    point = PathPoint(0, Pose(np.eye(3), np.zeros(3)), None, None)
+    path = drive_path([point], "drive_start", {0: point.chained})
+    for one in place_sections(iter(sweeps), path):
+        hidden = np.array(one.status) == "hidden"
+        assert one.offset_m[hidden] == pytest.approx(np.arange(6.0, 13.0))
+        assert one.camera_m == pytest.approx(1.7, abs=0.02)
 
 
 def test_samples_agree_by_what_changes_along_the_road():
