@@ -166,9 +166,10 @@ SHARED = {
         metavar="DIR",
     ),
     "alpha": Option(
-        float,
-        "False-alarm rate of every gate, instead of the thresholds of the models.",
+        str,
+        "False-alarm rate of every gate, or of some (color=0.1,location=0.05), not the thresholds of the models.",
         "models.alpha",
+        metavar="RATE",
     ),
     "route": Option(str, 'Route of the drive: "US-36 EB".', "route.name", metavar="NAME"),
     "milepost": Option(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from hashlib import sha256
@@ -19,7 +19,7 @@ from wayside.pipeline.labels.box_file import load_boxes
 from wayside.pipeline.models.detector_file import load_detector
 from wayside.pipeline.models.model_json import digest, model_from_json, model_to_json
 from wayside.schemas.detectors import BoxFile, DetectorFile
-from wayside.schemas.errors import InputError
+from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.landmarks import EVIDENCE_TERMS
 from wayside.schemas.models import (
     EvidenceModel,
@@ -226,6 +226,13 @@ def _check_inputs(models: Models, folder: _Folder) -> None:
     ):
         if evidence is not None:
             odd[name] = {*evidence.features, *evidence.terms} - known
+    gates = () if models.color_classes is None else (models.color_classes, models.location_classes)
+    for gate in (*gates, models.shape_classes):
+        if gate is not None and not gate.threshold_rule:
+            raise InputError(
+                f"the model of {', '.join(one.name for one in gate.classes)} has no threshold, as models of earlier "
+                "versions of wayside. Learn it again."
+            )
     for name, inputs in odd.items():
         if inputs:
             raise InputError(
@@ -235,29 +242,49 @@ def _check_inputs(models: Models, folder: _Folder) -> None:
 
 
 def _at_alpha(models: Models, settings: Settings) -> Models:
-    """The models with every gate of the run at a false-alarm rate; InputError where one has no such operating point."""
+    """The models with gates of the run at false-alarm rates.
+
+    Raises UsageError for what is no rate or gate, InputError where a gate has no such operating point.
+    """
     gates = ["color_classes", "shape_classes", "trajectory_density"]
     if settings.report.on and settings.locate.gate:
         gates.append("location_classes")
     if not settings.report.on and models.external is None:
         gates.append("landmark_classifier")
         gates += [] if models.back_scores is None else ["back_landmark_classifier"]
+    known = {_NAMES[gate]: gate for gate in gates if getattr(models, gate) is not None}
     lacking: list[str] = []
     moved: dict[str, Any] = {}
-    for gate in gates:
-        model = getattr(models, gate)
+    for name, rate in _rates(settings.models.alpha, list(known)).items():
         try:
-            if model is not None:
-                moved[gate] = at_alpha(model, settings.models.alpha)
+            moved[known[name]] = at_alpha(getattr(models, known[name]), rate)
         except ValueError as error:
-            lacking.append(f"{_NAMES[gate]}: {error}")
-    if lacking or not moved:
+            lacking.append(f"{name}: {error}")
+    if lacking:
         raise InputError(
             "models.alpha: not every gate of the run has a threshold for this false-alarm rate: "
-            f"{'; '.join(lacking) or 'there is no gate, because a detector of another kind decides'}. Take a larger "
-            "rate, learn these models again, or leave the rate out."
+            f"{'; '.join(lacking)}. Take a larger rate, learn these models again, or leave the rate out."
         )
     return replace(models, **moved)
+
+
+def _rates(text: str, gates: Sequence[str]) -> dict[str, float]:
+    """False-alarm rate of each gate that a text names, as `0.1` (all of them) or `color=0.1,location=0.05`."""
+    rates: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, rate = part.rpartition("=")
+        named = [name.strip()] if name else gates
+        try:
+            rates |= dict.fromkeys(named, float(rate))
+        except ValueError:
+            named = []
+        if not named or not {*named} <= {*gates} or not 0 < rates[named[0]] <= 1:
+            exist = ", ".join(gates) or "none, because a detector of another kind decides"
+            raise UsageError(
+                f"--alpha (models.alpha): {part!r} is not a rate between 0 and 1, nor a gate with one. Write 0.1 or "
+                f"color=0.1,location=0.05; the gates of this run are: {exist}."
+            )
+    return rates
 
 
 @dataclass(slots=True)

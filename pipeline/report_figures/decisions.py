@@ -161,7 +161,7 @@ def roc_figures(drive: Drive) -> Iterator[Figure]:
     """Figure 10.1 for each colour, and the report's claim for green."""
     samples = drive.samples["color"].known()
     axes = new_axes((0, 1), (0, 1), RATES)
-    shipped = "at the shipped distance: TPR"
+    shipped = "at the shipped threshold: TPR"
     rows: list[Sequence[str]] = [
         ("colour", "signs", "others", "area", shipped, "FPR", "FPR where all signs pass")
     ]
@@ -172,7 +172,7 @@ def roc_figures(drive: Drive) -> Iterator[Figure]:
         name, on = one.name.replace("_", " "), one.on
         ink = "#{:02x}{:02x}{:02x}".format(*(max(v - 30, 0) for v in COLOR_RGB[one.name]))
         draw_roc(axes, one, TEXT if name == "white" else ink, name)
-        accepted, reached = one.within(one.used), one.within(one.value[on].max())
+        accepted, reached = one.within(one.used), one.within(one.value[on].min())
         shares = [
             share_words(int((flags & kind).sum()), int(kind.sum()))
             for flags, kind in ((accepted, on), (accepted, ~on), (reached, ~on))

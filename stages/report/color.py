@@ -27,8 +27,8 @@ def classify_color(
 ) -> Iterator[Detections]:
     """Make all regions candidates with the colour class of their mean colour, by Mahalanobis distance (eq. 3.1).
 
-    The class is the nearest of those whose threshold holds; where none holds, the nearest of all, and the verdict is
-    `color`. Raises InputError where the model names a colour or a space that does not exist.
+    The verdict is `color` where no class is likely enough against the colours of what is no sign (eq. 9.3). Raises
+    InputError where the model names a colour or a space that does not exist.
     """
     require_gaussian_model(model, COLORS, COLOR_SPACES)
     for one in segmentations:

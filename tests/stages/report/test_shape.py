@@ -102,13 +102,15 @@ OUTLINES = {
 YELLOW = (220, 180, 30)
 
 
-def model(threshold=4.0):
+def model(distance=4.0):
+    """Accepts up to a distance from a class, all other outlines being as likely as each other."""
     spread = np.eye(len(TERMS)) * 0.04**2
     classes = tuple(
-        GaussianClass(name, shape_features(outline), spread, threshold, "by hand", 1)
+        GaussianClass(name, shape_features(outline), spread, 1)
         for name, outline in OUTLINES.items()
     )
-    return GaussianModel("fourier6", classes, "test")
+    least = -(distance**2 + np.linalg.slogdet(2 * np.pi * spread)[1]) / 2
+    return GaussianModel("fourier6", classes, "test", threshold=least - np.log(len(classes)))
 
 
 def drawn(names, radius=24):
@@ -142,8 +144,8 @@ def test_drawn_faces_get_their_shape(radius):
     assert (candidates.verdict == 0).all()
 
 
-def test_a_shape_beyond_every_threshold_stops_at_shape():
-    candidates = classify(candidates_of(drawn(["octagon"])), threshold=1e-4)
+def test_a_shape_far_from_every_class_stops_at_shape():
+    candidates = classify(candidates_of(drawn(["octagon"])), distance=1e-4)
     assert VERDICTS[candidates.verdict[0]] == "shape"
     assert candidates.shape_distance[0] > 0
 
@@ -158,6 +160,6 @@ def test_candidates_that_stopped_before_are_left_alone():
 
 
 def test_models_of_unknown_shapes_are_refused():
-    one = GaussianClass("heart", np.zeros(6), np.eye(6), 1.0, "", 1)
+    one = GaussianClass("heart", np.zeros(6), np.eye(6), 1)
     with pytest.raises(InputError, match="'heart'"):
         next(classify_shape(iter([]), model=GaussianModel("fourier6", (one,), "")))
