@@ -18,6 +18,7 @@ from wayside.pipeline.files.input_files import read_input
 from wayside.pipeline.labels.box_file import load_boxes
 from wayside.pipeline.models.detector_file import load_detector
 from wayside.pipeline.models.model_json import digest, model_from_json, model_to_json
+from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import BoxFile, DetectorFile
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.landmarks import EVIDENCE_TERMS
@@ -34,6 +35,7 @@ from wayside.stages.classifiers import OnnxNetwork, at_alpha
 from wayside.stages.detection import BoxNetwork, DetectionNetwork
 from wayside.stages.mapping import FEATURES as LANDMARK_FEATURES
 from wayside.stages.panel import OUTLINE_FEATURES
+from wayside.stages.report import COLOR_SPACES, TERMS
 from wayside.stages.sign_codes import CLASSES, FaceClassifier
 
 REPORT_LOCATION = "location_report.json"
@@ -226,19 +228,36 @@ def _check_inputs(models: Models, folder: _Folder) -> None:
     ):
         if evidence is not None:
             odd[name] = {*evidence.features, *evidence.terms} - known
-    gates = () if models.color_classes is None else (models.color_classes, models.location_classes)
-    for gate in (*gates, models.shape_classes):
-        if gate is not None and not gate.threshold_rule:
-            raise InputError(
-                f"the model of {', '.join(one.name for one in gate.classes)} has no threshold, as models of earlier "
-                "versions of wayside. Learn it again."
-            )
+    if models.color_classes is not None:
+        _check_gate(models.color_classes, COLORS, COLOR_SPACES)
+        _check_gate(models.location_classes, None, {"right_up_m": 2})
+    if models.shape_classes is not None:
+        _check_gate(models.shape_classes, SHAPES, {"fourier6": len(TERMS)})
     for name, inputs in odd.items():
         if inputs:
             raise InputError(
                 f"{folder.file(name)}: this version of wayside computes other inputs than the model takes; they differ "
                 f"in {', '.join(sorted(inputs))}. Learn it again."
             )
+
+
+def _check_gate(
+    model: GaussianModel, names: Sequence[str] | None, spaces: Mapping[str, int]
+) -> None:
+    """Refuse a gate with no class or threshold, an unknown name or space, or other dimensions than its space has."""
+    found = [one.name for one in model.classes]
+    unknown = [name for name in found if names is not None and name not in names]
+    dimensions = spaces.get(model.space)
+    means = {one.mean.shape for one in (*model.classes, *model.background)}
+    for fault, words in (
+        (dimensions is None, f"there is no space {model.space!r} among {', '.join(spaces)}"),
+        (not found, "it has no class"),
+        (unknown, f"there is no class {unknown} among {', '.join(names or ())}"),
+        (means - {(dimensions,)}, f"a class has {dimensions} numbers in space {model.space!r}"),
+        (not model.threshold_rule, "it has no threshold, as those of earlier versions of wayside"),
+    ):
+        if fault:
+            raise InputError(f"model of {', '.join(found)}: {words}. Learn it again.")
 
 
 def _at_alpha(models: Models, settings: Settings) -> Models:

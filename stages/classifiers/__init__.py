@@ -9,7 +9,6 @@ from wayside.stages.classifiers.decisions import (
     log_ratios,
     most_powerful,
     nearest_class,
-    require_gaussian_model,
 )
 from wayside.stages.classifiers.onnx_network import NetworkInput, OnnxNetwork, providers
 
@@ -25,5 +24,4 @@ __all__ = [
     "most_powerful",
     "nearest_class",
     "providers",
-    "require_gaussian_model",
 ]

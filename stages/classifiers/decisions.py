@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.errors import InputError
 from wayside.schemas.models import (
     EvidenceModel,
     GaussianClass,
@@ -18,30 +17,6 @@ from wayside.schemas.models import (
     MixtureModel,
     OperatingPoint,
 )
-
-
-def require_gaussian_model(
-    model: GaussianModel, names: tuple[str, ...], spaces: dict[str, int]
-) -> None:
-    """Raise InputError for a model with no class, an unknown name or space, or other dimensions than its space has."""
-    if model.space not in spaces:
-        raise InputError(
-            f"model: there is no space {model.space!r} among {', '.join(spaces)}. Learn it again."
-        )
-    if not model.classes:
-        raise InputError("model: it has no class. Choose another.")
-    dimensions = spaces[model.space]
-    for name in (one.name for one in model.classes):
-        if name not in names:
-            raise InputError(
-                f"model: there is no class {name!r} among {', '.join(names)}. Correct its name."
-            )
-    for one in (*model.classes, *model.background):
-        if one.mean.shape != (dimensions,) or one.covariance.shape != (dimensions, dimensions):
-            raise InputError(
-                f"model: a class has {dimensions} numbers in space {model.space!r}, but {one.name!r} has a mean "
-                f"{one.mean.shape} and covariance {one.covariance.shape}. Learn it again."
-            )
 
 
 def class_distances(
@@ -81,12 +56,10 @@ def log_ratios(values: NDArray[np.floating[Any]], model: GaussianModel) -> NDArr
 
 def log_density(values: NDArray[np.floating[Any]], model: MixtureModel) -> NDArray[np.float64]:
     """Natural logarithm of the density of a mixture at each value (n, d): (n,)."""
-    d = model.mean.shape[1]
-    gap = np.asarray(values, np.float64)[:, None] - model.mean
-    square = np.einsum("nki,kij,nkj->nk", gap, np.linalg.inv(model.covariance), gap)
-    _, log_volume = np.linalg.slogdet(model.covariance)
-    parts = np.log(model.weight) - (log_volume + d * np.log(2 * np.pi) + square) / 2
-    return np.asarray(np.logaddexp.reduce(parts, axis=1))
+    parts = [GaussianClass("", *one, 0) for one in zip(model.mean, model.covariance, strict=True)]
+    return np.asarray(
+        np.logaddexp.reduce(log_normals(values, parts) + np.log(model.weight), axis=1)
+    )
 
 
 def nearest_class(
@@ -98,17 +71,10 @@ def nearest_class(
     Mahalanobis distance (n,) float32, nan there; whether it is accepted (n,) bool.
     """
     codes = np.array([names.index(one.name) for one in model.classes], np.int8)
-    code = np.full(len(values), -1, np.int8)
-    distance = np.full(len(values), np.nan, np.float32)
-    accepted = np.zeros(len(values), bool)
-    known = np.flatnonzero(np.isfinite(values).all(axis=1))
-    if len(known) == 0:
-        return code, distance, accepted
-    distances = class_distances(values[known], model.classes)
-    code[known] = codes[distances.argmin(axis=1)]
-    distance[known] = distances.min(axis=1)
-    accepted[known] = log_ratios(values[known], model).max(axis=1) >= model.threshold
-    return code, distance, accepted
+    distances = class_distances(values, model.classes)
+    code = np.where(np.isfinite(values).all(axis=1), codes[distances.argmin(axis=1)], np.int8(-1))
+    accepted = log_ratios(values, model).max(axis=1) >= model.threshold
+    return code, distances.min(axis=1).astype(np.float32), accepted
 
 
 def evidence_ratios(model: EvidenceModel, values: Mapping[str, float]) -> dict[str, float]:

@@ -174,12 +174,24 @@ def test_what_is_no_rate_or_no_gate_is_refused_with_the_gates_that_there_are(pre
         load_models(settings(preset, alpha=alpha))
 
 
-def test_a_gate_without_a_threshold_is_refused(tmp_path):
-    data = json.loads((shipped_models() / "color_rgb.json").read_text())
-    del data["threshold"], data["threshold_rule"]
-    (tmp_path / "color.json").write_text(json.dumps(data))
-    with pytest.raises(InputError, match=r"white, .* has no threshold.*Learn it again"):
-        load_models(settings("report", tmp_path))
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("color_rgb", lambda d: [d.pop("threshold"), d.pop("threshold_rule")], "no threshold"),
+        ("color_rgb", lambda d: d["classes"][0].update(name="pink"), "pink"),
+        ("color_rgb", lambda d: d.update(space="hsv"), "'hsv' among rgb"),
+        ("color_rgb", lambda d: d.update(classes=[]), "has no class"),
+        ("color_rgb", lambda d: d.update(space="chromaticity"), "has 2 numbers"),
+        ("shape", lambda d: d["classes"][0].update(name="heart"), "heart"),
+        ("location_report", lambda d: d.update(space="rgb"), "'rgb' among right_up_m"),
+    ],
+)
+def test_a_gate_that_does_not_fit_its_stage_is_refused(tmp_path, name, change, words):
+    data = json.loads((shipped_models() / f"{name}.json").read_text())
+    change(data)
+    (tmp_path / f"{name}.json").write_text(json.dumps(data))
+    with pytest.raises(InputError, match=rf"model of .*{words}.*Learn it again"):
+        load_models(settings("report-shape" if name == "shape" else "report", tmp_path))
 
 
 def with_curve(folder, *names):

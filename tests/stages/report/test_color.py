@@ -8,7 +8,6 @@ from scipy.spatial.distance import mahalanobis
 from scipy.stats import multivariate_normal
 
 from wayside.schemas.detections import COLORS, VERDICTS
-from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.stages.report.color import classify_color
 from wayside.stages.segmentation import unsegmented
@@ -70,17 +69,3 @@ def test_the_nearest_class_is_taken_and_what_is_likelier_no_sign_stops_at_color(
     assert [COLORS[c] for c in candidates.color[:8]] == ["yellow"] * 4 + ["red"] * 4
     assert [VERDICTS[v] for v in candidates.verdict] == ["open"] * 8 + ["color"]
     assert candidates.color_distance[8] > 3
-
-
-def test_models_that_do_not_fit_are_refused():
-    def one_class(name, n):
-        return GaussianModel("rgb", (GaussianClass(name, np.zeros(n), np.eye(n), 1),), "")
-
-    for bad, message in (
-        (one_class("pink", 3), "'pink'"),
-        (one_class("red", 2), "has 3 numbers"),
-        (replace(model(), space="hsv"), "'hsv'"),
-        (replace(model(), classes=()), "has no class"),
-    ):
-        with pytest.raises(InputError, match=message):
-            next(classify_color(iter([segmented([(1, 2, 3)])]), model=bad))

@@ -12,7 +12,6 @@ from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.detections import SHAPES, VERDICTS, Candidates, Detections
-from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.schemas.settings import GateSettings, SegmentSettings
 from wayside.stages.report.shape import (
@@ -157,9 +156,3 @@ def test_candidates_that_stopped_before_are_left_alone():
     assert candidates.verdict.tolist() == stopped.tolist()
     assert candidates.shape[0] == -1
     assert np.isnan(candidates.shape_distance[0])
-
-
-def test_models_of_unknown_shapes_are_refused():
-    one = GaussianClass("heart", np.zeros(6), np.eye(6), 1)
-    with pytest.raises(InputError, match="'heart'"):
-        next(classify_shape(iter([]), model=GaussianModel("fourier6", (one,), "")))
