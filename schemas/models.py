@@ -27,15 +27,15 @@ class OperatingPoint:
     """Share of others that it accepts where the model was learned (eq. 10.2)."""
     power: float
     """Share of signs that it accepts there (eq. 10.1)."""
-    thresholds: tuple[float, ...]
-    """Of each class, in the order of the model."""
-    intervals: tuple[tuple[float, float], ...] = ()
-    """95 % interval of each threshold. Empty: unknown."""
+    threshold: float
+    """Least accepted value."""
+    interval: tuple[float, float] | None = None
+    """95 % interval of the threshold. None: unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class GaussianClass:
-    """One class of a Gaussian model, in d dimensions."""
+    """One class of a Gaussian model, or one component of its background, in d dimensions."""
 
     name: str
     """Of the class."""
@@ -43,14 +43,8 @@ class GaussianClass:
     """(d,)."""
     covariance: NDArray[np.float64]
     """(d, d)."""
-    threshold: float
-    """Largest accepted Mahalanobis distance."""
-    threshold_rule: str
-    """How the threshold was chosen."""
     count: int
-    """Samples it was learned from."""
-    threshold_interval: tuple[float, float] | None = None
-    """95 % interval, by resampling the drives it was learned from. None: unknown."""
+    """Samples it was learned from, and its weight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +57,7 @@ class ModelText:
 
 @dataclass(frozen=True, slots=True)
 class GaussianModel(ModelText):
-    """Classes by Mahalanobis distance (report eq. 3.1)."""
+    """Classes by Mahalanobis distance (report eq. 3.1), and a gate by likelihood ratio (report chapter 9)."""
 
     kind: ClassVar[str] = "gaussian"
     space: str
@@ -72,8 +66,16 @@ class GaussianModel(ModelText):
     """The classes."""
     provenance: str
     """What it was learned from."""
+    background: tuple[GaussianClass, ...] = ()
+    """Components of the density of what is no sign. Empty: as likely everywhere."""
+    threshold: float = -np.inf
+    """Least accepted logarithm of the likelihood ratio of a class to the background. -inf: it is no gate."""
+    threshold_rule: str = ""
+    """How the threshold was chosen. Empty: it is no gate."""
+    threshold_interval: tuple[float, float] | None = None
+    """95 % interval, by resampling the drives it was learned from. None: unknown."""
     curve: tuple[OperatingPoint, ...] = ()
-    """Operating points of all classes together, by rising false-alarm rate. Empty: unknown."""
+    """Operating points, by rising false-alarm rate. Empty: unknown."""
 
 
 @dataclass(frozen=True, slots=True)

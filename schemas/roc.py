@@ -17,7 +17,7 @@ _WHICH = (
 
 CURVES = Table(
     "roc",
-    "One row per threshold of a classifier and class, from one that accepts nothing to one that accepts everything.",
+    "A classifier and class from the strictest threshold on: each at which a sign is gained, and the one before it.",
     (
         *_WHICH,
         Column("threshold", _REAL, "", "in the unit of the classifier; infinite: accepts nothing", _SURE),

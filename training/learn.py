@@ -261,8 +261,7 @@ def location_model(places: NDArray[np.float64], provenance: str) -> GaussianMode
         if name == "overhead":
             # Over any lane: three lanes either way are as likely as the middle.
             mean[0], covariance = 0.0, np.diag([5.0**2, covariance[1, 1]])
-        rule = "four sigma, drawn only: no gate asks for it"
-        classes.append(GaussianClass(name, mean, covariance, 4.0, rule, int(own.sum())))
+        classes.append(GaussianClass(name, mean, covariance, int(own.sum())))
     return GaussianModel("right_up_m", tuple(classes), provenance)
 
 

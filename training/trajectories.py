@@ -25,8 +25,8 @@ from training.truth import (
     write_model,
 )
 from wayside.pipeline.files.settings_file import load_settings
-from wayside.pipeline.learning.curves import KNEE_RULE, RocCurve
 from wayside.pipeline.learning.labelled import NEITHER, ON
+from wayside.pipeline.learning.thresholds import GATE_RATES, with_threshold
 from wayside.pipeline.models.model_files import TRAJECTORY_FILES, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.flow import Flow
@@ -79,10 +79,10 @@ def gather_tracks(log: Path, drive: int) -> list[Track]:
 
 
 def learn_trajectories(tracks: Sequence[Track], form: str, provenance: str) -> MixtureModel:
-    """The density of the steps of signs, with the threshold at the knee of the ROC of whole tracks.
+    """The density of the steps of signs, with the threshold of the gate's false-alarm rate of whole tracks.
 
-    The number of components has the highest likelihood on drives held out in turn. The threshold and its rates are from
-    the same held-out scores. Raises InputError where there are too few tracks of signs or drives.
+    The number of components has the highest likelihood on drives held out in turn. The threshold is from the same
+    held-out scores. Raises InputError where there are too few tracks of signs or drives.
     """
     tracks = [one for one in tracks if one.label != NEITHER]
     sign = np.array([one.label == ON for one in tracks], np.bool_)
@@ -110,19 +110,8 @@ def learn_trajectories(tracks: Sequence[Track], form: str, provenance: str) -> M
     scores = np.empty(len(sign))
     for own, model in folds(best):
         scores[own] = [mean_log_density(tracks[row].steps, model) for row in np.flatnonzero(own)]
-    ones = np.ones(len(scores), np.int64)
-    curve = RocCurve(scores, sign, ones, drive, accept_below=False)
-    found, wrong = curve.tpr[curve.knee], curve.fpr[curve.knee]
-    return replace(
-        fitted(steps(sign), form, best),
-        threshold=float(curve.threshold[curve.knee]),
-        threshold_rule=(
-            f"{KNEE_RULE}; on drives held out in turn {found:.3f} of {sign.sum()} tracks of signs and {wrong:.3f} of "
-            f"{(~sign).sum()} others"
-        ),
-        count=int(sign.sum()),
-        provenance=provenance,
-    )
+    found = replace(fitted(steps(sign), form, best), count=int(sign.sum()), provenance=provenance)
+    return with_threshold(found, scores, sign, drive, GATE_RATES["trajectory"])
 
 
 def steps_in_form(tracks: Sequence[Track], form: str) -> NDArray[np.float64]:

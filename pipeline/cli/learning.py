@@ -139,7 +139,7 @@ def _write(result: Path, folder: Path, most: int, log: Path | None, *, overwrite
 HOW_TO_FIT = {
     "model": Option(list[Fitted], "Fit this model only; may be repeated.", names=("--model",)),
     "alpha": Option(
-        float, "False-alarm rate of each gate, 0.01 for instance.  [default: the knee]"
+        float, "False-alarm rate of each gate, 0.01 for instance.  [default: that of the shipped]"
     ),
     "space": Option(Space, "Space of the colours; auto: by cross-validation.", default="auto"),
     "complete": flag("--complete", "Every sign of the labelled images is labelled."),

@@ -166,9 +166,10 @@ SHARED = {
         metavar="DIR",
     ),
     "alpha": Option(
-        float,
-        "False-alarm rate of every gate, instead of the thresholds of the models.",
+        str,
+        "False-alarm rate of every gate, or of some (color=0.1,location=0.05), not the thresholds of the models.",
         "models.alpha",
+        metavar="RATE",
     ),
     "roadside": flag(
         "--roadside",

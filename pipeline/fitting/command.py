@@ -177,7 +177,7 @@ def fit_models(
         found = region_samples(drives, report, colors)
         floor = np.full(shapes.classes[0].mean.shape, SHAPE_FLOOR)
         asked = {shapes.space: (found.samples, lambda mean: floor)}
-        fit = partial(fit_gaussians, found.samples, asked, SHAPES, "shape", shapes, task)
+        fit = partial(fit_gaussians, found.samples, asked, SHAPES, SHAPE, shapes, task)
         outcomes.append(_tried(SHAPE, fit, found))
     if LOCATION in wanted:
         notify("location: running the logs with preset report")
@@ -187,7 +187,7 @@ def fit_models(
             samples = by_side(landmark_samples(run_drives(drives, report, gates), LOCATION))
             shipped = models.location_classes
             places = {shipped.space: (samples, lambda mean: np.array(PLACE_FLOOR))}
-            return fit_gaussians(samples, places, SIDES, "side of the road", shipped, task)
+            return fit_gaussians(samples, places, SIDES, LOCATION, shipped, task)
 
         outcomes.append(_tried(LOCATION, fit_location))
     if CONFIDENCE in wanted:

@@ -9,12 +9,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.curves import KNEE
 from wayside.pipeline.learning.fits import (
-    BEYOND,
     COLOR_FLOOR,
     SEED,
-    VIEWS,
+    Fit,
     Floor,
     Held,
     Rates,
@@ -22,25 +20,25 @@ from wayside.pipeline.learning.fits import (
     Samples,
     brier_score,
     calibrated,
-    counts_of,
     exceeds,
+    fit_background,
     fit_classes,
-    held_out_distances,
+    held_out,
     held_out_log_density,
     log_loss,
     score_held_out,
 )
 from wayside.pipeline.learning.thresholds import (
-    Gate,
+    GATE_RATES,
     normal_tail,
     rates_of,
     score_points,
-    with_joint_thresholds,
+    with_threshold,
 )
 from wayside.schemas.detections import COLORS
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import EvidenceModel, GaussianClass, GaussianModel
-from wayside.stages.classifiers import at_alpha, class_distances, nearest_class
+from wayside.stages.classifiers import at_alpha, nearest_class
 from wayside.stages.report import COLOR_SPACES, color_features
 
 FEWEST_SIGNS = 5
@@ -49,18 +47,13 @@ FEWEST_OTHERS = 50
 """Samples of what is no sign: a rate of 0.05, about the smallest that is of use, of fewer is that of two samples."""
 FEWEST_LANDMARKS = 10
 """Landmarks of signs, and of others: ten a coefficient, of which the confidence has two (Peduzzi et al. 1996)."""
+CLASS_WORDS = {"color": "colour", "shape": "shape", "location": "side of the road"}
+"""What a class of each gate is."""
 PRIOR_SIGNS = (1.0, 3.0, 10.0, 30.0)
 """Signs that the pooled covariance counts as; the best when held out is taken. From nearly none to more than 50 images
 have."""
 DRAWS = 420
 """Values drawn from a shipped class that is kept."""
-RESAMPLINGS = 50
-"""Resamplings behind the interval of a threshold."""
-KNEE_WORDS = f"knee of the ROC of all classes together: {KNEE}, on held-out distances"
-ALPHA_WORDS = (
-    "most true positives of all classes together of at most this false positive rate (report chapter 9), on held-out "
-    "distances"
-)
 
 Asked = tuple[Samples, Floor]
 """Samples in a space, and the smallest scatter of a class there."""
@@ -123,13 +116,17 @@ class FittedConfidence:
 class Task:
     """What is common to the models of a fit.
 
-    `alpha`: false-alarm rate wanted of a gate, None: the knee. `only_labelled`: leave out classes of too few signs
-    instead of keeping their shipped form. `provenance`: what a model file says of its origin.
+    `alpha`: false-alarm rate wanted, None: of a gate that of the shipped one. `only_labelled`: leave out classes of too
+    few signs instead of keeping their shipped form. `provenance`: what a model file says of its origin.
     """
 
     alpha: float | None
     only_labelled: bool
     provenance: str
+
+    def rate(self, gate: str) -> float:
+        """False-alarm rate of a gate."""
+        return GATE_RATES[gate] if self.alpha is None else self.alpha
 
 
 def fit_colors(samples: Samples, shipped: GaussianModel, task: Task, space: str) -> FittedModel:
@@ -142,37 +139,42 @@ def fit_colors(samples: Samples, shipped: GaussianModel, task: Task, space: str)
         one: (replace(samples, values=color_features(samples.values, one)), color_floor(one))
         for one in (COLOR_SPACES if space == "auto" else [space])
     }
-    return fit_gaussians(samples, tried, COLORS, "colour", shipped, task)
+    return fit_gaussians(samples, tried, COLORS, "color", shipped, task)
 
 
 def fit_gaussians(
     samples: Samples,
     spaces: Mapping[str, Asked],
     known: tuple[str, ...],
-    what: str,
+    gate: str,
     shipped: GaussianModel,
     task: Task,
 ) -> FittedModel:
     """The classes among `known` that have enough signs, in the space that does best on what is held out.
 
     `samples`: in the space of the shipped model. `spaces`: the same in each space that is tried; the first stays where
-    no other is better by more than one standard error. `what`: a word for a class. `shipped`: classes that stand in for
-    those of too few signs. Raises InputError where not one class has enough signs, or too little is known to be no
-    sign.
+    no other is better by more than one standard error. `gate`: its name. `shipped`: classes that stand in for those of
+    too few signs. Raises InputError where not one class has enough signs, or too little is known to be no sign.
     """
-    names = enough(samples, known, what)
-    tried = {one: _validated(*asked, names, task) for one, asked in spaces.items()}
+    names, alpha = enough(samples, known, CLASS_WORDS[gate]), task.rate(gate)
+    tried = {one: _validated(*asked, names, alpha) for one, asked in spaces.items()}
     first = next(iter(tried))
     chosen = max(tried, key=lambda one: float(np.nanmean(tried[one][1].gain)))
     if not exceeds(tried[chosen][1].gain, tried[first][1].gain):
         chosen = first
     prior, held = tried[chosen]
-    model, kept = _model(*spaces[chosen], names, known, shipped, chosen, prior, task)
+    kept = () if task.only_labelled else [c for c in shipped.classes if c.name not in names]
+    fit = _fit(spaces[chosen][1], names, prior, chosen, [_carried(one, chosen) for one in kept])
+    asked = spaces[chosen][0]
+    every = [one.name for one in fit(asked).classes]
+    score = held_out(asked, every, fit)[1].max(axis=1)
+    gated = with_threshold(fit(asked), score, asked.kind != "", asked.stretch, alpha)
+    model = replace(gated, provenance=task.provenance)
     counts = {name: samples.signs(name) for name in known if name not in names}
     return FittedModel(
         model,
         held,
-        kept,
+        tuple(one.name for one in kept),
         {name: count for name, count in counts.items() if count},
         prior,
         {name: other for name, (_, other) in tried.items() if name != chosen},
@@ -228,7 +230,7 @@ def color_floor(space: str) -> Floor:
 
 
 def _validated(
-    samples: Samples, floor: Floor, names: Sequence[str], task: Task
+    samples: Samples, floor: Floor, names: Sequence[str], alpha: float
 ) -> tuple[float, Held]:
     """The strength of the prior that does best on held-out folds, and how the classes do there with it."""
     fits = {
@@ -238,57 +240,36 @@ def _validated(
     # rounded: where there is one class alone, all do the same
     prior = max(fits, key=lambda one: round(held_out_log_density(own, fits[one]), 6))
     asked = _asked(samples, names)
-    distance = held_out_distances(asked, names, fits[prior])
-    return prior, score_held_out(asked, names, distance, task.alpha)
+    found = held_out(asked, names, _fit(floor, names, prior))
+    return prior, score_held_out(asked, names, *found, alpha)
 
 
-def _model(
-    samples: Samples,
+def _fit(
     floor: Floor,
     names: Sequence[str],
-    known: tuple[str, ...],
-    shipped: GaussianModel,
-    space: str,
     prior: float,
-    task: Task,
-) -> tuple[GaussianModel, tuple[str, ...]]:
-    """The classes of all samples and the shipped ones that are kept, with thresholds by held-out distances.
+    space: str = "",
+    kept: Sequence[GaussianClass] = (),
+) -> Fit:
+    """How a model of classes, some that are kept, and of the background is fitted to samples."""
 
-    A kept class has no labels, or few: values drawn from its density stand in for one sign more (Laplace's rule of
-    succession).
-    """
-    fit = partial(fit_classes, names=names, floor=floor, prior_signs=prior)
-    kept = {
-        one.name: (_drawn(one, space), one.count)
-        for one in shipped.classes
-        if one.name not in names and not task.only_labelled
-    }
-    classes = list(fit(samples))
-    for name, (values, known_by) in kept.items():
-        mean, covariance = values.mean(axis=0), np.cov(values.T)
-        classes.append(GaussianClass(name, mean, covariance, 0.0, "", known_by))
-    classes.sort(key=lambda one: known.index(one.name))
-    model = GaussianModel(space, tuple(classes), task.provenance)
-    # distances of the labelled to their own classes as held out, to the kept ones as they are
-    ordered = [one.name for one in classes]
-    distance = class_distances(samples.values, model)
-    distance[:, [ordered.index(name) for name in names]] = held_out_distances(samples, names, fit)
-    parts = [distance, *(class_distances(values, model) for values, _ in kept.values())]
-    stand_in = len(kept) * DRAWS
-    on = np.concatenate([samples.kind != "", np.ones(stand_in, bool)])
-    count = np.concatenate([counts_of(samples), np.full(stand_in, VIEWS // DRAWS)])
-    group = np.concatenate([samples.stretch, np.arange(stand_in) % (samples.stretch.max() + 1)])
-    every = np.minimum(np.concatenate(parts), BEYOND)
-    rule = KNEE_WORDS if task.alpha is None else f"alpha {task.alpha:g}: {ALPHA_WORDS}"
-    gate = Gate(every, on, count, group)
-    return with_joint_thresholds(model, gate, rule, task.alpha, RESAMPLINGS), tuple(kept)
+    def fit(samples: Samples) -> GaussianModel:
+        classes = (*fit_classes(samples, names, floor, prior), *kept)
+        background = fit_background(samples.values[samples.kind == ""], floor)
+        return GaussianModel(space, classes, "", background)
+
+    return fit
 
 
-def _drawn(one: GaussianClass, space: str) -> NDArray[np.float64]:
-    """Values (n, d) drawn from a shipped class; colours in RGB, then carried over into the space."""
+def _carried(one: GaussianClass, space: str) -> GaussianClass:
+    """A shipped class in a space, of the weight of one sample; colours are drawn from it in RGB and carried over."""
+    one = replace(one, count=1)
+    if space not in COLOR_SPACES:
+        return one
     random = np.random.default_rng(SEED)
     drawn = random.multivariate_normal(one.mean, one.covariance, DRAWS)
-    return color_features(np.clip(drawn, 0, 255), space) if space in COLOR_SPACES else drawn
+    values = color_features(np.clip(drawn, 0, 255), space)
+    return replace(one, mean=values.mean(axis=0), covariance=np.cov(values.T))
 
 
 def _asked(samples: Samples, names: Sequence[str]) -> Samples:

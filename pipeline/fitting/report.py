@@ -26,7 +26,6 @@ from wayside.pipeline.learning.page import (
 )
 from wayside.pipeline.models.model_files import OWN_COLORS, REPORT_LOCATION
 from wayside.pipeline.statistics import Interval
-from wayside.schemas.models import GaussianClass
 
 COLOR, SHAPE, LOCATION, CONFIDENCE = "color", "shape", "location", "confidence"
 FILES = {
@@ -49,7 +48,7 @@ _CHOSEN = (
 )
 _CURVES = (
     "Curves show samples that were held out. Grey: 95 % band of the true positive rate over stretches of road. Dot: "
-    "the threshold in the model file; ring: the knee. Of a gate, all thresholds are chosen together."
+    "the threshold in the model file, one of all classes; ring: the knee."
 )
 
 Table = Sequence[Sequence[str]]
@@ -119,9 +118,8 @@ def fit_page(outcomes: Sequence[Outcome], provenance: str) -> str:
     for one in outcomes:
         figures = [Figure("", "", "", words, table=table) for words, table in _described(one)]
         if isinstance(one.fitted, FittedModel):
-            classes = {own.name: own for own in one.fitted.model.classes}
-            scores = one.fitted.held.classes
-            pictures = [_picture(score, classes[score.name]) for score in scores]
+            model = one.fitted.model
+            pictures = [_picture(score, model.threshold) for score in one.fitted.held.classes]
             figures.append(Figure("", "", "", "", pictures))
         chapters.append((one.what, figures))
     return format_page("Models fitted to labels", (provenance, _CURVES), chapters)
@@ -152,32 +150,32 @@ def _rates_table(fitted: FittedModel) -> tuple[str, Table]:
     for name, rates in compared.items():
         shares = (rates.accepted, rates.named, rates.false_rate)
         rows.append((name, *(_with_ends(value, ends) for value, *ends in shares)))
-    return f"shares of the signs, and of {fitted.held.others} others:", rows
+    threshold = _with_ends(fitted.model.threshold, fitted.model.threshold_interval)
+    rule = f"log-likelihood ratio from {threshold}, {fitted.model.threshold_rule}"
+    return f"{rule}; shares of the signs, and of {fitted.held.others} others:", rows
 
 
 def _class_table(fitted: FittedModel) -> tuple[str, Table]:
-    classes = {one.name: one for one in fitted.model.classes}
-    rows: list[Sequence[str]] = [("class", "signs", "views", "right name", "area", "threshold")]
+    rows: list[Sequence[str]] = [("class", "signs", "views", "right name", "area")]
     for score in fitted.held.classes:
         value, *ends = score.named
-        shares = _with_ends(value, ends), _area(score.curve), _threshold(classes[score.name])
+        shares = _with_ends(value, ends), _area(score.curve)
         rows.append((score.name, str(score.signs), str(score.views), *shares))
     for name in fitted.kept:
         cells = str(fitted.lacking.get(name, 0)), "", "too few signs: shipped class kept", ""
-        rows.append((name, *cells, f"{classes[name].threshold:.2f}"))
+        rows.append((name, *cells))
     left = [f"{name} ({n})" for name, n in fitted.lacking.items() if name not in fitted.kept]
     return f"left out, too few signs: {', '.join(left)}" if left else "classes:", rows
 
 
-def _picture(score: ClassScore, one: GaussianClass) -> Picture:
+def _picture(score: ClassScore, threshold: float) -> Picture:
     words, curve = f"{score.name}: {score.signs} signs, {score.views} views", score.curve
     if curve is None:
         return Picture("", f"{words}, all in one stretch")
     axes = new_axes((0, 1), (0, 1), RATES, (300, 290))
     draw_band(axes, curve)
-    draw_roc(axes, curve, INKS[0], "", used=curve.at(one.threshold))
-    words += f"; area {curve.area:.2f}; threshold {_threshold(one)}: {one.threshold_rule}"
-    return svg(axes, words)
+    draw_roc(axes, curve, INKS[0], "", used=curve.at(threshold))
+    return svg(axes, f"{words}; area {curve.area:.2f}")
 
 
 def _by_drive(drives: Sequence[LabelledDrive]) -> bool:
@@ -192,10 +190,6 @@ def _area(curve: RocCurve | None) -> str:
     return "-" if curve is None else _with_ends(curve.area, curve.bands.area)
 
 
-def _threshold(one: GaussianClass) -> str:
-    return _with_ends(one.threshold, one.threshold_interval)
-
-
 def _with_ends(value: float, ends: Interval | Sequence[float] | None) -> str:
     return f"{value:.2f}" + ("" if ends is None else f" [{ends[0]:.2f} {ends[1]:.2f}]")
 
@@ -208,7 +202,7 @@ def fit_json(
         "provenance": task.provenance,
         "held_out": "drives" if _by_drive(drives) else "stretches of road",
         "stretches": _stretches(drives),
-        "rule": "knee" if task.alpha is None else f"alpha {task.alpha:g}",
+        "rule": f"alpha {'of the shipped model' if task.alpha is None else f'{task.alpha:g}'}",
         "models": {one.what: _outcome(one) for one in outcomes},
         "not_fitted": NETWORKS,
     }
@@ -248,15 +242,10 @@ def _outcome(one: Outcome) -> dict[str, Any]:
         "other_spaces": {name: _rates(held) for name, held in f.compared.items()},
         "kept": list(f.kept),
         "too_few_signs": f.lacking,
-        "thresholds": {
-            c.name: {
-                "threshold": c.threshold,
-                "interval": c.threshold_interval,
-                "rule": c.threshold_rule,
-                "samples": c.count,
-            }
-            for c in f.model.classes
-        },
+        "threshold": f.model.threshold,
+        "threshold_interval": f.model.threshold_interval,
+        "threshold_rule": f.model.threshold_rule,
+        "samples": {c.name: c.count for c in f.model.classes},
     }
 
 

@@ -20,14 +20,10 @@ from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.statistics import TAILS, Interval, resamplings
 from wayside.schemas.models import EvidenceModel
 from wayside.schemas.settings import Settings
-from wayside.stages.classifiers import class_distances
+from wayside.stages.classifiers import log_ratios
 
-KNEE = "largest true minus false positive rate (report chapter 10)"
-KNEE_RULE = f"knee of the ROC: {KNEE}"
 STRETCH_FRAMES = 10
 """Frames of a stretch of a drive that is resampled where there is no second drive."""
-MOST_THRESHOLDS = 400
-"""Thresholds of a curve: quantiles of its values where there are more."""
 ALL = "all"
 """Class of a classifier as a whole."""
 
@@ -44,6 +40,9 @@ class Bands(NamedTuple):
 @dataclass(frozen=True)
 class RocCurve:
     """A test for one class: n samples, and its rates at k thresholds, which exist where it is `two_sided`.
+
+    Between two thresholds that follow each other, either the signs or the others that are accepted stay the same, so
+    that the curve is exact.
 
     `value` (n,) float64: small ones are signs if `accept_below`, else large ones. `on` (n,) bool: whether it is a sign
     of the class. `count` (n,) int64 samples that a row stands for. `group` (n,) int64: number of what is resampled
@@ -73,12 +72,17 @@ class RocCurve:
 
     @cached_property
     def threshold(self) -> NDArray[np.float64]:
-        """Thresholds (k,) from the strictest, which accepts nothing, to the one that accepts all known values."""
+        """Thresholds (k,) from the strictest, which accepts nothing, to the one that accepts all known values.
+
+        Every value of a sign, the next stricter value, and the threshold of the run.
+        """
         likeness = self.likeness
-        cuts = np.unique(likeness[np.isfinite(likeness)])
-        if len(cuts) > MOST_THRESHOLDS:
-            cuts = cuts[np.linspace(0, len(cuts) - 1, MOST_THRESHOLDS).round().astype(int)]
-        cuts = np.append(np.inf, cuts[::-1])
+        known = np.isfinite(likeness)
+        cuts, signs = np.unique(likeness[known]), np.unique(likeness[known & self.on])
+        stricter = np.append(cuts, np.inf)[np.searchsorted(cuts, signs) + 1]
+        used = -self.used if self.accept_below else self.used
+        kept = np.concatenate([cuts[:1], signs, stricter, [used]])
+        cuts = np.append(np.inf, np.unique(kept[np.isfinite(kept)])[::-1])
         return -cuts if self.accept_below else cuts
 
     @cached_property
@@ -192,8 +196,8 @@ def roc_curves(
 
     A class of colour or shape is tested with its own signs against what is no sign; signs of other classes count in the
     confusion. A landmark is tested by the sum of its evidence (`all`) and by each term alone. A place has no class: a
-    sign belongs to the component of the model that it is nearest to. `all` is a classifier of several classes as a
-    whole: the least distance over threshold, which it accepts up to 1.
+    sign belongs to the component of the model that is likeliest. `all` is a classifier of several classes as a whole:
+    it accepts what the likelihood ratio of any class accepts.
     """
     for classifier, every in samples.items():
         yield from _curves_of(classifier, every.known(), settings, models)
@@ -227,16 +231,13 @@ def _curves_of(
         yield curve("smallest", value, gate.smallest_px, "px")
         yield curve("largest", value, gate.largest_px, "px", below=True)
     elif model is not None:
-        distance = class_distances(own.values, model)
-        thresholds = np.array([one.threshold for one in model.classes])
-        whole = (distance / np.maximum(thresholds, 1e-9)).min(axis=1)
-        yield curve(ALL, whole, 1.0, "thresholds", below=True)
-        nearest = np.where(np.isfinite(distance), distance, np.inf).argmin(axis=1)
+        ratio, unit = log_ratios(own.values, model), "log-likelihood ratio"
+        yield curve(ALL, ratio.max(axis=1), model.threshold, unit)
+        likeliest = np.nan_to_num(ratio, nan=-np.inf).argmax(axis=1)
         has_classes = bool((own.kind != NO_CLASS).any())
         for j, one in enumerate(model.classes):
-            rows = ~on | (own.kind == one.name) if has_classes else nearest == j
-            unit = "Mahalanobis distance"
-            yield curve(one.name, distance[:, j], one.threshold, unit, rows, below=True)
+            rows = ~on | (own.kind == one.name) if has_classes else likeliest == j
+            yield curve(one.name, ratio[:, j], model.threshold, unit, rows)
     elif classifier == "confidence":
         least = models.sign_confidence(settings.locate.confidence)
         yield curve(ALL, value, least, "probability")

@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit
-from scipy.stats import multivariate_normal
 
 from wayside.pipeline.learning.asked import Rows
 from wayside.pipeline.learning.curves import RocCurve
-from wayside.pipeline.learning.thresholds import Gate, best_point
+from wayside.pipeline.learning.thresholds import gate_points
 from wayside.pipeline.statistics import TAILS, resamplings
 from wayside.schemas.models import GaussianClass, GaussianModel
-from wayside.stages.classifiers import class_distances
+from wayside.stages.classifiers import class_distances, log_normals, log_ratios, most_powerful
 
 Values = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -34,7 +33,11 @@ SIDES = ("right", "left", "overhead")
 
 SEED = 1
 BEYOND = 1e6
-"""Distance to a class that there is not."""
+"""Distance to a class that there is not, and how little likely it is (log-likelihood ratio)."""
+COMPONENTS, STEPS = 8, 60
+"""Components of a background at most, and steps of its fit."""
+EXAMPLES = (200, 40_000)
+"""Samples that a component of a background needs, and that a background takes at most."""
 VIEWS = 5040
 """Samples that a sign counts as: divided by its views it stays a whole number, mostly."""
 SLOPE_SIGMA = 0.5
@@ -71,8 +74,8 @@ class Samples(Rows):
         return weight
 
 
-Fit = Callable[[Samples], tuple[GaussianClass, ...]]
-"""Classes by samples."""
+Fit = Callable[[Samples], GaussianModel]
+"""A model by samples."""
 
 
 def fit_classes(
@@ -98,12 +101,39 @@ def fit_classes(
             name,
             mean,
             _widened((signs * own + prior_signs * pooled) / (signs + prior_signs), floor(mean)),
-            0.0,
-            "",
             views,
         )
         for name, mean, own, views, signs in parts
     )
+
+
+def fit_background(values: Values, floor: Floor) -> tuple[GaussianClass, ...]:
+    """Density of what is no sign (n, d): Gaussians by expectation maximisation (Dempster, Laird and Rubin 1977).
+
+    They start around samples drawn far from each other (k-means++), and their axes stay no narrower than the floor.
+    """
+    each, most = EXAMPLES
+    values = values[np.isfinite(values).all(axis=1)]
+    values = values[np.linspace(0, len(values) - 1, min(len(values), most)).astype(int)]
+    draw, scale = np.random.default_rng(SEED), values.std(axis=0) + 1e-9
+    first, square = draw.integers(len(values)), np.full(len(values), np.inf)
+    seeds = [int(first)]
+    for _ in range(min(COMPONENTS, len(values) // each) - 1):
+        gap = (values - values[seeds[-1]]) / scale
+        square = np.minimum(square, (gap**2).sum(axis=1))
+        seeds.append(int(draw.choice(len(values), p=square / square.sum())))
+    gap = (values[:, None] - values[seeds]) / scale
+    share = np.eye(len(seeds))[(gap**2).sum(axis=2).argmin(axis=1)]
+    for _ in range(STEPS):
+        weight = share.sum(axis=0)
+        parts = []
+        for own, total in zip(share.T, weight, strict=True):
+            mean, covariance = _moments(values, own / total)
+            parts.append(GaussianClass("", mean, _widened(covariance, floor(mean)), round(total)))
+        density = log_normals(values, parts) + np.log(weight / weight.sum())
+        share = np.exp(density - np.logaddexp.reduce(density, axis=1)[:, None])
+        share = share[:, share.sum(axis=0) >= each / 10]
+    return tuple(parts)
 
 
 def sides(places: Values, overhead_m: float) -> NDArray[np.str_]:
@@ -155,7 +185,7 @@ class Rates:
 class ClassScore:
     """A class on what was held out.
 
-    `views`, `signs`: of it. `curve`: by its distance alone, against what is no sign; None where every sign was in one
+    `views`, `signs`: of it. `curve`: by its likelihood ratio, against what is no sign; None where every sign was in one
     fold. `named`: share of its signs accepted under its name.
     """
 
@@ -168,7 +198,7 @@ class ClassScore:
 
 @dataclass(frozen=True, slots=True)
 class Held(Rates):
-    """All classes of a model on what was held out, with thresholds chosen without it.
+    """All classes of a model on what was held out, with a threshold chosen without it.
 
     others: samples of what is no sign; confusion: views by `true -> given`.
     """
@@ -178,32 +208,30 @@ class Held(Rates):
     confusion: dict[str, int]
 
 
-def distances_to(classes: Sequence[GaussianClass], names: Sequence[str], values: Values) -> Values:
-    """Mahalanobis distances (n, names) of values (n, d) (report eq. 3.1); `BEYOND` to a class that there is not."""
-    distance = np.full((len(values), len(names)), BEYOND)
-    columns = [names.index(c.name) for c in classes]
-    found = class_distances(values, GaussianModel("", tuple(classes), ""))
-    distance[:, columns] = np.minimum(found, BEYOND)
-    return distance
+def held_out(samples: Samples, names: Sequence[str], fit: Fit) -> tuple[Values, Values]:
+    """Mahalanobis distances and log-likelihood ratios (n, names) of each sample by a model without its fold.
 
-
-def held_out_distances(samples: Samples, names: Sequence[str], fit: Fit) -> Values:
-    """Distances (n, names) of each sample to the classes fitted without its fold."""
-    distance = np.empty((len(samples), len(names)))
+    To a class that the model lacks they are `BEYOND` and minus that.
+    """
+    distance = np.full((len(samples), len(names)), BEYOND)
+    ratio = -distance
     for own in _folds(samples):
-        distance[own] = distances_to(fit(samples.select(~own)), names, samples.values[own])
-    return distance
+        model, values = fit(samples.select(~own)), samples.values[own]
+        at = np.ix_(np.flatnonzero(own), [names.index(one.name) for one in model.classes])
+        distance[at] = np.minimum(class_distances(values, model.classes), BEYOND)
+        ratio[at] = np.maximum(log_ratios(values, model), -BEYOND)
+    return distance, ratio
 
 
-def held_out_log_density(samples: Samples, fit: Fit) -> float:
+def held_out_log_density(
+    samples: Samples, fit: Callable[[Samples], tuple[GaussianClass, ...]]
+) -> float:
     """Sum of the log densities of signs in their classes, fitted without their fold; a sign counts once."""
     weight, total = samples.weights(), 0.0
     for held in _folds(samples):
         for one in fit(samples.select(~held)):
             own = held & (samples.kind == one.name)
-            if own.any():
-                density = multivariate_normal(one.mean, one.covariance, allow_singular=True)
-                total += float(weight[own] @ np.atleast_1d(density.logpdf(samples.values[own])))
+            total += float(weight[own] @ log_normals(samples.values[own], [one])[:, 0])
     return total
 
 
@@ -213,28 +241,26 @@ def counts_of(samples: Samples) -> NDArray[np.int64]:
 
 
 def score_held_out(
-    samples: Samples, names: Sequence[str], distance: Values, alpha: float | None
+    samples: Samples, names: Sequence[str], distance: Values, ratio: Values, alpha: float
 ) -> Held:
-    """Rates of the classes `names` by held-out distances (n, names). Each fold uses the thresholds of the others.
+    """Rates of the classes `names` by what `held_out` gives. Each fold uses the threshold of the others.
 
     Intervals are percentiles over resamplings of the stretches, with all that is in them.
     """
     others = np.asarray(samples.kind == "")
-    count, limit = counts_of(samples), np.full_like(distance, -1.0)
-    gate = Gate(distance, ~others, count, samples.stretch)
+    count, score, limit = counts_of(samples), ratio.max(axis=1), np.full(len(samples), np.inf)
     for held in _folds(samples):
         rest = ~held
         if (others & rest).any() and (~others & rest).any():
-            limit[held] = best_point(gate.select(rest).points(), alpha).thresholds
-    holds = distance <= limit
-    nearest = np.where(holds, distance, np.inf).argmin(axis=1)
-    given = np.where(holds.any(axis=1), np.array(names)[nearest], "")
+            points = gate_points(score[rest], ~others[rest], np.zeros(rest.sum(), int), alpha)
+            limit[held] = most_powerful(points, alpha).threshold
+    given = np.where(score >= limit, np.array(names)[distance.argmin(axis=1)], "")
     resampled = Resampled(samples)
     classes = []
     for j, name in enumerate(names):
         own = np.asarray(samples.kind == name)
         asked = own | others
-        curve = RocCurve(distance[asked, j], own[asked], count[asked], samples.stretch[asked], True)
+        curve = RocCurve(ratio[asked, j], own[asked], count[asked], samples.stretch[asked], False)
         known = curve if curve.two_sided and (distance[own, j] < BEYOND).any() else None
         named = _share(resampled.rate(np.asarray(given == name), own))
         classes.append(ClassScore(name, int(own.sum()), samples.signs(name), known, named))

@@ -1,9 +1,10 @@
-"""Thresholds of the report's gates, and where signs stand, from what the gates are asked about on labelled drives.
+"""The report's gates: what is no sign, thresholds, and where signs stand, from what is asked on labelled drives.
 
     .venv/bin/python -m wayside.pipeline.learning.gates DRIVE.mcap ... -o MODELS
 
 Each drive needs its truth in the same folder (DRIVE.truth.json). Means and covariances of colours and shapes, and the
-densities of trajectories, stay those of the models at hand; thresholds are replaced.
+densities of trajectories, stay those of the models at hand. Colours are learned first: the other gates are asked about
+what they let pass.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -28,9 +30,18 @@ from wayside.pipeline.learning.asked import (
     gather_samples,
     join_drives,
 )
-from wayside.pipeline.learning.fits import SIDES, sides
+from wayside.pipeline.learning.curves import resampled_groups
+from wayside.pipeline.learning.fits import (
+    COLOR_FLOOR,
+    PLACE_FLOOR,
+    SHAPE_FLOOR,
+    SIDES,
+    fit_background,
+    moments,
+    sides,
+)
 from wayside.pipeline.learning.labelled import ANY_SPACING_M, ON
-from wayside.pipeline.learning.thresholds import with_learned_thresholds, with_score_threshold
+from wayside.pipeline.learning.thresholds import GATE_RATES, with_threshold
 from wayside.pipeline.models.model_files import (
     REPORT_LOCATION,
     TRAJECTORY_FILES,
@@ -40,6 +51,7 @@ from wayside.pipeline.models.model_files import (
 from wayside.pipeline.models.model_json import model_to_json
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianClass, GaussianModel, MixtureModel
+from wayside.stages.classifiers import log_ratios
 
 KANSAS, OWN = "report-kansas.json", {"color": "color_rgb.json", "shape": "shape.json"}
 
@@ -49,16 +61,19 @@ KANSAS_MEAN = (3.121, 0.603)
 OVERHEAD_M = 3.0
 """Panels so far above the camera hang over the road: on posts none stands so high."""
 
-CHAINS = {"report-shape": ("shape",), "report": ("color", *TRAJECTORIES.values(), "location")}
-"""By preset, the gates that are asked there about what really reaches them; the trajectories decide nothing there."""
+PASSES = (
+    ("report-shape", ("color",)),
+    ("report-shape", ("shape",)),
+    ("report", (*TRAJECTORIES.values(), "location")),
+)
+"""Preset of each pass over the drives, and the gates learned there; the trajectories decide nothing in theirs."""
 
-FEWEST = 5
-"""A component of fewer signs is not learned."""
+FEWEST = 20
+"""A component of fewer signs is not learned: its scatter would be known to a sixth at best."""
 
 Gate = TypeVar("Gate", GaussianModel, MixtureModel)
-
-SIGMA_PER_MAD = 1.4826
-"""Standard deviation of a normal distribution by its median absolute deviation."""
+Fit = Callable[[ClassifierSamples], GaussianModel]
+"""A gate by what it was asked about."""
 
 
 def learn_gates(
@@ -69,30 +84,53 @@ def learn_gates(
     `samples`: by classifier. `densities`: of trajectories, one a form.
     """
     learned: dict[str, GaussianModel | MixtureModel] = {}
-    # nine knees, one a shape, together accept half of all regions
-    gates = (("color", models.color_classes, False), ("shape", models.shape_classes, True))
-    for name, model, one_knee in gates:
+    floors = {"color": COLOR_FLOOR, "shape": (SHAPE_FLOOR,) * 6}
+    for name, model in (("color", models.color_classes), ("shape", models.shape_classes)):
         if name in samples and model is not None:
-            found = with_learned_thresholds(model, samples[name], one_knee=one_knee)
-            learned[OWN[name]] = _of_origin(found, "thresholds by", samples[name])
+            own = samples[name]
+            found = _gate(own, partial(_against, model, floors[name]), name)
+            learned[OWN[name]] = _of_origin(found, "background and threshold by", own)
     for density in densities:
         name = TRAJECTORIES[density.space]
         if name in samples:
-            scored = with_score_threshold(density, samples[name])
-            learned[TRAJECTORY_FILES[density.space]] = _of_origin(
-                scored, "threshold by", samples[name]
-            )
+            own = samples[name].known()
+            columns = own.values[:, 0], own.label == ON, resampled_groups(own.drive, own.frame)[0]
+            scored = with_threshold(density, *columns, GATE_RATES["trajectory"])
+            learned[TRAJECTORY_FILES[density.space]] = _of_origin(scored, "threshold by", own)
     if "location" not in samples:
         return learned
-    places = samples["location"]
-    known, origin = places.known(), _origin(places)
-    mixture = location_components(known.values[known.label == ON], origin)
-    single = GaussianClass("report", np.array(KANSAS_MEAN), np.eye(2), 0.0, "", 50)
+    places, origin = samples["location"], _origin(samples["location"])
+    single = GaussianClass("report", np.array(KANSAS_MEAN), np.eye(2), 50)
     kansas = "mean of 50 images of Kansas, unit covariance (report chapters 8 and 11); radius by "
     one = GaussianModel("right_up_m", (single,), kansas + origin)
-    for file, gate in ((REPORT_LOCATION, mixture), (KANSAS, one)):
-        learned[file] = with_learned_thresholds(gate, places)
+
+    def stand(known: ClassifierSamples) -> GaussianModel:
+        signs = location_components(known.values[known.label == ON], origin)
+        return _against(signs, PLACE_FLOOR, known)
+
+    learned[REPORT_LOCATION] = _gate(places, stand, "location")
+    learned[KANSAS] = _gate(places, lambda known: one, "location")
     return learned
+
+
+def _against(
+    model: GaussianModel, floor: Sequence[float], known: ClassifierSamples
+) -> GaussianModel:
+    """The model with the background of what is no sign."""
+    least = np.array(floor)
+    others = known.values[known.label != ON]
+    return replace(model, background=fit_background(others, lambda mean: least))
+
+
+def _gate(samples: ClassifierSamples, fit: Fit, name: str) -> GaussianModel:
+    """The model fitted to all samples, with a threshold by the scores of drives that were held out in turn."""
+    known = samples.known()
+    group, _ = resampled_groups(known.drive, known.frame)
+    score = np.empty(len(known))
+    for one in np.unique(group):
+        held = group == one
+        score[held] = log_ratios(known.values[held], fit(known.select(~held))).max(axis=1)
+    return with_threshold(fit(known), score, known.label == ON, group, GATE_RATES[name])
 
 
 def trajectory_densities(options: Mapping[str, object]) -> tuple[MixtureModel, ...]:
@@ -107,18 +145,17 @@ def trajectory_densities(options: Mapping[str, object]) -> tuple[MixtureModel, .
 def location_components(places: NDArray[np.float64], provenance: str) -> GaussianModel:
     """Where signs stand, places (n, 2) right and up in metres: a component each right, left of and above the road.
 
-    Mean and scatter are the median and the median absolute deviation: a few landmarks stand far from their sign. One
-    mean cannot hold the signs on both sides (chapter 8 has it at +10 ft). Thresholds are still to be learned. Raises
-    InputError where no component has `FEWEST` signs.
+    One mean cannot hold the signs on both sides (chapter 8 has it at +10 ft). Background and threshold are still to be
+    learned. Raises InputError where no component has `FEWEST` signs.
     """
     side, classes = sides(places, OVERHEAD_M), []
     for name in SIDES:
         own = side == name
         if own.sum() < FEWEST:
             continue
-        mean = np.median(places[own], axis=0)
-        scatter = SIGMA_PER_MAD * np.median(np.abs(places[own] - mean), axis=0)
-        classes.append(GaussianClass(name, mean, np.diag(scatter**2), 0.0, "", int(own.sum())))
+        weight = np.full(own.sum(), 1 / own.sum())
+        mean, covariance = moments(places[own], weight, np.array(PLACE_FLOOR))
+        classes.append(GaussianClass(name, mean, covariance, int(own.sum())))
     if not classes:
         raise InputError(
             f"location: {FEWEST} landmarks of signs on a side of the road are needed, and there are {len(places)} in "
@@ -128,8 +165,8 @@ def location_components(places: NDArray[np.float64], provenance: str) -> Gaussia
 
 
 def _of_origin(model: Gate, what: str, samples: ClassifierSamples) -> Gate:
-    """The model with the provenance of its new thresholds behind its own."""
-    learned_from = re.split(r"; (?:thresholds?|operating points) by ", model.provenance)[0]
+    """The model with the provenance of its new threshold behind its own."""
+    learned_from = re.split(r"; (?:background and )?thresholds? by ", model.provenance)[0]
     return replace(model, provenance=f"{learned_from}; {what} {_origin(samples)}")
 
 
@@ -150,21 +187,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("logs", type=Path, nargs="+", help="rendered drives with their truth")
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder for the model files")
     given = parser.parse_args(arguments)
-    learned: dict[str, GaussianModel | MixtureModel] = {}
     given.out.mkdir(parents=True, exist_ok=True)
     folder = {"models.folder": str(given.out), "read.spacing_m": ANY_SPACING_M}
     densities = trajectory_densities(folder)
-    for preset, wanted in CHAINS.items():
+    truths = [(log, read_labels(log.with_suffix(".truth.json"))) for log in given.logs]
+    for preset, wanted in PASSES:
         settings, _ = load_settings(preset, None, [], folder)
         models = load_models(settings)
-        truths = [(log, read_labels(log.with_suffix(".truth.json"))) for log in given.logs]
+        if models.color_classes is not None and "color" in wanted:  # nothing behind it is asked
+            models = replace(models, color_classes=replace(models.color_classes, threshold=np.inf))
         drives = [
             gather_samples(log, truth, settings, models, undecided=densities, only=wanted)
             for log, truth in truths
         ]
-        learned |= learn_gates(join_drives(drives), models, densities)
-    for name, model in learned.items():
-        write_file(given.out / name, model_to_json(model).encode(), overwrite=True)
+        for name, model in learn_gates(join_drives(drives), models, densities).items():
+            write_file(given.out / name, model_to_json(model).encode(), overwrite=True)
     return 0
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from hashlib import sha256
@@ -18,8 +18,9 @@ from wayside.pipeline.files.input_files import read_input
 from wayside.pipeline.labels.box_file import load_boxes
 from wayside.pipeline.models.detector_file import load_detector
 from wayside.pipeline.models.model_json import digest, model_from_json, model_to_json
+from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import BoxFile, DetectorFile
-from wayside.schemas.errors import InputError
+from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.landmarks import EVIDENCE_TERMS
 from wayside.schemas.models import (
     EvidenceModel,
@@ -34,6 +35,7 @@ from wayside.stages.classifiers import OnnxNetwork, at_alpha
 from wayside.stages.detection import BoxNetwork, DetectionNetwork
 from wayside.stages.mapping import FEATURES as LANDMARK_FEATURES
 from wayside.stages.panel import OUTLINE_FEATURES
+from wayside.stages.report import COLOR_SPACES, TERMS
 from wayside.stages.sign_codes import CLASSES, FaceClassifier
 
 REPORT_LOCATION = "location_report.json"
@@ -226,6 +228,11 @@ def _check_inputs(models: Models, folder: _Folder) -> None:
     ):
         if evidence is not None:
             odd[name] = {*evidence.features, *evidence.terms} - known
+    if models.color_classes is not None:
+        _check_gate(models.color_classes, COLORS, COLOR_SPACES)
+        _check_gate(models.location_classes, None, {"right_up_m": 2})
+    if models.shape_classes is not None:
+        _check_gate(models.shape_classes, SHAPES, {"fourier6": len(TERMS)})
     for name, inputs in odd.items():
         if inputs:
             raise InputError(
@@ -234,30 +241,69 @@ def _check_inputs(models: Models, folder: _Folder) -> None:
             )
 
 
+def _check_gate(
+    model: GaussianModel, names: Sequence[str] | None, spaces: Mapping[str, int]
+) -> None:
+    """Refuse a gate with no class or threshold, an unknown name or space, or other dimensions than its space has."""
+    found = [one.name for one in model.classes]
+    unknown = [name for name in found if names is not None and name not in names]
+    dimensions = spaces.get(model.space)
+    means = {one.mean.shape for one in (*model.classes, *model.background)}
+    for fault, words in (
+        (dimensions is None, f"there is no space {model.space!r} among {', '.join(spaces)}"),
+        (not found, "it has no class"),
+        (unknown, f"there is no class {unknown} among {', '.join(names or ())}"),
+        (means - {(dimensions,)}, f"a class has {dimensions} numbers in space {model.space!r}"),
+        (not model.threshold_rule, "it has no threshold, as those of earlier versions of wayside"),
+    ):
+        if fault:
+            raise InputError(f"model of {', '.join(found)}: {words}. Learn it again.")
+
+
 def _at_alpha(models: Models, settings: Settings) -> Models:
-    """The models with every gate of the run at a false-alarm rate; InputError where one has no such operating point."""
+    """The models with gates of the run at false-alarm rates.
+
+    Raises UsageError for what is no rate or gate, InputError where a gate has no such operating point.
+    """
     gates = ["color_classes", "shape_classes", "trajectory_density"]
     if settings.report.on and settings.locate.gate:
         gates.append("location_classes")
     if not settings.report.on and models.external is None:
         gates.append("landmark_classifier")
         gates += [] if models.back_scores is None else ["back_landmark_classifier"]
+    known = {_NAMES[gate]: gate for gate in gates if getattr(models, gate) is not None}
     lacking: list[str] = []
     moved: dict[str, Any] = {}
-    for gate in gates:
-        model = getattr(models, gate)
+    for name, rate in _rates(settings.models.alpha, list(known)).items():
         try:
-            if model is not None:
-                moved[gate] = at_alpha(model, settings.models.alpha)
+            moved[known[name]] = at_alpha(getattr(models, known[name]), rate)
         except ValueError as error:
-            lacking.append(f"{_NAMES[gate]}: {error}")
-    if lacking or not moved:
+            lacking.append(f"{name}: {error}")
+    if lacking:
         raise InputError(
             "models.alpha: not every gate of the run has a threshold for this false-alarm rate: "
-            f"{'; '.join(lacking) or 'there is no gate, because a detector of another kind decides'}. Take a larger "
-            "rate, learn these models again, or leave the rate out."
+            f"{'; '.join(lacking)}. Take a larger rate, learn these models again, or leave the rate out."
         )
     return replace(models, **moved)
+
+
+def _rates(text: str, gates: Sequence[str]) -> dict[str, float]:
+    """False-alarm rate of each gate that a text names, as `0.1` (all of them) or `color=0.1,location=0.05`."""
+    rates: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, rate = part.rpartition("=")
+        named = [name.strip()] if name else gates
+        try:
+            rates |= dict.fromkeys(named, float(rate))
+        except ValueError:
+            named = []
+        if not named or not {*named} <= {*gates} or not 0 < rates[named[0]] <= 1:
+            exist = ", ".join(gates) or "none, because a detector of another kind decides"
+            raise UsageError(
+                f"--alpha (models.alpha): {part!r} is not a rate between 0 and 1, nor a gate with one. Write 0.1 or "
+                f"color=0.1,location=0.05; the gates of this run are: {exist}."
+            )
+    return rates
 
 
 @dataclass(slots=True)

@@ -11,7 +11,6 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -56,8 +55,7 @@ def model_to_json(model: Model) -> str:
 def _plain(value: Any) -> Any:
     """A value in types of JSON; what is as its default is left out."""
     if isinstance(value, OperatingPoint):
-        ends = chain.from_iterable(value.intervals)
-        return [value.false_alarm, value.power, *value.thresholds, *ends]
+        return [value.false_alarm, value.power, value.threshold, *(value.interval or ())]
     if is_dataclass(value):
         known = [(f, getattr(value, f.name)) for f in fields(value) if f.init]
         return {f.name: _plain(v) for f, v in known if f.default is MISSING or v != f.default}
@@ -79,8 +77,6 @@ def model_from_json(text: str, name: str = "model") -> Model:
                 field: [row[k] for row in data["features"]] for k, field in _EVIDENCE.items()
             }
             data |= columns | {"threshold": data["accept"]}
-        classes = len(data.get("classes", (1,)))
-        data["curve"] = [_point(row, classes) for row in data.get("curve", ())]
         model: Model = _built(kind, data)
         object.__setattr__(
             model, "text_digest", digest(text)
@@ -121,16 +117,12 @@ def _interval(value: Any) -> tuple[float, float]:
     return low, high
 
 
-def _point(row: Any, classes: int) -> OperatingPoint:
-    """Of two rates, the threshold of each class, then both ends of each interval or none."""
-    false_alarm, power, *numbers = map(_finite, row)
-    if len(numbers) not in (classes, 3 * classes) or not 0 <= false_alarm <= 1 >= power >= 0:
-        raise ValueError(
-            f"curve: {row} is not two rates, {classes} thresholds, and their intervals"
-        )
-    ends = numbers[classes:]
-    intervals = tuple(zip(ends[::2], ends[1::2], strict=True))
-    return OperatingPoint(false_alarm, power, tuple(numbers[:classes]), intervals)
+def _point(row: Any) -> OperatingPoint:
+    """Of two rates, the threshold, then both ends of its interval or none."""
+    false_alarm, power, threshold, *ends = map(_finite, row)
+    if len(ends) not in (0, 2) or not 0 <= false_alarm <= 1 >= power >= 0:
+        raise ValueError(f"curve: {row} is not two rates, a threshold, and its interval")
+    return OperatingPoint(false_alarm, power, threshold, _interval(ends) if ends else None)
 
 
 def _tuple_of(read: Callable[[Any], Any]) -> Callable[[Any], Any]:
@@ -146,8 +138,8 @@ _READERS: dict[str, Callable[[Any], Any]] = {
     "count": int,
     "threshold_interval": _interval,
     "with_network": lambda data: _built(NetworkSum, data),
-    "classes": _tuple_of(lambda data: _built(GaussianClass, data)),
-    "curve": tuple,
+    **dict.fromkeys(("classes", "background"), _tuple_of(lambda data: _built(GaussianClass, data))),
+    "curve": _tuple_of(_point),
 }
 """How each field is read; a name means the same in every model."""
 

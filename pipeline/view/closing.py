@@ -54,7 +54,7 @@ def opening(location: GaussianModel) -> Batch:
     """What holds for the whole drive: axes of the world, ellipses of the location model, names of series."""
     found = [entity(at.WORLD, rr.ViewCoordinates.RDF)]
     for one in location.classes:
-        ring = across_the_road(_ellipse(one.mean, one.covariance, one.threshold))
+        ring = across_the_road(_ellipse(one.mean, one.covariance))
         strip = rr.LineStrips2D([ring], colors=[GREY], labels=[one.name], radii=THIN)
         found.append(entity(f"{at.LOCATION}/{one.name}", strip))
     found.append(entity(at.ITERATIONS, rr.SeriesLines(names=STEPS)))
@@ -70,13 +70,11 @@ def opening(location: GaussianModel) -> Batch:
     return Batch(None, tuple(found))
 
 
-def _ellipse(
-    mean: NDArray[np.float64], covariance: NDArray[np.float64], distance: float
-) -> NDArray[np.float64]:
-    """Points (65, 2) at a Mahalanobis distance from a mean (2,) with covariance (2, 2)."""
+def _ellipse(mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (65, 2) at `SIGMAS` from a mean (2,) with covariance (2, 2)."""
     angle = np.linspace(0, 2 * np.pi, 65)
     circle = np.stack([np.cos(angle), np.sin(angle)])
-    return np.asarray(mean + distance * (np.linalg.cholesky(covariance) @ circle).T, np.float64)
+    return np.asarray(mean + SIGMAS * (np.linalg.cholesky(covariance) @ circle).T, np.float64)
 
 
 def closing(

@@ -57,13 +57,11 @@ class ModelSettings:
         "where signs stand: a model file, or the name of one that ships (report-kansas: the mean of the report); "
         "empty: that of the preset",
     )
-    alpha: float = setting(
-        0.0,
+    alpha: str = setting(
         "",
-        "false-alarm rate of every gate of the preset: the thresholds with the most true positives of at most this "
-        "rate, by the curves in the model files; 0: the thresholds of the files",
-        low=0,
-        high=1,
+        "",
+        "false-alarm rate of every gate of the preset (0.1), or of some (color=0.1,location=0.05): the thresholds with "
+        "the most true positives of at most this rate, by the curves in the model files; empty: those of the files",
     )
     network: str = setting(
         "network.onnx",

@@ -5,9 +5,10 @@ from wayside.stages.classifiers.decisions import (
     class_distances,
     evidence_ratios,
     log_density,
+    log_normals,
+    log_ratios,
     most_powerful,
     nearest_class,
-    require_gaussian_model,
 )
 from wayside.stages.classifiers.onnx_network import NetworkInput, OnnxNetwork, providers
 
@@ -18,8 +19,9 @@ __all__ = [
     "class_distances",
     "evidence_ratios",
     "log_density",
+    "log_normals",
+    "log_ratios",
     "most_powerful",
     "nearest_class",
     "providers",
-    "require_gaussian_model",
 ]

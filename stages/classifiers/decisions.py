@@ -10,77 +10,71 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.errors import InputError
-from wayside.schemas.models import EvidenceModel, GaussianModel, MixtureModel, OperatingPoint
+from wayside.schemas.models import (
+    EvidenceModel,
+    GaussianClass,
+    GaussianModel,
+    MixtureModel,
+    OperatingPoint,
+)
 
 
-def require_gaussian_model(
-    model: GaussianModel, names: tuple[str, ...], spaces: dict[str, int]
-) -> None:
-    """Raise InputError for a model with no class, an unknown name or space, or other dimensions than its space has."""
-    if model.space not in spaces:
-        raise InputError(
-            f"model: there is no space {model.space!r} among {', '.join(spaces)}. Learn it again."
-        )
-    if not model.classes:
-        raise InputError("model: it has no class. Choose another.")
-    dimensions = spaces[model.space]
-    for one in model.classes:
-        if one.name not in names:
-            raise InputError(
-                f"model: there is no class {one.name!r} among {', '.join(names)}. Correct its name."
-            )
-        if one.mean.shape != (dimensions,) or one.covariance.shape != (dimensions, dimensions):
-            raise InputError(
-                f"model: a class has {dimensions} numbers in space {model.space!r}, but {one.name!r} has a mean "
-                f"{one.mean.shape} and covariance {one.covariance.shape}. Learn it again."
-            )
-
-
-def class_distances(values: NDArray[np.floating[Any]], model: GaussianModel) -> NDArray[np.float64]:
+def class_distances(
+    values: NDArray[np.floating[Any]], classes: Sequence[GaussianClass]
+) -> NDArray[np.float64]:
     """Mahalanobis distance of each value (n, d) to each class: (n, classes), eq. 3.1."""
-    result = np.empty((len(values), len(model.classes)))
-    for j, one in enumerate(model.classes):
-        difference = np.asarray(values, np.float64) - one.mean
-        result[:, j] = np.sqrt(
-            np.einsum("ni,ij,nj->n", difference, np.linalg.inv(one.covariance), difference)
-        )
+    result = np.empty((len(values), len(classes)))
+    for j, one in enumerate(classes):
+        white = np.linalg.inv(np.linalg.cholesky(one.covariance))
+        result[:, j] = np.linalg.norm((np.asarray(values, np.float64) - one.mean) @ white.T, axis=1)
     return result
+
+
+def log_normals(
+    values: NDArray[np.floating[Any]], classes: Sequence[GaussianClass]
+) -> NDArray[np.float64]:
+    """Natural logarithm of the density of each class at each value (n, d): (n, classes)."""
+    volume = [np.linalg.slogdet(2 * np.pi * one.covariance)[1] for one in classes]
+    return np.asarray(-(class_distances(values, classes) ** 2 + volume) / 2)
+
+
+def log_ratios(values: NDArray[np.floating[Any]], model: GaussianModel) -> NDArray[np.float64]:
+    """Logarithm of the likelihood ratio (report eq. 9.3) of each class to the background at each value (n, d).
+
+    (n, classes), a class as part of the density of signs; nan for values that are not finite.
+    """
+
+    def weighted(parts: Sequence[GaussianClass]) -> NDArray[np.float64]:
+        count = np.array([one.count for one in parts], np.float64)
+        return log_normals(values, parts) + np.log(count / count.sum())
+
+    signs = weighted(model.classes)
+    if not model.background:
+        return signs
+    return np.asarray(signs - np.logaddexp.reduce(weighted(model.background), axis=1)[:, None])
 
 
 def log_density(values: NDArray[np.floating[Any]], model: MixtureModel) -> NDArray[np.float64]:
     """Natural logarithm of the density of a mixture at each value (n, d): (n,)."""
-    d = model.mean.shape[1]
-    gap = np.asarray(values, np.float64)[:, None] - model.mean
-    square = np.einsum("nki,kij,nkj->nk", gap, np.linalg.inv(model.covariance), gap)
-    _, log_volume = np.linalg.slogdet(model.covariance)
-    parts = np.log(model.weight) - (log_volume + d * np.log(2 * np.pi) + square) / 2
-    return np.asarray(np.logaddexp.reduce(parts, axis=1))
+    parts = [GaussianClass("", *one, 0) for one in zip(model.mean, model.covariance, strict=True)]
+    return np.asarray(
+        np.logaddexp.reduce(log_normals(values, parts) + np.log(model.weight), axis=1)
+    )
 
 
 def nearest_class(
     values: NDArray[np.floating[Any]], model: GaussianModel, names: tuple[str, ...]
 ) -> tuple[NDArray[np.int8], NDArray[np.float32], NDArray[np.bool_]]:
-    """Class of each value (n, d): the nearest among those whose threshold holds, else the nearest of all.
+    """The nearest class of each value (n, d), and whether the likelihood ratio of any class passes the gate.
 
     The code (n,) int8 of a class is its position among `names`, -1 for none: rows that are not finite. The others:
-    Mahalanobis distance (n,) float32, nan there; whether a threshold holds (n,) bool.
+    Mahalanobis distance (n,) float32, nan there; whether it is accepted (n,) bool.
     """
     codes = np.array([names.index(one.name) for one in model.classes], np.int8)
-    code = np.full(len(values), -1, np.int8)
-    distance = np.full(len(values), np.nan, np.float32)
-    accepted = np.zeros(len(values), bool)
-    known = np.flatnonzero(np.isfinite(values).all(axis=1))
-    if len(known) == 0:
-        return code, distance, accepted
-    distances = class_distances(values[known], model)
-    holds = distances <= np.array([one.threshold for one in model.classes])
-    any_holds = np.asarray(holds.any(axis=1))
-    best = np.where(holds | ~any_holds[:, None], distances, np.inf).argmin(axis=1)
-    code[known] = codes[best]
-    distance[known] = distances[np.arange(len(known)), best]
-    accepted[known] = any_holds
-    return code, distance, accepted
+    distances = class_distances(values, model.classes)
+    code = np.where(np.isfinite(values).all(axis=1), codes[distances.argmin(axis=1)], np.int8(-1))
+    accepted = log_ratios(values, model).max(axis=1) >= model.threshold
+    return code, distances.min(axis=1).astype(np.float32), accepted
 
 
 def evidence_ratios(model: EvidenceModel, values: Mapping[str, float]) -> dict[str, float]:
@@ -108,24 +102,15 @@ def most_powerful(curve: Sequence[OperatingPoint], alpha: float) -> OperatingPoi
 
 
 def at_alpha(model: Gate, alpha: float) -> Gate:
-    """The model with the thresholds of its most powerful operating point of at most this false-alarm rate.
+    """The model with the threshold of its most powerful operating point of at most this false-alarm rate.
 
     A model of evidence decides there, and its range of uncertain log odds stays as wide. ValueError without such a
     point.
     """
     point = most_powerful(model.curve, alpha)
     rule = f"alpha {alpha:g}: most true positives of at most this false positive rate (report chapter 9)"
-    chosen: list[dict[str, Any]] = [
-        {"threshold": threshold, "threshold_rule": rule, "threshold_interval": interval}
-        for threshold, interval in zip(
-            point.thresholds, point.intervals or (None,) * len(point.thresholds), strict=True
-        )
-    ]
-    if isinstance(model, GaussianModel):
-        pairs = zip(model.classes, chosen, strict=True)
-        return replace(model, classes=tuple(replace(one, **new) for one, new in pairs))
-    (new,) = chosen
+    new: dict[str, Any] = {"threshold": point.threshold, "threshold_interval": point.interval}
     if isinstance(model, EvidenceModel):
-        decision = new["threshold"]
-        new |= {"decision": decision, "threshold": model.threshold + decision - model.decision}
-    return replace(model, **new)
+        moved = model.threshold + point.threshold - model.decision
+        new |= {"decision": point.threshold, "threshold": moved}
+    return replace(model, threshold_rule=rule, **new)

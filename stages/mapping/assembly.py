@@ -15,7 +15,7 @@ from wayside.schemas.detections import verdict_code
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.settings import LocateSettings
-from wayside.stages.classifiers import class_distances
+from wayside.stages.classifiers import log_ratios
 
 REMEMBER_M = 60.0
 """Stretch of path over which landmarks are compared, m: longer than the window."""
@@ -32,7 +32,8 @@ def classify_location(
     """Refuse landmarks where no sign stands (`location`) or of no sign's size (`panel_size`).
 
     The report's classifier is one mean at 3.1 m right of and .6 m above the camera's path, with a threshold on the
-    Mahalanobis distance (eq. 3.1). Where the evidence for landmarks contains their place, no model refuses them again.
+    Mahalanobis distance (eq. 3.1); here it is one on the likelihood ratio of a class to the places of other landmarks.
+    Where the evidence for landmarks contains their place, no model refuses them again.
 
     `model`: classes in (right of the path, above the camera's path), metres; None: only sizes are refused.
 
@@ -47,10 +48,8 @@ def classify_location(
     def verdict(one: Landmark) -> str:
         where = np.array([[one.right_m, one.above_m]])
         sides = (one.width_m, one.height_m)
-        if model is not None:
-            thresholds = np.array([c.threshold for c in model.classes])
-            if (class_distances(where, model)[0] > thresholds).all():
-                return "location"
+        if model is not None and log_ratios(where, model).max() < model.threshold:
+            return "location"
         plausible = settings.smallest_side_m <= min(sides) and max(sides) <= settings.largest_side_m
         return "sign" if plausible else "panel_size"
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, Candidates, Detections, Segmentation
 from wayside.schemas.models import GaussianModel
-from wayside.stages.classifiers import nearest_class, require_gaussian_model
+from wayside.stages.classifiers import nearest_class
 from wayside.stages.imaging import log_chromaticity
 
 COLOR_SPACES = {"rgb": 3, "chromaticity": 2, "log_chromaticity": 2, "log_rgb": 3, "lab": 3}
@@ -27,10 +27,8 @@ def classify_color(
 ) -> Iterator[Detections]:
     """Make all regions candidates with the colour class of their mean colour, by Mahalanobis distance (eq. 3.1).
 
-    The class is the nearest of those whose threshold holds; where none holds, the nearest of all, and the verdict is
-    `color`. Raises InputError where the model names a colour or a space that does not exist.
+    The verdict is `color` where no class is likely enough against the colours of what is no sign (eq. 9.3).
     """
-    require_gaussian_model(model, COLORS, COLOR_SPACES)
     for one in segmentations:
         candidates = Candidates.of(one.regions)
         color, distance, accepted = nearest_class(

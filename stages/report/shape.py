@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import SHAPES, SOURCES, Detections, Regions, Segmentation
 from wayside.schemas.models import GaussianModel
-from wayside.stages.classifiers import nearest_class, require_gaussian_model
+from wayside.stages.classifiers import nearest_class
 from wayside.stages.kernels import Array, require_array
 
 SAMPLES = 64
@@ -81,10 +81,8 @@ def classify_shape(
     """Give the open candidates the shape class of their outline by Mahalanobis distance, in space "fourier6".
 
     The outline is traced on the region's own pixels in the label image of its pass. A candidate without an accepted
-    shape gets the verdict `shape`. Raises InputError where the model names a shape that does not exist or has another
-    dimension than its space.
+    shape gets the verdict `shape`.
     """
-    require_gaussian_model(model, SHAPES, {"fourier6": len(TERMS)})
     for one in detections:
         candidates = one.candidates
         rows = candidates.open_rows()

@@ -27,15 +27,13 @@ def shipped():
     """Classes of another camera: as broad as the world."""
     wide = np.diag([50.0**2] * 3)
     means = {"green": (60.0, 120, 90), "yellow": (220.0, 190, 60), "red": (180.0, 40, 40)}
-    classes = tuple(
-        GaussianClass(name, np.array(mean), wide, 4.0, "shipped", 99)
-        for name, mean in means.items()
-    )
-    return GaussianModel("rgb", classes, "rendered")
+    classes = tuple(GaussianClass(name, np.array(mean), wide, 99) for name, mean in means.items())
+    least = -(4.0**2 + np.linalg.slogdet(2 * np.pi * wide)[1]) / 2  # a distance of 4
+    return GaussianModel("rgb", classes, "rendered", threshold=least - np.log(len(classes)))
 
 
-def road(signs=6, light=0.0, seed=0, others=240):
-    """Signs of two paints in six stretches, seen in light that varies, and grey background."""
+def road(signs=6, light=0.0, seed=0, others=240, tint=0.0):
+    """Signs of two paints in six stretches, in light that varies, and background of grey and some `tint`."""
     random = np.random.default_rng(seed)
     values, kind, sign, stretch = [], [], [], []
     for j, (name, rgb) in enumerate(PAINT.items()):
@@ -46,6 +44,7 @@ def road(signs=6, light=0.0, seed=0, others=240):
             sign += [j * signs + k] * 5
             stretch += [k % 6] * 5
     grey = random.uniform(10, 240, (others, 1)) * np.ones(3) + random.normal(0, 6, (others, 3))
+    grey += random.uniform(-tint, tint, (others, 3))
     column = np.array([*stretch, *(np.arange(others) % 6)])
     every = np.clip(np.concatenate([*values, grey]), 0, 255)
     names, numbers = np.array(kind + [""] * others), np.array(sign + [-1] * others)
@@ -74,21 +73,19 @@ def test_fitted_colours_know_their_road_better_than_shipped_ones(fitted):
 def test_a_model_names_its_rule_interval_and_origin_and_is_read_back():
     fitted = fit_colors(road(), shipped(), task(alpha=0.03), "rgb")
     assert fitted.model.provenance == "labels of a test"
-    for one in fitted.model.classes:
-        assert "alpha 0.03" in one.threshold_rule
-        low, high = one.threshold_interval
-        assert 0 <= low <= high
+    assert "alpha 0.03" in fitted.model.threshold_rule
+    low, high = fitted.model.threshold_interval
+    assert low <= fitted.model.threshold <= high
     again = model_from_json(model_to_json(fitted.model))
     assert again.space == "rgb"
     assert [one.name for one in again.classes] == ["yellow", "green", "red"]
 
 
-def test_without_labels_a_class_stays_as_shipped_but_for_its_threshold(fitted):
+def test_without_labels_a_class_stays_as_shipped(fitted):
     assert fitted.kept == ("red",)
     red = next(one for one in fitted.model.classes if one.name == "red")
     assert red.mean == pytest.approx((180, 40, 40), abs=10)
-    assert red.threshold < 4.0
-    assert fitted.fitted.false_rate.value < 0.1
+    assert fitted.fitted.false_rate.value < 0.15
 
 
 def test_only_labelled_classes_are_kept_on_request():
@@ -98,7 +95,7 @@ def test_only_labelled_classes_are_kept_on_request():
 
 
 def test_light_that_varies_leads_to_a_space_that_does_not_follow_it():
-    samples = road(signs=12, light=0.7)
+    samples = road(signs=12, light=0.7, tint=60.0)
     fitted = fit_colors(samples, shipped(), task(), "auto")
     assert fitted.model.space != "rgb"
     other = fitted.compared["rgb"]

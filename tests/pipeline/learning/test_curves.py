@@ -38,11 +38,25 @@ def test_rates_and_area_of_counted_samples_are_those_of_scikit_learn(on, off, be
     )
     accepted = [one.within(threshold) for threshold in curve.threshold]
     assert curve.tp.tolist() == [count[one.on & rows].sum() for rows in accepted]
-    assert curve.fpr == pytest.approx(fpr)
-    assert curve.tpr == pytest.approx(tpr)
+    assert curve.fp.tolist() == [count[~one.on & rows].sum() for rows in accepted]
+    points = set(zip(curve.fpr.tolist(), curve.tpr.tolist(), strict=True))
+    gained = np.append(np.diff(tpr) > 0, False) | np.insert(np.diff(tpr) > 0, 0, False)
+    corners = zip(fpr[gained].tolist(), tpr[gained].tolist(), strict=True)
+    assert all(np.isclose(corner, list(points)).all(axis=1).any() for corner in corners)
     assert curve.area == pytest.approx(
         metrics.roc_auc_score(one.on, one.likeness, sample_weight=count)
     )
+
+
+def test_the_curve_resolves_every_sign_among_many_others_and_the_threshold_of_the_run():
+    draw = np.random.default_rng(4)
+    on, off = draw.normal(4, 1, 16), draw.normal(0, 1, 200_000)
+    curve = replace(scores(on, off), used=3.3)
+    assert {*on.tolist(), 3.3} < {*curve.threshold.tolist()}
+    assert len(curve.threshold) < 40
+    for threshold, tpr, fpr in zip(curve.threshold, curve.tpr, curve.fpr, strict=True):
+        assert (tpr, fpr) == ((on >= threshold).mean(), (off >= threshold).mean())
+    assert curve.fpr[curve.used_row] == (off >= 3.3).mean()
 
 
 def test_values_that_are_unknown_are_never_accepted():

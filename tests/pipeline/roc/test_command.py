@@ -15,13 +15,14 @@ from wayside.pipeline.learning.asked import TRAJECTORIES, gather_samples
 from wayside.pipeline.learning.curves import roc_curves
 from wayside.pipeline.learning.gates import learn_gates, trajectory_densities
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
+from wayside.pipeline.learning.thresholds import GATE_RATES
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.roc.command import _write, format_curves, measure_roc
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.labels import LabelledImage, Labels
 from wayside.schemas.landmarks import EVIDENCE_TERMS
 from wayside.schemas.roc import CLASSIFIERS, CONFUSION, CURVES
-from wayside.stages.classifiers import at_alpha, class_distances
+from wayside.stages.classifiers import log_ratios
 
 from ..asked import asked as samples
 
@@ -74,10 +75,13 @@ def test_a_measurement_is_written_as_tables_pictures_and_a_recording(tmp_path, a
     green = by_class["color", "green"]
     assert (green["positives"], green["negatives"]) == (40, 200)
     assert green["area_low"] <= green["area"] <= green["area_high"]
-    threshold = next(c.threshold for c in models.color_classes.classes if c.name == "green")
-    distance = class_distances(asked["color"].values, models.color_classes)[:, 2]
-    assert green["tpr"] == np.mean(distance[:40] <= threshold)
-    assert green["fpr"] == pytest.approx(np.mean(distance[80:280] <= threshold))
+    accepted = (
+        log_ratios(asked["color"].values, models.color_classes)
+        >= by_class["color", "all"]["threshold"]
+    )
+    assert green["tpr"] == np.mean(accepted[:40, 2])
+    assert green["fpr"] == pytest.approx(np.mean(accepted[80:280, 2]))
+    assert by_class["color", "all"]["fpr"] == pytest.approx(accepted[80:280].any(axis=1).mean())
     assert (green["resampled"], green["groups"]) == ("drive", 4)
     assert by_class["color", "white"]["area"] is None  # no white sign
     image = cv2.imread(str(tmp_path / "roc" / "roc_color.png"))
@@ -120,15 +124,21 @@ def test_the_confusion_counts_what_the_run_decided_and_leaves_out_what_is_neithe
 
 def test_gates_are_learned_with_their_rule_and_what_they_rest_on(asked, models):
     learned = learn_gates(asked, models)
-    right = learned["location_report.json"].classes[0]
+    (right,) = learned["location_report.json"].classes
     assert right.mean == pytest.approx([7, 0.5], abs=0.5)
-    assert right.threshold < 5
     assert "d0 (8 signs, 22 others)" in learned["location_report.json"].provenance
-    colors = {one.name: one for one in learned["color_rgb.json"].classes}
-    assert colors["green"].mean.tolist() == models.color_classes.classes[2].mean.tolist()
-    assert learned["report-kansas.json"].classes[0].threshold > 2
-    few = {"location": asked["location"].select(np.arange(27, 120))}
-    with pytest.raises(InputError, match="5 landmarks of signs"):
+    color = learned["color_rgb.json"]
+    assert color.classes[2].mean.tolist() == models.color_classes.classes[2].mean.tolist()
+    assert sum(one.count for one in color.background) == 200
+    for name, gate in (("color", color), ("location", learned["location_report.json"])):
+        assert gate.threshold_rule.startswith(f"alpha {GATE_RATES[name]:g}")
+    kansas, places = learned["report-kansas.json"], asked["location"]
+    radius = np.linalg.norm(places.values - kansas.classes[0].mean, axis=1)
+    inside = log_ratios(places.values, kansas)[:, 0] >= kansas.threshold
+    assert radius[inside].max() < radius[~inside].min()
+    assert 0 < inside[places.label == OFF].mean() <= GATE_RATES["location"]
+    few = {"location": places.select(np.arange(12, 120))}
+    with pytest.raises(InputError, match="20 landmarks of signs"):
         learn_gates(few, models)
 
 
@@ -153,7 +163,7 @@ def test_a_drive_is_asked_about_by_every_classifier_of_the_preset(preset):
     used = load_models(settings)
     if preset == "report":
         # the shape is not asked about in every chain of the report
-        used = replace(used, location_classes=at_alpha(used.location_classes, 1.0))
+        used = replace(used, location_classes=replace(used.location_classes, threshold=-np.inf))
     densities = trajectory_densities({}) if preset == "report" else ()
     found = gather_samples(DEMO, labels, settings, used, undecided=densities)
     wanted = {

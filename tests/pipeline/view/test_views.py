@@ -456,8 +456,7 @@ def test_a_row_is_headed_by_what_it_looks_like():
 def test_every_class_of_places_is_drawn_where_it_lies():
     places = {"right": (7.0, 0.5), "left": (-9.0, 0.4)}
     classes = tuple(
-        GaussianClass(name, np.array(mean), np.eye(2), 4.0, "test", 1)
-        for name, mean in places.items()
+        GaussianClass(name, np.array(mean), np.eye(2), 1) for name, mean in places.items()
     )
     drawn = {one.path: one.parts[0] for one in opening(GaussianModel("s", classes, "t")).entities}
     for name, (right, above) in places.items():

@@ -14,12 +14,11 @@ from ..made_frames import landmarks_of, verdicts_of
 LIMITS = LocateSettings()
 
 
-def model(*means, space="right_up_m", threshold=2.0):
-    classes = [
-        GaussianClass(f"c{i}", np.array(mean), np.eye(2), threshold, "test", 1)
-        for i, mean in enumerate(means)
-    ]
-    return GaussianModel(space, tuple(classes), "test")
+def model(*means, space="right_up_m", distance=2.0):
+    """Accepts up to a distance from a mean, all other places being as likely as each other."""
+    classes = [GaussianClass(f"c{i}", np.array(mean), np.eye(2), 1) for i, mean in enumerate(means)]
+    least = -(distance**2) / 2 - np.log(2 * np.pi)
+    return GaussianModel(space, tuple(classes), "test", threshold=least - np.log(len(means)))
 
 
 def located(frames, where=None, settings=LIMITS):

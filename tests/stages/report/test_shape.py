@@ -13,7 +13,6 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.detections import SHAPES, VERDICTS, Candidates, Detections
-from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.schemas.settings import GateSettings, SegmentSettings
 from wayside.stages.report.shape import (
@@ -109,13 +108,15 @@ OUTLINES = {
 YELLOW = (220, 180, 30)
 
 
-def model(threshold=4.0):
+def model(distance=4.0):
+    """Accepts up to a distance from a class, all other outlines being as likely as each other."""
     spread = np.eye(len(TERMS)) * 0.04**2
     classes = tuple(
-        GaussianClass(name, shape_features(outline), spread, threshold, "by hand", 1)
+        GaussianClass(name, shape_features(outline), spread, 1)
         for name, outline in OUTLINES.items()
     )
-    return GaussianModel("fourier6", classes, "test")
+    least = -(distance**2 + np.linalg.slogdet(2 * np.pi * spread)[1]) / 2
+    return GaussianModel("fourier6", classes, "test", threshold=least - np.log(len(classes)))
 
 
 def drawn(names, radius=24):
@@ -149,8 +150,8 @@ def test_drawn_faces_get_their_shape(radius):
     assert (candidates.verdict == 0).all()
 
 
-def test_a_shape_beyond_every_threshold_stops_at_shape():
-    candidates = classify(candidates_of(drawn(["octagon"])), threshold=1e-4)
+def test_a_shape_far_from_every_class_stops_at_shape():
+    candidates = classify(candidates_of(drawn(["octagon"])), distance=1e-4)
     assert VERDICTS[candidates.verdict[0]] == "shape"
     assert candidates.shape_distance[0] > 0
 
@@ -162,9 +163,3 @@ def test_candidates_that_stopped_before_are_left_alone():
     assert candidates.verdict.tolist() == stopped.tolist()
     assert candidates.shape[0] == -1
     assert np.isnan(candidates.shape_distance[0])
-
-
-def test_models_of_unknown_shapes_are_refused():
-    one = GaussianClass("heart", np.zeros(6), np.eye(6), 1.0, "", 1)
-    with pytest.raises(InputError, match="'heart'"):
-        next(classify_shape(iter([]), model=GaussianModel("fourier6", (one,), "")))
