@@ -80,7 +80,7 @@ def check_drive(out: Path, rules: Sequence[Rule], road: str | None = None) -> li
     columns = [name for name in SIGNS.schema.names if name != "geometry"]
     run, read = read_run(out), read_rows(out, SIGNS, columns)
     of_drive = {name: run.get(name) for name in ("world", "camera_height_m")}
-    edges: list[Row] = []
+    edges: Sequence[Row] = ()
     if (out / SECTIONS.file).is_file():
         edges = read_rows(out, SECTIONS, ("station_m", "side", "edge_m"))
     rows = [row | of_drive | from_edge(row, edges) for row in read if row["status"] == "sign"]
