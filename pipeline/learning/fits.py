@@ -217,7 +217,8 @@ def held_out(samples: Samples, names: Sequence[str], fit: Fit) -> tuple[Values, 
     ratio = -distance
     for own in _folds(samples):
         model, values = fit(samples.select(~own)), samples.values[own]
-        at = np.ix_(np.flatnonzero(own), [names.index(one.name) for one in model.classes])
+        columns = np.array([names.index(one.name) for one in model.classes], np.int64)
+        at = np.ix_(np.flatnonzero(own), columns)
         distance[at] = np.minimum(class_distances(values, model.classes), BEYOND)
         ratio[at] = np.maximum(log_ratios(values, model), -BEYOND)
     return distance, ratio

@@ -46,7 +46,7 @@ def log_ratios(values: NDArray[np.floating[Any]], model: GaussianModel) -> NDArr
 
     def weighted(parts: Sequence[GaussianClass]) -> NDArray[np.float64]:
         count = np.array([one.count for one in parts], np.float64)
-        return log_normals(values, parts) + np.log(count / count.sum())
+        return np.asarray(log_normals(values, parts) + np.log(count / count.sum()))
 
     signs = weighted(model.classes)
     if not model.background:
