@@ -194,7 +194,7 @@ def test_the_default_gives_panels_of_one_support_its_number(default_demo, truth)
 
 
 @pytest.mark.slow
-def test_the_report_finds_most_panels_among_many_others(demo_of, truth):
+def test_the_report_finds_most_panels_among_some_others(demo_of, truth):
     found = demo_of("report-whole").signs
 
     def nearest(sign):
@@ -202,8 +202,8 @@ def test_the_report_finds_most_panels_among_many_others(demo_of, truth):
 
     facing = [sign for sign in truth["signs"] if sign["faces_travel"]]
     far = [sign["kind"] for sign in facing if nearest(sign) > 1]
-    assert far == ["work_panel", "guide_destination"]
-    assert len(found) > 5 * len(facing)
+    assert far == ["service"]
+    assert len(found) < 5 * len(facing)
 
 
 @pytest.mark.parametrize(

@@ -209,14 +209,19 @@ def test_the_report_adjusts_only_where_the_straight_line_does_not_fit(by_poses):
     poses, images = painted(4, 2.0)
     report = MotionSettings(residual_px=0.5)
     known = {"pose": told(poses)} if by_poses else {"spacing_m": [SPACING] * 4}
-    found = motions(images, report, **known)
-    assert all(m.adjusted for m in found[1:])
-    assert all(m.residual_straight_px > 0.5 > m.residual_px for m in found[1:])
+    adjusted = motions(images, report, **known)
+    assert all(m.adjusted for m in adjusted[1:])
+    assert all(m.residual_straight_px > 0.5 > m.residual_px for m in adjusted[1:])
     found = motions(images, replace(report, residual_px=1e6), **known)
     assert not any(m.adjusted for m in found)
     np.testing.assert_array_equal(found[2].step.rotation, np.eye(3))
     assert found[2].iterations == 0
     assert found[2].ties is not None
+    # what is not adjusted may be off by as much as the adjustment would have changed
+    off = Rotation.from_matrix(adjusted[2].step.rotation).as_rotvec()
+    assert np.linalg.norm(off) > np.radians(1)
+    assert off @ np.linalg.solve(found[2].covariance[:3, :3], off) < 1
+    assert off @ np.linalg.solve(adjusted[2].covariance[:3, :3], off) > 100
 
 
 def test_a_curve_goes_on_where_ties_are_too_few_but_not_for_ever():
