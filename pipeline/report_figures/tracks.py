@@ -31,7 +31,7 @@ from wayside.pipeline.statistics import rate_words, share_words
 from wayside.schemas.detections import COLOR_RGB
 from wayside.schemas.labels import SIGN
 from wayside.schemas.landmarks import Landmark
-from wayside.stages.report import mean_log_density
+from wayside.stages.report import mean_log_ratio
 
 FEET = 0.3048
 _JUDGED = {ON: "yes", OFF: "no", NEITHER: "not known"}
@@ -71,7 +71,7 @@ def _trajectories(drive: Drive) -> Figure:
     if not asked:
         return figure("5.3, 5.4").left_out("tracks of candidates that pass the colours")
     density = drive.density
-    typical = [mean_log_density(one.trajectory, density) >= density.threshold for one in asked]
+    typical = [mean_log_ratio(one.trajectory, density) >= density.threshold for one in asked]
     words = []
     for what, label in (("tracks on signs kept", ON), ("others removed", OFF)):
         own = [

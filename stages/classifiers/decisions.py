@@ -48,14 +48,15 @@ def class_distances(values: NDArray[np.floating[Any]], model: GaussianModel) -> 
     return result
 
 
-def log_density(values: NDArray[np.floating[Any]], model: MixtureModel) -> NDArray[np.float64]:
-    """Natural logarithm of the density of a mixture at each value (n, d): (n,)."""
+def log_ratio(values: NDArray[np.floating[Any]], model: MixtureModel) -> NDArray[np.float64]:
+    """Natural logarithm of the density of signs by that of other things at each value (n, d): (n,)."""
     d = model.mean.shape[1]
     gap = np.asarray(values, np.float64)[:, None] - model.mean
     square = np.einsum("nki,kij,nkj->nk", gap, np.linalg.inv(model.covariance), gap)
     _, log_volume = np.linalg.slogdet(model.covariance)
     parts = np.log(model.weight) - (log_volume + d * np.log(2 * np.pi) + square) / 2
-    return np.asarray(np.logaddexp.reduce(parts, axis=1))
+    signs, others = parts[:, : model.signs], parts[:, model.signs :]
+    return np.asarray(np.logaddexp.reduce(signs, axis=1) - np.logaddexp.reduce(others, axis=1))
 
 
 def nearest_class(

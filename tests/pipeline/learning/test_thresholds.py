@@ -119,8 +119,8 @@ def test_a_density_gets_the_knee_of_its_tracks_with_points_that_hold_their_rates
     draw = np.random.default_rng(7)
     values = np.concatenate([draw.normal(2, 1, 300), draw.normal(-2, 2, 3000), [-np.inf]])
     on = np.arange(3301) < 300
-    eye = np.eye(4)[None]
-    before = MixtureModel("image", np.ones(1), np.zeros((1, 4)), eye, 9.0, "typed", 1, "drives")
+    ones, eyes = np.ones(2), np.array([np.eye(4)] * 2)
+    before = MixtureModel("image", 1, ones, np.zeros((2, 4)), eyes, 9.0, "typed", "drives")
     found = with_score_threshold(before, samples(values, on))
     gain = [(values[on] >= t).mean() - (values[~on] >= t).mean() for t in values]
     assert gain[int(np.argmin(abs(values - found.threshold)))] == pytest.approx(max(gain), abs=0.02)
