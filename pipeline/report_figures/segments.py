@@ -117,7 +117,8 @@ def _difference(drive: Drive, scene: Scene, row: int) -> Figure:
     grey, one = np.minimum(np.rint(3 * scene.difference), 255).astype(np.uint8), scene.segmentation
     second, k = np.zeros_like(grey), len(one.difference_levels)
     if one.labels is not None:
-        second[one.rows[0] : one.rows[1]] = np.linspace(0, 255, k).astype(np.uint8)[one.labels[1]]
+        levels = np.linspace(-255, 255, k).clip(0).astype(np.uint8)  # noise is black
+        second[one.rows[0] : one.rows[1]] = levels[one.labels[1]]
     by_source = _found_by_source(drive)
     corners = around(drive.faces.box[row], scene.rgb.shape[:2])
     counts = ", ".join(f"{count} {words}" for words, count in by_source.items())
