@@ -54,7 +54,7 @@ from wayside.pipeline.running.journal import JOURNAL, Journal
 from wayside.schemas.frame import USED, Frame
 from wayside.schemas.models import EvidenceModel, GaussianModel, LinearModel, MixtureModel
 from wayside.schemas.settings import ReadSettings
-from wayside.stages.classifiers import evidence_ratios, log_density, log_ratios
+from wayside.stages.classifiers import evidence_ratios, log_ratio, log_ratios
 from wayside.stages.imaging import decode
 
 Content = Callable[[random.Random], bytes]
@@ -124,7 +124,7 @@ def use_model(path: Path) -> None:
         if isinstance(model, GaussianModel) and model.classes:
             log_ratios(values[:, : model.classes[0].mean.size], model)
         elif isinstance(model, MixtureModel):
-            log_density(values[:, : model.mean.shape[1]], model)
+            log_ratio(values[:, : model.mean.shape[1]], model)
         elif isinstance(model, LinearModel):
             values[:, : len(model.features)].astype(np.float64) @ model.weights
         elif isinstance(model, EvidenceModel):

@@ -80,23 +80,23 @@ class GaussianModel(ModelText):
 
 @dataclass(frozen=True, slots=True)
 class MixtureModel(ModelText):
-    """Density of what is typical: a sum of k Gaussian components in d dimensions."""
+    """Likelihood ratio of signs and other things: the densities are sums of k Gaussian components in d dimensions."""
 
     kind: ClassVar[str] = "mixture"
     space: str
     """Name of the space of its values."""
+    signs: int
+    """The first so many components are of signs, the rest of other things."""
     weight: NDArray[np.float64]
-    """(k,), of sum 1."""
+    """(k,), of sum 1 for signs and for other things."""
     mean: NDArray[np.float64]
     """(k, d)."""
     covariance: NDArray[np.float64]
     """(k, d, d)."""
     threshold: float
-    """Least accepted mean of the log density over the values of one item."""
+    """Least accepted mean of the log ratio over the values of one item."""
     threshold_rule: str
     """How the threshold was chosen, and its rates."""
-    count: int
-    """Items it was learned from."""
     provenance: str
     """What it was learned from."""
     threshold_interval: tuple[float, float] | None = None

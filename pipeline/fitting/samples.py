@@ -215,13 +215,11 @@ def region_samples(
             label, face = drive.faces.label_regions(item.frame.index, regions.box)
             kind = np.append(names, "")[face]
             off = label == OFF
+            on = np.flatnonzero((label == ON) & (kind != ""))
             if accepting is not None:
                 features = color_features(regions.rgb, accepting.space)
                 off &= nearest_class(features, accepting, COLORS)[2]
-            on = np.flatnonzero((label == ON) & (kind != ""))
-            if accepting is not None:
-                box, whole = regions.box[on], drive.faces.box[face[on]]
-                on = on[iou_matrix(box, whole).diagonal() >= WHOLE]
+                on = on[iou_matrix(regions.box[on], drive.faces.box[face[on]]).diagonal() >= WHOLE]
             rows = np.union1d(spread(np.flatnonzero(off), MOST_OTHERS), on)
             values = (
                 regions.rgb[rows].astype(np.float64)

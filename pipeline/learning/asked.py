@@ -30,7 +30,7 @@ from wayside.schemas.models import MixtureModel
 from wayside.schemas.settings import GateSettings, ReadSettings, Settings
 from wayside.schemas.signs import Sign
 from wayside.stages.mapping import VERDICT_OF_TERM
-from wayside.stages.report import color_features, mean_log_density, region_descriptors
+from wayside.stages.report import color_features, mean_log_ratio, region_descriptors
 from wayside.stages.segmentation import regions_before_gate
 
 NO_CLASS = ""
@@ -304,9 +304,9 @@ class _Collector:
         """Landmarks that no stage before the trajectory gate refused, whether a run has that gate or not."""
         asked = [one for one in frame.landmarks if one.verdict == "sign"]
         for name, density in self.densities.items() if asked else ():
-            values = [(mean_log_density(one.trajectory, density),) for one in asked]
+            values = [(mean_log_ratio(one.trajectory, density),) for one in asked]
             accepted = [value >= density.threshold for (value,) in values]
-            yield self._landmarks(name, asked, "log_density", values, accepted)
+            yield self._landmarks(name, asked, "log_ratio", values, accepted)
 
     def _located(self, frame: TrackedFrame) -> Iterator[ClassifierSamples]:
         """Landmarks that were signs but for their location; in preset `default` that is a term of the evidence."""

@@ -26,7 +26,7 @@ RATES = (
 )
 """False-alarm rates of the operating points of a score, as far as there are samples for them."""
 
-GATE_RATES = {"color": 0.2, "shape": 0.3, "trajectory": 0.5, "location": 0.2}
+GATE_RATES = {"color": 0.2, "shape": 0.3, "trajectory": 0.1, "location": 0.2}
 """False-alarm rate of each gate as shipped: a share of the things that are no sign and reach it."""
 
 Points = tuple[OperatingPoint, ...]

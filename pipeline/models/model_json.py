@@ -135,7 +135,7 @@ _READERS: dict[str, Callable[[Any], Any]] = {
     **dict.fromkeys(("mean", "covariance", "weight", "weights"), _array),
     **dict.fromkeys(("features", "terms"), _tuple_of(str)),
     **dict.fromkeys(("knots", "curves"), _tuple_of(_array)),
-    "count": int,
+    **dict.fromkeys(("count", "signs"), int),
     "threshold_interval": _interval,
     "with_network": lambda data: _built(NetworkSum, data),
     **dict.fromkeys(("classes", "background"), _tuple_of(lambda data: _built(GaussianClass, data))),
@@ -152,12 +152,9 @@ def _check_class(one: GaussianClass) -> None:
 def _check_mixture(model: MixtureModel) -> None:
     k, d = model.mean.shape
     _check_covariance(model.covariance, (k, d, d))
-    if (
-        model.weight.shape != (k,)
-        or not (model.weight > 0).all()
-        or abs(model.weight.sum() - 1) > 1e-6
-    ):
-        raise ValueError("the weights are no positive numbers of sum 1")
+    sums = [model.weight[: model.signs].sum(), model.weight[model.signs :].sum()]
+    if model.weight.shape != (k,) or not ((model.weight > 0).all() and np.allclose(sums, 1)):
+        raise ValueError("the weights are no positive numbers of sum 1 on both sides")
 
 
 def _check_evidence(model: EvidenceModel) -> None:

@@ -107,7 +107,8 @@ def _difference(drive: Drive, one: Segmentation, row: int) -> Figure:
     grey = np.minimum(np.rint(3 * apart), 255).astype(np.uint8)
     second, k = np.zeros_like(grey), len(one.difference_levels)
     if one.labels is not None:
-        second[one.rows[0] : one.rows[1]] = np.linspace(0, 255, k).astype(np.uint8)[one.labels[1]]
+        levels = np.linspace(-255, 255, k).clip(0).astype(np.uint8)  # noise is black
+        second[one.rows[0] : one.rows[1]] = levels[one.labels[1]]
     first, rescued, lost = _found_by_source(drive)
     whole = f"frame {one.frame.index}: distance of each pixel to its cluster, three times as bright"
     corners = around(drive.faces.box[row], grey.shape)

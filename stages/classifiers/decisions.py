@@ -54,12 +54,12 @@ def log_ratios(values: NDArray[np.floating[Any]], model: GaussianModel) -> NDArr
     return np.asarray(signs - np.logaddexp.reduce(weighted(model.background), axis=1)[:, None])
 
 
-def log_density(values: NDArray[np.floating[Any]], model: MixtureModel) -> NDArray[np.float64]:
-    """Natural logarithm of the density of a mixture at each value (n, d): (n,)."""
+def log_ratio(values: NDArray[np.floating[Any]], model: MixtureModel) -> NDArray[np.float64]:
+    """Natural logarithm of the density of signs by that of other things at each value (n, d): (n,)."""
     parts = [GaussianClass("", *one, 0) for one in zip(model.mean, model.covariance, strict=True)]
-    return np.asarray(
-        np.logaddexp.reduce(log_normals(values, parts) + np.log(model.weight), axis=1)
-    )
+    densities = log_normals(values, parts) + np.log(model.weight)
+    signs, others = densities[:, : model.signs], densities[:, model.signs :]
+    return np.asarray(np.logaddexp.reduce(signs, axis=1) - np.logaddexp.reduce(others, axis=1))
 
 
 def nearest_class(

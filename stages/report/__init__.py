@@ -14,7 +14,7 @@ from wayside.stages.report.trajectory import (
     STEP_M,
     TRAJECTORY_FORMS,
     classify_trajectory,
-    mean_log_density,
+    mean_log_ratio,
 )
 
 __all__ = [
@@ -29,7 +29,7 @@ __all__ = [
     "extract_sift",
     "fourier_descriptors",
     "match_by_descriptors",
-    "mean_log_density",
+    "mean_log_ratio",
     "merge_segments",
     "outlines_of",
     "region_descriptors",

@@ -26,8 +26,7 @@ TERMS = (-1, 2, -2, 3, -3, -4)
 These are the six lowest at which the outlines of signs differ: a regular n-gon has term 1-n as its first upper one
 (triangle -2, square -3, pentagon -4), an elongated outline has -1, one without symmetry has 2 and 3.
 """
-_EDGES = np.array([[-0.5, 0], [0.5, 0], [0, -0.5], [0, 0.5]], np.float32)
-"""Middles of the edges of a pixel from its centre."""
+_EDGES = np.array([[-0.5, 0], [0.5, 0], [0, -0.5], [0, 0.5]], np.float32)  # from a pixel's centre
 
 
 def trace_region(labels: NDArray[np.uint8], box: NDArray[np.int64]) -> Array | None:

@@ -12,7 +12,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.models import MixtureModel
 from wayside.schemas.motion import Motion
-from wayside.stages.classifiers import log_density
+from wayside.stages.classifiers import log_ratio
 from wayside.stages.geometry import rotation_from_vector, vector_from_rotation
 
 TRAJECTORY_FORMS = ("image", "compensated")
@@ -52,11 +52,11 @@ def _turned(ray: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[
     return np.array([x, y]) / z if z > 0 else np.full(2, np.nan)
 
 
-def mean_log_density(trajectory: NDArray[np.float64], model: MixtureModel) -> float:
-    """Mean over the steps of a trajectory (s, 2, 4) of the log density in the form of the model; -inf without steps."""
+def mean_log_ratio(trajectory: NDArray[np.float64], model: MixtureModel) -> float:
+    """Mean over the steps of a trajectory (s, 2, 4) of the log ratio in the form of the model; -inf without steps."""
     steps = trajectory[:, TRAJECTORY_FORMS.index(model.space)]
     known = steps[np.isfinite(steps).all(axis=1)]
-    return float(log_density(known, model).mean()) if len(known) else -np.inf
+    return float(log_ratio(known, model).mean()) if len(known) else -np.inf
 
 
 def classify_trajectory(
@@ -64,7 +64,8 @@ def classify_trajectory(
 ) -> Iterator[TrackedFrame]:
     """Refuse what does not move in the image as signs do (`trajectory`).
 
-    The report holds each (u, v, du, dv) against a density of signs; a track is as typical as its steps are on average.
+    The report holds each (u, v, du, dv) against a density of signs. Here it is held against that of other tracks as
+    well (likelihood ratio, chapter 9); a track is as typical as its steps are on average.
     Landmarks that are still accepted are asked about. Raises InputError where the model is of a space that is not among
     `TRAJECTORY_FORMS`.
     """
@@ -77,7 +78,7 @@ def classify_trajectory(
         landmarks = (
             replace(one, verdict="trajectory")
             if one.verdict == "sign"
-            and not mean_log_density(one.trajectory, model) >= model.threshold
+            and not mean_log_ratio(one.trajectory, model) >= model.threshold
             else one
             for one in frame.landmarks
         )

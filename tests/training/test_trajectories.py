@@ -1,15 +1,16 @@
-"""The density of the motion of signs, learned from made-up tracks of points that stand still."""
+"""How signs and other things move, learned from made-up tracks of points that stand still."""
 
 import numpy as np
 import pytest
+from scipy.linalg import eigvalsh
 
-from training.trajectories import Track, learn_trajectories, steps_in_form
+from training.trajectories import Track, fitted, learn_trajectories, steps_in_form
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
 from wayside.pipeline.learning.thresholds import GATE_RATES
 from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.schemas.errors import InputError
-from wayside.stages.classifiers import log_density
-from wayside.stages.report import mean_log_density
+from wayside.stages.classifiers import log_ratio
+from wayside.stages.report import mean_log_ratio
 
 STEP = 8.0
 
@@ -41,19 +42,26 @@ def model(tracks):
 def test_signs_are_kept_and_what_stands_elsewhere_goes_on_a_drive_not_learned_from(model):
     kept = {ON: [], OFF: [], NEITHER: []}
     for one in drive(99, 100, 300):
-        kept[one.label].append(mean_log_density(one.steps, model) >= model.threshold)
+        kept[one.label].append(mean_log_ratio(one.steps, model) >= model.threshold)
     assert np.mean(kept[ON]) > 0.85
     assert np.mean(kept[OFF]) < GATE_RATES["trajectory"] + 0.1
 
 
 def test_the_file_says_the_rule_its_rates_and_what_it_was_learned_from(model):
-    assert model.count == 60
     assert model.threshold_rule.startswith(f"alpha {GATE_RATES['trajectory']:g}")
     text = model_to_json(model)
     again = model_from_json(text)
     assert model_to_json(again) == text
     steps = steps_in_form(drive(7), "compensated")
-    np.testing.assert_allclose(log_density(steps, again), log_density(steps, model), rtol=1e-5)
+    np.testing.assert_allclose(log_ratio(steps, again), log_ratio(steps, model), rtol=1e-5)
+
+
+def test_a_track_unlike_all_others_does_not_become_a_spike(tracks):
+    odd = Track(np.full((1, 2, 4), 0.9), ON, 0)
+    model = fitted([*tracks, odd], "image")
+    nearest = np.linalg.norm(model.mean[: model.signs] - 0.9, axis=1).argmin()
+    pooled = np.cov(steps_in_form([one for one in tracks if one.label == ON], "image").T)
+    assert eigvalsh(model.covariance[nearest], pooled).min() > 0.01
 
 
 def test_too_few_tracks_or_drives_are_refused_with_the_number_needed(tracks):

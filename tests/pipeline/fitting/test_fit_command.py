@@ -1,6 +1,7 @@
 """`wayside fit` on a folder of pictures with labels, and a run that takes the models."""
 
 import json
+from dataclasses import replace
 from functools import partial
 
 import cv2
@@ -9,7 +10,7 @@ import pytest
 
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.fitting.report import format_fit
-from wayside.pipeline.fitting.samples import labelled_drives
+from wayside.pipeline.fitting.samples import labelled_drives, region_samples
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.labels.wayside_labels import write_labels
 from wayside.pipeline.models.model_files import load_models
@@ -50,6 +51,21 @@ def pictures(tmp_path_factory):
 
 
 fit = partial(invoke, "fit")
+
+
+@pytest.mark.parametrize(("margin_px", "met"), [(0, 12), (3, 0)])
+def test_regions_that_cover_a_part_of_a_face_have_its_colour_but_not_its_shape(
+    pictures, margin_px, met
+):
+    known = read_labels(pictures[1])
+    grown = [np.add(one.box, np.array([-1, -1, 1, 1]) * margin_px) for one in known.labels]
+    rows = zip(known.labels, grown, strict=True)
+    labels = replace(known, labels=tuple(replace(one, box=tuple(box)) for one, box in rows))
+    settings, _ = load_settings("report-shape")
+    drives = labelled_drives([labels], [pictures[0]], settings.read, complete=False)
+    assert region_samples(drives, settings).met == 12
+    colors = load_models(settings).color_classes
+    assert region_samples(drives, settings, colors).met == met
 
 
 def test_pictures_and_labels_become_models_that_a_run_takes(pictures, tmp_path):

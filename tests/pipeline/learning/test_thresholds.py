@@ -28,7 +28,9 @@ def test_a_gate_gets_the_threshold_of_its_rate_and_points_that_hold_theirs():
     on, drive = np.arange(3301) < 300, np.arange(3301) % 4
     one = GaussianClass("sign", np.zeros(4), np.eye(4), 1)
     for before in (
-        MixtureModel("image", np.ones(1), np.zeros((1, 4)), np.eye(4)[None], 9.0, "typed", 1, ""),
+        MixtureModel(
+            "image", 1, np.ones(2), np.zeros((2, 4)), np.array([np.eye(4)] * 2), 9.0, "typed", ""
+        ),
         GaussianModel("image", (one,), "typed", background=(replace(one, count=9),)),
     ):
         found = with_threshold(before, values, on, drive, 0.1)

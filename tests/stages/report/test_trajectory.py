@@ -15,7 +15,7 @@ from wayside.schemas.frame import Pose
 from wayside.schemas.models import MixtureModel
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping import assemble
-from wayside.stages.report import classify_trajectory, match_by_descriptors, mean_log_density
+from wayside.stages.report import classify_trajectory, match_by_descriptors, mean_log_ratio
 from wayside.stages.report.trajectory import STEP_M, trajectory_of
 
 from ..made_frames import landmarks_of
@@ -23,15 +23,15 @@ from ..made_frames import landmarks_of
 
 def model(space="image", threshold=-np.inf):
     rng = np.random.default_rng(4)
-    roots = rng.normal(0, 0.1, (2, 4, 4))
+    roots = rng.normal(0, 0.1, (3, 4, 4))
     return MixtureModel(
         space,
-        np.array([0.3, 0.7]),
-        rng.normal(0, 0.1, (2, 4)),
+        2,
+        np.array([0.3, 0.7, 1.0]),
+        rng.normal(0, 0.1, (3, 4)),
         roots @ roots.swapaxes(1, 2) + 1e-3 * np.eye(4),
         threshold,
         "by hand",
-        9,
         "made up",
     )
 
@@ -87,13 +87,13 @@ def test_the_score_is_the_mean_log_density_of_the_steps_in_the_form_of_the_model
     steps = np.random.default_rng(1).normal(0, 0.1, (5, 2, 4))
     for form, space in enumerate(("image", "compensated")):
         one = model(space)
-        density = sum(
+        signs, more, others = (
             w * multivariate_normal(m, c).pdf(steps[:, form])
             for w, m, c in zip(one.weight, one.mean, one.covariance, strict=True)
         )
-        assert mean_log_density(steps, one) == pytest.approx(np.log(density).mean())
-    assert mean_log_density(np.zeros((0, 2, 4)), model()) == -np.inf
-    assert mean_log_density(np.full((1, 2, 4), np.nan), model()) == -np.inf
+        assert mean_log_ratio(steps, one) == pytest.approx(np.log((signs + more) / others).mean())
+    assert mean_log_ratio(np.zeros((0, 2, 4)), model()) == -np.inf
+    assert mean_log_ratio(np.full((1, 2, 4), np.nan), model()) == -np.inf
 
 
 def test_a_track_that_moves_otherwise_is_refused_and_so_are_its_candidates(panel, drive):
@@ -103,7 +103,7 @@ def test_a_track_that_moves_otherwise_is_refused_and_so_are_its_candidates(panel
         items = list(assemble(classify_trajectory(tracked, replace(known, threshold=threshold))))
         (place,) = landmarks_of(items)
         codes = {v for item in items for v in item.candidates.verdict[item.track_id >= 0]}
-        return place.verdict, len(codes), mean_log_density(place.trajectory, known)
+        return place.verdict, len(codes), mean_log_ratio(place.trajectory, known)
 
     known = model()
     verdict, kinds, score = verdicts(-np.inf)
