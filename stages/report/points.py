@@ -73,7 +73,7 @@ def depth_sigma(point: NDArray[np.float64], travel: NDArray[np.float64]) -> NDAr
     line of travel.
     """
     z = point[:, 2]
-    before = z + travel[2]
+    before = np.maximum(z + travel[2], 1e-3)
     aside = np.linalg.norm(point[:, :2] - z[:, None] * (travel[:2] / travel[2]), axis=1)
     base = float(np.linalg.norm(travel))
     return np.asarray(z * before * np.hypot(z, before) / (np.maximum(aside, 1e-3) * base))

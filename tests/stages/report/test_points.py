@@ -120,12 +120,6 @@ def test_points_at_many_depths_and_views_of_different_things_are_no_face(placed,
     assert placed(seeds=(0, seed)).verdict == "residual"
 
 
-def test_the_evidence_grows_with_the_points_that_agree(placed):
-    every = dict(placed().evidence)["rigidity"]
-    half = dict(placed(lambda square: 4.0 * (square % 2)).evidence).get("rigidity", 0.0)
-    assert every > half + 10
-
-
 def test_a_landmark_without_pixels_or_refused_before_stays_as_it_is(drive):
     given = made_landmark(), made_landmark(verdict="location")
     (frame,) = drive([], 1)
