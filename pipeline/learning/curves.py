@@ -41,8 +41,8 @@ class Bands(NamedTuple):
 class RocCurve:
     """A test for one class: n samples, and its rates at k thresholds, which exist where it is `two_sided`.
 
-    Between two thresholds that follow each other, either the signs or the others that are accepted stay the same, so
-    that the curve is exact.
+    Between two thresholds that follow each other the accepted signs stay the same, but for signs and others of one
+    value: straight lines between the thresholds are the curve.
 
     `value` (n,) float64: small ones are signs if `accept_below`, else large ones. `on` (n,) bool: whether it is a sign
     of the class. `count` (n,) int64 samples that a row stands for. `group` (n,) int64: number of what is resampled
