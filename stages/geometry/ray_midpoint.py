@@ -109,10 +109,7 @@ def pair_residual(
     local = (found.point - direction) @ axes
     with np.errstate(divide="ignore", invalid="ignore"):
         residuals = np.hstack(
-            [
-                found.point[:, :2] / found.point[:, 2:] - first,
-                local[:, :2] / local[:, 2:] - second,
-            ]
+            [found.point[:, :2] / found.point[:, 2:] - first, local[:, :2] / local[:, 2:] - second]
         )
         far = first @ axes[:2] + axes[2]
         far_residual = far[:, :2] / far[:, 2:] - second

@@ -2,11 +2,7 @@
 
 from wayside.stages.panel.facing import solve_facing
 from wayside.stages.panel.image_alignment import warp_to_template
-from wayside.stages.panel.outline import (
-    OUTLINE_FEATURES,
-    FaceOutline,
-    outline_candidates,
-)
+from wayside.stages.panel.outline import OUTLINE_FEATURES, FaceOutline, outline_candidates
 from wayside.stages.panel.outline_edges import gradients_of
 from wayside.stages.panel.outline_shapes import (
     ASPECT,
