@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.settings import TrackSettings
+from wayside.stages.kernels import Array
 from wayside.stages.mapping.association import MISSED, Hypotheses, WindowCandidates, associate
 from wayside.stages.mapping.triangulation import POINT_ITERATIONS, triangulate_views
 from wayside.stages.mapping.window import WindowFrame, joined
@@ -44,21 +45,21 @@ class LandmarkFit:
     """Number among the followed candidates of that frame, (v,)."""
     used: NDArray[np.bool_]
     """Whether the point was fitted to the view, (v,)."""
-    point: NDArray[np.float64]
+    point: Array
     """In the world, by the rays alone, (3,)."""
-    covariance: NDArray[np.float64]
+    covariance: Array
     """Of the point, in the world, (3, 3)."""
-    residual_px: NDArray[np.float64]
+    residual_px: Array
     """Of each view, (v,)."""
-    depth: NDArray[np.float64]
+    depth: Array
     """Of the point in each view, (v,), metres."""
-    metric: NDArray[np.float64]
+    metric: Array
     """Width and height, (2,), metres."""
-    spread: NDArray[np.float64]
+    spread: Array
     """Scatter of both over the views, (2,), metres."""
-    weight_sigma: NDArray[np.float64]
+    weight_sigma: Array
     """Standard deviation that each view was weighted by, (v,)."""
-    ray_sigma: NDArray[np.float64]
+    ray_sigma: Array
     """Standard deviation of its ray alone, (v,)."""
     missed: int = 0
     """Number of frames that should show it and have no candidate there."""
@@ -214,9 +215,7 @@ def fit_views(
     )
 
 
-def metric_size(
-    sizes: NDArray[np.float64], depth: NDArray[np.float64], whole: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def metric_size(sizes: Array, depth: Array, whole: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Median width and height (2,) over the nearest views, and their scatter (2,), metres.
 
     Views cut by the edge of the image are left out where others exist.

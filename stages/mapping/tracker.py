@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.schemas.detections import Features
 from wayside.schemas.landmarks import TrackedFrame
@@ -21,6 +20,7 @@ from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import FrenetOffset
+from wayside.stages.kernels import Array
 from wayside.stages.mapping.association import NEAREST_M, Hypotheses, pair_hypotheses
 from wayside.stages.mapping.landmark import LandmarkMeasurement, build_landmark, measure_landmark
 from wayside.stages.mapping.landmark_evidence import (
@@ -220,9 +220,7 @@ class _Tracker:
         """A landmark with the evidence for it but for its surroundings."""
         return self._classify(fit, self._path.offset(fit.point), view_features(fit, self._window))
 
-    def _classify(
-        self, fit: LandmarkFit, offset: FrenetOffset, features: NDArray[np.float64]
-    ) -> _Classified:
+    def _classify(self, fit: LandmarkFit, offset: FrenetOffset, features: Array) -> _Classified:
         """A landmark with the evidence for it, among the signs that are known by now."""
         features[PLACE] = self._places[fit.back].log_density(offset)
         classifier = self.sides[fit.back].landmark
