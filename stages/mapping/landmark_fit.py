@@ -95,18 +95,7 @@ def accept_greedily(
     Other boxes on a face make landmarks of their own: which one is the face, all evidence decides
     (`verdicts.same_face`).
 
-    Parameters
-    ----------
-    candidates
-        The window, N rows.
-    hypotheses
-        Points to try.
-    free
-        Candidates that may be used, (N,).
-    settings
-        Largest gap of a view, and views that a landmark needs.
-    box_sigma
-        Scatter of the centres of boxes, as `BOX_SIGMA`.
+    free (N,): candidates of the window that may be used. box_sigma: scatter of the centres of boxes, as `BOX_SIGMA`.
     """
     left = free.copy()
     row, _, value = found = associate(candidates, hypotheses, left, settings.gap_px)

@@ -121,10 +121,7 @@ def adjust_jointly(
 
 
 def _tie_blocks(
-    ties: StepTies,
-    track: NDArray[np.int64],
-    starts: tuple[Array, NDArray[np.int64]],
-    focal: float,
+    ties: StepTies, track: NDArray[np.int64], starts: tuple[Array, NDArray[np.int64]], focal: float
 ) -> tuple[ResidualBlocks, ResidualBlocks]:
     """Rows of the starts of tracks, and of the ties; point 0 is the landmark."""
     start, anchors = starts

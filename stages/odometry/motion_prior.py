@@ -108,18 +108,17 @@ def predict_motion(
             if settings.residual_px == 0:
                 return _by_poses(before.pose, now.pose, step, travel)
             spacing_m = max(length, SHORTEST_M)
+    seconds = (now.time_ns - before.time_ns) * 1e-9
     if isfinite(spacing_m) and isfinite(length_in_spacings):
         baseline, sigma = length_in_spacings * spacing_m, SPACING_SCATTER * spacing_m
         source = "points"
     elif isfinite(spacing_m):
         baseline, sigma, source = spacing_m, settings.spacing_sigma_m, "straight"
     elif before.fix is not None and now.fix is not None:
-        seconds = (now.time_ns - before.time_ns) * 1e-9
         baseline, sigma = _between_fixes(before.fix, now.fix, seconds)
         source = "fixes"
     elif speed_mps > 0:
         # Beyond the last fix or in a gap of them: points seen in both steps measure the length.
-        seconds = (now.time_ns - before.time_ns) * 1e-9
         baseline, sigma = speed_mps * seconds, ACCELERATION_MPS2 * seconds**2
         source = "speed"
     else:
