@@ -37,21 +37,11 @@ class OnnxDetector:
         self._network = OnnxNetwork(file.onnx.path, file.outputs)
 
     def boxes(self, rgb: NDArray[np.uint8], least_score: float, same_iou: float) -> ExternalBoxes:
-        """Boxes of signs in an image (height, width, 3), best first.
+        """Boxes of signs in an image (height, width, 3), best first, those below `least_score` left out.
 
-        Parameters
-        ----------
-        rgb
-            The image.
-        least_score
-            Boxes of a smaller score are left out.
-        same_iou
-            Where the network does not suppress boxes itself, those that overlap a better one more are.
+        same_iou: where the network does not suppress boxes itself, those that overlap a better one more are.
 
-        Raises
-        ------
-        InputError
-            The outputs are not those of the file's format.
+        Raises InputError where the outputs are not those of the file's format.
         """
         file = self._file
         height, width = rgb.shape[:2]

@@ -40,10 +40,7 @@ def midpoint(c0: Floats, c1: Floats, d0: Floats, d1: Floats) -> Midpoints:
     Returns nan where the rays are parallel (q1 x q2 = 0: at the focus of expansion, or without a baseline they meet at
     the common centre).
 
-    Raises
-    ------
-    ValueError
-        Where the shapes do not fit.
+    Raises ValueError where the shapes do not fit.
     """
     first, second = shaped(d0, (-1, 3)), shaped(d1, (-1, 3))
     if len(first) != len(second):
