@@ -159,18 +159,8 @@ def fit_views(
 ) -> LandmarkFit | None:
     """Point, covariance and metric size from views; None where the rays do not meet ahead.
 
-    Parameters
-    ----------
-    candidates
-        The window.
-    rows, frames
-        Candidates (v,) of the window and their frames, ascending.
-    box_sigma
-        Scatter of the centres of boxes, as `BOX_SIGMA`.
-    nearest
-        The point is fitted to so many of the latest views.
-    iterations
-        Of the fit of the point at most.
+    rows, frames: candidates (v,) of the window and their frames, ascending. box_sigma: scatter of the centres of boxes,
+    as `BOX_SIGMA`. nearest: the point is fitted to so many of the latest views, by so many iterations at most.
     """
     c = candidates
     tall_px = c.size[rows, 1] * c.focal[frames]

@@ -181,16 +181,13 @@ def fix_distance_m(first: Fix, second: Fix) -> float:
 
 def _between_fixes(first: Fix, second: Fix, seconds: float) -> tuple[float, float]:
     """Distance and its sigma, metres; where fixes jump, both are half of the farthest that a vehicle can go."""
-    baseline, sigma = fix_distance_m(first, second), _fix_sigma_m(first, second)
+    known = [max(f.sigma_m[:2]) for f in (first, second) if f.sigma_m is not None]
+    sigma = FIX_STEP_FRACTION * max(known, default=FIX_SIGMA_M)
+    baseline = fix_distance_m(first, second)
     reach = FASTEST_MPS * seconds
     if 0 < reach < baseline - JUMP_SIGMAS * sigma:
         return reach / 2, reach / 2
     return baseline, sigma
-
-
-def _fix_sigma_m(first: Fix, second: Fix) -> float:
-    known = [max(f.sigma_m[:2]) for f in (first, second) if f.sigma_m is not None]
-    return FIX_STEP_FRACTION * max(known, default=FIX_SIGMA_M)
 
 
 @dataclass(slots=True)
