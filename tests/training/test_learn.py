@@ -20,12 +20,7 @@ from wayside.pipeline.models.model_files import load_models, shipped_models
 from wayside.pipeline.models.model_json import model_from_json
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.frame import USED, Camera, Frame, Image, Pose
-from wayside.stages.panel import (
-    OUTLINE_FEATURES,
-    PanelPlane,
-    PosedImage,
-    register_views,
-)
+from wayside.stages.panel import OUTLINE_FEATURES, PanelPlane, PosedImage, register_views
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 

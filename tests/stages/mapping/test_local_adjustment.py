@@ -10,11 +10,7 @@ from scipy.spatial.transform import Rotation
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.motion import Motion, StepPrior, Ties
 from wayside.stages.mapping import local_adjustment
-from wayside.stages.mapping.local_adjustment import (
-    MOST_FRAMES,
-    adjust_jointly,
-    window_around,
-)
+from wayside.stages.mapping.local_adjustment import MOST_FRAMES, adjust_jointly, window_around
 from wayside.stages.mapping.triangulation import triangulate_views
 
 CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
