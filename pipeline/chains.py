@@ -30,7 +30,6 @@ from wayside.stages.georeference import (
 from wayside.stages.imaging import decode
 from wayside.stages.mapping import Each, assemble, classify_location, track
 from wayside.stages.odometry import estimate_motion, extract_features
-from wayside.stages.panel import PanelMethod
 from wayside.stages.report import (
     classify_trajectory,
     extract_sift,
@@ -101,7 +100,7 @@ def default_chain(s: Settings, m: Models, routes: RouteFile | None, each: Each =
                 s.track,
                 detector.front,
                 detector.back,
-                panel_method(m),
+                m.outline_weights,
                 jointly=True,
                 each=each,
             ),
@@ -161,11 +160,6 @@ def _swept(record: RoadsideRecord | None) -> Stage[Any, Any] | None:
 def profile_stage(path: DrivePath) -> Stage[Any, CrossSection]:
     """After the last frame: from the sweeps of the roadside to the cross-sections on the path."""
     return stage("profile", place_sections, path)
-
-
-def panel_method(m: Models) -> PanelMethod:
-    """How panels are measured as planes."""
-    return PanelMethod(m.outline_weights)
 
 
 def _signs(

@@ -34,7 +34,6 @@ from training.truth import (
     sign_positions,
     write_model,
 )
-from wayside.pipeline.chains import panel_method
 from wayside.pipeline.evaluation.rendered import camera_pose
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.learning.fits import PLACE_FLOOR, SIDES, moments, sides
@@ -45,7 +44,6 @@ from wayside.schemas.models import GaussianClass, GaussianModel, LinearModel
 from wayside.stages.panel import (
     OUTLINE_FEATURES,
     OUTLINE_SHAPES,
-    PanelMethod,
     PanelPlane,
     PosedImage,
     RegisteredViews,
@@ -87,13 +85,13 @@ class OutlineChoice:
 def gather_choices(
     images: Iterable[tuple[Image, NDArray[np.uint8]]],
     truth: dict[str, Any],
-    method: PanelMethod,
+    model: LinearModel,
     seed: int,
 ) -> list[OutlineChoice]:
     """Candidates of the outlines of all faces of a drive, with the right one.
 
-    Signs without a position, or of a shape without template, are left out. The model of `method` is used only where
-    boxes do not correlate. `seed` is of the scatter of the detected boxes.
+    Signs without a position, or of a shape without template, are left out. `model` is used only where boxes do not
+    correlate. `seed` is of the scatter of the detected boxes.
     """
     signs = [s for s in truth["signs"] if "centre" in s and _shape(s) in OUTLINE_SHAPES]
     shown = {s["id"]: [v["frame"] for v in s["frames"] if _clear(v)] for s in signs}
@@ -111,7 +109,7 @@ def gather_choices(
             if shown[sign["id"]][-1:] == [index]:
                 views = [held[k] for k in shown[sign["id"]] if k in held]
                 for _ in range(BOXES):
-                    choice = _choice(sign, views, method, rng, truth["name"])
+                    choice = _choice(sign, views, model, rng, truth["name"])
                     choices += [] if choice is None else [choice]
     return choices
 
@@ -119,7 +117,7 @@ def gather_choices(
 def _choice(
     sign: dict[str, Any],
     images: Sequence[PosedImage],
-    method: PanelMethod,
+    model: LinearModel,
     rng: np.random.Generator,
     drive: str,
 ) -> OutlineChoice | None:
@@ -135,7 +133,7 @@ def _choice(
     if not usable:
         return None
     frames = np.array([image.frame for image in images], np.int64)
-    registered = register_views(found_plane, detected, usable, frames, method)
+    registered = register_views(found_plane, detected, usable, frames, model)
     panel = PanelPlane.across(centre, -normal, up)
     true = true_box(registered, panel, size)
     views = registered.stacked()
@@ -234,11 +232,11 @@ def learn(drives: Path, out: Path, seed: int) -> None:
     write_model(out / "location.json", location_model(places, origin))
     settings, _ = load_settings()
     # views are registered with the model that ships
-    method = panel_method(load_models(settings))
+    model = load_models(settings).outline_weights
     choices = [
         choice
         for log, truth in zip(logs, truths, strict=True)
-        for choice in gather_choices(images(log), truth, method, seed)
+        for choice in gather_choices(images(log), truth, model, seed)
     ]
     write_model(out / "outline.json", learn_outlines(choices, origin))
 

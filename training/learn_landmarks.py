@@ -32,7 +32,6 @@ from training.truth import (
     read_truth,
     write_model,
 )
-from wayside.pipeline.chains import panel_method
 from wayside.pipeline.detectors import detector_of
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.learning.labelled import NEITHER, ON
@@ -287,7 +286,7 @@ def _landmarks_of(folder: Path, log: Path, known: KnownPanels, read: ReadSetting
         moved = estimate_motion(found, settings.motion)
         detector = detector_of(settings, own)
         settled = TrackSettings(fewest_views=FEWEST)
-        panel = panel_method(own)
+        panel = own.outline_weights
         tracked = track(moved, settled, detector.front, detector.back, panel)
         rows += [
             (one.features, known.label(one), one.back, lower == 0)

@@ -32,6 +32,7 @@ from wayside.stages.adjustment.residuals import (
     constraint_jacobian,
     constraint_residuals,
     linearise_blocks,
+    require_rows,
 )
 from wayside.stages.geometry import Schedule, cholesky_solve, minimiser
 from wayside.stages.kernels import Array, require_array
@@ -113,7 +114,8 @@ def adjust_window(
     """
     rotations, centres, held, points, anchors = window.checked(pose)
     n, p, m = len(rotations), len(points), len(blocks.point)
-    blocks, constraints = blocks.checked(n, p), constraints.checked(n)
+    require_rows(blocks, frames=n, point=p)
+    require_rows(constraints, frames=n)
     origins = PointAnchors(rotations[anchors], centres[anchors])
     start, trial = (
         WindowEstimate(

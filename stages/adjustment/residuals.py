@@ -65,13 +65,6 @@ class ResidualBlocks(NamedTuple):
         """The blocks of all parts, in order."""
         return ResidualBlocks(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
-    def checked(self, frames: int, points: int) -> ResidualBlocks:
-        """The same; ValueError where compiled code would read outside of an array."""
-        _require_rows(self)
-        _require_below(self.frames, "frames", frames)
-        _require_below(self.point, "point", points)
-        return self
-
 
 class StepConstraints(NamedTuple):
     """What is known of steps beforehand, as in `schemas.motion.StepPrior`.
@@ -109,12 +102,6 @@ class StepConstraints(NamedTuple):
             np.array([p.sigma_m * factor for p in priors], np.float64),
         )
 
-    def checked(self, frames: int) -> StepConstraints:
-        """The same; ValueError where compiled code would read outside of an array."""
-        _require_rows(self)
-        _require_below(self.frames, "frames", frames)
-        return self
-
 
 class WindowEstimate(NamedTuple):
     """Poses, points, residuals of the blocks (m, 2) and of the constraints (l, 6).
@@ -147,16 +134,19 @@ _WIDTHS: dict[str, tuple[int, ...]] = {"warp": (3,), "direction": (3,), "rotatio
 _WIDTHS |= dict.fromkeys(("frames", "source", "target", "sigma_direction"), (2,))
 
 
-def _require_rows(rows: ResidualBlocks | StepConstraints) -> None:
-    """Refuse columns of another kind, shape or number of rows than compiled code takes."""
+def require_rows(rows: ResidualBlocks | StepConstraints, **below: int) -> None:
+    """Refuse columns of another kind, shape or number of rows than compiled code takes.
+
+    below: what the numbers of a column are below. Raises ValueError.
+    """
     for name, column in zip(rows._fields, rows, strict=True):
         shape = (len(rows.frames), *_WIDTHS.get(name, ()))
         require_array(column, name, _KINDS.get(name, np.float64), shape)
-
-
-def _require_below(numbers: NDArray[np.int64], name: str, count: int) -> None:
-    if len(numbers) and not (0 <= numbers.min() and numbers.max() < count):
-        raise ValueError(f"{name}: {numbers.min()} to {numbers.max()} is outside 0 to {count - 1}")
+    for name, count in below.items():
+        numbers = getattr(rows, name)
+        if len(numbers) and not (0 <= numbers.min() and numbers.max() < count):
+            found = f"{numbers.min()} to {numbers.max()}"
+            raise ValueError(f"{name}: {found} is outside 0 to {count - 1}")
 
 
 @compiled

@@ -66,13 +66,13 @@ _NO_TIES = StepTies(
 
 
 def ties_of_step(
-    number: int, motion: Motion, before: Camera, now: Camera, sliding_px: float, *, inliers: bool
+    number: int, motion: Motion, before: Camera, now: Camera, *, inliers: bool
 ) -> StepTies:
-    """Ties of a step that slide less than `sliding_px`, of the inliers or of all; none without a step."""
+    """Ties of a step that slide less than `SLIDING_PX`, of the inliers or of all; none without a step."""
     ties, pose = motion.ties, motion.step
     if ties is None or pose is None:
         return _NO_TIES
-    kept = ties.sigma_px < sliding_px
+    kept = ties.sigma_px < SLIDING_PX
     if inliers:
         kept &= ties.inlier
     source = rays_of_ideal(before, ties.previous[kept])

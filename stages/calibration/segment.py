@@ -15,7 +15,6 @@ from wayside.stages.adjustment import (
     DISPLACEMENT_SIGMA,
     FARTHEST_TIE_M,
     NEAREST_TIE_M,
-    SLIDING_PX,
     TIE_ERRORS,
     StepTies,
     correlated_sigma_px,
@@ -94,7 +93,7 @@ def make_segment(motions: Sequence[Motion], camera: Camera, cell_px: float = 0.0
     Returns None without a track over three images.
     """
     all_ties = StepTies.joined(
-        ties_of_step(k, motion, camera, camera, SLIDING_PX, inliers=False)
+        ties_of_step(k, motion, camera, camera, inliers=False)
         for k, motion in enumerate(motions[1:])
     )
     all_ties = all_ties.select(np.flatnonzero((all_ties.corners >= 0).all(axis=1)))

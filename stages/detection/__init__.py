@@ -40,11 +40,7 @@ from wayside.stages.detection.network_proposals import (
     boxes_of_maps,
     padded,
 )
-from wayside.stages.detection.onnx_detector import (
-    OnnxDetector,
-    named_boxes,
-    score_log_odds,
-)
+from wayside.stages.detection.onnx_detector import OnnxDetector, named_boxes, score_log_odds
 from wayside.stages.detection.proposals import propose, propose_segments, regions_of
 
 __all__ = [

@@ -123,10 +123,7 @@ def _listed(outputs: Mapping[str, Array]) -> str:
 def read_outputs(outputs: Mapping[str, Array], form: str) -> RawBoxes:
     """The boxes in the outputs of a network of a format.
 
-    Raises
-    ------
-    ValueError
-        Outputs that the format does not have, or scores outside of 0 to 1.
+    Raises ValueError for outputs that the format does not have, or scores outside of 0 to 1.
     """
     if form == "detr_logits":
         scores = _sigmoid(_one(outputs, "logits", 3))

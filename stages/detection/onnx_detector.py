@@ -37,28 +37,19 @@ class OnnxDetector:
         self._network = OnnxNetwork(file.onnx.path, file.outputs)
 
     def boxes(self, rgb: NDArray[np.uint8], least_score: float, same_iou: float) -> ExternalBoxes:
-        """Boxes of signs in an image (height, width, 3), best first.
+        """Boxes of signs in an image (height, width, 3), best first, those below `least_score` left out.
 
-        Parameters
-        ----------
-        rgb
-            The image.
-        least_score
-            Boxes of a smaller score are left out.
-        same_iou
-            Where the network does not suppress boxes itself, those that overlap a better one more are.
+        same_iou: where the network does not suppress boxes itself, those that overlap a better one more are.
 
-        Raises
-        ------
-        InputError
-            The outputs are not those of the file's format.
+        Raises InputError where the outputs are not those of the file's format.
         """
         file = self._file
         height, width = rgb.shape[:2]
-        seen, scale, border = fitted(
-            rgb, file.input_size or multiple_of((height, width)), whole=file.format in WHOLE_IMAGE
-        )
-        inputs: dict[str, NDArray[Any]] = {file.image_input: as_input(seen)}
+        free = height + -height % MULTIPLE, width + -width % MULTIPLE
+        whole = file.format in WHOLE_IMAGE
+        seen, scale, border = fitted(rgb, file.input_size or free, whole=whole)
+        pixels = np.ascontiguousarray(seen.transpose(2, 0, 1)[None], np.float32) / np.float32(255)
+        inputs: dict[str, NDArray[Any]] = {file.image_input: pixels}
         if file.size_input:
             inputs[file.size_input] = np.array([[width, height]], np.int64)
         try:
@@ -68,7 +59,7 @@ class OnnxDetector:
                 f"models.detector: the outputs of {file.onnx.path} are not boxes of format {file.format}: {error}. "
                 "See docs/detectors.md for the formats, and set one with --set models.detector_format."
             ) from error
-        if file.format in WHOLE_IMAGE:
+        if whole:
             unit = 1 if file.format == "detr_pixels" else np.array([width, height] * 2)
             box = raw.box * unit
         else:
@@ -98,16 +89,6 @@ def fitted(
     seen[top : top + tall, left : left + wide] = scaled
     scale = np.array([wide / width, tall / height], np.float32)
     return seen, scale, np.array([left, top], np.float32)
-
-
-def multiple_of(size: tuple[int, int]) -> tuple[int, int]:
-    """The next size that a network without a fixed one takes."""
-    return size[0] + -size[0] % MULTIPLE, size[1] + -size[1] % MULTIPLE
-
-
-def as_input(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """An image as networks take it: (1, 3, height, width), 0 to 1."""
-    return np.ascontiguousarray(rgb.transpose(2, 0, 1)[None], np.float32) / np.float32(255)
 
 
 def sign_boxes(

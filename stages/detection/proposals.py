@@ -10,14 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import (
-    SHAPES,
-    SOURCES,
-    Dropped,
-    NetworkBoxes,
-    Regions,
-    Segmentation,
-)
+from wayside.schemas.detections import SHAPES, SOURCES, Dropped, NetworkBoxes, Regions, Segmentation
 from wayside.schemas.frame import Camera, Image
 from wayside.stages.detection.network_proposals import (
     MULTIPLE,

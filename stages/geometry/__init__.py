@@ -8,17 +8,8 @@ from wayside.stages.geometry.boxes import (
     non_maximum_suppression,
 )
 from wayside.stages.geometry.levenberg_marquardt import Schedule, minimiser
-from wayside.stages.geometry.linear_algebra import (
-    cholesky_solve,
-    cross_matrices,
-    invert_symmetric,
-)
-from wayside.stages.geometry.path import (
-    FrenetOffset,
-    frenet_offset,
-    median_longitude_deg,
-    turn_deg,
-)
+from wayside.stages.geometry.linear_algebra import cholesky_solve, cross_matrices, invert_symmetric
+from wayside.stages.geometry.path import FrenetOffset, frenet_offset, median_longitude_deg, turn_deg
 from wayside.stages.geometry.ray_midpoint import (
     meet_rays,
     pair_midpoint,

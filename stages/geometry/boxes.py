@@ -7,34 +7,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import compiled, require_array
+from wayside.stages.kernels import Array, compiled, require_array
 
 
-def box_areas(box: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+def box_areas(box: NDArray[np.floating[Any]]) -> Array:
     """Areas (...) of boxes (..., 4); 0 where a right or lower side lies before its opposite one."""
     sides = np.clip(box[..., 2:] - box[..., :2], 0, None)
     return np.asarray(np.prod(sides, axis=-1, dtype=np.float64))
 
 
-def intersection_areas(
-    a: NDArray[np.floating[Any]], b: NDArray[np.floating[Any]]
-) -> NDArray[np.float64]:
+def intersection_areas(a: NDArray[np.floating[Any]], b: NDArray[np.floating[Any]]) -> Array:
     """Area that each box a (n, 4) shares with each box b (m, 4): (n, m)."""
     low = np.maximum(a[:, None, :2], b[None, :, :2])
     high = np.minimum(a[:, None, 2:], b[None, :, 2:])
     return box_areas(np.concatenate([low, high], axis=-1))
 
 
-def iou_matrix(a: NDArray[np.floating[Any]], b: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+def iou_matrix(a: NDArray[np.floating[Any]], b: NDArray[np.floating[Any]]) -> Array:
     """Intersection over union of each box a (n, 4) with each box b (m, 4): (n, m); 0 where both have no area."""
     shared = intersection_areas(a, b)
     union = box_areas(a)[:, None] + box_areas(b)[None] - shared
     return np.asarray(shared / np.maximum(union, 1e-9))
 
 
-def covered_fractions(
-    a: NDArray[np.floating[Any]], b: NDArray[np.floating[Any]]
-) -> NDArray[np.float64]:
+def covered_fractions(a: NDArray[np.floating[Any]], b: NDArray[np.floating[Any]]) -> Array:
     """Fraction of the area of each box a (n, 4) that lies in each box b (m, 4): (n, m); 0 where a has no area."""
     return np.asarray(intersection_areas(a, b) / np.maximum(box_areas(a)[:, None], 1e-9))
 

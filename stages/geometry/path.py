@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-Degrees = TypeVar("Degrees", float, NDArray[np.float64])
+from wayside.stages.kernels import Array
+
+Degrees = TypeVar("Degrees", float, Array)
 
 
 class FrenetOffset(NamedTuple):
@@ -19,11 +20,7 @@ class FrenetOffset(NamedTuple):
 
 
 def frenet_offset(
-    point: NDArray[np.float64],
-    centres: NDArray[np.float64],
-    ups: NDArray[np.float64],
-    stations: NDArray[np.float64],
-    ahead: NDArray[np.float64],
+    point: Array, centres: Array, ups: Array, stations: Array, ahead: Array
 ) -> FrenetOffset:
     """Project a point onto the polyline of camera centres, which is extended straight beyond both ends.
 
@@ -56,7 +53,7 @@ def turn_deg(start: float, end: Degrees) -> Degrees:
     return (end - start + 180.0) % 360.0 - 180.0
 
 
-def median_longitude_deg(longitudes: NDArray[np.float64]) -> float:
+def median_longitude_deg(longitudes: Array) -> float:
     """Median of longitudes (n,), degrees, on whichever side of 180 they lie; of a drive, not of the earth."""
     first = float(longitudes[0])
     return turn_deg(0.0, first + float(np.median(turn_deg(first, longitudes))))

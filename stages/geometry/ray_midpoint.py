@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from wayside.stages.kernels import Array, compiled, shaped
 
+Floats = NDArray[np.floating[Any]]
+
 SMALLEST_SINE = 1e-6
 """Rays whose angle has a smaller sine count as parallel (numerical guard)."""
 
@@ -30,12 +32,7 @@ class Midpoints(NamedTuple):
         return np.asarray((self.along > 0).all(axis=1))
 
 
-def midpoint(
-    c0: NDArray[np.floating[Any]],
-    c1: NDArray[np.floating[Any]],
-    d0: NDArray[np.floating[Any]],
-    d1: NDArray[np.floating[Any]],
-) -> Midpoints:
+def midpoint(c0: Floats, c1: Floats, d0: Floats, d1: Floats) -> Midpoints:
     """Midpoint of the shortest segment between two rays (report eqs. 7.1 to 7.4).
 
     c0, c1 (3,): camera centres. d0, d1 (n, 3): directions of the rays in the same frame, of any length.
@@ -43,10 +40,7 @@ def midpoint(
     Returns nan where the rays are parallel (q1 x q2 = 0: at the focus of expansion, or without a baseline they meet at
     the common centre).
 
-    Raises
-    ------
-    ValueError
-        Where the shapes do not fit.
+    Raises ValueError where the shapes do not fit.
     """
     first, second = shaped(d0, (-1, 3)), shaped(d1, (-1, 3))
     if len(first) != len(second):
@@ -57,12 +51,7 @@ def midpoint(
     return Midpoints(point, gap, along)
 
 
-def pair_midpoint(
-    previous: NDArray[np.floating[Any]],
-    current: NDArray[np.floating[Any]],
-    rotation: NDArray[np.floating[Any]],
-    centre: NDArray[np.floating[Any]],
-) -> Midpoints:
+def pair_midpoint(previous: Floats, current: Floats, rotation: Floats, centre: Floats) -> Midpoints:
     """Midpoints of rays (n, 2), as (x/z, y/z), of two images, in the axes of the first camera.
 
     rotation (3, 3) and centre (3,): pose of the second camera in the first one's frame.
@@ -74,12 +63,7 @@ def pair_midpoint(
     )
 
 
-def points_of_second(
-    previous: NDArray[np.floating[Any]],
-    current: NDArray[np.floating[Any]],
-    rotation: NDArray[np.floating[Any]],
-    centre: NDArray[np.floating[Any]],
-) -> Array:
+def points_of_second(previous: Floats, current: Floats, rotation: Floats, centre: Floats) -> Array:
     """Midpoints (n, 3) of `pair_midpoint` in the axes of the second camera, nan where not ahead of both."""
     found = pair_midpoint(previous, current, rotation, centre)
     points = (found.point - centre) @ rotation
@@ -88,10 +72,10 @@ def points_of_second(
 
 
 def pair_residual(
-    previous: NDArray[np.floating[Any]],
-    current: NDArray[np.floating[Any]],
-    rotation: NDArray[np.floating[Any]],
-    direction: NDArray[np.floating[Any]],
+    previous: Floats,
+    current: Floats,
+    rotation: Floats,
+    direction: Floats,
     focal_px: tuple[float, float],
 ) -> Array:
     """Sum of the four squared pixel differences of each midpoint's projections (report eqs. 7.5, 7.6).
@@ -109,10 +93,7 @@ def pair_residual(
     local = (found.point - direction) @ axes
     with np.errstate(divide="ignore", invalid="ignore"):
         residuals = np.hstack(
-            [
-                found.point[:, :2] / found.point[:, 2:] - first,
-                local[:, :2] / local[:, 2:] - second,
-            ]
+            [found.point[:, :2] / found.point[:, 2:] - first, local[:, :2] / local[:, 2:] - second]
         )
         far = first @ axes[:2] + axes[2]
         far_residual = far[:, :2] / far[:, 2:] - second

@@ -4,13 +4,13 @@ from wayside.stages.mapping.assembly import assemble, classify_location
 from wayside.stages.mapping.association import GAP_SHARE
 from wayside.stages.mapping.landmark import (
     STEP_COVARIANCE,
-    LandmarkMeasurement,
     box_panel,
     build_landmark,
     point_covariance,
 )
 from wayside.stages.mapping.landmark_evidence import FEATURES, LandmarkClassifier
 from wayside.stages.mapping.landmark_fit import BOX_SIGMA, LandmarkFit, fit_views
+from wayside.stages.mapping.local_adjustment import LandmarkMeasurement
 from wayside.stages.mapping.tracker import WINDOW_STEP, SideClassifiers, track
 from wayside.stages.mapping.verdicts import VERDICT_OF_TERM
 from wayside.stages.mapping.window import (

@@ -103,11 +103,7 @@ def same_support(one: Landmark, other: Landmark) -> bool:
     between = max(
         right - (one.width_m + other.width_m) / 2, above - (one.height_m + other.height_m) / 2
     )
-    return bool(min(right, above) < SUPPORT_M and between < SUPPORT_M and same_station(one, other))
-
-
-def same_station(one: Landmark, other: Landmark) -> bool:
-    """Whether two landmarks may stand at one station, by the scatter of both along the path."""
     variance = one.covariance[2, 2] + other.covariance[2, 2]
-    scatter = min(ALONG_M, ALONG_SIGMAS * float(np.sqrt(variance)))
-    return abs(one.station_m - other.station_m) < max(SUPPORT_M, scatter)
+    along = max(SUPPORT_M, min(ALONG_M, ALONG_SIGMAS * float(np.sqrt(variance))))
+    same_station = abs(one.station_m - other.station_m) < along
+    return bool(min(right, above) < SUPPORT_M and between < SUPPORT_M and same_station)

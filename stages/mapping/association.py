@@ -108,16 +108,8 @@ def pair_hypotheses(
 ) -> tuple[NDArray[np.int64], Hypotheses]:
     """Pairs of candidates of two frames whose rays meet at a plausible point with like metric sizes: rows (k, 2).
 
-    The point is the midpoint of the two rays (report eqs. 7.1 to 7.4).
-
-    Parameters
-    ----------
-    candidates
-        The window.
-    older, newer
-        Frames, as positions in the window.
-    gap_px
-        Largest gap of the two rays, pixels, before the share of the height.
+    The point is the midpoint of the two rays (report eqs. 7.1 to 7.4). older, newer: frames, as positions in the
+    window. gap_px: largest gap of the two rays, pixels, before the share of the height.
     """
     c = candidates
     rows = [
@@ -155,21 +147,10 @@ def associate(
 ) -> Association:
     """Best free candidate of each frame for each hypothesis, by where and how large it must appear.
 
-    Parameters
-    ----------
-    candidates
-        The window, N rows.
-    hypotheses
-        Points to look for.
-    free
-        Rows that may be used, (N,).
-    gap_px
-        Largest gap of a view, pixels, before the share of its height.
+    free (N,): rows of the window that may be used. gap_px: largest gap of a view, pixels, before the share of its
+    height.
 
-    Raises
-    ------
-    ValueError
-        `free` has another length: the kernel checks no bounds.
+    Raises ValueError where `free` has another length: the kernel checks no bounds.
     """
     if free.shape != candidates.score.shape:
         raise ValueError(f"free has shape {free.shape} instead of {candidates.score.shape}")

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.landmarks import Landmark, Observation
-from wayside.schemas.measurement import WindowResidual
 from wayside.stages.geometry import FrenetOffset, cross_matrices
 from wayside.stages.mapping.landmark_evidence import VotedClass, voted_class
 from wayside.stages.mapping.landmark_fit import LandmarkFit
-from wayside.stages.mapping.local_adjustment import LandmarkRays, adjust_jointly
+from wayside.stages.mapping.local_adjustment import LandmarkMeasurement, adjust_jointly
 from wayside.stages.mapping.panel import Panel, box_rays
 from wayside.stages.mapping.window import WindowFrame, WindowPoses
 
@@ -28,19 +26,6 @@ STEP_COVARIANCE = np.diag(np.square([2e-4, 2e-4, 2e-4, 0.01, 0.005, 0.025]))
 """Covariance (6, 6) of a step of unknown scatter: turn, rad; right, down, ahead, m (set on the development drives)."""
 
 
-class LandmarkMeasurement(NamedTuple):
-    """A measured landmark."""
-
-    point: NDArray[np.float64]
-    """In the world, (3,)."""
-    covariance: NDArray[np.float64]
-    """Of the point, in world axes, (3, 3)."""
-    panel: Panel
-    """The panel it was measured by."""
-    residual: WindowResidual | None = None
-    """Of its adjustment. None: there was none."""
-
-
 def measure_landmark(
     fit: LandmarkFit,
     window: Sequence[WindowFrame],
@@ -49,22 +34,14 @@ def measure_landmark(
 ) -> LandmarkMeasurement:
     """The landmark by its panel, or else its boxes, relative to the camera that shows it largest and whole.
 
-    Parameters
-    ----------
-    fit, window
-        The landmark and its frames.
-    panel
-        Its measured panel; None: the panel that the boxes show.
-    jointly
-        Whether it is adjusted with the motion of the frames around it, where that has a prior.
+    panel: None: the one that the boxes show. jointly: whether it is adjusted with the motion of the frames around it,
+    where that has a prior.
     """
     best = int(fit.frames[best_view(fit, window)])
     panel = panel or box_panel(fit, window)
-    if jointly:
-        observed = LandmarkRays(panel.frames, panel.rays, panel.ray_sigma)
-        joint = adjust_jointly(window, best, observed, panel.point)
-        if joint is not None:
-            return LandmarkMeasurement(joint.point, joint.covariance, panel, joint.residual)
+    joint = adjust_jointly(window, best, panel) if jointly else None
+    if joint is not None:
+        return joint
     known = (f.motion.covariance for f in window)
     steps = [STEP_COVARIANCE if one is None else one for one in known]
     covariance = point_covariance(
@@ -95,21 +72,10 @@ def point_covariance(
     times the error of the rays. An error of the step between two frames moves all views on the far side of it, seen
     from `best`, together.
 
-    Parameters
-    ----------
-    rotations, centres
-        World from camera (n, 3, 3) and camera centres (n, 3) of consecutive frames.
-    point
-        (3,) in the world.
-    views
-        Frames (v,) that the point was fitted to.
-    weight_sigma, ray_sigma
-        Standard deviation (v,) the views were weighted by, and that of the measured rays alone.
-    steps
-        Covariance (n, 6, 6) of the step from the frame before (rotation vector, rad, then translation, m, in the
-        earlier camera's frame); row 0 is not used.
-    best
-        The frame the point is reported in.
+    rotations (n, 3, 3), centres (n, 3): world from camera, of consecutive frames. point (3,): in the world. views (v,):
+    frames that it was fitted to. weight_sigma, ray_sigma (v,): standard deviation they were weighted by, and that of
+    the measured rays alone. steps (n, 6, 6): covariance of the step from the frame before (rotation vector, rad, then
+    translation, m, in the earlier camera's frame); row 0 is not used. best: the frame the point is reported in.
     """
     local = np.einsum("ni,nij->nj", point - centres[views], rotations[views])
     depth = local[:, 2]

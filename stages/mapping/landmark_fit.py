@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.settings import TrackSettings
+from wayside.stages.kernels import Array
 from wayside.stages.mapping.association import MISSED, Hypotheses, WindowCandidates, associate
 from wayside.stages.mapping.triangulation import POINT_ITERATIONS, triangulate_views
 from wayside.stages.mapping.window import WindowFrame, joined
@@ -44,21 +45,21 @@ class LandmarkFit:
     """Number among the followed candidates of that frame, (v,)."""
     used: NDArray[np.bool_]
     """Whether the point was fitted to the view, (v,)."""
-    point: NDArray[np.float64]
+    point: Array
     """In the world, by the rays alone, (3,)."""
-    covariance: NDArray[np.float64]
+    covariance: Array
     """Of the point, in the world, (3, 3)."""
-    residual_px: NDArray[np.float64]
+    residual_px: Array
     """Of each view, (v,)."""
-    depth: NDArray[np.float64]
+    depth: Array
     """Of the point in each view, (v,), metres."""
-    metric: NDArray[np.float64]
+    metric: Array
     """Width and height, (2,), metres."""
-    spread: NDArray[np.float64]
+    spread: Array
     """Scatter of both over the views, (2,), metres."""
-    weight_sigma: NDArray[np.float64]
+    weight_sigma: Array
     """Standard deviation that each view was weighted by, (v,)."""
-    ray_sigma: NDArray[np.float64]
+    ray_sigma: Array
     """Standard deviation of its ray alone, (v,)."""
     missed: int = 0
     """Number of frames that should show it and have no candidate there."""
@@ -94,18 +95,7 @@ def accept_greedily(
     Other boxes on a face make landmarks of their own: which one is the face, all evidence decides
     (`verdicts.same_face`).
 
-    Parameters
-    ----------
-    candidates
-        The window, N rows.
-    hypotheses
-        Points to try.
-    free
-        Candidates that may be used, (N,).
-    settings
-        Largest gap of a view, and views that a landmark needs.
-    box_sigma
-        Scatter of the centres of boxes, as `BOX_SIGMA`.
+    free (N,): candidates of the window that may be used. box_sigma: scatter of the centres of boxes, as `BOX_SIGMA`.
     """
     left = free.copy()
     row, _, value = found = associate(candidates, hypotheses, left, settings.gap_px)
@@ -169,18 +159,8 @@ def fit_views(
 ) -> LandmarkFit | None:
     """Point, covariance and metric size from views; None where the rays do not meet ahead.
 
-    Parameters
-    ----------
-    candidates
-        The window.
-    rows, frames
-        Candidates (v,) of the window and their frames, ascending.
-    box_sigma
-        Scatter of the centres of boxes, as `BOX_SIGMA`.
-    nearest
-        The point is fitted to so many of the latest views.
-    iterations
-        Of the fit of the point at most.
+    rows, frames: candidates (v,) of the window and their frames, ascending. box_sigma: scatter of the centres of boxes,
+    as `BOX_SIGMA`. nearest: the point is fitted to so many of the latest views, by so many iterations at most.
     """
     c = candidates
     tall_px = c.size[rows, 1] * c.focal[frames]
@@ -214,9 +194,7 @@ def fit_views(
     )
 
 
-def metric_size(
-    sizes: NDArray[np.float64], depth: NDArray[np.float64], whole: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def metric_size(sizes: Array, depth: Array, whole: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Median width and height (2,) over the nearest views, and their scatter (2,), metres.
 
     Views cut by the edge of the image are left out where others exist.

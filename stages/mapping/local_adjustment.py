@@ -27,7 +27,6 @@ from wayside.stages.adjustment import (
     FARTHEST_TIE_M,
     NEAREST_TIE_M,
     QUADRATIC,
-    SLIDING_PX,
     TIE_ERRORS,
     TIE_SCALE,
     WINDOW_ITERATIONS,
@@ -43,6 +42,7 @@ from wayside.stages.adjustment import (
     ties_of_step,
 )
 from wayside.stages.kernels import Array
+from wayside.stages.mapping.panel import Panel
 from wayside.stages.mapping.triangulation import CAUCHY_SIGMAS
 from wayside.stages.mapping.window import WindowFrame
 
@@ -58,59 +58,44 @@ WINDOW_GAIN = 1e-9
 """The adjustment of a window ends where an iteration lowers the cost by a smaller fraction."""
 
 
-class LandmarkRays(NamedTuple):
-    """Measurements of a landmark: frames of the window (v,), rays (v, 2) and their sigma (v,)."""
-
-    frames: NDArray[np.int64]
-    rays: Array
-    sigma: Array
-
-
-class JointAdjustment(NamedTuple):
-    """A landmark adjusted together with the motion."""
+class LandmarkMeasurement(NamedTuple):
+    """A measured landmark."""
 
     point: Array
     """In the world, (3,)."""
     covariance: Array
-    """Relative to the fixed camera, world axes, (3, 3)."""
-    residual: WindowResidual
-    """Of the adjustment, before and after."""
+    """Of the point relative to the camera that it is reported in, world axes, (3, 3)."""
+    panel: Panel
+    """The panel it was measured by."""
+    residual: WindowResidual | None = None
+    """Of its adjustment. None: there was none."""
 
 
 def adjust_jointly(
-    held: Sequence[WindowFrame], best: int, observed: LandmarkRays, point: Array
-) -> JointAdjustment | None:
-    """Adjust a landmark with the motion of the frames around it.
+    held: Sequence[WindowFrame], best: int, panel: Panel
+) -> LandmarkMeasurement | None:
+    """Adjust a landmark, measured as a panel, with the motion of the frames around it, whose poses are in one world.
 
-    None where there is no prior of that motion, or most of the views are outside the window.
-
-    Parameters
-    ----------
-    held
-        Frames with their motion; poses in one world.
-    best
-        The frame the landmark is reported in: its pose is fixed.
-    observed
-        Measurements of the landmark.
-    point
-        Its estimated position, (3,).
+    The pose of frame `best`, which the landmark is reported in, is fixed. None where there is no prior of that motion,
+    or most of the views are outside the window.
     """
-    first, last = window_around(best, observed.frames, MOST_FRAMES)
+    first, last = window_around(best, panel.frames, MOST_FRAMES)
     window = held[first : last + 1]
     priors = [h.motion.prior for h in window[1:]]
     known = [p for p in priors if p is not None]
-    inside = (observed.frames >= first) & (observed.frames <= last)
-    if len(known) < len(priors) or inside.sum() < max(2, VIEWS_INSIDE * len(inside)):
+    inside = (panel.frames >= first) & (panel.frames <= last)
+    views = int(inside.sum())
+    if len(known) < len(priors) or views < max(2, VIEWS_INSIDE * len(inside)):
         return None
     home, focal = held[best].motion.pose, window[0].focal
     poses = [h.motion.pose.relative_to(home) for h in window]
     ties, track = distributed_ties(window)
     start, anchors = track_starts(ties, track)
-    seen = LandmarkRays(
-        observed.frames[inside] - first, observed.rays[inside], observed.sigma[inside]
-    )
-    rows = _residual_blocks(seen, ties, track, (start, anchors), focal)
-    x, y, z = home.to_camera(point)
+    landmark, numbers = np.zeros(views, np.int64), panel.frames[inside] - first
+    rays, sigma = panel.rays[inside], panel.ray_sigma[inside]
+    seen = ResidualBlocks.observations(numbers, landmark, rays, sigma, CAUCHY_SIGMAS)
+    rows = ResidualBlocks.joined([seen, *_tie_blocks(ties, track, (start, anchors), focal)])
+    x, y, z = home.to_camera(panel.point)
     found = adjust_window(
         Window(
             np.stack([p.rotation for p in poses]),
@@ -126,24 +111,20 @@ def adjust_jointly(
     )
     if not np.isfinite(found.covariance).all():
         return None
-    shared = shared_errors(ties, found.gain[len(seen.rays) + len(anchors) :] / focal)
+    shared = shared_errors(ties, found.gain[views + len(anchors) :] / focal)
     covariance = VARIANCE_FACTOR * found.covariance + shared
     rotation, position = home.rotation, home.to_world(found.position)
     history = np.sqrt(found.history / (2 * len(rows.point)))
     ends = (window[0].frame.index, window[-1].frame.index)
-    residual = WindowResidual(*ends, tuple(history.tolist()), point, position)
-    return JointAdjustment(position, rotation @ covariance @ rotation.T, residual)
+    residual = WindowResidual(*ends, tuple(history.tolist()), panel.point, position)
+    return LandmarkMeasurement(position, rotation @ covariance @ rotation.T, panel, residual)
 
 
-def _residual_blocks(
-    seen: LandmarkRays,
-    ties: StepTies,
-    track: NDArray[np.int64],
-    starts: tuple[Array, NDArray[np.int64]],
-    focal: float,
-) -> ResidualBlocks:
-    """Rows of the landmark, which is point 0, of the starts of tracks, and of the ties."""
-    (start, anchors), landmark = starts, np.zeros(len(seen.rays), np.int64)
+def _tie_blocks(
+    ties: StepTies, track: NDArray[np.int64], starts: tuple[Array, NDArray[np.int64]], focal: float
+) -> tuple[ResidualBlocks, ResidualBlocks]:
+    """Rows of the starts of tracks, and of the ties; point 0 is the landmark."""
+    start, anchors = starts
     sigma = ties.scatter * np.hypot(
         # noise of both images, that of the earlier one magnified
         TIE_ERRORS.sigma_px * np.sqrt(1 + (ties.warp[:, 0] ** 2 + ties.warp[:, 2] ** 2) / 2),
@@ -151,22 +132,17 @@ def _residual_blocks(
     )
     points = np.arange(1, len(anchors) + 1, dtype=np.int64)
     anchor_sigma = np.full(len(anchors), ANCHOR_SIGMA_PX / focal)
-    return ResidualBlocks.joined(
-        [
-            ResidualBlocks.observations(
-                seen.frames, landmark, seen.rays, seen.sigma, CAUCHY_SIGMAS
-            ),
-            ResidualBlocks.observations(anchors, points, start[:, :2], anchor_sigma, QUADRATIC),
-            ResidualBlocks(
-                np.column_stack([ties.step, ties.step + 1]),
-                track + 1,
-                ties.source,
-                ties.target,
-                ties.warp,
-                sigma / focal,
-                np.full(len(track), TIE_SCALE),
-            ),
-        ]
+    return (
+        ResidualBlocks.observations(anchors, points, start[:, :2], anchor_sigma, QUADRATIC),
+        ResidualBlocks(
+            np.column_stack([ties.step, ties.step + 1]),
+            track + 1,
+            ties.source,
+            ties.target,
+            ties.warp,
+            sigma / focal,
+            np.full(len(track), TIE_SCALE),
+        ),
     )
 
 
@@ -183,7 +159,7 @@ def window_around(best: int, frames: NDArray[np.int64], most: int) -> tuple[int,
 def distributed_ties(window: Sequence[WindowFrame]) -> tuple[StepTies, NDArray[np.int64]]:
     """Ties of all steps that agree with their motion, evenly over the image, and the number of the track of each."""
     ties = StepTies.joined(
-        ties_of_step(k, now.motion, before.camera, now.camera, SLIDING_PX, inliers=True)
+        ties_of_step(k, now.motion, before.camera, now.camera, inliers=True)
         for k, (before, now) in enumerate(pairwise(window))
     )
     track = link_tracks(ties.step, ties.corners)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import Pose
 from wayside.schemas.measurement import PanelView
+from wayside.schemas.models import LinearModel
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.kernels import Array
 from wayside.stages.mapping.landmark_fit import DRIFT_RAD, LandmarkFit
@@ -24,7 +25,6 @@ from wayside.stages.mapping.window import WindowFrame
 from wayside.stages.panel import (
     ASPECT,
     FaceOutline,
-    PanelMethod,
     PanelPlane,
     PosedImage,
     RegisteredViews,
@@ -107,9 +107,9 @@ class PanelMeasurement(NamedTuple):
 
 
 def measure_panel(
-    fit: LandmarkFit, held: Sequence[WindowFrame], beside: FrenetOffset, method: PanelMethod
+    fit: LandmarkFit, held: Sequence[WindowFrame], beside: FrenetOffset, model: LinearModel
 ) -> PanelMeasurement:
-    """The panel of a landmark from its registered views; without views where none shows all of it."""
+    """The panel of a landmark from its registered views, outlined by a model; no views where none shows all of it."""
     plane = across_path(fit.point, held, beside)
     images = [
         PosedImage(k, h.motion.pose, h.camera, h.rgb)
@@ -119,12 +119,12 @@ def measure_panel(
     usable = usable_views(plane, fit.metric, images)
     if not usable:
         return PanelMeasurement()
-    registered = register_views(plane, fit.metric, usable, fit.frames, method)
+    registered = register_views(plane, fit.metric, usable, fit.frames, model)
     views = tuple(
         PanelView(held[view.image.frame].frame.index, view.rgb, alignment)
         for view, alignment in registered.views
     )
-    outline = outline_of(registered, fit.metric, method)
+    outline = outline_of(registered, fit.metric, model)
     if outline is None:
         return PanelMeasurement(views)
     return PanelMeasurement(views, outline, solve_panel(fit, registered, outline, held))

@@ -37,14 +37,8 @@ def add_predicted_views(
     The views are added to the frames' candidates, source `predicted`. They count as seen, but do not move the point,
     which predicted them.
 
-    Parameters
-    ----------
-    fits, window
-        Landmarks and the frames that they refer to, which get the new candidates.
-    classifiers
-        Classifier of one view, of faces (False) and of backs (True); without one none is predicted.
-    each
-        Applies a function to items, as `map`.
+    classifiers: of one view, of faces (False) and of backs (True); without one none is predicted. each: applies a
+    function to items, as `map`.
     """
     views: list[list[tuple[int, int]]] = [[] for _ in fits]
 

@@ -39,15 +39,11 @@ _PANEL, _SEARCHED = (slice(_FIRST - more, _LAST + more) for more in (0, SEARCH))
 """Samples of the panel in a patch, each way, and those in which it is searched for."""
 
 
-def _samples_around() -> NDArray[np.bool_]:
-    """Which samples, `SEARCH` off the edges of a patch, lie beside and above the panel."""
-    inside, outside = np.abs(_AT) < 0.5, np.abs(_AT) > GAP / 2
-    beside, above = np.outer(inside, outside), np.outer(outside & (_AT < 0), np.abs(_AT) < 0.9)
-    return np.asarray((beside | above)[SEARCH:-SEARCH, SEARCH:-SEARCH])
-
-
-_AROUND = _samples_around()
-"""Below is the post, which moves with any sign."""
+_OUTSIDE = np.abs(_AT) > GAP / 2
+_BESIDE = np.outer(np.abs(_AT) < 0.5, _OUTSIDE)
+_ABOVE = np.outer(_OUTSIDE & (_AT < 0), np.abs(_AT) < 0.9)
+_AROUND = (_BESIDE | _ABOVE)[SEARCH:-SEARCH, SEARCH:-SEARCH]
+"""Samples, `SEARCH` off the edges of a patch, beside and above the panel. Below is a post, which moves with it."""
 
 
 class Patch(NamedTuple):
@@ -60,12 +56,8 @@ class Patch(NamedTuple):
 def surroundings_correlation(views: Iterable[tuple[NDArray[np.uint8], Array]]) -> float:
     """Median correlation (-1 to 1) of the surroundings of a panel over pairs of its views, largest first.
 
-    nan where there is no pair to compare.
-
-    Parameters
-    ----------
-    views
-        Images (height, width, 3), each with the box of the panel [left, top, right, bottom], px.
+    nan where there is no pair to compare. views: images (height, width, 3), each with the box of the panel [left, top,
+    right, bottom], px.
     """
     patches = [patch for patch in (patch_of(*view) for view in views) if patch is not None]
     patches.sort(key=lambda patch: -patch.size_px)

@@ -12,17 +12,18 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.schemas.detections import Features
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.measurement import Measurement
+from wayside.schemas.models import LinearModel
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import FrenetOffset
+from wayside.stages.kernels import Array
 from wayside.stages.mapping.association import NEAREST_M, Hypotheses, pair_hypotheses
-from wayside.stages.mapping.landmark import LandmarkMeasurement, build_landmark, measure_landmark
+from wayside.stages.mapping.landmark import build_landmark, measure_landmark
 from wayside.stages.mapping.landmark_evidence import (
     PLACE,
     SURROUNDINGS,
@@ -32,6 +33,7 @@ from wayside.stages.mapping.landmark_evidence import (
     view_features,
 )
 from wayside.stages.mapping.landmark_fit import BOX_SIGMA, LandmarkFit, accept_greedily
+from wayside.stages.mapping.local_adjustment import LandmarkMeasurement
 from wayside.stages.mapping.panel import PanelMeasurement, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
 from wayside.stages.mapping.surroundings import surroundings_correlation
@@ -44,7 +46,6 @@ from wayside.stages.mapping.window import (
     candidates_of,
     through_window,
 )
-from wayside.stages.panel import PanelMethod
 
 WINDOW_STEP = 4
 """Frames between two solutions of the window: bounds the time."""
@@ -67,7 +68,7 @@ def track(
     settings: TrackSettings,
     front: SideClassifiers | None = None,
     back: SideClassifiers | None = None,
-    panel: PanelMethod | None = None,
+    panel: LinearModel | None = None,
     jointly: bool = False,
     box_sigma: tuple[float, float] = BOX_SIGMA,
     each: Each = map,
@@ -89,7 +90,7 @@ def track(
     back
         The same of panels seen from behind; None: they are not tracked.
     panel
-        How panels are measured as planes; None: they are not, boxes alone give position and size.
+        Chooses the outlines of panels, which are measured as planes; None: boxes alone give position and size.
     jointly
         Whether a landmark is adjusted together with the motion.
     box_sigma
@@ -116,7 +117,7 @@ class _Tracker:
 
     settings: TrackSettings
     sides: dict[bool, SideClassifiers]
-    panel: PanelMethod | None
+    panel: LinearModel | None
     jointly: bool
     box_sigma: tuple[float, float]
     each: Each
@@ -220,9 +221,7 @@ class _Tracker:
         """A landmark with the evidence for it but for its surroundings."""
         return self._classify(fit, self._path.offset(fit.point), view_features(fit, self._window))
 
-    def _classify(
-        self, fit: LandmarkFit, offset: FrenetOffset, features: NDArray[np.float64]
-    ) -> _Classified:
+    def _classify(self, fit: LandmarkFit, offset: FrenetOffset, features: Array) -> _Classified:
         """A landmark with the evidence for it, among the signs that are known by now."""
         features[PLACE] = self._places[fit.back].log_density(offset)
         classifier = self.sides[fit.back].landmark

@@ -49,30 +49,14 @@ def triangulate_views(
     The start is the midpoint of the pair of views with the lowest cost over all views. Gauss-Newton follows on the
     residuals with a Cauchy cost, which bounds the influence of a wrong view.
 
-    Parameters
-    ----------
-    rotations
-        World from camera, (n, 3, 3).
-    centres
-        Camera centres in the world, (n, 3), metres.
-    rays
-        Ideal image coordinates (x/z, y/z), (n, 2).
-    sigma
-        Standard deviation of the rays per coordinate, (n,), same unit as the rays.
-    iterations
-        After the midpoint, at most.
+    rotations (n, 3, 3): world from camera. centres (n, 3): of the cameras in the world, metres. rays (n, 2): ideal
+    image coordinates (x/z, y/z). sigma (n,): their standard deviation per coordinate, same unit. iterations: after the
+    midpoint, at most.
 
-    Returns
-    -------
-    point
-        (3,) in the world; nan where there are fewer than two views, or all rays are parallel.
-    covariance
-        (3, 3), square metres; scaled up where the residuals are larger than the sigmas, never down.
+    Returns the point (3,) in the world, nan where there are fewer than two views or all rays are parallel, and its
+    covariance (3, 3), square metres, scaled up where the residuals are larger than the sigmas, never down.
 
-    Raises
-    ------
-    ValueError
-        Where shapes do not fit or a sigma is not positive.
+    Raises ValueError where shapes do not fit or a sigma is not positive.
     """
     views = _Views(
         shaped(rotations, (-1, 3, 3)),

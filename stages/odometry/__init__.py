@@ -13,11 +13,7 @@ from wayside.stages.odometry.motion_agreement import (
 )
 from wayside.stages.odometry.motion_prior import FIX_SIGMA_M, MotionPrior
 from wayside.stages.odometry.mount import Mount
-from wayside.stages.odometry.relative_pose import (
-    RelativePose,
-    fit_coarse_motion,
-    fit_relative_pose,
-)
+from wayside.stages.odometry.relative_pose import RelativePose, fit_coarse_motion, fit_relative_pose
 from wayside.stages.odometry.tie_points import KeypointImage, RegisteredTies
 from wayside.stages.odometry.visual_odometry import VisualOdometry, estimate_motion, root_mean
 

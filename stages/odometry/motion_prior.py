@@ -108,18 +108,17 @@ def predict_motion(
             if settings.residual_px == 0:
                 return _by_poses(before.pose, now.pose, step, travel)
             spacing_m = max(length, SHORTEST_M)
+    seconds = (now.time_ns - before.time_ns) * 1e-9
     if isfinite(spacing_m) and isfinite(length_in_spacings):
         baseline, sigma = length_in_spacings * spacing_m, SPACING_SCATTER * spacing_m
         source = "points"
     elif isfinite(spacing_m):
         baseline, sigma, source = spacing_m, settings.spacing_sigma_m, "straight"
     elif before.fix is not None and now.fix is not None:
-        seconds = (now.time_ns - before.time_ns) * 1e-9
         baseline, sigma = _between_fixes(before.fix, now.fix, seconds)
         source = "fixes"
     elif speed_mps > 0:
         # Beyond the last fix or in a gap of them: points seen in both steps measure the length.
-        seconds = (now.time_ns - before.time_ns) * 1e-9
         baseline, sigma = speed_mps * seconds, ACCELERATION_MPS2 * seconds**2
         source = "speed"
     else:
@@ -182,16 +181,13 @@ def fix_distance_m(first: Fix, second: Fix) -> float:
 
 def _between_fixes(first: Fix, second: Fix, seconds: float) -> tuple[float, float]:
     """Distance and its sigma, metres; where fixes jump, both are half of the farthest that a vehicle can go."""
-    baseline, sigma = fix_distance_m(first, second), _fix_sigma_m(first, second)
+    known = [max(f.sigma_m[:2]) for f in (first, second) if f.sigma_m is not None]
+    sigma = FIX_STEP_FRACTION * max(known, default=FIX_SIGMA_M)
+    baseline = fix_distance_m(first, second)
     reach = FASTEST_MPS * seconds
     if 0 < reach < baseline - JUMP_SIGMAS * sigma:
         return reach / 2, reach / 2
     return baseline, sigma
-
-
-def _fix_sigma_m(first: Fix, second: Fix) -> float:
-    known = [max(f.sigma_m[:2]) for f in (first, second) if f.sigma_m is not None]
-    return FIX_STEP_FRACTION * max(known, default=FIX_SIGMA_M)
 
 
 @dataclass(slots=True)

@@ -177,15 +177,6 @@ def _template(
 
 
 @compiled
-def _largest_variance(inverse: Array) -> float:
-    # Larger eigenvalue of the position's part (2, 2).
-    half = 0.5 * (inverse[0, 0] - inverse[1, 1])
-    middle = 0.5 * (inverse[0, 0] + inverse[1, 1])
-    larger: float = middle + np.sqrt(half * half + inverse[0, 1] ** 2)
-    return larger
-
-
-@compiled
 def _fit(
     near: NDArray[np.uint8],
     template: Array,
@@ -287,4 +278,7 @@ def _register(  # noqa: PLR0913 - arrays of a kernel
             continue
         points[n, 0], points[n, 1] = position[0], position[1]
         scales[n], znccs[n] = position[2], zncc
-        sigmas[n] = np.sqrt(_largest_variance(inverse) * square * (1.0 - zncc * zncc) / FREEDOM)
+        half = 0.5 * (inverse[0, 0] - inverse[1, 1])
+        middle = 0.5 * (inverse[0, 0] + inverse[1, 1])
+        largest = middle + np.sqrt(half * half + inverse[0, 1] ** 2)  # eigenvalue of the position
+        sigmas[n] = np.sqrt(largest * square * (1.0 - zncc * zncc) / FREEDOM)

@@ -10,12 +10,7 @@ import numpy as np
 
 from wayside.schemas.motion import StepPrior, Ties
 from wayside.stages.adjustment import TIE_ERRORS, tie_scatter
-from wayside.stages.geometry import (
-    Schedule,
-    halfway_direction,
-    rays_of_ideal,
-    rotation_from_vector,
-)
+from wayside.stages.geometry import Schedule, halfway_direction, rays_of_ideal, rotation_from_vector
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.epipolar import EpipolarFit, fit_epipolar, sampson_px
 from wayside.stages.odometry.motion_prior import MotionPrior

@@ -145,13 +145,9 @@ class PairMotion:
         outward /= np.maximum(reach, 1e-9)[:, None]
         length = np.minimum(reach * (LARGEST_GROWTH - 1), LONGEST_PX)
         bands = np.column_stack([far, outward, length, np.full(len(far), slack_px)])
+        before, now = self.before, self.now
         return match_in_bands(
-            bands,
-            self.before.descriptors,
-            self.now.ideal,
-            self.now.descriptors,
-            farthest=bits,
-            ratio=ratio,
+            bands, before.descriptors, now.ideal, now.descriptors, farthest=bits, ratio=ratio
         )
 
 

@@ -32,12 +32,7 @@ from wayside.stages.odometry.relative_pose import (
     estimate_relative_pose,
 )
 from wayside.stages.odometry.step_length import StepLength, step_length
-from wayside.stages.odometry.tie_points import (
-    GUIDED_RATIO,
-    SEARCH_PX,
-    KeypointImage,
-    match_around,
-)
+from wayside.stages.odometry.tie_points import GUIDED_RATIO, SEARCH_PX, KeypointImage, match_around
 
 FEWEST_COMMON = 5
 """Points common with the step before that give the length of a step."""

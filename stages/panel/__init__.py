@@ -2,11 +2,7 @@
 
 from wayside.stages.panel.facing import solve_facing
 from wayside.stages.panel.image_alignment import warp_to_template
-from wayside.stages.panel.outline import (
-    OUTLINE_FEATURES,
-    FaceOutline,
-    outline_candidates,
-)
+from wayside.stages.panel.outline import OUTLINE_FEATURES, FaceOutline, outline_candidates
 from wayside.stages.panel.outline_edges import gradients_of
 from wayside.stages.panel.outline_shapes import (
     ASPECT,
@@ -16,19 +12,13 @@ from wayside.stages.panel.outline_shapes import (
     segments_of,
 )
 from wayside.stages.panel.rectification import PanelPlane, PosedImage, usable_views
-from wayside.stages.panel.registration import (
-    PanelMethod,
-    RegisteredViews,
-    outline_of,
-    register_views,
-)
+from wayside.stages.panel.registration import RegisteredViews, outline_of, register_views
 
 __all__ = [
     "ASPECT",
     "OUTLINE_FEATURES",
     "OUTLINE_SHAPES",
     "FaceOutline",
-    "PanelMethod",
     "PanelPlane",
     "PosedImage",
     "RegisteredViews",

@@ -7,7 +7,6 @@ the face inside its outline is compared alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -52,13 +51,6 @@ OUTLINE_VIEWS = 3
 """Nearest views that show the outline."""
 
 
-@dataclass(frozen=True, slots=True)
-class PanelMethod:
-    """How panels are measured: the model that chooses outlines."""
-
-    outline_model: LinearModel
-
-
 class RegisteredViews(NamedTuple):
     """Rectified views registered to the first of them, the template; `step` metres a sample."""
 
@@ -85,36 +77,35 @@ def register_views(
     size: Array,
     usable: Sequence[tuple[float, PosedImage]],
     detected: NDArray[np.int64],
-    method: PanelMethod,
+    model: LinearModel,
 ) -> RegisteredViews:
     """Register the views to the nearest one that enough others correlate with.
 
     plane, size: where the panel is, and its width and height (2,), metres. usable: depth and image of the usable views,
     nearest first. detected: numbers of the frames in which the panel was detected: in others something may stand in
-    front of it.
+    front of it. model: chooses outlines.
     """
     templates = [i for i, (_, image) in enumerate(usable) if image.frame in detected]
     first, *others = templates[:MOST_TEMPLATES] or [0]
-    best = _registered_to(plane, size, usable[first:], method)
+    best = _registered_to(plane, size, usable[first:], model)
     for i in others:
         if len(best.views) >= ENOUGH_VIEWS or i == len(usable) - 1:
             break
-        registered = _registered_to(plane, size, usable[i:], method)
+        registered = _registered_to(plane, size, usable[i:], model)
         if len(registered.views) > len(best.views):
             best = registered
     return best
 
 
-def outline_of(registered: RegisteredViews, size: Array, method: PanelMethod) -> FaceOutline | None:
+def outline_of(registered: RegisteredViews, size: Array, model: LinearModel) -> FaceOutline | None:
     """The outline of the face in samples of the template, or None if it is weak."""
-    views, box = registered.stacked(), registered.box(size)
-    outline = fit_face_outline(views, box, method.outline_model)
+    outline = fit_face_outline(registered.stacked(), registered.box(size), model)
     strong = outline is not None and outline.strength >= SMALLEST_STRENGTH
     return outline if strong else None
 
 
 def _registered_to(
-    plane: PanelPlane, size: Array, usable: Sequence[tuple[float, PosedImage]], method: PanelMethod
+    plane: PanelPlane, size: Array, usable: Sequence[tuple[float, PosedImage]], model: LinearModel
 ) -> RegisteredViews:
     """The first of the usable views as template, and those that correlate with it: by the box, or else by the face."""
     nearest, image = usable[0]
@@ -130,7 +121,7 @@ def _registered_to(
     alone = RegisteredViews(plane, step, [(template, identity)])
     found = _correlated(template, others, [box] * len(others))
     if len(found) + 1 < ENOUGH_VIEWS and others:
-        outline = outline_of(alone, size, method)
+        outline = outline_of(alone, size, model)
         if outline is not None:
             weights = [inside_outline(outline, box.shape, o.depth / nearest) for o in others]
             found = _correlated(template, others, weights)

@@ -24,7 +24,6 @@ from wayside.schemas.detections import (
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image, Pose
 from wayside.schemas.models import LinearModel
 from wayside.schemas.motion import Motion, PosedDetections
-from wayside.stages.panel import PanelMethod
 from wayside.stages.segmentation import unsegmented
 
 CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
@@ -123,12 +122,6 @@ def outline_model():
     model = model_from_json(text)
     assert isinstance(model, LinearModel)
     return model
-
-
-@pytest.fixture(scope="session")
-def panel_method(outline_model):
-    """How a run measures panels."""
-    return PanelMethod(outline_model)
 
 
 @pytest.fixture

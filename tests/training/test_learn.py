@@ -20,13 +20,7 @@ from wayside.pipeline.models.model_files import load_models, shipped_models
 from wayside.pipeline.models.model_json import model_from_json
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.frame import USED, Camera, Frame, Image, Pose
-from wayside.stages.panel import (
-    OUTLINE_FEATURES,
-    PanelMethod,
-    PanelPlane,
-    PosedImage,
-    register_views,
-)
+from wayside.stages.panel import OUTLINE_FEATURES, PanelPlane, PosedImage, register_views
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 
@@ -74,9 +68,8 @@ LOOKING_EAST = [-0.5, 0.5, -0.5, 0.5]
 
 
 @pytest.fixture(scope="module")
-def method():
-    models = load_models(load_settings()[0])
-    return PanelMethod(models.outline_weights)
+def model():
+    return load_models(load_settings()[0]).outline_weights
 
 
 def sign(number, right):
@@ -125,9 +118,9 @@ def images(known):
         yield Image(message, pixels, None), pixels
 
 
-def test_the_right_candidate_of_a_face_is_its_outer_edge(method):
+def test_the_right_candidate_of_a_face_is_its_outer_edge(model):
     known = truth()
-    choices = gather_choices(images(known), known, method, 1)
+    choices = gather_choices(images(known), known, model, 1)
     assert len(choices) >= 2 * len(known["signs"])
     names = list(OUTLINE_FEATURES)
     for choice in choices:
@@ -139,21 +132,21 @@ def test_the_right_candidate_of_a_face_is_its_outer_edge(method):
         assert len(choice.features) > 1
 
 
-def test_signs_without_a_position_or_a_template_teach_nothing(method):
+def test_signs_without_a_position_or_a_template_teach_nothing(model):
     known = truth(2)
     shown = list(images(known))
     del known["signs"][0]["centre"]
     known["signs"][1]["shape"] = "shield"
-    assert gather_choices(shown, known, method, 1) == []
+    assert gather_choices(shown, known, model, 1) == []
 
 
-def test_the_true_box_is_that_of_the_projected_panel(method):
+def test_the_true_box_is_that_of_the_projected_panel(model):
     pose = Pose(np.eye(3), np.zeros(3))
     image = PosedImage(0, pose, CAMERA, np.zeros((480, 640, 3), np.uint8))
     size = np.array([WIDE, TALL])
     ahead, up = np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
     panel = PanelPlane.across(np.array([1.0, -0.5, 20.0]), ahead, up)
-    registered = register_views(panel, size, [(20.0, image)], np.array([0]), method)
+    registered = register_views(panel, size, [(20.0, image)], np.array([0]), model)
     np.testing.assert_allclose(true_box(registered, panel, size), registered.box(size), atol=1e-9)
     # an angle of 60 degrees halves the width that it covers, nearly
     normal = np.array([np.sin(np.pi / 3), 0.0, np.cos(np.pi / 3)])

@@ -51,7 +51,7 @@ def test_a_panel_seen_from_behind_is_measured_as_a_back_beside_a_face(panel, dri
     ("outline", "shape"), [("triangle_up", "triangle"), ("diamond", "diamond")]
 )
 def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
-    frames, monkeypatch, panel_method, outline, shape
+    frames, monkeypatch, outline_model, outline, shape
 ):
     def measured(fit, window, offset, method):
         rays, used = box_rays(fit, window), fit.used
@@ -62,7 +62,7 @@ def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
 
     monkeypatch.setattr("wayside.stages.mapping.tracker.measure_panel", measured)
     behind = iter(seen_from_behind(frames))
-    (landmark,) = landmarks_of(track(behind, TrackSettings(), back=BEHIND, panel=panel_method))
+    (landmark,) = landmarks_of(track(behind, TrackSettings(), back=BEHIND, panel=outline_model))
     assert (landmark.color, landmark.shape) == (None, shape)
 
 

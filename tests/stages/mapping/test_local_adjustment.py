@@ -10,12 +10,7 @@ from scipy.spatial.transform import Rotation
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.motion import Motion, StepPrior, Ties
 from wayside.stages.mapping import local_adjustment
-from wayside.stages.mapping.local_adjustment import (
-    MOST_FRAMES,
-    LandmarkRays,
-    adjust_jointly,
-    window_around,
-)
+from wayside.stages.mapping.local_adjustment import MOST_FRAMES, adjust_jointly, window_around
 from wayside.stages.mapping.triangulation import triangulate_views
 
 CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
@@ -77,12 +72,14 @@ def drive(noise_px=0.08, wrong_step=None, shuttle=0.0, sliding=0, seed=0):
 
 
 def observed_by(true, seed=0):
+    """The panel of the sign as its views show it."""
     rng, last = np.random.default_rng(100 + seed), true[-1]
     rays = np.array(
         [(pixels(p, last.to_world(SIGN)[None])[0][0] - MIDDLE) / CAMERA.fx for p in true]
     )
     rays += rng.normal(0, RAY_SIGMA, rays.shape)
-    return LandmarkRays(np.arange(len(true)), rays, np.full(len(true), RAY_SIGMA))
+    sigma = np.full(len(true), RAY_SIGMA)
+    return SimpleNamespace(frames=np.arange(len(true)), rays=rays, ray_sigma=sigma)
 
 
 class Scene:
@@ -97,12 +94,13 @@ class Scene:
                 for n in ("rotation", "centre")
             ),
             self.observed.rays,
-            self.observed.sigma,
+            self.observed.ray_sigma,
         )
+        self.observed.point = self.start
 
     def adjusted(self):
         """Adjusted with the last frame as the one it is reported in."""
-        return adjust_jointly(self.held, FRAMES - 1, self.observed, self.start)
+        return adjust_jointly(self.held, FRAMES - 1, self.observed)
 
     def error(self, point=None):
         """Error (3,) of a place, or of the adjusted one, in the last frame."""
@@ -195,7 +193,8 @@ def test_without_ties_the_known_steps_remain():
 def test_the_place_is_left_to_the_chain_where_the_window_says_too_little(monkeypatch):
     scene = Scene()
     all_views, known = scene.observed, scene.held[3].motion
-    scene.observed = LandmarkRays(*(column[-1:] for column in all_views))
+    columns = {name: column[-1:] for name, column in vars(all_views).items() if name != "point"}
+    scene.observed = SimpleNamespace(**columns, point=all_views.point)
     assert scene.adjusted() is None
     scene.observed = all_views
     scene.held[3].motion = replace(known, prior=None)

@@ -43,11 +43,11 @@ def image_of(moved, angle):
 
 
 @pytest.fixture
-def landmark_of(panel_method):
+def landmark_of(outline_model):
     """The one landmark that tracking finds."""
 
     def measured(frames):
-        (landmark,) = landmarks_of(track(iter(frames), TrackSettings(), panel=panel_method))
+        (landmark,) = landmarks_of(track(iter(frames), TrackSettings(), panel=outline_model))
         return landmark
 
     return measured

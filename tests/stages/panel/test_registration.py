@@ -58,13 +58,13 @@ def images_of(drive):
 
 
 @pytest.fixture
-def registered(panel_method):
+def registered(outline_model):
     """Numbers of the frames that are registered, the template first."""
 
     def register(images, detected):
         plane = PanelPlane.across(MIDDLE, np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0]))
         usable = usable_views(plane, METRIC, images)
-        found = register_views(plane, METRIC, usable, np.array(detected), panel_method)
+        found = register_views(plane, METRIC, usable, np.array(detected), outline_model)
         return [view.image.frame for view, _ in found.views]
 
     return register
