@@ -26,10 +26,22 @@ def compiled(function: Kernel) -> Kernel:
     plain function that checks its arrays first (`require_array`, `shaped`).
     """
     try:
-        return cast(Kernel, numba.njit(cache=True, **_OPTIONS)(function))
+        kernel: Any = numba.njit(cache=True, **_OPTIONS)(function)
     except RuntimeError:
         # The cache has no folder: a read-only installation compiles in every process.
         return cast(Kernel, numba.njit(**_OPTIONS)(function))
+    index = kernel._cache._cache_file
+    load = index._load_index
+
+    def current() -> dict[Any, Any]:
+        """The index, empty where it names types of an earlier version of the code, which numba fails to read."""
+        try:
+            return cast(dict[Any, Any], load())
+        except (AttributeError, ImportError):
+            return {}
+
+    index._load_index = current
+    return cast(Kernel, kernel)
 
 
 def compiled_within(function: Kernel) -> Kernel:
