@@ -11,7 +11,7 @@ from wayside.pipeline.exporting.export import export
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.models import detector_file
 from wayside.pipeline.models.detector_file import load_detector
-from wayside.pipeline.reading.calibrations import read_camera_file
+from wayside.pipeline.reading.calibrations import parse_camera
 from wayside.pipeline.reading.parts import bag_parts
 from wayside.pipeline.results.result import read_run, read_table
 from wayside.pipeline.reviewing.review import NO_REVIEW, read_review
@@ -47,12 +47,16 @@ def result(folder, **columns):
     return folder
 
 
+def read_camera(folder):
+    return parse_camera((folder / "camera.yaml").read_text(), "camera.yaml")
+
+
 BAG = "rosbag2_bagfile_information: {relative_file_paths: [*a11]}"
 READERS = {
     "not a camera calibration": (
         "camera.yaml",
         CAMERA + "distortion_model: *a11",
-        read_camera_file,
+        read_camera,
     ),
     "not labels": ("data.yaml", "names: [*a11]", read_labels),
     "of the ROS 2 bag directory cannot be read": ("metadata.yaml", BAG, bag_parts),
@@ -66,7 +70,7 @@ def test_yaml_that_cannot_be_read_is_refused(tmp_path, wanted, text):
     name, growing, read = READERS[wanted]
     (tmp_path / name).write_text(GROWING + growing if text is None else text)
     with pytest.raises(InputError, match=wanted):
-        read(tmp_path / name if read is read_camera_file else tmp_path)
+        read(tmp_path)
 
 
 @pytest.mark.parametrize("change", [{"sign_id": ["a"]}, {"x": [1]}, {"color": {}}, {"review": []}])
