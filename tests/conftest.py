@@ -48,7 +48,7 @@ def command(monkeypatch, capsys):
             patch.setattr(sys, "argv", line)
             patch.setattr(
                 application, "interrupt_on_signals", lambda: None
-            )  # signals stay as they are
+            )  # they stay as they are
             with pytest.raises(SystemExit) as end:
                 application.main()
         assert isinstance(end.value.code, int)

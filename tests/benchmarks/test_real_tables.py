@@ -17,20 +17,13 @@ def tables(load):
 
 
 FALSE = {"sign_id": "d-0002", "best_frame": 3, "cause": "unlabelled"}
-ROAD = RealEvaluation(
-    3,
-    ("R1",),
-    2,
-    (FALSE,),
-    ("R2", "R3"),
-    duplicates=(Duplicate("d-0003", "R1", "d-0001"),),
-    causes=(
-        MissCause("R2", "rejected", "score", {"score": 2}),
-        MissCause("R3", "refused", "residual", {"residual": 3}),
-    ),
-    images=50,
-    learned_by=(),
+CAUSES = (
+    MissCause("R2", "rejected", "score", {"score": 2}),
+    MissCause("R3", "refused", "residual", {"residual": 3}),
 )
+AGAIN = Duplicate("d-0003", "R1", "d-0001")
+KNOWN = {"duplicates": (AGAIN,), "causes": CAUSES, "images": 50, "learned_by": ()}
+ROAD = RealEvaluation(3, ("R1",), 2, (FALSE,), ("R2", "R3"), **KNOWN)
 PLATES = (("parking plate", True), ("parking plate", False), ("bus stop plate", True))
 CITY = replace(
     RealEvaluation(4, ("P1", "B1", "G1"), 3, (), ("P2",), by_kind=(*PLATES, ("guide", True))),

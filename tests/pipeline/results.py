@@ -14,7 +14,9 @@ from typer.testing import CliRunner
 from wayside.pipeline.cli import app
 from wayside.pipeline.logs.importing import import_images
 from wayside.pipeline.reading.calibrations import format_camera
+from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.frame import Camera
+from wayside.schemas.settings import ReadSettings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 NO_MODELS = SimpleNamespace(digests=lambda: {"box": "0"})
@@ -46,6 +48,15 @@ def write_tables(folder, signs=(), observations=(), frames=(), **about):
         pq.write_table(table_of(table, rows), folder / table.file)
     (folder / "run.json").write_text(json.dumps(about))
     return folder
+
+
+def frame_rows(log, spacing_m=8.0, **more):
+    """The rows of the images of a log, all used, so far apart along x; `more` is the same in each."""
+    read = read_frames(log, ReadSettings(thin_m=0.0), ReadReport())
+    return [
+        {"frame": n, "log_time_ns": one.log_time_ns, "status": "used", "x": spacing_m * n} | more
+        for n, one in enumerate(read)
+    ]
 
 
 def invoke(command, *arguments, status=0):

@@ -101,14 +101,9 @@ def test_every_row_is_used_or_counted(tmp_path_factory, box, score):
 def test_classes_say_which_boxes_are_signs_and_rows_what_they_look_like(tmp_path):
     classes = tmp_path / "classes.toml"
     classes.write_text('[classes]\nstop = { color = "red", shape = "octagon" }\nother = {}\n')
-    path = parquet(
-        tmp_path,
-        frame=[0, 1, 2, 3],
-        **corners(*[BOX] * 4),
-        **{"class": ["stop", "car", "other", "stop"]},
-        color=[None, "red", "blue", "white"],
-        shape=pa.array([None, None, None, None], pa.string()),
-    )
+    look = {"class": ["stop", "car", "other", "stop"], "color": [None, "red", "blue", "white"]}
+    look |= {"shape": pa.array([None, None, None, None], pa.string())}
+    path = parquet(tmp_path, frame=[0, 1, 2, 3], **corners(*[BOX] * 4), **look)
     found = load(path, **{"models.classes": str(classes)})
     assert sorted(found.boxes) == [0, 2, 3]
     assert found.left_out == {"other_class": 1}
@@ -138,17 +133,11 @@ def test_columns_that_are_missing_or_wrong_are_refused(tmp_path, columns, words)
 
 
 def data_set(**of_second):
-    return {
-        "images": [
-            {"id": 70, "file_name": "b10.jpg"},
-            {"id": 5, "file_name": "b9.jpg"} | of_second,
-        ],
-        "annotations": [
-            {"image_id": 70, "category_id": 2, "bbox": [1, 2, 3, 4]},
-            {"image_id": 5, "category_id": 3, "bbox": [1, 2, 3, 4], "score": 0.7},
-        ],
-        "categories": [{"id": 2, "name": "stop"}, {"id": 3, "name": "car"}],
-    }
+    images = [{"id": 70, "file_name": "b10.jpg"}, {"id": 5, "file_name": "b9.jpg"} | of_second]
+    boxes = [{"image_id": 70, "category_id": 2, "bbox": BOX}]
+    boxes.append({"image_id": 5, "category_id": 3, "bbox": BOX, "score": 0.7})
+    kinds = [{"id": 2, "name": "stop"}, {"id": 3, "name": "car"}]
+    return {"images": images, "annotations": boxes, "categories": kinds}
 
 
 def test_images_of_a_coco_data_set_are_matched_by_name_in_order(tmp_path):

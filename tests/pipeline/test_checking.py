@@ -14,13 +14,11 @@ from scipy.stats import norm
 from wayside.pipeline.checking.quantities import MISSED, ROAD_SIGMA_M, ROLL_RAD, ROUGH_HEIGHT
 from wayside.pipeline.checking.rules import read_rules
 from wayside.pipeline.checking.verdicts import check_rows, is_of
-from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import OutputError, UsageError
-from wayside.schemas.settings import ReadSettings
 from wayside.schemas.sign_catalogue import CATALOGUE, US
 from wayside.schemas.tables import CHECK_VERDICTS, CHECKS, SIGNS
 
-from .results import invoke, make_log, sign_row, write_tables
+from .results import frame_rows, invoke, make_log, sign_row, write_tables
 
 FOOT = 0.3048
 LIMIT = '[one]\nwords = "w"\nquantity = "bottom_m"\nleast = "5 ft"\n'
@@ -135,10 +133,10 @@ def test_both_ends_of_a_range_and_the_tolerance_count(checked):
 
 
 def test_a_limit_by_a_radius_weighs_what_the_radius_can_be(checked):
-    text = '[one]\nwords = "w"\nquantity = "spacing_m"\nby = "curve_radius_m"\n'
-    text += (
-        'most = [["200 ft", "40 ft"], ["400 ft", "80 ft"], ["", "200 ft"]]\nnext_within = "100 m"\n'
+    text = (
+        '[one]\nwords = "w"\nquantity = "spacing_m"\nby = "curve_radius_m"\nnext_within = "100 m"\n'
     )
+    text += 'most = [["200 ft", "40 ft"], ["400 ft", "80 ft"], ["", "200 ft"]]\n'
     near = {"next_sign_id": "x", "sigma_spacing_m": 0.1, "radius_m": -300 * FOOT}
     rows = [
         row("keeps", spacing_m=79 * FOOT, sigma_radius_m=1.0, **near),
@@ -235,27 +233,14 @@ LOW, HIGH = 4 * FOOT, 8 * FOOT
 @pytest.fixture
 def out(tmp_path):
     """A result with a face that stands too low, one that does not, and a back, and its log."""
-    log = make_log(
-        tmp_path / "d.mcap", [np.full((120, 160, 3), 90 + n, np.uint8) for n in range(3)]
-    )
+    images = [np.full((120, 160, 3), 90 + n, np.uint8) for n in range(3)]
+    log = make_log(tmp_path / "d.mcap", images)
     seen = {"log": "d", "best_frame": 1, "best_box": [60.0, 40.0, 76.0, 54.0]}
     rows = [row("d-0001", bottom_m=LOW, **seen), row("d-0002", bottom_m=HIGH, **seen)]
     rows.append(row("d-0003", bottom_m=LOW, status="back", **seen))
-    read = read_frames(log, ReadSettings(thin_m=0.0), ReadReport())
-    frames = [
-        {
-            "frame": n,
-            "log_time_ns": one.log_time_ns,
-            "status": "used",
-            "x": 8.0 * n,
-            "y": 0.0,
-            "z": 0.0,
-        }
-        for n, one in enumerate(read)
-    ]
     settings = {"read": {"spacing_m": 8.0, "thin_m": 0.0}}
     about = {"log": "d.mcap", "log_path": str(log), "world": "log", "settings": settings}
-    return write_tables(tmp_path / "out", rows, frames=frames, **about)
+    return write_tables(tmp_path / "out", rows, frames=frame_rows(log, y=0.0, z=0.0), **about)
 
 
 def test_one_command_lists_what_stands_too_low_and_shows_it(out):

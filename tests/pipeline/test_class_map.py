@@ -18,11 +18,8 @@ def test_classes_are_named_or_numbered_and_say_as_much_as_they_know(tmp_path):
     example = read_class_map(written(tmp_path, EXAMPLE))  # that the messages show
     assert example == {"stop sign": SignClass("red", "octagon")}
     classes = read_class_map(written(tmp_path, text))
-    assert numbered(classes, NAMES, "a.onnx", complete=True) == {
-        11: SignClass("red", None),
-        12: SignClass(),
-        0: SignClass(None, "other"),
-    }
+    wanted = {11: SignClass("red", None), 12: SignClass(), 0: SignClass(None, "other")}
+    assert numbered(classes, NAMES, "a.onnx", complete=True) == wanted
 
 
 def test_a_name_that_the_detector_does_not_have_is_refused_with_the_nearest(tmp_path):

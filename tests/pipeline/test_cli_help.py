@@ -54,14 +54,8 @@ def test_debug_may_stand_anywhere(place, command):
 
 
 def python(code, *words, **env):
-    return subprocess.run(
-        [sys.executable, "-c", code, *words],
-        env=os.environ | env,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    how = {"env": os.environ | env, "capture_output": True, "text": True, "timeout": 300}
+    return subprocess.run([sys.executable, "-c", code, *words], **how, check=False)
 
 
 def test_a_shell_completes_commands():

@@ -425,6 +425,9 @@ def random_box(rng, reach=1000, most=60):
     return np.round([x, y, x + w, y + h], 1).tolist()
 
 
+LOOKS = {"color": COLORS, "shape": SHAPES}
+
+
 def random_rendered(rng):
     """The demo drive, and reports of its panels, near or far off, some in an image without a pose."""
     truth = json.loads(DEMO.read_text())
@@ -434,35 +437,22 @@ def random_rendered(rng):
 def random_sign(rng, number, truth):
     target = truth["signs"][int(rng.integers(len(truth["signs"])))]
     pose = truth["frames"][int(rng.integers(len(truth["frames"])))]
-    figures = {
-        "color": str(rng.choice([target["color"], *COLORS])),
-        "shape": str(rng.choice([target["shape"], *SHAPES])),
-        "panel_width_m": float(rng.uniform(0.3, 2)),
-        "bottom_m": float(rng.uniform(0, 3)),
-        "sigma_up_m": float(rng.choice([0.0, 0.1, 1.0])),
-    }
+    figures = {look: str(rng.choice([target[look], *of])) for look, of in LOOKS.items()}
+    figures |= {"panel_width_m": float(rng.uniform(0.3, 2)), "bottom_m": float(rng.uniform(0, 3))}
+    figures |= {"sigma_up_m": float(rng.choice([0.0, 0.1, 1.0]))}
     given = {name: value if rng.random() < 0.8 else None for name, value in figures.items()}
     near = np.array(seen_from(pose, target["centre"])) + rng.normal(0, rng.choice([0.1, 1.0]), 3)
-    return sign(
-        number,
-        near.tolist(),
-        status=str(rng.choice(["sign", "sign", "sign", "back", "uncertain"])),
-        best_frame=77 if rng.random() < 0.1 else pose["index"],
-        best_box=random_box(rng),
-        sigma_along_m=float(rng.uniform(0.05, 2)),
-        **given,
-    )
+    given |= {"status": str(rng.choice(["sign", "sign", "sign", "back", "uncertain"]))}
+    given |= {"best_frame": 77 if rng.random() < 0.1 else pose["index"]}
+    given |= {"best_box": random_box(rng), "sigma_along_m": float(rng.uniform(0.05, 2))}
+    return sign(number, near.tolist(), **given)
 
 
 def random_real(rng):
-    marks = [
-        {
-            "id": f"R{i}",
-            "wanted": bool(rng.random() < 0.6),
-            "boxes": [{"i": f, "box": random_box(rng, 60, 40)} for f in rng.choice(40, 2).tolist()],
-        }
-        for i in range(15)
-    ]
+    marks = [{"id": f"R{i}", "wanted": bool(rng.random() < 0.6)} for i in range(15)]
+    for mark in marks:
+        seen = rng.choice(40, 2).tolist()
+        mark["boxes"] = [{"i": frame, "box": random_box(rng, 60, 40)} for frame in seen]
     things = [
         {"what": f"thing {i}", "source_frame": int(rng.integers(160)), "box": random_box(rng, 60)}
         for i in range(10)

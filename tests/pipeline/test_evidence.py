@@ -22,7 +22,6 @@ from wayside.pipeline.evidence.sheet import BIG, LEFT, PROPORTION, TILE, TOP, WI
 from wayside.pipeline.evidence.write import write_evidence
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.pages import shortened
-from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reviewing.review import read_review
 from wayside.pipeline.running.run import RunRequest, run_log
 from wayside.schemas.detections import SHAPES
@@ -101,11 +100,7 @@ def write_result(folder, log):
     observations = [observation(NEAR, frame, frame) for frame in (1, 2, 3)]
     observations += [observation(NEAR, 4, 9, verdict="overlap")]
     observations += [observation(FAR, frame, 10 + frame) for frame in (4, 5)]
-    frames = [
-        {"frame": frame, "log_time_ns": message.log_time_ns, "status": "used"}
-        | {"x": SPACING_M * frame, "y": 0.0, "z": 1.5}
-        for frame, message in enumerate(read_frames(log, ReadSettings(thin_m=0.0), ReadReport()))
-    ]
+    frames = results.frame_rows(log, SPACING_M, y=0.0, z=1.5)
     settings = {"read": {"spacing_m": SPACING_M, "thin_m": 0.0}}
     about = {"log": log.name, "log_path": str(log), "world": "drive_start", "settings": settings}
     return write_tables(folder, signs, observations, frames, **about)
@@ -308,11 +303,8 @@ def test_cards_carry_what_the_filters_ask_for_and_the_summary_counts_as_the_run_
     assert "<p>2 signs, 1 uncertain on 40 m of road, 6 images." in text
     names = ("color", "shape", "status", "confidence", "station")
     found = [[card[f"data-{name}"] for name in names] for card in cards(text)]
-    assert found == [
-        ["red", "octagon", "sign", "0.9000", "40.000"],
-        ["yellow", "diamond", "uncertain", "0.3000", "40.000"],
-        ["unknown", "unknown", "sign", "", ""],
-    ]
+    near, far = ["red", "octagon", "sign", "0.9000"], ["yellow", "diamond", "uncertain", "0.3000"]
+    assert found == [[*near, "40.000"], [*far, "40.000"], ["unknown", "unknown", "sign", "", ""]]
 
 
 def test_the_address_keeps_the_filters_on_the_way_to_a_sign_and_back(out, tmp_path, in_browser):
@@ -339,11 +331,8 @@ def test_the_address_keeps_the_filters_on_the_way_to_a_sign_and_back(out, tmp_pa
         *("1 of 3 shown", "#color=yellow&sort=best", "1 of 3 shown", "yellow"),
         *("3 of 3 shown", ""),
     ]
-    back = in_browser(
-        tmp_path / "sheets" / f"{FAR}.html",
-        "return Array.from(document.querySelectorAll('nav a'), link => link.hash);",
-        fragment="#color=red",
-    )
+    links = "return Array.from(document.querySelectorAll('nav a'), link => link.hash);"
+    back = in_browser(index.with_name(f"{FAR}.html"), links, fragment="#color=red")
     assert back == ["#color=red"] * 3
 
 
@@ -488,17 +477,14 @@ def test_the_error_ellipse_lies_two_sigmas_away_everywhere(sigma_x, sigma_y, cor
     assert np.sqrt(np.einsum("ni,ij,nj->n", away, inverse, away)) == pytest.approx(2.0, rel=1e-6)
 
 
-def straight_drive():
-    path = np.array([[8.0 * i, 0.0, 1.5] for i in range(8)])
-    return DriveMap(dict(enumerate(path)), path, np.zeros((0, 3)), {})
-
-
 @pytest.mark.parametrize(
     ("facing_deg", "expected"),
     [(0.0, [0.0, 1.0]), (None, [0.0, 1.0]), (90.0, [1.0, 0.0]), (-30.0, [-0.5, math.sqrt(0.75)])],
 )
 def test_the_panel_is_as_wide_as_measured_and_turned_as_it_faces(facing_deg, expected):
-    ends = panel_line(evidence_of(facing_deg=facing_deg, panel_width_m=0.8), straight_drive())
+    path = np.array([[8.0 * i, 0.0, 1.5] for i in range(8)])
+    drive = DriveMap(dict(enumerate(path)), path, np.zeros((0, 3)), {})
+    ends = panel_line(evidence_of(facing_deg=facing_deg, panel_width_m=0.8), drive)
     assert ends.mean(axis=0) == pytest.approx([40.0, -6.0])
     assert (ends[1] - ends[0]) / 0.8 == pytest.approx(expected)
 

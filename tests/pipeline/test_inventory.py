@@ -7,28 +7,22 @@ import pyarrow.parquet as pq
 import pytest
 
 from wayside.pipeline.results.inventory import InventoryWriter
-from wayside.schemas.detections import Candidates, Dropped, Regions, verdict_code
+from wayside.schemas.detections import Candidates, Dropped, verdict_code
 from wayside.schemas.errors import OutputError
-from wayside.schemas.frame import Camera, Fix, Frame, Pose
+from wayside.schemas.frame import Camera, Fix, Frame
 from wayside.schemas.landmarks import TrackedFrame
-from wayside.schemas.motion import Motion
 from wayside.schemas.settings import MotionSettings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 from wayside.stages.georeference import DriveRecord, collect, georeference, place_signs
 
-from ..made_landmarks import made_landmark
+from ..made_landmarks import made_landmark, made_motion
+from ..stages.made_frames import made_regions
 
 CAMERA = Camera(1600, 1200, 1400, 1400, 800, 600)
 
 
 def candidates(*verdicts):
-    n = len(verdicts)
-    regions = Regions(
-        np.tile(np.float32([10, 20, 30, 60]), (n, 1)),
-        np.full(n, 700, np.int32),
-        np.full((n, 3), 100, np.float32),
-        np.zeros(n, np.uint8),
-    )
+    regions = made_regions([[10, 20, 30, 60]] * len(verdicts), (100, 100, 100), 700)
     codes = np.array([verdict_code(v) for v in verdicts], np.uint8)
     return dataclasses.replace(Candidates.of(regions), verdict=codes)
 
@@ -36,12 +30,9 @@ def candidates(*verdicts):
 def place(track, frame, station, lateral, **changes):
     made = made_landmark(track_id=track, right_m=lateral, station_m=station, above_m=1.0)
     (view,) = made.views
-    seen = {
-        "views": tuple(dataclasses.replace(view, frame=n) for n in (frame, frame - 1)),
-        "best_frame": frame,
-        "best_time_ns": frame * 10**9,
-        "best_pose": Pose(np.eye(3), np.array([0, 0, 8.0 * frame])),
-    }
+    views = tuple(dataclasses.replace(view, frame=n) for n in (frame, frame - 1))
+    seen = {"views": views, "best_frame": frame, "best_time_ns": frame * 10**9}
+    seen |= {"best_pose": made_motion(frame).pose}
     unknown = dict.fromkeys(("facing_deg", "sigma_facing_deg", "shape_distance"), np.nan)
     return dataclasses.replace(made, **seen | unknown | changes)
 
@@ -49,23 +40,11 @@ def place(track, frame, station, lateral, **changes):
 def settled(index, *places, verdicts=(), tracks=(), used=True, fix=None):
     status = "used" if used else "thinned"
     frame = Frame(index, 10**9 * index + 5, None, status, "jpeg", b"", CAMERA, fix=fix)
-    motion = Motion(
-        pose=Pose(np.eye(3), np.array([0, 0, 8.0 * index])),
-        step=Pose(np.eye(3), np.array([0, 0, 8.0])) if index else None,
-        covariance=None,
-        source="straight" if index else "start",
-        baseline_m=8.0,
-        station_m=8.0 * index,
-        ties=None,
-        residual_straight_px=float("nan"),
-        residual_px=0.2,
-        adjusted=False,
-        iterations=0,
-        camera_height_m=1.8,
-    )
     score = np.full(len(verdicts), np.nan, np.float32)
     found, tracks = candidates(*verdicts), np.array(tracks, np.int32)
-    return TrackedFrame(frame, motion if used else None, found, tracks, score, 7, places)
+    return TrackedFrame(
+        frame, made_motion(index) if used else None, found, tracks, score, 7, places
+    )
 
 
 def write(folder, frames, **options):
@@ -96,11 +75,9 @@ def test_signs_are_numbered_by_station_and_observations_name_their_sign(tmp_path
     assert [signs[0][n] for n in ("up_m", "bottom_m", "views")] == pytest.approx([2.8, 2.4, 2])
     unknown = ("facing_deg", "shape_distance", "lon_deg", "sigma_east_m")
     assert [signs[0][name] for name in unknown] == [None] * 4
-    assert [(r["frame"], r["sign_id"], r["verdict"]) for r in observations] == [
-        (0, "drive-0001", "sign"),
-        (2, "drive-0002", "few_views"),
-        (3, "drive-0001", "sign"),
-    ]
+    seen = [(r["frame"], r["sign_id"], r["verdict"]) for r in observations]
+    first, last = ((frame, "drive-0001", "sign") for frame in (0, 3))
+    assert seen == [first, (2, "drive-0002", "few_views"), last]
     for table in (SIGNS, OBSERVATIONS, FRAMES):
         assert pq.read_schema(tmp_path / table.file).equals(table.schema, check_metadata=True)
     (tmp_path / "every").mkdir()

@@ -11,13 +11,11 @@ import pytest
 from wayside.pipeline.labelling.page import COLOR_KEYS, KINDS, SHAPE_KEYS, margins, questions
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.labels.wayside_labels import read_label_file
-from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import OutputError
-from wayside.schemas.settings import ReadSettings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS
 
-from .results import invoke, make_log, observation_row, sign_row, table_of, write_tables
+from .results import frame_rows, invoke, make_log, observation_row, sign_row, table_of, write_tables
 
 STEM = "d <b>&1"
 NAME = f"{STEM}-0001"
@@ -53,13 +51,11 @@ def result(folder):
     log = make_log(folder / f"{STEM}.mcap", images)
     seen = {"best_frame": 1, "best_box": box_at(14), "first_frame": 0, "views": 2}
     look = {"color": "yellow", "shape": "diamond", "confidence": 0.6}
-    frames = [
-        {"frame": f.index, "log_time_ns": f.log_time_ns, "status": "used"}
-        for f in read_frames(log, ReadSettings(), ReadReport())
-    ]
     about = {"log": log.name, "log_path": str(log), "log_fingerprint": "12"}
     signs = [sign_row(NAME, log=STEM, **seen | look)]
-    return write_tables(folder / "out", signs, ROWS, frames, settings={"read": {}}, **about)
+    return write_tables(
+        folder / "out", signs, ROWS, frame_rows(log), settings={"read": {}}, **about
+    )
 
 
 @pytest.fixture(scope="module")

@@ -160,11 +160,8 @@ def test_formats_of_others_say_the_same(tmp_path, write):
     path = write(tmp_path)
     read = read_labels(path)
     image = LabelledImage(image_name="a 1.png", size=SIZE)
-    assert [(label.kind, label.note) for label in read.labels] == [
-        ("sign", "stop"),
-        ("back", "back"),
-        ("sign", "board"),
-    ]
+    said = [(label.kind, label.note) for label in read.labels]
+    assert said == [("sign", "stop"), ("back", "back"), ("sign", "board")]
     np.testing.assert_allclose([label.box for label in read.labels], [box for _, box in THINGS])
     assert {label.image for label in read.labels} == {image}
     assert read.complete == (image,)
@@ -176,19 +173,15 @@ def test_a_class_map_says_which_are_signs(tmp_path, write):
     classes.write_text(MAP)
     path = write(tmp_path)
     read = read_labels(path, classes)
-    assert [(label.kind, label.color, label.shape) for label in read.labels] == [
-        ("sign", "red", "octagon"),
-        ("sign", None, None),
-    ]
+    said = [(label.kind, label.color, label.shape) for label in read.labels]
+    assert said == [("sign", "red", "octagon"), ("sign", None, None)]
     assert read.left_out["other_class"] == 1
     classes.write_text('[classes]\n"stop sing" = {}\n')
     with pytest.raises(InputError, match=r"none of 'stop sing' is a class of"):
         read_labels(path, classes)
 
 
-def test_coco_may_state_frames_times_and_polygons_and_an_image_without_every_box_is_not_complete(
-    tmp_path,
-):
+def test_coco_may_state_frames_times_and_polygons_and_an_image_that_lacks_a_box_is_open(tmp_path):
     corners = [20.0, 10.0, 40.0, 10.0, 30.0, 30.0]
     content = {
         "images": [{"id": n, "frame": n, "log_time_ns": 10 * n} for n in (1, 2, 3)],
@@ -306,10 +299,8 @@ def test_labels_find_their_frames_by_number_time_or_name():
 
 
 def test_labels_find_the_images_of_an_imported_log_by_their_files(tmp_path):
-    log = make_log(
-        tmp_path / "drive.mcap",
-        np.arange(2 * 120 * 160 * 3).astype(np.uint8).reshape(2, 120, 160, 3),
-    )
+    images = np.arange(2 * 120 * 160 * 3).astype(np.uint8).reshape(2, 120, 160, 3)
+    log = make_log(tmp_path / "drive.mcap", images)
     known = LogImages.of(log, ReadSettings(spacing_m=8.0))
     assert known.names == {0: "000.png", 1: "001.png"}
     read = Labels((Label(LabelledImage(image_name="001.png"), "sign", (0, 0, 5, 5)),), ())

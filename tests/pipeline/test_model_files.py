@@ -110,7 +110,7 @@ def test_each_preset_has_its_own_colours_shapes_and_places(shipped):
     default, report = shipped, models_of("report")
     assert report.box_network is report.front_scores is report.back_scores is None
     assert report.face_network is report.trajectory_density is None
-    assert (default.color_classes, default.shape_classes) == (None, None)
+    assert default.color_classes is default.shape_classes is None
     assert (report.color_classes.space, report.shape_classes) == ("rgb", None)
     assert models_of("report-shape").shape_classes.space == "fourier6"
     names = [c.name for c in report.location_classes.classes]
@@ -277,6 +277,7 @@ def test_a_file_that_ships_has_its_digest_and_another_content_is_refused(tmp_pat
         load_models(settings())
 
 
+LOCATION = shipped_models() / "location.json"
 BROKEN = {
     **{
         text[:40]: ("front.json", text, "not a model file")
@@ -284,11 +285,7 @@ BROKEN = {
     },
     "deep": ("front.json", '{"kind": "score", "with_network": ' * 50_000, "not a model file"),
     "no text": ("front.json", b"\xff\xfe\x00\x81", "cannot be read"),
-    "another kind": (
-        "front.json",
-        (shipped_models() / "location.json").read_bytes(),
-        "'score' bel",
-    ),
+    "another kind": ("front.json", LOCATION.read_bytes(), "'score' bel"),
 }
 CHANGED = {
     "nan as threshold": ("front.json", lambda d: d.update(threshold=math.nan)),
@@ -303,10 +300,7 @@ CHANGED = {
     "a curve of nan": ("place.json", lambda d: d["features"][0]["curve"].append(math.nan)),
     "knots out of order": ("place.json", lambda d: d["features"][0]["knots"].reverse()),
     "another input": ("place.json", lambda d: d["features"][0].update(name="glitter")),
-    "another input of backs": (
-        "back_place.json",
-        lambda d: d["features"][0].update(name="glitter"),
-    ),
+    "another of backs": ("back_place.json", lambda d: d["features"][0].update(name="glitter")),
     "another term": ("place.json", lambda d: d["features"][0].update(term="mood")),
     "a mean of another size": ("location.json", lambda d: d["classes"][0]["mean"].pop()),
     "no covariance": ("location.json", lambda d: d["classes"][0].update(covariance=[[0, 0]] * 2)),

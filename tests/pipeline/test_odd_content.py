@@ -47,29 +47,30 @@ def result(folder, **columns):
     return folder
 
 
+def read_camera(folder):
+    return parse_camera((folder / "camera.yaml").read_text(), "camera.yaml")
+
+
+BAG = "rosbag2_bagfile_information: {relative_file_paths: [*a11]}"
 READERS = {
     "not a camera calibration": (
+        "camera.yaml",
         CAMERA + "distortion_model: *a11",
-        lambda folder, text: parse_camera(text, "camera.yaml"),
+        read_camera,
     ),
-    "not labels": (
-        "names: [*a11]",
-        lambda folder, text: (folder / "data.yaml").write_text(text) and read_labels(folder),
-    ),
-    "of the ROS 2 bag directory cannot be read": (
-        "rosbag2_bagfile_information: {relative_file_paths: [*a11]}",
-        lambda folder, text: (folder / "metadata.yaml").write_text(text) and bag_parts(folder),
-    ),
+    "not labels": ("data.yaml", "names: [*a11]", read_labels),
+    "of the ROS 2 bag directory cannot be read": ("metadata.yaml", BAG, bag_parts),
 }
-"""What each reader of YAML says, with a text of its kind that grows without end."""
+"""What each reader of YAML says, its file, and a text of its kind that grows without end."""
 
 
 @pytest.mark.parametrize("text", [None, *YAML])
 @pytest.mark.parametrize("wanted", READERS)
 def test_yaml_that_cannot_be_read_is_refused(tmp_path, wanted, text):
-    growing, read = READERS[wanted]
+    name, growing, read = READERS[wanted]
+    (tmp_path / name).write_text(GROWING + growing if text is None else text)
     with pytest.raises(InputError, match=wanted):
-        read(tmp_path, GROWING + growing if text is None else text)
+        read(tmp_path)
 
 
 @pytest.mark.parametrize("change", [{"sign_id": ["a"]}, {"x": [1]}, {"color": {}}, {"review": []}])

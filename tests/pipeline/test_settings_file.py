@@ -29,12 +29,8 @@ def test_the_report_preset_sets_its_own_values_and_nothing_else():
     with pytest.raises(UsageError, match="did you mean report"):
         load_settings("reports")
     settings, origins = load_settings("report")
-    own = {
-        f"{group}.{name}": value
-        for group, values in REPORT.items()
-        for name, value in values.items()
-    }
-    assert {name for name, origin in origins.items() if origin == "preset report"} == own.keys()
+    own = {f"{group}.{name}" for group, values in REPORT.items() for name in values}
+    assert {name for name, origin in origins.items() if origin == "preset report"} == own
     for group, values in REPORT.items():
         assert asdict(settings)[group].items() >= values.items()
 
@@ -42,22 +38,16 @@ def test_the_report_preset_sets_its_own_values_and_nothing_else():
 @pytest.mark.parametrize("name", ["report-shape", "report-2d"])
 def test_an_earlier_generation_of_the_report_differs_in_its_gate_alone(name):
     last, own = load_settings("report")[0], load_settings(name)[0]
-    assert (own.report.shape, own.report.trajectory != "off", own.locate.gate) == (
-        name == "report-shape",
-        name == "report-2d",
-        False,
-    )
+    gates = own.report.shape, own.report.trajectory != "off", own.locate.gate
+    assert gates == (name == "report-shape", name == "report-2d", False)
     assert replace(own, report=last.report, locate=last.locate) == last
 
 
 def test_later_layers_win_over_earlier_ones(tmp_path):
     file = toml(tmp_path, "[gate]\nsmallest_px = 60\nlargest_px = 30000\n[segment]\nclusters = 4\n")
-    settings, origins = load_settings(
-        "report",
-        file,
-        ["segment.clusters=5", "gate.smallest_px=70"],
-        {"segment.clusters": 6, "run.workers": None},
-    )
+    options = {"segment.clusters": 6, "run.workers": None}
+    assigned = ["segment.clusters=5", "gate.smallest_px=70"]
+    settings, origins = load_settings("report", file, assigned, options)
     assert (settings.segment.clusters, origins["segment.clusters"]) == (6, "option")
     assert (settings.gate.smallest_px, origins["gate.smallest_px"]) == (70, "--set")
     assert (settings.gate.largest_px, origins["gate.largest_px"]) == (30000, "my.toml")
@@ -150,11 +140,8 @@ def test_a_wrong_file_is_refused_by_name(tmp_path, text, words):
 )
 def test_what_is_written_is_read_back_the_same(tmp_path_factory, clusters, thin, whole, topic):
     base = Settings()
-    settings = replace(
-        base,
-        segment=replace(base.segment, clusters=clusters, whole_picture=whole),
-        read=replace(base.read, thin_m=thin, camera=topic),
-    )
+    segment = replace(base.segment, clusters=clusters, whole_picture=whole)
+    settings = replace(base, segment=segment, read=replace(base.read, thin_m=thin, camera=topic))
     path = tmp_path_factory.mktemp("settings") / "again.toml"
     for full in (False, True):
         path.write_text(format_settings(settings, {}, full=full), "utf-8", newline="")

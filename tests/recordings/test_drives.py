@@ -100,27 +100,20 @@ def write_spec(folder, text):
 def test_two_processes_give_the_bytes_of_one(tiny, rendered, tmp_path):
     render(tiny, replace(rendered, folder=tmp_path), jobs=2)
     assert contents(tmp_path) == contents(rendered.folder)
-    assert sorted(contents(tmp_path)) == [
-        *(f"tiny.masks/{i:04d}.png" for i in range(3)),
-        "tiny.mcap",
-        "tiny.stamp",
-        "tiny.truth.json",
-    ]
+    files = [*(f"masks/{i:04d}.png" for i in range(3)), "mcap", "stamp", "truth.json"]
+    assert sorted(contents(tmp_path)) == [f"tiny.{name}" for name in files]
 
 
 def camera_of(truth, frame):
     """What OpenCV needs to project world points into a frame, from the truth alone."""
     camera, pose = truth["camera"], truth["frames"][frame]
     to_world = Rotation.from_quat(pose["quaternion"]).as_matrix()
-    matrix = np.array(
-        [[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1.0]]
-    )
+    rows = [camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1.0]
     turn, _ = cv2.Rodrigues(to_world.T)
     shift = -to_world.T @ np.array(pose["position"])
+    lens = turn, shift, np.array(rows), np.array(camera["distortion"])
     return SimpleNamespace(
-        project=lambda points: cv2.projectPoints(
-            np.asarray(points, float), turn, shift, matrix, np.array(camera["distortion"])
-        )[0].reshape(-1, 2),
+        project=lambda points: cv2.projectPoints(np.array(points, float), *lens)[0].reshape(-1, 2),
         depth=lambda point: float((to_world.T @ point + shift)[2]),
     )
 

@@ -17,18 +17,22 @@ from wayside.schemas.detections import (
     Candidates,
     Detections,
     Features,
-    Regions,
     Segmentation,
     verdict_code,
 )
-from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image, Pose
+from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
 from wayside.schemas.models import LinearModel
-from wayside.schemas.motion import Motion, PosedDetections
+from wayside.schemas.motion import PosedDetections
+from wayside.stages.geometry import box_areas
 from wayside.stages.segmentation import unsegmented
+
+from ..made_landmarks import made_motion
+from .made_frames import made_regions
 
 CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
 DISTORTED = Camera(640, 480, 560.0, 560.0, 320.0, 240.0, (-0.15, 0.08, 0.0, 0.0005, -0.02))
 SPACING = 8.0
+STEP_SIGMA = [1e-4, 1e-4, 1e-4, 0.01, 0.005, 0.02]
 
 
 @dataclass(frozen=True)
@@ -67,11 +71,8 @@ def moved_frame(index, panels, *, used=True, step=0):
     seen = boxes_of(panels, step) if used else []
     box = np.array([b for _, b in seen], np.float32).reshape(-1, 4)
     n = len(box)
-    regions = Regions(
-        box, np.full(n, 100, np.int32), np.zeros((n, 3), np.float32), np.zeros(n, np.uint8)
-    )
     table = replace(
-        Candidates.of(regions),
+        Candidates.of(made_regions(box, area_px=100)),
         score=np.array([p.score for p, _ in seen], np.float32),
         color=np.full(n, COLORS.index("yellow"), np.int8),
         color_distance=np.ones(n, np.float32),
@@ -85,34 +86,13 @@ def moved_frame(index, panels, *, used=True, step=0):
     codes = np.random.default_rng(5).random((len(panels), 132)).astype(np.float32)
     which = [panels.index(p) for p, _ in seen]
     features = Features(
-        np.zeros((0, 2), np.float32),
-        np.zeros((0, 32), np.uint8),
-        np.zeros((n, 2), np.float32),
-        codes[which].reshape(-1, 132),
-        np.arange(n, dtype=np.int32),
+        *(np.zeros((0, 2), np.float32), np.zeros((0, 32), np.uint8), np.zeros((n, 2), np.float32)),
+        *(codes[which].reshape(-1, 132), np.arange(n, dtype=np.int32)),
     )
     segmentation = replace(unsegmented(Image(frame, None, None)), region_count=n, rows=(0, 1200))
     detections = Detections(segmentation, table, features)
-    return PosedDetections(detections, straight_motion(step) if used else None)
-
-
-def straight_motion(step):
-    """Motion after so many steps straight ahead."""
-    ahead = Pose(np.eye(3), np.array([0.0, 0.0, SPACING]))
-    return Motion(
-        pose=Pose(np.eye(3), np.array([0.0, 0.0, SPACING * step])),
-        step=ahead if step else None,
-        covariance=np.diag([1e-4, 1e-4, 1e-4, 0.01, 0.005, 0.02]) ** 2 if step else None,
-        source="straight" if step else "start",
-        baseline_m=SPACING if step else 0.0,
-        station_m=SPACING * step,
-        ties=None,
-        residual_straight_px=0.1,
-        residual_px=0.1,
-        adjusted=True,
-        iterations=1,
-        camera_height_m=1.6,
-    )
+    motion = made_motion(step, np.diag(STEP_SIGMA) ** 2, camera_height_m=1.6)
+    return PosedDetections(detections, motion if used else None)
 
 
 @pytest.fixture(scope="session")
@@ -161,10 +141,7 @@ def detections_of():
     def make(grey, boxes=(), verdicts=(), status=USED):
         box = np.array(boxes, np.float32).reshape(-1, 4)
         n = len(box)
-        area = ((box[:, 2] - box[:, 0]) * (box[:, 3] - box[:, 1])).astype(np.int32)
-        candidates = Candidates.of(
-            Regions(box, area, np.zeros((n, 3), np.float32), np.zeros(n, np.uint8))
-        )
+        candidates = Candidates.of(made_regions(box, area_px=box_areas(box)))
         if len(verdicts):
             candidates.verdict[:] = [verdict_code(name) for name in verdicts]
         frame = Frame(3, 0, None, status, "jpeg", b"", DISTORTED, 640, 480)

@@ -15,8 +15,6 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture
 def torch():
-    found = pytest.importorskip(
-        "torch", reason="PyTorch is only needed for learning: make .venv/.learn"
-    )
+    found = pytest.importorskip("torch", reason="only needed for learning: make .venv/.learn")
     found.set_num_threads(1)
     return found

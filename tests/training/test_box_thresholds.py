@@ -65,10 +65,9 @@ def test_of_boxes_on_one_thing_only_the_best_is_counted_as_false():
 
 def test_boxes_of_one_kind_teach_nothing():
     one = images(1)[0]
+    neither = replace(one, label=np.full(len(one.box), NEITHER, np.int8))
     with pytest.raises(InputError, match="Add drives"):
-        learn_network_sum(
-            [[replace(one, label=np.full(len(one.box), NEITHER, np.int8))]], THRESHOLD
-        )
+        learn_network_sum([[neither]], THRESHOLD)
 
 
 IMAGES, FACES, OTHERS = 30, 2, 20

@@ -61,12 +61,8 @@ def test_a_back_has_its_own_heat_map():
 
 
 def test_two_faces_weigh_the_same_however_many_cells_they_have():
-    crop = crop_of(
-        [
-            ((10, 10, 190, 190), FRONT, "white", "circle"),
-            ((200, 200, 210, 210), FRONT, "red", "octagon"),
-        ]
-    )
+    small = ((200, 200, 210, 210), FRONT, "red", "octagon")
+    crop = crop_of([((10, 10, 190, 190), FRONT, "white", "circle"), small])
     large = crop.box[:, 2] == 190
     assert crop.weight[large].sum() == pytest.approx(1)
     assert crop.weight[~large].sum() == pytest.approx(1)

@@ -71,9 +71,8 @@ def test_boxes_of_single_images_bear_their_classes(tmp_path):
 
 
 def test_an_image_whose_boxes_were_looked_at_is_complete(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        detector_images, "CHECKED_BOXES", write_checked(tmp_path, ("set", "mi_2.png", {}))
-    )
+    checked = write_checked(tmp_path, ("set", "mi_2.png", {}))
+    monkeypatch.setattr(detector_images, "CHECKED_BOXES", checked)
     scenes = [scene(f"mi_{number}.png", complete=number == 1) for number in (1, 2, 3)]
     images = scene_set_images(write_set(tmp_path / "set", *scenes))
     assert [image.complete[0] for image in images] == [True, True, False]
@@ -81,19 +80,15 @@ def test_an_image_whose_boxes_were_looked_at_is_complete(tmp_path, monkeypatch):
 
 def test_a_traffic_light_is_no_sign_and_another_distractor_may_be_one(tmp_path):
     things = [{"box": [0, 0, 5, 9], "kind": "traffic light"}, {"box": [50, 0, 60, 9], "kind": "x"}]
-    (image,) = scene_set_images(
-        write_set(tmp_path / "set", scene("ro_200.png", distractors=things))
-    )
+    folder = write_set(tmp_path / "set", scene("ro_200.png", distractors=things))
+    (image,) = scene_set_images(folder)
     np.testing.assert_array_equal(image.ignored, [[50, 0, 60, 9]])
     np.testing.assert_array_equal(image.other, [[0, 0, 5, 9]])
 
 
 def test_boxes_that_were_looked_at_join_the_labels_of_their_image(tmp_path, monkeypatch):
-    boxes = {
-        "signs": [[1, 2, 9, 9, "blue", "circle"], [60, 2, 70, 9, None, None]],
-        "other": [[11, 12, 19, 19]],
-        "unsure": [[50, 50, 59, 59]],
-    }
+    boxes = {"signs": [[1, 2, 9, 9, "blue", "circle"], [60, 2, 70, 9, None, None]]}
+    boxes |= {"other": [[11, 12, 19, 19]], "unsure": [[50, 50, 59, 59]]}
     rows = ("set", "ro_200.png", boxes), ("another", "ro_201.png", boxes)
     monkeypatch.setattr(detector_images, "CHECKED_BOXES", write_checked(tmp_path, *rows))
     folder = write_set(tmp_path / "set", scene("ro_200.png"), scene("ro_201.png"))
@@ -118,9 +113,7 @@ def test_the_boxes_that_were_looked_at_are_sound():
         assert box[1] < box[3]
 
 
-def test_distractors_of_a_real_drive_are_no_signs_unless_their_words_leave_it_open(
-    monkeypatch,
-):
+def test_distractors_of_a_real_drive_are_no_signs_unless_words_leave_it_open(monkeypatch):
     log = REAL / "ca_city_garmin.mcap"
     if not log.is_file():
         pytest.skip(f"{log} is not at hand")

@@ -75,16 +75,9 @@ def model():
 def sign(number, right):
     """A panel 30 m ahead of the first camera, which looks east; north is on its left."""
     views = [{"frame": k, "side": "front", "visible_fraction": 1.0} for k in range(FRAMES)]
-    return {
-        "id": number,
-        "centre": [30.0, -right, 2.5],
-        "normal": [-1.0, 0.0, 0.0],
-        "width_m": WIDE,
-        "height_m": TALL,
-        "shape": "rectangle",
-        "point_up": False,
-        "frames": views,
-    }
+    place = {"centre": [30.0, -right, 2.5], "normal": [-1.0, 0.0, 0.0], "frames": views}
+    look = {"width_m": WIDE, "height_m": TALL, "shape": "rectangle", "point_up": False}
+    return {"id": number} | place | look
 
 
 def truth(count=3):

@@ -88,11 +88,11 @@ def training(torch, monkeypatch):
     small = {"FIRST": 48, "CROPS": 8, "BOXES_EACH": 4, "WARM_UP": 2, "REPORTED": 2}
     for name, value in (small | {"RANGED_CROPS": 16}).items():
         monkeypatch.setattr(network_training, name, value)
-    monkeypatch.setattr(
-        network_training,
-        "training_images",
-        lambda _, __, without: [one for one in IMAGES if one.source not in without],
-    )
+
+    def chosen(_, __, without):
+        return [one for one in IMAGES if one.source not in without]
+
+    monkeypatch.setattr(network_training, "training_images", chosen)
     monkeypatch.setattr(network_training, "read_face_library", lambda _: FaceLibrary((), ()))
     return network_training
 

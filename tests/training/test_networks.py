@@ -83,15 +83,11 @@ def boxes(count=32, seed=0):
     patch[face, EDGE:-EDGE, EDGE:-EDGE] = (200, 40, 40)
     offset = random.normal(0, 0.1, (count, 4)).astype(np.float32)
     offset[~face] = np.nan
-    return {
-        "patch": patch,
-        "size": random.uniform(8, 60, (count, 2)).astype(np.float32),
-        "panel": np.stack([face, 0 * face], 1).astype(np.float32),
-        "weight": np.ones((count, 2), np.float32),
-        "offset": offset,
-        "color": np.where(face, COLORS.index("red"), NONE),
-        "shape": np.where(face, SHAPES.index("rectangle"), NONE),
-    }
+    look = {"color": COLORS.index("red"), "shape": SHAPES.index("rectangle")}
+    look = {name: np.where(face, number, NONE) for name, number in look.items()}
+    size, panel = random.uniform(8, 60, (count, 2)), np.stack([face, 0 * face], 1)
+    known = {"size": size, "panel": panel, "weight": np.ones((count, 2)), "offset": offset}
+    return {"patch": patch} | look | {name: v.astype(np.float32) for name, v in known.items()}
 
 
 def tensors(torch, held):

@@ -51,10 +51,8 @@ def test_what_is_small_or_hidden_makes_no_examples_of_what_is_near_it_and_a_back
 
 def test_signs_that_no_image_may_show_have_no_place():
     placed = {"faces_travel": True, "lateral_m": 4.0, "up_m": 2.0}
-    truth = {
-        "camera": {"mount": {"height_m": 1.5}},
-        "signs": [placed | {"eligible_frames": count} for count in (0, 2)],
-    }
+    signs = [placed | {"eligible_frames": count} for count in (0, 2)]
+    truth = {"camera": {"mount": {"height_m": 1.5}}, "signs": signs}
     assert sign_positions(truth).tolist() == [[4.0, 0.5]]
     assert sign_positions(truth | {"signs": []}).shape == (0, 2)
 

@@ -105,14 +105,12 @@ def foreign(pictures):
         {"id": k, "file_name": f"road_{k}.png", "width": WIDTH, "height": HEIGHT} for k in range(12)
     ]
     boxes = [one.box for one in read_labels(labels).labels]
-    coco = {
-        "images": images,
-        "annotations": [
-            {"image_id": k, "category_id": 1, "bbox": [x0, y0, x1 - x0, y1 - y0], "id": k}
-            for k, (x0, y0, x1, y1) in enumerate(boxes)
-        ],
-        "categories": [{"id": 1, "name": "info"}],
-    }
+    found = [
+        {"image_id": k, "category_id": 1, "bbox": [x0, y0, x1 - x0, y1 - y0], "id": k}
+        for k, (x0, y0, x1, y1) in enumerate(boxes)
+    ]
+    kinds = [{"id": 1, "name": "info"}]
+    coco = {"images": images, "annotations": found, "categories": kinds}
     file, classes = labels.with_suffix(".json"), labels.with_suffix(".toml")
     file.write_text(json.dumps(coco))
     classes.write_text('[classes]\ninfo = { color = "blue", shape = "rectangle" }\n')

@@ -275,13 +275,8 @@ def dialect(request):
     return request.param
 
 
-BARE = {
-    "index_types": IndexType.NONE,
-    "repeat_channels": False,
-    "repeat_schemas": False,
-    "use_statistics": False,
-    "use_summary_offsets": False,
-}
+PARTS = "repeat_channels", "repeat_schemas", "use_statistics", "use_summary_offsets"
+BARE = {"index_types": IndexType.NONE} | dict.fromkeys(PARTS, False)
 """Options of a writer of a log without summary and index."""
 PACKINGS = {
     "plain": {"use_chunking": False},

@@ -172,15 +172,8 @@ def test_a_matrix_that_is_not_of_the_full_sensor_is_refused(k, region, why):
     assert why in content.why
 
 
-NO_LENS = [
-    (1e10, 0, 0, 0, 0),
-    (-1e10, 0, 0, 0, 0),
-    (100.0, 0, 0, 0, 0),
-    (-1.0, 0, 0, 0, 0),
-    (0, 0, 1000.0, 0, 0),
-    (0, 0, 0, -3.0),
-    (0.1, 0, 0, 0, 0, -3.0, 0, 0),
-]
+NO_LENS = [(k, 0, 0, 0, 0) for k in (1e10, -1e10, 100.0, -1.0)]
+NO_LENS += [(0, 0, 1000.0, 0, 0), (0, 0, 0, -3.0), (0.1, 0, 0, 0, 0, -3.0, 0, 0)]
 """Distortions that fold or tear the image."""
 
 

@@ -54,18 +54,13 @@ def test_poses_of_another_origin_than_most_are_left_out_and_told(new_log):
     assert any("10 of 24 poses of /pose are where no vehicle can be" in n for n in report.notes)
 
 
-NO_POSITION = {
-    "zero": {"place": (0.0, 0.0, 0.0)},
-    "zero at a height": {"place": (0.0, 0.0, 500.0)},
-    "no number": {"place": (math.nan, 11.0, 500.0)},
-    "infinite variance": {"variances": (math.inf,) * 3},
-    "status": {"status": -1},
-}
+NOWHERE = (0.0, 0.0, 0.0), (0.0, 0.0, 500.0), (math.nan, 11.0, 500.0)
+NO_POSITION = [*({"place": place} for place in NOWHERE), {"variances": (math.inf,) * 3}]
+NO_POSITION.append({"status": -1})
 
 
-@pytest.mark.parametrize("lack", NO_POSITION)
-def test_fixes_without_position_are_left_out_and_counted(new_log, lack):
-    content = NO_POSITION[lack]
+@pytest.mark.parametrize("content", NO_POSITION)
+def test_fixes_without_position_are_left_out_and_counted(new_log, content):
     path = write(new_log, dialect="cdr", fix=lambda i, p: content if i < 9 else p)
     frames, report = read(path)
     assert [f.index for f in frames if f.fix is not None] == list(range(9, COUNT))

@@ -16,12 +16,6 @@ from wayside.schemas.settings import ReadSettings
 from .conftest import HEIGHT, LATENCY, START, STEP, WIDTH, image, read
 
 FORWARD = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], float)  # optical in x forward, y left, z up
-YAML = """image_width: 32
-image_height: 24
-camera_matrix: {rows: 3, cols: 3, data: [50, 0, 16, 0, 50, 12, 0, 0, 1]}
-distortion_model: plumb_bob
-distortion_coefficients: {rows: 1, cols: 5, data: [-0.2, 0.1, 0, 0, 0]}
-"""
 
 
 def path_at(time):
@@ -232,9 +226,8 @@ def test_a_binned_part_of_the_sensor_has_its_own_matrix(new_log):
     assert (frame.camera.fy, frame.camera.cy) == (41.0, (30.5 - 6) / 2)
 
 
-def test_a_calibration_file_replaces_that_of_the_log(new_log, tmp_path):
-    (tmp_path / "camera.yaml").write_text(YAML)
-    frames, report = read(fill(new_log()), calibration=str(tmp_path / "camera.yaml"))
+def test_a_calibration_file_replaces_that_of_the_log(new_log, calibration):
+    frames, report = read(fill(new_log()), calibration=str(calibration))
     assert {f.camera.fx for f in frames} == {50.0}
     assert report.calibration_source.endswith("camera.yaml")
 
@@ -242,13 +235,13 @@ def test_a_calibration_file_replaces_that_of_the_log(new_log, tmp_path):
 @pytest.mark.parametrize(
     ("name", "media_type"), [("camera.yaml", "application/yaml"), ("left camera", "")]
 )
-def test_a_calibration_attached_to_the_log_is_used(new_log, name, media_type):
+def test_a_calibration_attached_to_the_log_is_used(new_log, calibration, name, media_type):
     log = new_log()
     log.add_image(0)
     log.writer.add_attachment(0, 0, "notes.yaml", "", b"weather: fine, no camera_matrix")
-    log.writer.add_attachment(0, 0, name, media_type, YAML.encode())
+    log.writer.add_attachment(0, 0, name, media_type, calibration.read_bytes())
     (frame,), report = read(log.finish(), spacing_m=8.0)
-    assert frame.camera.distortion == (-0.2, 0.1, 0.0, 0.0, 0.0)
+    assert frame.camera.distortion == (-0.2, 0.1, 0.0, 0.0, 0.5)
     assert report.calibration_source == f"attachment {name}"
 
 
@@ -373,27 +366,21 @@ def test_an_unknown_camera_names_the_nearest(new_log):
         read(fill(new_log()), camera="/camera/imag")
 
 
+NO_LENS, OTHER_LENS = {"calibration": None}, {"calibration": {"width": 64, "height": 48}}
+LATE = {"pose": None, "fix": lambda index: {"time": 10**12 + index * STEP} | fix_of(index)}
 LACKS = {
     "no images": ({"image": None}, r"no images. It holds /camera/calibration", "has no images"),
-    "no calibration": (
-        {"calibration": None},
-        r"there is no calibration .*--calibration camera\.yaml",
+    "no lens": (
+        NO_LENS,
+        r"no calibration .*--calibration camera\.yaml",
         "--calibration camera.yaml",
     ),
     "no motion": ({"pose": None}, r"--spacing 26\.4ft", "-o out --spacing 26.4ft"),
-    "another size": (
-        {"calibration": {"width": 64, "height": 48}},
-        r"have 32 x 24 pixels.* has 64 x 48; .*--calibration",
-        "64 x 48",
-    ),
+    "another size": (OTHER_LENS, "have 32 x 24 pixels.* has 64 x 48; .*--calibration", "64 x 48"),
     "zeros": ({"calibration": {"k": [0.0] * 9}}, "not calibrated", "not calibrated"),
     "a lens model": ({"calibration": {"model": "equidistant"}}, "lens model eq", "lens model eq"),
     "no width": ({"calibration": {"width": 0}}, "0 x 24", "0 x 24"),
-    "fixes of another time": (
-        {"pose": None, "fix": lambda index: {"time": 10**12 + index * STEP} | fix_of(index)},
-        r"none of its 4 images has a pose or fix near.*--spacing",
-        "",
-    ),
+    "late fixes": (LATE, "none of its 4 images has a pose or fix near.*--spacing", ""),
 }
 """Content of a kind of message that differs, the refusal of a run, and what the information says."""
 

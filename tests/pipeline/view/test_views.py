@@ -41,6 +41,7 @@ from wayside.pipeline.view.drawing import (
     candidate_entities,
     candidate_words,
     face_in_image,
+    landmark_color,
     rejection,
 )
 from wayside.pipeline.view.observer import Viewing, open_observer
@@ -54,11 +55,10 @@ from wayside.pipeline.view.views import (
     ViewState,
     entities_of,
 )
-from wayside.schemas.detections import COLOR_RGB, VERDICTS, Candidates, Regions
+from wayside.schemas.detections import COLOR_RGB, VERDICTS, Candidates
 from wayside.schemas.frame import Camera, Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
 from wayside.schemas.models import GaussianClass, GaussianModel
-from wayside.schemas.motion import Motion
 from wayside.schemas.roadside import CrossSection
 from wayside.schemas.settings import ReadSettings
 from wayside.schemas.signs import Sign
@@ -67,7 +67,8 @@ from wayside.stages.georeference import DrivePath
 from wayside.stages.georeference.path import PathPoint
 from wayside.stages.roadside.sweep import Sweep
 
-from ...made_landmarks import made_landmark
+from ...made_landmarks import made_landmark, made_motion
+from ...stages.made_frames import made_regions
 from ..results import sign_row
 
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
@@ -269,9 +270,10 @@ def test_rows_without_confidence_are_marked_by_their_residual_and_not_named(repo
     (inks,) = column(report_chunks, "/world/marks", "Points3D:colors")
     assert not column(report_chunks, "/world/names/all", "Points3D:labels")
     residual = [float(one.removesuffix(" px").rsplit(" ", 1)[1]) for one in words]
-    red = (np.array(inks) >> 24)[np.argsort(residual)]
-    assert (np.diff(red) >= 0).all()
-    assert red[-1] > red[0]
+    place = replace(refused_place(), verdict="sign", score=np.nan)
+    red = [landmark_color(replace(place, residual_px=px))[0] for px in (0.0, 1.0, 2.0, *residual)]
+    assert red[0] < red[1] < red[2]
+    np.testing.assert_allclose(np.array(inks) >> 24, red[3:], atol=2)  # residuals are rounded
 
 
 def test_a_type_without_a_view_is_an_error():
@@ -398,11 +400,9 @@ def test_everything_stands_out_from_its_ground_by_three_to_one():
 def test_a_refused_place_is_listed_with_its_reason_and_the_numbers_that_decided():
     camera = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
     frame = Frame(4, 10, None, "used", "jpeg", b"", camera)
-    pose = Pose(np.eye(3), np.zeros(3))
     place = refused_place()
-    motion = Motion(pose, None, None, "start", 0.0, 0.0, None, 0.1, 0.1, False, 0, 2.0)
     none, empty = np.zeros(0, np.int32), np.zeros(0, np.float32)
-    settled = TrackedFrame(frame, motion, boxes(0), none, empty, 0, (place,))
+    settled = TrackedFrame(frame, made_motion(0), boxes(0), none, empty, 0, (place,))
     logged = [e for e in entities_of(settled, LAST_STAGE, ViewState()) if e.path == "rejections"]
     assert len(logged) == 1
     text = logged[0].parts[0].text.as_arrow_array()[0].as_py()
@@ -413,25 +413,20 @@ def test_a_refused_place_is_listed_with_its_reason_and_the_numbers_that_decided(
 
 
 def boxes(count, **columns):
-    box = np.tile(np.array([[0, 0, 9, 9]], np.float32), (count, 1))
-    inks, zeros = np.zeros((count, 3), np.float32), np.zeros(count, np.uint8)
-    return replace(Candidates.of(Regions(box, np.ones(count, np.int32), inks, zeros)), **columns)
+    return replace(Candidates.of(made_regions([[0, 0, 9, 9]] * count)), **columns)
+
+
+BACK, YELLOW = {"back_score": np.array([2.5])}, {"color": np.array([1], np.int8)}
+SURELY = YELLOW | {"color_distance": np.array([0.5])}
 
 
 @pytest.mark.parametrize(
-    ("columns", "words"),
-    [
-        ({}, "open, score -4.0"),
-        ({"back_score": np.array([2.5], np.float32)}, "open, score -4.0, back 2.5"),
-        ({"color": np.array([1], np.int8)}, "open, score -4.0, yellow"),
-        (
-            {"color": np.array([1], np.int8), "color_distance": np.array([0.5], np.float32)},
-            "open, score -4.0, yellow 0.5",
-        ),
-    ],
+    ("columns", "more"),
+    [({}, ""), (BACK, ", back 2.5"), (YELLOW, ", yellow"), (SURELY, ", yellow 0.5")],
 )
-def test_a_candidate_says_how_surely_it_is_a_face_a_back_and_a_colour(columns, words):
-    assert candidate_words(boxes(1, score=np.array([-4.0], np.float32), **columns), 0) == words
+def test_a_candidate_says_how_surely_it_is_a_face_a_back_and_a_colour(columns, more):
+    words = candidate_words(boxes(1, score=np.array([-4.0]), **columns), 0)
+    assert words == f"open, score -4.0{more}"
 
 
 @pytest.mark.parametrize("verdict", ["sign", "location"])

@@ -98,11 +98,8 @@ def scene(frames=4, ties=60, seed=0, noise=1.0, aside_px=0.7, scales=(2.385, 3.0
     exact = np.full(frames, SIGHT_PX / FOCAL), np.full(len(points) - 1, 0.01 / FOCAL)
     sights = numbers, 0 * numbers, rays, exact[0], scales[0]
     corners = anchors[1:], np.arange(1, len(points)), points[1:, :2], exact[1], QUADRATIC
-    ties = (
-        *map(np.array, zip(*tied, strict=True)),
-        np.full(m, TIE_PX / FOCAL),
-        np.full(m, scales[1]),
-    )
+    errors = np.full(m, TIE_PX / FOCAL), np.full(m, scales[1])
+    ties = *map(np.array, zip(*tied, strict=True)), *errors
     observed = [ResidualBlocks.observations(*one) for one in (sights, corners)]
     rows = ResidualBlocks.joined([*observed, ResidualBlocks(*ties)])
     lengths = np.linalg.norm(np.diff(centres, axis=0), axis=1)

@@ -91,10 +91,7 @@ def constants():
     real = {
         "weights": np.reshape([[1, -1, 0], [-1, 0, 1]], (2, 3, 1, 1)),
         "seen": np.repeat([0, 1, 0], COUNTS)[None, None],
-        "low": 0.01,
-        "high": 1.0,
-        "least": 1e-6,
-        "most": 1 - 1e-6,
+        **{"low": 0.01, "high": 1.0, "least": 1e-6, "most": 1 - 1e-6},
         "columns": places.swapaxes(1, 2),
         "repeated": np.tile(places, (1, 3, 1)),
         "objectness": np.repeat([1.0, 0.75, 0.5], sum(COUNTS)).reshape(1, -1, 1),

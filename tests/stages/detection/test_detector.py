@@ -44,13 +44,12 @@ class ByHeight:
         front = np.select([tall >= 20, tall >= 12], [3.0, 1.0], -1.0).astype(np.float32)
         front += np.float32(self.shift)
         blue, red = (scores_of_one(COLORS, name, len(box)) for name in ("blue", "red"))
-        return BoxScores(
-            front,
-            front + np.float32(self.behind),
-            np.tile(np.array(self.offset, np.float32), (len(box), 1)),
+        offset = np.tile(np.array(self.offset, np.float32), (len(box), 1))
+        look = (
             np.where((wide > tall)[:, None], blue, red),
             scores_of_one(SHAPES, "octagon", len(box)),
         )
+        return BoxScores(front, front + np.float32(self.behind), offset, *look)
 
 
 def unclassified(boxes, status=USED):

@@ -113,25 +113,17 @@ def test_the_corners_of_the_image_are_where_scale_and_border_say(width, height, 
 
 
 def test_of_boxes_on_one_face_the_best_stays_whatever_its_class():
-    raw = RawBoxes(
-        np.array([[0, 0, 10, 10], [1, 0, 11, 10], [20, 0, 30, 10]], np.float32),
-        np.array([0.5, 0.9, 0.4], np.float32),
-        np.array([0, 1, 0]),
-    )
+    box = np.array([[0, 0, 10, 10], [1, 0, 11, 10], [20, 0, 30, 10]], np.float32)
+    raw = RawBoxes(box, np.array([0.5, 0.9, 0.4], np.float32), np.array([0, 1, 0]))
     found = sign_boxes(raw, (50, 50), None, 0.25, 0.4)
     assert found.box[:, 0].tolist() == [1, 20]
     assert len(sign_boxes(raw, (50, 50), None, 0.25, None)) == 3
 
 
 def test_boxes_are_cut_at_the_border_and_dropped_outside_and_where_they_are_not_finite():
-    raw = RawBoxes(
-        np.array(
-            [[-5, -5, 5, 5], [45, 45, 60, 60], [60, 0, 70, 9], [9, 9, 5, 5], [np.nan, 0, 5, 5]],
-            np.float32,
-        ),
-        np.full(5, 0.5, np.float32),
-        np.zeros(5, np.int64),
-    )
+    box = [[-5, -5, 5, 5], [45, 45, 60, 60], [60, 0, 70, 9], [9, 9, 5, 5], [np.nan, 0, 5, 5]]
+    score, number = np.full(5, 0.5, np.float32), np.zeros(5, np.int64)
+    raw = RawBoxes(np.array(box, np.float32), score, number)
     found = sign_boxes(raw, (50, 50), None, 0.25, None)
     assert found.box.tolist() == [[0, 0, 5, 5], [45, 45, 50, 50]]
 

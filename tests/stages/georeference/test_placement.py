@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from wayside.schemas.detections import Candidates, Regions
-from wayside.schemas.frame import Frame, Pose
+from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import TrackedFrame
-from wayside.schemas.motion import Motion
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.georeference import DriveRecord, StepScale, collect, georeference, place_signs
 
-from ...made_landmarks import made_landmark
+from ...made_landmarks import made_landmark, made_motion
 
 
 def landmark(track=1, station=12.0, **changes):
@@ -21,9 +20,7 @@ def landmark(track=1, station=12.0, **changes):
 
 def tracked(index, *landmarks, used=True):
     frame = Frame(index, index * 10**9, None, "used" if used else "thinned", "jpeg", b"", None)
-    pose, step = Pose(np.eye(3), np.array([0, 0, 8.0 * index])), Pose(np.eye(3), np.zeros(3))
-    numbers = (None, "straight", 8.0, 8.0 * index, None, np.nan, np.nan, False, 0, 1.8)
-    motion = Motion(pose, step if index else None, *numbers) if used else None
+    motion = made_motion(index) if used else None
     none = np.zeros(0, np.int32), np.zeros(0, np.float32)
     return TrackedFrame(frame, motion, Candidates.of(Regions.empty()), *none, 0, landmarks)
 

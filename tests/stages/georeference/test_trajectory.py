@@ -220,15 +220,9 @@ def test_a_time_offset_of_poses_is_found_by_rotations_alone():
     vectors = Rotation.from_matrix(drive.rotation @ LEVEL.T).as_rotvec()
     turned = np.stack([np.interp(time_s - offset, time_s, axis) for axis in vectors.T], axis=1)
     turn = Rotation.from_rotvec(turned).as_matrix() @ LEVEL
-    found = drive.smooth(
-        position=late,
-        sigma_m=np.full((n, 3), 0.03),
-        correlated_sigma_m=np.zeros((n, 3)),
-        rotation=turn,
-        sigma_rad=np.full(n, 1e-3),
-        first_sigma_rad=np.full(3, 3.0),
-        roll_sigma_rad=np.inf,
-    )
+    known = {"sigma_m": np.full((n, 3), 0.03), "correlated_sigma_m": np.zeros((n, 3))}
+    known |= {"rotation": turn, "sigma_rad": np.full(n, 1e-3), "roll_sigma_rad": np.inf}
+    found = drive.smooth(position=late, first_sigma_rad=np.full(3, 3.0), **known)
     assert found.time_offset_s == pytest.approx(offset, abs=0.01)
     assert np.abs(found.centre - drive.centre)[5:-5].max() < 0.1
 

@@ -225,21 +225,17 @@ def jpeg_of_wrong_codes():
 
 
 RAW, SMALL = pixels().tobytes(), jpeg(pixels()[:-2])
+NO_IMAGE = b"", jpeg(pixels())[:30], b"not an image at all", jpeg_of_endless_scans()
+NO_ROWS = (RAW[:-1], {}), (RAW + bytes(1), {}), (RAW, {"step": WIDTH * 3 - 1}), (RAW, {"width": 0})
 STATES = [
     ("used", jpeg(pixels()), {}),
     ("damaged", jpeg_with_thumbnail()[:-40], {}),
     ("damaged", jpeg_of_wrong_codes(), {}),
-    ("undecodable", jpeg_of_endless_scans(), {}),
-    ("undecodable", b"", {}),
-    ("undecodable", jpeg(pixels())[:30], {}),
-    ("undecodable", b"not an image at all", {}),
+    *(("undecodable", data, {}) for data in NO_IMAGE),
     ("undecodable", bytes(500), {"encoding": "32FC1"}),
     ("wrong_size", SMALL, {"height": HEIGHT - 2}),
     ("wrong_size", SMALL, {}),  # whatever its header was said to be
-    ("undecodable", RAW[:-1], {"encoding": "rgb8"}),
-    ("undecodable", RAW + bytes(1), {"encoding": "rgb8"}),
-    ("undecodable", RAW, {"encoding": "rgb8", "step": WIDTH * 3 - 1}),
-    ("undecodable", RAW, {"encoding": "rgb8", "width": 0}),
+    *(("undecodable", data, {"encoding": "rgb8"} | more) for data, more in NO_ROWS),
 ]
 
 

@@ -15,19 +15,11 @@ def make_sightings(position, drives, *, own_m, common_m, face, **more):
     """Rows of drives (d) times panels (n) at positions (d n, 3), with faces (n,) that differ by number."""
     count, panels = len(position), len(position) // drives
     panel = np.tile(np.arange(panels), drives)
-    columns = {
-        "drive": np.repeat(np.arange(drives), panels),
-        "row": panel,
-        "time_ns": np.arange(count) * 10**9,
-        "position": position,
-        "covariance": np.tile(np.eye(3) * own_m**2, (count, 1, 1)),
-        "common_sigma_m": np.full((count, 2), common_m),
-        "assembly": panel,
-        "color": face[panel] % 5,
-        "shape": face[panel] % 3,
-        "front": np.ones(count, bool),
-        "bearing_rad": np.zeros(count),
-        "size_m": np.full((count, 2), 0.75),
-        "size_sigma_m": np.full((count, 2), 0.02),
-    }
-    return Sightings(**columns | more)
+    seen = {"drive": np.repeat(np.arange(drives), panels), "row": panel, "assembly": panel}
+    seen |= {"time_ns": np.arange(count) * 10**9, "position": position}
+    errors = {"covariance": np.tile(np.eye(3) * own_m**2, (count, 1, 1))}
+    errors |= {"common_sigma_m": np.full((count, 2), common_m)}
+    size = {"size_m": np.full((count, 2), 0.75), "size_sigma_m": np.full((count, 2), 0.02)}
+    look = {"color": face[panel] % 5, "shape": face[panel] % 3}
+    look |= {"front": np.ones(count, bool), "bearing_rad": np.zeros(count)}
+    return Sightings(**seen | errors | size | look | more)

@@ -16,13 +16,9 @@ def accepted(gap_px, window, standing):
 
     def make(panels, fewest=3, noise_px=0.0):
         candidates = window(standing(panels, FRAMES), noise_px)
-        hypotheses = Hypotheses.joined(
-            [
-                pair_hypotheses(candidates, a, b, gap_px)[1]
-                for b in range(FRAMES)
-                for a in range(max(0, b - 3), b)
-            ]
-        )
+        pairs = [(a, b) for b in range(FRAMES) for a in range(max(0, b - 3), b)]
+        found = [pair_hypotheses(candidates, a, b, gap_px)[1] for a, b in pairs]
+        hypotheses = Hypotheses.joined(found)
         free = np.ones(len(candidates.ray), bool)
         settings = replace(TrackSettings(), fewest_views=fewest)
         return accept_greedily(candidates, hypotheses, free, settings)

@@ -88,14 +88,9 @@ class Scene:
     def __init__(self, seed=0, **how):
         self.held, self.true = drive(seed=seed, **how)
         self.observed = observed_by(self.true, seed)
-        self.start, _ = triangulate_views(
-            *(
-                np.stack([getattr(h.motion.pose, n) for h in self.held])
-                for n in ("rotation", "centre")
-            ),
-            self.observed.rays,
-            self.observed.ray_sigma,
-        )
+        poses = [h.motion.pose for h in self.held]
+        place = (np.stack([getattr(p, name) for p in poses]) for name in ("rotation", "centre"))
+        self.start, _ = triangulate_views(*place, self.observed.rays, self.observed.ray_sigma)
         self.observed.point = self.start
 
     def adjusted(self):

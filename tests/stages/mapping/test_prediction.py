@@ -190,11 +190,8 @@ def test_two_views_that_no_third_confirms_are_no_sign(tracked_landmarks, panel):
 
 def test_joined_tables_fill_what_only_one_of_them_has():
     plain = Candidates.of(made_regions([[1, 2, 9, 12]]))
-    both_columns = {
-        "color_log_probability": np.zeros((1, 8), np.float32),
-        "back_score": np.array([1.5], np.float32),
-    }
-    named = replace(plain, **both_columns)
+    color, back = np.zeros((1, 8), np.float32), np.array([1.5], np.float32)
+    named = replace(plain, color_log_probability=color, back_score=back)
     both = named.joined(plain)
     assert np.isnan(both.color_log_probability).any(axis=1).tolist() == [False, True]
     assert both.shape_log_probability is None

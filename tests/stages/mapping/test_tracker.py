@@ -78,11 +78,8 @@ def test_panels_that_touch_are_a_row_each_and_none_spans_two(panel, drive, sures
         for score in [high if b - a == len(sides) else low]
     ]
     landmarks = landmarks_of(run(drive(spans + plates, 20), classifier=surest))
-    found = sorted(
-        (p.best_pose.to_world(p.position)[1], p.height_m / BORDER)
-        for p in landmarks
-        if p.verdict == "sign"
-    )
+    signs = [p for p in landmarks if p.verdict == "sign"]
+    found = sorted((p.best_pose.to_world(p.position)[1], p.height_m / BORDER) for p in signs)
     wanted = sorted((-one.up, one.tall) for one in plates)
     np.testing.assert_allclose(found, wanted, atol=0.02)
     assert {p.verdict for p in landmarks} <= {"sign", "duplicate"}

@@ -14,23 +14,15 @@ START = (np.eye(3), AHEAD)
 
 
 def adjust(previous, current, prior=LOOSE, start=START, **how):
-    return adjust_pair(
-        previous,
-        current,
-        start,
-        prior,
-        focal_px=FOCAL,
-        errors=TieErrors(SIGMA_PX, 0.0, 0.0),
-        **{"iterations": 30, "gain": 1e-9, "scale_px": 1e6} | how,
-    )
+    own = {"focal_px": FOCAL, "errors": TieErrors(SIGMA_PX, 0.0, 0.0), "scale_px": 1e6}
+    own |= {"iterations": 30, "gain": 1e-9}
+    return adjust_pair(previous, current, start, prior, **own | how)
 
 
 def squares(found, previous, current):
     """Eq. 7.5 of each tie, px squared."""
-    solid = np.c_[found.points[:, :2], np.ones(len(found.points))] - np.outer(
-        found.points[:, 2], found.direction
-    )
-    local = solid @ found.rotation
+    solid = np.c_[found.points[:, :2], np.ones(len(found.points))]
+    local = (solid - np.outer(found.points[:, 2], found.direction)) @ found.rotation
     gaps = np.c_[found.points[:, :2] - previous, local[:, :2] / local[:, 2:] - current] * FOCAL
     return (gaps**2).sum(axis=1)
 
@@ -60,9 +52,8 @@ def test_the_cost_is_the_minimum_that_scipy_finds(seed):
     assert Rotation.from_matrix(found.rotation @ turn.T).magnitude() < 1e-5
     # the covariance is that of scipy's normal equations: points eliminated
     inverse = np.linalg.inv(best.jac.T @ best.jac)
-    np.testing.assert_allclose(
-        np.sqrt(np.diag(found.covariance))[:3], np.sqrt(np.diag(inverse))[:3], rtol=0.05
-    )
+    sigma = np.sqrt(np.diag(found.covariance))
+    np.testing.assert_allclose(sigma[:3], np.sqrt(np.diag(inverse))[:3], rtol=0.05)
 
 
 def test_ties_of_larger_errors_give_the_same_motion_and_a_larger_covariance():

@@ -54,12 +54,8 @@ def test_shift_and_stretch_are_found_whatever_the_light(seed, shift, stretch, ga
 def test_the_covariance_grows_with_noise():
     template = scene(1)
     rng = np.random.default_rng(2)
-    little, much = (
-        align(
-            template, middle_weight(), template + rng.normal(0, noise, template.shape), np.zeros(2)
-        )
-        for noise in (2.0, 10.0)
-    )
+    noisy = [template + rng.normal(0, noise, template.shape) for noise in (2.0, 10.0)]
+    little, much = (align(template, middle_weight(), one, np.zeros(2)) for one in noisy)
     assert np.trace(much.covariance) > 4 * np.trace(little.covariance)
 
 

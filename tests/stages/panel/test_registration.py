@@ -47,10 +47,9 @@ def images_of(drive):
     """The first four images, with the sign hidden in some."""
 
     def make(hidden=()):
+        shown = [HIDING if k in hidden else SIGN for k in range(4)]
         return [
-            PosedImage(
-                k, m.motion.pose, m.frame.camera, image_of(m, HIDING if k in hidden else SIGN)
-            )
+            PosedImage(k, m.motion.pose, m.frame.camera, image_of(m, shown[k]))
             for k, m in enumerate(drive([], 4))
         ]
 

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from wayside.schemas.detections import Candidates, Detections
 from wayside.schemas.frame import USED, Camera, Frame, Image, Pose
@@ -17,6 +18,8 @@ from wayside.stages.roadside.lines import COLUMN_M, painted_lines
 from wayside.stages.roadside.sweep import HEIGHTS_M, OFFSETS_M, Sweep
 from wayside.stages.segmentation import unsegmented
 
+from ...made_landmarks import made_motion
+
 CAMERA = Camera(800, 600, 700.0, 700.0, 399.5, 279.5, (-0.1, 0.02, 0.0, 0.0, 0.0))
 CAMERA_M, STEP_M = 2.0, 6.0
 SECTION = np.array([[-20, 0.4], [-8, -1.0], [-4, 0.0], [4, 0.0], [8, -1.0], [20, 0.4]])
@@ -24,11 +27,6 @@ SECTION = np.array([[-20, 0.4], [-8, -1.0], [-4, 0.0], [4, 0.0], [8, -1.0], [20,
 LINES_M = (-1.8, 1.7)
 HIDDEN_M = (-12.5, -9.5)
 """Here every image shows something else, as behind a bush."""
-
-
-def turned(roll_deg):
-    roll = np.radians(roll_deg)
-    return np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]])
 
 
 def texture(rng):
@@ -61,9 +59,9 @@ def rendered(ground, other, pose):
 
 def drive(frames, roll_deg=0.0):
     rng = np.random.default_rng(5)
-    ground = texture(rng)
+    ground, roll = texture(rng), Rotation.from_euler("z", roll_deg, degrees=True).as_matrix()
     for k in range(frames):
-        pose = Pose(turned(roll_deg), np.array([0.0, 0.0, STEP_M * k]))
+        pose = Pose(roll, np.array([0.0, 0.0, STEP_M * k]))
         grey = rendered(ground, texture(rng), pose)
         frame = Frame(k, k, None, USED, "jpeg", b"", CAMERA, CAMERA.width, CAMERA.height)
         found = unsegmented(Image(frame, None, grey))
@@ -204,14 +202,9 @@ def test_samples_agree_by_what_changes_along_the_road():
 
 
 def test_a_lens_is_undone_and_what_lies_outside_is_not_sampled():
-    grey = rendered(
-        texture(np.random.default_rng(3)),
-        texture(np.random.default_rng(4)),
-        Pose(np.eye(3), np.zeros(3)),
-    )
-    pose = Pose(np.eye(3), np.zeros(3))
-    motion = Motion(pose, None, None, "start", 0.0, 0.0, None, 0.0, 0.0, False, 0, CAMERA_M)
-    image = ground_image(grey, CAMERA, 0, motion)
+    one, other = (texture(np.random.default_rng(seed)) for seed in (3, 4))
+    grey = rendered(one, other, Pose(np.eye(3), np.zeros(3)))
+    image = ground_image(grey, CAMERA, 0, made_motion(0, camera_height_m=CAMERA_M))
     place = Pose(np.array([[0.0, 1, 0], [0, 0, -1], [1, 0, 0]]), np.array([0.0, 0.0, 10.0]))
     right, along = np.array([-1.8, 30.0]), np.linspace(-2, 2, 9)
     seen = image.samples(place, along, right, np.array([-CAMERA_M, -CAMERA_M]), 0)
