@@ -39,28 +39,21 @@ def breaks_of(distance: Array, height: Array, sigma: Array) -> Breaks:
     if known.sum() < 6 or far < _SHOULDERS_M[0] + 2 * _LEAST_APART_M:
         return Breaks()
     at, value, weight = distance[known], height[known], 1 / sigma[known]
-    first = _SHOULDERS_M[_SHOULDERS_M < far - _LEAST_APART_M]
-    plain, _ = _fitted(at, value, weight, np.zeros((1, 0)))
-    one, of_one = _fitted(at, value, weight, first[:, None])
-    if plain[0] - one.min() < _LEAST_GAIN:
-        return Breaks()
-    pairs = np.array(
-        [
-            (a, b)
-            for a in first
-            for b in np.arange(a + _LEAST_APART_M, far - _LEAST_APART_M + 0.01, _STEP_M)
-        ]
-    ).reshape(-1, 2)
-    two, of_two = _fitted(at, value, weight, pairs) if len(pairs) else (np.array([np.inf]), one)
-    if one.min() - two.min() < _LEAST_GAIN:
-        best = int(one.argmin())
-        shoulder, fit = float(first[best]), of_one[best]
-        if abs(fit[2]) < _LEAST_CHANGE:
-            return Breaks()
-        return Breaks(shoulder, fore_slope=float(fit[1] + fit[2]))
-    best = int(two.argmin())
-    (shoulder, ditch), fit = pairs[best].tolist(), of_two[best]
+    end = far - _LEAST_APART_M
+    first = _SHOULDERS_M[_SHOULDERS_M < end]
+    pairs = [(a, b) for a in first for b in np.arange(a + _LEAST_APART_M, end + 0.01, _STEP_M)]
+    least, found, fit = np.inf, np.zeros(0), np.zeros(0)
+    for breaks in (np.zeros((1, 0)), first[:, None], np.array(pairs).reshape(-1, 2)):
+        squares, fits = _fitted(at, value, weight, breaks)
+        if least - squares.min(initial=np.inf) < _LEAST_GAIN:
+            break
+        best = int(squares.argmin())
+        least, found, fit = squares[best], breaks[best], fits[best]
     slope = np.cumsum(fit[1:])
+    if len(found) < 2:
+        sharp = len(found) == 1 and abs(fit[2]) >= _LEAST_CHANGE
+        return Breaks(float(found[0]), fore_slope=float(slope[1])) if sharp else Breaks()
+    shoulder, ditch = found.tolist()
     bottom = float(fit[0] + fit[1] * ditch + fit[2] * (ditch - shoulder))
     return Breaks(shoulder, ditch, bottom, float(slope[1]), float(slope[2]))
 

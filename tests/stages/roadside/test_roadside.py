@@ -9,7 +9,7 @@ from wayside.schemas.frame import USED, Camera, Frame, Image, Pose
 from wayside.schemas.motion import Motion, PosedDetections
 from wayside.stages.georeference import PathPoint
 from wayside.stages.georeference.path import drive_path
-from wayside.stages.roadside import RoadsideRecord, on_road, place_sections, sweep_roadside
+from wayside.stages.roadside import on_road, place_sections, sweep_roadside
 from wayside.stages.roadside.breaks import breaks_of
 from wayside.stages.roadside.ground import ground_of
 from wayside.stages.roadside.images import agreement, ground_image
@@ -75,8 +75,8 @@ def drive(frames, roll_deg=0.0):
 
 def sections_of(frames, roll_deg=0.0, world="drive_start"):
     """The cross-sections, in a world with z up, and the path."""
-    record = RoadsideRecord()
-    passed = list(sweep_roadside(drive(frames, roll_deg), record))
+    sweeps = []
+    passed = list(sweep_roadside(drive(frames, roll_deg), sweeps))
     assert len(passed) == frames
     points = [
         PathPoint(p.frame.index, p.motion.pose, None, None, station_m=p.motion.station_m)
@@ -85,7 +85,7 @@ def sections_of(frames, roll_deg=0.0, world="drive_start"):
     up = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # from the first camera to x ahead, z up
     poses = {p.frame: Pose(up @ p.chained.rotation, up @ p.chained.centre) for p in points}
     path = drive_path(points, world, poses)
-    return list(place_sections(iter(record.sweeps), path)), path
+    return list(place_sections(iter(sweeps), path)), path
 
 
 @pytest.fixture(scope="module")
@@ -156,11 +156,11 @@ def test_a_rolled_camera_tilts_the_ground_unless_poses_tell_which_way_is_up():
 
 
 def test_images_close_together_or_without_motion_are_not_compared():
-    record = RoadsideRecord()
+    sweeps = []
     still = [one for one in drive(3)]
     near = [PosedDetections(still[0].detections, None)]
-    assert list(sweep_roadside(iter(near + still[:1]), record)) == near + still[:1]
-    assert record.sweeps == []
+    assert list(sweep_roadside(iter(near + still[:1]), sweeps)) == near + still[:1]
+    assert sweeps == []
 
 
 def test_a_strip_that_shows_nothing_follows_its_neighbours():
