@@ -53,7 +53,6 @@ def solve_offsets(sightings: Sightings, settings: MergeSettings) -> tuple[Floats
     gate = float(chdtri(3, 1 - SAME_PROBABILITY))
     own = sightings.covariance[i] + sightings.covariance[j]
     common = np.square(sightings.common_sigma_m)[:, [0, 0, 1]]
-    kept = np.zeros(len(pairs), bool)
     processes = [_process(sightings, sightings.common_sigma_m[:, column]) for column, _ in _AXES]
     for width in KERNEL:
         spread = own + width**2 * np.eye(3) * (common[i] + common[j])[:, None]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
 
 import numpy as np
 
+from wayside.schemas.roadside import Roadside
 from wayside.stages.kernels import Array
 
 _STEP_M = 0.25
@@ -19,25 +20,15 @@ _LEAST_CHANGE = 0.06
 """Change of slope at a break, at least."""
 
 
-class Breaks(NamedTuple):
-    """Distances from the path outwards, m, height above the path's road, m, and slopes, rise over run; nan: none."""
-
-    shoulder: float = np.nan
-    ditch: float = np.nan
-    ditch_height: float = np.nan
-    fore_slope: float = np.nan
-    back_slope: float = np.nan
-
-
-def breaks_of(distance: Array, height: Array, sigma: Array) -> Breaks:
-    """The breaks of the ground on one side, by a polyline of up to three pieces.
+def breaks_of(distance: Array, height: Array, sigma: Array) -> Roadside:
+    """One side of the road with the breaks of the ground alone, by a polyline of up to three pieces.
 
     distance, height and sigma (n,), metres; heights that are nan are left out.
     """
     known = np.isfinite(height)
     far = distance[known].max(initial=0.0)
     if known.sum() < 6 or far < _SHOULDERS_M[0] + 2 * _LEAST_APART_M:
-        return Breaks()
+        return Roadside()
     at, value, weight = distance[known], height[known], 1 / sigma[known]
     end = far - _LEAST_APART_M
     first = _SHOULDERS_M[_SHOULDERS_M < end]
@@ -52,10 +43,12 @@ def breaks_of(distance: Array, height: Array, sigma: Array) -> Breaks:
     slope = np.cumsum(fit[1:])
     if len(found) < 2:
         sharp = len(found) == 1 and abs(fit[2]) >= _LEAST_CHANGE
-        return Breaks(float(found[0]), fore_slope=float(slope[1])) if sharp else Breaks()
+        if not sharp:
+            return Roadside()
+        return Roadside(shoulder_m=float(found[0]), fore_slope=float(slope[1]))
     shoulder, ditch = found.tolist()
     bottom = float(fit[0] + fit[1] * ditch + fit[2] * (ditch - shoulder))
-    return Breaks(shoulder, ditch, bottom, float(slope[1]), float(slope[2]))
+    return Roadside(math.nan, math.nan, shoulder, ditch, bottom, float(slope[1]), float(slope[2]))
 
 
 def _fitted(at: Array, value: Array, weight: Array, breaks: Array) -> tuple[Array, Array]:

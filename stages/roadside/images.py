@@ -64,10 +64,9 @@ class GroundImage:
         scale, half = 0.5**level, (0.5**level - 1) / 2
         smaller = np.array([[scale, 0, half], [0, scale, half], [0, 0, 1]])
         projection = np.ascontiguousarray(smaller @ self.matrix @ outer)
-        for array, name in ((along, "along"), (right, "right"), (up, "up")):
-            require_array(array, name, np.float64, (None,))
-        if len(right) != len(up):
-            raise ValueError(f"right, up: {len(right)} and {len(up)} lines. Give each both.")
+        require_array(along, "along", np.float64, (None,))
+        require_array(right, "right", np.float64, (None,))
+        require_array(up, "up", np.float64, right.shape)
         return _samples(self.sizes[level], projection, along, right, up)
 
 
@@ -139,10 +138,8 @@ def agreement(first: Singles, second: Singles) -> Singles:
     first, second (p, k, m): k lines along the road of m points. The mean of each line is taken out of it: an error of
     the height moves a patch along the road, so that lines painted along it say nothing.
     """
-    for array, name in ((first, "first"), (second, "second")):
-        require_array(array, name, np.float32, (None, None, None))
-    if first.shape != second.shape:
-        raise ValueError(f"first, second: {first.shape} and {second.shape}. Give equal shapes.")
+    require_array(first, "first", np.float32, (None, None, None))
+    require_array(second, "second", np.float32, first.shape)
     return _agreement(first, second)
 
 

@@ -187,4 +187,5 @@ def _side(distance: Array, height: Array, sigma: Array, line: float, edge: float
     """One side of the road; distance (n,): from the path outwards, negative on the other side."""
     own = np.flatnonzero(distance > -ROAD_M)
     own = own[np.argsort(distance[own])]
-    return Roadside(line, edge, *breaks_of(distance[own], height[own], sigma[own]))
+    breaks = breaks_of(distance[own], height[own], sigma[own])
+    return replace(breaks, line_m=line, edge_m=edge)

@@ -61,12 +61,11 @@ def measure_spacing(signs: Iterator[Sign], *, path: DrivePath) -> Iterator[Sign]
         if (n := after.get(k)) is None:
             yield curved
             continue
-        other = listed[n]
         between = path.length_variance(best[k], best[n])
         own = sum(_own_variance(listed[i], station[i] - line.stations[-1]) for i in (k, n))
         yield replace(
             curved,
-            next_number=other.number,
+            next_number=listed[n].number,
             spacing_m=float(station[n] - station[k]),
             sigma_spacing_m=math.sqrt(between + own),
         )
