@@ -38,7 +38,7 @@ from wayside.stages.report import (
     triangulate_points,
 )
 from wayside.stages.roadside import (
-    RoadsideRecord,
+    Sweep,
     measure_spacing,
     place_sections,
     sweep_roadside,
@@ -64,7 +64,7 @@ class Chain:
     """After the last frame: what the drive says of its lens."""
     record: DriveRecord
     """Filled by `per_frame`, read by `path` and `signs`."""
-    roadside: RoadsideRecord | None
+    roadside: list[Sweep] | None
     """Filled by `per_frame`, read by `profile_stage`. None: the ground beside the road is not asked for."""
     calibration: CalibrationWatch
     """Filled by `per_frame`, read by `lens`."""
@@ -82,7 +82,7 @@ def chain_of(
 def default_chain(s: Settings, m: Models, routes: RouteFile | None, each: Each = map) -> Chain:
     """Preset `default`: boxes of networks or of another detector, tracks by predicted position, all evidence."""
     record, watch, detector = DriveRecord(), CalibrationWatch(), detector_of(s, m)
-    roadside = RoadsideRecord() if s.roadside.on else None
+    roadside: list[Sweep] | None = [] if s.roadside.on else None
     faces = FaceClassifier(m.face_network.path) if m.face_network else None
     return Chain(
         per_image=[
@@ -121,7 +121,7 @@ def default_chain(s: Settings, m: Models, routes: RouteFile | None, each: Each =
 def report_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
     """Presets `report`, `report-2d` and `report-shape`: one of the gates shape, trajectory and location each."""
     record, watch, moves = DriveRecord(), CalibrationWatch(), m.trajectory_density
-    roadside = RoadsideRecord() if s.roadside.on else None
+    roadside: list[Sweep] | None = [] if s.roadside.on else None
     return Chain(
         per_image=[
             stage("decode", decode, s.balance),
@@ -152,9 +152,9 @@ def report_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
     )
 
 
-def _swept(record: RoadsideRecord | None) -> Stage[Any, Any] | None:
+def _swept(sweeps: list[Sweep] | None) -> Stage[Any, Any] | None:
     """Notes what the images say of the ground beside the road."""
-    return None if record is None else stage("roadside", sweep_roadside, record).unseen()
+    return None if sweeps is None else stage("roadside", sweep_roadside, sweeps).unseen()
 
 
 def profile_stage(path: DrivePath) -> Stage[Any, CrossSection]:

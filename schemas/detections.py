@@ -5,8 +5,9 @@ Pixel coordinates; boxes `[x0, y0, x1, y1]`, half open. RGB order.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,8 +73,24 @@ def verdict_code(name: str) -> int:
     return VERDICTS.index(name)
 
 
+class Rows:
+    """Columns of one length, the fields of a dataclass."""
+
+    __slots__ = ()
+
+    def select(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Self:
+        """Those rows, in that order."""
+        return type(self)(*(getattr(self, f.name)[rows] for f in fields(self)))  # type: ignore[arg-type]
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """The rows of several, one after the other; at least one."""
+        names = [f.name for f in fields(cls)]  # type: ignore[arg-type]
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
 @dataclass(frozen=True, slots=True)
-class Regions:
+class Regions(Rows):
     """Regions of one image that can be faces, n parallel rows."""
 
     box: NDArray[np.float32]
@@ -92,19 +109,6 @@ class Regions:
     def __len__(self) -> int:
         """Count rows."""
         return len(self.box)
-
-    def select(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> Regions:
-        """Those rows, in that order."""
-        return Regions(self.box[rows], self.area_px[rows], self.rgb[rows], self.source[rows])
-
-    def joined(self, others: Regions) -> Regions:
-        """These rows and then the others."""
-        return Regions(
-            *(
-                np.concatenate([getattr(self, f.name), getattr(others, f.name)])
-                for f in fields(self)
-            )
-        )
 
     @staticmethod
     def empty() -> Regions:
@@ -177,15 +181,14 @@ class Candidates:
             known = next((part for part in parts if part is not None), None)
             if known is None:
                 return None
-            counts = (len(self), len(others))
             filled = [
                 np.full((n, *known.shape[1:]), np.nan, np.float32) if p is None else p
-                for p, n in zip(parts, counts, strict=True)
+                for p, n in zip(parts, (len(self), len(others)), strict=True)
             ]
             return np.concatenate(filled)
 
         rest = {f.name: column(f.name) for f in fields(self) if f.name != "regions"}
-        return Candidates(self.regions.joined(others.regions), **rest)  # type: ignore[arg-type]
+        return Candidates(Regions.joined([self.regions, others.regions]), **rest)  # type: ignore[arg-type]
 
     def with_verdict(self, rows: NDArray[np.int64], name: str) -> Candidates:
         """The same with this verdict in `rows` (m,)."""
@@ -195,13 +198,10 @@ class Candidates:
 
     def with_boxes(self, rows: NDArray[np.int64], box: NDArray[np.float32]) -> Candidates:
         """The same with the boxes `box` (m, 4) and their centres in `rows` (m,), source `moved`."""
-        boxes, source, center = (
-            self.regions.box.copy(),
-            self.regions.source.copy(),
-            self.center.copy(),
-        )
+        own = self.regions
+        boxes, source, center = own.box.copy(), own.source.copy(), self.center.copy()
         boxes[rows], source[rows], center[rows] = box, SOURCES.index("moved"), box_centers(box)
-        regions = replace(self.regions, box=boxes, source=source)
+        regions = replace(own, box=boxes, source=source)
         return replace(self, regions=regions, center=center, ideal=center.copy())
 
     @staticmethod

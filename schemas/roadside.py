@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,19 +22,19 @@ SIDES = ("left", "right")
 class Roadside:
     """One side of the road abreast of a station. Offsets are metres from the path, outwards; nan: not found."""
 
-    line_m: float
+    line_m: float = nan
     """Of the nearest painted line."""
-    edge_m: float
+    edge_m: float = nan
     """Of the edge of the travelled way: the outermost solid line."""
-    shoulder_m: float
+    shoulder_m: float = nan
     """Of the break where the ground begins to fall or rise faster: the outer edge of the shoulder."""
-    ditch_m: float
+    ditch_m: float = nan
     """Of the bottom of the ditch, or the foot of a bank."""
-    ditch_height_m: float
+    ditch_height_m: float = nan
     """Height of the ground there, above the road."""
-    fore_slope: float
+    fore_slope: float = nan
     """Of the ground from the shoulder to the ditch, rise over run; below 0 it falls away from the road."""
-    back_slope: float
+    back_slope: float = nan
     """Of the ground beyond the ditch."""
 
 

@@ -94,7 +94,7 @@ class Flow:
         (path,) = self._of_drive([own.path], iter(own.record.points))
         sections = None
         if own.roadside is not None:
-            sections = tuple(self._of_drive([profile_stage(path)], iter(own.roadside.sweeps)))
+            sections = tuple(self._of_drive([profile_stage(path)], iter(own.roadside)))
             path = on_road(path, sections)
         signs = tuple(self._of_drive(own.signs(path), iter(own.record.landmarks)))
         (lens,) = self._of_drive([own.lens], iter([own.calibration]))

@@ -10,18 +10,19 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from wayside.schemas.settings.balance import BalanceSettings
-from wayside.schemas.settings.codes import CodeSettings
-from wayside.schemas.settings.detection import CandidateSettings
+from wayside.schemas.settings.detection import (
+    BalanceSettings,
+    CandidateSettings,
+    GateSettings,
+    SegmentSettings,
+)
 from wayside.schemas.settings.field import setting
 from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
 from wayside.schemas.settings.reading import ModelSettings, ReadSettings, RunSettings
 from wayside.schemas.settings.report import ReportSettings
-from wayside.schemas.settings.roadside import RoadsideSettings
-from wayside.schemas.settings.route import RouteSettings
-from wayside.schemas.settings.segmentation import GateSettings, SegmentSettings
+from wayside.schemas.settings.route import CodeSettings, RoadsideSettings, RouteSettings
 
 __all__ = [
     "REPORT",

@@ -86,16 +86,9 @@ class Globe:
 
 def origin_of(fixes: Sequence[Fix]) -> LocalOrigin:
     """The first fix within reach of the median of all: receivers that start up report other continents."""
-    latitude = float(np.median([f.latitude_deg for f in fixes]))
-    longitude = median_longitude_deg(np.array([f.longitude_deg for f in fixes]))
-
-    def near(fix: Fix) -> bool:
-        eastward = turn_deg(longitude, fix.longitude_deg)
-        return (
-            abs(fix.latitude_deg - latitude) < ORIGIN_REACH_DEG and abs(eastward) < ORIGIN_REACH_DEG
-        )
-
-    first = next((f for f in fixes if near(f)), fixes[0])
+    latitude, longitude = np.array([(f.latitude_deg, f.longitude_deg) for f in fixes]).T
+    apart = latitude - np.median(latitude), turn_deg(median_longitude_deg(longitude), longitude)
+    first = fixes[int((np.abs(apart) < ORIGIN_REACH_DEG).all(axis=0).argmax())]
     return LocalOrigin(first.latitude_deg, first.longitude_deg, first.altitude_m)
 
 

@@ -69,9 +69,7 @@ def georeference(points: Iterator[PathPoint], motion: MotionSettings) -> Iterato
     if any(p.given is not None for p in path):
         yield _in_world_of_poses(path, _chain(path), motion)
         return
-    start = _drive_start(path) if path else None
-    poses = [] if start is None else [start.compose(p.chained) for p in path]
-    chain = _chain(path)
+    poses, chain = _from_drive_start(path), _chain(path)
     if sum(p.fix is not None for p in path) < 2:
         in_order = {p.frame: q for p, q in zip(path, poses, strict=True)}
         scales, sigma = _scales_by_points(path, chain), chain.relative_length_sigma * chain.length
@@ -85,9 +83,7 @@ def georeference(points: Iterator[PathPoint], motion: MotionSettings) -> Iterato
             f"{notes[0]}; nothing else tells how far the camera moved: give the distance between images "
             "(--spacing 26.4ft)"
         )
-    scales = _scales(path, chain, globe.trajectory)
-    found = globe.trajectory
-    yield drive_path(path, "enu", _poses(path, found), globe, scales, notes, found)
+    yield _smoothed_path(path, "enu", chain, globe.trajectory, globe, notes)
 
 
 def _in_world_of_poses(
@@ -104,12 +100,26 @@ def _in_world_of_poses(
         tilt = radians(WORLD_TILT_DEG)
         globe, more = _on_globe(path, drifting, start, tilt, np.inf, motion)
         notes += more
-    scales = _scales(path, chain, inside)
-    return drive_path(path, "log", _poses(path, inside), globe, scales, notes, inside)
+    return _smoothed_path(path, "log", chain, inside, globe, notes)
 
 
-def _poses(path: Sequence[PathPoint], found: Trajectory) -> dict[int, Pose]:
-    return {p.frame: Pose(found.rotation[i], found.centre[i]) for i, p in enumerate(path)}
+def _smoothed_path(
+    path: Sequence[PathPoint],
+    world: str,
+    chain: RelativeMotionChain,
+    found: Trajectory,
+    globe: Globe | None,
+    notes: tuple[str, ...],
+) -> DrivePath:
+    """The path of an adjustment; scales are of steps whose length was first taken from fixes, points or the speed."""
+    poses = {p.frame: Pose(found.rotation[i], found.centre[i]) for i, p in enumerate(path)}
+    sigma = np.sqrt(found.covariance[:, 6, 6])
+    columns = np.stack([found.scale, sigma, chain.relative_length_sigma], axis=1).tolist()
+    rough = [
+        (p.frame, row) for p, row in zip(path, columns, strict=True) if p.source in ROUGH_LENGTHS
+    ]
+    scales = {frame: StepScale(*row) for frame, row in rough}
+    return drive_path(path, world, poses, globe, scales, notes, found)
 
 
 def _stacked(poses: Sequence[Pose]) -> tuple[Array, Array]:
@@ -158,17 +168,17 @@ def _times(path: Sequence[PathPoint]) -> Array:
 
 
 def _measured_poses(path: Sequence[PathPoint]) -> AbsoluteMeasurements:
-    """The log's own poses."""
-    given = [(row, p.given) for row, p in enumerate(path) if p.given is not None]
-    sigma_m, sigma_rad = np.maximum([g.sigmas() for _, g in given], POSE_FLOORS).T
+    given = [p.given for p in path if p.given is not None]
+    sigma_m, sigma_rad = np.maximum([g.sigmas() for g in given], POSE_FLOORS).T
+    rotation, position = _stacked([g.pose for g in given])
     return AbsoluteMeasurements(
-        row=np.array([row for row, _ in given]),
-        position=np.stack([g.pose.centre for _, g in given]),
+        row=np.flatnonzero([p.given is not None for p in path]),
+        position=position,
         sigma_m=np.tile(sigma_m[:, None], (1, 3)),
         correlated_sigma_m=np.zeros((len(path), 3)),
         correlation_s=CORRELATION_S,
         lever_arm_m=np.zeros(3),
-        rotation=np.stack([g.pose.rotation for _, g in given]),
+        rotation=rotation,
         sigma_rad=sigma_rad,
         first_sigma_rad=np.full(3, pi),
         roll_sigma_rad=np.inf,
@@ -187,18 +197,15 @@ def _on_globe(
 
     start: rotations and centres, level; tilt_rad: how level the first is, roll_rad: all cameras are.
     """
-    fixed = [(row, p.fix) for row, p in enumerate(path) if p.fix is not None]
-    rows = np.array([row for row, _ in fixed])
-    fixes = [fix for _, fix in fixed]
+    fixes = [p.fix for p in path if p.fix is not None]
+    rows = np.flatnonzero([p.fix is not None for p in path])
     origin = origin_of(fixes)
     position = origin.local(fixes)
     unknown = (FIX_SIGMA_M, FIX_SIGMA_M, UP_FACTOR * FIX_SIGMA_M)
     sigma = np.array([unknown if f.sigma_m is None else f.sigma_m for f in fixes])
     latest = np.maximum(np.searchsorted(rows, np.arange(len(path)), side="right") - 1, 0)
-    lever_arm = np.array(motion.antenna_m)
-    rotation, centre = start
-    span_s = np.array([f.span_s for f in fixes])
-    sagitta = _acceleration(chain.time_s, centre)[rows] * span_s**2 / 8
+    lever_arm, (rotation, centre) = np.array(motion.antenna_m), start
+    sagitta = _acceleration(chain.time_s, centre)[rows] * np.square([f.span_s for f in fixes]) / 8
     measured = AbsoluteMeasurements(
         row=rows,
         position=position,
@@ -230,19 +237,6 @@ def _acceleration(time_s: Array, centre: Array) -> Array:
     return np.pad(np.linalg.norm(change, axis=1), 1, mode="edge")
 
 
-def _scales(
-    path: Sequence[PathPoint], chain: RelativeMotionChain, found: Trajectory
-) -> dict[int, StepScale]:
-    """Scales of the steps whose length was first taken from fixes, points or the last speed."""
-    relative = chain.relative_length_sigma
-    sigma = np.sqrt(found.covariance[:, 6, 6])
-    return {
-        p.frame: StepScale(float(found.scale[row]), float(sigma[row]), float(relative[row]))
-        for row, p in enumerate(path)
-        if p.source in ROUGH_LENGTHS
-    }
-
-
 def _scales_by_points(
     path: Sequence[PathPoint], chain: RelativeMotionChain
 ) -> dict[int, StepScale]:
@@ -261,19 +255,19 @@ def _scales_by_points(
 
 def _follow_given(path: Sequence[PathPoint]) -> list[Pose]:
     """Given poses; between them and before the first the chain, from the nearest given one before (or the first)."""
-    anchor = next(p for p in path if p.given is not None)
+    anchor, pose = next((p.chained, p.given.pose) for p in path if p.given is not None)
     result = []
     for point in path:
         if point.given is not None:
-            anchor = point
-        if anchor.given is None:  # narrows the type: every anchor has a pose
-            continue
-        result.append(anchor.given.pose.compose(point.chained.relative_to(anchor.chained)))
+            anchor, pose = point.chained, point.given.pose
+        result.append(pose.compose(point.chained.relative_to(anchor)))
     return result
 
 
-def _drive_start(path: Sequence[PathPoint]) -> Pose:
-    """The first camera in the frame `drive_start`; without a step, travel is along the optical axis."""
+def _from_drive_start(path: Sequence[PathPoint]) -> list[Pose]:
+    """The cameras in the frame `drive_start`; without a step, travel is along the optical axis."""
+    if not path:
+        return []
     first = path[0].chained
     steps = (first.to_camera(p.chained.centre) for p in path[1:])
     optical_axis = np.array([0.0, 0.0, 1.0])
@@ -284,4 +278,5 @@ def _drive_start(path: Sequence[PathPoint]) -> Pose:
     up /= np.linalg.norm(up)
     axes = np.stack([forward, np.cross(up, forward), up])  # world axes in the first camera's frame
     rotation = axes @ first.rotation.T
-    return Pose(rotation, -rotation @ first.centre)
+    start = Pose(rotation, -rotation @ first.centre)
+    return [start.compose(p.chained) for p in path]

@@ -46,7 +46,7 @@ def notes_on(
         times = "once" if len(alone) == 1 else f"{len(alone)} times"
         where = frames[later[largest]]
         notes.append(f"the {what} jump {times}, furthest by {off[largest]:.1f} m at frame {where}")
-    notes.append(_gap(frames, chain, measured, found, what))
+    notes.append(_gap(frames, chain.time_s, measured.row, found, what))
     return tuple(note for note in notes if note)
 
 
@@ -113,14 +113,10 @@ def _disagreement(
 
 
 def _gap(
-    frames: Sequence[int],
-    chain: RelativeMotionChain,
-    measured: AbsoluteMeasurements,
-    found: Trajectory,
-    what: str,
+    frames: Sequence[int], time_s: Array, rows: NDArray[np.int64], found: Trajectory, what: str
 ) -> str:
-    held = np.unique(np.concatenate([[0], measured.row, [len(frames) - 1]]))
-    gaps = np.diff(chain.time_s[held])
+    held = np.unique(np.concatenate([[0], rows, [len(frames) - 1]]))
+    gaps = np.diff(time_s[held])
     if not gaps.max(initial=0.0) > GAP_S:
         return ""
     longest = int(np.argmax(gaps))

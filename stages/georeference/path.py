@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from math import nan
+from math import isfinite, nan
 
 import numpy as np
 
@@ -169,7 +168,7 @@ def drive_path(
             gained += scaled - baseline
             baseline = scaled
         stations[point.frame], baselines[point.frame] = point.station_m + gained, baseline
-    heights = [p.camera_height_m for p in points if math.isfinite(p.camera_height_m)]
+    heights = [p.camera_height_m for p in points if isfinite(p.camera_height_m)]
     factor = sum(one.factor for one in scales.values()) / len(scales) if scales else 1.0
     height = float(np.median(heights)) * factor if heights else None
     given = np.array([p.station_m for p in points])

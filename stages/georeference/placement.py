@@ -44,13 +44,10 @@ def _sign(
     pose = path.poses[landmark.best_frame]
     centre = pose.to_world(position)
     offset = path.offset_of(centre, landmark.best_frame)
-    right, above = (
-        (scale.factor * landmark.right_m, scale.factor * landmark.above_m)
-        if offset is None
-        else (offset.right, offset.above)
-    )
-    road_m = math.nan if path.camera_height_m is None else path.camera_height_m
-    up = float(above) + road_m
+    right, above = scale.factor * landmark.right_m, scale.factor * landmark.above_m
+    if offset is not None:
+        right, above = offset.right, offset.above
+    up = float(above) + (math.nan if path.camera_height_m is None else path.camera_height_m)
     width, height = scale.factor * landmark.width_m, scale.factor * landmark.height_m
     probability = 1 / (1 + math.exp(-min(max(landmark.score, -50.0), 50.0)))
     unsure = "uncertain" if probability < confidence else "sign"

@@ -13,11 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from wayside.stages.geometry import cross_matrices
-from wayside.stages.georeference.banded import (
-    BandedNormal,
-    block_covariances,
-    combination_variance,
-)
+from wayside.stages.georeference.banded import BandedNormal, block_covariances, combination_variance
 from wayside.stages.georeference.measurements import (
     STEP_FLOOR_RAD,
     AbsoluteMeasurements,
@@ -138,8 +134,7 @@ class _Adjustment:
         centre: Array,
         offset_sigma_s: float,
     ) -> None:
-        self.chain, self.measured = chain, measured
-        self.offset_sigma_s = offset_sigma_s
+        self.chain, self.measured, self.offset_sigma_s = chain, measured, offset_sigma_s
         self.first, self.rotation, self.centre = rotation[:1].copy(), rotation.copy(), centre.copy()
         n = len(centre)
         self.scale, self.correlated, self.offset = np.zeros(n), np.zeros((n, 3)), np.zeros(n)
@@ -190,7 +185,8 @@ class _Adjustment:
 
     def _update(self, change: Array) -> None:
         self.centre += change[:, CENTRE]
-        self.rotation = _rotated(self.rotation, change[:, ROTATION])
+        turned = Rotation.from_rotvec(change[:, ROTATION]) * Rotation.from_matrix(self.rotation)
+        self.rotation = np.asarray(turned.as_matrix())  # orthonormal
         self.scale += change[:, SCALE]
         self.correlated += change[:, CORRELATED]
         self.offset += change[:, OFFSET]
@@ -198,12 +194,9 @@ class _Adjustment:
     def _add_priors(self, normal: BandedNormal) -> None:
         """Priors of scales and time offset; the correlated error is a first-order Gauss-Markov process."""
         n = len(self.centre)
-        every, later = np.arange(n), np.arange(1, n)
-        one = np.ones((1, 1, 1))
-        sigma = np.where(self.chain.free_length, UNKNOWN_LENGTH_SIGMA, KNOWN_LENGTH_SIGMA)
-        normal.add(
-            every, (SCALE,), np.tile(one, (n, 1, 1)), -self.scale[:, None], sigma[:, None] ** -2
-        )
+        every, later, one = np.arange(n), np.arange(1, n), np.ones((1, 1, 1))
+        sigma = np.where(self.chain.free_length, UNKNOWN_LENGTH_SIGMA, KNOWN_LENGTH_SIGMA)[:, None]
+        normal.add(every, (SCALE,), np.ones((n, 1, 1)), -self.scale[:, None], sigma**-2)
         keeps = np.exp(-np.maximum(self.chain.interval_s[1:], 0.0) / self.measured.correlation_s)
         fresh = np.sqrt(np.maximum(1 - keeps**2, 1e-8))
         for axis in range(CORRELATED.start, CORRELATED.stop):
@@ -219,8 +212,7 @@ class _Adjustment:
 
     def _add_steps(self, normal: BandedNormal) -> None:
         """The steps: rotation and translation in the axes of the camera before."""
-        chain = self.chain
-        n = len(self.centre)
+        chain, n = self.chain, len(self.centre)
         if n < 2:
             return
         back = self.rotation[:-1].transpose(0, 2, 1)
@@ -233,38 +225,28 @@ class _Adjustment:
         jacobian[:, 3:, :3], jacobian[:, 3:, 6:9] = -back, back
         jacobian[:, 3:, 3:6] = back @ cross_matrices(displacement)
         jacobian[:, 3:, 12] = -wanted
-        root = self.root[1:]
-        white, jacobian = -_times(root, residual), root @ jacobian
+        white, jacobian = -_times(self.root[1:], residual), self.root[1:] @ jacobian
         weight = _cauchy((white**2).sum(axis=1), 6, STEP_REACH)
         columns = (*range(-UNKNOWNS, 6 - UNKNOWNS), *range(7))
         normal.add(np.arange(1, n), columns, jacobian, white, weight[:, None])
 
     def _add_ratios(self, normal: BandedNormal) -> None:
         """Lengths of neighbouring steps against each other."""
-        chain = self.chain
-        for rows, wanted, sigma in (chain.ratios_by_points(), chain.ratios_by_time()):
+        for rows, wanted, sigma in (self.chain.ratios_by_points(), self.chain.ratios_by_time()):
             white = (wanted - self.scale[rows] + self.scale[rows - 1]) / sigma
             weight = _cauchy(white**2, 1, RATIO_REACH)
             jacobian = np.stack([1 / sigma, -1 / sigma], axis=1)[:, None]
-            columns = (SCALE, SCALE - UNKNOWNS)
-            normal.add(rows, columns, jacobian, white[:, None], weight[:, None])
+            normal.add(rows, (SCALE, SCALE - UNKNOWNS), jacobian, white[:, None], weight[:, None])
 
     def _add_measured(self, normal: BandedNormal, weight: Array | None) -> None:
         """Absolute positions and rotations at the time offset before the frame's capture; roll and first rotation."""
         measured, rows = self.measured, self.measured.row
         m = len(rows)
-        lever, moved = (
-            self.rotation[rows] @ measured.lever_arm_m,
-            self.centre[2:] - self.centre[:-2],
-        )
-        velocity = _rate(moved, self.chain.time_s, len(self.centre))[rows]
+        lever = self.rotation[rows] @ measured.lever_arm_m
+        velocity = _rate(self.centre[2:] - self.centre[:-2], self.chain.time_s)[rows]
         correlated = measured.correlated_sigma_m[rows] * self.estimates_correlated
-        position = (
-            self.centre[rows]
-            + lever
-            + correlated * self.correlated[rows]
-            - velocity * self.offset[rows, None]
-        )
+        position = self.centre[rows] + lever + correlated * self.correlated[rows]
+        position -= velocity * self.offset[rows, None]
         jacobian = np.zeros((m, 6, UNKNOWNS))
         jacobian[:, :3, CENTRE] = np.eye(3)
         jacobian[:, :3, ROTATION] = -cross_matrices(lever)
@@ -278,7 +260,7 @@ class _Adjustment:
             sigma[:, :3] = np.hypot(measured.sigma_m, measured.correlated_sigma_m[rows])
         if measured.rotation is not None and measured.sigma_rad is not None:
             turned = _vector(self.rotation[2:] @ self.rotation[:-2].transpose(0, 2, 1))
-            rate = _rate(turned, self.chain.time_s, len(self.centre))[rows]
+            rate = _rate(turned, self.chain.time_s)[rows]
             apart = _vector(measured.rotation @ self.rotation[rows].transpose(0, 2, 1))
             residual[:, 3:] = apart + rate * self.offset[rows, None]
             jacobian[:, 3:, ROTATION] = np.eye(3)
@@ -303,16 +285,13 @@ class _Adjustment:
         normal.add(np.zeros(1, int), range(3, 6), np.eye(3)[None], apart, weight)
 
 
-def _rate(change: Array, time_s: Array, n: int) -> Array:
+def _rate(change: Array, time_s: Array) -> Array:
     """Central differences (n, 3) of changes (n - 2, 3) over two intervals, 0 where times do not tell."""
-    result = np.zeros((n, 3))
-    if n < 3:
-        return result
-    interval = time_s[2:] - time_s[:-2]
-    timed = interval[:, None] > 1e-3
-    result[1:-1] = np.where(timed, change / np.maximum(interval, 1e-3)[:, None], 0.0)
-    result[0], result[-1] = result[1], result[-2]
-    return result
+    if len(time_s) < 3:
+        return np.zeros((len(time_s), 3))
+    interval = (time_s[2:] - time_s[:-2])[:, None]
+    rate = np.where(interval > 1e-3, change / np.maximum(interval, 1e-3), 0.0)
+    return np.pad(rate, ((1, 1), (0, 0)), mode="edge")
 
 
 def _inverse_root(covariance: Array, floor: float) -> Array:
@@ -323,17 +302,9 @@ def _inverse_root(covariance: Array, floor: float) -> Array:
 
 def _cauchy(squares: Array, freedom: int, reach: float) -> Array:
     """Cauchy weights of squared whitened residuals, relative to their median where that exceeds 1."""
-    if len(squares) == 0:
-        return np.ones(0)
     each = squares / freedom
-    usual = max(1.0, float(np.median(each)))
+    usual = max(1.0, float(np.median(each))) if len(each) else 1.0
     return np.asarray(1 / (1 + each / (reach**2 * usual)))
-
-
-def _rotated(rotation: Array, vector: Array) -> Array:
-    """Rotations (n, 3, 3) rotated further about the world's axes, kept orthonormal."""
-    more = Rotation.from_rotvec(vector) * Rotation.from_matrix(rotation)
-    return np.asarray(more.as_matrix())
 
 
 def _vector(matrices: Array) -> Array:

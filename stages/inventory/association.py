@@ -20,6 +20,9 @@ TAIL_FREEDOM = 5.0
 """Degrees of freedom of a position's Student distribution: one error in a hundred is four times as large."""
 DENSITY = 0.02
 """Other panels around a panel, 1/m^3: one more within 50 m^3, panels on one support."""
+_SCALE = lgamma((TAIL_FREEDOM + 3) / 2) - lgamma(TAIL_FREEDOM / 2) - 1.5 * log(TAIL_FREEDOM * pi)
+PLACE_TERM = _SCALE - log(DENSITY)
+"""Term of `place_log_ratio` that no measurement changes."""
 MISREAD = 0.03
 """Probability that a drive gives a face another colour; the same of shape and size (judgement)."""
 SAME_BY_CHANCE = 0.3
@@ -144,16 +147,8 @@ def place_log_ratio(apart: Floats, spread: Floats) -> Floats:
     multivariate Student distribution, because some errors are larger than stated (Lange, Little and Taylor 1989).
     Neighbours that face the same way stand anywhere with one density.
     """
-    freedom, constant = place_terms()
-    tail = np.log1p(mahalanobis2(apart, spread) / freedom)
-    return np.asarray(constant - 0.5 * (np.log(np.linalg.det(spread)) + (freedom + 3) * tail))
-
-
-def place_terms() -> tuple[float, float]:
-    """Degrees of freedom of `place_log_ratio`, and its term that no measurement changes."""
-    freedom = TAIL_FREEDOM
-    constant = lgamma((freedom + 3) / 2) - lgamma(freedom / 2) - 1.5 * log(freedom * pi)
-    return freedom, constant - log(DENSITY)
+    tail = (TAIL_FREEDOM + 3) * np.log1p(mahalanobis2(apart, spread) / TAIL_FREEDOM)
+    return np.asarray(PLACE_TERM - 0.5 * (np.log(np.linalg.det(spread)) + tail))
 
 
 def mahalanobis2(difference: Floats, covariance: Floats) -> Floats:

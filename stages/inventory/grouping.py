@@ -14,6 +14,8 @@ from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import Floats, Ints, MergedPanels, Sightings
 from wayside.stages.inventory.association import (
     MISREAD,
+    PLACE_TERM,
+    TAIL_FREEDOM,
     YEAR_NS,
     candidate_pairs,
     changed_share,
@@ -21,7 +23,6 @@ from wayside.stages.inventory.association import (
     faces_log_ratio,
     miss_log_ratio,
     place_log_ratio,
-    place_terms,
     size_log_ratio,
 )
 from wayside.stages.inventory.offsets import relative_variance, solve_offsets
@@ -40,16 +41,16 @@ def merge_sightings(sightings: Sightings, settings: MergeSettings) -> MergedPane
     that of the mean of the drives that saw it, with the whole common error of each. Relative offsets are known well.
     Their common level is known only as well as the mean of the fixes.
     """
-    offsets = solve_offsets(sightings, settings)
-    corrected = sightings.position - offsets.offset_m
+    offset, known = solve_offsets(sightings, settings)
+    corrected = sightings.position - offset
     pairs = candidate_pairs(sightings, settings, corrected)
-    relative = relative_variance(sightings, offsets, pairs)
+    relative = relative_variance(sightings, known, pairs)
     place = _places(sightings, corrected, pairs, relative, settings)
     panel = face_runs(sightings, place, settings)
     position, covariance = combine(sightings, corrected, panel)
     first = np.unique(panel, return_index=True)[1]
     support = _supports(sightings, panel, position, settings.support_m)
-    return MergedPanels(offsets.offset_m, panel, position, covariance, support, place[first])
+    return MergedPanels(offset, panel, position, covariance, support, place[first])
 
 
 def combine(sightings: Sightings, corrected: Floats, panel: Ints) -> tuple[Floats, Floats]:
@@ -79,7 +80,7 @@ def _places(
     information = np.asarray(np.linalg.inv(sightings.covariance), np.float64)
     weighted = np.einsum("nij,nj->ni", information, corrected)
     kept = pairs[order], relative[order], face[order]
-    group = _join(*kept, sightings.drive, weighted, information, *place_terms())
+    group = _join(*kept, sightings.drive, weighted, information)
     return np.asarray(np.unique(group, return_inverse=True)[1], np.int64)
 
 
@@ -91,8 +92,6 @@ def _join(
     drive: Ints,
     weighted: Floats,
     information: Floats,
-    freedom: float,
-    constant: float,
 ) -> Ints:
     """Group of each of n rows, named by its lowest row; no group holds two rows of one drive.
 
@@ -120,9 +119,9 @@ def _join(
         ours = np.linalg.solve(information[a], weighted[a])
         apart = ours - np.linalg.solve(information[b], weighted[b])
         distance2 = np.dot(apart, np.linalg.solve(spread, apart))
-        tail = (freedom + 3) * np.log1p(distance2 / freedom)
+        tail = (TAIL_FREEDOM + 3) * np.log1p(distance2 / TAIL_FREEDOM)
         # the place as in `place_log_ratio`
-        if face[k] + constant - 0.5 * (np.log(np.linalg.det(spread)) + tail) <= 0:
+        if face[k] + PLACE_TERM - 0.5 * (np.log(np.linalg.det(spread)) + tail) <= 0:
             continue
         following[last] = b
         one = b

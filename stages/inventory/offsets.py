@@ -11,7 +11,6 @@ similar neighbour decide first. The prior decides between arrangements that fit 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array, csc_array, diags_array
@@ -39,27 +38,21 @@ _AXES = ((0, [0, 1]), (1, [2]))
 """Column of `common_sigma_m`, and the axes it holds for."""
 
 
-@dataclass(frozen=True, slots=True)
-class DriveOffsets:
-    """offset_m (n, 3): common error at each sighting; pairs (m, 2): of one panel each, that determined it."""
+def solve_offsets(sightings: Sightings, settings: MergeSettings) -> tuple[Floats, Ints]:
+    """Common error (n, 3) of the drives at every sighting, metres, and the pairs (m, 2) that determined it.
 
-    offset_m: Floats
-    pairs: Ints
-
-
-def solve_offsets(sightings: Sightings, settings: MergeSettings) -> DriveOffsets:
-    """Common error of the drives at every sighting; zero where no panel is common to two drives."""
+    Each pair is of one panel. The error is zero where no panel is common to two drives.
+    """
     offset = np.zeros((len(sightings), 3))
     pairs = candidate_pairs(sightings, settings)
     ratio = face_log_ratio(sightings, pairs[:, 0], pairs[:, 1])
     pairs, ratio = pairs[ratio > 0], ratio[ratio > 0]
     if not len(pairs):
-        return DriveOffsets(offset, pairs)
+        return offset, pairs
     i, j = pairs.T
     gate = float(chdtri(3, 1 - SAME_PROBABILITY))
     own = sightings.covariance[i] + sightings.covariance[j]
     common = np.square(sightings.common_sigma_m)[:, [0, 0, 1]]
-    kept = np.zeros(len(pairs), bool)
     processes = [_process(sightings, sightings.common_sigma_m[:, column]) for column, _ in _AXES]
     for width in KERNEL:
         spread = own + width**2 * np.eye(3) * (common[i] + common[j])[:, None]
@@ -68,22 +61,21 @@ def solve_offsets(sightings: Sightings, settings: MergeSettings) -> DriveOffsets
         right = responsibilities(sightings, i, j, ratio - 0.5 * distance2)
         kept = distance2 < gate
         if not kept.any():
-            return DriveOffsets(np.zeros_like(offset), pairs[kept])
+            return np.zeros_like(offset), pairs[kept]
         weight = right[kept] / np.square(1 + distance2[kept] / gate)
         offset = _adjust(sightings, pairs[kept], spread[kept], weight, processes)
     kept &= right > 0.5
-    return DriveOffsets(offset, pairs[kept])
+    return offset, pairs[kept]
 
 
-def relative_variance(sightings: Sightings, offsets: DriveOffsets, pairs: Ints) -> Floats:
+def relative_variance(sightings: Sightings, known: Ints, pairs: Ints) -> Floats:
     """Variance (m, 2), level and up, of the difference of two drives' common errors after their adjustment.
 
     Of the other pairs of the same two drives, only the nearest before and after count, with the change of both errors
-    over this distance. A pair is thus not judged by its own error, and more pairs would only lower it. offsets: result
-    of the adjustment. pairs: rows (m, 2) of different drives, the lower first.
+    over this distance. A pair is thus not judged by its own error, and more pairs would only lower it. known: pairs
+    (k, 2) that determined the adjustment. pairs: rows (m, 2) of different drives, the lower first.
     """
     drives = int(sightings.drive.max(initial=0)) + 1
-    known = offsets.pairs
     of, asked = (sightings.drive[rows] @ [drives, 1] for rows in (known, pairs))
     order = np.lexsort((known[:, 1], known[:, 0], of))
     known, of = known[order], of[order]

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri, gammainc
 
-from wayside.schemas.sightings import Flags, Floats, Ints, Rows, Sightings
+from wayside.schemas.detections import Rows
+from wayside.schemas.sightings import Flags, Floats, Ints, Sightings
 from wayside.stages.inventory.association import (
     NEAR_SIGMAS,
     SAME_PROBABILITY,

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, radians
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -124,20 +123,15 @@ class PlaceImage:
     centre: Floats
 
 
-class OcclusionCounts(NamedTuple):
-    """How many images show something beyond a place, and how many something in front of it; others tell neither."""
-
-    past: int
-    hidden: int
-
-
 def measure_occlusion(
     images: Sequence[PlaceImage],
     camera: Camera,
     size_m: tuple[float, float],
     settings: ChangeSettings,
-) -> OcclusionCounts:
-    """Measure the distance of what shows where a panel stood, by the images before and after each.
+) -> tuple[int, int]:
+    """How many images show something beyond the place of a panel, and how many something in front of it.
+
+    What shows there is measured in distance by the images before and after each. Some images tell neither.
 
     A window of the panel's size is compared with the other images as if it lay at each of many distances. Larger
     windows follow as long as the result is undecided. Objects next to a place count only in the smallest window,
@@ -159,7 +153,7 @@ def measure_occlusion(
             if abs(nearer - beyond) > CORRELATION_MARGIN:
                 past, hidden = past + (beyond > nearer), hidden + (nearer > beyond)
                 break
-    return OcclusionCounts(past, hidden)
+    return past, hidden
 
 
 def _tell(
@@ -171,10 +165,8 @@ def _tell(
 ) -> tuple[float, float, float] | None:
     """Best correlations of a window at distances nearer than the place, at it, and beyond; None: it tells nothing."""
     right, down, ahead = -image.centre @ image.rotation
-    across = np.linspace(-0.5, 0.5, _SAMPLES)
-    x, y = np.meshgrid(
-        (right + across * size_m[0]) / ahead, (down + across * size_m[1]) / ahead
-    )  # of rays with z = 1
+    across, sides = np.linspace(-0.5, 0.5, _SAMPLES), ((right, size_m[0]), (down, size_m[1]))
+    x, y = np.meshgrid(*((middle + across * side) / ahead for middle, side in sides))
     rays = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=1)
     window = _sampled(image, rays[None], camera)[0]
     if not np.isfinite(window).all():
@@ -191,8 +183,7 @@ def _tell(
     if score.max() < LEAST_CORRELATION:
         return None
     relative = 1 / (inverse * ahead)
-    nearer = relative < 1 - BESIDE
-    beyond = relative > 1 + BESIDE
+    nearer, beyond = relative < 1 - BESIDE, relative > 1 + BESIDE
     parts = (nearer, ~nearer & ~beyond, beyond)
     low, middle, high = (float(score[part].max(initial=-1.0)) for part in parts)
     return low, middle, high

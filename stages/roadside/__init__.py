@@ -2,13 +2,6 @@
 
 from wayside.stages.roadside.profile import on_road, place_sections
 from wayside.stages.roadside.spacing import measure_spacing
-from wayside.stages.roadside.sweep import HELD_IMAGES, RoadsideRecord, sweep_roadside
+from wayside.stages.roadside.sweep import HELD_IMAGES, Sweep, sweep_roadside
 
-__all__ = [
-    "HELD_IMAGES",
-    "RoadsideRecord",
-    "measure_spacing",
-    "on_road",
-    "place_sections",
-    "sweep_roadside",
-]
+__all__ = ["HELD_IMAGES", "Sweep", "measure_spacing", "on_road", "place_sections", "sweep_roadside"]

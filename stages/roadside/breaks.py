@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
 
 import numpy as np
 
+from wayside.schemas.roadside import Roadside
 from wayside.stages.kernels import Array
 
 _STEP_M = 0.25
@@ -19,50 +20,35 @@ _LEAST_CHANGE = 0.06
 """Change of slope at a break, at least."""
 
 
-class Breaks(NamedTuple):
-    """Distances from the path outwards, m, height above the path's road, m, and slopes, rise over run; nan: none."""
-
-    shoulder: float = np.nan
-    ditch: float = np.nan
-    ditch_height: float = np.nan
-    fore_slope: float = np.nan
-    back_slope: float = np.nan
-
-
-def breaks_of(distance: Array, height: Array, sigma: Array) -> Breaks:
-    """The breaks of the ground on one side, by a polyline of up to three pieces.
+def breaks_of(distance: Array, height: Array, sigma: Array) -> Roadside:
+    """One side of the road with the breaks of the ground alone, by a polyline of up to three pieces.
 
     distance, height and sigma (n,), metres; heights that are nan are left out.
     """
     known = np.isfinite(height)
     far = distance[known].max(initial=0.0)
     if known.sum() < 6 or far < _SHOULDERS_M[0] + 2 * _LEAST_APART_M:
-        return Breaks()
+        return Roadside()
     at, value, weight = distance[known], height[known], 1 / sigma[known]
-    first = _SHOULDERS_M[_SHOULDERS_M < far - _LEAST_APART_M]
-    plain, _ = _fitted(at, value, weight, np.zeros((1, 0)))
-    one, of_one = _fitted(at, value, weight, first[:, None])
-    if plain[0] - one.min() < _LEAST_GAIN:
-        return Breaks()
-    pairs = np.array(
-        [
-            (a, b)
-            for a in first
-            for b in np.arange(a + _LEAST_APART_M, far - _LEAST_APART_M + 0.01, _STEP_M)
-        ]
-    ).reshape(-1, 2)
-    two, of_two = _fitted(at, value, weight, pairs) if len(pairs) else (np.array([np.inf]), one)
-    if one.min() - two.min() < _LEAST_GAIN:
-        best = int(one.argmin())
-        shoulder, fit = float(first[best]), of_one[best]
-        if abs(fit[2]) < _LEAST_CHANGE:
-            return Breaks()
-        return Breaks(shoulder, fore_slope=float(fit[1] + fit[2]))
-    best = int(two.argmin())
-    (shoulder, ditch), fit = pairs[best].tolist(), of_two[best]
+    end = far - _LEAST_APART_M
+    first = _SHOULDERS_M[_SHOULDERS_M < end]
+    pairs = [(a, b) for a in first for b in np.arange(a + _LEAST_APART_M, end + 0.01, _STEP_M)]
+    least, found, fit = np.inf, np.zeros(0), np.zeros(0)
+    for breaks in (np.zeros((1, 0)), first[:, None], np.array(pairs).reshape(-1, 2)):
+        squares, fits = _fitted(at, value, weight, breaks)
+        if least - squares.min(initial=np.inf) < _LEAST_GAIN:
+            break
+        best = int(squares.argmin())
+        least, found, fit = squares[best], breaks[best], fits[best]
     slope = np.cumsum(fit[1:])
+    if len(found) < 2:
+        sharp = len(found) == 1 and abs(fit[2]) >= _LEAST_CHANGE
+        if not sharp:
+            return Roadside()
+        return Roadside(shoulder_m=float(found[0]), fore_slope=float(slope[1]))
+    shoulder, ditch = found.tolist()
     bottom = float(fit[0] + fit[1] * ditch + fit[2] * (ditch - shoulder))
-    return Breaks(shoulder, ditch, bottom, float(slope[1]), float(slope[2]))
+    return Roadside(math.nan, math.nan, shoulder, ditch, bottom, float(slope[1]), float(slope[2]))
 
 
 def _fitted(at: Array, value: Array, weight: Array, breaks: Array) -> tuple[Array, Array]:

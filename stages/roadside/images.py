@@ -59,17 +59,14 @@ class GroundImage:
         and up (k,): offsets along these axes, metres. level: which of the sizes.
         """
         to_camera = self.pose.rotation.T
-        outer = np.column_stack(
-            [to_camera @ place.rotation, to_camera @ (place.centre - self.pose.centre)]
-        )
-        scale = 0.5**level
-        shift = (scale - 1) / 2
-        smaller = np.array([[scale, 0, shift], [0, scale, shift], [0, 0, 1]])
+        shift = to_camera @ (place.centre - self.pose.centre)
+        outer = np.column_stack([to_camera @ place.rotation, shift])
+        scale, half = 0.5**level, (0.5**level - 1) / 2
+        smaller = np.array([[scale, 0, half], [0, scale, half], [0, 0, 1]])
         projection = np.ascontiguousarray(smaller @ self.matrix @ outer)
-        for array, name in ((along, "along"), (right, "right"), (up, "up")):
-            require_array(array, name, np.float64, (None,))
-        if len(right) != len(up):
-            raise ValueError(f"right, up: {len(right)} and {len(up)} lines. Give each both.")
+        require_array(along, "along", np.float64, (None,))
+        require_array(right, "right", np.float64, (None,))
+        require_array(up, "up", np.float64, right.shape)
         return _samples(self.sizes[level], projection, along, right, up)
 
 
@@ -94,11 +91,9 @@ def _maps(camera: Camera) -> tuple[Any, Any, Array]:
     """Maps of `cv2.remap` from a recorded image, and the matrix (3, 3) of the image that they make."""
     right, bottom = camera.width - 1.0, camera.height - 1.0
     rows = np.linspace(np.clip(camera.cy, 0, bottom - LEVELS), bottom, _EDGE)
+    edges = (0.0, rows), (right, rows), (np.linspace(0, right, _EDGE), bottom)
     left, last, foot = (
-        ideal_points(
-            camera, np.column_stack([np.broadcast_to(u, _EDGE), np.broadcast_to(v, _EDGE)])
-        )
-        for u, v in ((0.0, rows), (right, rows), (np.linspace(0, right, _EDGE), bottom))
+        ideal_points(camera, np.stack(np.broadcast_arrays(*edge), axis=-1)) for edge in edges
     )
     spare = (WIDEST - 1) / 2 * camera.width
     x0 = np.floor(max(left[:, 0].min(), -spare))
@@ -143,10 +138,8 @@ def agreement(first: Singles, second: Singles) -> Singles:
     first, second (p, k, m): k lines along the road of m points. The mean of each line is taken out of it: an error of
     the height moves a patch along the road, so that lines painted along it say nothing.
     """
-    for array, name in ((first, "first"), (second, "second")):
-        require_array(array, name, np.float32, (None, None, None))
-    if first.shape != second.shape:
-        raise ValueError(f"first, second: {first.shape} and {second.shape}. Give equal shapes.")
+    require_array(first, "first", np.float32, (None, None, None))
+    require_array(second, "second", np.float32, first.shape)
     return _agreement(first, second)
 
 

@@ -129,29 +129,26 @@ def _settled(lines: Array, height: Array, turn: Array) -> Array:
 
 def _camera_height(placed: Sequence[_Placed]) -> float:
     """Height of the camera above the road, the same all the drive; nan where the road is nowhere measured."""
-    road = [
-        -one.above[(np.abs(one.offset) <= ROAD_M) & (one.ground.margin >= LEAST_MARGIN)]
-        for one in placed
-    ]
+    known = [(abs(p.offset) <= ROAD_M) & (p.ground.margin >= LEAST_MARGIN) for p in placed]
+    road = [-one.above[rows] for one, rows in zip(placed, known, strict=True)]
     heights = np.concatenate([*road, np.zeros(0)])
     return float(np.median(heights)) if len(heights) else np.nan
 
 
 def _measured(placed: Sequence[_Placed]) -> NDArray[np.bool_]:
     """Whether heights (stations, n) are of ground: sure, in sight, and much the same along the road."""
-    above = np.array(
-        [
-            np.where((one.ground.margin >= LEAST_MARGIN) & ~_behind(one.ground), one.above, np.nan)
-            for one in placed
-        ]
-    ).reshape(-1, len(OFFSETS_M))
-    steady = np.zeros(above.shape, np.bool_)
-    for k in range(len(placed)):
-        near = above[max(k - STEADY_OVER, 0) : k + STEADY_OVER + 1]
-        often = np.isfinite(near).sum(axis=0) >= STEADY_OVER
-        usual = np.nanmedian(near[:, often], axis=0)
-        steady[k, often] = np.abs(above[k, often] - usual) < STEADY_M
-    return steady
+    sure = [(one.ground.margin >= LEAST_MARGIN) & ~_behind(one.ground) for one in placed]
+    heights = [np.where(own, one.above, np.nan) for own, one in zip(sure, placed, strict=True)]
+    above = np.array(heights).reshape(-1, len(OFFSETS_M))
+    return np.abs(above - _usual(above, STEADY_OVER, STEADY_OVER)) < STEADY_M
+
+
+def _usual(values: Array, reach: int, least: int) -> Array:
+    """Median of values (stations, ...) over so many stations before and behind; nan: fewer than `least` are known."""
+    padded = np.pad(values, [(reach, reach)] + [(0, 0)] * (values.ndim - 1), constant_values=np.nan)
+    near = np.stack([padded[k : k + len(values)] for k in range(2 * reach + 1)])
+    often = np.isfinite(near).sum(axis=0) >= least
+    return np.where(often, np.nanmedian(np.where(often, near, 0.0), axis=0), np.nan)
 
 
 def _behind(ground: Ground) -> NDArray[np.bool_]:
@@ -165,9 +162,8 @@ def _behind(ground: Ground) -> NDArray[np.bool_]:
 
 def _sigma(one: _Placed) -> Array:
     """Standard deviation of the heights (n,), metres, by how sharply the images agree on them."""
-    ground = one.ground
     with np.errstate(invalid="ignore", divide="ignore"):
-        spread = np.sqrt((1 - ground.agreement) / (ground.curvature * one.pairs))
+        spread = np.sqrt((1 - one.ground.agreement) / (one.ground.curvature * one.pairs))
     return np.hypot(SIGMA_M, SIGMA_FACTOR * spread)
 
 
@@ -178,26 +174,18 @@ def _lines(placed: Sequence[_Placed], sign: int, *, solid: bool) -> Array:
     """
     found = np.full(len(placed), np.nan)
     for k, one in enumerate(placed):
-        distance = sign * one.lines[:, 0]
-        own = distance[
-            (distance > NEAREST_LINE_M) & ((one.lines[:, 1] >= SOLID) if solid else True)
-        ]
+        distance, painted = sign * one.lines[:, 0], one.lines[:, 1]
+        own = distance[(distance > NEAREST_LINE_M) & (painted >= (SOLID if solid else 0))]
         if len(own):
             found[k] = own.max() if solid else own.min()
     reach = len(NEIGHBOUR_WEIGHTS) - 1
-    result = np.full(len(placed), np.nan)
-    for k in range(len(placed)):
-        near = found[max(k - reach, 0) : k + reach + 1]
-        near = near[np.isfinite(near)]
-        if len(near) > reach:
-            usual = float(np.median(near))
-            result[k] = found[k] if abs(found[k] - usual) < SAME_LINE_M else usual
-    return result
+    usual = _usual(found, reach, reach + 1)
+    return np.where(np.abs(found - usual) < SAME_LINE_M, found, usual)
 
 
 def _side(distance: Array, height: Array, sigma: Array, line: float, edge: float) -> Roadside:
     """One side of the road; distance (n,): from the path outwards, negative on the other side."""
     own = np.flatnonzero(distance > -ROAD_M)
     own = own[np.argsort(distance[own])]
-    found = breaks_of(distance[own], height[own], sigma[own])
-    return Roadside(line, edge, *found)
+    breaks = breaks_of(distance[own], height[own], sigma[own])
+    return replace(breaks, line_m=line, edge_m=edge)

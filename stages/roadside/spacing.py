@@ -61,12 +61,11 @@ def measure_spacing(signs: Iterator[Sign], *, path: DrivePath) -> Iterator[Sign]
         if (n := after.get(k)) is None:
             yield curved
             continue
-        other = listed[n]
         between = path.length_variance(best[k], best[n])
         own = sum(_own_variance(listed[i], station[i] - line.stations[-1]) for i in (k, n))
         yield replace(
             curved,
-            next_number=other.number,
+            next_number=listed[n].number,
             spacing_m=float(station[n] - station[k]),
             sigma_spacing_m=math.sqrt(between + own),
         )
@@ -136,19 +135,16 @@ def _own_variance(sign: Sign, beyond_m: float) -> float:
     return float(sign.covariance[2, 2]) + (turn * sign.lateral_m) ** 2
 
 
-def _next_of_type(signs: list[Sign], station: Array) -> dict[int, int]:
-    """Rows of signs by that of the last one of their type before them; station (k,)."""
-    types: dict[Hashable, list[int]] = {}
-    for row in np.argsort(station, kind="stable").tolist():
+def _next_of_type(signs: list[Sign], station: Array) -> dict[int, int | None]:
+    """Rows of the next sign of the same type ahead, by those of signs; station (k,)."""
+    ahead: dict[Hashable, list[int]] = {}
+    after = {}
+    for row in np.argsort(station, kind="stable")[::-1].tolist():
         if (kind := _type_of(signs[row])) is not None:
-            types.setdefault(kind, []).append(row)
-    return {
-        row: after
-        for rows in types.values()
-        for at, row in enumerate(rows)
-        if (after := next((n for n in rows[at + 1 :] if _follows(signs[row], signs[n])), None))
-        is not None
-    }
+            same = ahead.setdefault(kind, [])  # the nearest is the last
+            after[row] = next((n for n in reversed(same) if _follows(signs[row], signs[n])), None)
+            same.append(row)
+    return after
 
 
 def _type_of(sign: Sign) -> Hashable:

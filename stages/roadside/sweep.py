@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -67,17 +66,10 @@ class Sweep(NamedTuple):
     (k, 3)."""
 
 
-@dataclass(slots=True)
-class RoadsideRecord:
-    """The sweeps of a drive, in the order of the route."""
-
-    sweeps: list[Sweep] = field(default_factory=list)
-
-
 def sweep_roadside(
-    posed: Iterator[PosedDetections], record: RoadsideRecord
+    posed: Iterator[PosedDetections], sweeps: list[Sweep]
 ) -> Iterator[PosedDetections]:
-    """Pass every frame on, and note in `record` what the images say of the ground that the vehicle has passed."""
+    """Pass every frame on, and add to `sweeps` what the images say of the ground that the vehicle has passed."""
     held: deque[GroundImage] = deque()
     for item in posed:
         motion, camera, grey = item.motion, item.frame.camera, item.detections.image.grey
@@ -85,7 +77,7 @@ def sweep_roadside(
             last = held[-1].motion.station_m if held else -np.inf
             if motion.station_m - last >= SHORTEST_STEP_M:
                 held.append(ground_image(grey, camera, item.frame.index, motion))
-                record.sweeps += _swept(held)
+                sweeps += _swept(held)
                 while motion.station_m - held[0].motion.station_m > FARTHEST_M + STATION_M:
                     held.popleft()
         yield item
@@ -104,9 +96,8 @@ def _swept(held: deque[GroundImage]) -> Iterator[Sweep]:
         place = _place(held, (station - first) / (last - first))
         score, pairs = _scores(held, place, road_m)
         lines = _lines(held, place, ground_of(score, pairs, HEIGHTS_M).height - road_m)
-        yield Sweep(
-            before.frame, station, place.relative_to(before.pose), road_m, score, pairs, lines
-        )
+        near = place.relative_to(before.pose)
+        yield Sweep(before.frame, station, near, road_m, score, pairs, lines)
 
 
 def _place(held: deque[GroundImage], share: float) -> Pose:

@@ -313,7 +313,7 @@ def _regions_of(
         connected_regions(image, band, gate, source)
         for image, source in zip(labels, ("pass1", "pass2"), strict=True)
     )
-    regions = first[0].joined(second[0])
+    regions = Regions.joined([first[0], second[0]])
     regions.box[:, [1, 3]] += first_row
     return regions, first[1] + second[1]
 

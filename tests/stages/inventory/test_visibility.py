@@ -110,4 +110,4 @@ def test_a_place_that_is_told_by_no_texture_takes_a_larger_window():
         u, v = distort_points(camera, np.array([[399.5, 299.5]]) + 700 * PLACE[None, :2] / ahead)[0]
         half = round(700 * 0.6 / ahead)
         image.grey[round(v) - half : round(v) + half, round(u) - half : round(u) + half] = 128
-    assert measure_occlusion(images, camera, (0.9, 0.9), ChangeSettings()).past == 3
+    assert measure_occlusion(images, camera, (0.9, 0.9), ChangeSettings())[0] == 3
