@@ -13,7 +13,7 @@ from scipy.stats import norm
 
 from wayside.pipeline.checking.quantities import MISSED, ROAD_SIGMA_M, ROLL_RAD, ROUGH_HEIGHT
 from wayside.pipeline.checking.rules import read_rules
-from wayside.pipeline.checking.verdicts import check_rows, is_of
+from wayside.pipeline.checking.verdicts import check_rows, from_edge, is_of
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.sign_catalogue import CATALOGUE, US
 from wayside.schemas.tables import CHECK_VERDICTS, CHECKS, SIGNS
@@ -193,6 +193,22 @@ def test_a_pair_stands_across_the_road(checked):
     found = checked(text, *rows)
     assert [one.verdict for one in found.values()] == ["meets", "meets", "not checkable", "unclear"]
     assert found["alone"].said == "not known: one of its type on the other side"
+
+
+def test_the_edge_of_the_travelled_way_is_that_abreast_of_the_sign_on_its_side(checked):
+    edges = [
+        {"station_m": 48.0, "side": "right", "edge_m": 1.5},
+        {"station_m": 50.0, "side": "left", "edge_m": 9.0},
+        {"station_m": 56.0, "side": "right", "edge_m": None},
+    ]
+    sign = row()
+    assert from_edge(sign, edges)["offset_edge_m"] == pytest.approx(5.0 - 0.381 - 1.5)
+    (one,) = checked(
+        '[one]\nwords = "w"\nquantity = "offset_m"\nleast = "12 ft"\n',
+        sign | from_edge(sign, edges),
+    ).values()
+    assert one.verdict == "fails"
+    assert from_edge(row(station_m=60.0), edges) == from_edge(row(lateral_m=None), edges) == {}
 
 
 def test_what_a_rule_lacks_is_said(checked):

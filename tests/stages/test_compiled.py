@@ -1,5 +1,8 @@
 """Kernels compile wherever they are installed."""
 
+import os
+import subprocess
+import sys
 import threading
 
 from wayside.stages.kernels import compiled
@@ -27,3 +30,27 @@ def test_a_kernel_may_be_compiled_from_two_threads_at_once():
     for thread in threads:
         thread.join()
     assert results == [sum(i % 3 for i in range(1000))] * 2
+
+
+VERSION = """
+from typing import NamedTuple
+from wayside.stages.kernels import compiled
+
+class {name}(NamedTuple):
+    value: float
+
+@compiled
+def doubled(one):
+    return 2 * one.value
+
+print(doubled({name}(4.0)))
+"""
+
+
+def test_a_kernel_compiled_by_an_earlier_version_of_the_code_is_compiled_again(tmp_path):
+    code, kept = tmp_path / "version.py", os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+    for name in ("Before", "After"):
+        code.write_text(VERSION.format(name=name))
+        command = [sys.executable, "-c", "import version"]
+        done = subprocess.run(command, cwd=tmp_path, env=kept, capture_output=True, text=True)
+        assert done.stdout == "8.0\n", done.stderr
