@@ -16,13 +16,7 @@ from wayside.stages.kernels import Array, compiled, require_array
 
 
 class BandedNormal:
-    """Normal equations J' J x = J' r of a chain of blocks, lower band by lower band.
-
-    Parameters
-    ----------
-    blocks, size
-        Number of blocks in the chain, and of unknowns in each.
-    """
+    """Normal equations J' J x = J' r of a chain of blocks of `size` unknowns each, lower band by lower band."""
 
     def __init__(self, blocks: int, size: int) -> None:
         self.blocks, self.size = blocks, size

@@ -95,10 +95,8 @@ def _in_world_of_poses(
     notes = notes_on([p.frame for p in path], chain, measured, inside, "poses")
     globe = None
     if any(p.fix is not None for p in path):
-        start = inside.rotation, inside.centre
-        drifting = _drifting_chain(path, chain, inside)
-        tilt = radians(WORLD_TILT_DEG)
-        globe, more = _on_globe(path, drifting, start, tilt, np.inf, motion)
+        start, drifting = (inside.rotation, inside.centre), _drifting_chain(path, chain, inside)
+        globe, more = _on_globe(path, drifting, start, radians(WORLD_TILT_DEG), np.inf, motion)
         notes += more
     return _smoothed_path(path, "log", chain, inside, globe, notes)
 
@@ -135,8 +133,7 @@ def _chain(path: Sequence[PathPoint]) -> RelativeMotionChain:
     for row in range(1, count):
         one = path[row].chained.relative_to(path[row - 1].chained)
         rotation[row], translation[row] = one.rotation, one.centre
-        known = path[row].covariance
-        if known is not None and np.isfinite(known).all():
+        if (known := path[row].covariance) is not None and np.isfinite(known).all():
             covariance[row] = known
     free = np.array([p.source in ROUGH_LENGTHS for p in path])
     free[:1] = False

@@ -122,15 +122,13 @@ def follow_routes(distance: Array) -> np.ndarray[Any, np.dtype[np.int64]]:
     """
     none = (ROUTE_REACH_M / SIGMA_M) ** 2
     costs = np.column_stack([(distance / SIGMA_M) ** 2, np.full(len(distance), none)])
-    total = costs[0]
-    came_from = np.empty(costs.shape, np.int64)
+    total, came_from = costs[0], np.empty(costs.shape, np.int64)
     for row in range(1, len(costs)):
         best = int(np.argmin(total))
         stay = total <= total[best] + CHANGE
         came_from[row] = np.where(stay, np.arange(len(total)), best)
         total = np.minimum(total, total[best] + CHANGE) + costs[row]
-    state = int(np.argmin(total))
-    states = np.empty(len(costs), np.int64)
+    state, states = int(np.argmin(total)), np.empty(len(costs), np.int64)
     for row in range(len(costs) - 1, -1, -1):
         states[row] = state
         state = int(came_from[row, state])

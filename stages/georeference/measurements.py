@@ -28,7 +28,6 @@ STEP_FLOOR_M = 1e-3
 STEP_FLOOR_RAD = 1e-5
 """Smallest scatter of a step's rotation (estimate)."""
 
-
 LengthRatios = tuple[NDArray[np.int64], Array, Array]
 """Rows (k,) of frames, log (k,) of the scale of the step to each over that of the step before, its scatter (k,)."""
 
@@ -69,15 +68,13 @@ class RelativeMotionChain:
 
     def step_covariance(self) -> Array:
         """Covariance (n, 6, 6) of the steps; without the length where that is an unknown of its own."""
-        result = self.covariance.copy()
-        free = self.free_length
+        result, free = self.covariance.copy(), self.free_length
         ahead = self.translation[free] / self.length[free, None]
         sideways = np.eye(3) - ahead[:, :, None] * ahead[:, None]
         result[free, 3:] = sideways @ result[free, 3:]
         result[free, :, 3:] = result[free, :, 3:] @ sideways
         result[free, 3:, 3:] += ALONG_SIGMA_M**2 * ahead[:, :, None] * ahead[:, None]
-        floor = [STEP_FLOOR_RAD**2] * 3 + [STEP_FLOOR_M**2] * 3
-        return result + np.diag(floor)
+        return result + np.diag([STEP_FLOOR_RAD**2] * 3 + [STEP_FLOOR_M**2] * 3)
 
     def ratios_by_points(self) -> LengthRatios:
         """Lengths against those before by points common to both steps, where there are enough."""

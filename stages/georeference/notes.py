@@ -37,12 +37,11 @@ def notes_on(
         )
     # Positions leave the relative motion and stay off; an outlier, which comes back at once, is no jump.
     off, later = _disagreement(chain, measured, found)
-    alone: list[int] = []
-    if len(off) > 2:
-        far = np.pad(off > max(JUMP_M, JUMP_FACTOR * float(np.median(off))), 1)
-        alone = np.flatnonzero(far[1:-1] & ~far[:-2] & ~far[2:]).tolist()
-    if alone:
-        largest = max(alone, key=lambda k: off[k])
+    usual = float(np.median(off)) if len(off) > 2 else np.inf
+    far = np.pad(off > max(JUMP_M, JUMP_FACTOR * usual), 1)
+    alone = np.flatnonzero(far[1:-1] & ~far[:-2] & ~far[2:])
+    if len(alone):
+        largest = alone[off[alone].argmax()]
         times = "once" if len(alone) == 1 else f"{len(alone)} times"
         where = frames[later[largest]]
         notes.append(f"the {what} jump {times}, furthest by {off[largest]:.1f} m at frame {where}")

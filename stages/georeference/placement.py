@@ -100,9 +100,8 @@ def scale_near(path: DrivePath, frame: int) -> StepScale:
 
 def mean_scale(scales: Sequence[StepScale]) -> StepScale:
     """The common scale of neighbouring steps, whose errors were independent at first and are common in the end."""
-    if not scales:
+    if not (count := len(scales)):
         return StepScale()
-    count = len(scales)
     return StepScale(
         sum(one.factor for one in scales) / count,
         math.sqrt(sum(one.sigma**2 for one in scales) / count),
@@ -115,7 +114,6 @@ def _scaled_covariance(landmark: Landmark, scale: StepScale) -> Array:
     if not scale.sigma:
         return landmark.covariance
     ray = landmark.position
-    # at most this fraction of the variance along the ray can be taken away: it stays a covariance
     along = 1 / float(ray @ np.linalg.solve(landmark.covariance, ray))
     before = min(scale.sigma_before**2, SCALE_FRACTION * along)
     change = (scale.sigma**2 - before) * np.outer(ray, ray)

@@ -43,7 +43,8 @@ EXCLUDED_WEIGHT = 1e-6
 """Weight of an excluded pose or fix: not 0, which would be singular."""
 OUTLIER_WEIGHT = 0.05
 """Poses and fixes of lower final weight are reported as outliers."""
-
+LONGEST_OFFSET_S = 1.0
+"""No recorder is later; what asks for more contradicts the motion."""
 
 CENTRE, ROTATION, SCALE, CORRELATED, OFFSET = slice(0, 3), slice(3, 6), 6, slice(7, 10), 10
 UNKNOWNS = 11
@@ -88,10 +89,6 @@ class Trajectory:
         return combination_variance(columns, self.covariance[last], gradient.ravel())
 
 
-LONGEST_OFFSET_S = 1.0
-"""No recorder is later; what asks for more contradicts the motion."""
-
-
 def smooth(
     chain: RelativeMotionChain, measured: AbsoluteMeasurements, rotation: Array, centre: Array
 ) -> Trajectory:
@@ -107,12 +104,11 @@ def smooth(
         Where the measurements leave something undetermined.
     """
     free = _Adjustment(chain, measured, rotation, centre, OFFSET_SIGMA_S).run()
-    threshold = max(OFFSET_SIGMAS * free.time_offset_sigma_s, SMALLEST_OFFSET_S)
     found_s, impossible_s = free.time_offset_s, 0.0
     if abs(found_s) > LONGEST_OFFSET_S:
         impossible_s = found_s
         free = replace(free, rotation=rotation, centre=centre)
-    elif abs(found_s) > threshold:
+    elif abs(found_s) > max(OFFSET_SIGMAS * free.time_offset_sigma_s, SMALLEST_OFFSET_S):
         return free
     held = _Adjustment(chain, measured, free.rotation, free.centre, OFFSET_DRIFT_S).run()
     return replace(

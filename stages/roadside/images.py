@@ -21,6 +21,8 @@ LEVELS = 3
 """Sizes of an image, each half of the one before: near ground is sampled in a small one, without aliasing."""
 WIDEST = 1.6
 """Largest width of the image without distortion over that of the recorded one."""
+FEWEST_SEEN = 0.6
+"""Part of a patch that both images must show."""
 _EDGE = 9
 """Points along an edge of the image that its bounds are taken from."""
 
@@ -141,10 +143,6 @@ def agreement(first: Singles, second: Singles) -> Singles:
     require_array(first, "first", np.float32, (None, None, None))
     require_array(second, "second", np.float32, first.shape)
     return _agreement(first, second)
-
-
-FEWEST_SEEN = 0.6
-"""Part of a patch that both images must show."""
 
 
 @compiled

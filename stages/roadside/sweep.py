@@ -117,9 +117,7 @@ def _scores(
     shape = len(OFFSETS_M), len(HEIGHTS_M), len(ACROSS_M)
     right = np.broadcast_to((OFFSETS_M[:, None] + ACROSS_M)[:, None], shape).flatten()
     up = np.broadcast_to((HEIGHTS_M - road_m)[:, None], shape).flatten()
-    score = np.zeros(shape[:2], np.float32)
-    pairs = np.zeros(shape[0], np.int64)
-    former = None
+    score, pairs, former = np.zeros(shape[:2], np.float32), np.zeros(shape[0], np.int64), None
     for image in held:
         ahead, samples = image.ahead(place), None
         if NEAREST_M < ahead < FARTHEST_M:
