@@ -242,8 +242,8 @@ def test_the_default_states_the_radius_of_the_curve_that_a_sign_stands_at(defaul
     assert school["sigma_radius_m"] < 60
 
 
-def test_the_classes_of_preset_report_tell_series(demo_of):
-    assert any(codes(demo_of("report")))
+def test_the_classes_of_the_report_tell_series_where_a_shape_is_known(demo_of):
+    assert any(codes(demo_of("report-shape")))
 
 
 def write_pinned():
