@@ -50,10 +50,12 @@ from wayside.schemas.frame import Frame, Image
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.models import NetworkSum, OnnxFile
 from wayside.schemas.motion import PosedDetections
+from wayside.schemas.roadside import CrossSection, Roadside
 from wayside.schemas.signs import Sign
 from wayside.stages.calibration import CalibrationWatch, LensCheck
 from wayside.stages.detection import BOX_VALUES
 from wayside.stages.georeference import DrivePath, PathPoint
+from wayside.stages.roadside.sweep import Sweep
 from wayside.stages.segmentation import unsegmented
 
 TESTS = Path(__file__).parent / "end_to_end"
@@ -122,6 +124,15 @@ DO_NOTHING: dict[tuple[type, type], Callable[[Any], Any]] = {
     (PosedDetections, TrackedFrame): _undecided,
     (Landmark, Sign): _unplaced,
     (CalibrationWatch, LensCheck): lambda watch: LensCheck(None, None, None),
+    (Sweep, CrossSection): lambda sweep: CrossSection(
+        sweep.station_m,
+        sweep.frame,
+        np.nan,
+        *(np.zeros(0),) * 4,
+        (),
+        np.zeros((0, 3)),
+        (Roadside(),) * 2,
+    ),
 }
 """What a stage from one type to another gives when it decides nothing; from a type to itself: the item."""
 DO_NOTHING_WITH_ALL: dict[tuple[type, type], Callable[[list[Any]], Any]] = {
@@ -138,10 +149,9 @@ def _uninformed(model: Any) -> object:
         case "gaussian":
             first = model.classes[0]
             same = [
-                replace(one, mean=first.mean, covariance=first.covariance, threshold=float("inf"))
-                for one in model.classes
+                replace(one, mean=first.mean, covariance=first.covariance) for one in model.classes
             ]
-            return replace(model, classes=tuple(same))
+            return replace(model, classes=tuple(same), background=(), threshold=-np.inf)
         case "score":
             return replace(model, threshold=-SURE, with_network=NetworkSum(0.0, 0.0, 0.0))
         case "linear":

@@ -15,7 +15,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import wayside
+
 PINNED = Path(__file__).with_name("pinned")
+DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 START = ("--set", "read.until_s=1.1")
 RUNS = {
     "default": ("default",),
@@ -242,8 +245,15 @@ def test_the_default_states_the_radius_of_the_curve_that_a_sign_stands_at(defaul
     assert school["sigma_radius_m"] < 60
 
 
-def test_the_classes_of_the_report_tell_series_where_a_shape_is_known(demo_of):
-    assert any(codes(demo_of("report-shape")))
+@pytest.mark.parametrize("generation", ["report-shape"])
+def test_classes_tell_series_where_a_shape_is_known(generation, demo_of):
+    assert any(codes(demo_of(generation)))
+
+
+def test_the_default_measures_the_ground_beside_the_road_where_it_is_asked_for():
+    chosen = {"roadside.on": True, "read.until_s": 3.0}
+    profile = wayside.run(DEMO, settings=chosen).profile
+    assert Counter(profile["status"].to_pylist())["ground"] > 0.2 * len(profile)
 
 
 def write_pinned():
