@@ -26,7 +26,7 @@ RATES = (
 )
 """False-alarm rates of the operating points of a score, as far as there are samples for them."""
 
-GATE_RATES = {"color": 0.3, "shape": 0.3, "trajectory": 0.2, "location": 0.2}
+GATE_RATES = {"color": 0.3, "shape": 0.3, "trajectory": 0.3, "location": 0.2}
 """False-alarm rate of each gate as shipped, a share of what is no sign and reaches it.
 
 Of the pairs of colour and location that lose no precision at their recall on learning drives, the one that finds most.
