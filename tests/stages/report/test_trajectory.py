@@ -83,7 +83,7 @@ def test_without_the_rotation_an_arc_looks_like_a_straight_road(yaw, pitch, righ
         assert abs(on_arc[0, 2] - wanted[0, 2]) > 0.01
 
 
-def test_the_score_is_the_mean_log_density_of_the_steps_in_the_form_of_the_model():
+def test_the_score_is_the_mean_log_likelihood_ratio_of_the_steps_in_the_form_of_the_model():
     steps = np.random.default_rng(1).normal(0, 0.1, (5, 2, 4))
     for form, space in enumerate(("image", "compensated")):
         one = model(space)
