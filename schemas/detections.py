@@ -73,20 +73,29 @@ def verdict_code(name: str) -> int:
     return VERDICTS.index(name)
 
 
+@dataclass(frozen=True, slots=True)
 class Rows:
-    """Columns of one length, the fields of a dataclass."""
+    """A table whose columns are its fields that are arrays, all of n rows; other fields hold for all rows."""
 
-    __slots__ = ()
+    def __len__(self) -> int:
+        """Count rows."""
+        return len(next(iter(self.columns().values())))
 
-    def select(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> Self:
+    def select(self, rows: NDArray[Any]) -> Self:
         """Those rows, in that order."""
-        return type(self)(*(getattr(self, f.name)[rows] for f in fields(self)))  # type: ignore[arg-type]
+        return replace(self, **{name: own[rows] for name, own in self.columns().items()})
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """The rows of several, one after the other; at least one."""
-        names = [f.name for f in fields(cls)]  # type: ignore[arg-type]
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+        """The rows of several, at least one, in that order."""
+        columns = [part.columns() for part in parts]
+        every = {name: np.concatenate([own[name] for own in columns]) for name in columns[0]}
+        return replace(parts[0], **every)
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """The columns by name."""
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        return {name: own for name, own in values.items() if isinstance(own, np.ndarray)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,19 +115,11 @@ class Regions(Rows):
         """Refuse columns of different length."""
         _same_length(self)
 
-    def __len__(self) -> int:
-        """Count rows."""
-        return len(self.box)
-
     @staticmethod
     def empty() -> Regions:
         """No rows."""
-        return Regions(
-            np.zeros((0, 4), np.float32),
-            np.zeros(0, np.int32),
-            np.zeros((0, 3), np.float32),
-            np.zeros(0, np.uint8),
-        )
+        box = np.zeros((0, 4), np.float32)
+        return Regions(box, np.zeros(0, np.int32), box[:, :3], np.zeros(0, np.uint8))
 
 
 def box_centers(box: NDArray[np.float32]) -> NDArray[np.float64]:

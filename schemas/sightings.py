@@ -45,10 +45,6 @@ class Sightings(Rows):
     size_sigma_m: Floats
     """Standard deviations of both, (n, 2)."""
 
-    def __len__(self) -> int:
-        """Number of rows."""
-        return len(self.drive)
-
 
 @dataclass(frozen=True, slots=True)
 class MergedPanels:

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from wayside.pipeline.models.model_files import TRAJECTORY_FILES, Models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.flow import Flow, Observer
 from wayside.pipeline.workers import Item, StageClock
-from wayside.schemas.detections import COLORS, SHAPES, Detections, Segmentation, verdict_code
+from wayside.schemas.detections import COLORS, SHAPES, Detections, Rows, Segmentation, verdict_code
 from wayside.schemas.errors import InputError
 from wayside.schemas.labels import Labels
 from wayside.schemas.landmarks import Landmark, TrackedFrame
@@ -54,31 +54,6 @@ _KINDS: dict[str, tuple[Any, ...]] = {
     "count": (np.int64,),
 }
 _REST: dict[str, Any] = {"kind": NO_CLASS, "named": NO_CLASS, "box": np.nan, "count": 1}
-
-
-@dataclass(frozen=True, slots=True)
-class Rows:
-    """A table whose columns are its fields that are arrays, all of n rows; other fields hold for all rows."""
-
-    def __len__(self) -> int:
-        """Count rows."""
-        return len(next(iter(self.columns().values())))
-
-    def select(self, rows: NDArray[Any]) -> Self:
-        """Those rows, in that order."""
-        return replace(self, **{name: own[rows] for name, own in self.columns().items()})
-
-    @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
-        """The rows of several, at least one, in that order."""
-        columns = [part.columns() for part in parts]
-        every = {name: np.concatenate([own[name] for own in columns]) for name in columns[0]}
-        return replace(parts[0], **every)
-
-    def columns(self) -> dict[str, NDArray[Any]]:
-        """The columns by name."""
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
-        return {name: own for name, own in values.items() if isinstance(own, np.ndarray)}
 
 
 @dataclass(frozen=True, slots=True)

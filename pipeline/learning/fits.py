@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from wayside.pipeline.learning.asked import Rows
 from wayside.pipeline.learning.curves import RocCurve
 from wayside.pipeline.learning.thresholds import gate_points
 from wayside.pipeline.statistics import TAILS, resamplings
+from wayside.schemas.detections import Rows
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.stages.classifiers import class_distances, log_normals, log_ratios, most_powerful
 
