@@ -197,6 +197,27 @@ class Workers:
                 raise StageError("workers", None, error) from error
             yield done.result()
 
+    def ahead(self, items: Iterator[Result], queue: int) -> Iterator[Result]:
+        """Make items in a thread of their own, up to `queue` of them before they are asked for.
+
+        So two steps that need the items in order work side by side. A fault is raised here, after the items before it.
+        """
+        if self._pool is None:
+            yield from items
+            return
+        thread = ThreadPoolExecutor(1, "wayside-ahead-")
+        try:
+            under_way: deque[Future[Result | None]] = deque()
+            while True:
+                while len(under_way) <= queue:
+                    under_way.append(thread.submit(next, items, None))
+                item = under_way.popleft().result()
+                if item is None:
+                    return
+                yield item
+        finally:
+            thread.shutdown(cancel_futures=True)
+
     def map(self, function: Callable[[Given], Value], items: Iterable[Given]) -> Iterator[Value]:
         """As the builtin `map`, side by side with what is under way.
 

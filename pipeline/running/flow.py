@@ -23,6 +23,9 @@ from wayside.stages.calibration import LensCheck
 from wayside.stages.georeference import DrivePath
 from wayside.stages.roadside import on_road
 
+MOTION_AHEAD = 2
+"""Images whose motion is known before they are tracked: motion and tracking work side by side."""
+
 
 class Observer(Protocol):
     """Sees every item that leaves a stage, in the thread that made it."""
@@ -125,6 +128,7 @@ class Flow:
             items = self._shown(stage, items)
             if stage.name == "motion":
                 items = self.memory.released(items, lambda one: one.motion is None)
+                items = self.workers.ahead(items, MOTION_AHEAD)
             elif stage.name == "track":
                 items = self.memory.released(items, lambda one: True)
         return items

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
@@ -18,7 +19,7 @@ _MEGABYTE = 1e6
 class ImageMemory:
     """Counts images, by the sizes in the headers, from the moment they are read until nothing holds their pixels.
 
-    All calls come from one thread.
+    Reading and tracking call it from two threads.
     """
 
     limit_mb: float = 0.0
@@ -31,6 +32,7 @@ class ImageMemory:
     _largest: int = 0
     _held: dict[int, tuple[int, int]] = field(default_factory=dict)
     """Bytes of each frame, and those that are left of them when it is tracked."""
+    _lock: threading.Lock = field(default_factory=threading.Lock)
 
     @property
     def has_room(self) -> bool:
@@ -49,12 +51,13 @@ class ImageMemory:
     ) -> Iterator[Result]:
         """Pass items on and count those out that leave: their pixels are held no longer. Others go on to be tracked."""
         for item in items:
-            one, tracked = self._held.pop(item.frame.index, (0, 0))
-            if leaves(item):
-                tracked = 0
-            elif one:
-                self._held[item.frame.index] = tracked, tracked
-            self._bytes -= one - tracked
+            with self._lock:
+                one, tracked = self._held.pop(item.frame.index, (0, 0))
+                if leaves(item):
+                    tracked = 0
+                elif one:
+                    self._held[item.frame.index] = tracked, tracked
+                self._bytes -= one - tracked
             yield item
 
     def _take(self, frame: Frame) -> None:
@@ -70,7 +73,8 @@ class ImageMemory:
                 f"{needed:.0f} MB and more than {self.limit_mb:.0f} MB. Give more, or lower the setting "
                 "track.longest."
             )
-        self._held[frame.index] = one, tracked
-        self._bytes += one
-        self._largest = max(self._largest, one)
-        self.peak_bytes = max(self.peak_bytes, self._bytes)
+        with self._lock:
+            self._held[frame.index] = one, tracked
+            self._bytes += one
+            self._largest = max(self._largest, one)
+            self.peak_bytes = max(self.peak_bytes, self._bytes)

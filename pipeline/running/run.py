@@ -33,7 +33,14 @@ from wayside.pipeline.results.result import (
     file_digest,
     log_fingerprint,
 )
-from wayside.pipeline.running.flow import Drive, Flow, FrameCounts, Observer, paced
+from wayside.pipeline.running.flow import (
+    MOTION_AHEAD,
+    Drive,
+    Flow,
+    FrameCounts,
+    Observer,
+    paced,
+)
 from wayside.pipeline.running.image_memory import ImageMemory
 from wayside.pipeline.running.journal import Journal, journal_key, remove_journal, result_key
 from wayside.pipeline.workers import StageClock
@@ -227,6 +234,7 @@ class _Task:
         observer = asked.open_observer(self.run.report, self.part)
         accounting = None if source is None else BoxAccounting(source)
         window = settings.track.longest + WINDOW_STEP + HELD_IMAGES * settings.roadside.on
+        window += (MOTION_AHEAD + 1) * (settings.run.workers > 1)
         memory = ImageMemory(settings.run.memory_mb, window)
         try:
             if observer is not None and observer.records:

@@ -35,7 +35,7 @@ def own_threads():
 @pytest.mark.parametrize("workers", [1, 2, 3, 5])
 def test_results_come_in_the_order_of_the_items_whatever_the_number_of_workers(workers):
     with Workers(workers) as pool:
-        results = list(pool.ordered(uneven, iter(range(50)), queue=2))
+        results = list(pool.ahead(pool.ordered(uneven, iter(range(50)), queue=2), 2))
     assert results == [n * n for n in range(50)]
     assert not own_threads()
 
@@ -58,6 +58,22 @@ def test_a_map_keeps_the_order_and_does_not_wait_for_busy_workers(workers):
         taken.join()
         with pytest.raises(ZeroDivisionError):
             list(pool.map(lambda n: 1 // n, (2, 1, 0, 1)))
+
+
+def test_what_is_made_ahead_is_made_while_the_item_before_is_used():
+    made = [threading.Event() for _ in range(9)]
+
+    def source():
+        for n, event in enumerate(made):
+            event.set()
+            yield n
+
+    with Workers(2) as pool:
+        items = pool.ahead(source(), 2)
+        assert next(items) == 0
+        assert made[2].wait(10)
+        assert not made[3].wait(0.05)
+        assert list(items) == list(range(1, 9))
 
 
 def test_a_slow_consumer_makes_the_reader_wait():
@@ -96,7 +112,7 @@ def test_a_worker_that_ends_is_a_fault_after_the_results_before_it(end, kind, wo
 
     found = []
     with pytest.raises(kind, match=words), Workers(2) as pool:
-        found.extend(pool.ordered(ends_at_seven, iter(range(50)), queue=2))
+        found.extend(pool.ahead(pool.ordered(ends_at_seven, iter(range(50)), queue=2), 2))
     assert found == list(range(7))
     assert not own_threads()
 
