@@ -11,7 +11,6 @@ from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from wayside.schemas.sign_catalogue import SERIES
 from wayside.schemas.signs import Sign
@@ -88,6 +87,9 @@ class PathLine:
     @classmethod
     def of(cls, path: DrivePath) -> PathLine:
         """The cubic spline through the poses over the lengths of its chords, as points a metre apart at most."""
+        # takes 0.3 s, which the first image does not wait for
+        from scipy.interpolate import CubicSpline
+
         poses = list(path.poses.values())
         axes = np.array([1.0, 1.0, 0.0 if path.is_level else 1.0])
         centres = np.array([pose.centre for pose in poses]) * axes
