@@ -40,7 +40,7 @@ from wayside.pipeline.labels.box_file import load_boxes
 from wayside.pipeline.labels.class_map import read_class_map
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.logs.information import describe_log
-from wayside.pipeline.models.model_files import shipped_models
+from wayside.pipeline.models.model_folder import shipped_models
 from wayside.pipeline.models.model_json import model_from_json
 from wayside.pipeline.reading.calibrations import read_camera_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames

@@ -37,7 +37,8 @@ from training.truth import (
 from wayside.pipeline.evaluation.rendered import camera_pose
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.learning.fits import PLACE_FLOOR, SIDES, moments, sides
-from wayside.pipeline.models.model_files import load_models, shipped_models
+from wayside.pipeline.models.model_files import load_models
+from wayside.pipeline.models.model_folder import shipped_models
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.frame import Image, Pose
 from wayside.schemas.models import GaussianClass, GaussianModel, LinearModel

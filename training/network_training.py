@@ -30,7 +30,7 @@ from training.face_drawings import FaceLibrary, read_face_library
 from training.networks import BoxNetwork, DetectionNetwork
 from training.quantization import quantize, quantize_boxes
 from training.truth import DRIVES, OUT, REAL, SEED, command
-from wayside.pipeline.models.model_files import shipped_models
+from wayside.pipeline.models.model_folder import shipped_models
 
 CROPS, BOXES_EACH = 128, 10
 """Crops of a step, and boxes of each of these."""

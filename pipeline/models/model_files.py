@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache
-from hashlib import sha256
-from importlib.resources import files
-from importlib.resources.abc import Traversable
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from scipy.special import expit, logit
 
-from wayside.pipeline.files.input_files import read_input
 from wayside.pipeline.labels.box_file import load_boxes
 from wayside.pipeline.models.detector_file import load_detector
-from wayside.pipeline.models.model_json import digest, model_from_json, model_to_json
+from wayside.pipeline.models.model_folder import ModelFolder, shipped_models
+from wayside.pipeline.models.model_json import digest, model_to_json
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import BoxFile, DetectorFile
 from wayside.schemas.errors import InputError, UsageError
@@ -58,9 +54,6 @@ _NAMES = {
     "face_network": "face_code",
 }
 """The name that `run.json` and messages use for each model."""
-_ADVICE = "Correct the path, or leave the setting out"
-
-Kind = TypeVar("Kind", GaussianModel, MixtureModel, ScoreModel, LinearModel, EvidenceModel)
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,14 +148,14 @@ def load_models(settings: Settings) -> Models:
 
     Raises InputError where the folder or a file of it cannot be used.
     """
-    folder = _Folder.of(settings.models.folder)
+    folder = ModelFolder.of(settings.models.folder)
     models = (_report_models if settings.report.on else _default_models)(folder, settings)
     _check_inputs(models, folder)
     folder.require_used()
     return _at_alpha(models, settings) if settings.models.alpha else models
 
 
-def _default_models(folder: _Folder, settings: Settings) -> Models:
+def _default_models(folder: ModelFolder, settings: Settings) -> Models:
     """The networks of preset `default`, or another detector in their place."""
     external = _external(settings)
     network = settings.models.network if external is None else ""
@@ -182,7 +175,7 @@ def _default_models(folder: _Folder, settings: Settings) -> Models:
     )
 
 
-def _report_models(folder: _Folder, settings: Settings) -> Models:
+def _report_models(folder: ModelFolder, settings: Settings) -> Models:
     """The gates of the report's chain; colours of the user's own may be of any space, those that ship are of RGB."""
     colors = OWN_COLORS if folder.own_file(OWN_COLORS) else "color_rgb.json"
     form = settings.report.trajectory
@@ -203,22 +196,22 @@ def _external(settings: Settings) -> DetectorFile | BoxFile | None:
     return load_boxes(settings) if settings.models.detections else None
 
 
-def _location(folder: _Folder, name: str) -> GaussianModel:
+def _location(folder: ModelFolder, name: str) -> GaussianModel:
     """The location model of the preset, at a path, or one that ships by its name."""
     path, shipped = Path(name), f"{Path(name).stem}.json"
     if name == shipped and folder.holds(name):
         return folder.read(name, GaussianModel)
     if path.is_file():
-        return _Folder(path.parent).read(path.name, GaussianModel)
+        return ModelFolder(path.parent).read(path.name, GaussianModel)
     if not (shipped_models() / shipped).is_file():
         raise InputError(
             f"models.location: there is no model file at {name}. Correct the path, name report-kansas, or leave "
             "the setting out."
         )
-    return _Folder().read(shipped, GaussianModel)
+    return ModelFolder().read(shipped, GaussianModel)
 
 
-def _check_inputs(models: Models, folder: _Folder) -> None:
+def _check_inputs(models: Models, folder: ModelFolder) -> None:
     """Refuse models of other inputs than those that the stages compute, before the first image."""
     known = {*LANDMARK_FEATURES, *EVIDENCE_TERMS}
     odd = {"outline.json": {*models.outline_weights.features} ^ {*OUTLINE_FEATURES}}
@@ -304,116 +297,3 @@ def _rates(text: str, gates: Sequence[str]) -> dict[str, float]:
                 f"color=0.1,location=0.05; the gates of this run are: {exist}."
             )
     return rates
-
-
-@dataclass(slots=True)
-class _Folder:
-    """Where model files are searched: in a folder of the user's own (or None), then in those that ship."""
-
-    path: Path | None = None
-    wanted: set[str] = field(default_factory=set)
-    """Names that were looked for."""
-    used: bool = False
-    """Whether the user's folder held one of them."""
-
-    @classmethod
-    def of(cls, name: str) -> _Folder:
-        """The folder of that name, none where it is empty; raises InputError where no folder is there."""
-        if name and not Path(name).is_dir():
-            raise InputError(
-                f"models.folder: there is no folder at {name}. {_ADVICE} to use the models that ship."
-            )
-        return cls(Path(name) if name else None)
-
-    def own_file(self, name: str) -> Path | None:
-        """A file of the user's folder, where it is there."""
-        self.wanted.add(name)
-        if self.path is None or not (self.path / name).is_file():
-            return None
-        self.used = True
-        return self.path / name
-
-    def file(self, name: str) -> Traversable:
-        """The file of a model, whether it is there or not."""
-        return self.own_file(name) or shipped_models() / name
-
-    def holds(self, name: str) -> bool:
-        """Whether there is a model of that name."""
-        return self.file(name).is_file()
-
-    def find(self, name: str, kind: type[Kind]) -> Kind | None:
-        """The same as `read`; None where there is no such file."""
-        return self.read(name, kind) if self.holds(name) else None
-
-    def read(self, name: str, kind: type[Kind]) -> Kind:
-        """A model of a kind."""
-        file = self.file(name)
-        try:
-            content = file.read_bytes()
-            text = content.decode("utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(
-                f"{file}: the model file cannot be read: {type(error).__name__}: {error}. Write one with the learning "
-                "script, or install wayside again."
-            ) from error
-        _verify(file, content)
-        model = model_from_json(text, str(file))
-        if not isinstance(model, kind):
-            raise InputError(
-                f"{file}: this is a model of kind {model.kind!r}, but {kind.kind!r} belongs here. Put the right file "
-                "there."
-            )
-        return model
-
-    def network(
-        self, name: str, runs: Callable[[str], object], setting: str = "models.folder"
-    ) -> OnnxFile:
-        """A network of the folder, of those that ship, or of a file of its own, that `runs` can run."""
-        listed = Path(str(self.file(name)))
-        path = listed if listed.is_file() else Path(name)
-        try:
-            content = read_input(path)
-            _verify(path, content)
-            runs(str(path))
-        except (OSError, ValueError) as error:
-            raise InputError(
-                f"{setting}: the ONNX file of this network at {name} cannot be used: {type(error).__name__}: {error}. "
-                f"{_ADVICE}."
-            ) from error
-        return OnnxFile(str(path), sha256(content).hexdigest())
-
-    def require_used(self) -> None:
-        """Refuse a folder none of whose files was looked for (InputError): the models that ship would all stand in."""
-        if self.path is not None and not self.used:
-            raise InputError(
-                f"models.folder: {self.path} holds no model file of this preset ({', '.join(sorted(self.wanted))}). "
-                f"{_ADVICE} to use the models that ship."
-            )
-
-
-def shipped_models() -> Traversable:
-    """The folder of the model files that ship with wayside."""
-    return files("wayside.pipeline") / "models"
-
-
-@cache
-def shipped_digests() -> dict[str, str]:
-    """SHA-256 of each model file that ships, by its name."""
-    listed = shipped_models() / "SHA256SUMS"
-    try:
-        lines = listed.read_text("utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(
-            f"{listed}: the digests of the models cannot be read: {error}. Install wayside again."
-        ) from error
-    return {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
-
-
-def _verify(file: Traversable, content: bytes) -> None:
-    """Compare a file that ships with its digest in `SHA256SUMS`; files of the user's own have none."""
-    ships = str(file) == str(shipped_models() / file.name)
-    if ships and sha256(content).hexdigest() != shipped_digests().get(file.name):
-        raise InputError(
-            f"{file}: the file differs from the model that ships with wayside. Install wayside again, or put a model "
-            "of your own into a folder and name it in models.folder."
-        )

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from wayside.pipeline.models.model_files import shipped_models
+from wayside.pipeline.models.model_folder import shipped_models
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.stages.detection import BOX_VALUES, COLOR_AT, SHAPE_AT
 

@@ -6,7 +6,7 @@ import pytest
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.models import detector_file
 from wayside.pipeline.models.detector_file import FLOAT32, load_detector
-from wayside.pipeline.models.model_files import shipped_models
+from wayside.pipeline.models.model_folder import shipped_models
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.settings import ModelSettings
 from wayside.stages.classifiers import NetworkInput, OnnxNetwork

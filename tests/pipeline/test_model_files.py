@@ -13,13 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wayside.pipeline.files.settings_file import load_settings
-from wayside.pipeline.models.model_files import (
-    learned_from,
-    load_models,
-    onnx_metadata,
-    shipped_digests,
-    shipped_models,
-)
+from wayside.pipeline.models.model_files import learned_from, load_models, onnx_metadata
+from wayside.pipeline.models.model_folder import shipped_digests, shipped_models
 from wayside.pipeline.models.model_json import digest, model_from_json, model_to_json
 from wayside.schemas.errors import InputError, UsageError
 from wayside.stages.mapping import FEATURES
@@ -261,7 +256,7 @@ def test_a_network_of_ones_own_that_is_none_of_its_kind_is_refused(tmp_path, nam
 
 
 def test_a_file_that_ships_has_its_digest_and_another_content_is_refused(tmp_path, monkeypatch):
-    from wayside.pipeline.models import model_files
+    from wayside.pipeline.models import model_folder
 
     shipped = Path(str(shipped_models()))
     expected = {f.name for f in shipped.iterdir() if f.suffix in (".json", ".onnx")}
@@ -272,7 +267,7 @@ def test_a_file_that_ships_has_its_digest_and_another_content_is_refused(tmp_pat
         (tmp_path / name).write_bytes((shipped / name).read_bytes())
     changed = json.loads((tmp_path / "place.json").read_text()) | {"shift": 1.0}
     (tmp_path / "place.json").write_text(json.dumps(changed))
-    monkeypatch.setattr(model_files, "shipped_models", lambda: tmp_path)
+    monkeypatch.setattr(model_folder, "shipped_models", lambda: tmp_path)
     with pytest.raises(InputError, match=r"place\.json: the file differs from the model"):
         load_models(settings())
 

@@ -21,7 +21,7 @@ from training.box_thresholds import (
     scored_boxes,
 )
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
-from wayside.pipeline.models.model_files import shipped_models
+from wayside.pipeline.models.model_folder import shipped_models
 from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.pipeline.statistics import resampled_interval
 from wayside.schemas.errors import InputError

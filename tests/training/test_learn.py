@@ -16,7 +16,8 @@ from training.learn import (
     true_box,
 )
 from wayside.pipeline.files.settings_file import load_settings
-from wayside.pipeline.models.model_files import load_models, shipped_models
+from wayside.pipeline.models.model_files import load_models
+from wayside.pipeline.models.model_folder import shipped_models
 from wayside.pipeline.models.model_json import model_from_json
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.frame import USED, Camera, Frame, Image, Pose

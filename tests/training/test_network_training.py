@@ -8,7 +8,8 @@ import pytest
 
 from training.detector_images import FRONT, LabelledImage
 from training.face_drawings import FaceLibrary
-from wayside.pipeline.models.model_files import onnx_metadata, shipped_models
+from wayside.pipeline.models.model_files import onnx_metadata
+from wayside.pipeline.models.model_folder import shipped_models
 from wayside.stages.detection import SIDE
 
 PROPOSING = Path(str(shipped_models() / "network.onnx"))

@@ -8,7 +8,7 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from wayside.pipeline.models.model_files import shipped_models
+from wayside.pipeline.models.model_folder import shipped_models
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.models import ScoreModel
 from wayside.stages.classifiers import OnnxNetwork

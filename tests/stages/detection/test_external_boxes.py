@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from wayside.pipeline.models.detector_file import load_detector
-from wayside.pipeline.models.model_files import shipped_models
+from wayside.pipeline.models.model_folder import shipped_models
 from wayside.schemas.detections import COLORS, SOURCES, verdict_code
 from wayside.schemas.detectors import BoxFile, DetectorFile, ExternalBoxes
 from wayside.schemas.frame import THINNED, Camera

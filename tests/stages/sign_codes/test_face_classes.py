@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wayside.pipeline.models.model_files import shipped_models
+from wayside.pipeline.models.model_folder import shipped_models
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.measurement import Alignment, Measurement, PanelView
 from wayside.stages.sign_codes import (
