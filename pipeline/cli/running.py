@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wayside.pipeline.cli.help import DETECT, Application, examples
+from wayside.pipeline.cli.help import DETECT, READ, Application, examples
 from wayside.pipeline.cli.options import Log, Overwrite, ViewMode, chosen_settings, takes
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.running.process import in_words, report_error
@@ -71,6 +71,7 @@ class RunOptions:
     overwrite: bool = False
     resume: bool = False
     verbose: bool = False
+    self_calibrate: bool = False
 
 
 @app.command(
@@ -117,6 +118,14 @@ def run(
             help="Keep what is found in each image; go on where the same command was ended.",
         ),
     ] = False,
+    self_calibrate: Annotated[
+        bool,
+        typer.Option(
+            "--self-calibrate",
+            rich_help_panel=READ,
+            help="Calibrate by the drive first, as `wayside calibrate LOG` does: camera.yaml in the output folder.",
+        ),
+    ] = False,
     verbose: Annotated[
         bool,
         typer.Option(
@@ -140,7 +149,11 @@ def run(
     settings, viewing = chosen_settings(given), viewing_of(given["view"], given)
     folders = [out if len(logs) == 1 else out / log.stem for log in logs]
     how = RunOptions(
-        observations is Listed.all, overwrite=overwrite, resume=resume, verbose=verbose
+        observations is Listed.all,
+        overwrite=overwrite,
+        resume=resume,
+        verbose=verbose,
+        self_calibrate=self_calibrate,
     )
     process_all(logs, folders, settings, viewing, how)
 
@@ -228,7 +241,9 @@ def process_all(
         Somebody ended the work: of all logs.
     """
     if len(logs) == 1:
-        exit_with([process(read_as_log(logs[0]), folders[0], settings, viewing, how)])
+        log = read_as_log(logs[0])
+        settings = _calibrated(log, folders[0], settings, how)
+        exit_with([process(log, folders[0], settings, viewing, how)])
         return
     from wayside.pipeline.models.model_files import load_models
 
@@ -264,10 +279,22 @@ def _one_of_several(
     from wayside.pipeline.running.journal import result_key
 
     source = read_as_log(log)
+    settings = _calibrated(source, folder, settings, how)
     key = result_key(source, settings, digests, every_region=how.every_region)
     if viewing is None and not how.overwrite and is_finished(folder, key):
         return 0, f"unchanged, result in {folder} kept"
     return process(source, folder, settings, viewing, how), f"done, result in {folder}"
+
+
+def _calibrated(log: Path, folder: Path, settings: Settings, how: RunOptions) -> Settings:
+    """The settings, with a calibration by the drive where that is asked for."""
+    if not how.self_calibrate:
+        return settings
+    from wayside.pipeline.calibration.command import self_calibrated
+    from wayside.pipeline.running.tuning import tune_process
+
+    tune_process()
+    return self_calibrated(log, folder, settings, overwrite=how.overwrite)
 
 
 def _check_places(logs: Sequence[Path], folders: Sequence[Path], *, overwrite: bool) -> None:

@@ -11,30 +11,27 @@ from wayside.stages.calibration.board_fit import (
     format_residuals,
 )
 from wayside.stages.calibration.drive_fit import (
-    PRINCIPAL_POINT_SIGMA,
+    LARGEST_SIGMA,
     DriveCalibration,
     calibrate_drive,
 )
 from wayside.stages.calibration.segment import cut_segments
-from wayside.stages.calibration.segment_equations import LENS, changed_camera
+from wayside.stages.calibration.segment_equations import changed_camera
 from wayside.stages.calibration.watch import (
     CalibrationWatch,
-    LensCheck,
     check_calibration,
     watch_calibration,
 )
 
 __all__ = [
-    "LENS",
+    "LARGEST_SIGMA",
     "LENS_MODELS",
-    "PRINCIPAL_POINT_SIGMA",
     "Board",
     "BoardCalibration",
     "CalibrationError",
     "CalibrationWatch",
     "DriveCalibration",
     "FittedView",
-    "LensCheck",
     "calibrate_boards",
     "calibrate_drive",
     "changed_camera",
