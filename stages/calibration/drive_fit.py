@@ -125,7 +125,8 @@ class DriveCalibration:
         """
         change, errors = self.lens[RADIAL], self.covariance[np.ix_(RADIAL, RADIAL)]
         by_chance = float(chdtrc(len(RADIAL), change @ np.linalg.solve(errors, change)))
-        return self.displacement > WRONG_DISPLACEMENT and by_chance < 2 * ndtr(-WRONG_SIGMAS)
+        rejected = by_chance < 2 * float(ndtr(-WRONG_SIGMAS))
+        return rejected and self.displacement > WRONG_DISPLACEMENT
 
 
 @dataclass

@@ -17,7 +17,7 @@ from wayside.pipeline.calibration.drives import (
     format_drive,
 )
 from wayside.pipeline.cli import app
-from wayside.pipeline.logs.importing import import_images
+from wayside.pipeline.logs.importing import ImportOptions, import_images
 from wayside.pipeline.reading.calibrations import format_camera
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Camera
@@ -62,7 +62,9 @@ def test_images_without_common_points_are_refused(tmp_path):
     for i in range(4):
         cv2.imwrite(str(tmp_path / f"{i}.png"), rng.integers(0, 255, (48, 64), np.uint8))
     log = tmp_path / "drive.mcap"
-    import_images([tmp_path / f"{i}.png" for i in range(4)], tmp_path / "camera.yaml", 8.0, log)
+    import_images(
+        [tmp_path / f"{i}.png" for i in range(4)], tmp_path / "camera.yaml", log, ImportOptions(8.0)
+    )
     with pytest.raises(InputError, match="too few points in common"):
         calibrate_log(log, Settings())
 
