@@ -70,7 +70,8 @@ def run_fleet(
     every few seconds with the given logs; watch_merging: with the number of cells merged and to merge. open_engine:
     another engine than the options name. own: settings of single logs instead. Raises UsageError for the scheduler or a
     setting, and InputError for a model file or the manifest. Raises OutputError if the inventory cannot be
-    written, another fleet writes it, or logs have changed. Raises InterruptionError if somebody ended the fleet; what is done stays.
+    written, another fleet writes it, or logs have changed. Raises InterruptionError if somebody ended the fleet; what
+    is done stays.
     """
     inventory = inventory.absolute()
     digests, of_log = load_models(settings).digests(), own or {}
