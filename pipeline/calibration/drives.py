@@ -17,10 +17,10 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings, Settings
 from wayside.stages.calibration import (
-    LARGEST_SIGMA,
     CalibrationWatch,
     DriveCalibration,
     check_calibration,
+    describe_calibration,
     watch_calibration,
 )
 from wayside.stages.imaging import decode
@@ -74,33 +74,6 @@ def format_drive(found: CalibratedDrive) -> str:
     """Parameters with standard errors, and whether the camera given agrees."""
     words = describe_calibration(found.calibration, found.source)
     return "\n".join([found.headline, "", *found.parameter_lines(), "", words])
-
-
-def describe_calibration(found: DriveCalibration, source: str) -> str:
-    """What a drive says of the calibration given, in a sentence; source: of that, empty where there is none."""
-    told = ", ".join(
-        f"{name} {one.value:.4g} ± {one.sigma:.2g}"
-        + (f" (given {one.given:.4g})" if source else "")
-        for name, one in found.parameters.items()
-        if name != "fy"
-    )
-    if source and found.refutes_given:
-        return (
-            f"the calibration ({source}) cannot be right, and positions are wrong with it: the motion in the images "
-            f"asks for {told}, which moves points by up to {100 * found.displacement:.0f} % of their distance from "
-            "the principal point"
-        )
-    if not found.is_determined:
-        return (
-            f"the drive does not determine the calibration: the focal length has a standard error of "
-            f"{100 * found.focal_sigma:.1f} %, which must be at most {100 * LARGEST_SIGMA:g} %"
-        )
-    if not source:
-        return "no calibration was given; centre of the image taken as principal point"
-    return (
-        f"the calibration ({source}) agrees with the motion in the images, which moves points by at most "
-        f"{100 * found.displacement:.1f} % of their distance from the principal point"
-    )
 
 
 def calibrate_log(log: Path, settings: Settings) -> CalibratedDrive:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping
+from contextlib import ExitStack
 from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import typer
@@ -74,6 +76,7 @@ HOW_TO_IMPORT = {
     ),
     "routes": Option(Path, "Route lines with measures, for the mileposts of --positions."),
     "unit": Option(str, "Unit of those mileposts: mi, km, ft or m.", default="mi"),
+    "every": Option(int, "Take every n-th picture of a video.", default=1, least=1),
     "order": Option(
         Order, "What decides the order where names and dates of capture disagree.", "order"
     ),
@@ -85,12 +88,14 @@ HOW_TO_IMPORT = {
     epilog=examples(
         "wayside import images/*.jpg --calibration camera.yaml --spacing 26.4ft -o drive.mcap",
         "wayside import images/ --calibration camera.yaml --positions track.gpx -o drive.mcap",
+        "wayside import dash.mp4 --every 5 --calibration camera.yaml --positions track.gpx -o drive.mcap",
     ),
 )
 @takes(own=HOW_TO_IMPORT)
 def import_(
     images: Annotated[
-        list[Path], typer.Argument(metavar="IMAGES...", help="Numbered images, or a folder.")
+        list[Path],
+        typer.Argument(metavar="IMAGES...", help="Numbered images, a folder, or a video (MP4)."),
     ],
     calibration: Annotated[
         Path, typer.Option(help="Camera calibration: YAML of ROS, OpenCV or Kalibr.")
@@ -99,9 +104,10 @@ def import_(
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
-    """Make a log of numbered images, with their positions where these are known."""
+    """Make a log of numbered images or a video, with positions where these are known."""
     from wayside.pipeline.cli.progress import SheetProgress
     from wayside.pipeline.logs.importing import ImportOptions, import_images
+    from wayside.pipeline.logs.unpacking import VIDEOS, unpack_video
     from wayside.schemas.settings import RouteSettings
 
     how = ImportOptions(
@@ -110,7 +116,13 @@ def import_(
         overwrite=overwrite,
         **set_by(given, HOW_TO_IMPORT),
     )
-    with SheetProgress("import", "images") as progress:
+    with ExitStack() as ended:
+        progress = ended.enter_context(SheetProgress("import", "images"))
+        for k, video in [(k, one) for k, one in enumerate(images) if one.suffix.lower() in VIDEOS]:
+            images[k] = Path(ended.enter_context(TemporaryDirectory(prefix="wayside-")))
+            unpack_video(
+                video, images[k], every=given["every"], date=how.date, watch=progress.watch
+            )
         done = import_images(
             images,
             calibration,

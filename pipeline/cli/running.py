@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from wayside.pipeline.cli.help import DETECT, READ, Application, examples
-from wayside.pipeline.cli.options import Log, Overwrite, ViewMode, chosen_settings, takes
+from wayside.pipeline.cli.options import Log, Overwrite, ViewMode, chosen_settings, flag, takes
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.running.process import in_words, report_error
 from wayside.schemas.errors import (
@@ -52,6 +52,13 @@ _GRAVEST = (
 )
 _SHOWN = ("connect", "view_images", "view_detail")
 _DETECTORS = ("detector", "detections", "classes", "models")
+
+
+SELF_CALIBRATE = flag(
+    "--self-calibrate",
+    "Calibrate by the drive first, as `wayside calibrate LOG` does: camera.yaml in the output folder.",
+    panel=READ,
+)
 
 
 class Listed(StrEnum):
@@ -91,6 +98,7 @@ class RunOptions:
     *("spacing", "camera", "calibration", "start", "until", "every", "workers", "memory"),
     *("preset", "settings", "assignments", *_DETECTORS, "alpha"),
     *("roadside", "route", "milepost", "decreasing", "routes", "view", *_SHOWN),
+    own={"self_calibrate": SELF_CALIBRATE},
 )
 def run(
     logs: Annotated[
@@ -116,14 +124,6 @@ def run(
         typer.Option(
             "--resume",
             help="Keep what is found in each image; go on where the same command was ended.",
-        ),
-    ] = False,
-    self_calibrate: Annotated[
-        bool,
-        typer.Option(
-            "--self-calibrate",
-            rich_help_panel=READ,
-            help="Calibrate by the drive first, as `wayside calibrate LOG` does: camera.yaml in the output folder.",
         ),
     ] = False,
     verbose: Annotated[
@@ -153,7 +153,7 @@ def run(
         overwrite=overwrite,
         resume=resume,
         verbose=verbose,
-        self_calibrate=self_calibrate,
+        self_calibrate=given["self_calibrate"],
     )
     process_all(logs, folders, settings, viewing, how)
 

@@ -41,7 +41,7 @@ from wayside.schemas.frame import Camera
 from wayside.schemas.settings import RouteSettings
 
 SECOND_NS = 10**9
-"""Times of single images are coarse: they are logged one second apart, from the date on, without capture times."""
+"""Images whose times are not known are logged so far apart, from the date on; none carries a capture time."""
 
 _MOST_LISTED = 6
 _CAMERA_FRAME = "camera"
@@ -117,9 +117,9 @@ def import_images(
         )
     dates = [image.exif.taken for image in ordered if image.exif.taken is not None]
     begin = how.date or min(dates, key=_utc_ns, default=None)
+    times = _times_of(ordered, counts, 0 if begin is None else _utc_ns(begin))
     for words in _warnings([image.path for image in ordered], counts, copies):
         warn(words)
-    times = _times_of(counts, 0 if begin is None else _utc_ns(begin))
     with whole_file(out, overwrite=how.overwrite) as stream:
         writer = Writer(stream, compression=CompressionType.NONE)
         _describe(writer, dict(zip(map(str, times), ordered, strict=True)), how.spacing_m)
@@ -218,11 +218,17 @@ def _listed(words: list[str]) -> str:
 
 def _utc_ns(time: datetime) -> int:
     utc = time if time.tzinfo else time.replace(tzinfo=UTC)
-    return int(utc.timestamp()) * SECOND_NS
+    return int(utc.timestamp()) * SECOND_NS + utc.microsecond * 1000
 
 
-def _times_of(counts: list[int], begin_ns: int) -> list[int]:
-    """Log times that distinguish images: a second per trigger, and copies of one number a nanosecond later."""
+def _times_of(images: list[ImageFile], counts: list[int], begin_ns: int) -> list[int]:
+    """Log times that distinguish images: by dates of capture where they rise, else a second per trigger.
+
+    Copies of one number come a nanosecond later.
+    """
+    taken = [_utc_ns(one.exif.taken) for one in images if one.exif.taken is not None]
+    if len(taken) == len(images) and all(a < b for a, b in pairwise(taken)):
+        return [begin_ns + time - taken[0] for time in taken]
     times: list[int] = []
     for count in counts:
         times.append(max(begin_ns + (count - 1) * SECOND_NS, times[-1] + 1 if times else 0))

@@ -15,7 +15,6 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Protocol
 
-from wayside.pipeline.calibration.drives import describe_calibration
 from wayside.pipeline.code_words import system_notes
 from wayside.pipeline.files.output_folder import RECORDING, OutputFolder
 from wayside.pipeline.files.route_file import open_routes, route_notes
@@ -53,7 +52,7 @@ from wayside.schemas.frame import (
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
 from wayside.schemas.tables import ROADSIDE
-from wayside.stages.calibration import DriveCalibration
+from wayside.stages.calibration import DriveCalibration, describe_calibration
 from wayside.stages.classifiers import providers
 from wayside.stages.mapping import WINDOW_STEP
 from wayside.stages.roadside import HELD_IMAGES
@@ -336,13 +335,7 @@ def _write_run(result: RunResult, asked: RunRequest, part: Path) -> None:
         "camera": drive.camera and asdict(drive.camera),
         "world": drive.path.world,
         "camera_height_m": drive.path.camera_height_m,
-        "calibration": result.lens
-        and {
-            "parameters": {k: one._asdict() for k, one in result.lens.parameters.items()},
-            "displacement": result.lens.displacement,
-            "is_determined": result.lens.is_determined,
-            "refutes_given": result.lens.refutes_given,
-        },
+        "calibration": result.lens and result.lens.about,
         "us_probability": drive.us_probability,
         "notes": result.notes,
         "accounting": {

@@ -11,9 +11,9 @@ from wayside.stages.calibration.board_fit import (
     format_residuals,
 )
 from wayside.stages.calibration.drive_fit import (
-    LARGEST_SIGMA,
     DriveCalibration,
     calibrate_drive,
+    describe_calibration,
 )
 from wayside.stages.calibration.segment import cut_segments
 from wayside.stages.calibration.segment_equations import changed_camera
@@ -24,7 +24,6 @@ from wayside.stages.calibration.watch import (
 )
 
 __all__ = [
-    "LARGEST_SIGMA",
     "LENS_MODELS",
     "Board",
     "BoardCalibration",
@@ -37,6 +36,7 @@ __all__ = [
     "changed_camera",
     "check_calibration",
     "cut_segments",
+    "describe_calibration",
     "find_board",
     "format_residuals",
     "watch_calibration",

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc, ndtr
@@ -103,6 +103,16 @@ class DriveCalibration:
         return dict(zip(("fx", "fy", "cx", "cy", "k1", "k2"), numbers, strict=True))
 
     @property
+    def about(self) -> dict[str, Any]:
+        """Parameters and verdict as plain values."""
+        return {
+            "parameters": {name: one._asdict() for name, one in self.parameters.items()},
+            "displacement": self.displacement,
+            "is_determined": self.is_determined,
+            "refutes_given": self.refutes_given,
+        }
+
+    @property
     def focal_sigma(self) -> float:
         """Relative standard error of the focal length."""
         return sqrt(float(self.covariance[0, 0]))
@@ -127,6 +137,33 @@ class DriveCalibration:
         by_chance = float(chdtrc(len(RADIAL), change @ np.linalg.solve(errors, change)))
         rejected = by_chance < 2 * float(ndtr(-WRONG_SIGMAS))
         return rejected and self.displacement > WRONG_DISPLACEMENT
+
+
+def describe_calibration(found: DriveCalibration, source: str) -> str:
+    """What a drive says of the calibration given, in a sentence; source: of that, empty where there is none."""
+    told = ", ".join(
+        f"{name} {one.value:.4g} ± {one.sigma:.2g}"
+        + (f" (given {one.given:.4g})" if source else "")
+        for name, one in found.parameters.items()
+        if name != "fy"
+    )
+    if source and found.refutes_given:
+        return (
+            f"the calibration ({source}) cannot be right, and positions are wrong with it: the motion in the images "
+            f"asks for {told}, which moves points by up to {100 * found.displacement:.0f} % of their distance from "
+            "the principal point"
+        )
+    if not found.is_determined:
+        return (
+            f"the drive does not determine the calibration: the focal length has a standard error of "
+            f"{100 * found.focal_sigma:.1f} %, which must be at most {100 * LARGEST_SIGMA:g} %"
+        )
+    if not source:
+        return "no calibration was given; centre of the image taken as principal point"
+    return (
+        f"the calibration ({source}) agrees with the motion in the images, which moves points by at most "
+        f"{100 * found.displacement:.1f} % of their distance from the principal point"
+    )
 
 
 @dataclass

@@ -11,10 +11,11 @@ import pytest
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 import wayside
-from wayside.pipeline.calibration.drives import calibrate_log, describe_calibration
+from wayside.pipeline.calibration.drives import calibrate_log
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.settings import ReadSettings
+from wayside.stages.calibration import describe_calibration
 from wayside.stages.detection import proposals
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"

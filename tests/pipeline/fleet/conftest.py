@@ -107,8 +107,7 @@ def fleet(tmp_path, monkeypatch):
     def run_log(asked):
         log, folder, settings, models = asked.log, asked.folder, asked.settings, asked.models
         seen.began.append(log.stem)
-        seen.settings[log.stem] = settings
-        seen.times[log.stem] += 1
+        seen.settings[log.stem], seen.times[log.stem] = settings, seen.times[log.stem] + 1
         first, _, then = log.read_text().strip().partition(" then ")
         content = first if seen.times[log.stem] == 1 or not then else then
         if content.startswith("die"):
