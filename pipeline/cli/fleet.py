@@ -123,7 +123,8 @@ def fleet(
     for name, value in given.items():
         if isinstance(value, Path):  # workers may have other working folders
             given[name] = value.absolute()
-    chosen, own = chosen_settings(given), dict[str, Settings]()
+    chosen = chosen_settings(given)
+    own: dict[str, Settings] = {}
     for table in (one for one in logs if one.lower().endswith(".csv")):
         own |= read_log_table(Path(table), given)
     uris = [*own, *expand_sources(one for one in logs if not one.lower().endswith(".csv"))]

@@ -49,7 +49,8 @@ def unpack_video(
                 if number % every == 0:
                     taken = date and date + timedelta(seconds=float(frame.time or 0))
                     name = folder / f"{video.stem}_{number // every + 1:06d}.jpg"
-                    frame.to_image().save(name, quality=JPEG_QUALITY, exif=_exif(taken))
+                    picture = Image.fromarray(frame.to_ndarray(format="rgb24"))
+                    picture.save(name, quality=JPEG_QUALITY, exif=_exif(taken))
                 watch(number + 1, max(stream.frames, number + 1))
     except (av.FFmpegError, LookupError) as error:
         raise InputError(f"{video}: this is no video that can be decoded: {error}") from error

@@ -13,6 +13,8 @@ from wayside.pipeline.fleet.manifest import Entry, Manifest, read_manifest, writ
 from wayside.pipeline.fleet.status import describe_duration, describe_progress, format_status
 from wayside.schemas.errors import InputError, InterruptionError, OutputError, UsageError
 
+from ..results import invoke
+
 DONE = ("done", 0)
 
 
@@ -62,7 +64,7 @@ def test_a_table_gives_each_log_its_own_options_and_a_change_runs_that_log_alone
     assert fleet({}, own=read_log_table(table, {})).began == ["b"]
     table.write_text("log,speed\na.mcap,3\n")
     with pytest.raises(UsageError, match=r"has a column speed\. Its columns are log"):
-        read_log_table(table, {})
+        invoke("fleet", table, "-o", tmp_path / "other")
 
 
 @pytest.mark.parametrize(("content", "logged"), [("die", " begun "), ("fault", "StageError")])
