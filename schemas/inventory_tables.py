@@ -79,7 +79,8 @@ PANELS = Table(
         Column("panel_width_m", _SINGLE, "m", "width of the face"),
         Column("panel_height_m", _SINGLE, "m", "height of the face"),
         Column("up_m", _SINGLE, "m", "panel centre above the road surface, mean of its sightings"),
-        Column("lateral_m", _DOUBLE, "m", "to the right of the path as measures rise; null with a place on WGS 84"),
+        Column("lateral_m", _DOUBLE, "m", "to the right of the path as measures rise; null with a place on WGS 84. "
+               "Without, directions and covariances are as if measures rose to the east"),
         *_HISTORY,
         Column("best_drive", _TEXT, "", "drive that saw it largest", _SURE),
         Column("best_sign_id", _TEXT, "", "its row in the `signs.parquet` of that drive", _SURE),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -107,7 +106,6 @@ def _along(
     taken = np.array([_utc(time).timestamp() for time in dated.values()])
     if track[0][0].tzinfo and not any(time.tzinfo for time in dated.values()):
         taken = taken + _zone(taken, at, file)
-    taken = _spread(taken)
     after = np.searchsorted(at, taken).clip(1, max(len(at) - 1, 1))
     known = (taken >= at[0]) & (taken <= at[-1])
     known &= np.diff(at, append=at[-1])[after - 1] <= WIDEST_GAP_S
@@ -135,13 +133,3 @@ def _zone(taken: Array, track: Array, file: Path) -> float:
             "-OffsetTimeOriginal=+01:00 *.jpg)."
         )
     return float(shifts[best[0]])
-
-
-def _spread(taken: Array) -> Array:
-    """Times in whole seconds that several images share, spread evenly over the second."""
-    shared, rank = Counter(taken.tolist()), Counter[float]()
-    found = []
-    for time in taken.tolist():
-        found.append(time + rank[time] / shared[time])
-        rank[time] += 1
-    return np.array(found)

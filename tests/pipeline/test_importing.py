@@ -274,6 +274,15 @@ def test_images_with_positions_need_no_spacing_and_have_a_date(tmp_path, calibra
     assert [f.spacing_m for f in frames] == [None] * 4
 
 
+def test_local_times_that_fit_a_track_in_several_zones_are_refused(tmp_path, calibration):
+    file, track = tmp_path / "1.jpg", tmp_path / "long.gpx"
+    Image.open(write_image(tmp_path / "1.png")).save(file, exif=exif_of(0))
+    later = POINT.replace("T00:31", "T01:31")
+    track.write_text(GPX.format(POINT.format(50, 7, 0) + later.format(51, 7, 0)))
+    with pytest.raises(InputError, match="5 time zones fit the times of the images"):
+        import_images([file], calibration, tmp_path / "o", ImportOptions(8.0, positions=track))
+
+
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [

@@ -151,9 +151,8 @@ def fleet(tmp_path, monkeypatch):
             log.parent.mkdir(parents=True, exist_ok=True)
             log.write_text(content)
         uris = list(own or expand_sources(given or [str(tmp_path / "logs")]))
-        seen.report = run_fleet(
-            uris, seen.inventory, settings, FleetOptions(**options), open_engine=engine, own=own
-        )
+        how = {"open_engine": engine, "own": own}
+        seen.report = run_fleet(uris, seen.inventory, settings, FleetOptions(**options), **how)
         seen.states = {entry.name: (entry.state, entry.status) for entry in seen.report.entries}
         return seen
 
