@@ -29,13 +29,18 @@ CHANGES_OF_PANELS = {
 
 def _place(what: str) -> tuple[Column, ...]:
     return (
-        Column("lon_deg", _DOUBLE, "deg", f"WGS 84 longitude of {what}", _SURE),
-        Column("lat_deg", _DOUBLE, "deg", f"WGS 84 latitude of {what}", _SURE),
-        Column("alt_m", _DOUBLE, "m", "height above the WGS 84 ellipsoid", _SURE),
+        Column(
+            "lon_deg",
+            _DOUBLE,
+            "deg",
+            f"WGS 84 longitude of {what}; null: placed by route and measure",
+        ),
+        Column("lat_deg", _DOUBLE, "deg", f"WGS 84 latitude of {what}; null likewise"),
+        Column("alt_m", _DOUBLE, "m", "height above the WGS 84 ellipsoid; null likewise"),
     )
 
 
-_GEOMETRY = Column("geometry", pa.binary(), "", "WKB Point Z of lon, lat, alt", _SURE)
+_GEOMETRY = Column("geometry", pa.binary(), "", "WKB Point Z of lon, lat, alt; null likewise")
 _HISTORY = (
     Column("first_seen", _TIME, "", "capture time of its first sighting", _SURE),
     Column("last_seen", _TIME, "", "capture time of its last sighting", _SURE),
@@ -74,6 +79,8 @@ PANELS = Table(
         Column("panel_width_m", _SINGLE, "m", "width of the face"),
         Column("panel_height_m", _SINGLE, "m", "height of the face"),
         Column("up_m", _SINGLE, "m", "panel centre above the road surface, mean of its sightings"),
+        Column("lateral_m", _DOUBLE, "m", "to the right of the path as measures rise; null with a place on WGS 84. "
+               "Without, directions and covariances are as if measures rose to the east"),
         *_HISTORY,
         Column("best_drive", _TEXT, "", "drive that saw it largest", _SURE),
         Column("best_sign_id", _TEXT, "", "its row in the `signs.parquet` of that drive", _SURE),

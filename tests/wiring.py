@@ -52,7 +52,7 @@ from wayside.schemas.models import NetworkSum, OnnxFile
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.roadside import CrossSection, Roadside
 from wayside.schemas.signs import Sign
-from wayside.stages.calibration import CalibrationWatch, LensCheck
+from wayside.stages.calibration import CalibrationWatch, DriveCalibration
 from wayside.stages.detection import BOX_VALUES
 from wayside.stages.georeference import DrivePath, PathPoint
 from wayside.stages.roadside.sweep import Sweep
@@ -123,7 +123,7 @@ DO_NOTHING: dict[tuple[type, type], Callable[[Any], Any]] = {
     (Detections, PosedDetections): lambda found: PosedDetections(found, None),
     (PosedDetections, TrackedFrame): _undecided,
     (Landmark, Sign): _unplaced,
-    (CalibrationWatch, LensCheck): lambda watch: LensCheck(None, None, None),
+    (CalibrationWatch, DriveCalibration): lambda watch: None,
     (Sweep, CrossSection): lambda sweep: CrossSection(
         sweep.station_m,
         sweep.frame,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -19,6 +20,10 @@ from wayside.pipeline.reading.calibrations import format_camera
 from wayside.schemas.errors import OutputError
 from wayside.schemas.settings import Settings
 from wayside.stages.calibration import Board
+
+SELF_CALIBRATION = "camera.yaml"
+"""Beside the tables that were made with it."""
+_MARK = "wayside calibrate"
 
 
 def calibrate_by_boards(
@@ -63,16 +68,33 @@ def calibrate_by_drive(
     return format_drive(found) + _write_camera(out, found, name, overwrite=overwrite)
 
 
+def self_calibrated(log: Path, folder: Path, settings: Settings, *, overwrite: bool) -> Settings:
+    """The settings with a calibration by the drive itself, which is written into the folder of its result.
+
+    Raises as `calibrate_by_drive`.
+    """
+    found = calibrate_log(log, settings)
+    found.require_determined()
+    file = folder.absolute() / SELF_CALIBRATION
+    folder.mkdir(parents=True, exist_ok=True)
+    _write_camera(file, found, "camera", overwrite=overwrite)
+    return replace(settings, read=replace(settings.read, calibration=str(file)))
+
+
 def _write_camera(
     out: Path | None, found: CalibratedImages | CalibratedDrive, name: str, *, overwrite: bool
 ) -> str:
     """Write the camera with its parameters as comments; what was written, in words."""
     if out is None:
         return ""
-    comments = [f"wayside calibrate: {found.headline}", *found.parameter_lines()]
+    comments = [f"{_MARK}: {found.headline}", *found.parameter_lines()]
     text = format_camera(found.calibration.camera, name, comments)
-    write_file(out, text.encode(), overwrite=overwrite)
+    write_file(out, text.encode(), is_own=_is_own, overwrite=overwrite)
     return f"\nwritten: {out}"
+
+
+def _is_own(file: Path) -> bool:
+    return file.read_bytes().startswith(f"# {_MARK}".encode())
 
 
 def _require_free(*paths: Path | None, overwrite: bool) -> None:

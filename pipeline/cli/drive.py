@@ -5,20 +5,41 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping
+from contextlib import ExitStack
+from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import typer
 
 from wayside.pipeline.cli.help import Application, examples
-from wayside.pipeline.cli.options import Log, Option, Overwrite, chosen_settings, settings_of, takes
+from wayside.pipeline.cli.options import (
+    Log,
+    Option,
+    Overwrite,
+    chosen_settings,
+    set_by,
+    settings_of,
+    takes,
+)
 from wayside.pipeline.cli.running import exit_with, read_as_log
 from wayside.pipeline.files.lengths import parse_length
 from wayside.pipeline.files.visible_text import fitted, visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
 app = Application("A drive")
+
+
+def parse_date(text: str, option: str) -> datetime:
+    """A date, or date and time, of ISO 8601; raises UsageError."""
+    try:
+        return datetime.fromisoformat(text)
+    except ValueError as error:
+        raise UsageError(
+            f"{option}: {text!r} is not a date. Write 2009-05-14, or 2009-05-14T10:31+02:00."
+        ) from error
 
 
 class Order(StrEnum):
@@ -37,44 +58,85 @@ def info(log: Log) -> None:
     typer.echo(fitted(words) if sys.stdout.isatty() else words)
 
 
+HOW_TO_IMPORT = {
+    "spacing": Option(
+        str,
+        "Distance between images, where they have no positions: 26.4ft, 8m.",
+        "spacing_m",
+        parsed=parse_length,
+    ),
+    "date": Option(
+        str,
+        "When the first was taken: 2009-05-14, 2009-05-14T10:31Z.  [default: by Exif]",
+        "date",
+        parsed=parse_date,
+    ),
+    "positions": Option(
+        Path, "GPX, or CSV of file or time, and lon, lat or route, milepost.  [default: by Exif]"
+    ),
+    "routes": Option(Path, "Route lines with measures, for the mileposts of --positions."),
+    "unit": Option(str, "Unit of those mileposts: mi, km, ft or m.", default="mi"),
+    "every": Option(int, "Take every n-th picture of a video.", default=1, least=1),
+    "order": Option(
+        Order, "What decides the order where names and dates of capture disagree.", "order"
+    ),
+}
+
+
 @app.command(
     "import",
     epilog=examples(
-        "wayside import images/*.jpg --calibration camera.yaml --spacing 26.4ft -o drive.mcap"
+        "wayside import images/*.jpg --calibration camera.yaml --spacing 26.4ft -o drive.mcap",
+        "wayside import images/ --calibration camera.yaml --positions track.gpx -o drive.mcap",
+        "wayside import dash.mp4 --every 5 --calibration camera.yaml --positions track.gpx -o drive.mcap",
     ),
 )
+@takes(own=HOW_TO_IMPORT)
 def import_(
     images: Annotated[
-        list[Path], typer.Argument(metavar="IMAGES...", help="Numbered images, or a folder.")
+        list[Path],
+        typer.Argument(metavar="IMAGES...", help="Numbered images, a folder, or a video (MP4)."),
     ],
     calibration: Annotated[
         Path, typer.Option(help="Camera calibration: YAML of ROS, OpenCV or Kalibr.")
     ],
-    spacing: Annotated[str, typer.Option(help="Distance between images: 26.4ft, 8m.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="The log to write.")],
-    order: Annotated[
-        Order | None,
-        typer.Option(help="What decides the order where names and dates of capture disagree."),
-    ] = None,
     overwrite: Overwrite = False,
+    **given: Any,
 ) -> None:
-    """Make a log of numbered images."""
+    """Make a log of numbered images or a video, with positions where these are known."""
     from wayside.pipeline.cli.progress import SheetProgress
-    from wayside.pipeline.logs.importing import import_images
+    from wayside.pipeline.logs.importing import ImportOptions, import_images
+    from wayside.pipeline.logs.unpacking import VIDEOS, unpack_video
+    from wayside.schemas.settings import RouteSettings
 
-    with SheetProgress("import", "images") as progress:
-        count, left_out = import_images(
+    how = ImportOptions(
+        positions=given["positions"],
+        routes=RouteSettings(file=str(given["routes"] or ""), unit=given["unit"]),
+        overwrite=overwrite,
+        **set_by(given, HOW_TO_IMPORT),
+    )
+    with ExitStack() as ended:
+        progress = ended.enter_context(SheetProgress("import", "images"))
+        for k, video in [(k, one) for k, one in enumerate(images) if one.suffix.lower() in VIDEOS]:
+            images[k] = Path(ended.enter_context(TemporaryDirectory(prefix="wayside-")))
+            unpack_video(
+                video, images[k], every=given["every"], date=how.date, watch=progress.watch
+            )
+        done = import_images(
             images,
             calibration,
-            parse_length(spacing, "--spacing"),
             out,
-            order=order or "",
-            overwrite=overwrite,
+            how,
             warn=lambda words: typer.echo(visible(f"note: {words}"), err=True),
             watch=progress.watch,
         )
-    typer.echo(visible(f"{out}: {count} images; next: wayside run {out} -o out"))
-    exit_with([PARTS_LOST] if left_out else [])
+    begin = "; no date, which --date gives" if done.begin is None else f" from {done.begin}"
+    placed = f", {done.placed} with a position" if done.placed else ""
+    typer.echo(
+        visible(f"{out}: {done.images} images{begin}{placed}; next: wayside run {out} -o out")
+    )
+    exit_with([PARTS_LOST] if done.left_out else [])
 
 
 @app.command(

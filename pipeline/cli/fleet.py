@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import sys
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,15 +20,18 @@ from wayside.schemas.errors import PARTS_LOST, UsageError
 if TYPE_CHECKING:
     from wayside.pipeline.fleet.manifest import Entry
     from wayside.pipeline.fleet.running import FleetReport
+    from wayside.schemas.settings import Settings
 
 HEADING = "Many drives"
 app = Application(HEADING)
 _MOST_LISTED = 40
 _LOGS_FIRST = "run"
+OF_A_LOG = ("spacing", "camera", "calibration", "route", "milepost", "decreasing")
+"""Options that a row of a table of logs may have."""
 FLEET_EPILOG = examples(
     "wayside fleet archive/2026/ -o inventory --jobs 4",
     'wayside fleet "s3://survey/2026/**/*.mcap" -o inventory --scheduler tcp://10.0.0.5:8786',
-    "wayside fleet @logs.txt -o inventory",
+    "wayside fleet logs.csv -o inventory",
     "wayside fleet status inventory",
 )
 
@@ -93,7 +98,8 @@ def fleet(
         list[str],
         typer.Argument(
             metavar="LOGS...",
-            help="MCAP files, folders, patterns, URLs of object storage, or @list.txt with one a line.",
+            help="MCAP files, folders, patterns, URLs of object storage, @list.txt with one a line, or a table: "
+            "CSV with the column log, and options of it as others (route, milepost, camera, calibration).",
         ),
     ],
     out: Annotated[
@@ -117,12 +123,42 @@ def fleet(
     for name, value in given.items():
         if isinstance(value, Path):  # workers may have other working folders
             given[name] = value.absolute()
-    chosen, uris = chosen_settings(given), expand_sources(logs)
+    chosen = chosen_settings(given)
+    own: dict[str, Settings] = {}
+    for table in (one for one in logs if one.lower().endswith(".csv")):
+        own |= read_log_table(Path(table), given)
+    uris = [*own, *expand_sources(one for one in logs if not one.lower().endswith(".csv"))]
     how = FleetOptions(**{name: given[name] for name in HOW_TO_RUN}, arguments=tuple(sys.argv[1:]))
     with FleetProgress() as progress:
-        report = run_fleet(uris, out, chosen, how, progress.watch, progress.watch_merging)
+        report = run_fleet(uris, out, chosen, how, progress.watch, progress.watch_merging, own=own)
     typer.echo(visible_lines(_summary(report, out)))
     exit_with([entry.status for entry in report.entries])
+
+
+def read_log_table(file: Path, given: Mapping[str, Any]) -> dict[str, Settings]:
+    """The logs of a CSV file, each with its settings: the options `given`, and those of its row instead.
+
+    Raises UsageError for a file that cannot be read, without the column `log`, or with other columns than options.
+    """
+    from wayside.pipeline.files.parsing import read_csv
+    from wayside.pipeline.fleet.sources import expand_sources
+
+    try:
+        names, rows = read_csv(file)
+    except (OSError, ValueError, csv.Error) as error:
+        raise UsageError(f"{file}: the table of logs cannot be read: {error}") from error
+    if "log" not in names or (alien := [n for n in names if n not in ("log", *OF_A_LOG)]):
+        wrong = "has no column log" if "log" not in names else f"has a column {alien[0]}"
+        raise UsageError(f"{file} {wrong}. Its columns are log, {', '.join(OF_A_LOG)}.")
+    found: dict[str, Settings] = {}
+    for row in rows:
+        told: dict[str, Any] = {name: text for name, text in row.items() if name != "log"}
+        for name in told.keys() & {"decreasing"}:
+            told[name] = told[name].lower() in ("yes", "true", "1")
+        for name in told.keys() & {"calibration"}:
+            told[name] = Path(told[name]).absolute()
+        found |= dict.fromkeys(expand_sources([row["log"]]), chosen_settings({**given, **told}))
+    return found
 
 
 @fleet_app.command(epilog=examples("wayside fleet status inventory"))

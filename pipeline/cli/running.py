@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wayside.pipeline.cli.help import DETECT, Application, examples
-from wayside.pipeline.cli.options import Log, Overwrite, ViewMode, chosen_settings, takes
+from wayside.pipeline.cli.help import DETECT, READ, Application, examples
+from wayside.pipeline.cli.options import Log, Overwrite, ViewMode, chosen_settings, flag, takes
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.running.process import in_words, report_error
 from wayside.schemas.errors import (
@@ -54,6 +54,13 @@ _SHOWN = ("connect", "view_images", "view_detail")
 _DETECTORS = ("detector", "detections", "classes", "models")
 
 
+SELF_CALIBRATE = flag(
+    "--self-calibrate",
+    "Calibrate by the drive first, as `wayside calibrate LOG` does: camera.yaml in the output folder.",
+    panel=READ,
+)
+
+
 class Listed(StrEnum):
     """Which regions become rows of observations.parquet."""
 
@@ -71,6 +78,7 @@ class RunOptions:
     overwrite: bool = False
     resume: bool = False
     verbose: bool = False
+    self_calibrate: bool = False
 
 
 @app.command(
@@ -90,6 +98,7 @@ class RunOptions:
     *("spacing", "camera", "calibration", "start", "until", "every", "workers", "memory"),
     *("preset", "settings", "assignments", *_DETECTORS, "alpha"),
     *("roadside", "route", "milepost", "decreasing", "routes", "view", *_SHOWN),
+    own={"self_calibrate": SELF_CALIBRATE},
 )
 def run(
     logs: Annotated[
@@ -140,7 +149,11 @@ def run(
     settings, viewing = chosen_settings(given), viewing_of(given["view"], given)
     folders = [out if len(logs) == 1 else out / log.stem for log in logs]
     how = RunOptions(
-        observations is Listed.all, overwrite=overwrite, resume=resume, verbose=verbose
+        observations is Listed.all,
+        overwrite=overwrite,
+        resume=resume,
+        verbose=verbose,
+        self_calibrate=given["self_calibrate"],
     )
     process_all(logs, folders, settings, viewing, how)
 
@@ -228,7 +241,9 @@ def process_all(
         Somebody ended the work: of all logs.
     """
     if len(logs) == 1:
-        exit_with([process(read_as_log(logs[0]), folders[0], settings, viewing, how)])
+        log = read_as_log(logs[0])
+        settings = _calibrated(log, folders[0], settings, how)
+        exit_with([process(log, folders[0], settings, viewing, how)])
         return
     from wayside.pipeline.models.model_files import load_models
 
@@ -264,10 +279,22 @@ def _one_of_several(
     from wayside.pipeline.running.journal import result_key
 
     source = read_as_log(log)
+    settings = _calibrated(source, folder, settings, how)
     key = result_key(source, settings, digests, every_region=how.every_region)
     if viewing is None and not how.overwrite and is_finished(folder, key):
         return 0, f"unchanged, result in {folder} kept"
     return process(source, folder, settings, viewing, how), f"done, result in {folder}"
+
+
+def _calibrated(log: Path, folder: Path, settings: Settings, how: RunOptions) -> Settings:
+    """The settings, with a calibration by the drive where that is asked for."""
+    if not how.self_calibrate:
+        return settings
+    from wayside.pipeline.calibration.command import self_calibrated
+    from wayside.pipeline.running.tuning import tune_process
+
+    tune_process()
+    return self_calibrated(log, folder, settings, overwrite=how.overwrite)
 
 
 def _check_places(logs: Sequence[Path], folders: Sequence[Path], *, overwrite: bool) -> None:

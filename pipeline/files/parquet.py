@@ -61,8 +61,8 @@ class ParquetFile:
 def geoparquet_metadata(signs: Sequence[dict[str, Any]]) -> str:
     """GeoParquet 1.1 metadata; without a `crs` key the coordinates are OGC:CRS84, heights ellipsoidal."""
     column: dict[str, Any] = {"encoding": "WKB", "geometry_types": ["Point Z"]}
-    if signs:
-        points = np.array([[row["lon_deg"], row["lat_deg"], row["alt_m"]] for row in signs])
+    if placed := [row for row in signs if row["lon_deg"] is not None]:
+        points = np.array([[row["lon_deg"], row["lat_deg"], row["alt_m"]] for row in placed])
         column["bbox"] = [*points.min(axis=0).tolist(), *points.max(axis=0).tolist()]
     return json.dumps(
         {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}

@@ -31,6 +31,7 @@ _SAMPLE = 100
 """Lines that are looked at for measures before a run."""
 
 Bounds = tuple[float, float, float, float]
+_WORLD: Bounds = (-180.0, -90.0, 180.0, 90.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +64,24 @@ class RouteFile:
             raise _unreadable(self.path, error) from error
         chosen = self._chosen(names)
         return _segments(names[chosen], lines[chosen], self, (*low, *high))
+
+    def places(self, wanted: Sequence[tuple[str, float]]) -> list[tuple[float, float]]:
+        """Latitude and longitude, deg, at measures of routes; raises ValueError where the lines do not reach one."""
+        names, lines = self._read()
+        of = {route for route, _ in wanted}
+        routes = {r: _segments(names[names == r], lines[names == r], self, _WORLD) for r in of}
+        found = []
+        for route, measure in wanted:
+            pieces = routes[route]
+            a, b = pieces.start_measure, pieces.end_measure
+            at = np.flatnonzero((np.minimum(a, b) <= measure) & (measure <= np.maximum(a, b)))
+            if not len(at):
+                raise ValueError(f"route {route} has no measure {measure:g} in {self.path}")
+            k = at[0]
+            part = (measure - a[k]) / (b[k] - a[k] or 1.0)
+            lon, lat = (pieces.start[k] + part * (pieces.end[k] - pieces.start[k])).tolist()
+            found.append((lat, lon))
+        return found
 
     def _chosen(self, names: NDArray[Any]) -> NDArray[np.bool_]:
         """Which lines are of the route that the settings name, or of any."""

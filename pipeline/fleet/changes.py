@@ -36,6 +36,7 @@ from wayside.pipeline.fleet.folders import (
 )
 from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE, cell_origin, cells, read_frames
 from wayside.pipeline.fleet.manifest import DRIVES, Manifest
+from wayside.pipeline.fleet.straight_routes import with_place, without_place
 from wayside.pipeline.results.result import RUN_FILE, read_rows
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.inventory_tables import CHANGES, CHANGES_OF_PANELS, PANELS, SIGHTINGS
@@ -49,7 +50,8 @@ SAME_SIZE = 0.15
 UNKNOWN_SIZE_M = 0.6
 _PANEL = (
     "panel_id", "support_id", "replaces", "replaced_by", "status", "color", "shape", "lon_deg", "lat_deg", "alt_m",
-    "bearing_deg", "panel_width_m", "panel_height_m", "route", "measure", "measure_unit", "geometry",
+    "bearing_deg", "panel_width_m", "panel_height_m", "route", "measure", "measure_unit", "geometry", "up_m",
+    "lateral_m",
 )  # fmt: skip
 _SIGHTING = (
     "panel_id", "drive", "seen", "frame", "box", "confidence", "offset_east_m", "offset_north_m", "offset_up_m",
@@ -108,8 +110,8 @@ class ChangeReport:
         words = f"{found}; by {self.drives['before']} drives before, {self.drives['after']} after"
         if self.blind:
             words += (
-                f"\n{len(self.blind)} drives do not say what they had in view, as an earlier version or without fixes: "
-                f"{', '.join(self.blind[:5])}; what only the others saw counts as not looked at"
+                f"\n{len(self.blind)} drives do not say what they had in view, as an earlier version, or without fixes "
+                f"and milepost: {', '.join(self.blind[:5])}; what only the others saw counts as not looked at"
             )
         if self.unseen:
             words += (
@@ -157,7 +159,8 @@ def find_changes(
         for rows in comparison.rows():
             comparison.report.counts.update(row["change"] for row in rows)
             if rows:
-                columns = {n: [r.get(n) for r in rows] for n in CHANGES.schema.names}
+                told = [without_place(row) for row in rows]
+                columns = {n: [r.get(n) for r in told] for n in CHANGES.schema.names}
                 sink.write([record_batch(CHANGES, columns)])
     return comparison.report
 
@@ -168,7 +171,7 @@ class _Cell:
     def __init__(self, inventory: Path, part: Path, side_of: dict[str, Side]) -> None:
         sightings = inventory / SIGHTINGS.name / part.parent.name / part.name
         self.panels: dict[str, Row] = {
-            row["panel_id"]: row for row in read_part(part, _PANEL).to_pylist()
+            row["panel_id"]: with_place(row) for row in read_part(part, _PANEL).to_pylist()
         }
         self.seen: dict[Side, dict[str, list[Row]]] = {side: defaultdict(list) for side in SIDES}
         offsets = defaultdict(list)

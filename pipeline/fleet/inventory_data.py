@@ -13,6 +13,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from wayside.pipeline.fleet.straight_routes import place_frames, place_signs
 from wayside.pipeline.results.result import read_table
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.settings.merging import MergeSettings
@@ -32,10 +33,23 @@ _SIGNS = (
     "sign_id", "assembly_id", "status", "confidence", "color", "shape", "covariance", "station_m", "up_m",
     "panel_width_m", "panel_height_m", "sigma_width_m", "sigma_height_m", "facing_deg", "lon_deg", "lat_deg", "alt_m",
     "sigma_east_m", "sigma_north_m", "sigma_alt_m", "best_frame", "best_time_ns", "best_box", "first_frame", "route",
-    "measure", "measure_unit", "mutcd", "vienna",
+    "measure", "measure_unit", "mutcd", "vienna", "lateral_m", "down_m", "sigma_along_m", "sigma_up_m",
 )  # fmt: skip
 _PLACE = ("lon_deg", "lat_deg", "alt_m")
-_FRAMES = ("frame", "log_time_ns", "header_time_ns", "qx", "qy", "qz", "qw", *_PLACE, "heading_deg")
+_FRAMES = (
+    "frame",
+    "log_time_ns",
+    "header_time_ns",
+    "qx",
+    "qy",
+    "qz",
+    "qw",
+    *_PLACE,
+    "heading_deg",
+    "x",
+    "y",
+    "station_m",
+)
 _SYMMETRIC = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])
 _SHORTEST_STEP_M = 0.5
 
@@ -75,11 +89,11 @@ class DriveSigns:
 
 
 def read_frames(folder: Path) -> DriveFrames:
-    """Where the cameras of a drive stood and looked; no rows without fixes, or if an earlier version wrote the result.
+    """Where the cameras of a drive stood and looked; no rows without fixes or milepost, or of an earlier version.
 
     Raises InputError where the folder is no result folder, or damaged.
     """
-    table = read_table(folder, FRAMES, _FRAMES)
+    table = place_frames(folder, read_table(folder, FRAMES, _FRAMES))
     table = table.filter(pc.is_valid(table["heading_deg"]))
     geodetic, heading = _matrix(table, *_PLACE), _matrix(table, "heading_deg")[:, 0]
     quaternions = _matrix(table, "qx", "qy", "qz", "qw")
@@ -101,7 +115,7 @@ def read_tiles(folder: Path, settings: MergeSettings) -> tuple[Ints, int]:
 
     Raises as `read_frames`.
     """
-    table = read_table(folder, SIGNS, ("lon_deg", "lat_deg", "sigma_east_m"))
+    table = place_signs(folder, read_table(folder, SIGNS, _SIGNS))
     placed = table.filter(_is_placed(table))
     found = cells(_matrix(placed, "lon_deg", "lat_deg"), settings.cell_zoom)
     return found, len(table) - len(placed)
@@ -109,7 +123,7 @@ def read_tiles(folder: Path, settings: MergeSettings) -> tuple[Ints, int]:
 
 def read_signs(folder: Path, frames: DriveFrames, settings: MergeSettings) -> DriveSigns:
     """The signs of a drive that have a place on WGS 84. Raises as `read_frames`."""
-    table = read_table(folder, SIGNS, _SIGNS)
+    table = place_signs(folder, read_table(folder, SIGNS, _SIGNS))
     table = table.append_column("row", pa.array(np.arange(len(table))))
     table = table.filter(_is_placed(table))
     table = table.sort_by([("station_m", "ascending"), ("row", "ascending")]).combine_chunks()

@@ -187,13 +187,15 @@ def earlier_logs(inventory: Path) -> tuple[Manifest, list[str]]:
 def planned_logs(
     uris: Sequence[str],
     earlier: Manifest,
-    key_of: Callable[[str], str],
+    key_of: Callable[[str, str], str],
     inventory: Path,
     *,
     retry: bool,
     overwrite: bool,
 ) -> tuple[dict[str, Entry], list[tuple[str, str]]]:
     """The given logs by name with the states in which the fleet begins, and those that are copies of others.
+
+    key_of: of a source and its fingerprint.
 
     A log is known by its source, or by its content where it has moved. Raises OutputError where the content of logs
     has changed and their results are not to be replaced.
@@ -244,13 +246,13 @@ def _begun_with(
     uri: str,
     known: Entry | None,
     found: tuple[str, int] | str,
-    key_of: Callable[[str], str],
+    key_of: Callable[[str, str], str],
 ) -> Entry:
     """A log as waiting, or in quarantine because it cannot be read (`found`)."""
     if not isinstance(found, str):
-        return Entry(name, uri, *found, key_of(found[0]))
+        return Entry(name, uri, *found, key_of(uri, found[0]))
     content, size = ("", 0) if known is None else (known.fingerprint, known.bytes)
-    key = key_of(content) if content else None
+    key = key_of(uri, content) if content else None
     return Entry(
         name, uri, content, size, key, State.QUARANTINED, InputError.exit_status, words=found
     )

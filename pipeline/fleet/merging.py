@@ -57,7 +57,7 @@ class MergeReport:
     sightings: int = 0
     cells: int = 0
     local_drives: list[str] = field(default_factory=list)
-    """Drives without fixes, kept as they are."""
+    """Drives without fixes or milepost, kept as they are."""
     left_out: int = 0
     """Their signs, and signs of other drives without a place on WGS 84."""
     vectors: list[str] = field(default_factory=list)
@@ -72,12 +72,10 @@ class MergeReport:
         if count := len(self.local_drives):
             some = ", ".join(self.local_drives[:5]) + (", ..." if count > 5 else "")
             lines.append(
-                f"{count} drives have no satellite fixes and are kept as they are, unmerged: {some}"
+                f"{count} drives have neither satellite fixes nor a milepost and are kept as they are, unmerged: {some}"
             )
         if self.left_out:
-            lines.append(
-                f"{self.left_out} signs have no place on WGS 84 and are in no merged table"
-            )
+            lines.append(f"{self.left_out} signs have no place and are in no merged table")
         lines += self.vectors[:_MOST_LISTED]
         if (more := len(self.vectors) - _MOST_LISTED) > 0:
             lines.append(f"... and {more} more such drives")

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from wayside.pipeline.files.parquet import ParquetFile, geoparquet_metadata, record_batch
 from wayside.pipeline.fleet.folders import CELL, schema_with_settings
 from wayside.pipeline.fleet.inventory_data import DriveSigns
+from wayside.pipeline.fleet.straight_routes import without_place
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
 from wayside.schemas.settings import MergeSettings
@@ -194,6 +195,7 @@ class _Cell:
 
 def _write(folder: Path, table: Table, rows: list[Row], settings: MergeSettings) -> None:
     folder.mkdir()
+    rows = [{"lateral_m": None} | without_place(row) for row in rows]
     batch = record_batch(table, {n: [row[n] for row in rows] for n in table.schema.names})
     schema = schema_with_settings(table, merge=settings)
     with ParquetFile(folder / "part-0.parquet", schema, geoparquet_metadata(rows)) as sink:

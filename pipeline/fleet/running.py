@@ -62,17 +62,26 @@ def run_fleet(
     watch: Watch = lambda manifest: None,
     watch_merging: WatchMerging = lambda done, total: None,
     open_engine: OpenEngine | None = None,
+    own: Mapping[str, Settings] | None = None,
 ) -> FleetReport:
     """Run logs into an inventory, those whose results stand excepted, and merge all results of the inventory.
 
     uris: as `expand_sources` gives them. inventory: the folder; logs that it holds already stay in it. watch: called
     every few seconds with the given logs; watch_merging: with the number of cells merged and to merge. open_engine:
-    another engine than the options name. Raises UsageError for the scheduler or a setting, and InputError for a model
-    file or the manifest. Raises OutputError if the inventory cannot be written, another fleet writes it, or logs have
-    changed. Raises InterruptionError if somebody ended the fleet; what is done stays.
+    another engine than the options name. own: settings of single logs instead. Raises UsageError for the scheduler or a
+    setting, and InputError for a model file or the manifest. Raises OutputError if the inventory cannot be
+    written, another fleet writes it, or logs have changed. Raises InterruptionError if somebody ended the fleet; what
+    is done stays.
     """
     inventory = inventory.absolute()
-    key_of = result_keys(settings, load_models(settings).digests(), every_region=False)
+    digests, of_log = load_models(settings).digests(), own or {}
+    keys = {
+        one: result_keys(one, digests, every_region=False) for one in {settings, *of_log.values()}
+    }
+
+    def key_of(uri: str, fingerprint: str) -> str:
+        return keys[of_log.get(uri, settings)](fingerprint)
+
     with locked_inventory(inventory):
         earlier, left = earlier_logs(inventory)
         planned, copies = planned_logs(
@@ -80,7 +89,7 @@ def run_fleet(
         )
         book = _Book(inventory, replace(earlier, started=time.time(), where=here()), planned, watch)
         tasks = [
-            Task(entry, inventory, settings, options)
+            Task(entry, inventory, of_log.get(entry.source, settings), options)
             for entry in planned.values()
             if entry.state == State.WAITING
         ]

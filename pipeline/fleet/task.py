@@ -29,7 +29,7 @@ from wayside.pipeline.running.journal import result_keys
 from wayside.pipeline.running.run import RunRequest, run_log
 from wayside.pipeline.running.tuning import tune_process
 from wayside.schemas.errors import InputError, OutputError, StageError, UsageError, WaysideError
-from wayside.schemas.settings import Settings
+from wayside.schemas.settings import ReadSettings, RouteSettings, Settings
 
 _BEGUN, _DONE, _UNCOUNTED = "begun", "done", "not counted"
 _QUARANTINED_LOG, _QUARANTINED_ERROR = "log.txt", "error.txt"
@@ -150,7 +150,9 @@ def _run(task: Task) -> None:
                 f"{task.entry.source}: on {here()}, the log is missing or not as the fleet found it. Workers must see "
                 "the same files, and logs must not change."
             )
-        models, key_of = _equipment(task.settings)
+        # Models depend on neither, which may be of the log alone.
+        models = _models(replace(task.settings, read=ReadSettings(), route=RouteSettings()))
+        key_of = result_keys(task.settings, models.digests(), every_region=False)
         if key_of(task.entry.fingerprint) != task.entry.key:
             raise WaysideError(
                 f"wayside, its packages or its models differ on {here()} from where the fleet was started. Install "
@@ -165,10 +167,9 @@ def _run(task: Task) -> None:
 
 
 @lru_cache(maxsize=1)
-def _equipment(settings: Settings) -> tuple[Models, Callable[[str], str]]:
-    """Models, and the function that makes keys with them, kept from one log to the next."""
-    models = load_models(settings)
-    return models, result_keys(settings, models.digests(), every_region=False)
+def _models(settings: Settings) -> Models:
+    """Models, kept from one log to the next."""
+    return load_models(settings)
 
 
 @contextmanager

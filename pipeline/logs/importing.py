@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from mcap.writer import CompressionType
 from mcap_protobuf.writer import Writer
 
 from wayside.pipeline.files.input_files import read_input
 from wayside.pipeline.files.writing import whole_file
+from wayside.pipeline.logs.positions import place_images
 from wayside.pipeline.reading.calibrations import read_camera_file
 from wayside.pipeline.reading.image_headers import refuse_turned
 from wayside.pipeline.reading.image_order import (
@@ -33,42 +38,66 @@ from wayside.pipeline.reading.survey import (
 )
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Camera
+from wayside.schemas.settings import RouteSettings
 
 SECOND_NS = 10**9
-"""Imported images have no times: they are logged one second apart, from 0 on, and carry no capture time."""
+"""Images whose times are not known are logged so far apart, from the date on; none carries a capture time."""
 
 _MOST_LISTED = 6
 _CAMERA_FRAME = "camera"
 
 
+@dataclass(frozen=True, slots=True)
+class ImportOptions:
+    """What may be said of the images, and of the log."""
+
+    spacing_m: float | None = None
+    """Distance between images of neighbouring numbers; None: positions tell it."""
+    date: datetime | None = None
+    """Of the first image, UTC where it has no zone; None: the earliest date of capture."""
+    positions: Path | None = None
+    routes: RouteSettings = field(default_factory=RouteSettings)
+    """Both as of `place_images`."""
+    order: str = ""
+    """"name" or "date" decides the order where they contradict each other; empty: that is refused."""
+    overwrite: bool = False
+    """Replace a file of that name that is not this very log."""
+
+
+class Imported(NamedTuple):
+    """What was imported: images, files left out, images with a position, and when it begins (None: unknown)."""
+
+    images: int
+    left_out: int
+    placed: int
+    begin: datetime | None
+
+
 def import_images(
     images: list[Path],
     calibration: Path,
-    spacing_m: float,
     out: Path,
+    how: ImportOptions,
     *,
-    order: str = "",
-    overwrite: bool = False,
     warn: Callable[[str], None] = lambda words: None,
     watch: Callable[[int, int], None] = lambda done, total: None,
-) -> tuple[int, int]:
-    """Write a log of numbered images, a known distance apart; how many, and how many files were left out.
+) -> Imported:
+    """Write a log of numbered images, a known distance apart or with positions.
 
     Images are sorted by the time when they were taken (`in_order`) and copied byte for byte, with their file names and
-    camera dates. Numbers that are missing from an even count are taken for images not taken: the distance across the
-    gap is the larger. Copies of an image are imported, too; a run leaves them out. Files that are no images or cannot
-    be read are left out.
+    camera dates. Those whose position is known get a fix. Numbers that are missing from an even count are taken for
+    images not taken: the distance across the gap is the larger. Copies of an image are imported, too; a run leaves them
+    out. Files that are no images or cannot be read are left out.
 
-    images: JPEG and PNG files, and folders of them. calibration: YAML of ROS camera_info, OpenCV or Kalibr. spacing_m:
-    distance between images of neighbouring numbers. order: "name" or "date" decides the order where they contradict
-    each other; empty: that is refused. overwrite: replace a file of that name that is not this very log. warn: called
-    with what is amiss with the images, in words. watch: called with how many images are written, and of how many.
-    Raises UsageError without an image or a positive spacing. Raises InputError if the calibration or an image cannot be
-    used, sizes differ, or nothing tells the order. Raises OutputError as `whole_file`.
+    images: JPEG and PNG files, and folders of them. calibration: YAML of ROS camera_info, OpenCV or Kalibr. warn:
+    called with what is amiss with the images, in words. watch: called with how many images are written, and of how
+    many. Raises UsageError without an image, or without a positive spacing or two positions. Raises InputError if the
+    calibration, the positions or an image cannot be used, sizes differ, or nothing tells the order. Raises OutputError
+    as `whole_file`.
     """
-    if not spacing_m > 0:
+    if how.spacing_m is not None and not how.spacing_m > 0:
         raise UsageError(
-            f"--spacing: {spacing_m:g} m is not a distance between images. Give it as in 26.4ft or 8.05m."
+            f"--spacing: {how.spacing_m:g} m is not a distance between images. Give it as in 26.4ft or 8.05m."
         )
     camera = read_camera_file(calibration)
     files = list(dict.fromkeys(image_files(images)))
@@ -80,23 +109,39 @@ def import_images(
     if left_out:
         warn(f"left out: {len(left_out)} of {len(files)} files ({_listed(left_out)})")
     copies = copies_among(usable)
-    ordered, counts = _numbered(in_order(usable, copies, order), copies)
+    ordered, counts = _numbered(in_order(usable, copies, how.order), copies)
+    places = place_images(ordered, how.positions, how.routes)
+    if how.spacing_m is None and len(places) < 2:
+        raise UsageError(
+            "nothing tells how far the images are apart: give --spacing 26.4ft, or --positions FILE (GPX or CSV)."
+        )
+    dates = [image.exif.taken for image in ordered if image.exif.taken is not None]
+    begin = how.date or min(dates, key=_utc_ns, default=None)
+    times = _times_of(ordered, counts, 0 if begin is None else _utc_ns(begin))
     for words in _warnings([image.path for image in ordered], counts, copies):
         warn(words)
-    with whole_file(out, overwrite=overwrite) as stream:
+    with whole_file(out, overwrite=how.overwrite) as stream:
         writer = Writer(stream, compression=CompressionType.NONE)
-        writer.add_metadata(METADATA_NAME, {SPACING_KEY: repr(spacing_m), BY_NUMBER_KEY: "yes"})
-        times = _times_of(counts)
-        timed = list(zip(map(str, times), ordered, strict=True))
-        writer.add_metadata(NAMES_METADATA, {time: image.path.name for time, image in timed})
-        if dates := {time: image.exif.date for time, image in timed if image.exif.date}:
-            writer.add_metadata(DATES_METADATA, dates)
-        writer.write_message("/camera/calibration", _calibration(camera), 0, 0, 1)
+        _describe(writer, dict(zip(map(str, times), ordered, strict=True)), how.spacing_m)
+        writer.write_message("/camera/calibration", _calibration(camera), times[0], times[0], 1)
         for done, (image, count, time_ns) in enumerate(zip(ordered, counts, times, strict=True), 1):
             writer.write_message("/camera/image", _message(image), time_ns, time_ns, count)
+            if (at := places.get(image.path)) is not None:
+                fix = LocationFix(latitude=at.lat_deg, longitude=at.lon_deg, altitude=at.alt_m)
+                writer.write_message("/gps", fix, time_ns, time_ns, count)
             watch(done, len(ordered))
         writer.finish()  # type: ignore[no-untyped-call]
-    return len(ordered), len(left_out)
+    return Imported(len(ordered), len(left_out), len(places), begin)
+
+
+def _describe(writer: Writer, timed: dict[str, ImageFile], spacing_m: float | None) -> None:
+    """The metadata of a log: the distance between images, and name and date of each by its time in the log."""
+    if spacing_m is not None:
+        about = {SPACING_KEY: repr(spacing_m), BY_NUMBER_KEY: "yes"}
+        writer.add_metadata(METADATA_NAME, about)
+    writer.add_metadata(NAMES_METADATA, {time: image.path.name for time, image in timed.items()})
+    if dates := {time: one.exif.date for time, one in timed.items() if one.exif.date}:
+        writer.add_metadata(DATES_METADATA, dates)
 
 
 def _usable(files: list[Path], camera: Camera) -> tuple[list[ImageFile], list[str]]:
@@ -171,11 +216,22 @@ def _listed(words: list[str]) -> str:
     return ", ".join(words[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
-def _times_of(counts: list[int]) -> list[int]:
-    """Log times that distinguish images: a second per trigger, and copies of one number a nanosecond later."""
+def _utc_ns(time: datetime) -> int:
+    utc = time if time.tzinfo else time.replace(tzinfo=UTC)
+    return int(utc.timestamp()) * SECOND_NS + utc.microsecond * 1000
+
+
+def _times_of(images: list[ImageFile], counts: list[int], begin_ns: int) -> list[int]:
+    """Log times that distinguish images: by dates of capture where they rise, else a second per trigger.
+
+    Copies of one number come a nanosecond later.
+    """
+    taken = [_utc_ns(one.exif.taken) for one in images if one.exif.taken is not None]
+    if len(taken) == len(images) and all(a < b for a, b in pairwise(taken)):
+        return [begin_ns + time - taken[0] for time in taken]
     times: list[int] = []
     for count in counts:
-        times.append(max((count - 1) * SECOND_NS, times[-1] + 1 if times else 0))
+        times.append(max(begin_ns + (count - 1) * SECOND_NS, times[-1] + 1 if times else 0))
     return times
 
 

@@ -24,7 +24,7 @@ _FORMAT_WORDS = {word: word for word in (*map(str.lower, _FORMATS), H264)}
 _FORMAT_WORDS |= {"jpg": "jpeg", "mpo": "jpeg", "tif": "tiff"}
 _LARGEST_TRIED_PX = 50_000_000
 """Nothing larger is decoded only to see whether it can be; each pixel takes some bytes."""
-_DIRECTORY, _ORIENTATION = 0x8769, 0x0112
+_DIRECTORY, _SATELLITES, _ORIENTATION = 0x8769, 0x8825, 0x0112
 _TAKEN, _CHANGED, _FRACTION, _OFFSET = 0x9003, 0x0132, 0x9291, 0x9011
 """Tags of the Exif standard: DateTimeOriginal, DateTime, SubSecTimeOriginal, OffsetTimeOriginal."""
 _TURNED = dict.fromkeys((2, 4, 5, 7), "mirrored") | {
@@ -42,16 +42,25 @@ class ImageHeader(NamedTuple):
     height: int
 
 
+class Place(NamedTuple):
+    """A place on WGS 84: degrees, and metres above mean sea level or the ellipsoid, nan where unknown."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+
+
 class Exif(NamedTuple):
     """Exif data of an image; empty or None where it does not say.
 
     `turned`: how the stored pixels are to be turned to be shown, in words. `date`: of capture, else of change,
-    `2009-05-14 10:31:07`. `taken`: date of capture, local, or with its offset.
+    `2009-05-14 10:31:07`. `taken`: date of capture, local, or with its offset. `place`: by satellites.
     """
 
     turned: str = ""
     date: str = ""
     taken: datetime | None = None
+    place: Place | None = None
 
 
 def read_image_header(data: bytes | memoryview) -> ImageHeader | None:
@@ -83,6 +92,7 @@ def _opened(data: bytes | memoryview) -> Iterator[Image.Image]:
 def read_exif(data: bytes | memoryview) -> Exif:
     """Exif data of a compressed image; what is damaged of it is not there."""
     tags: dict[int, Any] = {}
+    satellites: dict[int, Any] = {}
     try:
         with _opened(data) as image:
             # Pillow decodes all of a PNG to look for Exif data behind the pixels.
@@ -90,12 +100,14 @@ def read_exif(data: bytes | memoryview) -> Exif:
             exif = Image.Image.getexif(image) if at_once else image.getexif()
             tags = dict(exif)
             tags = dict(exif.get_ifd(_DIRECTORY)) | tags
+            satellites = dict(exif.get_ifd(_SATELLITES))
     except Exception:  # the library has errors of its own for each damage, none is a reason to stop
         pass
     taken = _iso_date(tags.get(_TAKEN))
     date = taken or _iso_date(tags.get(_CHANGED))
     more = f".{_text(tags.get(_FRACTION))}", _text(tags.get(_OFFSET))
-    return Exif(_TURNED.get(tags.get(_ORIENTATION, 1), ""), date, _time_of(taken, *more))
+    turned = _TURNED.get(tags.get(_ORIENTATION, 1), "")
+    return Exif(turned, date, _time_of(taken, *more), _place_of(satellites))
 
 
 def refuse_turned(what: str, exif: Exif) -> None:
@@ -124,6 +136,21 @@ def _time_of(date: str, fraction: str, offset: str) -> datetime | None:
         except ValueError:
             pass  # no fraction, no offset, or no date at all: 0000-00-00
     return None
+
+
+def _place_of(tags: dict[int, Any]) -> Place | None:
+    """GPSLatitude, GPSLongitude (degrees, minutes, seconds), GPSAltitude and their references; None where damaged."""
+    try:
+        lat, lon = (
+            sum(float(part) / 60**k for k, part in enumerate(tags[tag]))
+            * (1 - 2 * (_text(tags[tag - 1]) == minus))
+            for tag, minus in ((2, "S"), (4, "W"))
+        )
+        below = tags.get(5, b"\0") in (1, b"\1")
+        place = Place(lat, lon, float(tags.get(6, "nan")) * (-1 if below else 1))
+    except (ArithmeticError, LookupError, TypeError, ValueError):
+        return None
+    return place if abs(lat) <= 90 and abs(lon) <= 180 and (lat or lon) else None
 
 
 def format_word(text: str) -> str:

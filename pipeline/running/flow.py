@@ -19,7 +19,7 @@ from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.roadside import CrossSection
 from wayside.schemas.settings import Settings
 from wayside.schemas.signs import Sign
-from wayside.stages.calibration import LensCheck
+from wayside.stages.calibration import DriveCalibration
 from wayside.stages.georeference import DrivePath
 from wayside.stages.roadside import on_road
 
@@ -49,8 +49,8 @@ class Drive:
     path: DrivePath
     signs: tuple[Sign, ...]
     """In the order of their numbers."""
-    lens: LensCheck
-    """What the drive says of its lens."""
+    lens: DriveCalibration | None
+    """The lens by the drive; None where it says nothing of it."""
     sections: tuple[CrossSection, ...] | None = None
     """Of the road, in the order of the route. None: not asked for."""
 
@@ -100,7 +100,7 @@ class Flow:
             sections = tuple(self._of_drive([profile_stage(path)], iter(own.roadside)))
             path = on_road(path, sections)
         signs = tuple(self._of_drive(own.signs(path), iter(own.record.landmarks)))
-        (lens,) = self._of_drive([own.lens], iter([own.calibration]))
+        lens = next(self._of_drive([own.lens], iter([own.calibration])), None)
         return Drive(path, signs, lens, sections)
 
     def _counted(self, found: Iterator[Detections]) -> Iterator[Detections]:

@@ -54,13 +54,12 @@ from wayside.schemas.frame import (
     UNDECODABLE,
     USED,
     WRONG_SIZE,
-    Camera,
     Frame,
 )
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
 from wayside.schemas.tables import ROADSIDE
-from wayside.stages.calibration import LensCheck
+from wayside.stages.calibration import DriveCalibration, describe_calibration
 from wayside.stages.classifiers import providers
 from wayside.stages.mapping import WINDOW_STEP
 from wayside.stages.roadside import HELD_IMAGES
@@ -110,7 +109,7 @@ class RunResult:
     boxes: BoxAccounting | None = None
     replayed: int | None = None
     """Frames whose candidates came from the journal of a run before; None where none was kept."""
-    lens: LensCheck = field(default_factory=lambda: LensCheck(None, None, None))
+    lens: DriveCalibration | None = None
     image_bytes: int = 0
     """The most that images under way took, see `ImageMemory`."""
 
@@ -296,11 +295,11 @@ class _Task:
 
     def _notes(self, drive: Drive) -> list[str]:
         """What a person has to know of the drive."""
-        on_globe, found = drive.path.globe is not None, drive.lens.found
-        settings, log = self.asked.settings, self.asked.log
+        on_globe, settings = drive.path.globe is not None, self.asked.settings
         notes = route_notes(settings.route, drive.signs, on_globe=on_globe)
-        if found is not None:
-            notes.append(_wrong_calibration(log, self.run.report, found))
+        if drive.lens is not None and drive.lens.refutes_given:
+            told = describe_calibration(drive.lens, self.run.report.calibration_source)
+            notes.append(f"{told}; --self-calibrate uses these values, but a board tells more")
         notes += system_notes(drive.signs, settings.codes.settled)
         return notes + ([describe_duplicates(self.duplicates)] if self.duplicates else [])
 
@@ -312,15 +311,6 @@ class _Task:
             (self.part / RECORDING).unlink(missing_ok=True)
         recorded = not lost if observer.records else None
         return replace(result, view_faults=faults, view_images=observer.images, recorded=recorded)
-
-
-def _wrong_calibration(log: Path, report: ReadReport, found: Camera) -> str:
-    k1, k2 = found.distortion[:2]
-    return (
-        f"the calibration ({report.calibration_source}) cannot be right, and positions are wrong with it: the motion "
-        f"in the images asks for a focal length of about {found.fx:.0f} px, k1 {k1:.2f}, k2 {k2:.2f}; "
-        f"see `wayside calibrate {log}`"
-    )
 
 
 def _no_image(log: Path, statuses: Counter[str]) -> str:
@@ -353,8 +343,7 @@ def _write_run(result: RunResult, asked: RunRequest, part: Path) -> None:
         "camera": drive.camera and asdict(drive.camera),
         "world": drive.path.world,
         "camera_height_m": drive.path.camera_height_m,
-        "camera_by_motion": result.lens.found and asdict(result.lens.found),
-        "focal_length": {"correction": result.lens.correction, "sigma": result.lens.sigma},
+        "calibration": result.lens and result.lens.about,
         "us_probability": drive.us_probability,
         "notes": result.notes,
         "accounting": {

@@ -11,35 +11,32 @@ from wayside.stages.calibration.board_fit import (
     format_residuals,
 )
 from wayside.stages.calibration.drive_fit import (
-    PRINCIPAL_POINT_SIGMA,
     DriveCalibration,
     calibrate_drive,
+    describe_calibration,
 )
 from wayside.stages.calibration.segment import cut_segments
-from wayside.stages.calibration.segment_equations import LENS, changed_camera
+from wayside.stages.calibration.segment_equations import changed_camera
 from wayside.stages.calibration.watch import (
     CalibrationWatch,
-    LensCheck,
     check_calibration,
     watch_calibration,
 )
 
 __all__ = [
-    "LENS",
     "LENS_MODELS",
-    "PRINCIPAL_POINT_SIGMA",
     "Board",
     "BoardCalibration",
     "CalibrationError",
     "CalibrationWatch",
     "DriveCalibration",
     "FittedView",
-    "LensCheck",
     "calibrate_boards",
     "calibrate_drive",
     "changed_camera",
     "check_calibration",
     "cut_segments",
+    "describe_calibration",
     "find_board",
     "format_residuals",
     "watch_calibration",

@@ -10,17 +10,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.special import chdtrc, ndtr
 
 from wayside.schemas.frame import Camera
 from wayside.stages.adjustment import TIE_ERRORS, correlated_covariance
 from wayside.stages.calibration.segment import Segment
 from wayside.stages.calibration.segment_equations import (
     LENS,
+    RADIAL,
     Equations,
     Projection,
     changed_camera,
+    displacement,
     evaluate,
     lens_gain,
     linearise,
@@ -49,19 +53,33 @@ REWEIGHTINGS = 3
 """Fits with the errors of ties as large as the residuals of the last one say."""
 SAME_ERRORS = 0.95
 """The last fit is one after which these errors are at least so many times those before."""
+LARGEST_SIGMA = 0.03
+"""A focal length with a larger relative standard error is not determined: so large is that of positions."""
+WRONG_DISPLACEMENT = 0.03
+"""A lens is wrong where a point is displaced by more, by its distance from the principal point."""
+WRONG_SIGMAS = 4.0
+"""A lens is wrong where a chi-square test of focal length, k1 and k2 rejects it at so many standard deviations."""
 _RAYLEIGH_MEDIAN = sqrt(2 * np.log(2))
 """Median length of a residual of two normal coordinates, in their sigmas."""
 
 
+class LensParameter(NamedTuple):
+    """A parameter of the lens by a drive, with its standard error, and as it was given."""
+
+    value: float
+    sigma: float
+    given: float
+
+
 @dataclass(frozen=True, slots=True)
 class DriveCalibration:
-    """Camera by a drive.
+    """Camera by a drive, and what it says of the one that was given.
 
-    `covariance` (5, 5) of the changes in `LENS`. `residual`: median residual over that of the errors of ties as stated.
-    `cost`: per tie. `segments`, `ties`: numbers of them.
+    `covariance` (5, 5) of the changes `lens` (5,) in `LENS`. `residual`: median residual over that of the errors of
+    ties as stated. `cost`: per tie. `segments`, `ties`: numbers of them.
     """
 
-    camera: Camera
+    given: Camera
     lens: Array
     covariance: Array
     residual: float
@@ -70,9 +88,82 @@ class DriveCalibration:
     ties: int
 
     @property
+    def camera(self) -> Camera:
+        """The camera given with the lens by the drive."""
+        return changed_camera(self.given, self.lens)
+
+    @property
+    def parameters(self) -> dict[str, LensParameter]:
+        """fx, fy, cx, cy (px), k1 and k2."""
+        old, new = changed_camera(self.given, np.zeros(len(LENS))), self.camera
+        sigma = np.sqrt(np.diag(self.covariance))[[0, 0, 1, 2, 3, 4]].tolist()
+        of = [[c.fx, c.fy, c.cx, c.cy, *c.distortion[:2]] for c in (new, old)]
+        sigma[:2] = (one * focal for one, focal in zip(sigma[:2], of[0][:2], strict=True))
+        numbers = map(LensParameter, of[0], sigma, of[1])
+        return dict(zip(("fx", "fy", "cx", "cy", "k1", "k2"), numbers, strict=True))
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """Parameters and verdict as plain values."""
+        return {
+            "parameters": {name: one._asdict() for name, one in self.parameters.items()},
+            "displacement": self.displacement,
+            "is_determined": self.is_determined,
+            "refutes_given": self.refutes_given,
+        }
+
+    @property
     def focal_sigma(self) -> float:
         """Relative standard error of the focal length."""
         return sqrt(float(self.covariance[0, 0]))
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether the drive determines the focal length."""
+        return self.focal_sigma <= LARGEST_SIGMA
+
+    @property
+    def displacement(self) -> float:
+        """By what part of their distance from the principal point the camera given displaces points at most."""
+        return displacement(self.given, self.lens)
+
+    @property
+    def refutes_given(self) -> bool:
+        """Whether the camera given cannot be right: its points are displaced, and a chi-square test rejects it.
+
+        The test is of focal length, k1 and k2 together, because their errors are correlated.
+        """
+        change, errors = self.lens[RADIAL], self.covariance[np.ix_(RADIAL, RADIAL)]
+        by_chance = float(chdtrc(len(RADIAL), change @ np.linalg.solve(errors, change)))
+        rejected = by_chance < 2 * float(ndtr(-WRONG_SIGMAS))
+        return rejected and self.displacement > WRONG_DISPLACEMENT
+
+
+def describe_calibration(found: DriveCalibration, source: str) -> str:
+    """What a drive says of the calibration given, in a sentence; source: of that, empty where there is none."""
+    told = ", ".join(
+        f"{name} {one.value:.4g} ± {one.sigma:.2g}"
+        + (f" (given {one.given:.4g})" if source else "")
+        for name, one in found.parameters.items()
+        if name != "fy"
+    )
+    if source and found.refutes_given:
+        return (
+            f"the calibration ({source}) cannot be right, and positions are wrong with it: the motion in the images "
+            f"asks for {told}, which moves points by up to {100 * found.displacement:.0f} % of their distance from "
+            "the principal point"
+        )
+    if not found.is_determined:
+        return (
+            f"the drive does not determine the calibration: the focal length has a standard error of "
+            f"{100 * found.focal_sigma:.1f} %, which must be at most {100 * LARGEST_SIGMA:g} %"
+        )
+    if not source:
+        return "no calibration was given; centre of the image taken as principal point"
+    return (
+        f"the calibration ({source}) agrees with the motion in the images, which moves points by at most "
+        f"{100 * found.displacement:.1f} % of their distance from the principal point"
+    )
 
 
 @dataclass
@@ -102,9 +193,6 @@ class _Estimate:
     lengths: Sequence[Array] = ()
 
 
-Start = tuple[_Problem, _Estimate]
-
-
 def calibrate_drive(
     segments: Sequence[Segment], camera: Camera, principal_sigma_px: float
 ) -> DriveCalibration:
@@ -113,40 +201,7 @@ def calibrate_drive(
     Poses and points are solved again after each step of the lens: the cost depends on the lens alone.
 
     The ratio of both focal lengths and the coefficients but k1 and k2 are held. principal_sigma_px: how far off the
-    principal point of the camera may be.
-    """
-    return calibrate_from(start_of(segments, camera, principal_sigma_px))
-
-
-def calibrate_from(start: Start) -> DriveCalibration:
-    """The same from a start, which it overwrites."""
-    problem, estimate = start
-    camera, segments = problem.camera, estimate.segments
-    estimate, cost = _fitted(problem, estimate, ITERATIONS)
-    for _ in range(REWEIGHTINGS - 1):
-        factor = _error_factor(problem, estimate)
-        if factor > SAME_ERRORS * problem.factor:
-            break
-        # A wrong lens has larger residuals, which let its errors pass for those of ties.
-        problem.factor = factor
-        estimate, cost = _fitted(problem, estimate, ITERATIONS)
-    _, covariance = lens_step((problem, estimate))
-    count = sum(len(one.early) for one in segments)
-    return DriveCalibration(
-        changed_camera(camera, estimate.lens),
-        estimate.lens,
-        covariance,
-        problem.factor,
-        cost / count,
-        len(segments),
-        count,
-    )
-
-
-def start_of(segments: Sequence[Segment], camera: Camera, principal_sigma_px: float) -> Start:
-    """Poses and points for the lens as given, with the errors of ties as large as their residuals say.
-
-    The arguments are those of `calibrate_drive`.
+    principal point of the camera may be. Raises LinAlgError where the ties determine nothing.
     """
     scatter = [np.inf, principal_sigma_px, principal_sigma_px, DISTORTION_SIGMA, DISTORTION_SIGMA]
     problem = _Problem(camera, np.diag(1 / np.array(scatter) ** 2))
@@ -155,7 +210,20 @@ def start_of(segments: Sequence[Segment], camera: Camera, principal_sigma_px: fl
     problem.factor = _error_factor(problem, estimate)
     estimate, _ = _fitted(problem, estimate, START_ITERATIONS)
     problem.free = True
-    return problem, estimate
+    estimate, cost = _fitted(problem, estimate, ITERATIONS)
+    for _ in range(REWEIGHTINGS - 1):
+        factor = _error_factor(problem, estimate)
+        if factor > SAME_ERRORS * problem.factor:
+            break
+        # A wrong lens has larger residuals, which let its errors pass for those of ties.
+        problem.factor = factor
+        estimate, cost = _fitted(problem, estimate, ITERATIONS)
+    covariance, count = _covariance(problem, estimate), sum(len(one.early) for one in segments)
+    if not (np.isfinite(estimate.lens).all() and np.isfinite(covariance).all()):
+        raise np.linalg.LinAlgError
+    return DriveCalibration(
+        camera, estimate.lens, covariance, problem.factor, cost / count, len(segments), count
+    )
 
 
 def _error_factor(problem: _Problem, estimate: _Estimate) -> float:
@@ -206,17 +274,15 @@ def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estim
 _minimise = minimiser(_evaluate, _linearise, _solve, plain=True)
 
 
-def lens_step(start: Start) -> tuple[Array, Array]:
-    """The change (5,) of the lens to first order, in the order of `LENS`, and its covariance (5, 5).
+def _covariance(problem: _Problem, estimate: _Estimate) -> Array:
+    """Covariance (5, 5) of the lens in the order of `LENS`.
 
-    A part of the time of `calibrate_from`. It falls short of large errors. The covariance is of independent errors and
-    of those that neighbouring ties share; it is raised to what the scatter between segments says.
+    It is of independent errors and of those that neighbouring ties share, and raised to what the scatter between
+    segments says.
     """
-    problem, estimate = start
     _linearise(problem, estimate, 0)
     solved = [reduced(one, 0.0) for one in problem.equations]
     matrix = sum((one.matrix for one in solved), problem.known)
-    right = sum((one.right for one in solved), -problem.known @ estimate.lens)
     inverse: Array = np.asarray(np.linalg.inv(matrix), np.float64)
     result = inverse.copy()
     for segment, equations, one in zip(estimate.segments, problem.equations, solved, strict=True):
@@ -224,12 +290,13 @@ def lens_step(start: Start) -> tuple[Array, Array]:
         effect = (lens_gain(segment, equations, one) @ inverse) * shared_px[:, None, None]
         late = segment.frame[segment.early + 1]
         result += correlated_covariance(segment.end, late, effect, TIE_ERRORS.reach_px)
-    step: Array = np.asarray(inverse @ right, np.float64)
     count = len(solved)
     if count > 1:
-        # What each segment would still change after the step.
+        # What each segment alone would still change.
+        right = sum((one.right for one in solved), -problem.known @ estimate.lens)
+        step = inverse @ right
         rights = np.array([one.right - one.matrix @ step for one in solved])
         scatter = inverse @ (rights.T @ rights) @ inverse * count / (count - 1)
         ratio = np.sqrt(np.maximum(1.0, np.diag(scatter) / np.diag(result)))
         result *= np.outer(ratio, ratio)
-    return step, result
+    return result

@@ -11,8 +11,11 @@ import pytest
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 import wayside
+from wayside.pipeline.calibration.drives import calibrate_log
+from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.settings import ReadSettings
+from wayside.stages.calibration import describe_calibration
 from wayside.stages.detection import proposals
 
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
@@ -188,14 +191,17 @@ def test_a_run_notes_a_lens_that_cannot_be_right_and_the_one_that_the_images_ask
 ):
     pq.write_table(pa.Table.from_pylist(true_boxes), tmp_path / "boxes.parquet")
     true = default_demo.about["camera"]
-    (tmp_path / "camera.yaml").write_text(
+    wrong, boxes = tmp_path / "wrong.yaml", ("--detections", str(tmp_path / "boxes.parquet"))
+    wrong.write_text(
         CAMERA.format(1.1 * true["fx"], true["cx"], true["cy"], *true["distortion"][:2])
     )
-    result = run_demo(
-        *("--detections", str(tmp_path / "boxes.parquet")),
-        *("--calibration", str(tmp_path / "camera.yaml")),
-    )
-    found = result.about["camera_by_motion"]
-    assert abs(found["fx"] / true["fx"] - 1) < 0.03
-    (note,) = [note for note in result.about["notes"] if "cannot be right" in note]
-    assert f"a focal length of about {found['fx']:.0f} px" in note
+    result = run_demo(*boxes, *("--calibration", str(wrong)))
+    calibrated = calibrate_log(DEMO, load_settings(options={"read.calibration": str(wrong)})[0])
+    same = calibrated.calibration.parameters["fx"]
+    assert result.about["calibration"]["parameters"]["fx"] == same._asdict()
+    assert abs(same.value / true["fx"] - 1) < 0.03
+    words = describe_calibration(calibrated.calibration, str(wrong))
+    assert any(note.startswith(words) for note in result.about["notes"])
+    corrected = run_demo(*boxes, *("--calibration", str(wrong)), "--self-calibrate")
+    assert corrected.about["camera"]["fx"] == pytest.approx(same.value)
+    assert not corrected.about["calibration"]["refutes_given"]

@@ -58,6 +58,7 @@ def digest_of(result):
         }
         for row in result.signs
     ]
+    fx = result.about["calibration"]["parameters"]["fx"]
     return {
         "signs": signs,
         "verdicts": result.verdicts,
@@ -65,7 +66,10 @@ def digest_of(result):
             name: dict(sorted(Counter(row[name] or "none" for row in result.observations).items()))
             for name in OBSERVED
         },
-        "focal_length": {k: round(v or 0.0, 4) for k, v in result.about["focal_length"].items()},
+        "focal_length": {
+            "correction": round(fx["value"] / fx["given"] - 1, 4),
+            "sigma": round(fx["sigma"] / fx["value"], 4),
+        },
         "camera_height_m": rounded(result.about["camera_height_m"], 3),
         "stations_m": [
             round(row["station_m"], 3) for row in result.frames if row["station_m"] is not None
@@ -186,7 +190,8 @@ def test_the_default_says_that_no_model_learned_from_the_demo_and_its_lens_is_ri
     default_demo,
 ):
     assert default_demo.about["learned_from_log"] == []
-    assert default_demo.about["camera_by_motion"] is None
+    assert default_demo.about["calibration"]["is_determined"]
+    assert not default_demo.about["calibration"]["refutes_given"]
 
 
 def test_the_default_gives_panels_of_one_support_its_number(default_demo, truth):

@@ -15,12 +15,15 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from wayside.pipeline.logs.information import describe_log
 from wayside.pipeline.reading import video
+from wayside.pipeline.reading.calibrations import format_camera
 from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.h264 import read_stream
 from wayside.schemas.errors import InputError
+from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings
 
+from ..pipeline.results import invoke
 from .conftest import run_log_file
 
 av = pytest.importorskip("av", reason="no PyAV: pip install 'wayside[video]'")
@@ -252,3 +255,31 @@ def test_the_demo_drive_as_video_gives_its_signs(tmp_path, altered_demo, default
         # one panel is half hidden by a pole: it stands within three stated errors, the others closer
         stated = np.hypot(a["sigma_along_m"], b["sigma_along_m"])
         assert np.hypot(a["x"] - b["x"], a["y"] - b["y"]) < max(0.5, 3 * stated), key
+
+
+def test_a_video_file_is_imported_with_times_and_positions(tmp_path):
+    """Every second of its pictures; the track covers them."""
+    file, track, camera = (tmp_path / name for name in ("a.mp4", "track.csv", "camera.yaml"))
+    with av.open(str(file), "w") as container:
+        container.metadata["creation_time"] = "2024-05-17T10:31:00Z"
+        stream = container.add_stream("libx264", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 160, 120, "yuv420p"
+        for rgb in images(8, 160, 120):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24")))
+        container.mux(stream.encode(None))
+    camera.write_text(format_camera(Camera(160, 120, 150.0, 150.0, 80.0, 60.0), "camera"))
+    track.write_text(
+        "time,lon,lat\n2024-05-17T10:31:00Z,7.0,50.0\n2024-05-17T10:31:01Z,7.0,50.001\n"
+    )
+    out = tmp_path / "a.mcap"
+    options = ["--every", 2, "--calibration", camera, "--positions", track, "-o", out]
+    assert "4 images from 2024-05-17 10:31:00+00:00, 4 with a position" in invoke(
+        "import", file, *options
+    )
+    frames = list(read_frames(out, ReadSettings(thin_m=0.0), ReadReport()))
+    begin = 1_715_941_860 * 10**9
+    assert [f.time_ns - begin for f in frames] == [0, 200_000_000, 400_000_000, 600_000_000]
+    steps = [f.fix.latitude_deg - 50.0 for f in frames]
+    assert steps == pytest.approx([0, 0.0002, 0.0004, 0.0006], abs=1e-9)
+    with pytest.raises(InputError, match="no video that can be decoded"):
+        invoke("import", camera.rename(tmp_path / "b.mp4"), *options)

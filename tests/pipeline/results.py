@@ -12,7 +12,7 @@ import shapely
 from typer.testing import CliRunner
 
 from wayside.pipeline.cli import app
-from wayside.pipeline.logs.importing import import_images
+from wayside.pipeline.logs.importing import ImportOptions, import_images
 from wayside.pipeline.reading.calibrations import format_camera
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.frame import Camera
@@ -78,7 +78,7 @@ def make_log(log, images):
     calibration = log.with_suffix(".yaml")
     camera = Camera(160, 120, 150.0, 150.0, 80.0, 60.0)
     calibration.write_text(format_camera(camera, "camera"))
-    import_images([source], calibration, 8.0, log)
+    import_images([source], calibration, log, ImportOptions(8.0))
     return log
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from wayside.pipeline.logs.importing import import_images
+from wayside.pipeline.logs.importing import ImportOptions, import_images
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ReadSettings
@@ -40,7 +40,8 @@ def imported(tmp_path, calibration):
     def imported(paths, order=""):
         said = []
         out = tmp_path / "drive.mcap"
-        import_images(paths, calibration, 10.0, out, order=order, overwrite=True, warn=said.append)
+        how = ImportOptions(10.0, order=order, overwrite=True)
+        import_images(paths, calibration, out, how, warn=said.append)
         frames = list(read_frames(out, ReadSettings(), ReadReport()))
         return [f.name for f in frames], [f.spacing_m for f in frames], said
 

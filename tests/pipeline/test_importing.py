@@ -1,5 +1,6 @@
 import os
 import shutil
+from datetime import datetime
 from pathlib import Path
 
 import cv2
@@ -10,7 +11,7 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.reader import make_reader
 from PIL import Image
 
-from wayside.pipeline.logs.importing import import_images
+from wayside.pipeline.logs.importing import ImportOptions, import_images
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.settings import ReadSettings
@@ -31,7 +32,7 @@ def frames_of(log, **settings):
 def imported(files, calibration, out):
     """The frames of the log of these images, and what was said of them."""
     said = []
-    import_images(files, calibration, 10.0, out, warn=said.append)
+    import_images(files, calibration, out, ImportOptions(10.0), warn=said.append)
     return frames_of(out), said
 
 
@@ -42,8 +43,14 @@ def test_images_become_a_log_that_needs_no_spacing(tmp_path, calibration):
     (folder / "notes.txt").write_text("no image")
     out = tmp_path / "drive.mcap"
     told = []
-    done = import_images([folder], calibration, 8.04672, out, watch=lambda *of: told.append(of))
-    assert done == (4, 0)
+    done = import_images(
+        [folder],
+        calibration,
+        out,
+        ImportOptions(8.04672),
+        watch=lambda *of: told.append(of),
+    )
+    assert done == (4, 0, 0, None)
     assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
     frames = frames_of(out)
     assert [bytes(f.data) for f in frames] == [f.read_bytes() for f in files]
@@ -77,7 +84,7 @@ def test_missing_numbers_are_missing_distances_and_are_said_by_import_and_by_a_r
 def test_the_log_is_read_by_the_stock_reader_with_the_published_schemas(tmp_path, calibration):
     out = tmp_path / "drive.mcap"
     file = write_image(tmp_path / "1.jpg")
-    import_images([file], calibration, 8.0, out)
+    import_images([file], calibration, out, ImportOptions(8.0))
     with out.open("rb") as stream:
         reader = make_reader(stream)
         messages = {s.name: m.data for s, _, m in reader.iter_messages()}
@@ -90,7 +97,7 @@ def test_the_log_is_read_by_the_stock_reader_with_the_published_schemas(tmp_path
     assert list(camera.D) == [-0.2, 0.1, 0.0, 0.0, 0.5]
     assert list(camera.P) == [50, 0, 16, 0, 0, 51, 12, 0, 0, 0, 1, 0]
     assert metadata["wayside"]["spacing_m"] == "8.0"
-    import_images([file], calibration, 8.0, tmp_path / "again.mcap")
+    import_images([file], calibration, tmp_path / "again.mcap", ImportOptions(8.0))
     assert (tmp_path / "again.mcap").read_bytes() == out.read_bytes()
 
 
@@ -116,10 +123,12 @@ def test_what_cannot_be_imported_is_refused_and_no_log_is_left(
     (tmp_path / "empty").mkdir()
     files = [tmp_path / name for name in names]
     with pytest.raises(error, match=words):
-        import_images(files, calibration, spacing, tmp_path / "drive.mcap")
+        import_images(files, calibration, tmp_path / "drive.mcap", ImportOptions(spacing))
     assert not list(tmp_path.glob("drive*"))
     with pytest.raises(OutputError, match="the file cannot be written: No such file"):
-        import_images([tmp_path / "1.jpg"], calibration, 8.0, tmp_path / "none" / "drive.mcap")
+        import_images(
+            [tmp_path / "1.jpg"], calibration, tmp_path / "none" / "drive.mcap", ImportOptions(8.0)
+        )
 
 
 @pytest.mark.parametrize(
@@ -203,9 +212,90 @@ def test_files_and_folders_that_may_not_be_read_are_named(tmp_path, calibration)
     images = [write_image(tmp_path / f"{n}.jpg") for n in (1, 2)]
     images[1].chmod(0)
     said = []
-    import_images(images, calibration, 8.0, tmp_path / "drive.mcap", warn=said.append)
+    import_images(
+        images, calibration, tmp_path / "drive.mcap", ImportOptions(8.0), warn=said.append
+    )
     assert "2.jpg: Permission denied" in said[0]
     folder = tmp_path / "closed"
     folder.mkdir(mode=0)
     with pytest.raises(InputError, match="closed: the folder cannot be listed"):
-        import_images([folder], calibration, 8.0, tmp_path / "other.mcap")
+        import_images([folder], calibration, tmp_path / "other.mcap", ImportOptions(8.0))
+
+
+def places_of(frame):
+    return frame.fix.latitude_deg, frame.fix.longitude_deg, frame.fix.altitude_m
+
+
+def exif_of(second, place=None):
+    """Exif data with the local time of capture, and latitude and longitude in degrees, minutes, seconds."""
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0x9003] = f"2024:05:17 10:31:{second:02d}"
+    if place is not None:
+        north, east = ((int(a), int(a % 1 * 60), a * 60 % 1 * 60) for a in map(abs, place))
+        signs = {1: "N" if place[0] > 0 else "S", 3: "E" if place[1] > 0 else "W"}
+        exif.get_ifd(0x8825).update(signs | {2: north, 4: east, 5: b"\1", 6: 12.5})
+    return exif
+
+
+PLACES = [(-33.5 + n * 1e-4, 150.25 + n * 1e-4) for n in range(4)]
+GPX = '<gpx xmlns="http://www.topografix.com/GPX/1/0"><trk><trkseg>{}</trkseg></trk></gpx>'
+POINT = '<trkpt lat="{}" lon="{}"><ele>-12.5</ele><time>2024-05-17T00:31:{:02d}Z</time></trkpt>'
+SOURCES = {
+    "exif": "",
+    "files.csv": "file;lat;lon;alt\n"
+    + "".join(f"a/{n}.jpg;{lat:.6f};{lon:.6f};-12,5\n" for n, (lat, lon) in enumerate(PLACES)),
+    "times.csv": "time,lon,lat,alt\n"
+    + "".join(
+        f"2024-05-17T10:31:{2 * n:02d},{lon},{lat},-12.5\n" for n, (lat, lon) in enumerate(PLACES)
+    ),
+    "track.gpx": GPX.format("".join(POINT.format(*PLACES[n], 2 * n) for n in (0, 1, 3))),
+}
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_images_with_positions_need_no_spacing_and_have_a_date(tmp_path, calibration, source):
+    """The track is of another time zone, and lacks the third image."""
+    files = []
+    for n, place in enumerate(PLACES):
+        files.append(tmp_path / f"{n}.jpg")
+        exif = exif_of(2 * n, place if source == "exif" else None)
+        Image.open(write_image(tmp_path / f"{n}.png")).save(files[-1], exif=exif)
+    file = tmp_path / source
+    if SOURCES[source]:
+        file.write_text(SOURCES[source])
+    out, positions = tmp_path / "drive.mcap", file if SOURCES[source] else None
+    done = import_images(files, calibration, out, ImportOptions(positions=positions))
+    assert done[2:] == (4, datetime(2024, 5, 17, 10, 31))
+    frames = frames_of(out, thin_m=0.0)
+    np.testing.assert_allclose(
+        [places_of(f) for f in frames], [(*p, -12.5) for p in PLACES], atol=1e-6
+    )
+    assert frames[0].time_ns == 1715941860 * 10**9
+    assert [f.spacing_m for f in frames] == [None] * 4
+
+
+def test_local_times_that_fit_a_track_in_several_zones_are_refused(tmp_path, calibration):
+    file, track = tmp_path / "1.jpg", tmp_path / "long.gpx"
+    Image.open(write_image(tmp_path / "1.png")).save(file, exif=exif_of(0))
+    later = POINT.replace("T00:31", "T01:31")
+    track.write_text(GPX.format(POINT.format(50, 7, 0) + later.format(51, 7, 0)))
+    with pytest.raises(InputError, match="5 time zones fit the times of the images"):
+        import_images([file], calibration, tmp_path / "o", ImportOptions(8.0, positions=track))
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.gpx", "<gpx>", "cannot be read"),
+        ("a.csv", "file,lon\n1.jpg,7\n", "cannot be read: 'lat'"),
+        ("a.csv", "file,lon,lat\n9.jpg,7,50\n", "of none of these 1 images"),
+        ("a.csv", "file,route,milepost\n1.jpg,K-7,12.5\n", "--routes FILE"),
+        ("a.gpx", GPX.format(POINT.format(50, 7, 1)), "need the time of each image"),
+    ],
+)
+def test_positions_that_cannot_be_used_are_refused(tmp_path, calibration, name, text, words):
+    file = tmp_path / name
+    file.write_text(text)
+    images, how = [write_image(tmp_path / "1.jpg")], ImportOptions(8.0, positions=file)
+    with pytest.raises((InputError, UsageError), match=words):
+        import_images(images, calibration, tmp_path / "drive.mcap", how)

@@ -139,3 +139,11 @@ def test_options_that_do_not_go_together_are_refused(given, words):
         load_settings(options=settings_of(dict(zip(names, given, strict=True))))
     with pytest.raises(UsageError, match="--milepost: 2 logs are given"):
         invoke("run", "a.mcap", "b.mcap", "-o", "out", "--milepost", "12.35")
+
+
+def test_a_milepost_is_a_place_on_its_route(network):
+    lines = open_routes(RouteSettings(file=str(network)))
+    found = lines.places([("US-36 EB", 12.3), ("K-7", 1.5)])
+    np.testing.assert_allclose(found, [(38.8805, -98.865), (38.0, -96.95)], atol=1e-6)
+    with pytest.raises(ValueError, match="US-36 EB has no measure 99"):
+        lines.places([("US-36 EB", 99.0)])

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from wayside.pipeline.calibration.boards import calibrate_images, format_boards, parse_board
 from wayside.pipeline.calibration.command import calibrate_by_boards
 from wayside.pipeline.cli import app
-from wayside.pipeline.logs.importing import import_images
+from wayside.pipeline.logs.importing import ImportOptions, import_images
 from wayside.pipeline.reading.calibrations import read_camera_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError, OutputError, UsageError
@@ -124,7 +124,7 @@ def test_the_camera_file_serves_import_and_run(renderer, boards, tmp_path):
     assert camera.fx == pytest.approx(renderer.camera.fx, rel=0.005)
     assert cv2.imread(str(tmp_path / "camera.coverage.png")).shape[1] == 1200
     assert sorted(p.name for p in tmp_path.iterdir()) == ["camera.coverage.png", "camera.yaml"]
-    import_images(images[:2], out, 8.0, tmp_path / "drive.mcap")
+    import_images(images[:2], out, tmp_path / "drive.mcap", ImportOptions(8.0))
     for settings in (ReadSettings(), ReadSettings(calibration=str(out))):
         frames = list(read_frames(tmp_path / "drive.mcap", settings, ReadReport()))
         assert {frame.camera for frame in frames} == {camera}

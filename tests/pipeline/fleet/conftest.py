@@ -100,12 +100,14 @@ class InProcess:
 @pytest.fixture
 def fleet(tmp_path, monkeypatch):
     """Runs logs, by name and content, as a fleet; what it began, merged and reports."""
-    seen = SimpleNamespace(began=[], merged=[], times=Counter(), inventory=tmp_path / "inventory")
+    seen = SimpleNamespace(
+        began=[], merged=[], settings={}, times=Counter(), inventory=tmp_path / "inventory"
+    )
 
     def run_log(asked):
         log, folder, settings, models = asked.log, asked.folder, asked.settings, asked.models
         seen.began.append(log.stem)
-        seen.times[log.stem] += 1
+        seen.settings[log.stem], seen.times[log.stem] = settings, seen.times[log.stem] + 1
         first, _, then = log.read_text().strip().partition(" then ")
         content = first if seen.times[log.stem] == 1 or not then else then
         if content.startswith("die"):
@@ -135,28 +137,27 @@ def fleet(tmp_path, monkeypatch):
             (out / name).mkdir(exist_ok=True)
         return MergeReport(len(folders))
 
-    task._equipment.cache_clear()
+    task._models.cache_clear()
     for module in (task, running):
         monkeypatch.setattr(module, "load_models", lambda settings: NO_MODELS)
     monkeypatch.setattr(task, "run_log", run_log)
     monkeypatch.setattr(running, "merge_inventory", merge)
 
-    def run(contents, settings=SETTINGS, engine=InProcess, given=None, **options):
+    def run(contents, settings=SETTINGS, engine=InProcess, given=None, own=None, **options):
         seen.began.clear()
         seen.merged.clear()
         for name, content in contents.items():
             log = tmp_path / "logs" / f"{name}.mcap"
             log.parent.mkdir(parents=True, exist_ok=True)
             log.write_text(content)
-        uris = expand_sources(given or [str(tmp_path / "logs")])
-        seen.report = run_fleet(
-            uris, seen.inventory, settings, FleetOptions(**options), open_engine=engine
-        )
+        uris = list(own or expand_sources(given or [str(tmp_path / "logs")]))
+        how = {"open_engine": engine, "own": own}
+        seen.report = run_fleet(uris, seen.inventory, settings, FleetOptions(**options), **how)
         seen.states = {entry.name: (entry.state, entry.status) for entry in seen.report.entries}
         return seen
 
     yield run
-    task._equipment.cache_clear()
+    task._models.cache_clear()
 
 
 @pytest.fixture

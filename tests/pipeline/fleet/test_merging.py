@@ -92,6 +92,49 @@ def copied(surveyed, tmp_path):
     return shutil.copytree(surveyed.folder, tmp_path / "inventory")
 
 
+NO_FIXES = dict.fromkeys(
+    ("lon_deg", "lat_deg", "alt_m", "geometry", "sigma_east_m", "sigma_north_m", "sigma_alt_m")
+)
+
+
+@pytest.mark.parametrize("sense", [1, -1])
+def test_drives_without_fixes_are_merged_and_compared_by_milepost(copied, surveyed, sense):
+    """Each begins some metres beside its milepost, and has a spacing that is up to half a percent off."""
+    lateral = {}
+    for number, folder in enumerate(drives_of(copied)):
+
+        def along(row, off=number - 1.5):
+            return {"station_m": row["station_m"] * (1 + 0.003 * off) + 3.0 * off}
+
+        def sign(row, along=along):
+            station = along(row)
+            measure = 50.0 + sense * station["station_m"] / 1609.344
+            lateral[row["sign_id"]] = sense * row["lateral_m"]
+            told = {"route": "US-36", "measure": measure, "measure_unit": "mi"}
+            return NO_FIXES | station | told | {"up_m": 2.0 - row["down_m"]}
+
+        rewrite(folder / "signs.parquet", sign)
+        rewrite(
+            folder / "frames.parquet",
+            lambda row, along=along: NO_FIXES | along(row) | {"heading_deg": None},
+        )
+        run = json.loads((folder / "run.json").read_text())
+        route = {"name": "US-36", "milepost": 50.0, "unit": "mi", "decreasing": sense < 0}
+        (folder / "run.json").write_text(json.dumps(run | {"settings": {"route": route}}))
+    assert not merge_inventory(drives_of(copied), copied).local_drives
+    true, found = (Counter(r["change"] for r in changed_rows(f)) for f in (surveyed.folder, copied))
+    assert sum((true - found).values()) + sum((found - true).values()) <= 4
+    assert found["gone"] > 5
+    for row in rows_of(copied, "panels"):
+        assert row["lon_deg"] is row["geometry"] is None
+        assert row["lateral_m"] == pytest.approx(lateral[row["best_sign_id"]], abs=0.5)
+        assert 0 <= sense * (row["measure"] - 50.0) < 3100 / 1609.344
+    write_page(copied, copied / "page.html", ("2024", "2025"))
+    page = (copied / "page.html").read_text()
+    assert page.count("US-36 ") >= found["gone"]
+    export(copied, NO_REVIEW, copied / "panels.csv", "csv")
+
+
 def test_every_sighting_is_written_once_and_the_tables_tell_of_each_other(surveyed):
     panels, supports, sightings = (rows_of(surveyed.folder, part) for part in PARTS)
     counts = surveyed.report.panels, surveyed.report.supports, surveyed.report.sightings
@@ -225,7 +268,7 @@ def test_a_drive_without_fixes_is_told_and_its_signs_are_counted(surveyed, copie
     report = merge_inventory(drives_of(copied), copied)
     assert report.local_drives == ["y0p0"]
     assert report.left_out == len(surveyed.identities["y0p0"])
-    assert "1 drives have no satellite fixes" in str(report)
+    assert "1 drives have neither satellite fixes nor a milepost" in str(report)
 
 
 def test_results_of_one_name_and_folders_of_the_user_are_refused(surveyed, tmp_path):

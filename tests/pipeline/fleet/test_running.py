@@ -6,11 +6,14 @@ from dataclasses import replace
 
 import pytest
 
+from wayside.pipeline.cli.fleet import read_log_table
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.fleet.folders import locked_inventory
 from wayside.pipeline.fleet.manifest import Entry, Manifest, read_manifest, write_manifest
 from wayside.pipeline.fleet.status import describe_duration, describe_progress, format_status
-from wayside.schemas.errors import InputError, InterruptionError, OutputError
+from wayside.schemas.errors import InputError, InterruptionError, OutputError, UsageError
+
+from ..results import invoke
 
 DONE = ("done", 0)
 
@@ -37,6 +40,31 @@ def test_every_log_is_done_although_a_worker_dies(fleet, tmp_path):
     long = tmp_path / "logs" / ("x" * 252)  # a log like others
     long.write_text("four")
     assert list(fleet({}, given=[str(long)]).states.values()) == [DONE]
+
+
+def test_a_table_gives_each_log_its_own_options_and_a_change_runs_that_log_alone(fleet, tmp_path):
+    fleet({"a": "one", "b": "two"})
+    table, camera = tmp_path / "logs.csv", tmp_path / "camera.yaml"
+    row = f"{tmp_path}/logs/{{}}.mcap;{{}};8m"
+    rows = ["log;route;milepost;decreasing;calibration;spacing"]
+    rows += [row.format("a", f"US-36;12.5;;{camera}"), row.format("b", "K-7;3km;yes;")]
+    table.write_text("\n".join(rows))
+    seen = fleet({}, own=read_log_table(table, {"spacing": "9m"}))
+    assert sorted(seen.began) == ["a", "b"]
+    a, b = seen.settings["a"], seen.settings["b"]
+    assert (a.route.name, a.route.milepost, a.route.decreasing) == ("US-36", 12.5, False)
+    assert (b.route.name, b.route.milepost, b.route.unit, b.route.decreasing) == (
+        "K-7",
+        3,
+        "km",
+        True,
+    )
+    assert (a.read.calibration, b.read.calibration, a.read.spacing_m) == (str(camera), "", 8.0)
+    table.write_text(table.read_text().replace("3km", "4km"))
+    assert fleet({}, own=read_log_table(table, {})).began == ["b"]
+    table.write_text("log,speed\na.mcap,3\n")
+    with pytest.raises(UsageError, match=r"has a column speed\. Its columns are log"):
+        invoke("fleet", table, "-o", tmp_path / "other")
 
 
 @pytest.mark.parametrize(("content", "logged"), [("die", " begun "), ("fault", "StageError")])

@@ -87,25 +87,29 @@ def processed(item, camera):
 
 
 def watched(items, change=lambda camera: camera):
-    """The camera that a run asks for where the changed one that it is given cannot be right."""
+    """What a run says of the changed camera that it is given."""
     watch = CalibrationWatch(images=IMAGES)
     given = [processed(item, change(item.frame.camera)) for item in items]
     assert list(watch_calibration(iter(given), watch)) == given
-    return watch.check().found
+    return watch.calibrate()
 
 
 @pytest.mark.parametrize("wrong", [(0.14, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.3, 0.0)])
 def test_a_run_notices_a_focal_length_and_a_distortion_that_cannot_be_right(curve, wrong):
     items, true = curve
     found = watched(items, lambda camera: changed_camera(camera, np.array(wrong)))
-    assert found.fx == pytest.approx(true.fx, rel=0.05)
-    assert found.distortion[0] == pytest.approx(0.0, abs=0.05)
+    assert found.refutes_given
+    assert found.camera.fx == pytest.approx(true.fx, rel=0.05)
+    assert found.camera.distortion[0] == pytest.approx(0.0, abs=0.05)
+    assert found.displacement == pytest.approx(displacement(found.given, -np.array(wrong)), rel=0.5)
 
 
 def test_a_run_is_silent_where_the_calibration_is_right_or_nothing_tells(curve, straight):
-    assert watched(curve[0]) is None
-    assert watched(straight[0]) is None
-    assert CalibrationWatch().check() == (None, None, None)
+    assert not watched(curve[0]).refutes_given
+    unsure = watched(straight[0])
+    assert not unsure.refutes_given
+    assert not unsure.is_determined
+    assert CalibrationWatch().calibrate() is None
     assert watched(curve[0][:1], lambda camera: scaled(camera, 1.15)) is None
 
 
