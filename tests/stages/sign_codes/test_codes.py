@@ -74,10 +74,15 @@ def test_what_colour_shape_and_size_tell_is_stated(system, color, shape, size_in
     assert found.probability >= US.settled
 
 
-def test_a_face_that_fits_two_series_has_no_code():
+def test_a_face_that_fits_two_series_has_no_code_and_the_category_that_both_are_of():
     # a blue disc orders a direction, or forbids to stop
-    assert code(sign("blue", "circle", 23.6, 23.6), VIENNA) is None
-    assert code(sign(None, "rectangle", 25, 40, 8.0)) is None
+    for settings, *look, category in (
+        (VIENNA, "blue", "circle", 23.6, 23.6, "regulatory"),
+        (CodeSettings(), "red", "octagon", 29.5, 29.5, "regulatory"),  # of either system
+        (US, None, "rectangle", 25, 40, 8.0, None),
+    ):
+        (found,) = assign_codes(iter([sign(*look)]), settings=settings)
+        assert (found.code, found.category) == (None, category)
 
 
 @pytest.mark.parametrize("size", [(33, 33, 3.0), (41, 41, 0.3), (np.nan, np.nan)])
