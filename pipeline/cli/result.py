@@ -71,6 +71,9 @@ def evidence(
     png: Annotated[
         bool, typer.Option("--png", help="Also write each sheet as an image, to print or send.")
     ] = False,
+    blur: Annotated[
+        bool, typer.Option("--blur", help="Blur what lies off the panels in all images.")
+    ] = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a page of images, maps and figures for every sign, and an index to filter and correct them."""
@@ -86,7 +89,14 @@ def evidence(
         )
     with SheetProgress("evidence") as progress:
         written = write_evidence(
-            out, sheets, sign_id=sign, log=log, watch=progress.watch, png=png, overwrite=overwrite
+            out,
+            sheets,
+            sign_id=sign,
+            log=log,
+            watch=progress.watch,
+            png=png,
+            blur=blur,
+            overwrite=overwrite,
         )
     count = len(written.sheets)
     index = f"{count} sheet{'s' * (count != 1)}; open {written.index}"
