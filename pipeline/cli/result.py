@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from wayside.pipeline.cli.help import Application, examples
-from wayside.pipeline.cli.options import MovedLog, Option, Out, Overwrite, parse_size, takes
+from wayside.pipeline.cli.options import MovedLog, Option, Out, Overwrite, flag, parse_size, takes
 from wayside.pipeline.files.visible_text import visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, InputError, UsageError
 
@@ -30,10 +30,13 @@ class Format(StrEnum):
     """What the file is."""
 
     csv = "csv"
+    xlsx = "xlsx"
     geojson = "geojson"
     gpkg = "gpkg"
+    fgb = "fgb"
     shp = "shp"
     kml = "kml"
+    kmz = "kmz"
     mcap = "mcap"
 
 
@@ -237,7 +240,9 @@ HOW_TO_EXPORT = {
     "review": Option(
         Path, "Corrections saved by the evidence index; default: review.json or .csv in OUT."
     ),
-    "log": Option(Path, "mcap: where the log lies now, if it has moved since the run."),
+    "log": Option(Path, "mcap, --pictures: where the log lies now, if it has moved."),
+    "every": flag("--all", "All columns; else the twenty that most need."),
+    "pictures": flag("--pictures", "gpkg, kmz: with the best image of each sign."),
 }
 
 
@@ -285,6 +290,8 @@ def export(
         units=given["units"].value,
         crs=given["crs"],
         log=given["log"],
+        every=given["every"],
+        pictures=given["pictures"],
         overwrite=overwrite,
     )
     reviewed = len(said.rows) + len(said.missing)

@@ -40,6 +40,11 @@ def encode_webp(rgb: NDArray[np.uint8], quality: int = QUALITY) -> bytes:
     return cv2.imencode(".webp", bgr, (cv2.IMWRITE_WEBP_QUALITY, quality))[1].tobytes()
 
 
+def encode_jpeg(rgb: NDArray[np.uint8]) -> bytes:
+    """An image (h, w, 3) as JPEG, which every program shows."""
+    return cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))[1].tobytes()
+
+
 def encode_png(rgb: NDArray[np.uint8]) -> bytes:
     """An image (h, w, 3) as PNG, compressed a little."""
     bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
