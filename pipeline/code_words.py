@@ -37,13 +37,14 @@ def series_words(row: Mapping[str, Any]) -> str | None:
 
 
 def nominal_words(row: Mapping[str, Any]) -> str | None:
-    """The standard size in inches of a US sign, in millimetres of a European one, or None."""
+    """The standard size in inches of a US sign, in millimetres of a European one, or None; of diamonds also across."""
     width, height = row.get("nominal_width_in"), row.get("nominal_height_in")
     if width is None or height is None:
         return None
-    if row.get("vienna"):
-        return f"{width * 25.4:.0f} x {height * 25.4:.0f} mm"
-    return f"{width:g} x {height:g} in"
+    scale, unit = (25.4, "mm") if row.get("vienna") else (1.0, "in")
+    across = f" along its sides, {width * scale * 2**0.5:.0f} {unit} across"
+    size = " x ".join(f"{side * scale:{'.0f' if scale > 1 else 'g'}}" for side in (width, height))
+    return f"{size} {unit}{across if row.get('shape') == 'diamond' else ''}"
 
 
 def system_notes(signs: Sequence[Sign], settled: float) -> list[str]:

@@ -177,7 +177,8 @@ def _ratios(
     """Likelihood (classes,) of what was seen, over that of all classes alike; 1 where nothing was."""
     if log_probability:
         scaled = np.array(log_probability) - np.logaddexp.reduce(log_probability)
-        return np.asarray(len(names) * np.exp(scaled), np.float64)
+        known = len(scaled) * np.exp(scaled)
+        return np.pad(known, (0, len(names) - len(known)))  # no network takes it for another class
     if named is None:
         return np.ones(len(names))
     wrong = (1 - NAMED_RIGHT) / (len(names) - 1)

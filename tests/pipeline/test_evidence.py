@@ -540,6 +540,12 @@ def test_nothing_is_less_than_zero_by_less_than_is_shown():
     assert (values["Facing"], values["Lower edge above it"]) == ("0°", "0.00 m")
 
 
+def test_the_standard_size_of_a_diamond_is_told_along_its_sides_and_across():
+    inches = {"nominal_width_in": 30.0, "nominal_height_in": 30.0, "shape": "diamond"}
+    values = {f.label: f.value for f in figures(**inches, mutcd="W", code_probability=1.0)}
+    assert values["Standard size"] == "30 x 30 in along its sides, 42 in across"
+
+
 def test_the_ground_below_a_sign_is_that_between_the_strips_around_it(out):
     assert {one.sign["ground_m"] for one in gather(out, None)[1]} == {None}
     near = [(36.0, 5.5, -0.5), (36.0, 6.5, -0.9), (44.0, 5.5, -0.7), (44.0, 6.5, -1.1)]

@@ -61,6 +61,7 @@ def code(one, settings=US, classes=()):
         ("us", "green", "rectangle", (10, 27), "D10", (10, 27)),
         ("us", "blue", "shield", (24, 24), "M1-1", (24, 24)),
         ("us", "yellow", "rectangle", (12, 36), "OM3", (12, 36)),
+        ("us", "black", "rectangle", (30, 30), "R", (30, 30)),
         ("vienna", "red", "octagon", (35.4, 35.4), "B2a", ANY),
         ("vienna", "yellow", "diamond", (27.8, 27.8), "B3", ANY),
         ("vienna", "red", "circle", (23.6, 23.6), "C1a", ANY),
