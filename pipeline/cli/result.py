@@ -26,33 +26,9 @@ OverOption = Annotated[
 FrameOption = Annotated[int | None, typer.Option("--frame", help="A frame of the log.")]
 
 
-class Format(StrEnum):
-    """What the file is."""
-
-    csv = "csv"
-    xlsx = "xlsx"
-    geojson = "geojson"
-    gpkg = "gpkg"
-    fgb = "fgb"
-    shp = "shp"
-    kml = "kml"
-    kmz = "kmz"
-    mcap = "mcap"
-
-
-class Units(StrEnum):
-    """Of lengths."""
-
-    metric = "metric"
-    us = "us"
-
-
-class InventoryTable(StrEnum):
-    """Of an inventory, and `profile` of a drive."""
-
-    panels = "panels"
-    supports = "supports"
-    profile = "profile"
+Format = StrEnum("Format", ["csv", "xlsx", "geojson", "gpkg", "fgb", "shp", "kml", "kmz", "mcap"])
+Units = StrEnum("Units", ["metric", "us"])
+InventoryTable = StrEnum("InventoryTable", ["panels", "supports", "profile"])
 
 
 @app.command(

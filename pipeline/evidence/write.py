@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -58,10 +58,8 @@ def write_evidence(
         Path of the log now; None: that at the time of the run.
     watch
         Called with the number of sheets done and to do.
-    png
-        Also write each sheet as an image, to print or to send.
-    blur
-        Blur what lies off the panels in all images.
+    png, blur
+        Also write each sheet as an image, to print or to send. Blur what lies off the panels in all images.
     overwrite
         Replace any file of the names of the sheets and the index; else only sheets of this log.
 
@@ -81,16 +79,15 @@ def write_evidence(
     names = [f"{one.name}.html" for one in signs]
     images = [f"{one.name}.png" for one in signs] if png else []
     index = [INDEX_FILE] if sign_id is None else []
-    boxes = (((one, view), view.frame, view.box) for one in signs for view in one.views)
     with OutputFolder(folder) as output:
         if not overwrite:
             _check_free(folder, [*names, *images, *index], mark)
-        binder = _Binder(output.part, drive, run, mark, png)
+        binder = _Binder(output.part, drive, run, mark, png, blur)
         if index:
             for one, before, after in zip(signs, ["", *names], [*names[1:], ""], strict=False):
                 beside = {"prev": before, "up": INDEX_FILE, "next": after}
                 binder.neighbours[one.name] = {rel: page for rel, page in beside.items() if page}
-        _fill(binder, signs, read_crops(out, log, boxes, PROPORTION, blur=blur), watch)
+        _fill(binder, signs, out, log, watch)
         if index:
             about = {"log": name, "result": result_name(run)}
             page = format_index(signs, binder.thumbs, drive, about, mark)
@@ -132,6 +129,7 @@ class _Binder:
     run: Mapping[str, Any]
     mark: str
     png: bool
+    blur: bool
     neighbours: dict[str, dict[str, str]] = field(default_factory=dict)
     crops: defaultdict[str, dict[SignView, Crop]] = field(default_factory=lambda: defaultdict(dict))
     thumbs: dict[str, str] = field(default_factory=dict)
@@ -153,15 +151,13 @@ class _Binder:
 
 
 def _fill(
-    binder: _Binder,
-    signs: list[Evidence],
-    crops: Iterator[tuple[tuple[Evidence, SignView], Crop | None]],
-    watch: Watcher,
+    binder: _Binder, signs: list[Evidence], out: Path, log: Path | None, watch: Watcher
 ) -> None:
-    """Take the crops of all views as they come and finish every sign with its last one."""
+    """Take the crops of all views from the log and finish every sign with its last one."""
+    boxes = (((one, view), view.frame, view.box) for one in signs for view in one.views)
     open_signs = {one.name: one for one in signs}
     watch(0, len(signs))
-    for (one, view), crop in crops:
+    for (one, view), crop in read_crops(out, log, boxes, PROPORTION, blur=binder.blur):
         if crop is not None:
             binder.crops[one.name][view] = crop
         if view is one.views[-1]:

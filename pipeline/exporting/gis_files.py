@@ -77,10 +77,6 @@ def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[P
             written.add(batch, key, GEOMETRY)
             yield batch
 
-    options = {
-        "gpkg": {"VERSION": "1.2"},  # GDAL before 3.7, also that of QGIS 3.22, warns of later ones
-        "shp": {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": f"{last:%Y-%m-%d}"},
-    }
     with _scratch_beside(file) as scratch:
         made = scratch / ("doc.kml" if kind == "kmz" else f"{file.stem}.{kind}")
         try:
@@ -89,9 +85,7 @@ def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[P
                     pa.RecordBatchReader.from_batches(schema, batches()),
                     made,
                     layer=file.stem if kind == "shp" else rows.source.name,
-                    driver=_DRIVERS[kind],
-                    **_geometry(kind, rows.crs),
-                    **options.get(kind, {}),
+                    **_options(kind, rows.crs, last),
                 )
         except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
             raise OutputError(
@@ -195,12 +189,16 @@ def _fields(
         yield pa.field(GEOMETRY, pa.binary()), partial(_wkb, 2 if kind in ("kml", "kmz") else 3)
 
 
-def _geometry(kind: str, crs: str) -> dict[str, str]:
-    """What GDAL must know of the places."""
-    if kind == "xlsx":
-        return {}
+def _options(kind: str, crs: str, last: datetime) -> dict[str, str]:
+    """What GDAL must know of a format and of the places."""
     shape = "Point" if kind in ("kml", "kmz") else "Point Z"
-    return {"geometry_name": GEOMETRY, "geometry_type": shape, "crs": crs}
+    places = {"geometry_name": GEOMETRY, "geometry_type": shape, "crs": crs}
+    more = {
+        "gpkg": {"VERSION": "1.2"},  # GDAL before 3.7, also that of QGIS 3.22, warns of later ones
+        "shp": {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": f"{last:%Y-%m-%d}"},
+    }
+    driver = {"driver": _DRIVERS[kind]}
+    return driver | (places if kind != "xlsx" else {}) | more.get(kind, {})
 
 
 def _guarded(name: str, row: Row) -> str | None:
@@ -245,11 +243,11 @@ def picture_name(row: Row) -> str:
 
 
 def _balloon(row: Row, *, shown: bool) -> str:
-    """What a click shows, in HTML: the picture, the look and the sheet."""
+    """What a click shows, in HTML: the look with the picture, or with the sheet, which no archive links to."""
     lines = [escape(_appearance(row))]
     if shown and row.get(PICTURE):
         lines.insert(0, f'<img src="{escape(quote(picture_name(row)))}">')
-    if row.get("evidence"):
+    if row.get("evidence") and not shown:
         lines.append(f'<a href="{escape(quote(row["evidence"]))}">evidence</a>')
     return "<br>".join(lines)
 

@@ -78,18 +78,6 @@ def test_history_and_covariance_are_single_values(inventory, tmp_path):
     assert datetime.fromisoformat(first["first_seen"]) == wanted[first["panel_id"]]["first_seen"]
 
 
-def test_units_and_projection_are_those_of_a_drives_export(inventory, tmp_path):
-    file = tmp_path / "panels.csv"
-    assert "UTM zone 14N" in export(
-        inventory, "-o", file, "--units", "us", "--crs", "EPSG:26914", "--all"
-    )
-    row = next(csv.DictReader(io.StringIO(file.read_text())))
-    panel = merged(inventory, "panels")[row["panel_id"]]
-    assert float(row["panel_width_in"]) == pytest.approx(panel["panel_width_m"] / 0.0254, abs=0.01)
-    assert float(row["cov_nn_ft2"]) == pytest.approx(panel["covariance"][3] / 0.3048**2, abs=1e-5)
-    assert row["crs"] == "EPSG:26914"
-
-
 def test_one_cell_is_read_at_a_time(inventory):
     cells = len(list((inventory / "panels").glob("cell=*")))
     source = inventory_rows(inventory, "panels")

@@ -340,6 +340,12 @@ def test_what_one_drive_did_not_find_is_gone_less_surely_than_what_two_did_not(
     assert max(row["probability"] or 0 for row in missed) < told[0]
 
 
+CODED = {
+    f"{code} {legend or ''}".strip(): {"mutcd": code, "legend": legend, "code_probability": 0.9}
+    for code, legend in [("R2-1", "45"), ("R2-1", "35"), ("R1-1", None), ("R", None), ("W", None)]
+}
+
+
 @pytest.mark.parametrize(
     ("said", "agreed"),
     [
@@ -352,14 +358,8 @@ def test_what_one_drive_did_not_find_is_gone_less_surely_than_what_two_did_not(
     ],
 )
 def test_what_most_drives_say_of_a_code_is_kept_down_to_where_they_disagree(said, agreed):
-    rows = []
-    for code, _, legend in (one.partition(" ") for one in said):
-        row = dict.fromkeys(("mutcd", "vienna", "legend", "category", "code_probability"))
-        coded = {"mutcd": code, "legend": legend or None, "code_probability": 0.9}
-        rows.append(
-            row | ({"category": code or None} if code[1:2].islower() or not code else coded)
-        )
-    found = agreed_code(rows)
+    empty = dict.fromkeys(("mutcd", "vienna", "legend", "category", "code_probability"))
+    found = agreed_code([empty | CODED.get(one, {"category": one or None}) for one in said])
     values = found["mutcd"], found["legend"], found["category"], found["code_probability"]
     assert values == (*agreed[:3], agreed[3] and pytest.approx(agreed[3]))
 
