@@ -59,7 +59,7 @@ def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[P
             "files of geographic information systems need the package pyogrio. Install it with pip install "
             "'wayside[gis]'."
         ) from error
-    last, cut, written, pictures = rows.source.last, Counter[str](), Digest(), {}
+    last, cut, written, pictures = rows.source.last, Counter[str](), Digest(), dict[str, bytes]()
     fields = list(_fields(rows, kind, cut))
     schema = pa.schema([field for field, _ in fields])
     key = schema.names[0]
@@ -124,7 +124,7 @@ def _dated(pyogrio: ModuleType, when: datetime) -> Iterator[None]:
 
 def _archived(made: Path, target: Path, pictures: Mapping[str, bytes], when: datetime) -> Path:
     """A KML file with its pictures, or an archive that GDAL made, as an archive of the same bytes at any hour."""
-    parts = {made.name: made.read_bytes()} | pictures
+    parts = {made.name: made.read_bytes(), **pictures}
     if made.suffix == target.suffix:
         with ZipFile(made) as archive:
             parts = {name: archive.read(name) for name in archive.namelist()}

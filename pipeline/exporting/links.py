@@ -16,6 +16,7 @@ from wayside.pipeline.exporting.table import Row, Source
 from wayside.pipeline.files.pictures import encode_jpeg
 from wayside.pipeline.fleet.manifest import DRIVES
 from wayside.pipeline.results.result import read_rows
+from wayside.schemas.labels import Box
 from wayside.schemas.tables import FRAMES, SIGNS, Column
 
 PICTURE = "picture"
@@ -81,9 +82,7 @@ def _links(folder: Path, beside: Path) -> dict[str, Row]:
     return found
 
 
-def _pictures(
-    folder: Path, seen: dict[str, tuple[int, tuple[float, ...]]], log: Path | None
-) -> dict[str, bytes]:
+def _pictures(folder: Path, seen: dict[str, tuple[int, Box]], log: Path | None) -> dict[str, bytes]:
     boxes = ((one, frame, box) for one, (frame, box) in seen.items())
     return {
         one: encode_jpeg(draw_crop(crop, _SIZE))
