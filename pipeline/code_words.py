@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from wayside.schemas.sign_catalogue import SERIES, US, VIENNA
+from wayside.schemas.sign_catalogue import SERIES, US, VIENNA, stated
 from wayside.schemas.signs import Sign
 
 SYSTEM_WORDS = {US: "MUTCD", VIENNA: "Vienna Convention"}
@@ -15,6 +15,14 @@ def code_of(row: Mapping[str, Any]) -> str | None:
     """Code or series of a row of `signs.parquet` with its legend, such as `R2-1 45`. None where neither is known."""
     code = row.get("mutcd") or row.get("vienna")
     return None if not code else " ".join(filter(None, (code, row.get("legend"))))
+
+
+def statement_of(row: Mapping[str, Any]) -> tuple[str, ...]:
+    """What a row says of its sign, from the widest, as `stated` has it; only its category where that alone is known."""
+    for system, column in ((US, "mutcd"), (VIENNA, "vienna")):
+        if row.get(column):
+            return stated(system, row[column], row.get("legend"))
+    return tuple(filter(None, (row.get("category"),)))
 
 
 def system_words(row: Mapping[str, Any]) -> str:
@@ -29,13 +37,14 @@ def series_words(row: Mapping[str, Any]) -> str | None:
 
 
 def nominal_words(row: Mapping[str, Any]) -> str | None:
-    """The standard size in inches of a US sign, in millimetres of a European one, or None."""
+    """The standard size in inches of a US sign, in millimetres of a European one, or None; of diamonds also across."""
     width, height = row.get("nominal_width_in"), row.get("nominal_height_in")
     if width is None or height is None:
         return None
-    if row.get("vienna"):
-        return f"{width * 25.4:.0f} x {height * 25.4:.0f} mm"
-    return f"{width:g} x {height:g} in"
+    scale, unit = (25.4, "mm") if row.get("vienna") else (1.0, "in")
+    across = f" along its sides, {width * scale * 2**0.5:.0f} {unit} across"
+    size = " x ".join(f"{side * scale:{'.0f' if scale > 1 else 'g'}}" for side in (width, height))
+    return f"{size} {unit}{across if row.get('shape') == 'diamond' else ''}"
 
 
 def system_notes(signs: Sequence[Sign], settled: float) -> list[str]:

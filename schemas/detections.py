@@ -23,9 +23,13 @@ COLOR_RGB = {
     "blue": (40, 110, 210),
     "brown": (140, 90, 50),
     "fluorescent_yellow_green": (190, 240, 50),
+    "black": (90, 90, 96),
+    "pink": (245, 120, 170),
 }
 """Colour classes, and in what they are drawn: the colours of the signs, bright enough on a dark ground."""
 COLORS = tuple(COLOR_RGB)
+LEARNED_COLORS = COLORS[:8]
+"""Those that the networks know, in their order. Black is measured; pink comes from labels and reviews."""
 SHAPES = (
     "rectangle",
     "diamond",
@@ -150,7 +154,7 @@ class Candidates:
     verdict: NDArray[np.uint8]
     """Index into `VERDICTS`, (n,)."""
     color_log_probability: NDArray[np.float32] | None = None
-    """Of each of `COLORS`, (n, colours). nan: not computed. None: for no row."""
+    """Of each of `LEARNED_COLORS`, (n, colours). nan: not computed. None: for no row."""
     shape_log_probability: NDArray[np.float32] | None = None
     """Of each of `SHAPES`, (n, shapes). nan: not computed. None: for no row."""
     back_score: NDArray[np.float32] | None = None
@@ -234,7 +238,7 @@ class NetworkBoxes:
     front: NDArray[np.float32]
     """Log odds of a face, (n,)."""
     color: NDArray[np.float32]
-    """Log probability of each of `COLORS` up to a constant a row, (n, colours)."""
+    """Log probability of each of `LEARNED_COLORS` up to a constant a row, (n, colours)."""
     shape: NDArray[np.float32]
     """Log probability of each of `SHAPES` up to a constant a row, (n, shapes)."""
     left_out: int = 0
@@ -244,7 +248,9 @@ class NetworkBoxes:
     def none() -> NetworkBoxes:
         """No boxes."""
         one, two = np.zeros(0, np.float32), np.zeros((0, 4), np.float32)
-        colors, shapes = (np.zeros((0, len(names)), np.float32) for names in (COLORS, SHAPES))
+        colors, shapes = (
+            np.zeros((0, len(names)), np.float32) for names in (LEARNED_COLORS, SHAPES)
+        )
         return NetworkBoxes(two, one, one, colors, shapes)
 
 

@@ -6,6 +6,7 @@ import pyarrow as pa
 
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.routes import MEASURE_UNITS
+from wayside.schemas.sign_catalogue import CATEGORIES
 from wayside.schemas.tables import SIGN_STATUSES, Column, Table
 
 _TEXT, _WHOLE = pa.string(), pa.int32()
@@ -67,8 +68,11 @@ PANELS = Table(
         Column("confidence", _SINGLE, "", "highest of its sightings"),
         Column("color", _CHOICE, "", "colour class that most drives saw", values=COLORS),
         Column("shape", _CHOICE, "", "shape class that most drives saw", values=SHAPES),
-        Column("mutcd", _TEXT, "", "MUTCD code or series, by the sighting of the largest view; null: not settled"),
+        Column("mutcd", _TEXT, "", "MUTCD code or series: the narrowest that more drives say than deny; null: none"),
         Column("vienna", _TEXT, "", "the same of the Vienna Convention"),
+        Column("category", _CHOICE, "", "what signs of its kind are for, in the same way", values=CATEGORIES),
+        Column("legend", _TEXT, "", "number or direction on the face, in the same way"),
+        Column("code_probability", _SINGLE, "", "mean of the drives, with 0 of one that says another code"),
         *_place("the panel centre"),
         Column("covariance", _COVARIANCE, "m^2", "EE, EN, EU, NN, NU, UU of the position, what a drive shares included",
                _SURE),
@@ -141,6 +145,10 @@ CHANGES = Table(
         Column("color_after", _CHOICE, "", "colour class", values=COLORS),
         Column("shape_before", _CHOICE, "", "shape class", values=SHAPES),
         Column("shape_after", _CHOICE, "", "shape class", values=SHAPES),
+        Column("code_before", _TEXT, "", "code or series with its legend; null: unknown"),
+        Column("code_after", _TEXT, "", "code or series with its legend; null: unknown"),
+        Column("date_before", _TIME, "", "when the earlier survey saw it last; null: it did not"),
+        Column("date_after", _TIME, "", "when the later survey saw it last; null: it did not"),
         Column("distance_m", _SINGLE, "m", "how far it moved; null: not moved"),
         Column("drives_before", _WHOLE, "drives", "drives of the earlier survey that saw it; of what one survey alone "
                "saw also those that had the place in view", _SURE),

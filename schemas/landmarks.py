@@ -120,7 +120,7 @@ class Landmark:
     crops: tuple[Crop, ...] = field(default=(), repr=False)
     """Its last two views, until its points are triangulated. Presets of the report only."""
     color_log_probability: tuple[float, ...] = field(default=(), repr=False)
-    """Mean over the views, of each of `COLORS`. Empty: no network classified them."""
+    """Mean over the views, of each of `LEARNED_COLORS`. Empty: no network classified them."""
     shape_log_probability: tuple[float, ...] = field(default=(), repr=False)
     """The same of each of `SHAPES`."""
     face_log_probability: tuple[float, ...] = field(default=(), repr=False)

@@ -36,6 +36,8 @@ class Sightings(Rows):
     """Code of the class, (n,). -1: unknown."""
     shape: Ints
     """Code of the class, (n,). -1: unknown."""
+    code: Ints
+    """Index into `CODES`, (n,). -1: not known to its legend."""
     front: Flags
     """Whether the face was seen, not the back, (n,)."""
     bearing_rad: Floats

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 US, VIENNA = "us", "vienna"
@@ -19,29 +20,32 @@ SYSTEMS = (US, VIENNA)
 
 INCH_M, MM_M = 0.0254, 0.001
 
-SERIES: dict[str, dict[str, tuple[str, str | None]]] = {
+SERIES: dict[str, dict[str, tuple[str, str | None, str]]] = {
     US: {
-        "R": ("regulatory", None),
-        "W": ("warning", None),
-        "S": ("school", None),
-        "TTC": ("temporary traffic control", None),
-        "OM": ("object marker", None),
-        "M": ("route marker", None),
-        "D/E/I": ("guide", None),
-        "D": ("guide of conventional roads", "D/E/I"),
-        "E": ("guide of freeways and expressways", "D/E/I"),
+        "R": ("regulatory", None, "regulatory"),
+        "W": ("warning", None, "warning"),
+        "S": ("school", None, "school"),
+        "TTC": ("temporary traffic control", None, "temporary"),
+        "OM": ("object marker", None, "marker"),
+        "M": ("route marker", None, "guide"),
+        "D/E/I": ("guide", None, "guide"),
+        "D": ("guide of conventional roads", "D/E/I", "guide"),
+        "E": ("guide of freeways and expressways", "D/E/I", "guide"),
     },
     VIENNA: {
-        "A": ("danger warning", None),
-        "B": ("priority", None),
-        "C": ("prohibitory or restrictive", None),
-        "D": ("mandatory", None),
-        "E": ("special regulation", None),
-        "G": ("direction, position or indication", None),
-        "H": ("additional panel", None),
+        "A": ("danger warning", None, "warning"),
+        "B": ("priority", None, "regulatory"),
+        "C": ("prohibitory or restrictive", None, "regulatory"),
+        "D": ("mandatory", None, "regulatory"),
+        "E": ("special regulation", None, "regulatory"),
+        "G": ("direction, position or indication", None, "guide"),
+        "H": ("additional panel", None, "plate"),
     },
 }
-"""Series of each system: what it means, and the group that it is stated as where it is not settled itself."""
+"""Series of each system: what it means, the group that it is stated as where it is not settled itself, its category.
+
+Categories: chapters 2B to 2M, 6 and 7 of the MUTCD; article 5 of the Vienna Convention."""
+CATEGORIES = tuple(dict.fromkeys(one for system in SERIES.values() for *_, one in system.values()))
 
 Size = tuple[float, float]
 
@@ -95,3 +99,27 @@ CATALOGUE = {
 }
 UNIT_M = {US: INCH_M, VIENNA: MM_M}
 """Length of the unit that the sizes of each system are in, metres."""
+
+
+@lru_cache(maxsize=1 << 12)
+def stated(system: str, code: str, legend: str | None) -> tuple[str, ...]:
+    """What a code or series with its legend says, from the widest: category, group, series, code, code with legend.
+
+    A code that the catalogue does not have says itself alone.
+    """
+    series = next((one.series for one in CATALOGUE[system] if one.code == code), code)
+    _, group, category = SERIES[system].get(series, ("", None, None))
+    every = (category, group, series, code, f"{code} {legend}" if legend else None)
+    return tuple(dict.fromkeys(one for one in every if one is not None))
+
+
+CODES = tuple(
+    dict.fromkeys(
+        (system, stated(system, one.code, face.partition(" ")[2])[-1])
+        for system in SYSTEMS
+        for one in CATALOGUE[system]
+        if one.code != one.series
+        for face in one.faces or ("",)
+    )
+)
+"""Every code of both systems, with each of its legends where it has some."""

@@ -91,6 +91,10 @@ class Sign:
     """A key of `MEASURE_UNITS`."""
     code: SignCode | None = None
     """None: not even its series is settled."""
+    category: str | None = None
+    """One of `CATEGORIES`. None: not settled."""
+    sigma_bottom_m: float = math.nan
+    """Standard deviation of the lower edge: of centre, height, road, level and lengths together."""
     us_probability: float = math.nan
     """That the signs of the drive are of the US system."""
     next_number: int | None = None

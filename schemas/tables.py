@@ -17,6 +17,7 @@ from wayside.schemas.frame import FRAME_STATUSES
 from wayside.schemas.landmarks import EVIDENCE_TERMS
 from wayside.schemas.roadside import GROUND_STATUSES, SIDES
 from wayside.schemas.routes import MEASURE_UNITS
+from wayside.schemas.sign_catalogue import CATEGORIES
 
 SCHEMA_VERSION = 1
 """Raised only where a column changes its meaning."""
@@ -91,6 +92,12 @@ _CHOICE = pa.dictionary(pa.int8(), pa.string())
 _BOX = pa.list_(pa.field("element", pa.float32()), 4)
 _COVARIANCE = pa.list_(pa.field("element", pa.float64()), 6)
 _SURE = False  # `nullable` of a column that is always known
+DATE = Column(
+    "date",
+    pa.timestamp("us", tz="UTC"),
+    "",
+    "the capture time as a date; null: the log counts from 0",
+)
 
 
 SIGNS = Table(
@@ -119,6 +126,7 @@ SIGNS = Table(
         Column("lateral_m", _DOUBLE, "m", "to the right of the path, positive"),
         Column("up_m", _DOUBLE, "m", "panel centre above the road surface"),
         Column("bottom_m", _DOUBLE, "m", "lower edge above the road surface"),
+        Column("sigma_bottom_m", _SINGLE, "m", "standard deviation of the lower edge, the road's included"),
         Column("panel_width_m", _SINGLE, "m", "width of the face"),
         Column("panel_height_m", _SINGLE, "m", "height of the face"),
         Column("sigma_width_m", _SINGLE, "m", "standard deviation of the width"),
@@ -137,6 +145,7 @@ SIGNS = Table(
         Column("geometry", pa.binary(), "", "WKB Point Z of lon, lat, alt; null without fixes"),
         Column("best_frame", _WHOLE, "", "frame whose image shows it largest and whole", _SURE),
         Column("best_time_ns", _LONG, "ns", "capture time of that frame", _SURE),
+        DATE,
         Column("best_box", _BOX, "px", "its box there: x0, y0, x1, y1, half open", _SURE),
         Column("right_m", _DOUBLE, "m", "panel centre in the camera frame of `best_frame`", _SURE),
         Column("down_m", _DOUBLE, "m", "panel centre in the camera frame of `best_frame`", _SURE),
@@ -155,6 +164,8 @@ SIGNS = Table(
         Column("measure_unit", _CHOICE, "", "its unit: mile, kilometre, foot or metre", values=tuple(MEASURE_UNITS)),
         Column("mutcd", _TEXT, "", "MUTCD code, or its series if the code is uncertain; sign_codes.md"),
         Column("vienna", _TEXT, "", "the same of the Vienna Convention, for faces of that system"),
+        Column("category", _CHOICE, "", "what signs of its kind are for, also where the code is not known; null: "
+               "uncertain", values=CATEGORIES),
         Column("legend", _TEXT, "", "number or direction on the face; null: it shows none, or uncertain"),
         Column("code_probability", _SINGLE, "", "probability of the code in `mutcd` or `vienna`"),
         Column("nominal_width_in", _SINGLE, "in", "standard width that agrees with the measured one, of a diamond the "
@@ -175,6 +186,7 @@ OBSERVATIONS = Table(
     "One row per candidate past the colour gate or the network, with its verdict. In order of frame, then row.",
     (
         Column("frame", _WHOLE, "", "index of the frame in the log", _SURE),
+        DATE,
         Column("observation_id", _LONG, "", "number of the row in the log, from 0", _SURE),
         Column("source", _CHOICE, "", "pass1, pass2: colour clusters; level, stack: of earlier versions; predicted: "
                "reprojected from other frames; moved: one of these after box regression; network: box of the "
@@ -210,6 +222,7 @@ FRAMES = Table(
         Column("frame", _WHOLE, "", "index of the frame in the log, from 0", _SURE),
         Column("log_time_ns", _LONG, "ns", "time at which it was logged", _SURE),
         Column("header_time_ns", _LONG, "ns", "time of capture; null where not set"),
+        DATE,
         Column("status", _CHOICE, "", "`used`, or why not", _SURE, FRAME_STATUSES),
         Column("x", _DOUBLE, "m", "camera centre in the world frame"),
         Column("y", _DOUBLE, "m", "camera centre in the world frame"),

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from training.detector_crops import DOUBTED, KNOWN, UNSURE, UNSURE_WEIGHTS
 from training.quantization import LEVELS
-from wayside.schemas.detections import COLORS, NONE, SHAPES
+from wayside.schemas.detections import LEARNED_COLORS, NONE, SHAPES
 from wayside.stages.detection import (
     BOX_OUTPUT,
     BOX_VALUES,
@@ -181,7 +181,7 @@ def _at_cells(maps: Tensor, cell: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     place = cell % (maps.shape[-1] * maps.shape[-2])
     flat = maps[:, 2:].flatten(2)
     rows = flat.gather(2, place[:, None].expand(-1, flat.shape[1], -1)).transpose(1, 2)
-    box, color, shape = rows.split([4, len(COLORS), len(SHAPES)], dim=-1)
+    box, color, shape = rows.split([4, len(LEARNED_COLORS), len(SHAPES)], dim=-1)
     return box, color, shape
 
 

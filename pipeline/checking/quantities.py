@@ -12,16 +12,6 @@ from wayside.schemas.sign_catalogue import SERIES, US
 from wayside.schemas.tables import SIGNS
 
 Row = Mapping[str, Any]
-ROAD_SIGMA_M = 0.05
-"""Scatter of the road abreast of a sign against the one that its height is measured from: with it, 94 % of 316 lower
-edges on rendered drives are within two standard deviations, without it 56 %."""
-
-
-ROLL_RAD = 0.0175
-"""Scatter of the camera's roll against the road, one degree, where the log has no poses that know what is up: with it,
-97 % of 122 lower edges on such drives are within two standard deviations, without it 86 %."""
-ROUGH_HEIGHT = 0.1
-"""Relative scatter of the camera's height where fixes alone give the lengths that it is found by (estimate)."""
 MISSED = 0.03
 """Share of signs that a run misses (7 of 272 on held-out drives): the next one found need not be the next one."""
 
@@ -44,18 +34,6 @@ def measure(name: str, row: Row, rows: Sequence[Row]) -> Measured:
     if value is None or sigma is None:
         return Measured(missing=name)
     return Measured(value, sigma, less=MISSED if name == "spacing_m" else 0.0)
-
-
-def _bottom(row: Row, rows: Sequence[Row]) -> Measured:
-    """Lower edge above the road: the errors of centre and height, of the road, of what is level, and of the lengths."""
-    parts = row["sigma_up_m"], row["sigma_height_m"], row["lateral_m"]
-    if row["bottom_m"] is None or None in parts:
-        return Measured(missing="bottom_m")
-    world, camera_m = row.get("world", "log"), row.get("camera_height_m") or 0.0
-    roll_m = 0.0 if world == "log" else ROLL_RAD * parts[2]
-    rough_m = ROUGH_HEIGHT * camera_m if world == "enu" else 0.0
-    sigma = math.hypot(parts[0], parts[1] / 2, ROAD_SIGMA_M, roll_m, rough_m)
-    return Measured(row["bottom_m"], sigma)
 
 
 def _extent(axis: str) -> Callable[[Row, Sequence[Row]], Measured]:
@@ -111,7 +89,6 @@ def _type_of(row: Row) -> tuple[str | None, ...]:
 
 
 DERIVED: dict[str, Callable[[Row, Sequence[Row]], Measured]] = {
-    "bottom_m": _bottom,
     "width_m": _extent("width"),
     "height_m": _extent("height"),
     "offset_m": _offset,

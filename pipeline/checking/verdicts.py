@@ -79,11 +79,10 @@ def check_drive(out: Path, rules: Sequence[Rule], road: str | None = None) -> li
     """The checks of all rules on the faces that a drive reports; raises InputError where the folder is no result."""
     columns = [name for name in SIGNS.schema.names if name != "geometry"]
     run, read = read_run(out), read_rows(out, SIGNS, columns)
-    of_drive = {name: run.get(name) for name in ("world", "camera_height_m")}
     edges: Sequence[Row] = ()
     if (out / SECTIONS.file).is_file():
         edges = read_rows(out, SECTIONS, ("station_m", "side", "edge_m"))
-    rows = [row | of_drive | from_edge(row, edges) for row in read if row["status"] == "sign"]
+    rows = [row | from_edge(row, edges) for row in read if row["status"] == "sign"]
     us_probability = run.get("us_probability")
     system = US if us_probability is None or us_probability >= 0.5 else VIENNA
     return check_rows(rows, [rule for rule in rules if rule.system in ("", system)], road)

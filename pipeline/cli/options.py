@@ -206,6 +206,9 @@ SHARED = {
         default=RecordedImages.all,
         panel=VIEW,
     ),
+    "blur": flag(
+        "--blur", "Blur what lies off the panels in stored images.", "read.blur", panel=VIEW
+    ),
     "view_detail": flag(
         "--view-detail",
         "Presets of the report: also record the label images of both passes.",

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from wayside.pipeline.cli.help import Application, examples
-from wayside.pipeline.cli.options import MovedLog, Option, Out, Overwrite, parse_size, takes
+from wayside.pipeline.cli.options import MovedLog, Option, Out, Overwrite, flag, parse_size, takes
 from wayside.pipeline.files.visible_text import visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, InputError, UsageError
 
@@ -26,30 +26,9 @@ OverOption = Annotated[
 FrameOption = Annotated[int | None, typer.Option("--frame", help="A frame of the log.")]
 
 
-class Format(StrEnum):
-    """What the file is."""
-
-    csv = "csv"
-    geojson = "geojson"
-    gpkg = "gpkg"
-    shp = "shp"
-    kml = "kml"
-    mcap = "mcap"
-
-
-class Units(StrEnum):
-    """Of lengths."""
-
-    metric = "metric"
-    us = "us"
-
-
-class InventoryTable(StrEnum):
-    """Of an inventory, and `profile` of a drive."""
-
-    panels = "panels"
-    supports = "supports"
-    profile = "profile"
+Format = StrEnum("Format", ["csv", "xlsx", "geojson", "gpkg", "fgb", "shp", "kml", "kmz", "mcap"])
+Units = StrEnum("Units", ["metric", "us"])
+InventoryTable = StrEnum("InventoryTable", ["panels", "supports", "profile"])
 
 
 @app.command(
@@ -71,6 +50,9 @@ def evidence(
     png: Annotated[
         bool, typer.Option("--png", help="Also write each sheet as an image, to print or send.")
     ] = False,
+    blur: Annotated[
+        bool, typer.Option("--blur", help="Blur what lies off the panels in all images.")
+    ] = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a page of images, maps and figures for every sign, and an index to filter and correct them."""
@@ -86,7 +68,14 @@ def evidence(
         )
     with SheetProgress("evidence") as progress:
         written = write_evidence(
-            out, sheets, sign_id=sign, log=log, watch=progress.watch, png=png, overwrite=overwrite
+            out,
+            sheets,
+            sign_id=sign,
+            log=log,
+            watch=progress.watch,
+            png=png,
+            blur=blur,
+            overwrite=overwrite,
         )
     count = len(written.sheets)
     index = f"{count} sheet{'s' * (count != 1)}; open {written.index}"
@@ -227,7 +216,9 @@ HOW_TO_EXPORT = {
     "review": Option(
         Path, "Corrections saved by the evidence index; default: review.json or .csv in OUT."
     ),
-    "log": Option(Path, "mcap: where the log lies now, if it has moved since the run."),
+    "log": Option(Path, "mcap, --pictures: where the log lies now, if it has moved."),
+    "every": flag("--all", "All columns; else the twenty that most need."),
+    "pictures": flag("--pictures", "gpkg, kmz: with the best image of each sign."),
 }
 
 
@@ -275,6 +266,8 @@ def export(
         units=given["units"].value,
         crs=given["crs"],
         log=given["log"],
+        every=given["every"],
+        pictures=given["pictures"],
         overwrite=overwrite,
     )
     reviewed = len(said.rows) + len(said.missing)

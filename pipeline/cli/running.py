@@ -97,7 +97,7 @@ class RunOptions:
 @takes(
     *("spacing", "camera", "calibration", "start", "until", "every", "workers", "memory"),
     *("preset", "settings", "assignments", *_DETECTORS, "alpha"),
-    *("roadside", "route", "milepost", "decreasing", "routes", "view", *_SHOWN),
+    *("roadside", "route", "milepost", "decreasing", "routes", "view", "blur", *_SHOWN),
     own={"self_calibrate": SELF_CALIBRATE},
 )
 def run(
@@ -201,8 +201,14 @@ def viewing_of(view: ViewMode, given: Mapping[str, Any]) -> Viewing | None:
     address = None if connect is None else probe(connect)
     if view in (ViewMode.live, ViewMode.serve):
         address = start_viewer(serve=view is ViewMode.serve)
-    images, detail = given["view_images"].value, given["view_detail"]
-    return Viewing(view is ViewMode.file, address, images, detail)
+    images, detail, blur = (
+        given["view_images"].value,
+        given["view_detail"],
+        given.get("blur", False),
+    )
+    if blur and detail:
+        raise UsageError("--blur: the images of --view-detail cannot be blurred. Leave one out.")
+    return Viewing(view is ViewMode.file, address, images, detail, blur)
 
 
 def parse_rate(text: str) -> float | None:

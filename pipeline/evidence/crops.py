@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.files.pictures import blurred
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.results.result import find_log, read_rows, read_run, read_settings
 from wayside.schemas.errors import InputError
@@ -88,13 +89,19 @@ def draw_crop(crop: Crop, size: tuple[int, int]) -> NDArray[np.uint8]:
 
 
 def read_crops(
-    out: Path, log: Path | None, boxes: Iterable[tuple[Key, int, Box]], proportion: float
+    out: Path,
+    log: Path | None,
+    boxes: Iterable[tuple[Key, int, Box]],
+    proportion: float,
+    *,
+    blur: bool = False,
 ) -> Iterator[tuple[Key, Crop | None]]:
     """Cut boxes with their surroundings out of the images of a result's log, which is read once.
 
     `log`: where it lies now, None: as at the time of the run. `boxes`: what to call a box, its frame and itself. Crops
-    come in order of their frames, None where an image does not decode; what the log has no longer does not come. Raises
-    InputError where the result or the log cannot be used, or the log is another one.
+    come in order of their frames, None where an image does not decode; what the log has no longer does not come. What
+    lies off the box is blurred with `blur`, or where the run was asked to (`read.blur`). Raises InputError where the
+    result or the log cannot be used, or the log is another one.
     """
     wanted: defaultdict[int, list[tuple[Key, Box]]] = defaultdict(list)
     for key, frame, box in boxes:
@@ -106,7 +113,10 @@ def read_crops(
     times_ns = read_times(out)
     for image in read_images(source, settings, wanted.keys(), times_ns, ReadReport()):
         for key, box in wanted[image.frame.index]:
-            yield key, None if image.rgb is None else cut(image.rgb, box, proportion)
+            rgb = image.rgb
+            if rgb is not None and (blur or settings.blur):
+                rgb = blurred(rgb, [box])
+            yield key, None if rgb is None else cut(rgb, box, proportion)
 
 
 def read_times(out: Path) -> dict[int, int]:

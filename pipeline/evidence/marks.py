@@ -104,7 +104,7 @@ def _beside_the_road(sign: dict[str, Any]) -> list[Figure]:
         _length("Along the road", sign["station_m"], sign["sigma_along_m"]),
         _length(f"Beside the path{side}", beside, sign["sigma_lateral_m"]),
         _length("Centre above the road", sign["up_m"], sign["sigma_up_m"]),
-        _length("Lower edge above it", sign["bottom_m"]),
+        _length("Lower edge above it", sign["bottom_m"], sign["sigma_bottom_m"]),
         *clear,
         *([] if apart is None else [_length("To the next of its type", apart, sigma)]),
     ]

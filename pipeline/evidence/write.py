@@ -43,6 +43,7 @@ def write_evidence(
     log: Path | None = None,
     watch: Watcher = lambda done, total: None,
     png: bool = False,
+    blur: bool = False,
     overwrite: bool = False,
 ) -> Written:
     """Write one page a sign and an index of all into `folder`, which is made where it is missing.
@@ -57,8 +58,8 @@ def write_evidence(
         Path of the log now; None: that at the time of the run.
     watch
         Called with the number of sheets done and to do.
-    png
-        Also write each sheet as an image, to print or to send.
+    png, blur
+        Also write each sheet as an image, to print or to send. Blur what lies off the panels in all images.
     overwrite
         Replace any file of the names of the sheets and the index; else only sheets of this log.
 
@@ -81,7 +82,7 @@ def write_evidence(
     with OutputFolder(folder) as output:
         if not overwrite:
             _check_free(folder, [*names, *images, *index], mark)
-        binder = _Binder(output.part, drive, run, mark, png)
+        binder = _Binder(output.part, drive, run, mark, png, blur)
         if index:
             for one, before, after in zip(signs, ["", *names], [*names[1:], ""], strict=False):
                 beside = {"prev": before, "up": INDEX_FILE, "next": after}
@@ -128,6 +129,7 @@ class _Binder:
     run: Mapping[str, Any]
     mark: str
     png: bool
+    blur: bool
     neighbours: dict[str, dict[str, str]] = field(default_factory=dict)
     crops: defaultdict[str, dict[SignView, Crop]] = field(default_factory=lambda: defaultdict(dict))
     thumbs: dict[str, str] = field(default_factory=dict)
@@ -155,7 +157,7 @@ def _fill(
     boxes = (((one, view), view.frame, view.box) for one in signs for view in one.views)
     open_signs = {one.name: one for one in signs}
     watch(0, len(signs))
-    for (one, view), crop in read_crops(out, log, boxes, PROPORTION):
+    for (one, view), crop in read_crops(out, log, boxes, PROPORTION, blur=binder.blur):
         if crop is not None:
             binder.crops[one.name][view] = crop
         if view is one.views[-1]:

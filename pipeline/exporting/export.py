@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from wayside.pipeline.exporting.gis_files import made_files
+from wayside.pipeline.exporting.links import linked
 from wayside.pipeline.exporting.place import PlacedRows
 from wayside.pipeline.exporting.table import (
     GEOMETRY,
@@ -33,14 +34,18 @@ from wayside.schemas.tables import PROFILE
 
 FORMATS = {
     "csv": "table of text",
+    "xlsx": "workbook",
     "geojson": "GeoJSON (RFC 7946)",
     "gpkg": "GeoPackage",
+    "fgb": "FlatGeobuf",
     "shp": "Shapefile",
     "kml": "KML",
+    "kmz": "KML in an archive with its pictures",
     "mcap": "log for Foxglove",
 }
 """What can be written, by the end of the file's name."""
-_ALWAYS_WGS_84 = ("geojson", "kml")
+_ALWAYS_WGS_84 = ("geojson", "kml", "kmz")
+_WITH_PICTURES = ("gpkg", "kmz")
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +69,8 @@ def export(  # noqa: PLR0913 - one for each option
     units: str = "metric",
     crs: str | None = None,
     log: Path | None = None,
+    every: bool = False,
+    pictures: bool = False,
     overwrite: bool = False,
 ) -> Exported:
     """Write the signs of a result, or a table of an inventory, to a file.
@@ -83,7 +90,11 @@ def export(  # noqa: PLR0913 - one for each option
     crs
         Reference system as PROJ reads it; None: WGS 84, or the drive's own frame without fixes.
     log
-        For `mcap`: where the drive's log lies now; None: where it lay at the time of the run.
+        For `mcap` and pictures: where the drive's log lies now; None: where it lay at the time of the run.
+    every
+        All columns, not only the main ones.
+    pictures
+        For `gpkg` and `kmz`: the best image of each sign, from its log.
 
     Raises
     ------
@@ -96,6 +107,10 @@ def export(  # noqa: PLR0913 - one for each option
     """
     inventory, imperial = is_inventory(out), units != "metric"
     _require_fitting(out, kind, crs, table, inventory=inventory, imperial=imperial)
+    if pictures and kind not in _WITH_PICTURES:
+        raise UsageError(
+            f"--pictures: {FORMATS[kind]} holds none. Choose {' or '.join(_WITH_PICTURES)} with -f."
+        )
     if kind == "mcap":
         from wayside.pipeline.exporting.foxglove_log import write_foxglove_log
 
@@ -112,7 +127,8 @@ def export(  # noqa: PLR0913 - one for each option
             f"{out}: {FORMATS[kind]} needs longitude and latitude, but the log has no satellite fixes. Export CSV, "
             "gpkg or shp, whose x and y are relative to the drive."
         )
-    rows = PlacedRows(source, crs, imperial=imperial)
+    source = linked(source, file, pictures=pictures, log=log)
+    rows = PlacedRows(source, crs, imperial=imperial, every=every)
     files: tuple[Path, ...] = (file,)
     cut: list[str] = []
     if kind in _WRITERS:

@@ -6,24 +6,34 @@ import hashlib
 import struct
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
+from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any
+from urllib.parse import quote
+from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 import pyarrow as pa
 
+from wayside.pipeline.code_words import code_of
+from wayside.pipeline.exporting.links import PICTURE
 from wayside.pipeline.exporting.place import PlacedRows, short_names
 from wayside.pipeline.exporting.table import GEOMETRY, Row
+from wayside.pipeline.files.parsing import guarded
 from wayside.pipeline.files.writing import PART, is_stream, not_whole, not_written, resolved
 from wayside.schemas.errors import OutputError, UsageError
 from wayside.schemas.tables import Column
 
-_DRIVERS = {"gpkg": "GPKG", "shp": "ESRI Shapefile", "kml": "LIBKML"}
+_DRIVERS = {
+    **{"gpkg": "GPKG", "fgb": "FlatGeobuf", "shp": "ESRI Shapefile", "xlsx": "XLSX"},
+    **{"kml": "LIBKML", "kmz": "LIBKML"},
+}
 _LONGEST_TEXT = 254
 """Bytes of a text in a dBASE file."""
 _WKB_POINT, _WKB_POINT_Z = 1, 1001
@@ -49,41 +59,41 @@ def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[P
             "files of geographic information systems need the package pyogrio. Install it with pip install "
             "'wayside[gis]'."
         ) from error
-    last, cut, written = rows.source.last, Counter[str](), hashlib.sha256()
+    last, cut, written, pictures = rows.source.last, Counter[str](), Digest(), dict[str, bytes]()
     fields = list(_fields(rows, kind, cut))
     schema = pa.schema([field for field, _ in fields])
     key = schema.names[0]
 
     def batches() -> Iterator[pa.RecordBatch]:
         for some in rows:
+            if kind == "fgb":  # its index takes no row without a place
+                some = [row for row in some if row[GEOMETRY] is not None]
+            if kind == "kmz":
+                pictures.update(
+                    {picture_name(row): row[PICTURE] for row in some if row.get(PICTURE)}
+                )
             columns = [pa.array([value(row) for row in some], one.type) for one, value in fields]
             batch = pa.record_batch(columns, schema=schema)
-            _count(batch, key, GEOMETRY, written)
+            written.add(batch, key, GEOMETRY)
             yield batch
 
-    options = {
-        "gpkg": {"VERSION": "1.2"},  # GDAL before 3.7, also that of QGIS 3.22, warns of later ones
-        "shp": {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": f"{last:%Y-%m-%d}"},
-    }
     with _scratch_beside(file) as scratch:
-        made = scratch / f"{file.stem}.{kind}"
+        made = scratch / ("doc.kml" if kind == "kmz" else f"{file.stem}.{kind}")
         try:
             with _dated(pyogrio, last):
                 pyogrio.write_arrow(
                     pa.RecordBatchReader.from_batches(schema, batches()),
                     made,
                     layer=file.stem if kind == "shp" else rows.source.name,
-                    driver=_DRIVERS[kind],
-                    geometry_name=GEOMETRY,
-                    geometry_type="Point" if kind == "kml" else "Point Z",
-                    crs=rows.crs,
-                    **options.get(kind, {}),
+                    **_options(kind, rows.crs, last),
                 )
         except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
             raise OutputError(
                 f"{file}: GDAL could not write it: {error}; free some space, or name another file"
             ) from error
-        if _read_back(pyogrio, made, key) != written.digest():
+        if kind in ("kmz", "xlsx"):
+            made = _archived(made, made.with_name(f"{file.stem}.{kind}"), pictures, last)
+        if _read_back(pyogrio, made, key) != written:
             raise not_whole(file)
         beside = sorted(path for path in scratch.iterdir() if path != made)
         words = f"cut to the {_LONGEST_TEXT} bytes that a Shapefile holds"
@@ -95,7 +105,7 @@ def _scratch_beside(file: Path) -> Iterator[Path]:
     """A folder on the file system that the file will be on; elsewhere where that is a device."""
     try:
         parent = None if is_stream(file) else resolved(file).parent
-        made = TemporaryDirectory(prefix=f".{file.name}.", suffix=PART, dir=parent)
+        made = TemporaryDirectory(prefix=f".{file.stem}.", suffix=PART, dir=parent)
     except OSError as error:
         raise not_written(file, error, "the file", "name another file") from error
     with made as scratch:
@@ -112,34 +122,60 @@ def _dated(pyogrio: ModuleType, when: datetime) -> Iterator[None]:
         pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": None})
 
 
-def _count(batch: pa.RecordBatch, key: str, geometry: str, digest: Any) -> None:
-    """Add the rows of a batch to a digest: what names each, and whether it has a place."""
-    places = batch.column(geometry).is_valid().to_pylist()
-    for name, placed in zip(batch.column(key).to_pylist(), places, strict=True):
-        digest.update(f"{name}\0{placed}\n".encode())
+def _archived(made: Path, target: Path, pictures: Mapping[str, bytes], when: datetime) -> Path:
+    """A KML file with its pictures, or an archive that GDAL made, as an archive of the same bytes at any hour."""
+    parts = {made.name: made.read_bytes(), **pictures}
+    if made.suffix == target.suffix:
+        with ZipFile(made) as archive:
+            parts = {name: archive.read(name) for name in archive.namelist()}
+    made.unlink()
+    with ZipFile(target, "w", ZIP_DEFLATED) as archive:
+        for name, content in parts.items():
+            about = ZipInfo(name, max(when.timetuple()[:6], (1980, 1, 1, 0, 0, 0)))
+            archive.writestr(about, content, ZIP_DEFLATED)
+    return target
 
 
-def _read_back(pyogrio: ModuleType, made: Path, key: str) -> bytes:
+@dataclass(slots=True)
+class Digest:
+    """Of rows in any order: what names each, and whether it has a place."""
+
+    total: int = 0
+
+    def add(self, batch: pa.RecordBatch, key: str, geometry: str) -> None:
+        """Add the rows of a batch; a workbook has no places."""
+        named = geometry in batch.schema.names
+        places = batch.column(geometry).is_valid() if named else pa.nulls(len(batch))
+        for name, placed in zip(batch.column(key).to_pylist(), places.to_pylist(), strict=True):
+            row = hashlib.sha256(f"{name}\0{placed}".encode()).digest()
+            self.total += int.from_bytes(row)
+
+
+def _read_back(pyogrio: ModuleType, made: Path, key: str) -> Digest:
     """The digest of all rows of a file; of those before a fault."""
-    found = hashlib.sha256()
+    found = Digest()
     faults = pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, KeyError, OSError
     with warnings.catch_warnings(action="ignore"), suppress(*faults):
         with pyogrio.open_arrow(made, columns=[key], use_pyarrow=True) as (about, batches):
             for batch in batches:
-                _count(batch, key, about["geometry_name"] or "wkb_geometry", found)
-    return found.digest()
+                found.add(batch, key, about["geometry_name"] or "wkb_geometry")
+    return found
 
 
 def _fields(
     rows: PlacedRows, kind: str, cut: Counter[str]
 ) -> Iterator[tuple[pa.Field[Any], Callable[[Row], Any]]]:
     """Fields with their value of a row: names first in KML, the geometry last; `cut` counts texts that are cut."""
-    if kind == "kml":
+    if kind in ("kml", "kmz"):
         yield pa.field("Name", pa.string()), lambda row: str(row[rows.columns[0].name])
-        yield pa.field("description", pa.string()), _appearance
+        yield pa.field("description", pa.string()), partial(_balloon, shown=kind == "kmz")
     short = short_names(rows.columns)
     for column in rows.columns:
-        if kind != "shp":
+        if column.name == PICTURE and kind == "kmz":
+            continue
+        if kind == "xlsx" and pa.types.is_string(column.type):
+            yield pa.field(column.name, pa.string()), partial(_guarded, column.name)
+        elif kind != "shp":
             comment = f"{column.words} [{column.unit}]" if column.unit else column.words
             about = {"GDAL:OGR:comment": comment} if kind == "gpkg" else None
             yield pa.field(column.name, column.type, metadata=about), partial(_value, column.name)
@@ -149,7 +185,25 @@ def _fields(
         else:
             yield pa.field(short[column.name], column.type), partial(_value, column.name)
     # heights of KML are above the sea, those here above the ellipsoid: its signs lie on the ground
-    yield pa.field(GEOMETRY, pa.binary()), partial(_wkb, 2 if kind == "kml" else 3)
+    if kind != "xlsx":
+        yield pa.field(GEOMETRY, pa.binary()), partial(_wkb, 2 if kind in ("kml", "kmz") else 3)
+
+
+def _options(kind: str, crs: str, last: datetime) -> dict[str, str]:
+    """What GDAL must know of a format and of the places."""
+    shape = "Point" if kind in ("kml", "kmz") else "Point Z"
+    places = {"geometry_name": GEOMETRY, "geometry_type": shape, "crs": crs}
+    more = {
+        "gpkg": {"VERSION": "1.2"},  # GDAL before 3.7, also that of QGIS 3.22, warns of later ones
+        "shp": {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": f"{last:%Y-%m-%d}"},
+    }
+    driver = {"driver": _DRIVERS[kind]}
+    return driver | (places if kind != "xlsx" else {}) | more.get(kind, {})
+
+
+def _guarded(name: str, row: Row) -> str | None:
+    """A text that GDAL does not write as a formula."""
+    return None if row.get(name) is None else guarded(row[name])
 
 
 def _value(name: str, row: Row) -> Any:
@@ -183,11 +237,27 @@ def _wkb(most: int, row: Row) -> bytes | None:
     return struct.pack(f"<BI{len(point)}d", 1, kind, *point)
 
 
+def picture_name(row: Row) -> str:
+    """Where the picture of a row lies in an archive."""
+    return f"images/{(row.get('panel_id') or row['sign_id']).replace('/', '_')}.jpg"
+
+
+def _balloon(row: Row, *, shown: bool) -> str:
+    """What a click shows, in HTML: the look with the picture, or with the sheet, which no archive links to."""
+    lines = [escape(_appearance(row))]
+    if shown and row.get(PICTURE):
+        lines.insert(0, f'<img src="{escape(quote(picture_name(row)))}">')
+    if row.get("evidence") and not shown:
+        lines.append(f'<a href="{escape(quote(row["evidence"]))}">evidence</a>')
+    return "<br>".join(lines)
+
+
 def _appearance(row: Row) -> str:
     """What a row shows, in words for a person: the look of a panel, or how many a support holds."""
     if "panel_ids" in row:
         return f"{row['panels']} panels"
     look = [row.get(f"reviewed_{name}") or row.get(name) or "" for name in ("color", "shape")]
     words = " ".join(look).replace("_", " ").strip() or "unknown"
+    words = " ".join(filter(None, (words, code_of(row))))
     status, review = row.get("status"), row.get("review")
     return ", ".join([words, *filter(None, (status if status != "sign" else "", review))])

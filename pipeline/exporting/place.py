@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyproj
 from pyproj.exceptions import CRSError, ProjError
 
-from wayside.pipeline.exporting.table import GEOMETRY, Row, Source
+from wayside.pipeline.exporting.table import GEOMETRY, Row, Source, main_columns
 from wayside.pipeline.files.lengths import METRES_IN_FOOT
 from wayside.schemas.errors import UsageError
 from wayside.schemas.tables import Column
@@ -26,50 +26,10 @@ _WORLDS = {
 }
 _INCHES = ("panel_width_m", "panel_height_m", "sigma_width_m", "sigma_height_m")
 """Sizes of faces are ordered in inches, distances are in feet."""
-_SHORT = {
-    "assembly_id": "assembly",
-    "color_distance": "color_dist",
-    "shape_distance": "shape_dist",
-    "sigma_along": "s_along",
-    "sigma_lateral": "s_later",
-    "sigma_up": "s_up",
-    "panel_width": "width",
-    "panel_height": "height",
-    "sigma_width": "s_width",
-    "sigma_height": "s_high",
-    "sigma_facing": "s_face",
-    "sigma_east": "s_east",
-    "sigma_north": "s_north",
-    "sigma_alt": "s_alt",
-    "best_time": "best",
-    "best_x_min": "best_x0",
-    "best_y_min": "best_y0",
-    "best_x_max": "best_x1",
-    "best_y_max": "best_y1",
-    "first_frame": "first_fr",
-    "last_frame": "last_fr",
-    "residual": "resid",
-    "measure_unit": "meas_unit",
-    "code_probability": "code_prob",
-    "nominal_width": "nom_w",
-    "nominal_height": "nom_h",
-    "next_sign_id": "next_sign",
-    "sigma_spacing": "s_spac",
-    "sigma_radius": "s_rad",
-    "evidence_appearance": "ev_appear",
-    "evidence_views": "ev_views",
-    "evidence_size": "ev_size",
-    "evidence_place": "ev_place",
-    "evidence_rigidity": "ev_rigid",
-    "evidence_surroundings": "ev_surroun",
-    "reviewed_color": "rev_color",
-    "reviewed_shape": "rev_shape",
-    "review_note": "rev_note",
-    "replaced_by": "replacedby",
-    "bearing": "bear",
-    "best_sign_id": "best_sign",
-}
-"""Short names of columns with long ones, both without the unit."""
+_DIGITS = {"m": 3, "ft": 3, "in": 2, "px": 1, "deg": 1, "m^2": 6, "ft^2": 5, "": 3}
+"""Decimals of a unit, finer than what is measured; a longitude and what is not listed has `_PLACE_DIGITS`."""
+_PLACE_DIGITS = 8
+_GLOBE = ("lon_deg", "lat_deg")
 
 
 class PlacedRows:
@@ -80,11 +40,13 @@ class PlacedRows:
     UsageError for a system that cannot be used, and while reading, for a point that has no place in it.
     """
 
-    def __init__(self, source: Source, wanted: str | None, *, imperial: bool) -> None:
+    def __init__(
+        self, source: Source, wanted: str | None, *, imperial: bool, every: bool = True
+    ) -> None:
         self.source = source
         self.count = self._unplaced = self._outside = 0
         self._target = None if wanted is None else _horizontal(wanted)
-        columns = source.columns
+        columns = source.columns if every else main_columns(source)
         if source.world is not None:
             if wanted is not None:
                 raise UsageError(
@@ -104,6 +66,10 @@ class PlacedRows:
             columns += _crs_columns(self._target)
         units = {column.name: imperial_column(column) for column in columns} if imperial else {}
         self.columns = tuple(units[c.name][0] if imperial else c for c in columns)
+        self._digits = {
+            c.name: _PLACE_DIGITS if c.name in _GLOBE else _DIGITS.get(c.unit, _PLACE_DIGITS)
+            for c in self.columns
+        }
         self._converted = {name: (c.name, f) for name, (c, f) in units.items() if f != 1.0}
 
     def __iter__(self) -> Iterator[list[Row]]:
@@ -112,7 +78,7 @@ class PlacedRows:
             yield [self._placed(row) for row in rows]
 
     def _placed(self, row: Row) -> Row:
-        axes = ("lon_deg", "lat_deg", "alt_m") if self.source.world is None else ("x", "y", "z")
+        axes = (*_GLOBE, "alt_m") if self.source.world is None else ("x", "y", "z")
         known: Point = tuple(row[name] for name in axes if row.get(name) is not None)
         point = known if len(known) >= 2 else None
         row = row.copy()
@@ -125,6 +91,9 @@ class PlacedRows:
             if name in row:
                 value = row.pop(name)
                 row[renamed] = None if value is None else value * factor
+        for name, digits in self._digits.items():
+            if isinstance(value := row.get(name), float):
+                row[name] = round(value, digits)
         return row | {GEOMETRY: point}
 
     def _project(self, crs: pyproj.CRS, point: Point) -> Point:
@@ -214,16 +183,23 @@ def imperial_column(column: Column) -> tuple[Column, float]:
 
 
 def short_names(columns: Iterable[Column]) -> dict[str, str]:
-    """A name of at most `SHORT_NAME` characters for each column by its name, each another one, units kept."""
+    """A name of at most `SHORT_NAME` characters for each column by its name, each another one, units kept.
+
+    Long ones lose vowels from their end on, then their end: `panel_width_m` is `pnl_wdth_m`.
+    """
     names: dict[str, str] = {}
     for column in columns:
         stem = _stem(column)
         unit = column.name.removeprefix(stem)
-        stem = _SHORT.get(stem, stem)[: SHORT_NAME - len(unit)]
+        room = SHORT_NAME - len(unit)
+        for at in range(len(stem) - 1, 0, -1):
+            if len(stem) > room and stem[at] in "aeiou" and stem[at - 1] != "_":
+                stem = stem[:at] + stem[at + 1 :]
+        stem = stem[:room]
         number, short = 1, stem + unit
         while short in names.values():
             number += 1
-            short = f"{stem[: SHORT_NAME - len(unit) - len(str(number))]}{number}{unit}"
+            short = f"{stem[: room - len(str(number))]}{number}{unit}"
         names[column.name] = short
     return names
 

@@ -28,6 +28,20 @@ INVENTORY_TABLES = {table.name: table for table in (PANELS, SUPPORTS)}
 _BOX = ("best_x_min", "best_y_min", "best_x_max", "best_y_max")
 _WORLD = ("cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz")
 _EAST_NORTH_UP = ("cov_ee", "cov_en", "cov_eu", "cov_nn", "cov_nu", "cov_uu")
+_MAIN = {
+    "signs": (
+        "sign_id", "status", "confidence", "category", "mutcd", "vienna", "legend", "color", "shape", "panel_width_m",
+        "panel_height_m", "bottom_m", "lateral_m", "bearing_deg", "lon_deg", "lat_deg", "route", "measure",
+        "measure_unit", "date",
+    ),
+    "panels": (
+        "panel_id", "status", "confidence", "category", "mutcd", "vienna", "legend", "color", "shape", "panel_width_m",
+        "panel_height_m", "up_m", "bearing_deg", "lon_deg", "lat_deg", "route", "measure", "measure_unit", "last_seen",
+        "times_seen",
+    ),
+}  # fmt: skip
+"""The columns of an export unless all are asked for; in the drive's own frame other ones say where."""
+_LOCAL = {"bearing_deg": "facing_deg", "lon_deg": "x", "lat_deg": "y"}
 _REVIEW_COLUMNS = (
     Column("review", pa.string(), "", f"what a reviewer said: {', '.join(REVIEWS)}"),
     Column("reviewed_color", pa.string(), "", "colour by the review"),
@@ -113,6 +127,15 @@ def inventory_rows(inventory: Path, name: str) -> Source:
     return Source(inventory, name, _flat_columns(table), chunks, max(seen))
 
 
+def main_columns(source: Source) -> tuple[Column, ...]:
+    """The twenty columns that most need, and those that a review or a link adds; of other tables all."""
+    main = _MAIN.get(source.name, tuple(column.name for column in source.columns))
+    local = {} if source.world is None else _LOCAL
+    wanted = {local.get(name, name) for name in main}
+    measured = {column.name for column in (*_flat_columns(SIGNS), *_flat_columns(PANELS))}
+    return tuple(c for c in source.columns if c.name in wanted or c.name not in measured)
+
+
 def _names(table: Table) -> list[str]:
     return [column.name for column in table.columns if column.name != GEOMETRY]
 
@@ -130,12 +153,13 @@ def _flat_columns(table: Table) -> tuple[Column, ...]:
         if column.name == GEOMETRY:
             continue
         if parts := _parts(table, column.name):
-            kind = column.type.value_type  # type: ignore[attr-defined]  # of a list, which the stubs do not say
             words = f"of `{column.name}`: {column.words}"
-            flat += [Column(part, kind, column.unit, words) for part in parts]
+            flat += [Column(part, pa.float64(), column.unit, words) for part in parts]
         else:
             text = column.values or pa.types.is_list(column.type)
             kind = pa.string() if text else column.type
+            # a rounded number has more digits again as a single
+            kind = pa.float64() if pa.types.is_float32(kind) else kind
             flat.append(Column(column.name, kind, column.unit, column.words))
     return tuple(flat)
 

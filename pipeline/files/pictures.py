@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import struct
 import zlib
+from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
@@ -14,15 +15,34 @@ from numpy.typing import NDArray
 
 QUALITY = 75
 """Of small images that people look at; above 100 is lossless."""
+BLUR_CELLS = 40
+"""Cells that a blurred image is averaged to along its width: a face or number plate across the street is one or two."""
 _FAST = 1
 _HEADER_BYTES = 33
 """Signature and image header of a PNG; text may follow."""
+
+
+def blurred(rgb: NDArray[np.uint8], kept: Iterable[Sequence[float]]) -> NDArray[np.uint8]:
+    """An image (h, w, 3) averaged to `BLUR_CELLS`, but for boxes x0, y0, x1, y1, half open, which stay as they are."""
+    height, width = rgb.shape[:2]
+    cells = min(BLUR_CELLS, width), max(1, round(height * BLUR_CELLS / width))
+    coarse = cv2.resize(rgb, cells, interpolation=cv2.INTER_AREA)
+    hidden = np.asarray(cv2.resize(coarse, (width, height)), np.uint8)
+    for box in kept:
+        x0, y0, x1, y1 = (max(round(float(edge)), 0) for edge in box)
+        hidden[y0:y1, x0:x1] = rgb[y0:y1, x0:x1]
+    return hidden
 
 
 def encode_webp(rgb: NDArray[np.uint8], quality: int = QUALITY) -> bytes:
     """An image (h, w, 3) as WebP."""
     bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
     return cv2.imencode(".webp", bgr, (cv2.IMWRITE_WEBP_QUALITY, quality))[1].tobytes()
+
+
+def encode_jpeg(rgb: NDArray[np.uint8]) -> bytes:
+    """An image (h, w, 3) as JPEG, which every program shows."""
+    return cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))[1].tobytes()
 
 
 def encode_png(rgb: NDArray[np.uint8]) -> bytes:

@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from wayside.pipeline.code_words import code_of, statement_of
 from wayside.pipeline.files.parquet import ParquetFile, geoparquet_metadata, record_batch
 from wayside.pipeline.files.writing import require_free, whole_file
 from wayside.pipeline.fleet.absence import (
@@ -51,7 +52,7 @@ UNKNOWN_SIZE_M = 0.6
 _PANEL = (
     "panel_id", "support_id", "replaces", "replaced_by", "status", "color", "shape", "lon_deg", "lat_deg", "alt_m",
     "bearing_deg", "panel_width_m", "panel_height_m", "route", "measure", "measure_unit", "geometry", "up_m",
-    "lateral_m",
+    "lateral_m", "mutcd", "vienna", "category", "legend",
 )  # fmt: skip
 _SIGHTING = (
     "panel_id", "drive", "seen", "frame", "box", "confidence", "offset_east_m", "offset_north_m", "offset_up_m",
@@ -212,8 +213,10 @@ class _Cell:
             if name is not None:
                 row |= self.panels[name]
                 row |= {f"{k}_{side}": self.panels[name][k] for k in ("color", "shape")}
+                row[f"code_{side}"] = code_of(self.panels[name])
                 last = max(seen, key=lambda one: (one["seen"], one["drive"]))
                 row |= {f"{k}_{side}": last[k] for k in ("drive", "frame", "box")}
+                row[f"date_{side}"] = last["seen"]
         return row
 
     def places(self, names: Sequence[str]) -> PanelPlaces:
@@ -337,12 +340,14 @@ class _Comparison:
 
 
 def same_face(one: Row, other: Row) -> bool:
-    """Whether two panels look alike: colour, shape, size and facing; what is not known of either tells nothing."""
+    """Whether two panels look alike: colour, shape, code, size and facing; what is unknown of either tells nothing."""
 
     def both(name: str) -> bool:
         return one[name] is not None and other[name] is not None
 
     looks = all(one[name] == other[name] for name in ("color", "shape") if both(name))
+    ours, theirs = statement_of(one), statement_of(other)
+    looks &= ours[: len(theirs)] == theirs[: len(ours)]
     sizes = [(one[n], other[n]) for n in ("panel_width_m", "panel_height_m") if both(n)]
     turn = turn_deg(other["bearing_deg"], one["bearing_deg"]) if both("bearing_deg") else 0.0
     alike = all(abs(a - b) < SAME_SIZE * max(a, b) for a, b in sizes)

@@ -13,11 +13,13 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from wayside.pipeline.code_words import code_of
 from wayside.pipeline.fleet.straight_routes import place_frames, place_signs
 from wayside.pipeline.results.result import read_table
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.settings.merging import MergeSettings
 from wayside.schemas.sightings import Sightings
+from wayside.schemas.sign_catalogue import CODES, US, VIENNA
 from wayside.schemas.tables import FRAMES, SIGNS
 from wayside.stages.georeference import LocalOrigin
 
@@ -33,23 +35,14 @@ _SIGNS = (
     "sign_id", "assembly_id", "status", "confidence", "color", "shape", "covariance", "station_m", "up_m",
     "panel_width_m", "panel_height_m", "sigma_width_m", "sigma_height_m", "facing_deg", "lon_deg", "lat_deg", "alt_m",
     "sigma_east_m", "sigma_north_m", "sigma_alt_m", "best_frame", "best_time_ns", "best_box", "first_frame", "route",
-    "measure", "measure_unit", "mutcd", "vienna", "lateral_m", "down_m", "sigma_along_m", "sigma_up_m",
+    "measure", "measure_unit", "mutcd", "vienna", "legend", "category", "code_probability", "lateral_m", "down_m",
+    "sigma_along_m", "sigma_up_m",
 )  # fmt: skip
 _PLACE = ("lon_deg", "lat_deg", "alt_m")
 _FRAMES = (
-    "frame",
-    "log_time_ns",
-    "header_time_ns",
-    "qx",
-    "qy",
-    "qz",
-    "qw",
-    *_PLACE,
-    "heading_deg",
-    "x",
-    "y",
-    "station_m",
-)
+    "frame", "log_time_ns", "header_time_ns", "qx", "qy", "qz", "qw", *_PLACE, "heading_deg", "x", "y", "station_m",
+)  # fmt: skip
+_CODES: dict[tuple[str, str | None], int] = {one: number for number, one in enumerate(CODES)}
 _SYMMETRIC = np.array([0, 1, 2, 1, 3, 4, 2, 4, 5])
 _SHORTEST_STEP_M = 0.5
 
@@ -141,6 +134,10 @@ def read_signs(folder: Path, frames: DriveFrames, settings: MergeSettings) -> Dr
     covariance = turn @ world @ turn.transpose(0, 2, 1) + POSITION_FLOOR_M**2 * np.eye(3)
     total = np.square(_matrix(table, "sigma_east_m", "sigma_north_m", "sigma_alt_m"))
     shared = np.maximum(total - covariance[:, [0, 1, 2], [0, 1, 2]], COMMON_FLOOR_M**2)
+    codes = [
+        (US if row["mutcd"] else VIENNA, code_of(row))
+        for row in table.select(("mutcd", "vienna", "legend")).to_pylist()
+    ]
     assemblies = np.asarray(table["assembly_id"].to_pylist(), dtype=np.str_)
     sightings = Sightings(
         drive=np.zeros(len(table), np.int64),
@@ -152,6 +149,7 @@ def read_signs(folder: Path, frames: DriveFrames, settings: MergeSettings) -> Dr
         assembly=np.unique(assemblies, return_inverse=True)[1].ravel().astype(np.int64),
         color=_class(table, "color", COLORS),
         shape=_class(table, "shape", SHAPES),
+        code=np.array([_CODES.get(one, -1) for one in codes], np.int64),
         front=~back,
         # the visible side looks about against the travel; of a back, the face looks along with it
         bearing_rad=travel + np.radians(np.nan_to_num(facing)) + np.where(back, 0.0, np.pi),

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.code_words import statement_of
 from wayside.pipeline.files.parquet import ParquetFile, geoparquet_metadata, record_batch
 from wayside.pipeline.fleet.folders import CELL, schema_with_settings
 from wayside.pipeline.fleet.inventory_data import DriveSigns
@@ -20,6 +21,7 @@ from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
 from wayside.schemas.settings import MergeSettings
 from wayside.schemas.sightings import MergedPanels, Sightings
+from wayside.schemas.sign_catalogue import CATEGORIES
 from wayside.schemas.tables import SIGN_STATUSES, Table
 from wayside.stages.georeference import LocalOrigin
 
@@ -27,8 +29,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Row = dict[str, Any]
 _TOLD = (
-    "sign_id", "status", "confidence", "up_m", "best_frame", "best_box", "mutcd", "vienna", "route", "measure",
-    "measure_unit",
+    "sign_id", "status", "confidence", "up_m", "best_frame", "best_box", "mutcd", "vienna", "category", "legend",
+    "code_probability", "route", "measure", "measure_unit",
 )  # fmt: skip
 _RANK = tuple(SIGN_STATUSES)
 """Of several statuses the first counts: a face that one drive saw is a sign."""
@@ -162,8 +164,7 @@ class _Cell:
             "confidence": max(confidence, default=None),
             "color": _named(COLORS, _most(seen.color)),
             "shape": _named(SHAPES, _most(seen.shape)),
-            "mutcd": largest["mutcd"],
-            "vienna": largest["vienna"],
+            **agreed_code(told),
             "covariance": covariance[np.triu_indices(3)],
             **{
                 f"sigma_{a}_m": covariance[i, i] ** 0.5
@@ -191,6 +192,31 @@ class _Cell:
             "drives": drives,
             **{name: route[name] for name in ("route", "measure", "measure_unit")},
         }
+
+
+def agreed_code(told: Sequence[Row]) -> Row:
+    """Code, legend and category by what the drives say of one panel: the narrowest that more of them say than deny.
+
+    A wider statement denies none that is narrower: where two read different legends or codes, what is common is left.
+    """
+    said = [(statement_of(row), row) for row in told]
+    best: tuple[str, ...] = ()
+    for one in {path[:depth] for path, _ in said for depth in range(1, len(path) + 1)}:
+        agree = sum(path[: len(one)] == one for path, _ in said)
+        deny = sum(path[: len(one)] != one[: len(path)] for path, _ in said)
+        best = max(best, one, key=len) if agree > deny else best
+    denied = [0.0 for path, _ in said if path[: len(best)] != best[: len(path)]]
+    own = [row for path, row in said if path[: len(best)] == best]
+    coded = [row for row in own if len(best) > 1]
+    code, _, legend = best[-1].partition(" ") if coded else ("", "", "")
+    known = [row["code_probability"] for row in coded if row["code_probability"] is not None]
+    return {
+        "mutcd": code if coded and coded[0]["mutcd"] else None,
+        "vienna": code if coded and coded[0]["vienna"] else None,
+        "category": best[0] if best and best[0] in CATEGORIES else None,
+        "legend": legend or None,
+        "code_probability": float(np.mean(known + denied)) if known else None,
+    }
 
 
 def _write(folder: Path, table: Table, rows: list[Row], settings: MergeSettings) -> None:

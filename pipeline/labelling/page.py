@@ -41,7 +41,7 @@ KINDS = {
     BACK: ("B", "back of a sign"),
     UNSURE: ("U", "unsure"),
 }
-COLOR_KEYS = {name: str(number + 1) for number, name in enumerate(COLORS)} | {None: "0"}
+COLOR_KEYS = dict(zip((*COLORS, None), "123456789L0", strict=True))
 SHAPE_KEYS = dict(zip((*SHAPES, None), "RDOTCPFHXKZ", strict=True))
 _PROPORTION, _LARGEST = 4 / 3, (400, 300)
 _WEBP_QUALITY = 80

@@ -41,6 +41,8 @@ _CODE = (
 )
 _UPPER_TRIANGLE = np.triu_indices(3)
 _BATCH_ROWS = 4096
+_FIRST_DATE_NS = 10 * 365 * 86_400 * 10**9
+"""No camera is older than ten years after 1970: such a clock counts from 0."""
 _UNLISTED = tuple(VERDICTS.index(name) for name in ("size", "color"))
 
 
@@ -51,6 +53,7 @@ def frame_row(tracked: TrackedFrame) -> dict[str, Any]:
         "frame": frame.index,
         "log_time_ns": frame.log_time_ns,
         "header_time_ns": frame.header_time_ns,
+        "date": date_us(frame.time_ns),
         "status": frame.status,
         "image_name": frame.name or None,
         "image_date": frame.date or None,
@@ -111,6 +114,7 @@ def sign_row(sign: Sign, log: str) -> dict[str, Any]:
         "lateral_m": sign.lateral_m,
         "up_m": finite(sign.up_m),
         "bottom_m": finite(sign.bottom_m),
+        "sigma_bottom_m": finite(sign.sigma_bottom_m),
         "panel_width_m": finite(sign.width_m),
         "panel_height_m": finite(sign.height_m),
         "sigma_width_m": finite(sign.sigma_width_m),
@@ -119,6 +123,7 @@ def sign_row(sign: Sign, log: str) -> dict[str, Any]:
         "sigma_facing_deg": finite(landmark.sigma_facing_deg),
         "best_frame": landmark.best_frame,
         "best_time_ns": landmark.best_time_ns,
+        "date": date_us(landmark.best_time_ns),
         "best_box": list(landmark.best_box),
         **dict(zip(("right_m", "down_m", "ahead_m"), sign.position.tolist(), strict=True)),
         "first_frame": min(view.frame for view in landmark.views),
@@ -127,6 +132,7 @@ def sign_row(sign: Sign, log: str) -> dict[str, Any]:
         "residual_px": finite(landmark.residual_px),
         **{f"evidence_{term}": evidence.get(term) for term in EVIDENCE_TERMS},
         **_code(sign),
+        "category": sign.category,
         **_on_globe(sign),
         "route": sign.route,
         "measure": finite(sign.measure),
@@ -145,6 +151,11 @@ def sign_row(sign: Sign, log: str) -> dict[str, Any]:
 def sign_id(sign: Sign, log: str) -> str:
     """Name of a sign: `drive-0001`."""
     return f"{log}-{sign.number:04d}"
+
+
+def date_us(time_ns: int) -> int | None:
+    """Microseconds since 1970; None of a clock that counts from 0."""
+    return None if time_ns < _FIRST_DATE_NS else time_ns // 1000
 
 
 def finite(value: float) -> float | None:
@@ -325,6 +336,7 @@ class InventoryWriter:
         track = settled.track_id[rows]
         values: dict[str, Any] = {
             "frame": np.full(len(rows), settled.frame.index, np.int32),
+            "date": [date_us(settled.frame.time_ns)] * len(rows),
             "observation_id": np.arange(first, first + len(rows)),
             "source": choice(OBSERVATIONS, "source", regions.source),
             "box": fixed_list(regions.box, 4),

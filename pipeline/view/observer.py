@@ -110,6 +110,8 @@ class Viewing:
     """`all` images, those of `signs`, or `none`."""
     detail: bool = False
     """Also the label images of both passes of segmentation."""
+    blur: bool = False
+    """Blur what lies off the boxes of possible signs."""
 
 
 def open_observer(
@@ -156,7 +158,7 @@ class RerunObserver:
         plane: str | None,
     ) -> None:
         self._recorders = tuple(recorders)
-        self._state = ViewState(viewing.images, viewing.detail)
+        self._state = ViewState(viewing.images, viewing.detail, viewing.blur)
         self._lock = threading.Lock()
         self._waiting: dict[int, list[Entity]] = defaultdict(list)
         self._held_images: dict[int, list[Entity]] = {}

@@ -15,6 +15,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from wayside.pipeline.files.pictures import blurred
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.drawing import (
     BAD,
@@ -68,6 +69,7 @@ class ViewState:
 
     images: str = "all"
     detail: bool = False
+    blur: bool = False
     camera: Camera | None = None
     """The one that was shown last."""
     shown: set[str] = field(default_factory=set)
@@ -106,7 +108,7 @@ def view_frame(frame: Frame, stage: str, state: ViewState) -> list[Entity]:
         )
         found.append(entity(at.CAMERA, pinhole))
     media_type = PASSED_THROUGH.get(frame.encoding)
-    if media_type is not None and state.images != "none":
+    if media_type is not None and state.images != "none" and not state.blur:
         image = rr.EncodedImage(contents=bytes(frame.data), media_type=media_type)
         found.append(entity(at.IMAGE, image))
     return found
@@ -114,7 +116,8 @@ def view_frame(frame: Frame, stage: str, state: ViewState) -> list[Entity]:
 
 def view_image(image: Image, stage: str, state: ViewState) -> list[Entity]:
     """Images that the log holds uncompressed, compressed here; `view_frame` records all others."""
-    if image.frame.encoding in PASSED_THROUGH or state.images == "none" or image.rgb is None:
+    held = image.frame.encoding in PASSED_THROUGH or state.blur
+    if held or state.images == "none" or image.rgb is None:
         return []
     return [entity(at.IMAGE, rr.Image(image.rgb).compress(jpeg_quality=JPEG_QUALITY))]
 
@@ -185,6 +188,10 @@ def view_posed(item: PosedDetections, stage: str, state: ViewState) -> list[Enti
         entity(at.PATH, path),
         *_view_ties(motion, frame.camera),
     ]
+    candidates, rgb = item.detections.candidates, item.detections.image.rgb
+    if state.blur and state.images != "none" and rgb is not None:
+        hidden = blurred(rgb, candidates.regions.box[candidates.open_rows()])
+        found.append(entity(at.IMAGE, rr.Image(hidden).compress(jpeg_quality=JPEG_QUALITY)))
     if motion.history_px:
         shown = np.array(motion.history_px[: ITERATIONS_SHOWN + 1])  # the last one stays
         padded = np.pad(shown, (0, ITERATIONS_SHOWN + 1 - len(shown)), mode="edge")

@@ -28,6 +28,7 @@ class ReadSettings:
     from_s: float = setting(0.0, "s", "start this long after the first image", low=0)
     until_s: float = setting(0.0, "s", "stop this long after the first image; 0: at the end", low=0)
     every: int = setting(1, "images", "use every n-th image only", low=1)
+    blur: bool = setting(False, "", "blur what lies off the panels in images that are stored")
 
 
 @dataclass(frozen=True, slots=True)

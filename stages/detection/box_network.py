@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.detections import LEARNED_COLORS, SHAPES
 from wayside.schemas.frame import Camera
 from wayside.schemas.models import ScoreModel
 from wayside.stages.classifiers import OnnxNetwork
@@ -23,7 +23,7 @@ from wayside.stages.imaging import Pyramid
 
 PATCHES, SIZES, BOX_OUTPUT = "patches", "sizes", "boxes"
 """Names of the inputs, patches (n, 48, 48, 3) uint8 and widths and heights (n, 2) in pixels, and of the output."""
-OFFSET_AT, COLOR_AT, SHAPE_AT = 2, 6, 6 + len(COLORS)
+OFFSET_AT, COLOR_AT, SHAPE_AT = 2, 6, 6 + len(LEARNED_COLORS)
 BOX_VALUES = SHAPE_AT + len(SHAPES)
 """Values of a box: log odds of a front and of a back, offsets of four sides, scores of colours, scores of shapes."""
 TOGETHER = 64

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import log_softmax
 
 from wayside.schemas.detections import (
-    COLORS,
+    LEARNED_COLORS,
     SHAPES,
     Candidates,
     Detections,
@@ -147,7 +147,8 @@ def with_names(
     """
     color, shape = candidates.color.copy(), candidates.shape.copy()
     colors, shapes = (
-        np.full((len(candidates), len(names)), np.nan, np.float32) for names in (COLORS, SHAPES)
+        np.full((len(candidates), len(names)), np.nan, np.float32)
+        for names in (LEARNED_COLORS, SHAPES)
     )
     shapes[rows], shape[rows] = log_softmax(found.shape, axis=1), found.shape.argmax(axis=1)
     if not grey:

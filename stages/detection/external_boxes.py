@@ -140,6 +140,8 @@ def classified(
         likely = columns[f"{name}_log_probability"] = getattr(
             candidates, f"{name}_log_probability"
         ).copy()
-        likely[sure] = -np.inf
-        likely[sure, known[sure]] = 0.0
+        likely[sure] = np.nan  # of a class that no network knows, the views vote
+        learned = sure[known[sure] < likely.shape[1]]
+        likely[learned] = -np.inf
+        likely[learned, known[learned]] = 0.0
     return replace(candidates, **columns)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import COLORS, SHAPES, NetworkBoxes
+from wayside.schemas.detections import LEARNED_COLORS, SHAPES, NetworkBoxes
 from wayside.stages.classifiers import OnnxNetwork
 from wayside.stages.geometry import non_maximum_suppression
 
@@ -19,7 +19,7 @@ STRIDE, MULTIPLE = 4, 32
 CENTRE_PX, SIDE_PX = 8.0, 16.0
 """A box at a cell: middle = centre of the cell + `CENTRE_PX` * (a, b), width and height = `SIDE_PX` * exp(c, d)."""
 
-MAPS = 2 + 4 + len(COLORS) + len(SHAPES)
+MAPS = 2 + 4 + len(LEARNED_COLORS) + len(SHAPES)
 """Maps: log odds of fronts and of backs, box (a, b, c, d), log odds of colours, of shapes."""
 
 MAXIMA = 4
@@ -128,6 +128,6 @@ def boxes_of_maps(
     fits = np.flatnonzero((box[:, 2] - box[:, 0] >= 2) & (box[:, 3] - box[:, 1] >= 2))
     every = fits[non_maximum_suppression(box[fits], same_iou)]
     kept = every[:most]
-    color, shape = np.split(values[kept, 4:], [len(COLORS)], axis=1)
+    color, shape = np.split(values[kept, 4:], [len(LEARNED_COLORS)], axis=1)
     front = heat[0][row[kept], column[kept]]
     return NetworkBoxes(box[kept], score[kept], front, color, shape, len(every) - len(kept))

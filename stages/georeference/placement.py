@@ -14,6 +14,14 @@ from wayside.stages.georeference.geodesy import Globe
 from wayside.stages.georeference.path import DrivePath, StepScale
 from wayside.stages.kernels import Array
 
+ROAD_SIGMA_M = 0.05
+"""Scatter of the road abreast of a sign against the one that its height is measured from: with it, 94 % of 316 lower
+edges on rendered drives are within two standard deviations, without it 56 %."""
+ROLL_RAD = 0.0175
+"""Scatter of the camera's roll against the road, one degree, where the log has no poses that know what is up: with it,
+97 % of 122 lower edges on such drives are within two standard deviations, without it 86 %."""
+ROUGH_HEIGHT = 0.1
+"""Relative scatter of the camera's height where fixes alone give the lengths that it is found by (estimate)."""
 SCALE_STEPS = 3
 """Steps up to a sign's best frame whose mean scale is the sign's: its distance depends on these."""
 SCALE_FRACTION = 0.9
@@ -49,6 +57,10 @@ def _sign(
         right, above = offset.right, offset.above
     up = float(above) + (math.nan if path.camera_height_m is None else path.camera_height_m)
     width, height = scale.factor * landmark.width_m, scale.factor * landmark.height_m
+    sigma_height = math.hypot(scale.factor * landmark.sigma_height_m, scale.sigma * height)
+    roll_m = 0.0 if path.world == "log" else ROLL_RAD * float(right)
+    rough_m = ROUGH_HEIGHT * (path.camera_height_m or 0.0) if path.world == "enu" else 0.0
+    own_m = math.sqrt(covariance[1, 1]), sigma_height / 2
     probability = 1 / (1 + math.exp(-min(max(landmark.score, -50.0), 50.0)))
     unsure = "uncertain" if probability < confidence else "sign"
     return Sign(
@@ -65,10 +77,13 @@ def _sign(
         lateral_m=float(right),
         up_m=up,
         bottom_m=up - height / 2,
+        sigma_bottom_m=math.nan
+        if math.isnan(up)
+        else math.hypot(*own_m, ROAD_SIGMA_M, roll_m, rough_m),
         width_m=width,
         height_m=height,
         sigma_width_m=math.hypot(scale.factor * landmark.sigma_width_m, scale.sigma * width),
-        sigma_height_m=math.hypot(scale.factor * landmark.sigma_height_m, scale.sigma * height),
+        sigma_height_m=sigma_height,
         globe=_on_globe(path.globe, landmark, position, covariance),
     )
 

@@ -24,7 +24,7 @@ _SCALE = lgamma((TAIL_FREEDOM + 3) / 2) - lgamma(TAIL_FREEDOM / 2) - 1.5 * log(T
 PLACE_TERM = _SCALE - log(DENSITY)
 """Term of `place_log_ratio` that no measurement changes."""
 MISREAD = 0.03
-"""Probability that a drive gives a face another colour; the same of shape and size (judgement)."""
+"""Probability that a drive gives a face another colour; the same of shape, size and code (judgement)."""
 SAME_BY_CHANCE = 0.3
 """Probability that two panels have one colour by chance; the same of the shape: three kinds in equal parts."""
 AGREE, DIFFER = log((1 - MISREAD) / SAME_BY_CHANCE), log(MISREAD / (1 - SAME_BY_CHANCE))
@@ -75,12 +75,15 @@ def face_log_ratio(
 ) -> Floats:
     """Log-likelihood ratio (m,) of the faces of rows i and j: of one panel, against of two by chance.
 
-    What is unknown in either row says nothing. agree, differ: what a colour or shape says.
+    What is unknown in either row says nothing, nor does the code where colour or shape differ already. agree, differ:
+    what a colour, shape or code says.
     """
     ratio = size_log_ratio(sightings, i, j)
-    for code in (sightings.color, sightings.shape):
-        known = (code[i] >= 0) & (code[j] >= 0)
+    differs = np.zeros(len(ratio), bool)
+    for code in (sightings.color, sightings.shape, sightings.code):
+        known = (code[i] >= 0) & (code[j] >= 0) & ~(differs & (code is sightings.code))
         ratio += np.where(known, np.where(code[i] == code[j], agree, differ), 0.0)
+        differs |= known & (code[i] != code[j])
     return ratio
 
 

@@ -154,10 +154,10 @@ def face_runs(sightings: Sightings, place: Ints, settings: MergeSettings) -> Int
 
 
 def _differ(sightings: Sightings, place: Ints) -> NDArray[np.bool_]:
-    """Whether colours, shapes or sizes at each place are not all alike; places are numbered without gaps."""
+    """Whether colours, shapes, codes or sizes at each place are not all alike; places are numbered without gaps."""
     count = int(place.max()) + 1
     differ = np.zeros(count, bool)
-    for code in (sightings.color, sightings.shape):
+    for code in (sightings.color, sightings.shape, sightings.code):
         known = np.flatnonzero(code >= 0)
         any_code = np.zeros(count, np.int64)
         any_code[place[known]] = code[known]

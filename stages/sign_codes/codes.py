@@ -3,7 +3,7 @@
 The probability of a code is proportional to its frequency and to the probabilities of colour, shape, size and face
 pixels given the code. They are taken as independent. The system, US or Vienna, is one unknown of the whole drive: what
 all signs say of it together is the prior of each. The narrowest certain statement is made: the code with its legend,
-else the code, else the series, else nothing.
+else the code, else the series, else nothing. The category is stated wherever it is certain, also of a code that is not.
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ from wayside.schemas.landmarks import Landmark
 from wayside.schemas.settings import CodeSettings
 from wayside.schemas.sign_catalogue import (
     CATALOGUE,
+    CATEGORIES,
     INCH_M,
-    SERIES,
     SYSTEMS,
     UNIT_M,
     CatalogueSign,
     Size,
+    stated,
 )
 from wayside.schemas.signs import Sign, SignCode
 from wayside.stages.sign_codes.face_classes import OTHER_FACE
@@ -64,6 +65,7 @@ class _Leaf(NamedTuple):
     sign: int
     system: str
     face: str
+    category: str
     nodes: tuple[str, ...]
     share: float
 
@@ -86,13 +88,9 @@ def _leaves() -> Iterator[_Leaf]:
     for number, (system, sign) in enumerate(_SIGNS):
         faces = sign.faces or (OTHER_FACE,)
         share = sign.weight / sum(one.weight for one in CATALOGUE[system]) / len(faces)
-        group = SERIES[system][sign.series][1]
-        wider = [*([] if group is None else [group]), sign.series]
         for face in faces:
-            _, _, legend = face.partition(" ")
-            named = [] if sign.code == sign.series else [sign.code, f"{sign.code} {legend}"]
-            nodes = (*wider, *(named if legend else named[:1]))
-            yield _Leaf(number, system, face, nodes, share)
+            category, *nodes = stated(system, sign.code, face.partition(" ")[2])
+            yield _Leaf(number, system, face, category, tuple(nodes), share)
 
 
 _SIGNS = tuple((system, sign) for system in SYSTEMS for sign in CATALOGUE[system])
@@ -100,6 +98,7 @@ _LEAVES = tuple(_leaves())
 _SIZES = tuple((k, size) for k, (_, sign) in enumerate(_SIGNS) for size in sign.sizes)
 """Standard sizes, each with the number of its sign."""
 _SIGN_OF_LEAF = np.array([leaf.sign for leaf in _LEAVES])
+_CATEGORY_OF_LEAF = np.array([CATEGORIES.index(leaf.category) for leaf in _LEAVES])
 _SIGN_OF_SIZE = np.array([k for k, _ in _SIZES])
 _EXTENTS = np.array([extent_m(_SIGNS[k][1], size, _SIGNS[k][0]) for k, size in _SIZES])
 _LIMITS = {
@@ -137,8 +136,15 @@ def assign_codes(
     likelihoods = [_likelihoods(sign, classes) for sign in listed]
     prior = system_probabilities(likelihoods, settings)
     for sign, likelihood in zip(listed, likelihoods, strict=True):
-        code = _settled(sign, likelihood, prior, settings)
-        yield replace(sign, code=code, us_probability=prior[SYSTEMS[0]])
+        explained = _explained(likelihood, prior, settings)
+        of_category = np.bincount(_CATEGORY_OF_LEAF, explained)
+        category = CATEGORIES[of_category.argmax()]
+        yield replace(
+            sign,
+            code=_settled(sign, explained, settings),
+            category=category if of_category.max() >= settings.settled else None,
+            us_probability=prior[SYSTEMS[0]],
+        )
 
 
 def system_probabilities(likelihoods: Sequence[Floats], settings: CodeSettings) -> dict[str, float]:
@@ -171,7 +177,8 @@ def _ratios(
     """Likelihood (classes,) of what was seen, over that of all classes alike; 1 where nothing was."""
     if log_probability:
         scaled = np.array(log_probability) - np.logaddexp.reduce(log_probability)
-        return np.asarray(len(names) * np.exp(scaled), np.float64)
+        known = len(scaled) * np.exp(scaled)
+        return np.pad(known, (0, len(names) - len(known)))  # no network takes it for another class
     if named is None:
         return np.ones(len(names))
     wrong = (1 - NAMED_RIGHT) / (len(names) - 1)
@@ -214,15 +221,16 @@ def _off_standard(sign: Sign) -> tuple[Floats, Floats]:
     return off, np.exp(-(off**2).sum(axis=1) / 2) / sigma.prod(axis=1)
 
 
-def _settled(
-    sign: Sign, likelihood: Floats, prior: dict[str, float], settings: CodeSettings
-) -> SignCode | None:
-    """The narrowest statement whose probability is large enough, or None."""
+def _explained(likelihood: Floats, prior: dict[str, float], settings: CodeSettings) -> Floats:
+    """Probability (leaves,) of each leaf of both systems; the rest is what nothing in the catalogue explains."""
     foreign = FOREIGN if settings.system == "auto" else 0.0
-    # what each leaf of both systems explains, and what nothing in the catalogue does
     shares = sum((foreign + (1 - 2 * foreign) * prior[s]) * _LEAF_SHARES[s] for s in SYSTEMS)
     explained = shares * (1 - UNLIKE) * likelihood
-    explained /= UNLIKE + explained.sum()
+    return np.asarray(explained / (UNLIKE + explained.sum()))
+
+
+def _settled(sign: Sign, explained: Floats, settings: CodeSettings) -> SignCode | None:
+    """The narrowest statement whose probability is large enough, or None."""
     nodes: dict[tuple[int, str, str], float] = {}
     for leaf, probability in zip(_LEAVES, explained.tolist(), strict=True):
         for depth, node in enumerate(leaf.nodes):

@@ -26,6 +26,11 @@ _DARK_LEVEL, _FLAT = 16.0, 0.1
 without contrast is no legend. Part of the input format."""
 FACE_VIEWS = 5
 """Nearest registered views whose face is classified: farther ones are coarser."""
+BLACK = 0.48
+"""Largest brightest channel of a black ground over that of the legend. A blue ground has 0.56 or more on all drives
+here, black ones 0.24 to 0.38 (real lane-use signs); this is the geometric mean of 0.38 and 0.61 (blue sheeting)."""
+INNER = slice(5, -5)
+"""Of a patch: without what surrounds the face, and its border."""
 LEAST_LOG_PROBABILITY = -7.0
 """Least log probability of a class of face in one view: one bad view must not rule a class out."""
 FACES, FACE_OUTPUT, CLASSES = "faces", "scores", "classes"
@@ -84,9 +89,21 @@ def _classified(
     patches = np.stack(_face_patches(measured, measured.face)[:FACE_VIEWS])
     each = np.maximum(model.log_probabilities(patches), LEAST_LOG_PROBABILITY)
     mean = each.mean(axis=0)
-    return replace(
+    landmark = replace(
         landmark, face_log_probability=tuple((mean - np.logaddexp.reduce(mean)).tolist())
     )
+    if landmark.color == "blue" and is_black(patches):  # the networks know no black
+        return replace(landmark, color="black", color_log_probability=())
+    return landmark
+
+
+def is_black(patches: NDArray[np.uint8]) -> bool:
+    """Whether faces (n, 32, 32, 3) with a bright legend have a ground too dark for any colour but green and brown."""
+    inner = patches[:, INNER, INNER].reshape(len(patches), -1, 3).astype(np.float64)
+    darker = np.sort(inner, axis=1)[:, : inner.shape[1] // 2]
+    legend = np.maximum(np.percentile(inner, 95, axis=1), 1.0)
+    ground = (np.median(darker, axis=1) / legend).max(axis=1)
+    return bool(np.median(ground) < BLACK)
 
 
 def _face_patches(measured: Measurement, face: NDArray[np.float64]) -> list[NDArray[np.uint8]]:

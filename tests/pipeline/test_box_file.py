@@ -123,7 +123,7 @@ def test_classes_say_which_boxes_are_signs_and_rows_what_they_look_like(tmp_path
         ({"frame": [None], **corners(BOX)}, "no value in 1 rows of column frame"),
         ({"frame": [0], "score": [90.0], **corners(BOX)}, "scores from 90 to 90 instead of 0 to 1"),
         ({"frame": [0], "score": [-2.0], **corners(BOX)}, "scores from -2 to -2 instead of 0"),
-        ({"frame": [0], "color": ["pink"], **corners(BOX)}, "'pink' in column color"),
+        ({"frame": [0], "color": ["purple"], **corners(BOX)}, "'purple' in column color"),
         ({"frame": [0], "shape": [3], **corners(BOX)}, "'3' in column shape"),
     ],
 )

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from wayside.pipeline.checking.quantities import MISSED, ROAD_SIGMA_M, ROLL_RAD, ROUGH_HEIGHT
+from wayside.pipeline.checking.quantities import MISSED
 from wayside.pipeline.checking.rules import read_rules
 from wayside.pipeline.checking.verdicts import check_rows, from_edge, is_of
 from wayside.schemas.errors import OutputError, UsageError
@@ -28,7 +28,7 @@ def row(sign_id="d-1", **changes):
     """A stop sign of 30 in, 8 ft above the road at the right, of which everything is known."""
     known = {"mutcd": "R1-1", "color": "red", "shape": "octagon", "panel_width_m": 0.762}
     known |= {"panel_height_m": 0.762, "bottom_m": 8 * FOOT, "up_m": 8 * FOOT + 0.381}
-    known |= dict.fromkeys(("sigma_width_m", "sigma_height_m", "sigma_up_m"), 0.01)
+    known |= dict.fromkeys(("sigma_width_m", "sigma_height_m", "sigma_bottom_m"), 0.01)
     known |= {"station_m": 50.0, "lateral_m": 5.0, "facing_deg": 3.0, "sigma_facing_deg": 2.0}
     known |= {"sigma_lateral_m": 0.02, "sigma_along_m": 0.05, "code_probability": 0.99}
     return dict.fromkeys(SIGNS.schema.names) | sign_row(sign_id, **known | changes)
@@ -68,7 +68,7 @@ def test_every_rule_that_ships_is_read_and_names_its_section_and_known_codes():
         (LIMIT.replace('"w"', "3"), "words must be a text, but is 3"),
         (LIMIT.replace("words", "word"), "there is no key word; the keys are words, "),
         (LIMIT.replace('words = "w"\n', ""), "the key words is missing"),
-        (LIMIT.replace("bottom_m", "botom_m"), "quantity: 'botom_m' is none of: bottom_m, "),
+        (LIMIT.replace("bottom_m", "botom_m"), "quantity: 'botom_m' is none of: width_m, "),
         (LIMIT.replace("5 ft", "5 yd"), "least: '5 yd' is no number with a unit"),
         (LIMIT.replace("5 ft", "5 deg"), "a limit of bottom_m is in m or ft or in, not deg"),
         (LIMIT.replace('"5 ft"', "5"), "least: 5 is no number with a unit"),
@@ -107,19 +107,10 @@ def test_rules_of_a_later_file_replace_those_of_the_same_name_and_add_others(tmp
 @given(st.floats(0.5, 4.0), st.floats(0.001, 0.3))
 def test_a_verdict_is_sure_at_two_standard_deviations(tmp_path_factory, bottom_m, sigma_m):
     rules = rules_of(tmp_path_factory.getbasetemp(), LIMIT)
-    (one,) = check_rows([row(bottom_m=bottom_m, sigma_up_m=sigma_m)], rules, None)
-    sigma = np.sqrt(sigma_m**2 + 0.005**2 + ROAD_SIGMA_M**2)
-    off = (bottom_m - 5 * FOOT) / sigma
+    (one,) = check_rows([row(bottom_m=bottom_m, sigma_bottom_m=sigma_m)], rules, None)
+    off = (bottom_m - 5 * FOOT) / sigma_m
     assert one.verdict == ("meets" if off >= 2 else "fails" if off <= -2 else "unclear")
     assert one.probability == pytest.approx(norm.cdf(-off), abs=1e-9)
-
-
-def test_without_poses_roll_and_height_of_the_camera_make_heights_unsure(checked):
-    far = {"lateral_m": -9.0, "camera_height_m": 2.0}
-    rows = [row(world, world=world, **far) for world in ("log", "drive_start", "enu")]
-    level, by_spacing, by_fixes = (one.sigma for one in checked(LIMIT, *rows).values())
-    assert by_spacing == pytest.approx(np.hypot(level, 9 * ROLL_RAD))
-    assert by_fixes == pytest.approx(np.hypot(by_spacing, 2 * ROUGH_HEIGHT))
 
 
 def test_both_ends_of_a_range_and_the_tolerance_count(checked):
@@ -262,7 +253,7 @@ def out(tmp_path):
 def test_one_command_lists_what_stands_too_low_and_shows_it(out):
     said = invoke("check", out, "--only", "height")
     assert re.search(r"^height +1 +1 ", said, re.MULTILINE)
-    assert re.search(r"fails\n  height +d-0001  R1-1 +4\.0 ± 0\.17 ft, at least 5\n", said)
+    assert re.search(r"fails\n  height +d-0001  R1-1 +4\.0 ± 0\.033 ft, at least 5\n", said)
     assert f"open {out / 'checks.html'}" in said
     page = (out / "checks.html").read_text()
     assert '<a href="evidence/d-0001.html">d-0001</a>' in page

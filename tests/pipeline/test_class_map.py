@@ -45,7 +45,7 @@ def test_a_detector_without_names_wants_numbers(tmp_path):
         ("[classes]\nstop = {}\n[more]\n", "holds more"),
         ('[classes]\nstop = "red"\n', "is 'red'"),
         ('[classes]\nstop = { colour = "red" }\n', "colour"),
-        ('[classes]\nstop = { color = "pink" }\n', "'pink', .* one of white, yellow"),
+        ('[classes]\nstop = { color = "purple" }\n', "'purple', .* one of white, yellow"),
         ('[classes]\nstop = { shape = "heart" }\n', "'heart', .* one of rectangle"),
         ("[classes\n", "not valid TOML"),
         ("a = " + "[" * 100_000, "too deeply"),

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.evidence.crops import ACCENT, cut, draw_crop
+from wayside.pipeline.evidence.crops import ACCENT, cut, draw_crop, read_crops
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
 from wayside.pipeline.evidence.maps import error_ellipse, fit, panel_line
 from wayside.pipeline.evidence.marks import OUTLINES, UNKNOWN, figures_of
@@ -30,7 +30,7 @@ from wayside.schemas.settings import ReadSettings, Settings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, PROFILE, SIGNS
 
 from . import results
-from .results import table_of, write_tables
+from .results import invoke, table_of, write_tables
 
 IMAGES, SPACING_M = 6, 8.0
 
@@ -448,6 +448,25 @@ def test_a_crop_holds_the_pixels_of_its_box(box, seed):
     assert crop.rgb.shape[1] / crop.rgb.shape[0] == pytest.approx(PROPORTION, abs=0.05)
 
 
+@pytest.mark.parametrize("way", ["evidence --blur", "run --blur"])
+def test_blurring_leaves_the_panel_alone_and_nothing_sharp_around_it(tmp_path, way):
+    noise = np.random.default_rng(0).integers(0, 200, (120, 160, 3), np.uint8)
+    shown = [noise + np.uint8(frame) for frame in range(IMAGES)]  # none is a duplicate
+    out = write_result(tmp_path / "out", results.make_log(tmp_path / "n.mcap", shown))
+    if way == "run --blur":
+        change_run(out, settings={"read": {"spacing_m": SPACING_M, "thin_m": 0.0, "blur": True}})
+    boxes = [("one", 3, tuple(face_box(3)))]
+    ((_, crop),) = read_crops(out, None, boxes, PROPORTION, blur=way[0] == "e")
+    left, top, right, bottom = (int(edge) for edge in crop.box)
+    off = np.ones(crop.rgb.shape[:2], bool)
+    off[top:bottom, left:right] = False
+    assert (crop.rgb[~off] == shown[3][40:54, 72:88].reshape(-1, 3)).all()
+    assert np.abs(np.diff(crop.rgb.astype(int), axis=1))[off[:, 1:] & off[:, :-1]].mean() < 15
+    whole = cut(shown[3], face_box(3), PROPORTION).rgb.astype(int)
+    assert np.abs(np.diff(whole, axis=1)).mean() > 60
+    invoke("evidence", out, *(["--blur"] if way[0] == "e" else []))
+
+
 def test_the_box_is_drawn_around_the_face_and_grey_around_an_image_smaller_than_the_crop():
     crop = cut(np.zeros((30, 40, 3), np.uint8), (10, 10, 30, 25), PROPORTION)
     assert (crop.rgb == 0).all(axis=2).sum() == 30 * 40
@@ -519,6 +538,12 @@ def test_what_is_not_known_is_said_to_be_unknown_and_a_route_is_told_where_it_is
 def test_nothing_is_less_than_zero_by_less_than_is_shown():
     values = {f.label: f.value for f in figures(facing_deg=-0.3, bottom_m=-0.004)}
     assert (values["Facing"], values["Lower edge above it"]) == ("0°", "0.00 m")
+
+
+def test_the_standard_size_of_a_diamond_is_told_along_its_sides_and_across():
+    inches = {"nominal_width_in": 30.0, "nominal_height_in": 30.0, "shape": "diamond"}
+    values = {f.label: f.value for f in figures(**inches, mutcd="W", code_probability=1.0)}
+    assert values["Standard size"] == "30 x 30 in along its sides, 42 in across"
 
 
 def test_the_ground_below_a_sign_is_that_between_the_strips_around_it(out):

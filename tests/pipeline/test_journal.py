@@ -14,7 +14,7 @@ from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.running.journal import JOURNAL, Journal, journal_key, remove_journal
 from wayside.schemas.detections import (
-    COLORS,
+    LEARNED_COLORS,
     Candidates,
     Detections,
     Dropped,
@@ -45,7 +45,7 @@ def detections(index, rows=5, points=7, optional=True):
     score = np.where(rng.random(rows) < 0.5, np.nan, rng.random(rows)).astype(np.float32)
     found = dataclasses.replace(found, score=score)
     if optional:
-        some = rng.random((rows, len(COLORS))).astype(np.float32)
+        some = rng.random((rows, len(LEARNED_COLORS))).astype(np.float32)
         found = dataclasses.replace(found, back_score=-score, color_log_probability=-some)
     features = Features(
         rng.random((points, 2)).astype(np.float32),

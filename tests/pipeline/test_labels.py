@@ -73,7 +73,7 @@ def test_a_file_of_four_corners_is_enough(tmp_path):
     ("change", "words"),
     [
         ({"kind": ["traffic"]}, "row 0: kind 'traffic'"),
-        ({"color": ["pink"]}, "colour 'pink'"),
+        ({"color": ["purple"]}, "colour 'purple'"),
         ({"x_max": [1]}, "no area"),
         ({"x_max": [None]}, "no 'x_max'"),
         ({"image_name": [None]}, "named by its frame"),

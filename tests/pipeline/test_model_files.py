@@ -173,7 +173,7 @@ def test_what_is_no_rate_or_no_gate_is_refused_with_the_gates_that_there_are(pre
     ("name", "change", "words"),
     [
         ("color_rgb", lambda d: [d.pop("threshold"), d.pop("threshold_rule")], "no threshold"),
-        ("color_rgb", lambda d: d["classes"][0].update(name="pink"), "pink"),
+        ("color_rgb", lambda d: d["classes"][0].update(name="purple"), "purple"),
         ("color_rgb", lambda d: d.update(space="hsv"), "'hsv' among rgb"),
         ("color_rgb", lambda d: d.update(classes=[]), "has no class"),
         ("color_rgb", lambda d: d.update(space="chromaticity"), "has 2 numbers"),

@@ -110,7 +110,9 @@ def test_csv_and_json_say_the_same_and_by_hand_signs_and_verdicts_are_enough(out
 
 def test_the_exported_table_has_the_review_beside_what_was_measured(out, review, tmp_path):
     file = tmp_path / "signs.csv"
-    assert "5 rows, 4 of them reviewed" in invoke("export", out, "-o", file, "--review", review)
+    assert "5 rows, 4 of them reviewed" in invoke(
+        "export", out, "-o", file, "--all", "--review", review
+    )
     rows = {row["sign_id"]: row for row in csv.DictReader(file.read_text().splitlines())}
     reviews = ["accepted", "rejected", "edited", "", "missing"]
     assert [row["review"] for row in rows.values()] == reviews
@@ -122,7 +124,7 @@ def test_the_exported_table_has_the_review_beside_what_was_measured(out, review,
     missing = [rows["d-missing-1"][name] for name in names]
     assert missing == ["31.5", "4.0", "30.0", "3", "", "", "octagon"]
     plain = tmp_path / "plain.csv"
-    invoke("export", out, "-o", plain)
+    invoke("export", out, "-o", plain, "--all")
     measured = [column for column in rows["d-0001"] if "review" not in column]
     for row in csv.DictReader(plain.read_text().splitlines()):
         assert {c: row[c] for c in measured} == {c: rows[row["sign_id"]][c] for c in measured}
@@ -130,7 +132,7 @@ def test_the_exported_table_has_the_review_beside_what_was_measured(out, review,
 
 def test_geojson_has_longitude_first_and_places_missing_signs_by_the_others(out, review, tmp_path):
     file = tmp_path / "signs.geojson"
-    invoke("export", out, "-o", file, "--review", review)
+    invoke("export", out, "-o", file, "--all", "--review", review)
     content = json.loads(file.read_text())
     places = {f["properties"]["sign_id"]: f["geometry"]["coordinates"] for f in content["features"]}
     assert places["d-0001"] == [10.0001, 50.00003, 7.0]
@@ -198,7 +200,7 @@ def test_a_review_in_the_folder_of_the_result_is_taken(out, review, tmp_path):
         ("d-0001", "d-0009", "no sign d-0009"),
         ("d-0002", "d-0001", "reviewed twice"),
         ("accepted", "good", "'good' among"),
-        ("green", "pink", "'pink' among"),
+        ("green", "purple", "'purple' among"),
         ("31.5", "", "x and y"),
         ("31.5", "far", "far"),
         ("review", "said", "no column review"),

@@ -9,7 +9,7 @@ import pytest
 from training.detector_crops import CROP_PX, KNOWN, STRIDE, UNKNOWN, UNSURE, targets
 from training.detector_images import FRONT, LabelledImage
 from wayside.pipeline.models.model_files import onnx_metadata
-from wayside.schemas.detections import COLORS, NONE, SHAPES
+from wayside.schemas.detections import LEARNED_COLORS, NONE, SHAPES
 from wayside.stages.detection import BOX_VALUES, INNER, MAPS, SIDE, drawn_patches
 from wayside.stages.detection import BoxNetwork as InOnnxRuntime
 from wayside.stages.imaging import pyramid
@@ -83,7 +83,7 @@ def boxes(count=32, seed=0):
     patch[face, EDGE:-EDGE, EDGE:-EDGE] = (200, 40, 40)
     offset = random.normal(0, 0.1, (count, 4)).astype(np.float32)
     offset[~face] = np.nan
-    look = {"color": COLORS.index("red"), "shape": SHAPES.index("rectangle")}
+    look = {"color": LEARNED_COLORS.index("red"), "shape": SHAPES.index("rectangle")}
     look = {name: np.where(face, number, NONE) for name, number in look.items()}
     size, panel = random.uniform(8, 60, (count, 2)), np.stack([face, 0 * face], 1)
     known = {"size": size, "panel": panel, "weight": np.ones((count, 2)), "offset": offset}
@@ -153,7 +153,9 @@ def test_right_values_have_no_loss(torch, networks):
     sure = np.zeros((len(held["size"]), BOX_VALUES), np.float32)
     sure[:, :2] = np.where(held["panel"] > 0, 30, -30)
     sure[:, 2:6] = np.nan_to_num(held["offset"])
-    sure[:, 6 + COLORS.index("red")] = sure[:, 6 + len(COLORS) + SHAPES.index("rectangle")] = 30
+    sure[:, 6 + LEARNED_COLORS.index("red")] = sure[
+        :, 6 + len(LEARNED_COLORS) + SHAPES.index("rectangle")
+    ] = 30
     for value in networks.BoxNetwork.losses(torch.from_numpy(sure), tensors(torch, held)).values():
         assert float(value) == pytest.approx(0, abs=1e-5)
 

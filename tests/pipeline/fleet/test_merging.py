@@ -23,6 +23,7 @@ from wayside.pipeline.fleet.folders import merge_settings_of
 from wayside.pipeline.fleet.inventory_data import cell_name, cells
 from wayside.pipeline.fleet.manifest import Entry, Manifest, State, write_manifest
 from wayside.pipeline.fleet.merging import MergeReport, merge_inventory
+from wayside.pipeline.fleet.merging_rows import agreed_code
 from wayside.pipeline.fleet.status import format_status
 from wayside.pipeline.reviewing.review import NO_REVIEW
 from wayside.schemas.errors import InputError, OutputError, UsageError
@@ -382,12 +383,69 @@ def test_what_one_drive_did_not_find_is_gone_less_surely_than_what_two_did_not(
     assert max(row["probability"] or 0 for row in missed) < told[0]
 
 
+CODED = {
+    f"{code} {legend or ''}".strip(): {"mutcd": code, "legend": legend, "code_probability": 0.9}
+    for code, legend in [("R2-1", "45"), ("R2-1", "35"), ("R1-1", None), ("R", None), ("W", None)]
+}
+
+
+@pytest.mark.parametrize(
+    ("said", "agreed"),
+    [
+        (["R2-1 45", "R2-1 45", "R2-1 35"], ("R2-1", "45", "regulatory", 0.6)),
+        (["R2-1 45", "R2-1 35"], ("R2-1", None, "regulatory", 0.9)),
+        (["R2-1 45", "R1-1", "warning"], ("R", None, "regulatory", 0.6)),
+        (["R", "R2-1 45", ""], ("R2-1", "45", "regulatory", 0.9)),
+        (["R2-1 45", "W"], (None, None, None, None)),
+        (["guide", ""], (None, None, "guide", None)),
+    ],
+)
+def test_what_most_drives_say_of_a_code_is_kept_down_to_where_they_disagree(said, agreed):
+    empty = dict.fromkeys(("mutcd", "vienna", "legend", "category", "code_probability"))
+    found = agreed_code([empty | CODED.get(one, {"category": one or None}) for one in said])
+    values = found["mutcd"], found["legend"], found["category"], found["code_probability"]
+    assert values == (*agreed[:3], agreed[3] and pytest.approx(agreed[3]))
+
+
+def test_another_number_on_the_same_face_is_a_change(simulation, drive, tmp_path):
+    rng = np.random.default_rng(3)
+    road = simulation.make_road(0, 1000.0, 60.0, rng)
+    for year, limit in enumerate(("45", "35")):
+        drive(tmp_path, f"y{year}", road, rng, year=year)
+        sign = {"mutcd": "R2-1", "legend": limit, "category": "regulatory", "code_probability": 0.9}
+        file = tmp_path / "drives" / f"y{year}" / "signs.parquet"
+        rewrite(file, lambda row, sign=sign: sign if row["status"] == "sign" else {})
+    merge_inventory(drives_of(tmp_path), tmp_path)
+    changed = [row for row in changed_rows(tmp_path) if row["change"] == "changed_face"]
+    assert len(changed) == 5  # all that both drives saw from the front
+    for row in changed:
+        assert (row["code_before"], row["code_after"]) == ("R2-1 45", "R2-1 35")
+        assert (row["date_after"] - row["date_before"]).days in (364, 365, 366)
+    panels = {row["panel_id"]: row for row in rows_of(tmp_path, "panels")}
+    assert {panels[row["panel_after"]]["legend"] for row in changed} == {"35"}
+
+
 @pytest.mark.parametrize(
     ("other", "alike"),
-    [({}, True), ({"color": "blue"}, False), ({"color": None}, True), ({"shape": "circle"}, False)],
+    [
+        *[
+            ({}, True),
+            ({"color": "blue"}, False),
+            ({"color": None}, True),
+            ({"shape": "circle"}, False),
+        ],
+        *[
+            ({"mutcd": "R"}, True),
+            ({"mutcd": "W"}, False),
+            ({"legend": "35"}, False),
+            ({"legend": None}, True),
+        ],
+    ],
 )
 def test_two_panels_look_alike_where_nothing_known_of_them_differs(other, alike):
     panel = {"color": "red", "shape": "octagon", "bearing_deg": 90.0}
+    panel |= {"mutcd": "R2-1", "legend": "45"} if {"mutcd", "legend"} & {*other} else {}
+    other = {"legend": None} | other if "mutcd" in other else other
     panel |= {"panel_width_m": 0.75, "panel_height_m": 0.75}
     assert same_face(panel, panel | other) == alike
 

@@ -65,7 +65,7 @@ def test_the_checks_of_all_drives_are_one_view(inventory):
 
 def test_the_questions_of_the_documentation_are_answered(inventory):
     questions = re.findall(r"^-- .*?\n(?=\n|```)", DOCUMENT.read_text(), re.DOTALL | re.MULTILINE)
-    assert len(questions) == 6
+    assert len(questions) == 5
     answers = [first_rows(inventory, question, 9) for question in questions]
     assert [rows[0][0] for _, rows in answers] == ["yellow", *["one/d-0001"] * 4, "one"]
     assert answers[4][1] == [["one/d-0001", "one/d-0002", "50.7", "0.7"]]

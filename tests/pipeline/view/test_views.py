@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import get_args, get_origin, get_type_hints
 
+import cv2
 import numpy as np
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -480,6 +481,20 @@ def test_the_recording_verifies(recorded):
 def test_images_are_recorded_as_asked(short, images, fewest, most):
     held = [c for c in chunks_of(short[images]) if c.entity_path == f"{CAMERA}/image"]
     assert fewest <= sum(chunk.num_rows for chunk in held) <= most
+
+
+def test_blurred_images_are_sharp_on_panels_only(tmp_path):
+    recorded = run(tmp_path, Viewing(file=True, blur=True), 2, SHORT_S)
+    blobs = column(chunks_of(recorded), "/world/vehicle/camera/image", "EncodedImage:blob")
+    boxes = pq.read_table(recorded.folder / "observations.parquet").to_pylist()
+    assert blobs
+    image = cv2.imdecode(np.array(blobs[-1][0], np.uint8), cv2.IMREAD_GRAYSCALE)
+    sharp = cv2.dilate(np.abs(cv2.Laplacian(image, cv2.CV_32F)), np.ones((9, 9))) > 60
+    kept = np.zeros(image.shape, bool)
+    for x0, y0, x1, y1 in (row["box"] for row in boxes):
+        kept[int(y0) - 12 : int(y1) + 12, int(x0) - 12 : int(x1) + 12] = True
+    assert 0 < sharp.mean() < 0.1
+    assert not (sharp & ~kept).any()
 
 
 def test_without_images_all_layers_lie_on_those_of_the_imported_log(short, tmp_path):

@@ -9,7 +9,7 @@ import onnxruntime
 import pytest
 
 from wayside.pipeline.models.model_folder import shipped_models
-from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.detections import LEARNED_COLORS, SHAPES
 from wayside.schemas.models import ScoreModel
 from wayside.stages.classifiers import OnnxNetwork
 from wayside.stages.detection import BoxClassifier, BoxNetwork
@@ -81,7 +81,7 @@ def test_a_box_scores_the_same_however_many_others_are_asked_about():
 )
 def test_every_box_has_a_finite_row_of_each_column(boxes):
     found, count = network().scores(scene(), boxes), len(boxes)
-    wide = {"offset": (4,), "color": (len(COLORS),), "shape": (len(SHAPES),)}
+    wide = {"offset": (4,), "color": (len(LEARNED_COLORS),), "shape": (len(SHAPES),)}
     for name, values in columns(found).items():
         assert (values.dtype, values.shape) == (np.float32, (count, *wide.get(name, ())))
         assert np.isfinite(values).all()
@@ -94,7 +94,7 @@ def test_a_clear_face_scores_far_higher_than_the_ground_and_has_its_colour_and_s
     assert shown.front[:3].min() > shown.front[3:].max() + 4
     assert (shown.front[:3] > shown.back[:3]).all()
     named = shown.select(np.arange(3))
-    assert [COLORS[k] for k in named.color.argmax(axis=1)] == ["yellow", "white", "red"]
+    assert [LEARNED_COLORS[k] for k in named.color.argmax(axis=1)] == ["yellow", "white", "red"]
     assert [SHAPES[k] for k in named.shape.argmax(axis=1)] == ["diamond", "rectangle", "octagon"]
 
 

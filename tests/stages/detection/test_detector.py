@@ -3,7 +3,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from wayside.schemas.detections import COLORS, SHAPES, SOURCES, VERDICTS, Segmentation
+from wayside.schemas.detections import LEARNED_COLORS, SHAPES, SOURCES, VERDICTS, Segmentation
 from wayside.schemas.frame import THINNED, USED, Camera
 from wayside.schemas.models import NetworkSum, ScoreModel
 from wayside.schemas.settings import CandidateSettings
@@ -43,7 +43,7 @@ class ByHeight:
         wide, tall = (box[:, 2:] - box[:, :2]).T
         front = np.select([tall >= 20, tall >= 12], [3.0, 1.0], -1.0).astype(np.float32)
         front += np.float32(self.shift)
-        blue, red = (scores_of_one(COLORS, name, len(box)) for name in ("blue", "red"))
+        blue, red = (scores_of_one(LEARNED_COLORS, name, len(box)) for name in ("blue", "red"))
         offset = np.tile(np.array(self.offset, np.float32), (len(box), 1))
         look = (
             np.where((wide > tall)[:, None], blue, red),
@@ -115,13 +115,13 @@ def test_images_without_regions_or_pixels_travel_undecided(item):
 def test_what_passes_the_threshold_is_named_and_the_rest_is_not():
     found = run(unclassified([[10, 10, 60, 30], [100, 10, 110, 35], [200, 10, 220, 20]]))
     odds = found.candidates.color_log_probability
-    others = len(COLORS) - 1
+    others = len(LEARNED_COLORS) - 1
     for row, name in enumerate(("blue", "red")):
-        expected = np.where(np.array(COLORS) == name, 9, 1) / (9 + others)
+        expected = np.where(np.array(LEARNED_COLORS) == name, 9, 1) / (9 + others)
         np.testing.assert_allclose(np.exp(odds[row]), expected, rtol=1e-5)
     np.testing.assert_allclose(np.exp(found.candidates.shape_log_probability[:2]).sum(axis=1), 1)
     assert np.isnan(odds[2]).all()
-    assert [COLORS[k] for k in found.candidates.color[:2]] == ["blue", "red"]
+    assert [LEARNED_COLORS[k] for k in found.candidates.color[:2]] == ["blue", "red"]
     assert [SHAPES[k] for k in found.candidates.shape[:2]] == ["octagon", "octagon"]
     assert found.candidates.color[2] == found.candidates.shape[2] == -1
 
@@ -143,7 +143,7 @@ def test_a_box_on_part_of_a_face_is_moved_where_it_scores_better():
 def test_a_moved_box_has_the_names_of_where_it_is_now():
     wide = unclassified([[20, 20, 38, 36]])
     named = [run(wide, network).candidates.color[0] for network in (None, GROWN)]
-    assert [COLORS[color] for color in named] == ["blue", "red"]
+    assert [LEARNED_COLORS[color] for color in named] == ["blue", "red"]
 
 
 @pytest.mark.parametrize(

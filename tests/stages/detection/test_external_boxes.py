@@ -6,7 +6,7 @@ import pytest
 
 from wayside.pipeline.models.detector_file import load_detector
 from wayside.pipeline.models.model_folder import shipped_models
-from wayside.schemas.detections import COLORS, SOURCES, verdict_code
+from wayside.schemas.detections import COLORS, LEARNED_COLORS, SOURCES, verdict_code
 from wayside.schemas.detectors import BoxFile, DetectorFile, ExternalBoxes
 from wayside.schemas.frame import THINNED, Camera
 from wayside.schemas.settings import CandidateSettings, ModelSettings
@@ -85,13 +85,18 @@ def test_of_boxes_on_one_face_the_best_is_open_and_those_outside_the_image_are_d
 def test_the_network_names_what_the_classes_leave_open():
     blue = COLORS.index("blue")
     rows = (200, 60, 240, 100, 2.0)
-    named, known = (
+    named, known, black = (
         detections([image()], file_of(_0=boxes(rows, color=color)))[0].candidates
-        for color in (-1, blue)
+        for color in (-1, blue, COLORS.index("black"))
     )
     assert COLORS[named.color[0]] in ("yellow", "orange")
     assert known.color.tolist() == [blue]
-    np.testing.assert_array_equal(np.exp(known.color_log_probability[0]), np.eye(len(COLORS))[blue])
+    odds = np.exp(known.color_log_probability[0])
+    np.testing.assert_array_equal(odds, np.eye(len(LEARNED_COLORS))[blue])
+    assert COLORS[black.color[0]] == "black"
+    assert np.isnan(
+        black.color_log_probability
+    ).all()  # the network does not know it: the views vote
     assert known.shape.tolist() == named.shape.tolist() != [-1]
     shapes = named.shape_log_probability
     np.testing.assert_array_equal(known.shape_log_probability, shapes)

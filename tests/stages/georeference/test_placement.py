@@ -10,6 +10,7 @@ from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.georeference import DriveRecord, StepScale, collect, georeference, place_signs
+from wayside.stages.georeference.placement import ROAD_SIGMA_M, ROLL_RAD, ROUGH_HEIGHT
 
 from ...made_landmarks import made_landmark, made_motion
 
@@ -79,9 +80,23 @@ def test_a_sign_stands_where_its_best_camera_puts_it():
     assert sign.globe is None
 
 
+@pytest.mark.parametrize(
+    ("world", "more_m"),
+    [
+        ("log", ()),
+        ("drive_start", (3.0 * ROLL_RAD,)),
+        ("enu", (3.0 * ROLL_RAD, 1.8 * ROUGH_HEIGHT)),
+    ],
+)
+def test_the_error_of_the_lower_edge_holds_the_road_and_what_the_log_does_not_know(world, more_m):
+    (sign,) = signs(landmark(), path=replace(path_of(), world=world))
+    own_m = sign.covariance[1, 1] ** 0.5, sign.sigma_height_m / 2
+    assert sign.sigma_bottom_m == pytest.approx(np.linalg.norm([*own_m, ROAD_SIGMA_M, *more_m]))
+
+
 def test_without_a_camera_height_nothing_is_known_of_heights_above_the_road():
     (sign,) = signs(landmark(), path=replace(path_of(), camera_height_m=None))
-    assert np.isnan([sign.up_m, sign.bottom_m]).all()
+    assert np.isnan([sign.up_m, sign.bottom_m, sign.sigma_bottom_m]).all()
 
 
 def test_position_size_and_station_follow_the_final_lengths():

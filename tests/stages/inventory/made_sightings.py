@@ -20,6 +20,6 @@ def make_sightings(position, drives, *, own_m, common_m, face, **more):
     errors = {"covariance": np.tile(np.eye(3) * own_m**2, (count, 1, 1))}
     errors |= {"common_sigma_m": np.full((count, 2), common_m)}
     size = {"size_m": np.full((count, 2), 0.75), "size_sigma_m": np.full((count, 2), 0.02)}
-    look = {"color": face[panel] % 5, "shape": face[panel] % 3}
+    look = {"color": face[panel] % 5, "shape": face[panel] % 3, "code": np.full(count, -1)}
     look |= {"front": np.ones(count, bool), "bearing_rad": np.zeros(count)}
     return Sightings(**seen | errors | size | look | more)

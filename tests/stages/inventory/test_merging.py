@@ -109,14 +109,15 @@ def test_a_pair_does_not_vouch_for_itself():
 
 
 @pytest.mark.parametrize(
-    ("colors", "days", "panels"),
+    ("read", "days", "panels"),
     [((1, 1, 3, 1), (0, 1, 2, 3), [0, 0, 0, 0]), ((1, 1, 3, 3), (0, 1, 366, 367), [0, 0, 1, 1])],
 )
+@pytest.mark.parametrize("column", ["color", "code"])
 def test_a_face_read_wrong_once_is_no_other_panel_and_one_that_differs_a_year_later_is(
-    colors, days, panels
+    column, read, days, panels
 ):
     sightings = make_sightings(road(1), [[0, 0, 0]] * 4)
-    sightings = replace(sightings, color=np.array(colors), time_ns=np.array(days) * DAY_NS)
+    sightings = replace(sightings, **{column: np.array(read)}, time_ns=np.array(days) * DAY_NS)
     assert face_runs(sightings, np.zeros(4, np.int64), SETTINGS).tolist() == panels
 
 

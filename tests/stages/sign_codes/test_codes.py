@@ -61,6 +61,7 @@ def code(one, settings=US, classes=()):
         ("us", "green", "rectangle", (10, 27), "D10", (10, 27)),
         ("us", "blue", "shield", (24, 24), "M1-1", (24, 24)),
         ("us", "yellow", "rectangle", (12, 36), "OM3", (12, 36)),
+        ("us", "black", "rectangle", (30, 30), "R", (30, 30)),
         ("vienna", "red", "octagon", (35.4, 35.4), "B2a", ANY),
         ("vienna", "yellow", "diamond", (27.8, 27.8), "B3", ANY),
         ("vienna", "red", "circle", (23.6, 23.6), "C1a", ANY),
@@ -74,10 +75,15 @@ def test_what_colour_shape_and_size_tell_is_stated(system, color, shape, size_in
     assert found.probability >= US.settled
 
 
-def test_a_face_that_fits_two_series_has_no_code():
+def test_a_face_that_fits_two_series_has_no_code_and_the_category_that_both_are_of():
     # a blue disc orders a direction, or forbids to stop
-    assert code(sign("blue", "circle", 23.6, 23.6), VIENNA) is None
-    assert code(sign(None, "rectangle", 25, 40, 8.0)) is None
+    for settings, *look, category in (
+        (VIENNA, "blue", "circle", 23.6, 23.6, "regulatory"),
+        (CodeSettings(), "red", "octagon", 29.5, 29.5, "regulatory"),  # of either system
+        (US, None, "rectangle", 25, 40, 8.0, None),
+    ):
+        (found,) = assign_codes(iter([sign(*look)]), settings=settings)
+        assert (found.code, found.category) == (None, category)
 
 
 @pytest.mark.parametrize("size", [(33, 33, 3.0), (41, 41, 0.3), (np.nan, np.nan)])

@@ -92,6 +92,26 @@ def test_only_the_nearest_views_are_classified_where_they_lie(landmark):
     np.testing.assert_allclose(moved.face_log_probability, alone)
 
 
+@pytest.mark.parametrize("light", [1.0, 0.25])
+@pytest.mark.parametrize(
+    ("named", "ground", "color"),
+    [
+        *[("blue", (24, 24, 26), "black"), ("blue", (10, 66, 142), "blue")],
+        *[("green", (0, 40, 26), "green"), ("white", (24, 24, 26), "white")],
+    ],
+)
+def test_a_blue_face_whose_ground_is_too_dark_for_blue_is_black(
+    landmark, named, ground, color, light
+):
+    rgb = np.full((81, 81, 3), ground, np.float32)
+    rgb[30:50, 36:44] = 232
+    odds = (0.0, *[-5.0] * 7)
+    seen = replace(landmark, color=named, color_log_probability=odds)
+    found = classified(seen, view(light * rgb))
+    assert found.color == color
+    assert found.color_log_probability == (() if color == "black" else odds)
+
+
 def test_a_back_and_a_face_without_outline_stay_as_they_are(landmark):
     assert classified(replace(landmark, back=True), view(pixels())).face_log_probability == ()
     assert classified(landmark, view(pixels()), face=None).face_log_probability == ()

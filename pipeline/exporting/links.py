@@ -1,0 +1,91 @@
+"""What belongs to an exported row besides its figures: name of its best image, its sheet and its picture."""
+
+from __future__ import annotations
+
+import os
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import pyarrow as pa
+
+from wayside.pipeline.evidence.crops import draw_crop, read_crops
+from wayside.pipeline.exporting.table import Row, Source
+from wayside.pipeline.files.pictures import encode_jpeg
+from wayside.pipeline.fleet.manifest import DRIVES
+from wayside.pipeline.results.result import read_rows
+from wayside.schemas.labels import Box
+from wayside.schemas.tables import FRAMES, SIGNS, Column
+
+PICTURE = "picture"
+_SIZE = 320, 240
+_DRIVES_IN_MEMORY = 8
+_COLUMNS = (
+    Column("image_name", pa.string(), "", "file of its best image; null: none was imported"),
+    Column("evidence", pa.string(), "", "its sheet, as seen from the file; null: not written"),
+)
+_PICTURE = Column(PICTURE, pa.binary(), "", "its best image, JPEG; null: the log does not give it")
+
+
+def linked(source: Source, file: Path, *, pictures: bool, log: Path | None) -> Source:
+    """The rows of signs or panels with links to what lies beside the result; those of another table as they are.
+
+    `pictures`: cut them out of the logs, which lie where they lay at the time of the run, or at `log`.
+    """
+    names = {column.name for column in source.columns}
+    if not {"sign_id", "best_sign_id"} & names:
+        return source
+
+    links = lru_cache(maxsize=_DRIVES_IN_MEMORY)(_links)
+
+    def chunks() -> Iterator[Sequence[Row]]:
+        for rows in source.chunks():
+            by_drive: defaultdict[Path, list[Row]] = defaultdict(list)
+            for row in rows:
+                drive = row.get("best_drive")
+                by_drive[source.folder / DRIVES / drive if drive else source.folder].append(row)
+            found: dict[int, Row] = {}
+            for folder, some in by_drive.items():
+                of_sign = links(folder, file.parent)
+                ids = [row.get("best_sign_id") or row["sign_id"] for row in some]
+                seen = {one: of_sign[one]["seen"] for one in ids if one in of_sign}
+                shown = _pictures(folder, seen, log) if pictures else {}
+                for row, one in zip(some, ids, strict=True):
+                    found[id(row)] = row | of_sign.get(one, {}) | {PICTURE: shown.get(one)}
+            yield [found[id(row)] for row in rows]
+
+    return replace(
+        source,
+        columns=(*source.columns, *_COLUMNS, *([_PICTURE] if pictures else [])),
+        chunks=chunks,
+    )
+
+
+def _links(folder: Path, beside: Path) -> dict[str, Row]:
+    """Image name, address of the sheet, and frame and box of the best image, of each sign of a drive."""
+    names = {
+        one["frame"]: one["image_name"]
+        for one in read_rows(folder, FRAMES, ("frame", "image_name"))
+    }
+    found = {}
+    for row in read_rows(folder, SIGNS, ("sign_id", "best_frame", "best_box")):
+        sheet = folder / "evidence" / f"{row['sign_id']}.html"
+        found[row["sign_id"]] = {
+            "image_name": names.get(row["best_frame"]),
+            "evidence": Path(os.path.relpath(sheet, beside)).as_posix()
+            if sheet.is_file()
+            else None,
+            "seen": (row["best_frame"], tuple(row["best_box"])),
+        }
+    return found
+
+
+def _pictures(folder: Path, seen: dict[str, tuple[int, Box]], log: Path | None) -> dict[str, bytes]:
+    boxes = ((one, frame, box) for one, (frame, box) in seen.items())
+    return {
+        one: encode_jpeg(draw_crop(crop, _SIZE))
+        for one, crop in read_crops(folder, log, boxes, _SIZE[0] / _SIZE[1])
+        if crop is not None
+    }
