@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -9,16 +10,29 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.evidence.crops import Crop, draw_crop, read_crops
+import cv2
+
+from wayside.pipeline.evidence.corrections import index_review
+from wayside.pipeline.evidence.crops import Crop, draw_crop, read_crops, read_images, read_times
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
 from wayside.pipeline.evidence.sheet import PROPORTION, draw_sheet, format_index, format_sheet
 from wayside.pipeline.files.output_folder import OutputFolder
-from wayside.pipeline.files.pictures import data_address, encode_webp, is_marked, marked_png
+from wayside.pipeline.files.pictures import (
+    data_address,
+    encode_webp,
+    is_marked,
+    marked_head,
+    marked_png,
+)
 from wayside.pipeline.files.writing import create, not_written, refuse
-from wayside.pipeline.results.result import read_run
-from wayside.pipeline.reviewing.review import result_name
+from wayside.pipeline.reading.frames import ReadReport
+from wayside.pipeline.results.result import find_log, read_run, read_settings
+from wayside.pipeline.reviewing.matching import Review, Rows
+from wayside.pipeline.reviewing.review import find_review
 
-INDEX_FILE = "index.html"
+INDEX_FILE, IMAGES_FILE = "index.html", "images.js"
+_IMAGE_WIDTH, _IMAGE_QUALITY = 1280, 60
+"""Of images to click in: a panel at 40 m is 20 px wide, and an image takes 60 kB."""
 THUMB = 240, 180
 Watcher = Callable[[int, int], None]
 
@@ -33,9 +47,11 @@ class Written:
     """None: only one sign was asked for."""
     lost_views: int
     """How many views have no image."""
+    notes: tuple[str, ...] = ()
+    """What became of reviews of earlier results."""
 
 
-def write_evidence(
+def write_evidence(  # noqa: PLR0913 - one for each option
     out: Path,
     folder: Path,
     *,
@@ -43,6 +59,8 @@ def write_evidence(
     log: Path | None = None,
     watch: Watcher = lambda done, total: None,
     png: bool = False,
+    images: bool = False,
+    reviews: Sequence[Path] = (),
     overwrite: bool = False,
 ) -> Written:
     """Write one page a sign and an index of all into `folder`, which is made where it is missing.
@@ -59,6 +77,10 @@ def write_evidence(
         Called with the number of sheets done and to do.
     png
         Also write each sheet as an image, to print or to send.
+    images
+        Also write all images of the drive beside the index, to click missing signs in.
+    reviews
+        Files that the index begins with; empty: those in `out`.
     overwrite
         Replace any file of the names of the sheets and the index; else only sheets of this log.
 
@@ -76,24 +98,36 @@ def write_evidence(
     name = str(run.get("log", ""))
     mark = f"wayside {name} {run.get('log_fingerprint') or ''}".strip()
     names = [f"{one.name}.html" for one in signs]
-    images = [f"{one.name}.png" for one in signs] if png else []
-    index = [INDEX_FILE] if sign_id is None else []
+    pngs = [f"{one.name}.png" for one in signs] if png else []
+    index = [INDEX_FILE, IMAGES_FILE] if sign_id is None else []
     with OutputFolder(folder) as output:
         if not overwrite:
-            _check_free(folder, [*names, *images, *index], mark)
+            _check_free(folder, [*names, *pngs, *index], mark)
         binder = _Binder(output.part, drive, run, mark, png)
         if index:
             for one, before, after in zip(signs, ["", *names], [*names[1:], ""], strict=False):
                 beside = {"prev": before, "up": INDEX_FILE, "next": after}
                 binder.neighbours[one.name] = {rel: page for rel, page in beside.items() if page}
         _fill(binder, signs, out, log, watch)
+        notes: list[str] = []
         if index:
-            about = {"log": name, "result": result_name(run)}
+            known = Rows.of(out)
+            review = find_review(out, reviews, known)
+            notes = review.notes
+            about = {"log": name, "result": known.result} | index_review(
+                known,
+                review,
+                _pictures(out, log, known, review),
+                run.get("camera") if images else None,
+            )
+            if images:
+                _write(output.part / IMAGES_FILE, _images(out, log, run, known, mark))
             page = format_index(signs, binder.thumbs, drive, about, mark)
             _write(output.part / INDEX_FILE, page.encode())
-        output.commit(_sheets_of_others(folder, mark, signs) if index else [])
+        dropped = [*_sheets_of_others(folder, mark, signs), IMAGES_FILE] if index else []
+        output.commit(dropped)
     sheets = tuple(folder / page for page in names)
-    return Written(sheets, folder / INDEX_FILE if index else None, binder.lost_views)
+    return Written(sheets, folder / INDEX_FILE if index else None, binder.lost_views, tuple(notes))
 
 
 def _check_free(folder: Path, names: Sequence[str], mark: str) -> None:
@@ -163,6 +197,31 @@ def _fill(
             watch(len(signs) - len(open_signs), len(signs))
     for one in open_signs.values():  # the log has become shorter since the run
         binder.finish(one)
+
+
+def _pictures(out: Path, log: Path | None, known: Rows, review: Review) -> dict[int, str]:
+    """What is to be decided as an earlier result saw it, by its number; where the log still has such an image."""
+    frames = {one["image"]: one["frame"] for one in known.places.cameras}
+    boxes = [
+        next(((number, frames[image], box) for image, box in views if image in frames), None)
+        for number, one in enumerate(review.undecided)
+        for views in [sum((entry.views for entry in one.entries), ())]
+    ]
+    crops = read_crops(out, log, filter(None, boxes), PROPORTION)
+    return {n: data_address(encode_webp(draw_crop(c, THUMB))) for n, c in crops if c is not None}
+
+
+def _images(out: Path, log: Path | None, run: Mapping[str, Any], known: Rows, mark: str) -> bytes:
+    """A script with the image of each camera of `index_review`, in its order; empty where it does not decode."""
+    shown = dict.fromkeys((one["frame"] for one in known.places.cameras), "")
+    source, settings = find_log(dict(run), log), read_settings(out, dict(run))
+    for image in read_images(source, settings, shown.keys(), read_times(out), ReadReport()):
+        if image.rgb is not None:
+            size = (_IMAGE_WIDTH, round(_IMAGE_WIDTH * image.rgb.shape[0] / image.rgb.shape[1]))
+            small = cv2.resize(image.rgb, size, interpolation=cv2.INTER_AREA)
+            shown[image.frame.index] = data_address(encode_webp(small, _IMAGE_QUALITY))
+    head = marked_head(mark).replace("*/", "* /")
+    return f"/* {head} */\nconst waysideImages = {json.dumps([*shown.values()])};\n".encode()
 
 
 def _write(path: Path, content: bytes) -> None:

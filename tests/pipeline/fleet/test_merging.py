@@ -24,7 +24,7 @@ from wayside.pipeline.fleet.inventory_data import cell_name, cells
 from wayside.pipeline.fleet.manifest import Entry, Manifest, State, write_manifest
 from wayside.pipeline.fleet.merging import MergeReport, merge_inventory
 from wayside.pipeline.fleet.status import format_status
-from wayside.pipeline.reviewing.review import NO_REVIEW
+from wayside.pipeline.reviewing.matching import NO_REVIEW
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
 from wayside.schemas.settings import ChangeSettings, MergeSettings

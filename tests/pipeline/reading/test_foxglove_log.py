@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from wayside.pipeline.exporting.export import export
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.results.result import log_fingerprint
-from wayside.pipeline.reviewing.review import MISSING, NO_REVIEW, Review, Reviewed
+from wayside.pipeline.reviewing.entries import MISSING, Reviewed
+from wayside.pipeline.reviewing.matching import NO_REVIEW, Review
 from wayside.schemas.errors import InputError
 from wayside.schemas.tables import FRAMES
 
