@@ -13,9 +13,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from wayside.pipeline.fleet.folders import merged_parts, open_inventory, read_part
-from wayside.pipeline.results.result import RUN_FILE, read_rows, read_run
+from wayside.pipeline.results.result import RUN_FILE, read_rows, read_run, result_name
 from wayside.pipeline.reviewing.entries import LOOK, REJECTED, REVIEWS, Reviewed
-from wayside.pipeline.reviewing.matching import Review, result_name
+from wayside.pipeline.reviewing.matching import Review
 from wayside.pipeline.reviewing.places import Places
 from wayside.schemas.errors import InputError
 from wayside.schemas.inventory_tables import PANELS, SUPPORTS

@@ -18,9 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from wayside.pipeline.evidence.marks import class_words
-from wayside.pipeline.labels.box_matching import overlap
-from wayside.pipeline.results.result import read_rows, read_run
+from wayside.pipeline.results.result import read_rows, read_run, result_name
 from wayside.pipeline.reviewing.entries import (
     ACCEPTED,
     EDITED,
@@ -32,7 +30,10 @@ from wayside.pipeline.reviewing.entries import (
 from wayside.pipeline.reviewing.places import Places, image_key
 from wayside.schemas.errors import InputError
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+from wayside.stages.geometry import iou_matrix
 
+_LEAST_IOU = 0.3
+"""Of boxes that show the same: less than half of it may be missing, or as much beside it."""
 _NEAR_M = 3.0
 """Farthest that a row without a common image may stand: between two supports, and more than a click on the map errs."""
 Views = tuple[tuple[str, Any], ...]
@@ -67,24 +68,21 @@ class Review:
         """What happened to reviews of earlier results and of several people, in words."""
         told = []
         if self.carried or self.gone:
-            gone = f"; {self.gone} rejected rows are no longer there" if self.gone else ""
-            told.append(f"{self.carried} reviews of an earlier result are carried over{gone}")
+            gone = f"; {_counted(self.gone, 'rejected row')} gone" if self.gone else ""
+            told.append(f"of an earlier result, {_counted(self.carried)} carried over{gone}")
         if self.undecided:
             words = "; ".join(one.words for one in self.undecided)
             told.append(
-                f"{len(self.undecided)} reviews wait for a decision on the page of `wayside evidence`: {words}"
+                f"{_counted(len(self.undecided))} to be decided on the page of `wayside evidence`: {words}"
             )
         return told
 
 
+def _counted(count: int, noun: str = "review") -> str:
+    return f"{count} {noun} is" if count == 1 else f"{count} {noun}s are"
+
+
 NO_REVIEW = Review({}, ())
-
-
-def result_name(run: Mapping[str, Any]) -> str:
-    """What tells the signs of one result from those of another run: the start of the digest of their table."""
-    stated = run.get("files", {}).get(SIGNS.file)
-    digest = stated.get("sha256", "") if isinstance(stated, dict) else ""
-    return str(digest)[:16]
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,11 +174,13 @@ class _Settling:
         moved = replace(one, result=self.known.result)
         if here is not None:
             moved = replace(moved, x=round(here[0], 2), y=round(here[1], 2))
-        if row is not None and (_agrees(one, row) or one.review in (REJECTED, EDITED)):
+        stated = one.review != MISSING or any(one.look.values())
+        alike = _agrees(one, row) if row is not None and stated else False
+        if row is not None and (alike or one.review in (REJECTED, EDITED)):
             review = ACCEPTED if one.review == MISSING else one.review
             self.said[str(row.sign_id)].append(replace(_as_row(one, row), review=review))
             self.carried += 1
-        elif one.review == MISSING and here is not None:
+        elif one.review == MISSING and row is None and here is not None:
             self.missing.append((number, moved))
             self.carried += 1
         elif one.review == REJECTED:
@@ -262,9 +262,9 @@ def _scores(
     shared, alike = np.zeros(len(listed)), np.zeros(len(listed))
     for image, box in one.views:
         for number, other in by_image.get(image, ()):
-            (iou,) = overlap(np.array([other]), box)
+            iou = float(iou_matrix(np.array([box]), np.array([other]))[0, 0])
             shared[number] += 1
-            alike[number] += (1 + iou) * (iou > 0)
+            alike[number] += (1 + iou) * (iou >= _LEAST_IOU)
     score = alike / np.maximum(shared, 1)  # at least a half of the images show the same
     score = np.where(score >= 1.0, score, 0.0)
     seen = any(image in known.places.images for image, _ in one.views)
@@ -279,6 +279,9 @@ def _scores(
 def _unmatched(one: Reviewed, moved: Reviewed, row: Reviewed | None) -> Undecided:
     """What to ask about a sign that this result measured as another one, or did not find."""
     name = one.sign_id or "a missing sign"
+    if row is not None and one.review == MISSING:
+        words = f"a missing sign, {_words(one)}, is near {row.sign_id}, {_words(row)}, now"
+        return Undecided(words, (("it is this one", row), ("it is still missing", moved)), (one,))
     if row is not None:
         words = f"{name} was {_words(one)} and is {row.sign_id}, {_words(row)}, now"
         kept = replace(_as_row(one, row), review=EDITED)
@@ -290,8 +293,8 @@ def _unmatched(one: Reviewed, moved: Reviewed, row: Reviewed | None) -> Undecide
 
 
 def _words(one: Reviewed) -> str:
-    named = filter(None, (one.code, one.legend))
-    return " ".join([class_words(one.color), class_words(one.shape), *named])
+    named = filter(None, (one.color, one.shape, one.code, one.legend))
+    return " ".join(named).replace("_", " ") or "of unknown look"
 
 
 def _opinion(one: Reviewed) -> str:
