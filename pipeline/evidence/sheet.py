@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.resources import files
 from typing import Any, NamedTuple
@@ -16,10 +16,9 @@ from wayside.pipeline.code_words import SYSTEM_WORDS, code_of
 from wayside.pipeline.evidence.crops import Crop, draw_crop
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView
 from wayside.pipeline.evidence.maps import FOOT_PX, MAP_SIZE, MARGIN_PX, Projection, fit, sign_maps
-from wayside.pipeline.evidence.marks import UNKNOWN, Figure, appearance_of, class_words, figures_of
+from wayside.pipeline.evidence.marks import UNKNOWN, Figure, appearance_of, figures_of
 from wayside.pipeline.files.pictures import data_address, encode_png, encode_webp
 from wayside.pipeline.pages import render, render_page
-from wayside.pipeline.reviewing.entries import COLUMNS as REVIEW_COLUMNS
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.landmarks import EVIDENCE_TERMS
 from wayside.schemas.sign_catalogue import CATALOGUE
@@ -196,22 +195,12 @@ def format_index(
             "Status": ("status", _counts(SIGN_STATUSES, looks["status"])),
         },
         map=page_map,
-        about=about | {"columns": REVIEW_COLUMNS} | place,
+        about=about | place,
         classes={"color": COLORS, "shape": SHAPES},
-        catalogue=list(_catalogue()),
+        catalogue=CATALOGUE,
+        systems=SYSTEM_WORDS,
         cards=cards,
     )
-
-
-def _catalogue() -> Iterator[dict[str, str]]:
-    """Codes to choose from, each with the colour and shape that all of its signs have."""
-    for system, signs in CATALOGUE.items():
-        for one in signs:
-            looks = (one.colors, one.shapes)
-            color, shape = (look[0] if len(look) == 1 else "" for look in looks)
-            look_words = " ".join(" or ".join(map(class_words, look)) for look in looks)
-            words = f"{SYSTEM_WORDS[system]}, {look_words}"
-            yield {"code": one.code, "color": color, "shape": shape, "words": words}
 
 
 def _summary(statuses: Sequence[str], drive: DriveMap) -> str:

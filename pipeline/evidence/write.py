@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 
 from wayside.pipeline.evidence.corrections import index_review
 from wayside.pipeline.evidence.crops import Crop, draw_crop, read_crops, read_images, read_times
@@ -27,7 +28,8 @@ from wayside.pipeline.files.pictures import (
 from wayside.pipeline.files.writing import create, not_written, refuse
 from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.results.result import find_log, read_run, read_settings
-from wayside.pipeline.reviewing.matching import Review, Rows
+from wayside.pipeline.reviewing.known import KnownResult
+from wayside.pipeline.reviewing.matching import Review
 from wayside.pipeline.reviewing.review import find_review
 
 INDEX_FILE, IMAGES_FILE = "index.html", "images.js"
@@ -111,15 +113,14 @@ def write_evidence(  # noqa: PLR0913 - one for each option
         _fill(binder, signs, out, log, watch)
         notes: list[str] = []
         if index:
-            known = Rows.of(out)
+            known = KnownResult.of(out)
             review = find_review(out, reviews, known)
-            notes = review.notes
-            about = {"log": name, "result": known.result} | index_review(
-                known,
-                review,
+            pictures, lens = (
                 _pictures(out, log, known, review),
                 run.get("camera") if images else None,
             )
+            about = {"log": name} | index_review(known, review, pictures, lens)
+            notes = review.notes
             if images:
                 _write(output.part / IMAGES_FILE, _images(out, log, run, known, mark))
             page = format_index(signs, binder.thumbs, drive, about, mark)
@@ -199,26 +200,32 @@ def _fill(
         binder.finish(one)
 
 
-def _pictures(out: Path, log: Path | None, known: Rows, review: Review) -> dict[int, str]:
+def _pictures(out: Path, log: Path | None, known: KnownResult, review: Review) -> dict[int, str]:
     """What is to be decided as an earlier result saw it, by its number; where the log still has such an image."""
-    frames = {one["image"]: one["frame"] for one in known.places.cameras}
-    boxes = [
-        next(((number, frames[image], box) for image, box in views if image in frames), None)
-        for number, one in enumerate(review.undecided)
-        for views in [sum((entry.views for entry in one.entries), ())]
-    ]
-    crops = read_crops(out, log, filter(None, boxes), PROPORTION)
+    boxes = {}
+    for number, one in enumerate(review.undecided):
+        for image, box in (view for entry in one.entries for view in entry.views):
+            if image in known.cameras:
+                boxes[number] = (number, known.cameras[image]["frame"], box)
+    crops = read_crops(out, log, boxes.values(), PROPORTION)
     return {n: data_address(encode_webp(draw_crop(c, THUMB))) for n, c in crops if c is not None}
 
 
-def _images(out: Path, log: Path | None, run: Mapping[str, Any], known: Rows, mark: str) -> bytes:
-    """A script with the image of each camera of `index_review`, in its order; empty where it does not decode."""
-    shown = dict.fromkeys((one["frame"] for one in known.places.cameras), "")
-    source, settings = find_log(dict(run), log), read_settings(out, dict(run))
+def _images(
+    out: Path, log: Path | None, run: dict[str, Any], known: KnownResult, mark: str
+) -> bytes:
+    """A script with the image of each camera, in their order, without distortion; empty where it does not decode."""
+    camera, shown = (
+        run["camera"],
+        dict.fromkeys((one["frame"] for one in known.cameras.values()), ""),
+    )
+    matrix = np.array([[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1]])
+    source, settings = find_log(run, log), read_settings(out, run)
     for image in read_images(source, settings, shown.keys(), read_times(out), ReadReport()):
         if image.rgb is not None:
-            size = (_IMAGE_WIDTH, round(_IMAGE_WIDTH * image.rgb.shape[0] / image.rgb.shape[1]))
-            small = cv2.resize(image.rgb, size, interpolation=cv2.INTER_AREA)
+            plain = cv2.undistort(image.rgb, matrix, np.array(camera["distortion"]))
+            size = (_IMAGE_WIDTH, round(_IMAGE_WIDTH * plain.shape[0] / plain.shape[1]))
+            small = np.asarray(cv2.resize(plain, size, interpolation=cv2.INTER_AREA), np.uint8)
             shown[image.frame.index] = data_address(encode_webp(small, _IMAGE_QUALITY))
     head = marked_head(mark).replace("*/", "* /")
     return f"/* {head} */\nconst waysideImages = {json.dumps([*shown.values()])};\n".encode()

@@ -15,8 +15,8 @@ import pyarrow.compute as pc
 from wayside.pipeline.fleet.folders import merged_parts, open_inventory, read_part
 from wayside.pipeline.results.result import RUN_FILE, read_rows, read_run, result_name
 from wayside.pipeline.reviewing.entries import LOOK, REJECTED, REVIEWS, Reviewed
+from wayside.pipeline.reviewing.known import KnownResult
 from wayside.pipeline.reviewing.matching import Review
-from wayside.pipeline.reviewing.places import Places
 from wayside.schemas.errors import InputError
 from wayside.schemas.inventory_tables import PANELS, SUPPORTS
 from wayside.schemas.tables import FRAMES, PROFILE, SIGNS, Column, Table
@@ -81,7 +81,7 @@ def drive_signs(out: Path, review: Review, *, accepted: bool = False) -> Source:
     rows = [
         _flat_row(SIGNS, sign) | _said(review.rows.get(sign["sign_id"]), sign) for sign in signs
     ]
-    rows += _missing(out, str(about.get("log", "")), review)
+    rows += _missing(out, Path(str(about.get("log", ""))).stem, review)
     rows = [row | {"result": result_name(about)} for row in rows]
     if accepted:
         rows = [row for row in rows if row.get("review") != REJECTED]
@@ -176,11 +176,12 @@ def _said(one: Reviewed | None, sign: Row) -> Row:
 
 def _missing(out: Path, log: str, review: Review) -> Iterator[Row]:
     """Rows of missing signs: their place as the reviewer gave it and what follows from it; nothing was measured."""
-    places = Places.of(out) if review.missing else None
-    if places is not None and not places.cameras:
-        raise InputError(f"{out}: the result has no path of the drive to place missing signs by")
+    known = KnownResult.of(out) if review.missing else None
     for number, one in enumerate(review.missing, 1):
-        assert places is not None
-        stem = Path(log).stem
-        row: Row = {"sign_id": f"{stem}-missing-{number}", "log": stem, "x": one.x, "y": one.y}
-        yield row | places.described(one.x or 0.0, one.y or 0.0) | _said(one, {})
+        row: Row = {"sign_id": f"{log}-missing-{number}", "log": log, "x": one.x, "y": one.y}
+        place = known.described(one.x or 0.0, one.y or 0.0) if known else {}
+        if not place:
+            raise InputError(
+                f"{out}: the result has no path of the drive to place missing signs by"
+            )
+        yield row | place | _said(one, {})

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +25,11 @@ REVIEWS = {
 UNKNOWN = "unknown"
 """In place of a code, legend, colour or shape: it cannot be told, whatever was measured."""
 LOOK = ("code", "legend", "color", "shape")
-_NUMBERS = ("x", "y", "right_m", "ahead_m")
-COLUMNS = (
-    *("result", "sign_id", "review", *LOOK, *_NUMBERS, "image", "views", "note", "reviewer"),
-)
+_WORDS = ("result", "note", "reviewer")
+COLUMNS = ("sign_id", "review", *LOOK, "x", "y", *_WORDS)
 EXPORTED = {f"final_{name}": name for name in LOOK} | {"review_note": "note"}
 """Columns of an exported table, and those of a review that they are."""
+Look = Mapping[str, str | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,48 +40,33 @@ class Reviewed:
     """A key of `REVIEWS`."""
     sign_id: str | None = None
     """None: it is missing."""
-    result: str = ""
-    """Name of the result that has the row, see `result_name`; empty: not stated."""
-    code: str | None = None
-    """What the sign is by the reviewer; None: as measured. May be `UNKNOWN`."""
-    legend: str | None = None
-    """The same."""
-    color: str | None = None
-    """The same."""
-    shape: str | None = None
-    """The same."""
+    look: Look = field(default_factory=dict)
+    """By the names of `LOOK`; what is None or absent is as measured, see `UNKNOWN`."""
     x: float | None = None
-    """World frame of that result, metres; stated of a missing sign."""
+    """World frame of the result, metres; stated of a missing sign."""
     y: float | None = None
     """The same."""
-    image: str | None = None
-    """An image near the sign by its `image_key`, by which its place is found in other results."""
-    right_m: float | None = None
-    """To the right of the camera of that image."""
-    ahead_m: float | None = None
-    """Ahead of it, level."""
+    seen: tuple[tuple[str, float, float], ...] = ()
+    """The same from images nearby, by which it is found in other results: metres to the right and ahead, level."""
     views: tuple[tuple[str, Box], ...] = ()
     """Images that show the row, and its box in each."""
+    result: str = ""
+    """Name of the result that has the row; empty: not stated."""
     note: str = ""
     """The reviewer's remark."""
     reviewer: str = ""
     """Who says so."""
 
-    @property
-    def look(self) -> dict[str, str | None]:
-        """Code, legend, colour and shape."""
-        return {name: getattr(self, name) for name in LOOK}
-
-    def final(self, measured: Mapping[str, Any]) -> dict[str, str | None]:
+    def final(self, measured: Look) -> dict[str, str | None]:
         """The look that counts: what was reviewed, else what was measured."""
-        whole = {name: value or measured.get(name) for name, value in self.look.items()}
-        if self.review == REJECTED:
-            whole = {name: measured.get(name) for name in LOOK}
+        said = {} if self.review == REJECTED else self.look
+        whole = {name: said.get(name) or measured.get(name) for name in LOOK}
         return {name: None if value == UNKNOWN else value for name, value in whole.items()}
 
     def to_row(self) -> dict[str, Any]:
         """As the evidence index keeps it."""
-        return {name: value for name, value in asdict(self).items() if value not in (None, ())}
+        row = asdict(self)
+        return row | row.pop("look")
 
 
 def is_review(path: Path) -> bool:
@@ -99,19 +82,19 @@ def is_review(path: Path) -> bool:
 
 def read_entries(path: Path) -> list[Reviewed]:
     """The rows of a file; raises InputError if it is no review, or a row says what none can."""
+    entries = []
     try:
-        rows = list(_csv_rows(path) if path.suffix.lower() == ".csv" else _json_rows(path))
+        rows = _csv_rows(path) if path.suffix.lower() == ".csv" else _json_rows(path)
+        for number, row in enumerate(list(rows), 1):
+            try:
+                entries.append(_reviewed(row))
+            except CONTENT_FAULTS as error:
+                raise InputError(f"{path}: review {number}: {error}; correct it") from error
     except (OSError, csv.Error, *CONTENT_FAULTS) as error:
         found = getattr(error, "strerror", None) or f"{type(error).__name__}: {error}"
         raise InputError(
             f"{path}: this is not a review as the evidence index saves it: {found[:200]}. See docs/corrections.md."
         ) from error
-    entries = []
-    for number, row in enumerate(rows, 1):
-        try:
-            entries.append(_reviewed(row))
-        except CONTENT_FAULTS as error:
-            raise InputError(f"{path}: review {number}: {error}; correct it") from error
     return entries
 
 
@@ -124,7 +107,7 @@ def _json_rows(path: Path) -> Iterator[dict[str, Any]]:
 
 def _csv_rows(path: Path) -> Iterator[dict[str, Any]]:
     """Rows of a review, or of an exported table with reviews filled in. Empty rows are left out."""
-    names, rows = read_csv(path, _NUMBERS)
+    names, rows = read_csv(path, "xy")
     if "review" not in names:
         raise ValueError(f"no column review among {', '.join(names)}")
     exported = not EXPORTED.keys().isdisjoint(names)  # its color and shape are those measured
@@ -141,31 +124,23 @@ def _csv_rows(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def _reviewed(row: Mapping[str, Any]) -> Reviewed:
-    review = row.get("review")
+    review, sign_id = row.get("review"), row.get("sign_id")
     if review not in REVIEWS:
         raise ValueError(f"there is no review {review!r} among {', '.join(REVIEWS)}")
     for name, classes in (("color", COLORS), ("shape", SHAPES)):
         if name in row and row[name] not in (*classes, UNKNOWN):
             raise ValueError(f"there is no {name} {row[name]!r} among {', '.join(classes)}")
-    numbers = {name: float(row[name]) for name in _NUMBERS if name in row}
-    if not all(map(math.isfinite, numbers.values())):
-        raise ValueError("its place is not finite")
-    sign_id = None if review == MISSING else row.get("sign_id")
-    if review == MISSING and not {"x", "y"} <= numbers.keys():
+    numbers = {axis: float(row[axis]) for axis in "xy" if axis in row}
+    placed = len(numbers) == 2 and all(map(math.isfinite, numbers.values()))
+    if review == MISSING and not placed:
         raise ValueError("a missing sign has x and y of the world frame")
     if review != MISSING and not (sign_id and isinstance(sign_id, str)):
         raise ValueError("no sign_id")
-    views = row.get("views", ())
-    words = {
-        n: str(row[n])
-        for n in ("result", "code", "legend", "image", "note", "reviewer")
-        if n in row
-    }
-    look = {name: row.get(name) for name in ("color", "shape")}
-    seen = tuple(_view(*one) for one in (json.loads(views) if isinstance(views, str) else views))
-    return Reviewed(review, sign_id, **words, **look, **numbers, views=seen)
-
-
-def _view(image: str, box: Box) -> tuple[str, Box]:
-    x0, y0, x1, y1 = map(float, box)
-    return str(image), (x0, y0, x1, y1)
+    look = {name: str(row[name]) for name in LOOK if name in row}
+    views = tuple((str(image), (*map(float, box),)) for image, box in row.get("views", ()))
+    seen = tuple(
+        (str(image), float(right), float(ahead)) for image, right, ahead in row.get("seen", ())
+    )
+    words = {name: str(row[name]) for name in _WORDS if name in row}
+    known = numbers | words | {"views": views, "seen": seen, "look": look}
+    return Reviewed(review, None if review == MISSING else sign_id, **known)

@@ -10,7 +10,8 @@ from typing import Any
 
 from wayside.pipeline.results.result import read_rows
 from wayside.pipeline.reviewing.entries import ACCEPTED, EDITED, REJECTED, read_entries
-from wayside.pipeline.reviewing.matching import NO_REVIEW, Review, Rows, settled
+from wayside.pipeline.reviewing.known import KnownResult
+from wayside.pipeline.reviewing.matching import NO_REVIEW, Review, settled
 from wayside.pipeline.statistics import Interval, share_interval
 from wayside.schemas.errors import UsageError
 from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, Label, LabelledImage, Labels
@@ -20,7 +21,7 @@ FILES = ("review*.json", "review*.csv")
 """Reviews that lie in the folder of their result."""
 
 
-def find_review(out: Path, given: Sequence[Path] = (), known: Rows | None = None) -> Review:
+def find_review(out: Path, given: Sequence[Path] = (), known: KnownResult | None = None) -> Review:
     """The review of a result by the files given, else by all that lie in its folder, as one.
 
     known: the rows of the result, where they are read already. Raises InputError if a file is no review, or is of
@@ -29,7 +30,7 @@ def find_review(out: Path, given: Sequence[Path] = (), known: Rows | None = None
     files = given or [path for name in FILES for path in sorted(out.glob(name))]
     if not files:
         return NO_REVIEW
-    return settled([read_entries(file) for file in files], known or Rows.of(out), out)
+    return settled([read_entries(file) for file in files], known or KnownResult.of(out))
 
 
 def required_review(out: Path, given: Sequence[Path] = ()) -> Review:

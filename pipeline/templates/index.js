@@ -6,7 +6,7 @@ const byId = new Map(cards.map(card => [card.id, card]));
 const dots = new Map(Array.from(document.querySelectorAll("[data-for]"), dot => [dot.dataset.for, dot]));
 const map = document.querySelector(".map");
 const about = JSON.parse(at("about").textContent);
-const prefix = "wayside review " + about.log + " ", store = prefix + about.result + about.seed, told = "reviewed";
+const prefix = "wayside review " + about.log + " ", store = prefix + about.result + " " + about.seed, told = "reviewed";
 const defaults = { id: "", color: "", shape: "", code: "", status: "", review: "", confidence: "0", sort: "station" };
 let said = new Map();
 let missing = [];
@@ -243,14 +243,14 @@ function drawMissing() {
   }
 }
 
-function anchor(x, y) {  // the place, also as seen from the nearest image: it is found again after another run
+function anchor(x, y) {  // the place, also as seen from the nearest images: it is found again after another run
   const round = value => Math.round(value * 100) / 100;
   const away = one => Math.hypot(one.x - x, one.y - y);
-  const near = about.cameras.reduce((best, one) => best && away(best) <= away(one) ? best : one, null);
-  if (!near) return { x: round(x), y: round(y) };
-  const [, , u, , , v] = near.turn, length = Math.hypot(u, v) || 1, dx = x - near.x, dy = y - near.y;
-  const right_m = round((dx * v - dy * u) / length), ahead_m = round((dx * u + dy * v) / length);
-  return { x: round(x), y: round(y), image: near.image, right_m, ahead_m };
+  const seen = about.cameras.toSorted((a, b) => away(a) - away(b)).slice(0, 4).map(one => {
+    const [u, v] = [one.turn[2], one.turn[5]], length = Math.hypot(u, v) || 1, dx = x - one.x, dy = y - one.y;
+    return [one.image, round((dx * v - dy * u) / length), round((dx * u + dy * v) / length)];
+  });
+  return { x: round(x), y: round(y), seen };
 }
 
 function add(x, y) {
@@ -272,7 +272,7 @@ function adding(on) {
 }
 
 function addAt(value, right) {
-  const of = one => one.measure ?? one.station;
+  const of = one => one.measure ?? one.station_m;
   const i = about.cameras.findIndex((one, n) => n && (of(one) - value) * (of(about.cameras[n - 1]) - value) <= 0);
   if (i < 1) throw new Error("the drive does not pass it");
   const [a, b] = [about.cameras[i - 1], about.cameras[i]];
@@ -280,13 +280,11 @@ function addAt(value, right) {
   add(a.x + part * dx + right * dy / length, a.y + part * dy - right * dx / length);
 }
 
-function rayOf(camera, u, v) {  // across the ground; about.rays has x/z, y/z at a grid of pixels
-  const { columns, values } = about.rays, lines = values.length / columns;
-  const i = Math.min(Math.floor(u * (columns - 1)), columns - 2), j = Math.min(Math.floor(v * (lines - 1)), lines - 2);
-  const p = u * (columns - 1) - i, q = v * (lines - 1) - j, ray = (n, m) => values[(j + m) * columns + i + n];
-  const [a, b] = [0, 1].map(k => (1 - q) * ((1 - p) * ray(0, 0)[k] + p * ray(1, 0)[k]) + q * ((1 - p) * ray(0, 1)[k] + p * ray(1, 1)[k]));
-  const t = camera.turn, x = t[0] * a + t[1] * b + t[2], y = t[3] * a + t[4] * b + t[5], length = Math.hypot(x, y);
-  return { x: camera.x, y: camera.y, dx: x / length, dy: y / length };
+function rayOf({ x, y, turn }, u, v) {  // across the ground, of a place in the image between 0 and 1
+  const { width, height, fx, fy, cx, cy } = about.lens;
+  const a = (u * width - 0.5 - cx) / fx, b = (v * height - 0.5 - cy) / fy;
+  const dx = turn[0] * a + turn[1] * b + turn[2], dy = turn[3] * a + turn[4] * b + turn[5], length = Math.hypot(dx, dy);
+  return { x, y, dx: dx / length, dy: dy / length };
 }
 
 function meet(rays) {  // least squares of the distances to all
@@ -343,7 +341,7 @@ at("here").addEventListener("submit", event => {
   event.preventDefault();
   try { addAt(Number(at("measure").value), Number(at("right").value)); } catch (error) { at(told).textContent = error.message; }
 });
-at("onimage").hidden = !about.rays;
+at("onimage").hidden = !about.lens;
 at("onimage").addEventListener("click", openImages);
 at("back").addEventListener("click", () => showImage(-1));
 at("on").addEventListener("click", () => showImage(1));
@@ -356,35 +354,12 @@ at("undo").addEventListener("click", undo);
 
 // Files
 
-const formula = /^'*[=+\-@\t\r]/;  // pipeline/files/csv_text.py
-
 function asJson() {
   return JSON.stringify({ wayside_review: 1, log: about.log, result: about.result, reviews: rows() }, null, 1) + "\n";
 }
 
-function asCsv() {
-  const cell = value => {
-    const text = typeof value === "string" && formula.test(value) ? "'" + value : Array.isArray(value) ? JSON.stringify(value) : String(value ?? "");
-    return /[",\n\r]/.test(text) ? '"' + text.replaceAll('"', '""') + '"' : text;
-  };
-  const lines = rows().map(row => about.columns.map(name => cell(row[name])).join(","));
-  return [about.columns.join(","), ...lines].join("\n") + "\n";
-}
-
-function fromCsv(text) {
-  const table = [[]];
-  for (const [, quoted, plain, end] of text.replace(/^\uFEFF/, "").matchAll(/(?:"((?:[^"]|"")*)"|([^",\r\n]*))(,|\r?\n|$)/g)) {
-    const value = quoted === undefined ? plain : quoted.replaceAll('""', '"');
-    table[table.length - 1].push(value.startsWith("'") && formula.test(value) ? value.slice(1) : value);
-    if (end !== ",") table.push([]);
-  }
-  const [names, ...found] = table;
-  return found.filter(row => row.length === names.length).map(row => Object.fromEntries(names.map((name, i) => [name, row[i]])));
-}
-
 function read(name, text) {
-  const whole = name.endsWith(".csv") ? { reviews: fromCsv(text) } : JSON.parse(text);
-  const results = [whole.result, ...whole.reviews.map(one => one.result)].filter(Boolean);
+  const whole = JSON.parse(text), results = [whole.result, ...whole.reviews.map(one => one.result)].filter(Boolean);
   if (results.length && !results.includes(about.result)) {
     throw new Error("it is of another result; put it into the folder of this one and run `wayside evidence` again");
   }
@@ -400,9 +375,8 @@ function others() {  // work on this drive that this browser keeps: of earlier r
 at("others").hidden = !others().length;
 at("others").addEventListener("click", () => others().forEach((key, i) =>
   save("review." + (i + 1) + ".json", JSON.stringify({ log: about.log, ...JSON.parse(localStorage.getItem(key)) }), "application/json")));
-at("csv").addEventListener("click", () => save("review.csv", asCsv(), "text/csv"));
 at("json").addEventListener("click", () => save("review.json", asJson(), "application/json"));
-take(about.review);
+take(about);
 recall();
 remember();
 at("fold").addEventListener("click", () => at("fold").setAttribute("aria-expanded", String(!form.classList.toggle("folded"))));
