@@ -365,5 +365,5 @@ def _evaluate_review(out: Path, review: Path, json: Path | None, *, overwrite: b
         typer.echo(visible(f"note: {note}"), err=True)
     figures = review_figures(out, said)
     if json is not None:
-        write_json(json, figures.to_json(), ("reviewed", "accepted"), overwrite=overwrite)
+        write_json(json, figures, ("reviewed", "accepted"), overwrite=overwrite)
     typer.echo(format_figures(figures))

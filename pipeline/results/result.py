@@ -18,7 +18,6 @@ from wayside.pipeline.files.input_files import read_input_text
 from wayside.pipeline.files.output_folder import RECORDING, finish_replacement
 from wayside.pipeline.files.parquet import Where, read_parquet
 from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_json
-from wayside.pipeline.files.pictures import marked_head
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.files.writing import not_written, write_file
 from wayside.pipeline.reading.parts import bag_parts, is_bag
@@ -193,19 +192,19 @@ class EarlierResult:
 
 
 def mark_older(folder: Path) -> list[str]:
-    """Make the pages beside a result say that they are of an earlier one; what else is: files that cannot say it.
+    """Make the pages of `wayside evidence` beside a result say that they are of an earlier one.
 
-    Only pages that wayside wrote, which it can write again.
+    Returns their names, and those of exports and of the page of checks, which cannot say it.
     """
-    pages = [*sorted((folder / "evidence").glob("*.html")), folder / "checks.html"]
     older = [path.name for path in sorted(folder.glob("signs.*")) if path.name != SIGNS.file]
-    for page in pages:
+    older += ["checks.html"] * (folder / "checks.html").is_file()
+    for page in sorted((folder / "evidence").glob("*.html")):
         with suppress(OSError, ValueError):
             text = "" if page.is_symlink() else page.read_text("utf-8")
-            if marked_head("wayside ")[:-2] in text[:2048]:
+            if '<meta name="generator" content="wayside ' in text[:2048]:
                 marked = text.replace("<body>\n", f"<body>\n{_OLDER}\n", _OLDER not in text)
                 write_file(page, marked.encode(), overwrite=True)
-                older.append(page.relative_to(folder).as_posix())
+                older.append(f"evidence/{page.name}")
     return older
 
 

@@ -86,7 +86,9 @@ addEventListener("pageshow", fromAddress);
 // The review: what is said of each card, the signs that are missing, and what is decided of earlier reviews
 
 const look = one => ({ code: one.code ?? null, legend: one.legend ?? null, color: one.color ?? null, shape: one.shape ?? null });
-const open = () => about.undecided.filter(one => !decided.has(one.words));
+const open = () => about.undecided.filter(one =>  // what is said on a card is decided, too
+  !decided.has(one.words) && !one.options.some(({ row }) => row && said.has(row.sign_id)));
+const snapshot = () => JSON.stringify([[...said], missing, [...decided]]);
 
 function rows() {
   const reviewer = at("reviewer").value.trim();
@@ -97,19 +99,20 @@ function rows() {
 }
 
 function remember() {
-  const now = JSON.stringify({ reviews: rows(), decided: [...decided], result: about.result });
-  if (state && now !== state) before.push(state);
-  state = now;
-  keep(JSON.parse(now));
+  if (snapshot() !== state) before = [...before, state].slice(-100);
+  settle();
+}
+
+function settle() {
+  state = snapshot();
+  keep({ reviews: rows(), decided: [...decided] });
   draw();
 }
 
 function undo() {
-  if (!before.length) return;
-  state = before.pop();
-  take(JSON.parse(state));
-  keep(JSON.parse(state));
-  draw();
+  const [cards, added, words] = JSON.parse(before.pop() || state);
+  [said, missing, decided] = [new Map(cards), added, new Set(words)];
+  settle();
 }
 
 function known(name, value) {
@@ -119,18 +122,17 @@ function known(name, value) {
 }
 
 function take(kept) {
-  said = new Map();
-  missing = [];
-  decided = new Set(kept.decided || []);
-  const ids = (kept.reviews || []).map(one => one.sign_id);
-  for (const one of kept.reviews || []) {
+  const reviews = kept.reviews || [], ids = reviews.map(one => one.sign_id);
+  [said, missing, decided] = [new Map(), [], new Set(kept.decided || [])];
+  for (const one of reviews) {
     if (one.result && one.result !== about.result) continue;  // to decide, as the page says
-    const words = Object.fromEntries(Object.keys(look(one)).map(name => [name, known(name, one[name])]));
-    const about_it = { ...words, note: String(one.note || ""), reviewer: String(one.reviewer || "") };
-    if (one.review === "missing" && Number.isFinite(Number(one.x)) && Number.isFinite(Number(one.y))) {
-      missing.push({ ...about_it, ...anchor(Number(one.x), Number(one.y)) });
-    } else if (byId.has(one.sign_id) && ["accepted", "rejected", "edited"].includes(one.review)) {
-      if (ids.indexOf(one.sign_id) === ids.lastIndexOf(one.sign_id)) said.set(one.sign_id, { review: one.review, ...about_it });
+    const about_it = look({});
+    for (const name of Object.keys(about_it)) about_it[name] = known(name, one[name]);
+    for (const name of ["note", "reviewer"]) about_it[name] = String(one[name] || "");
+    const [x, y] = [Number(one.x), Number(one.y)], id = one.sign_id;
+    if (one.review === "missing" && Number.isFinite(x) && Number.isFinite(y)) missing.push({ ...about_it, ...anchor(x, y) });
+    else if (byId.has(id) && ["accepted", "rejected", "edited"].includes(one.review) && ids.indexOf(id) === ids.lastIndexOf(id)) {
+      said.set(id, { review: one.review, ...about_it });
     }
   }
 }
@@ -219,26 +221,20 @@ function draw() {
 
 function decide(one, row) {
   decided.add(one.words);
-  if (row && row.sign_id) said.set(row.sign_id, { review: row.review, ...look(row), note: row.note, reviewer: row.reviewer });
-  else if (row) missing.push({ ...look(row), note: row.note, reviewer: row.reviewer, ...anchor(row.x, row.y) });
+  const { review, note, reviewer, x, y } = row || {};
+  if (row && row.sign_id) said.set(row.sign_id, { review, ...look(row), note, reviewer });
+  else if (row) missing.push({ ...look(row), note, reviewer, ...anchor(x, y) });
   remember();
 }
 
 // Places of missing signs: on the map, at a measure or station, or where the rays of several images meet
 
-const toMap = (x, y) => {
-  const { turn, scale, left, top } = about.map;
-  return [(x * turn[0][0] + y * turn[1][0] - left) * scale, (top - x * turn[0][1] - y * turn[1][1]) * scale];
-};
-
 function drawMissing() {
-  if (!map) return;
-  map.querySelectorAll(".missing").forEach(dot => dot.remove());
-  for (const one of missing) {
-    const dot = document.createElementNS(map.namespaceURI, "circle");
-    dot.setAttribute("class", "missing");
-    const [cx, cy] = toMap(one.x, one.y);
-    for (const [name, value] of Object.entries({ cx, cy, r: 9 })) dot.setAttribute(name, value);
+  map?.querySelectorAll(".missing").forEach(dot => dot.remove());
+  for (const { x, y } of map ? missing : []) {
+    const dot = document.createElementNS(map.namespaceURI, "circle"), { turn, scale, left, top } = about.map;
+    const cx = (x * turn[0][0] + y * turn[1][0] - left) * scale, cy = (top - x * turn[0][1] - y * turn[1][1]) * scale;
+    for (const [name, value] of Object.entries({ class: "missing", cx, cy, r: 9 })) dot.setAttribute(name, value);
     map.append(dot);
   }
 }
@@ -246,7 +242,7 @@ function drawMissing() {
 function anchor(x, y) {  // the place, also as seen from the nearest images: it is found again after another run
   const round = value => Math.round(value * 100) / 100;
   const away = one => Math.hypot(one.x - x, one.y - y);
-  const seen = about.cameras.toSorted((a, b) => away(a) - away(b)).slice(0, 4).map(one => {
+  const seen = [...about.cameras].sort((a, b) => away(a) - away(b)).slice(0, 4).map(one => {
     const [u, v] = [one.turn[2], one.turn[5]], length = Math.hypot(u, v) || 1, dx = x - one.x, dy = y - one.y;
     return [one.image, round((dx * v - dy * u) / length), round((dx * u + dy * v) / length)];
   });
@@ -328,6 +324,7 @@ function openImages() {
     const script = document.createElement("script");
     script.src = "images.js";
     script.addEventListener("load", () => done(showImage(0)));
+    script.addEventListener("error", () => done(at("shown").textContent = "images.js is not beside this page"));
     document.body.append(script);
   });
 }
@@ -373,12 +370,15 @@ function others() {  // work on this drive that this browser keeps: of earlier r
 }
 
 at("others").hidden = !others().length;
-at("others").addEventListener("click", () => others().forEach((key, i) =>
-  save("review." + (i + 1) + ".json", JSON.stringify({ log: about.log, ...JSON.parse(localStorage.getItem(key)) }), "application/json")));
+at("others").addEventListener("click", () => others().forEach((key, i) => {
+  const whole = { log: about.log, result: key.slice(prefix.length).split(" ")[0], ...JSON.parse(localStorage.getItem(key)) };
+  save("review." + (i + 1) + ".json", JSON.stringify(whole), "application/json");
+}));
 at("json").addEventListener("click", () => save("review.json", asJson(), "application/json"));
 take(about);
 recall();
-remember();
+state = snapshot();
+draw();
 at("fold").addEventListener("click", () => at("fold").setAttribute("aria-expanded", String(!form.classList.toggle("folded"))));
 form.hidden = at("review").hidden = false;
 fromAddress();

@@ -597,7 +597,9 @@ def test_long_words_are_cut_in_the_middle(most):
     assert short == words or "..." in short
 
 
-def test_a_run_notes_its_log_and_makes_pages_of_an_earlier_result_say_so(tmp_path, log, monkeypatch):
+def test_a_run_notes_its_log_and_makes_pages_of_an_earlier_result_say_so(
+    tmp_path, log, monkeypatch
+):
     monkeypatch.chdir(log.parent)
     out = tmp_path / "out"
     settings = Settings(read=ReadSettings(spacing_m=SPACING_M, thin_m=0.0))

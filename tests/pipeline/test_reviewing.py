@@ -157,12 +157,6 @@ def test_final_columns_come_first_and_a_missing_sign_has_its_place_on_road_and_g
     assert places["d-missing-1"] == pytest.approx([10.0003 + east, 50 + north], abs=1e-8)
 
 
-def test_signs_without_fixes_are_no_geojson(out, tmp_path):
-    pq.write_table(table_of(SIGNS, [sign(1, lon_deg=None, lat_deg=None)]), out / SIGNS.file)
-    with pytest.raises(UsageError, match="Export CSV"):
-        invoke("export", out, "-o", tmp_path / "no fixes.geojson")
-
-
 def test_a_review_evaluates_the_rows_with_status_sign(out, review, tmp_path):
     figures = tmp_path / "figures.json"
     words = invoke("evaluate", out, "--truth", review, "--json", figures)
