@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,6 +31,7 @@ from wayside.pipeline.results.result import find_log, read_run, read_settings
 from wayside.pipeline.reviewing.known import KnownResult
 from wayside.pipeline.reviewing.matching import Review
 from wayside.pipeline.reviewing.review import find_review
+from wayside.schemas.errors import InputError
 
 INDEX_FILE, IMAGES_FILE = "index.html", "images.js"
 _IMAGE_WIDTH, _IMAGE_QUALITY = 1280, 60
@@ -77,10 +78,8 @@ def write_evidence(  # noqa: PLR0913 - one for each option
         Path of the log now; None: that at the time of the run.
     watch
         Called with the number of sheets done and to do.
-    png
-        Also write each sheet as an image, to print or to send.
-    images
-        Also write all images of the drive beside the index, to click missing signs in.
+    png, images
+        Also write each sheet as an image; and all images of the drive, to click missing signs in.
     reviews
         Files that the index begins with; empty: those in `out`.
     overwrite
@@ -105,28 +104,14 @@ def write_evidence(  # noqa: PLR0913 - one for each option
     with OutputFolder(folder) as output:
         if not overwrite:
             _check_free(folder, [*names, *pngs, *index], mark)
-        binder = _Binder(output.part, drive, run, mark, png)
+        binder = _Binder(output.part, out, log, drive, run, mark, png)
         if index:
             for one, before, after in zip(signs, ["", *names], [*names[1:], ""], strict=False):
                 beside = {"prev": before, "up": INDEX_FILE, "next": after}
                 binder.neighbours[one.name] = {rel: page for rel, page in beside.items() if page}
-        _fill(binder, signs, out, log, watch)
-        notes: list[str] = []
-        if index:
-            known = KnownResult.of(out)
-            review = find_review(out, reviews, known)
-            pictures, lens = (
-                _pictures(out, log, known, review),
-                run.get("camera") if images else None,
-            )
-            about = {"log": name} | index_review(known, review, pictures, lens)
-            notes = review.notes
-            if images:
-                _write(output.part / IMAGES_FILE, _images(out, log, run, known, mark))
-            page = format_index(signs, binder.thumbs, drive, about, mark)
-            _write(output.part / INDEX_FILE, page.encode())
-        dropped = [*_sheets_of_others(folder, mark, signs), IMAGES_FILE] if index else []
-        output.commit(dropped)
+        _fill(binder, signs, watch)
+        notes = binder.write_index(signs, reviews, images=images) if index else []
+        output.commit([*_sheets_of_others(folder, mark, signs), IMAGES_FILE] if index else [])
     sheets = tuple(folder / page for page in names)
     return Written(sheets, folder / INDEX_FILE if index else None, binder.lost_views, tuple(notes))
 
@@ -159,8 +144,10 @@ class _Binder:
     """Keeps the cut-outs of every sign until its sheet can be drawn and written."""
 
     folder: Path
+    out: Path
+    log: Path | None
     drive: DriveMap
-    run: Mapping[str, Any]
+    run: dict[str, Any]
     mark: str
     png: bool
     neighbours: dict[str, dict[str, str]] = field(default_factory=dict)
@@ -182,15 +169,56 @@ class _Binder:
             thumb = encode_webp(draw_crop(crops[evidence.best], THUMB))
             self.thumbs[evidence.name] = data_address(thumb)
 
+    def write_index(
+        self, signs: Sequence[Evidence], reviews: Sequence[Path], *, images: bool
+    ) -> list[str]:
+        """Write the index, and all images where they are asked for; what became of reviews of earlier results."""
+        known = KnownResult.of(self.out)
+        review = find_review(self.out, reviews, known)
+        pictures, lens = self._pictures(known, review), self.run.get("camera") if images else None
+        if images and lens is None:
+            raise InputError(f"--images: {self.out} does not state its camera. Run the log again.")
+        about = {"log": str(self.run.get("log", ""))} | index_review(known, review, pictures, lens)
+        if images:
+            _write(self.folder / IMAGES_FILE, self._images(known))
+        page = format_index(signs, self.thumbs, self.drive, about, self.mark)
+        _write(self.folder / INDEX_FILE, page.encode())
+        return review.notes
 
-def _fill(
-    binder: _Binder, signs: list[Evidence], out: Path, log: Path | None, watch: Watcher
-) -> None:
+    def _pictures(self, known: KnownResult, review: Review) -> dict[int, str]:
+        """What is to be decided as an earlier result saw it, by its number; where the log still has such an image."""
+        boxes = {}
+        for number, one in enumerate(review.undecided):
+            for image, box in (view for entry in one.entries for view in entry.views):
+                if image in known.cameras:
+                    boxes[number] = (number, known.cameras[image]["frame"], box)
+        crops = read_crops(self.out, self.log, boxes.values(), PROPORTION)
+        found = {number: crop for number, crop in crops if crop is not None}
+        return {n: data_address(encode_webp(draw_crop(c, THUMB))) for n, c in found.items()}
+
+    def _images(self, known: KnownResult) -> bytes:
+        """A script with the undistorted image of each camera, in their order; empty where it does not decode."""
+        lens = self.run["camera"]
+        shown = dict.fromkeys((one["frame"] for one in known.cameras.values()), "")
+        matrix = np.array([[lens["fx"], 0, lens["cx"]], [0, lens["fy"], lens["cy"]], [0, 0, 1]])
+        source, settings = find_log(self.run, self.log), read_settings(self.out, self.run)
+        times_ns = read_times(self.out)
+        for image in read_images(source, settings, shown.keys(), times_ns, ReadReport()):
+            if image.rgb is not None:
+                plain = cv2.undistort(image.rgb, matrix, np.array(lens["distortion"], np.float64))
+                size = (_IMAGE_WIDTH, round(_IMAGE_WIDTH * plain.shape[0] / plain.shape[1]))
+                small = np.asarray(cv2.resize(plain, size, interpolation=cv2.INTER_AREA), np.uint8)
+                shown[image.frame.index] = data_address(encode_webp(small, _IMAGE_QUALITY))
+        head, addresses = marked_head(self.mark).replace("*/", "* /"), json.dumps([*shown.values()])
+        return f"/* {head} */\nconst waysideImages = {addresses};\n".encode()
+
+
+def _fill(binder: _Binder, signs: list[Evidence], watch: Watcher) -> None:
     """Take the crops of all views from the log and finish every sign with its last one."""
     boxes = (((one, view), view.frame, view.box) for one in signs for view in one.views)
     open_signs = {one.name: one for one in signs}
     watch(0, len(signs))
-    for (one, view), crop in read_crops(out, log, boxes, PROPORTION):
+    for (one, view), crop in read_crops(binder.out, binder.log, boxes, PROPORTION):
         if crop is not None:
             binder.crops[one.name][view] = crop
         if view is one.views[-1]:
@@ -198,37 +226,6 @@ def _fill(
             watch(len(signs) - len(open_signs), len(signs))
     for one in open_signs.values():  # the log has become shorter since the run
         binder.finish(one)
-
-
-def _pictures(out: Path, log: Path | None, known: KnownResult, review: Review) -> dict[int, str]:
-    """What is to be decided as an earlier result saw it, by its number; where the log still has such an image."""
-    boxes = {}
-    for number, one in enumerate(review.undecided):
-        for image, box in (view for entry in one.entries for view in entry.views):
-            if image in known.cameras:
-                boxes[number] = (number, known.cameras[image]["frame"], box)
-    crops = read_crops(out, log, boxes.values(), PROPORTION)
-    return {n: data_address(encode_webp(draw_crop(c, THUMB))) for n, c in crops if c is not None}
-
-
-def _images(
-    out: Path, log: Path | None, run: dict[str, Any], known: KnownResult, mark: str
-) -> bytes:
-    """A script with the image of each camera, in their order, without distortion; empty where it does not decode."""
-    camera, shown = (
-        run["camera"],
-        dict.fromkeys((one["frame"] for one in known.cameras.values()), ""),
-    )
-    matrix = np.array([[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1]])
-    source, settings = find_log(run, log), read_settings(out, run)
-    for image in read_images(source, settings, shown.keys(), read_times(out), ReadReport()):
-        if image.rgb is not None:
-            plain = cv2.undistort(image.rgb, matrix, np.array(camera["distortion"]))
-            size = (_IMAGE_WIDTH, round(_IMAGE_WIDTH * plain.shape[0] / plain.shape[1]))
-            small = np.asarray(cv2.resize(plain, size, interpolation=cv2.INTER_AREA), np.uint8)
-            shown[image.frame.index] = data_address(encode_webp(small, _IMAGE_QUALITY))
-    head = marked_head(mark).replace("*/", "* /")
-    return f"/* {head} */\nconst waysideImages = {json.dumps([*shown.values()])};\n".encode()
 
 
 def _write(path: Path, content: bytes) -> None:
