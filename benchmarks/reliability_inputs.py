@@ -48,8 +48,7 @@ from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.pipeline.reading.layout import RECORD_HEAD
 from wayside.pipeline.reading.records import ScanReport
 from wayside.pipeline.results.result import check_earlier, read_run, read_settings
-from wayside.pipeline.reviewing.matching import NO_REVIEW
-from wayside.pipeline.reviewing.review import find_review
+from wayside.pipeline.reviewing.review import NO_REVIEW, find_review
 from wayside.pipeline.running import run
 from wayside.pipeline.running.journal import JOURNAL, Journal
 from wayside.schemas.frame import USED, Frame

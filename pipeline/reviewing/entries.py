@@ -65,8 +65,8 @@ class Reviewed:
 
     def to_row(self) -> dict[str, Any]:
         """As the evidence index keeps it."""
-        row = asdict(self)
-        return row | row.pop("look")
+        look: dict[str, Any] = {name: self.look.get(name) for name in LOOK}
+        return {name: value for name, value in asdict(self).items() if name != "look"} | look
 
 
 def is_review(path: Path) -> bool:
@@ -142,5 +142,5 @@ def _reviewed(row: Mapping[str, Any]) -> Reviewed:
         (str(image), float(right), float(ahead)) for image, right, ahead in row.get("seen", ())
     )
     words = {name: str(row[name]) for name in _WORDS if name in row}
-    known = numbers | words | {"views": views, "seen": seen, "look": look}
+    known: dict[str, Any] = numbers | words | {"views": views, "seen": seen, "look": look}
     return Reviewed(review, None if review == MISSING else sign_id, **known)

@@ -81,7 +81,8 @@ def settled(groups: Sequence[Sequence[Reviewed]], known: KnownResult) -> Review:
     found = _Settling(known)
     for number, entries in enumerate(groups):
         found.take(number, entries)
-    rows, missing = {}, []
+    rows: dict[str, Reviewed] = {}
+    missing: list[Reviewed] = []
     for sign_id, said in found.said.items():
         merged = found.merged(sign_id, [_of_row(one, known.rows[sign_id]) for one in said], said)
         rows |= {sign_id: merged} if merged else {}
@@ -89,7 +90,11 @@ def settled(groups: Sequence[Sequence[Reviewed]], known: KnownResult) -> Review:
         where = f"missing at x {said[0].x:.1f} m, y {said[0].y:.1f} m"
         merged = found.merged(where, said, said)
         missing += [merged] if merged else []
-    return Review(rows, tuple(missing), tuple(found.undecided), found.carried, found.gone)
+    asked: dict[str, Undecided] = {}
+    for one in found.undecided:  # the same question of several people once
+        before = asked[one.words].entries if one.words in asked else ()
+        asked[one.words] = replace(one, entries=(*before, *one.entries))
+    return Review(rows, tuple(missing), tuple(asked.values()), found.carried, found.gone)
 
 
 @dataclass(slots=True)
@@ -105,24 +110,27 @@ class _Settling:
     gone: int = 0
 
     def take(self, number: int, entries: Sequence[Reviewed]) -> None:
-        """Add what a file says."""
-        earlier = [one for one in entries if one.result not in ("", self.known.name)]
-        found = _matched(earlier, self.known)
-        rows = [index for index, one in enumerate(earlier) if one.sign_id]
-        if rows and found.keys().isdisjoint(rows) and not _same_drive(earlier, self.known):
-            raise InputError(
-                "the review is of another run, and nothing in it is found in this result: it is of another drive, or "
-                "states no places. Review the evidence of this result."
-            )
-        for index, one in enumerate(earlier):
-            self._carry(number, one, found.get(index))
-        for one in entries:
-            if one.result in ("", self.known.name):
-                if one.sign_id not in (None, *self.known.rows):
-                    raise InputError(
-                        f"the review names {one.sign_id}, but there is no sign {one.sign_id}"
-                    )
-                self._add(number, one)
+        """Add what a file says, of this result and of earlier ones."""
+        for result in dict.fromkeys(one.result for one in entries):
+            some = [one for one in entries if one.result == result]
+            if result in ("", self.known.name):
+                unknown = {one.sign_id for one in some} - {None, *self.known.rows}
+                if unknown:
+                    raise InputError(f"a review: there is no sign {min(map(str, unknown))}")
+                for one in some:
+                    self._add(number, one)
+                continue
+            # two people may have said something of one row
+            of_row = {one.sign_id or (one.x, one.y): one for one in some}
+            found = dict(zip(of_row, _matched(list(of_row.values()), self.known), strict=True))
+            known = any(found[one.sign_id] for one in some if one.sign_id)
+            if not known and any(one.sign_id for one in some) and not _same_drive(some, self.known):
+                raise InputError(
+                    "the review is of another run, and nothing in it is found in this result: it is of another drive, "
+                    "or states no places. Review the evidence of this result."
+                )
+            for one in some:
+                self._carry(number, one, found[one.sign_id or (one.x, one.y)])
 
     def _add(self, number: int, one: Reviewed) -> None:
         if one.sign_id is None:
@@ -161,12 +169,10 @@ class _Settling:
             )
             self.undecided.append(Undecided(f"{where}: reviewers disagree", options, tuple(said)))
             return None
-        words = {
-            name: mark.join(dict.fromkeys(filter(None, (getattr(one, name) for one in said))))
-            for name, mark in (("reviewer", ", "), ("note", "; "))
-        }
         look = {name: next(iter(values), None) for name, values in zip(LOOK, stated, strict=True)}
-        return replace(whole[0], look=look, **words)
+        reviewers = ", ".join(dict.fromkeys(one.reviewer for one in said if one.reviewer))
+        notes = "; ".join(dict.fromkeys(one.note for one in said if one.note))
+        return replace(whole[0], look=look, reviewer=reviewers, note=notes)
 
 
 def _of_row(one: Reviewed, row: Reviewed) -> Reviewed:
@@ -194,11 +200,12 @@ def _same_drive(entries: Sequence[Reviewed], known: KnownResult) -> bool:
     return any(image in known.cameras for one in entries for image, _ in one.views)
 
 
-def _matched(entries: Sequence[Reviewed], known: KnownResult) -> dict[int, Reviewed]:
-    """The row of this result that each entry of an earlier one is, by its index, one to one where the total is best."""
+def _matched(entries: Sequence[Reviewed], known: KnownResult) -> list[Reviewed | None]:
+    """The row of this result that each row of an earlier one is, one to one where the total is best."""
     rows = list(known.rows.values())
-    if not entries or not rows:
-        return {}
+    found: list[Reviewed | None] = [None] * len(entries)
+    if not rows:
+        return found
     by_image: defaultdict[str, list[tuple[int, Any]]] = defaultdict(list)
     for number, row in enumerate(rows):
         for image, box in row.views:
@@ -212,8 +219,9 @@ def _matched(entries: Sequence[Reviewed], known: KnownResult) -> dict[int, Revie
                 away = math.hypot((row.x or 0.0) - x, (row.y or 0.0) - y)
                 if away < _NEAR_M and _agrees(one, row):
                     score[index, number] = 1 - away / _NEAR_M
-    pairs = zip(*linear_sum_assignment(score, maximize=True), strict=True)
-    return {int(index): rows[number] for index, number in pairs if score[index, number] > 0}
+    for index, number in zip(*linear_sum_assignment(score, maximize=True), strict=True):
+        found[index] = rows[number] if score[index, number] > 0 else None
+    return found
 
 
 def _by_image(

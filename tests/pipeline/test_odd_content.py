@@ -14,8 +14,7 @@ from wayside.pipeline.models.detector_file import load_detector
 from wayside.pipeline.reading.calibrations import parse_camera
 from wayside.pipeline.reading.parts import bag_parts
 from wayside.pipeline.results.result import read_run, read_table
-from wayside.pipeline.reviewing.matching import NO_REVIEW
-from wayside.pipeline.reviewing.review import find_review
+from wayside.pipeline.reviewing.review import NO_REVIEW, find_review
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ModelSettings
 from wayside.schemas.tables import SIGNS

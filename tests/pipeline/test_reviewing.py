@@ -314,6 +314,11 @@ def test_reviews_of_two_people_are_one_and_contradictions_are_listed(out):
     )
     (asked,) = said.undecided
     assert asked.words == "d-0002: reviewers disagree"
+    rows = [
+        one.to_row() | {"result": "f" * 16} for _, one in asked.options
+    ]  # left open, and run again
+    (again,) = read(out, save(out / "review.json", rows)).undecided
+    assert again.words == asked.words
     assert [words for words, _ in asked.options] == [
         "Ann: accepted, white rectangle",
         "Bob: rejected, white rectangle",
