@@ -7,9 +7,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
-from wayside.pipeline.reviewing.known import KnownResult, turn_of
+from wayside.pipeline.reviewing.known import KnownResult
 from wayside.pipeline.reviewing.matching import Review
 
 
@@ -23,7 +21,7 @@ def index_review(
     """
     cameras = [
         {"image": image, "x": one["x"], "y": one["y"], **known.measure(one["station_m"] or 0.0)}
-        | {"turn": np.round(turn_of(one)[:2].ravel(), 6).tolist()}
+        | {"turn": [round(value, 6) for value in one["turn"]]}
         for image, one in known.cameras.items()
     ]
     reviewed = [one.to_row() for one in (*review.rows.values(), *review.missing)]

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.results.result import read_rows, read_run, result_name
@@ -39,7 +38,7 @@ class KnownResult:
     rows: Mapping[str, Reviewed]
     """What the acceptance of each sign says, by `sign_id`."""
     cameras: Mapping[str, Mapping[str, Any]]
-    """Rows of `frames.parquet` with a place. By what names an image in every result: its file, else its log time."""
+    """See `_camera`; by what names an image in every result: its file, or its log time."""
     measured: tuple[Mapping[str, Any], ...]
     """Where route and measure are known: at the start of a drive with a milepost, else abreast of the signs."""
     sense: float
@@ -50,12 +49,17 @@ class KnownResult:
         """That in a folder; raises InputError if there is none, or it is damaged."""
         run, signs = read_run(out), read_rows(out, SIGNS, _SIGN_COLUMNS)
         frames = read_rows(out, FRAMES, _FRAME_COLUMNS)
-        images = {row["frame"]: row["image_name"] or str(row["log_time_ns"]) for row in frames}
+        names = Counter(row["image_name"] for row in frames)  # folders may number alike
+        images = {
+            row["frame"]: (names[row["image_name"]] == 1 and row["image_name"])
+            or str(row["log_time_ns"])
+            for row in frames
+        }
         views: defaultdict[str, list[Any]] = defaultdict(list)
         for row in read_rows(out, OBSERVATIONS, ("sign_id", "frame", "box"), {"verdict": "sign"}):
             box = tuple(round(edge, 1) for edge in row["box"])
             views[row["sign_id"]].append((images.get(row["frame"], ""), box))
-        cameras = {images[row["frame"]]: row for row in frames if row["x"] is not None}
+        cameras = {images[row["frame"]]: _camera(row) for row in frames if row["x"] is not None}
         measured = sorted((one for one in signs if one["measure"] is not None), key=_station)
         falls = bool(measured) and measured[-1]["measure"] < measured[0]["measure"]
         route = (run.get("settings") or {}).get("route", {})
@@ -75,19 +79,20 @@ class KnownResult:
     def _seen(self, x: float, y: float) -> tuple[tuple[str, float, float], ...]:
         """The images whose cameras are nearest to a place of the world frame, and metres to the right and ahead."""
         found = []
-        for image, camera in self.cameras.items():
-            away = complex(x - camera["x"], y - camera["y"])
-            level = away / _heading(camera)
-            found.append((abs(away), (image, round(-level.imag, 2), round(level.real, 2))))
-        return tuple(seen for _, seen in heapq.nsmallest(_IMAGES, found))
+        for image, camera in heapq.nsmallest(
+            _IMAGES, self.cameras.items(), key=lambda one: abs(one[1]["place"] - complex(x, y))
+        ):
+            level = (complex(x, y) - camera["place"]) / camera["heading"]
+            found.append((image, round(-level.imag, 2), round(level.real, 2)))
+        return tuple(found)
 
     def place(self, one: Reviewed) -> tuple[float, float] | None:
         """World x, y of what a review places by images; None where the result has no camera of any."""
         for image, right, ahead in one.seen:
             if image in self.cameras:
                 camera = self.cameras[image]
-                away = complex(ahead, -right) * _heading(camera)
-                return round(camera["x"] + away.real, 2), round(camera["y"] + away.imag, 2)
+                where = camera["place"] + complex(ahead, -right) * camera["heading"]
+                return round(where.real, 2), round(where.imag, 2)
         return None
 
     def described(self, x: float, y: float) -> dict[str, Any]:
@@ -116,18 +121,18 @@ class KnownResult:
         return told | {"station_m": station_m, "measure": near["measure"] + beyond}
 
 
-def turn_of(row: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Camera axes of a row of frames in world axes (3, 3); without a direction, of a camera that looks along x."""
+def _camera(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row of frames with the camera's axes in world axes, and its place and level direction as x + iy.
+
+    Without a direction it is that of a camera that looks along x.
+    """
+    turn = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     quaternion = [row[name] for name in ("qx", "qy", "qz", "qw")]
-    if None in quaternion:
-        return np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-    return np.asarray(Rotation.from_quat(quaternion).as_matrix(), np.float64)
-
-
-def _heading(camera: Mapping[str, Any]) -> complex:
-    """Ahead of a camera along world x + iy, length 1."""
-    x, y = turn_of(camera)[:2, 2]
-    return complex(x, y) / (math.hypot(x, y) or 1.0)
+    if None not in quaternion:
+        turn = Rotation.from_quat(quaternion).as_matrix()
+    ahead = complex(*turn[:2, 2])
+    about = {"place": complex(row["x"], row["y"]), "heading": ahead / (abs(ahead) or 1.0)}
+    return {**row, **about, "turn": turn[:2].ravel().tolist()}
 
 
 def _station(row: Mapping[str, Any]) -> float:

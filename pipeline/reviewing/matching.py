@@ -17,7 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from wayside.pipeline.reviewing.entries import ACCEPTED, EDITED, LOOK, MISSING, REJECTED, Reviewed
+from wayside.pipeline.reviewing.entries import (
+    ACCEPTED,
+    EDITED,
+    LOOK,
+    MISSING,
+    REJECTED,
+    UNKNOWN,
+    Reviewed,
+)
 from wayside.pipeline.reviewing.known import KnownResult
 from wayside.schemas.errors import InputError
 from wayside.schemas.sign_catalogue import SERIES
@@ -186,8 +194,9 @@ def _of_row(one: Reviewed, row: Reviewed) -> Reviewed:
 
 def _agrees(one: Reviewed, row: Reviewed) -> bool:
     """Whether the look that is stated is the measured one, as far as both are known."""
-    known = [(one.look.get(name), row.look[name]) for name in LOOK]
-    return all(not (a and b) or _same(a, b) or _same(b, a) for a, b in known)
+    pairs = [(one.look.get(name), row.look[name]) for name in LOOK]
+    known = [(a, b) for a, b in pairs if a and b and a != UNKNOWN]
+    return all(_same(a, b) or _same(b, a) for a, b in known)
 
 
 def _same(part: str, whole: str) -> bool:
@@ -214,7 +223,7 @@ def _matched(entries: Sequence[Reviewed], known: KnownResult) -> list[Reviewed |
     by_place = _same_drive(entries, known) or not any(one.views for one in entries)
     for index, one in enumerate(entries):
         if by_place and not any(image in known.cameras for image, _ in one.views):
-            x, y = known.place(one) or (one.x or math.nan, one.y or math.nan)
+            x, y = known.place(one) or (math.nan if z is None else z for z in (one.x, one.y))
             for number, row in enumerate(rows):
                 away = math.hypot((row.x or 0.0) - x, (row.y or 0.0) - y)
                 if away < _NEAR_M and _agrees(one, row):
