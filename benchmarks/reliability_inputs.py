@@ -48,7 +48,7 @@ from wayside.pipeline.reading.image_headers import read_image_header
 from wayside.pipeline.reading.layout import RECORD_HEAD
 from wayside.pipeline.reading.records import ScanReport
 from wayside.pipeline.results.result import check_earlier, read_run, read_settings
-from wayside.pipeline.reviewing.review import NO_REVIEW, read_review
+from wayside.pipeline.reviewing.review import NO_REVIEW, find_review
 from wayside.pipeline.running import run
 from wayside.pipeline.running.journal import JOURNAL, Journal
 from wayside.schemas.frame import USED, Frame
@@ -328,7 +328,7 @@ KINDS: dict[str, Attempt] = {
     "reviews (JSON)": of_file(
         "r.json",
         edited_json({"wayside_review": 1, "result": "0" * 16, "reviews": small.REVIEWS}),
-        lambda path: read_review(path, small.small_result(path.parent)[0]),
+        lambda path: find_review(small.small_result(path.parent)[0], [path]),
     ),
     "journals": changed_journal,
     # Faults at one point

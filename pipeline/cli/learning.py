@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,6 +14,7 @@ from wayside.pipeline.cli.options import (
     MovedLog,
     Option,
     Overwrite,
+    ReviewFiles,
     chosen_settings,
     flag,
     settings_of,
@@ -62,10 +64,7 @@ def label(  # noqa: PLR0913 - one for each option
         Path | None,
         typer.Option(help="TOML: which classes of COCO, VOC and YOLO are signs, and their looks."),
     ] = None,
-    review: Annotated[
-        Path | None,
-        typer.Option(help="OUT to labels: its corrections; default: review.json or .csv in OUT."),
-    ] = None,
+    review: ReviewFiles = None,
     spacing: Annotated[
         str | None, typer.Option(help="Log: distance between images, as of `run`.")
     ] = None,
@@ -74,7 +73,7 @@ def label(  # noqa: PLR0913 - one for each option
 ) -> None:
     """Write a page of candidates to mark by keyboard, those first that teach the most; turn marks into labels."""
     if out.suffix.lower() == ".parquet":
-        _convert(sources, out, classes, review, overwrite=overwrite)
+        _convert(sources, out, classes, review or (), overwrite=overwrite)
         return
     if len(sources) != 1:
         raise UsageError(
@@ -97,7 +96,12 @@ def label(  # noqa: PLR0913 - one for each option
 
 
 def _convert(
-    sources: list[Path], out: Path, classes: Path | None, review: Path | None, *, overwrite: bool
+    sources: list[Path],
+    out: Path,
+    classes: Path | None,
+    review: Sequence[Path],
+    *,
+    overwrite: bool,
 ) -> None:
     from wayside.pipeline.labels.read import joined, read_labels
     from wayside.pipeline.labels.wayside_labels import write_labels

@@ -56,6 +56,14 @@ Out = Annotated[Path, typer.Argument(metavar="OUT", help="Folder written by `way
 MovedLog = Annotated[
     Path | None, typer.Option(help="Where the log lies now, if it has moved since the run.")
 ]
+ReviewFiles = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--review",
+        help="Corrections saved by the evidence index, also of an earlier run; several are merged.  "
+        "[default: review*.json, review*.csv in OUT]",
+    ),
+]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files of the same names.")]
 
 

@@ -9,7 +9,16 @@ from typing import Annotated, Any
 import typer
 
 from wayside.pipeline.cli.help import Application, examples
-from wayside.pipeline.cli.options import MovedLog, Option, Out, Overwrite, flag, parse_size, takes
+from wayside.pipeline.cli.options import (
+    MovedLog,
+    Option,
+    Out,
+    Overwrite,
+    ReviewFiles,
+    flag,
+    parse_size,
+    takes,
+)
 from wayside.pipeline.files.visible_text import visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, InputError, UsageError
 
@@ -53,6 +62,11 @@ def evidence(
     blur: Annotated[
         bool, typer.Option("--blur", help="Blur what lies off the panels in all images.")
     ] = False,
+    images: Annotated[
+        bool,
+        typer.Option("--images", help="Also all images of the drive, to click missing signs in."),
+    ] = False,
+    review: ReviewFiles = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a page of images, maps and figures for every sign, and an index to filter and correct them."""
@@ -75,10 +89,14 @@ def evidence(
             watch=progress.watch,
             png=png,
             blur=blur,
+            images=images,
+            reviews=review or (),
             overwrite=overwrite,
         )
     count = len(written.sheets)
     index = f"{count} sheet{'s' * (count != 1)}; open {written.index}"
+    for note in written.notes:
+        typer.echo(visible(f"note: {note}"), err=True)
     typer.echo(visible(str(written.sheets[0]) if written.index is None else index))
     if written.lost_views:
         typer.echo(
@@ -213,12 +231,10 @@ HOW_TO_EXPORT = {
     "crs": Option(
         str, "csv, gpkg, shp: coordinate reference system.  [default: WGS 84]", metavar="EPSG:..."
     ),
-    "review": Option(
-        Path, "Corrections saved by the evidence index; default: review.json or .csv in OUT."
-    ),
     "log": Option(Path, "mcap, --pictures: where the log lies now, if it has moved."),
     "every": flag("--all", "All columns; else the twenty that most need."),
     "pictures": flag("--pictures", "gpkg, kmz: with the best image of each sign."),
+    "accepted": flag("--accepted", "Without the rows that the review rejects."),
 }
 
 
@@ -226,7 +242,7 @@ HOW_TO_EXPORT = {
     epilog=examples(
         "wayside export out -o signs.csv",
         "wayside export out -f gpkg --units us --crs EPSG:26914",
-        "wayside export out -o signs.geojson --review review.csv",
+        "wayside export out -o signs.geojson --review ann.json --review bob.json --accepted",
         "wayside export out -f mcap -o drive.signs.mcap",
         "wayside export inventory -f gpkg --table supports",
     )
@@ -240,23 +256,25 @@ def export(
             help="Folder written by `wayside run`, or an inventory of `wayside fleet`.",
         ),
     ],
+    review: ReviewFiles = None,
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
     """Write the signs for other programs, with corrections beside what was measured."""
     from wayside.pipeline.exporting.export import export as write
     from wayside.pipeline.exporting.table import is_inventory
-    from wayside.pipeline.reviewing.review import NO_REVIEW, find_review
+    from wayside.pipeline.reviewing.matching import NO_REVIEW
+    from wayside.pipeline.reviewing.review import find_review
 
     chosen = _format_of(given["file"], given["kind"])
-    inventory, review, table = is_inventory(out), given["review"], given["table"]
+    inventory, table = is_inventory(out), given["table"]
     name = table or ("panels" if inventory else "signs")
     target = given["file"] or out / f"{name}.{chosen}"
-    if inventory and review is not None:
+    if inventory and (review or given["accepted"]):
         raise UsageError(
-            f"--review {review}: {out} is an inventory, and reviews are of one drive. Leave --review out."
+            f"--review, --accepted: {out} is an inventory, and reviews are of one drive. Leave them out."
         )
-    said = NO_REVIEW if inventory else find_review(out, review)
+    said = NO_REVIEW if inventory else find_review(out, review or ())
     done = write(
         out,
         said,
@@ -268,12 +286,13 @@ def export(
         log=given["log"],
         every=given["every"],
         pictures=given["pictures"],
+        accepted=given["accepted"],
         overwrite=overwrite,
     )
     reviewed = len(said.rows) + len(said.missing)
     more = f", {reviewed} of them reviewed" if reviewed else ""
     parts = "".join(f", {part.name}" for part in done.files if part != target)
-    for note in done.notes:
+    for note in (*said.notes, *done.notes):
         typer.echo(visible(f"note: {note}"), err=True)
     typer.echo(visible(f"{target}{parts}: {done.rows} rows{more}"))
 
@@ -306,7 +325,7 @@ def evaluate(
     overwrite: Overwrite = False,
 ) -> None:
     """Compare a result with the truth."""
-    from wayside.pipeline.reviewing.review import is_review
+    from wayside.pipeline.reviewing.entries import is_review
 
     if is_review(truth):
         _evaluate_review(out, truth, json, overwrite=overwrite)
@@ -325,9 +344,12 @@ def evaluate(
 def _evaluate_review(out: Path, review: Path, json: Path | None, *, overwrite: bool) -> None:
     """Print what a review says of a result, and write its figures where that is asked for."""
     from wayside.pipeline.files.writing import write_json
-    from wayside.pipeline.reviewing.review import format_figures, read_review, review_figures
+    from wayside.pipeline.reviewing.review import find_review, format_figures, review_figures
 
-    figures = review_figures(out, read_review(review, out))
+    said = find_review(out, [review])
+    for note in said.notes:
+        typer.echo(visible(f"note: {note}"), err=True)
+    figures = review_figures(out, said)
     if json is not None:
-        write_json(json, figures.to_json(), ("reviewed", "accepted"), overwrite=overwrite)
+        write_json(json, figures, ("reviewed", "accepted"), overwrite=overwrite)
     typer.echo(format_figures(figures))

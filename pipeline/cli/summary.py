@@ -64,6 +64,11 @@ def print_summary(
     tables = (f"{name} ({count} rows)" for name, count in result.inventory.rows.items())
     files = [*tables, "run.json", *[RECORDING] * bool(result.recorded)]
     console.print(f"written to {plain(result.folder)}: {', '.join(files)}")
+    if result.older:
+        pages = sum(name.startswith("evidence/") for name in result.older)
+        named = [name for name in result.older if not name.startswith("evidence/")]
+        words = ", ".join([*named, f"evidence ({pages} pages)"] if pages else named)
+        console.print(f"of the earlier result, write them again: {plain(words)}")
     folder = plain(shlex.quote(str(result.folder)))
     further = [f"wayside view {folder} (every step)"] * bool(result.recorded)
     if rows:

@@ -12,16 +12,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.code_words import code_of
+from wayside.pipeline.code_words import SYSTEM_WORDS, code_of
 from wayside.pipeline.evidence.crops import Crop, draw_crop
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView
 from wayside.pipeline.evidence.maps import FOOT_PX, MAP_SIZE, MARGIN_PX, Projection, fit, sign_maps
 from wayside.pipeline.evidence.marks import UNKNOWN, Figure, appearance_of, figures_of
 from wayside.pipeline.files.pictures import data_address, encode_png, encode_webp
 from wayside.pipeline.pages import render, render_page
-from wayside.pipeline.reviewing.review import COLUMNS as REVIEW_COLUMNS
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.landmarks import EVIDENCE_TERMS
+from wayside.schemas.sign_catalogue import CATALOGUE
 from wayside.schemas.tables import SIGN_STATUSES
 
 _MAP, _MAP_POINTS = (1200, 340), 1000
@@ -165,7 +165,8 @@ def format_index(
     thumbs
         Addresses of small images by sign id.
     about
-        `log`: its name; `result`: what tells this result from others of the log.
+        What the script of the page knows: `log`, its name; `result`, what tells it from others of the log; and what
+        `index_review` gives.
     mark
         What the page is known by.
     """
@@ -194,8 +195,10 @@ def format_index(
             "Status": ("status", _counts(SIGN_STATUSES, looks["status"])),
         },
         map=page_map,
-        about=about | {"columns": REVIEW_COLUMNS} | place,
+        about=about | place,
         classes={"color": COLORS, "shape": SHAPES},
+        catalogue=CATALOGUE,
+        systems=SYSTEM_WORDS,
         cards=cards,
     )
 

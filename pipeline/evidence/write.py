@@ -2,23 +2,42 @@
 
 from __future__ import annotations
 
+import json
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.evidence.crops import Crop, draw_crop, read_crops
+import cv2
+import numpy as np
+
+from wayside.pipeline.evidence.corrections import index_review
+from wayside.pipeline.evidence.crops import Crop, draw_crop, read_crops, read_images, read_times
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
 from wayside.pipeline.evidence.sheet import PROPORTION, draw_sheet, format_index, format_sheet
 from wayside.pipeline.files.output_folder import OutputFolder
-from wayside.pipeline.files.pictures import data_address, encode_webp, is_marked, marked_png
+from wayside.pipeline.files.pictures import (
+    blurred,
+    data_address,
+    encode_webp,
+    is_marked,
+    marked_head,
+    marked_png,
+)
 from wayside.pipeline.files.writing import create, not_written, refuse
-from wayside.pipeline.results.result import read_run
-from wayside.pipeline.reviewing.review import result_name
+from wayside.pipeline.reading.frames import ReadReport
+from wayside.pipeline.results.result import find_log, read_run, read_settings
+from wayside.pipeline.reviewing.known import KnownResult
+from wayside.pipeline.reviewing.matching import Review
+from wayside.pipeline.reviewing.review import find_review
+from wayside.schemas.errors import InputError
+from wayside.schemas.labels import Box
 
-INDEX_FILE = "index.html"
+INDEX_FILE, IMAGES_FILE = "index.html", "images.js"
+_IMAGE_WIDTH, _IMAGE_QUALITY = 1280, 60
+"""Of images to click in: a panel at 40 m is 20 px wide, and an image takes 60 kB."""
 THUMB = 240, 180
 Watcher = Callable[[int, int], None]
 
@@ -33,9 +52,11 @@ class Written:
     """None: only one sign was asked for."""
     lost_views: int
     """How many views have no image."""
+    notes: tuple[str, ...] = ()
+    """What became of reviews of earlier results."""
 
 
-def write_evidence(
+def write_evidence(  # noqa: PLR0913 - one for each option
     out: Path,
     folder: Path,
     *,
@@ -44,6 +65,8 @@ def write_evidence(
     watch: Watcher = lambda done, total: None,
     png: bool = False,
     blur: bool = False,
+    images: bool = False,
+    reviews: Sequence[Path] = (),
     overwrite: bool = False,
 ) -> Written:
     """Write one page a sign and an index of all into `folder`, which is made where it is missing.
@@ -58,8 +81,11 @@ def write_evidence(
         Path of the log now; None: that at the time of the run.
     watch
         Called with the number of sheets done and to do.
-    png, blur
-        Also write each sheet as an image, to print or to send. Blur what lies off the panels in all images.
+    png, images, blur
+        Also write each sheet as an image; and all images of the drive, to click missing signs in. Blur what lies off
+        the panels in all images.
+    reviews
+        Files that the index begins with; empty: those in `out`.
     overwrite
         Replace any file of the names of the sheets and the index; else only sheets of this log.
 
@@ -77,24 +103,21 @@ def write_evidence(
     name = str(run.get("log", ""))
     mark = f"wayside {name} {run.get('log_fingerprint') or ''}".strip()
     names = [f"{one.name}.html" for one in signs]
-    images = [f"{one.name}.png" for one in signs] if png else []
-    index = [INDEX_FILE] if sign_id is None else []
+    pngs = [f"{one.name}.png" for one in signs] if png else []
+    index = [INDEX_FILE, IMAGES_FILE] if sign_id is None else []
     with OutputFolder(folder) as output:
         if not overwrite:
-            _check_free(folder, [*names, *images, *index], mark)
-        binder = _Binder(output.part, drive, run, mark, png, blur)
+            _check_free(folder, [*names, *pngs, *index], mark)
+        binder = _Binder(output.part, out, log, drive, run, mark, png, blur)
         if index:
             for one, before, after in zip(signs, ["", *names], [*names[1:], ""], strict=False):
                 beside = {"prev": before, "up": INDEX_FILE, "next": after}
                 binder.neighbours[one.name] = {rel: page for rel, page in beside.items() if page}
-        _fill(binder, signs, out, log, watch)
-        if index:
-            about = {"log": name, "result": result_name(run)}
-            page = format_index(signs, binder.thumbs, drive, about, mark)
-            _write(output.part / INDEX_FILE, page.encode())
-        output.commit(_sheets_of_others(folder, mark, signs) if index else [])
+        _fill(binder, signs, watch)
+        notes = binder.write_index(signs, reviews, images=images) if index else []
+        output.commit([*_sheets_of_others(folder, mark, signs), IMAGES_FILE] if index else [])
     sheets = tuple(folder / page for page in names)
-    return Written(sheets, folder / INDEX_FILE if index else None, binder.lost_views)
+    return Written(sheets, folder / INDEX_FILE if index else None, binder.lost_views, tuple(notes))
 
 
 def _check_free(folder: Path, names: Sequence[str], mark: str) -> None:
@@ -125,8 +148,10 @@ class _Binder:
     """Keeps the cut-outs of every sign until its sheet can be drawn and written."""
 
     folder: Path
+    out: Path
+    log: Path | None
     drive: DriveMap
-    run: Mapping[str, Any]
+    run: dict[str, Any]
     mark: str
     png: bool
     blur: bool
@@ -149,15 +174,62 @@ class _Binder:
             thumb = encode_webp(draw_crop(crops[evidence.best], THUMB))
             self.thumbs[evidence.name] = data_address(thumb)
 
+    def write_index(
+        self, signs: Sequence[Evidence], reviews: Sequence[Path], *, images: bool
+    ) -> list[str]:
+        """Write the index, and all images where they are asked for; what became of reviews of earlier results."""
+        known = KnownResult.of(self.out)
+        review = find_review(self.out, reviews, known)
+        pictures, lens = self._pictures(known, review), self.run.get("camera") if images else None
+        if images and lens is None:
+            raise InputError(f"--images: {self.out} does not state its camera. Run the log again.")
+        about = {"log": str(self.run.get("log", ""))} | index_review(known, review, pictures, lens)
+        if images:
+            _write(self.folder / IMAGES_FILE, self._images(known, signs))
+        page = format_index(signs, self.thumbs, self.drive, about, self.mark)
+        _write(self.folder / INDEX_FILE, page.encode())
+        return review.notes
 
-def _fill(
-    binder: _Binder, signs: list[Evidence], out: Path, log: Path | None, watch: Watcher
-) -> None:
+    def _pictures(self, known: KnownResult, review: Review) -> dict[int, str]:
+        """What is to be decided as an earlier result saw it, by its number; where the log still has such an image."""
+        boxes = {}
+        for number, one in enumerate(review.undecided):
+            for image, box in (view for entry in one.entries for view in entry.views):
+                if image in known.cameras:
+                    boxes[number] = (number, known.cameras[image]["frame"], box)
+        crops = read_crops(self.out, self.log, boxes.values(), PROPORTION, blur=self.blur)
+        found = {number: crop for number, crop in crops if crop is not None}
+        return {n: data_address(encode_webp(draw_crop(c, THUMB))) for n, c in found.items()}
+
+    def _images(self, known: KnownResult, signs: Sequence[Evidence]) -> bytes:
+        """A script with the undistorted image of each camera, in their order; empty where it does not decode."""
+        lens = self.run["camera"]
+        shown = dict.fromkeys((one["frame"] for one in known.cameras.values()), "")
+        matrix = np.array([[lens["fx"], 0, lens["cx"]], [0, lens["fy"], lens["cy"]], [0, 0, 1]])
+        source, settings = find_log(self.run, self.log), read_settings(self.out, self.run)
+        times_ns, panels = read_times(self.out), defaultdict[int, list[Box]](list)
+        for view in (view for one in signs for view in one.views):
+            panels[view.frame].append(view.box)
+        for image in read_images(source, settings, shown.keys(), times_ns, ReadReport()):
+            if (rgb := image.rgb) is not None:
+                if self.blur or settings.blur:
+                    rgb = blurred(rgb, panels[image.frame.index])
+                plain = cv2.undistort(rgb, matrix, np.array(lens["distortion"], np.float64))
+                size = (_IMAGE_WIDTH, round(_IMAGE_WIDTH * plain.shape[0] / plain.shape[1]))
+                small = np.asarray(cv2.resize(plain, size, interpolation=cv2.INTER_AREA), np.uint8)
+                shown[image.frame.index] = data_address(encode_webp(small, _IMAGE_QUALITY))
+        head, addresses = marked_head(self.mark).replace("*/", "* /"), json.dumps([*shown.values()])
+        return f"/* {head} */\nconst waysideImages = {addresses};\n".encode()
+
+
+def _fill(binder: _Binder, signs: list[Evidence], watch: Watcher) -> None:
     """Take the crops of all views from the log and finish every sign with its last one."""
     boxes = (((one, view), view.frame, view.box) for one in signs for view in one.views)
     open_signs = {one.name: one for one in signs}
     watch(0, len(signs))
-    for (one, view), crop in read_crops(out, log, boxes, PROPORTION, blur=binder.blur):
+    for (one, view), crop in read_crops(
+        binder.out, binder.log, boxes, PROPORTION, blur=binder.blur
+    ):
         if crop is not None:
             binder.crops[one.name][view] = crop
         if view is one.views[-1]:

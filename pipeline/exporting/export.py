@@ -28,7 +28,7 @@ from wayside.pipeline.exporting.table import (
 )
 from wayside.pipeline.files.parsing import guarded
 from wayside.pipeline.files.writing import is_stream, refuse, whole_file
-from wayside.pipeline.reviewing.review import Review
+from wayside.pipeline.reviewing.matching import Review
 from wayside.schemas.errors import UsageError
 from wayside.schemas.tables import PROFILE
 
@@ -71,6 +71,7 @@ def export(  # noqa: PLR0913 - one for each option
     log: Path | None = None,
     every: bool = False,
     pictures: bool = False,
+    accepted: bool = False,
     overwrite: bool = False,
 ) -> Exported:
     """Write the signs of a result, or a table of an inventory, to a file.
@@ -95,6 +96,8 @@ def export(  # noqa: PLR0913 - one for each option
         All columns, not only the main ones.
     pictures
         For `gpkg` and `kmz`: the best image of each sign, from its log.
+    accepted
+        Of a drive: without the rows that the review rejects.
 
     Raises
     ------
@@ -114,14 +117,14 @@ def export(  # noqa: PLR0913 - one for each option
     if kind == "mcap":
         from wayside.pipeline.exporting.foxglove_log import write_foxglove_log
 
-        (signs,) = drive_signs(out, review).chunks()
+        (signs,) = drive_signs(out, review, accepted=accepted).chunks()
         with whole_file(file, overwrite=overwrite) as stream:
             notes = write_foxglove_log(out, signs, log, stream)
         return Exported(len(signs), (file,), tuple(notes))
     if inventory:
         source = inventory_rows(out, table or next(iter(INVENTORY_TABLES)))
     else:
-        source = drive_signs(out, review) if table is None else drive_profile(out)
+        source = drive_profile(out) if table else drive_signs(out, review, accepted=accepted)
     if kind in _ALWAYS_WGS_84 and source.world is not None:
         raise UsageError(
             f"{out}: {FORMATS[kind]} needs longitude and latitude, but the log has no satellite fixes. Export CSV, "

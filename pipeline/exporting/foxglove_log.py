@@ -63,6 +63,7 @@ def write_foxglove_log(
     `signs`: rows with their review. `log`: where the drive's log lies; None: where it lay at the time of the run.
     Raises InputError if the log cannot be read, or is another one.
     """
+    signs = [row | {name: row[f"final_{name}"] for name in ("color", "shape")} for row in signs]
     run = read_run(out)
     drive = find_log(run, log)
     if run.get("log_fingerprint") not in (None, log_fingerprint(drive)):
@@ -186,7 +187,6 @@ def _entity(sign: Row, camera: Row) -> Message:
     A sign that only the review knows is its name alone, at the height of the camera.
     """
     if sign.get("status") is None:
-        sign = sign | {name: sign[f"reviewed_{name}"] for name in ("color", "shape")}
         place = np.array([sign["x"], sign["y"], camera["z"]], np.float64)
         return {"id": sign["sign_id"], "texts": [_name(sign, place, Rotation.identity())]}
     turn = Rotation.from_euler("y", sign["facing_deg"] or 0.0, degrees=True)

@@ -256,7 +256,7 @@ def _appearance(row: Row) -> str:
     """What a row shows, in words for a person: the look of a panel, or how many a support holds."""
     if "panel_ids" in row:
         return f"{row['panels']} panels"
-    look = [row.get(f"reviewed_{name}") or row.get(name) or "" for name in ("color", "shape")]
+    look = [row.get(f"final_{name}") or row.get(name) or "" for name in ("color", "shape")]
     words = " ".join(look).replace("_", " ").strip() or "unknown"
     words = " ".join(filter(None, (words, code_of(row))))
     status, review = row.get("status"), row.get("review")

@@ -9,14 +9,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
 from wayside.pipeline.fleet.folders import merged_parts, open_inventory, read_part
-from wayside.pipeline.results.result import RUN_FILE, read_rows, read_run
-from wayside.pipeline.reviewing.review import REVIEWS, Review, Reviewed
+from wayside.pipeline.results.result import RUN_FILE, read_rows, read_run, result_name
+from wayside.pipeline.reviewing.entries import LOOK, REJECTED, REVIEWS, Reviewed
+from wayside.pipeline.reviewing.known import KnownResult
+from wayside.pipeline.reviewing.matching import Review
 from wayside.schemas.errors import InputError
 from wayside.schemas.inventory_tables import PANELS, SUPPORTS
 from wayside.schemas.tables import FRAMES, PROFILE, SIGNS, Column, Table
@@ -44,10 +44,15 @@ _MAIN = {
 _LOCAL = {"bearing_deg": "facing_deg", "lon_deg": "x", "lat_deg": "y"}
 _REVIEW_COLUMNS = (
     Column("review", pa.string(), "", f"what a reviewer said: {', '.join(REVIEWS)}"),
-    Column("reviewed_color", pa.string(), "", "colour by the review"),
-    Column("reviewed_shape", pa.string(), "", "shape by the review"),
     Column("reviewer", pa.string(), "", "who reviewed it"),
     Column("review_note", pa.string(), "", "the reviewer's remark"),
+    Column(
+        "result", pa.string(), "", "name of the result, by which a review of this table knows it"
+    ),
+)
+_FINAL_COLUMNS = tuple(
+    Column(f"final_{name}", pa.string(), "", f"{name}: what was reviewed, else what was measured")
+    for name in LOOK
 )
 
 
@@ -78,19 +83,28 @@ def is_inventory(folder: Path) -> bool:
     return not (folder / RUN_FILE).is_file() and any(path.is_dir() for path in named)
 
 
-def drive_signs(out: Path, review: Review) -> Source:
+def drive_signs(out: Path, review: Review, *, accepted: bool = False) -> Source:
     """The signs of a result with their review; signs that the review says are missing stand last.
+
+    accepted: without the rows that the review rejects.
 
     Raises InputError if the folder is no result folder, or damaged.
     """
     signs = read_rows(out, SIGNS, _names(SIGNS))
-    rows = [_flat_row(SIGNS, sign) | _said(review.rows.get(sign["sign_id"])) for sign in signs]
-    rows += _missing(out, signs, review)
+    about = read_run(out)
+    rows = [
+        _flat_row(SIGNS, sign) | _said(review.rows.get(sign["sign_id"]), sign) for sign in signs
+    ]
+    rows += _missing(out, Path(str(about.get("log", ""))).stem, review)
+    rows = [row | {"result": result_name(about)} for row in rows]
+    if accepted:
+        rows = [row for row in rows if row.get("review") != REJECTED]
     times = [row["best_time_ns"] for row in rows if row.get("best_time_ns") is not None]
     last = datetime.fromtimestamp(max(times, default=0) // 10**9, UTC)
     local = rows and all(row.get("lon_deg") is None for row in rows)
-    world = str(read_run(out).get("world") or "drive_start") if local else None
-    columns = (*_flat_columns(SIGNS), *_REVIEW_COLUMNS)
+    world = str(about.get("world") or "drive_start") if local else None
+    key, *measured = _flat_columns(SIGNS)
+    columns = (key, *_FINAL_COLUMNS, *measured, *_REVIEW_COLUMNS)
     return Source(out, SIGNS.name, columns, lambda: [rows], last, world)
 
 
@@ -174,43 +188,24 @@ def _flat_row(table: Table, row: Row) -> Row:
     return flat
 
 
-def _said(one: Reviewed | None) -> Row:
+def _said(one: Reviewed | None, sign: Row) -> Row:
+    measured = sign | {"code": sign.get("mutcd") or sign.get("vienna")}
+    final = {name: measured.get(name) for name in LOOK} if one is None else one.final(measured)
+    row: Row = {f"final_{name}": value for name, value in final.items()}
     if one is None:
-        return {}
-    values = (one.review, one.color, one.shape, one.reviewer or None, one.note or None)
-    return {column.name: value for column, value in zip(_REVIEW_COLUMNS, values, strict=True)}
+        return row
+    about = {"review": one.review, "reviewer": one.reviewer, "review_note": one.note}
+    return row | {name: value or None for name, value in about.items()}
 
 
-def _missing(out: Path, signs: Sequence[Row], review: Review) -> Iterator[Row]:
-    """Rows of missing signs: their place as the reviewer gave it, and nothing that was measured."""
-    if not review.missing:
-        return
-    columns = ["frame", "x", "y", "station_m"]
-    path = [row for row in read_rows(out, FRAMES, columns) if row["x"] is not None]
-    if not path:
-        raise InputError(f"{out}: the result has no path of the drive to place missing signs by")
-    cameras = np.array([[row["x"], row["y"]] for row in path], np.float64)
-    log = signs[0]["log"] if signs else Path(str(read_run(out).get("log", ""))).stem
-    to_globe = _globe_fit(signs)
+def _missing(out: Path, log: str, review: Review) -> Iterator[Row]:
+    """Rows of missing signs: their place as the reviewer gave it and what follows from it; nothing was measured."""
+    known = KnownResult.of(out) if review.missing else None
     for number, one in enumerate(review.missing, 1):
-        place = np.array([one.x, one.y], np.float64)
-        nearest = path[int(np.argmin(np.linalg.norm(cameras - place, axis=1)))]
         row: Row = {"sign_id": f"{log}-missing-{number}", "log": log, "x": one.x, "y": one.y}
-        row |= {"station_m": nearest["station_m"], "best_frame": nearest["frame"]}
-        if to_globe is not None:
-            lon, lat = np.array([1.0, *place]) @ to_globe
-            row |= {"lon_deg": float(lon), "lat_deg": float(lat)}
-        yield row | _said(one)
-
-
-def _globe_fit(signs: Sequence[Row]) -> NDArray[np.float64] | None:
-    """Matrix (3, 2) from 1, x, y to longitude and latitude by least squares over the signs; None where they tell none.
-
-    Over the length of a drive the globe is plane enough for a place that a person clicked on a map.
-    """
-    known = [sign for sign in signs if sign["lon_deg"] is not None]
-    world = np.array([[1.0, sign["x"], sign["y"]] for sign in known], np.float64).reshape(-1, 3)
-    if np.linalg.matrix_rank(world) < 3:
-        return None
-    globe = np.array([[sign["lon_deg"], sign["lat_deg"]] for sign in known], np.float64)
-    return np.asarray(np.linalg.lstsq(world, globe, rcond=None)[0])
+        place = known.described(one.x or 0.0, one.y or 0.0) if known else {}
+        if not place:
+            raise InputError(
+                f"{out}: the result has no path of the drive to place missing signs by"
+            )
+        yield row | place | _said(one, {})

@@ -15,7 +15,8 @@ from wayside.pipeline.labels.formats import read_voc, read_yolo
 from wayside.pipeline.labels.wayside_labels import read_json, read_label_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.results.result import RUN_FILE
-from wayside.pipeline.reviewing.review import is_review, required_review, review_labels
+from wayside.pipeline.reviewing.entries import is_review
+from wayside.pipeline.reviewing.review import required_review, review_labels
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.labels import Label, LabelledImage, Labels
 from wayside.schemas.settings import ReadSettings
@@ -35,7 +36,7 @@ class FrameLabels:
 
 
 def read_labels(
-    path: Path | str, class_map: Path | None = None, review: Path | None = None
+    path: Path | str, class_map: Path | None = None, review: Sequence[Path] = ()
 ) -> Labels:
     """Labels from a file or folder, its format told by what is there.
 
@@ -48,7 +49,7 @@ def read_labels(
     class_map
         TOML file that says which classes of COCO, YOLO and VOC are signs, and what these look like.
     review
-        Of a result. None: the one in its folder.
+        Of a result, one file or several. Empty: those in its folder.
 
     Raises
     ------

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import UnionType
@@ -18,7 +19,7 @@ from wayside.pipeline.files.output_folder import RECORDING, finish_replacement
 from wayside.pipeline.files.parquet import Where, read_parquet
 from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_json
 from wayside.pipeline.files.settings_file import load_settings
-from wayside.pipeline.files.writing import not_written
+from wayside.pipeline.files.writing import not_written, write_file
 from wayside.pipeline.reading.parts import bag_parts, is_bag
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.settings import ReadSettings
@@ -27,6 +28,10 @@ from wayside.schemas.tables import FRAMES, OBSERVATIONS, ROADSIDE, SIGNS, Table
 RUN_FILE = "run.json"
 TABLES = (SIGNS.file, OBSERVATIONS.file, FRAMES.file)
 _END_BYTES = 1 << 20
+_OLDER = (
+    '<p role="alert" style="border: 3px solid var(--accent); padding: 8px">This page is of an earlier result. Run '
+    "<code>wayside evidence</code> again; a review that is saved here is carried over.</p>"
+)
 _KINDS: dict[str, type | UnionType] = {
     "log": str,
     "log_path": str | None,
@@ -125,6 +130,13 @@ def read_run(out: Path) -> dict[str, Any]:
     return run
 
 
+def result_name(run: Mapping[str, Any]) -> str:
+    """What tells the signs of one result from those of another run: the start of the digest of their table."""
+    stated = run.get("files", {}).get(SIGNS.file)
+    digest = stated.get("sha256", "") if isinstance(stated, dict) else ""
+    return str(digest)[:16]
+
+
 def read_settings(out: Path, run: dict[str, Any]) -> ReadSettings:
     """How the log of a result was read; raises InputError where this version cannot tell."""
     try:
@@ -170,11 +182,30 @@ class EarlierResult:
     """Whether a recording belongs to the result there."""
     overwrite: bool
     """Whether anything there may be replaced."""
+    result: str
+    """Its `result_name`; empty: there is none."""
 
     def check_recording(self) -> None:
         """Make sure that a recording may be written; raises OutputError if it would replace a file of the user's."""
         if not self.recorded and not self.overwrite and _is_there(self.folder, RECORDING):
             raise _refused(self.folder, RECORDING, "not part of the result there")
+
+
+def mark_older(folder: Path) -> list[str]:
+    """Make the pages of `wayside evidence` beside a result say that they are of an earlier one.
+
+    Returns their names, and those of exports and of the page of checks, which cannot say it.
+    """
+    older = [path.name for path in sorted(folder.glob("signs.*")) if path.name != SIGNS.file]
+    older += ["checks.html"] * (folder / "checks.html").is_file()
+    for page in sorted((folder / "evidence").glob("*.html")):
+        with suppress(OSError, ValueError):
+            text = "" if page.is_symlink() else page.read_text("utf-8")
+            if '<meta name="generator" content="wayside ' in text[:2048]:
+                marked = text.replace("<body>\n", f"<body>\n{_OLDER}\n", _OLDER not in text)
+                write_file(page, marked.encode(), overwrite=True)
+                older.append(f"evidence/{page.name}")
+    return older
 
 
 def log_fingerprint(log: Path) -> str | None:
@@ -222,7 +253,9 @@ def check_earlier(folder: Path, log: Path, *, overwrite: bool = False) -> Earlie
     tables = (*TABLES, *(table.file for table in ROADSIDE))
     standing = [name for name in (*tables, RUN_FILE) if _is_there(folder, name)]
     run = _read_run(folder)
-    found = EarlierResult(folder, run is not None and run.get("recording") is not None, overwrite)
+    known = run or {}
+    recorded, name = known.get("recording") is not None, result_name(known)
+    found = EarlierResult(folder, recorded, overwrite, name)
     if overwrite or not standing:
         return found
     if run is None:

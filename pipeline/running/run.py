@@ -32,6 +32,8 @@ from wayside.pipeline.results.result import (
     check_earlier,
     file_digest,
     log_fingerprint,
+    mark_older,
+    result_name,
 )
 from wayside.pipeline.running.flow import (
     MOTION_AHEAD,
@@ -58,7 +60,7 @@ from wayside.schemas.frame import (
 )
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.settings import Settings
-from wayside.schemas.tables import ROADSIDE
+from wayside.schemas.tables import ROADSIDE, SIGNS
 from wayside.stages.calibration import DriveCalibration, describe_calibration
 from wayside.stages.classifiers import providers
 from wayside.stages.mapping import WINDOW_STEP
@@ -112,6 +114,8 @@ class RunResult:
     lens: DriveCalibration | None = None
     image_bytes: int = 0
     """The most that images under way took, see `ImageMemory`."""
+    older: tuple[str, ...] = ()
+    """Files in the folder that are of the result before it."""
 
     @property
     def notes(self) -> list[str]:
@@ -206,7 +210,9 @@ def process_log(asked: RunRequest, run: Run) -> Iterator[TrackedFrame]:
         _write_run(result, asked, output.part)
         drop = [table.file for table in ROADSIDE] if result.inventory.sections is None else []
         output.commit([*drop, RECORDING] if earlier.recorded and not result.recorded else drop)
-        run.result = result
+        new = result_name({"files": {SIGNS.file: {"sha256": file_digest(folder / SIGNS.file)}}})
+        older = mark_older(folder) if earlier.result != new else []
+        run.result = replace(result, older=tuple(older))
         remove_journal(folder)
 
 

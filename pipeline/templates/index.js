@@ -6,10 +6,12 @@ const byId = new Map(cards.map(card => [card.id, card]));
 const dots = new Map(Array.from(document.querySelectorAll("[data-for]"), dot => [dot.dataset.for, dot]));
 const map = document.querySelector(".map");
 const about = JSON.parse(at("about").textContent);
-const store = "wayside review " + about.log + " " + about.result, told = "reviewed";
+const prefix = "wayside review " + about.log + " ", store = prefix + about.result + " " + about.seed, told = "reviewed";
 const defaults = { id: "", color: "", shape: "", code: "", status: "", review: "", confidence: "0", sort: "station" };
 let said = new Map();
 let missing = [];
+let decided = new Set();  // by their words
+let before = [], state = "";  // of undo
 
 // Filters, kept in the address
 
@@ -81,59 +83,87 @@ form.addEventListener("submit", event => event.preventDefault());
 addEventListener("hashchange", fromAddress);
 addEventListener("pageshow", fromAddress);
 
-// The review: what is said of each card, and the signs that are missing
+// The review: what is said of each card, the signs that are missing, and what is decided of earlier reviews
+
+const look = one => ({ code: one.code ?? null, legend: one.legend ?? null, color: one.color ?? null, shape: one.shape ?? null });
+const open = () => about.undecided.filter(one =>  // what is said on a card is decided, too
+  !decided.has(one.words) && !one.options.some(({ row }) => row && said.has(row.sign_id)));
+const snapshot = () => JSON.stringify([[...said], missing, [...decided]]);
 
 function rows() {
-  const found = Array.from(byId.keys()).filter(id => said.has(id)).map(id => ({ sign_id: id, ...said.get(id) }));
-  return found.concat(missing.map(one => ({ sign_id: null, review: "missing", ...one })));
+  const reviewer = at("reviewer").value.trim();
+  const found = Array.from(byId.keys()).filter(id => said.has(id)).map(id => ({ ...about.rows[id], ...said.get(id) }));
+  const added = missing.map(one => ({ ...one, sign_id: null, review: "missing", result: about.result }));
+  const mine = found.concat(added).map(one => ({ ...one, reviewer: one.reviewer || reviewer }));
+  return mine.concat(open().flatMap(one => one.entries));
 }
 
 function remember() {
-  keep({ reviews: rows() });
+  if (snapshot() !== state) before = [...before, state].slice(-100);
+  settle();
+}
+
+function settle() {
+  state = snapshot();
+  keep({ reviews: rows(), decided: [...decided] });
   draw();
 }
 
-function known(name, value) {
-  const choices = at("looks").content.querySelector("[name=" + name + "]").options;
-  return Array.from(choices).some(option => option.value === value && value) ? value : null;
+function undo() {
+  const [cards, added, words] = JSON.parse(before.pop() || state);
+  [said, missing, decided] = [new Map(cards), added, new Set(words)];
+  settle();
 }
 
-function take({ reviews }) {
-  said = new Map();
-  missing = [];
-  for (const one of reviews || []) {
-    const look = { color: known("color", one.color), shape: known("shape", one.shape), note: String(one.note || "") };
-    if (one.review === "missing" && Number.isFinite(Number(one.x)) && Number.isFinite(Number(one.y))) {
-      missing.push({ ...look, x: Number(one.x), y: Number(one.y) });
-    } else if (byId.has(one.sign_id) && ["accepted", "rejected", "edited"].includes(one.review)) {
-      said.set(one.sign_id, { review: one.review, ...look });
+function known(name, value) {
+  const field = at("looks").content.querySelector("[name=" + name + "]");
+  const fits = field.tagName !== "SELECT" || Array.from(field.options).some(option => option.value === value);
+  return value === "unknown" || (value && fits) ? String(value) : null;
+}
+
+function take(kept) {
+  const reviews = kept.reviews || [], ids = reviews.map(one => one.sign_id);
+  [said, missing, decided] = [new Map(), [], new Set(kept.decided || [])];
+  for (const one of reviews) {
+    if (one.result && one.result !== about.result) continue;  // to decide, as the page says
+    const about_it = look({});
+    for (const name of Object.keys(about_it)) about_it[name] = known(name, one[name]);
+    for (const name of ["note", "reviewer"]) about_it[name] = String(one[name] || "");
+    const [x, y] = [Number(one.x), Number(one.y)], id = one.sign_id;
+    if (one.review === "missing" && Number.isFinite(x) && Number.isFinite(y)) missing.push({ ...about_it, ...anchor(x, y) });
+    else if (byId.has(id) && ["accepted", "rejected", "edited"].includes(one.review) && ids.indexOf(id) === ids.lastIndexOf(id)) {
+      said.set(id, { review: one.review, ...about_it });
     }
   }
 }
 
 function say(card, review) {
-  const before = said.get(card.id);
-  const again = before && before.review === review;
-  const look = name => review === "edited" ? known(name, card.dataset[name]) : null;
+  const one = said.get(card.id);
+  const again = one && one.review === review;
   if (again && review !== "edited") said.delete(card.id);
-  else if (!again) said.set(card.id, { review, color: look("color"), shape: look("shape"), note: before ? before.note : "" });
+  else if (!again) said.set(card.id, { review, ...look(about.rows[card.id]), note: one ? one.note : "", reviewer: "" });
   remember();
   if (card.hidden) {  // by the filter: go on with the next one
     cards.slice(cards.indexOf(card)).concat(cards).find(other => !other.hidden)?.querySelector("a").focus();
-  } else if (review === "edited") card.querySelector(".say select").focus();
+  } else if (review === "edited") card.querySelector(".say input").focus();
 }
 
 function looks(values) {
   const part = document.createElement("span");
   part.className = "looks";
+  part.values = values;
   part.append(at("looks").content.cloneNode(true));
-  for (const field of part.querySelectorAll("[name]")) {
-    field.value = values[field.name] || "";
-    field.addEventListener("change", () => {
-      values[field.name] = field.value || (field.name === "note" ? "" : null);
-      remember();
-    });
-  }
+  const fields = Array.from(part.querySelectorAll("[name]"));
+  const fill = () => fields.forEach(field => { field.value = values[field.name] === "unknown" ? "" : values[field.name] || ""; });
+  fill();
+  part.addEventListener("change", ({ target }) => {
+    values[target.name] = target.value.trim() || (target.name === "note" ? "" : "unknown");
+    values.reviewer = "";
+    const listed = target.name === "code" && Array.from(at("codes").options).find(option => option.value === target.value);
+    if (listed) for (const name of ["color", "shape"]) values[name] = known(name, listed.dataset[name]) || values[name];
+    fill();
+    remember();
+  });
   return part;
 }
 
@@ -141,11 +171,23 @@ list.addEventListener("click", event => {
   const button = event.target.closest(".say > button");
   if (button) say(button.closest("li"), button.dataset.review);
 });
+const typing = event => /^(INPUT|SELECT)$/.test(event.target.tagName);
 list.addEventListener("keydown", event => {
-  if (/^(INPUT|SELECT)$/.test(event.target.tagName) || event.ctrlKey || event.metaKey || event.altKey) return;
+  if (typing(event) || event.ctrlKey || event.metaKey || event.altKey) return;
   const review = { a: "accepted", r: "rejected", e: "edited" }[event.key.toLowerCase()];
   if (review) { event.preventDefault(); say(event.target.closest("li"), review); }
 });
+addEventListener("keydown", event => {
+  if ((event.ctrlKey || event.metaKey) && event.key === "z" && !typing(event)) { event.preventDefault(); undo(); }
+});
+
+function button(words, act) {
+  const made = document.createElement("button");
+  made.type = "button";
+  made.textContent = words;
+  made.addEventListener("click", act);
+  return made;
+}
 
 function draw() {
   for (const card of cards) {
@@ -153,48 +195,71 @@ function draw() {
     card.dataset.review = one ? one.review : "";
     const bar = card.querySelector(".say");
     for (const made of bar.querySelectorAll("button")) made.setAttribute("aria-pressed", String(card.dataset.review === made.dataset.review));
-    const open = bar.querySelector(".looks");
+    const form = bar.querySelector(".looks");
     const edited = card.dataset.review === "edited";
-    if (open && !edited) open.remove();
-    if (!open && edited) bar.append(looks(one));
+    if (form && (!edited || form.values !== one)) form.remove();
+    if (edited && form?.values !== one) bar.append(looks(one));
   }
   at("missing").replaceChildren(...missing.map((one, i) => {
     const entry = document.createElement("li");
-    const remove = document.createElement("button");
-    remove.type = "button";
-    remove.textContent = "Remove";
-    remove.addEventListener("click", () => { missing.splice(i, 1); remember(); });
     entry.append("missing at x " + one.x.toFixed(1) + " m, y " + one.y.toFixed(1) + " m ", looks(one));
-    entry.lastChild.append(remove);
+    entry.lastChild.append(button("Remove", () => { missing.splice(i, 1); remember(); }));
+    return entry;
+  }));
+  at("decide").hidden = !open().length;
+  at("open").replaceChildren(...open().map(one => {
+    const entry = document.createElement("li");
+    if (one.picture) entry.append(Object.assign(new Image(), { src: one.picture, alt: "as it was" }));
+    entry.append(one.words + " ", ...one.options.map(({ words, row }) => button(words, () => decide(one, row))));
     return entry;
   }));
   drawMissing();
+  at("undo").disabled = !before.length;
   at("reviewed").textContent = said.size + " of " + cards.length + " reviewed, " + missing.length + " missing";
   show();
 }
 
+function decide(one, row) {
+  decided.add(one.words);
+  const { review, note, reviewer, x, y } = row || {};
+  if (row && row.sign_id) said.set(row.sign_id, { review, ...look(row), note, reviewer });
+  else if (row) missing.push({ ...look(row), note, reviewer, ...anchor(x, y) });
+  remember();
+}
+
+// Places of missing signs: on the map, at a measure or station, or where the rays of several images meet
+
 function drawMissing() {
-  if (!map) return;
-  map.querySelectorAll(".missing").forEach(dot => dot.remove());
-  const { turn, scale, left, top } = about.map;
-  for (const { x, y } of missing) {
-    const dot = document.createElementNS(map.namespaceURI, "circle");
-    dot.setAttribute("class", "missing");
-    dot.setAttribute("cx", (x * turn[0][0] + y * turn[1][0] - left) * scale);
-    dot.setAttribute("cy", (top - x * turn[0][1] - y * turn[1][1]) * scale);
-    dot.setAttribute("r", 9);
+  map?.querySelectorAll(".missing").forEach(dot => dot.remove());
+  for (const { x, y } of map ? missing : []) {
+    const dot = document.createElementNS(map.namespaceURI, "circle"), { turn, scale, left, top } = about.map;
+    const cx = (x * turn[0][0] + y * turn[1][0] - left) * scale, cy = (top - x * turn[0][1] - y * turn[1][1]) * scale;
+    for (const [name, value] of Object.entries({ class: "missing", cx, cy, r: 9 })) dot.setAttribute(name, value);
     map.append(dot);
   }
+}
+
+function anchor(x, y) {  // the place, also as seen from the nearest images: it is found again after another run
+  const round = value => Math.round(value * 100) / 100;
+  const away = one => Math.hypot(one.x - x, one.y - y);
+  const seen = [...about.cameras].sort((a, b) => away(a) - away(b)).slice(0, 4).map(one => {
+    const [u, v] = [one.turn[2], one.turn[5]], length = Math.hypot(u, v) || 1, dx = x - one.x, dy = y - one.y;
+    return [one.image, round((dx * v - dy * u) / length), round((dx * u + dy * v) / length)];
+  });
+  return { x: round(x), y: round(y), seen };
+}
+
+function add(x, y) {
+  missing.push({ ...look({}), note: "", reviewer: "", ...anchor(x, y) });
+  remember();
 }
 
 function place(pageX, pageY) {
   const point = new DOMPoint(pageX, pageY).matrixTransform(map.getScreenCTM().inverse());
   const { turn, scale, left, top } = about.map;
   const u = point.x / scale + left, v = top - point.y / scale;
-  const [x, y] = turn.map(row => Math.round((u * row[0] + v * row[1]) * 100) / 100);
-  missing.push({ x, y, color: null, shape: null, note: "" });
   adding(false);
-  remember();
+  add(...turn.map(row => u * row[0] + v * row[1]));
 }
 
 function adding(on) {
@@ -202,55 +267,118 @@ function adding(on) {
   map.classList.toggle("adding", on);
 }
 
+function addAt(value, right) {
+  const of = one => one.measure ?? one.station_m;
+  const i = about.cameras.findIndex((one, n) => n && (of(one) - value) * (of(about.cameras[n - 1]) - value) <= 0);
+  if (i < 1) throw new Error("the drive does not pass it");
+  const [a, b] = [about.cameras[i - 1], about.cameras[i]];
+  const part = (value - of(a)) / (of(b) - of(a) || 1), dx = b.x - a.x, dy = b.y - a.y, length = Math.hypot(dx, dy) || 1;
+  add(a.x + part * dx + right * dy / length, a.y + part * dy - right * dx / length);
+}
+
+function rayOf({ x, y, turn }, u, v) {  // across the ground, of a place in the image between 0 and 1
+  const { width, height, fx, fy, cx, cy } = about.lens;
+  const a = (u * width - 0.5 - cx) / fx, b = (v * height - 0.5 - cy) / fy;
+  const dx = turn[0] * a + turn[1] * b + turn[2], dy = turn[3] * a + turn[4] * b + turn[5], length = Math.hypot(dx, dy);
+  return { x, y, dx: dx / length, dy: dy / length };
+}
+
+function meet(rays) {  // least squares of the distances to all
+  let [a, b, c, e, f] = [0, 0, 0, 0, 0];
+  for (const { x, y, dx, dy } of rays) {
+    a += dy * dy; b -= dx * dy; c += dx * dx;
+    e += dy * (dy * x - dx * y); f -= dx * (dy * x - dx * y);
+  }
+  const whole = a * c - b * b, x = (c * e - b * f) / whole, y = (a * f - b * e) / whole;
+  const ahead = rays.every(one => (x - one.x) * one.dx + (y - one.y) * one.dy > 0);
+  if (!(whole > 1e-4) || !ahead) throw new Error("the rays do not meet: click the same sign in images farther apart");
+  return [x, y];
+}
+
+let marks = new Map(), shown = 0;
+
+function showImage(step) {
+  shown = Math.min(Math.max(shown + step, 0), about.cameras.length - 1);
+  at("view").src = waysideImages[shown];
+  at("shown").textContent = "image " + (shown + 1) + " of " + about.cameras.length + ", " + marks.size + " marked";
+  at("mark").hidden = !marks.has(shown);
+  const { u, v } = marks.get(shown) || { u: 0, v: 0 };
+  Object.assign(at("mark").style, { left: 100 * u + "%", top: 100 * v + "%" });
+}
+
+function mark(u, v) {
+  marks.set(shown, { u, v });
+  showImage(0);
+  if (marks.size < 2) return;
+  try {
+    add(...meet(Array.from(marks, ([n, one]) => rayOf(about.cameras[n], one.u, one.v))));
+    at("images").hidden = true;
+  } catch (error) { at("shown").textContent = error.message; marks.delete(shown); }
+}
+
+function openImages() {
+  marks = new Map();
+  at("images").hidden = false;
+  if (typeof waysideImages !== "undefined") return showImage(0);
+  return new Promise(done => {
+    const script = document.createElement("script");
+    script.src = "images.js";
+    script.addEventListener("load", () => done(showImage(0)));
+    script.addEventListener("error", () => done(at("shown").textContent = "images.js is not beside this page"));
+    document.body.append(script);
+  });
+}
+
 at("add").hidden = !map;
 at("add").addEventListener("click", () => adding(!map.classList.contains("adding")));
 map?.addEventListener("click", event => {
   if (map.classList.contains("adding")) { event.preventDefault(); place(event.clientX, event.clientY); }
 });
+at("here").addEventListener("submit", event => {
+  event.preventDefault();
+  try { addAt(Number(at("measure").value), Number(at("right").value)); } catch (error) { at(told).textContent = error.message; }
+});
+at("onimage").hidden = !about.lens;
+at("onimage").addEventListener("click", openImages);
+at("back").addEventListener("click", () => showImage(-1));
+at("on").addEventListener("click", () => showImage(1));
+at("close").addEventListener("click", () => { at("images").hidden = true; });
+at("view").addEventListener("click", event => {
+  const edge = at("view").getBoundingClientRect();
+  mark((event.clientX - edge.left) / edge.width, (event.clientY - edge.top) / edge.height);
+});
+at("undo").addEventListener("click", undo);
 
 // Files
 
-const formula = /^'*[=+\-@\t\r]/;  // pipeline/files/csv_text.py
-
 function asJson() {
-  const whole = { wayside_review: 1, log: about.log, result: about.result, reviewer: at("reviewer").value.trim(), reviews: rows() };
-  return JSON.stringify(whole, null, 1) + "\n";
-}
-
-function asCsv() {
-  const shared = { result: about.result, reviewer: at("reviewer").value.trim() };
-  const cell = value => {
-    const text = typeof value === "string" && formula.test(value) ? "'" + value : String(value ?? "");
-    return /[",\n\r]/.test(text) ? '"' + text.replaceAll('"', '""') + '"' : text;
-  };
-  const lines = rows().map(row => about.columns.map(name => cell({ ...row, ...shared }[name])).join(","));
-  return [about.columns.join(","), ...lines].join("\n") + "\n";
-}
-
-function fromCsv(text) {
-  const table = [[]];
-  for (const [, quoted, plain, end] of text.replace(/^\uFEFF/, "").matchAll(/(?:"((?:[^"]|"")*)"|([^",\r\n]*))(,|\r?\n|$)/g)) {
-    const value = quoted === undefined ? plain : quoted.replaceAll('""', '"');
-    table[table.length - 1].push(value.startsWith("'") && formula.test(value) ? value.slice(1) : value);
-    if (end !== ",") table.push([]);
-  }
-  const [names, ...found] = table;
-  return found.filter(row => row.length === names.length).map(row => Object.fromEntries(names.map((name, i) => [name, row[i]])));
+  return JSON.stringify({ wayside_review: 1, log: about.log, result: about.result, reviews: rows() }, null, 1) + "\n";
 }
 
 function read(name, text) {
-  const whole = name.endsWith(".csv") ? { reviews: fromCsv(text) } : JSON.parse(text);
-  const results = [whole.result, ...whole.reviews.map(one => one.result)].filter(Boolean);
-  if (results.some(name => name !== about.result)) throw new Error("it is of another result");
+  const whole = JSON.parse(text), results = [whole.result, ...whole.reviews.map(one => one.result)].filter(Boolean);
+  if (results.length && !results.includes(about.result)) {
+    throw new Error("it is of another result; put it into the folder of this one and run `wayside evidence` again");
+  }
   take(whole);
-  at("reviewer").value = whole.reviewer || whole.reviews[0]?.reviewer || at("reviewer").value;
+  at("reviewer").value = whole.reviewer || at("reviewer").value;
   remember();
 }
 
-at("csv").addEventListener("click", () => save("review.csv", asCsv(), "text/csv"));
+function others() {  // work on this drive that this browser keeps: of earlier results
+  try { return Object.keys(localStorage).filter(key => key.startsWith(prefix) && key !== store); } catch { return []; }
+}
+
+at("others").hidden = !others().length;
+at("others").addEventListener("click", () => others().forEach((key, i) => {
+  const whole = { log: about.log, result: key.slice(prefix.length).split(" ")[0], ...JSON.parse(localStorage.getItem(key)) };
+  save("review." + (i + 1) + ".json", JSON.stringify(whole), "application/json");
+}));
 at("json").addEventListener("click", () => save("review.json", asJson(), "application/json"));
+take(about);
 recall();
+state = snapshot();
+draw();
 at("fold").addEventListener("click", () => at("fold").setAttribute("aria-expanded", String(!form.classList.toggle("folded"))));
 form.hidden = at("review").hidden = false;
 fromAddress();
-draw();

@@ -54,7 +54,9 @@ def frame_rows(log, spacing_m=8.0, **more):
     """The rows of the images of a log, all used, so far apart along x; `more` is the same in each."""
     read = read_frames(log, ReadSettings(thin_m=0.0), ReadReport())
     return [
-        {"frame": n, "log_time_ns": one.log_time_ns, "status": "used", "x": spacing_m * n} | more
+        {"frame": n, "log_time_ns": one.log_time_ns, "status": "used"}
+        | dict.fromkeys(("x", "station_m"), spacing_m * n)
+        | more
         for n, one in enumerate(read)
     ]
 

@@ -22,7 +22,7 @@ from wayside.pipeline.evidence.sheet import BIG, LEFT, PROPORTION, TILE, TOP, WI
 from wayside.pipeline.evidence.write import write_evidence
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.pages import shortened
-from wayside.pipeline.reviewing.review import read_review
+from wayside.pipeline.reviewing.review import find_review
 from wayside.pipeline.running.run import RunRequest, run_log
 from wayside.schemas.detections import SHAPES
 from wayside.schemas.errors import InputError, OutputError, UsageError
@@ -103,6 +103,15 @@ def write_result(folder, log):
     frames = results.frame_rows(log, SPACING_M, y=0.0, z=1.5)
     settings = {"read": {"spacing_m": SPACING_M, "thin_m": 0.0}}
     about = {"log": log.name, "log_path": str(log), "world": "drive_start", "settings": settings}
+    about["camera"] = {
+        "width": 160,
+        "height": 120,
+        "fx": 150.0,
+        "fy": 150.0,
+        "cx": 80.0,
+        "cy": 60.0,
+    }
+    about["camera"]["distortion"] = []
     return write_tables(folder, signs, observations, frames, **about)
 
 
@@ -367,68 +376,107 @@ def test_previous_and_next_go_along_what_the_filters_show(out, tmp_path, in_brow
 
 def test_filters_are_folded_on_a_phone_until_asked_for(out, tmp_path, in_browser):
     index = write_evidence(out, tmp_path / "sheets").index
-    seen = in_browser(
-        index,
-        """
-        const rules = Array.from(document.styleSheets[0].cssRules);
-        const narrow = rules.find(rule => rule.conditionText === "(max-width: 640px)");
-        const words = Array.from(narrow.cssRules, rule => rule.cssText).join(" ");
-        document.styleSheets[0].insertRule("@media all {" + words + "}", rules.length);
+    script = """
         const visible = () => Array.from(form.querySelectorAll("label"), one => one.offsetParent !== null);
-        const fold = at("fold");
-        const found = [visible().some(Boolean), getComputedStyle(fold).display, fold.getAttribute("aria-expanded")];
-        fold.click();
-        return [...found, visible().every(Boolean), fold.getAttribute("aria-expanded")];
-        """,
-    )
-    assert seen == [False, "block", "false", True, "true"]
+        const found = [visible().some(Boolean), at("fold").getAttribute("aria-expanded")];
+        at("fold").click();
+        return [...found, visible().every(Boolean), at("fold").getAttribute("aria-expanded")];
+    """
+    assert in_browser(index, script, width=390) == [False, "false", True, "true"]
 
 
-def test_a_person_corrects_the_inventory_in_the_index(out, tmp_path, in_browser):
+@pytest.mark.parametrize("width", [1300, 390])
+def test_a_person_corrects_the_inventory_in_the_index(out, tmp_path, in_browser, width):
     change_run(out, files={SIGNS.file: {"sha256": "0" * 64}})
-    index = write_evidence(out, tmp_path / "sheets").index
+    index = write_evidence(out, tmp_path / "sheets", images=True).index
     profile = tmp_path / "profile"
     seen = in_browser(
         index,
         """
         const link = id => byId.get(id).querySelector("a");
         const [near, far, bare] = Array.from(byId.keys());
-        press("a", link(near));
-        press("r", link(far));
-        press("e", link(bare));
-        const look = byId.get(bare).querySelector(".say select[name=color]");
-        look.value = "green";
-        look.dispatchEvent(new Event("change"));
-        const edge = map.getBoundingClientRect();
+        const change = (id, name, value) => {
+          const field = byId.get(id).querySelector(".say [name=" + name + "]");
+          field.value = value;
+          field.dispatchEvent(new Event("change", { bubbles: true }));
+        };
+        press("a", link(near)); press("r", link(far)); press("e", link(bare));
+        change(bare, "code", "R1-1");  // of the catalogue: red, octagon
+        change(bare, "legend", "4 WAY");
+        change(bare, "color", "green");
+        at("undo").click();
+        press("e", link(far));
+        document.body.dispatchEvent(new KeyboardEvent("keydown", { key: "z", ctrlKey: true, bubbles: true }));
         const dot = dots.get(near).getBoundingClientRect();
-        document.getElementById("add").click();
-        const at = { clientX: dot.left + dot.width / 2, clientY: dot.top + dot.height / 2 };
-        map.dispatchEvent(new MouseEvent("click", { bubbles: true, cancelable: true, ...at }));
+        at("add").click();
+        const place = { clientX: dot.left + dot.width / 2, clientY: dot.top + dot.height / 2 };
+        map.dispatchEvent(new MouseEvent("click", { bubbles: true, cancelable: true, ...place }));
         missing[0].note = '=a "stop", hidden';
-        document.getElementById("reviewer").value = "Ann";
+        at("measure").value = "20"; at("right").value = "-4"; at("here").requestSubmit();
+        await openImages();
+        for (const step of [1, 2]) {  // a point that the second and the fourth camera see
+          showImage(step);
+          while (!at("view").clientHeight) await new Promise(done => setTimeout(done, 20));
+          const ahead = 40 - 8 * shown, edge = at("view").getBoundingClientRect();
+          const [u, v] = [(80.5 + 150 * 6 / ahead) / 160, (60.5 - 150 * 0.5 / ahead) / 120];
+          const where = { clientX: edge.left + u * edge.width, clientY: edge.top + v * edge.height };
+          at("view").dispatchEvent(new MouseEvent("click", { bubbles: true, ...where }));
+        }
+        at("reviewer").value = "Ann";
         remember();
         fields.review.value = "rejected";
         fields.review.dispatchEvent(new Event("input", { bubbles: true }));
-        const saved = { csv: asCsv(), json: asJson(), shown: document.getElementById("count").textContent };
-        await load(new File([saved.csv], "review.csv"));
-        return { ...saved, again: asCsv() };
+        const saved = asJson(), wide = document.documentElement.scrollWidth - innerWidth;
+        await load(new File([saved], "review.json"));
+        return { saved, same: asJson() === saved, shown: at("count").textContent, wide };
         """,
         profile=profile,
+        width=width,
     )
-    assert seen["again"] == seen["csv"]
-    assert seen["shown"] == "1 of 3 shown"
-    reviews = []
-    for kind in ("csv", "json"):
-        (tmp_path / f"review.{kind}").write_text(seen[kind])
-        reviews.append(read_review(tmp_path / f"review.{kind}", out))
-    assert reviews[0] == reviews[1]
-    said = {name: (one.review, one.color) for name, one in reviews[0].rows.items()}
-    assert said == {NEAR: ("accepted", None), FAR: ("rejected", None), BARE: ("edited", "green")}
-    (missing,) = reviews[0].missing  # where the dot of the sign is
-    assert (missing.x, missing.y) == pytest.approx((40.0, -6.0), abs=0.2)
-    assert (missing.note, missing.reviewer) == ('=a "stop", hidden', "Ann")
-    kept = in_browser(index, "return rows().length;", profile=profile)
-    assert kept == 4
+    assert (seen["same"], seen["shown"]) == (True, "1 of 3 shown")
+    assert seen["wide"] <= 0
+    (tmp_path / "review.json").write_text(seen["saved"])
+    review = find_review(out, [tmp_path / "review.json"])
+    said = {name: one.review for name, one in review.rows.items()}
+    assert said == {NEAR: "accepted", FAR: "rejected", BARE: "edited"}
+    assert [*review.rows[BARE].look.values()] == ["R1-1", "4 WAY", "red", "octagon"]
+    clicked, typed, sighted = review.missing
+    assert (clicked.x, clicked.y) == pytest.approx((40.0, -6.0), abs=0.4)  # the dot of the sign
+    assert (clicked.note, clicked.reviewer) == ('=a "stop", hidden', "Ann")
+    assert (typed.x, typed.y) == pytest.approx((20.0, 4.0))
+    assert (sighted.x, sighted.y) == pytest.approx((40.0, -6.0), abs=0.3)
+    assert in_browser(index, "return rows().length;", profile=profile) == 6
+
+
+@pytest.mark.parametrize("width", [1300, 390])
+def test_what_reviewers_contradict_is_decided_in_the_index(out, tmp_path, in_browser, width):
+    change_run(out, files={SIGNS.file: {"sha256": "0" * 64}})
+    files = []
+    for reviewer, review in (("Ann", "accepted"), ("Bob", "rejected")):
+        files.append(tmp_path / f"{reviewer}.json")
+        rows = [{"sign_id": name, "review": review} for name in (NEAR, FAR)]
+        files[-1].write_text(json.dumps({"reviewer": reviewer, "reviews": rows}))
+    index = write_evidence(out, tmp_path / "sheets", reviews=files).index
+    seen = in_browser(
+        index,
+        """
+        const asked = at("open").children.length, pictures = at("open").querySelectorAll("img").length;
+        const wide = document.documentElement.scrollWidth - innerWidth;
+        const press = n => at("open").children[0].querySelectorAll("button")[n].click();
+        press(0); press(1); at("undo").click();
+        return { asked, pictures, wide, left: at("open").children.length, saved: asJson() };
+        """,
+        width=width,
+    )
+    assert (seen["asked"], seen["left"]) == (2, 1)
+    assert seen["wide"] <= 0
+    (tmp_path / "review.json").write_text(seen["saved"])
+    review = find_review(out, [tmp_path / "review.json"])
+    assert {n: (one.review, one.reviewer) for n, one in review.rows.items()} == {
+        NEAR: ("accepted", "Ann")
+    }
+    (asked,) = review.undecided  # the one that is not decided is still asked about
+    assert asked.words == f"{FAR}: reviewers disagree"
 
 
 @given(
@@ -572,16 +620,24 @@ def test_long_words_are_cut_in_the_middle(most):
     assert short == words or "..." in short
 
 
-def test_a_run_notes_its_log_and_one_without_signs_has_an_index(tmp_path, log, monkeypatch):
+def test_a_run_notes_its_log_and_makes_pages_of_an_earlier_result_say_so(
+    tmp_path, log, monkeypatch
+):
     monkeypatch.chdir(log.parent)
     out = tmp_path / "out"
     settings = Settings(read=ReadSettings(spacing_m=SPACING_M, thin_m=0.0))
-    run_log(RunRequest(Path(log.name), out, settings, load_models(settings)))
-    monkeypatch.chdir(tmp_path)
+    asked = RunRequest(Path(log.name), out, settings, load_models(settings), overwrite=True)
+    run_log(asked)
     assert json.loads((out / "run.json").read_text())["log_path"] == str(log)
-    written = write_evidence(out, tmp_path / "sheets")
+    written = write_evidence(out, out / "evidence")
     assert len(written.sheets) == pq.read_metadata(out / SIGNS.file).num_rows
-    assert written.index.is_file()
+    results.invoke("export", out, "-f", "csv")
+    assert run_log(asked).older == ()  # the same signs
+    change_run(out, files={SIGNS.file: {"sha256": "0" * 64}})
+    assert run_log(asked).older == ("signs.csv", "evidence/index.html")
+    assert "of an earlier result" in written.index.read_text("utf-8")
+    write_evidence(out, out / "evidence")
+    assert "of an earlier result" not in written.index.read_text("utf-8")
 
 
 @pytest.mark.parametrize(

@@ -210,6 +210,7 @@ def test_signs_without_fixes_lie_in_the_frame_of_the_drive(local, tmp_path):
     ("options", "words"),
     [
         (["-f", "kml"], "no satellite fixes"),
+        (["-f", "geojson"], "Export CSV"),
         (["-f", "gpkg", "--crs", UTM], "Leave --crs out"),
         (["-f", "geojson", "--crs", UTM], "WGS 84 by its standard"),
         (["-f", "gpkg", "--crs", "EPSG:1"], "EPSG:26914"),

@@ -14,7 +14,7 @@ from wayside.pipeline.models.detector_file import load_detector
 from wayside.pipeline.reading.calibrations import parse_camera
 from wayside.pipeline.reading.parts import bag_parts
 from wayside.pipeline.results.result import read_run, read_table
-from wayside.pipeline.reviewing.review import NO_REVIEW, read_review
+from wayside.pipeline.reviewing.review import NO_REVIEW, find_review
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ModelSettings
 from wayside.schemas.tables import SIGNS
@@ -79,7 +79,7 @@ def test_odd_values_of_reviews_are_refused(tmp_path, change):
     entry = {"sign_id": "a-0001", "review": "accepted"} | change
     path.write_text(json.dumps({"wayside_review": 1, "result": "", "reviews": [entry]}))
     with pytest.raises(InputError, match="review 1:"):
-        read_review(path, result(tmp_path / "out"))
+        find_review(result(tmp_path / "out"), [path])
 
 
 @pytest.mark.parametrize(

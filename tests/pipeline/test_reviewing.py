@@ -9,7 +9,9 @@ import pytest
 
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.labels.wayside_labels import read_label_file
-from wayside.pipeline.reviewing.review import COLUMNS, FILES, find_review, is_review, read_review
+from wayside.pipeline.reviewing.entries import COLUMNS, is_review
+from wayside.pipeline.reviewing.known import KnownResult
+from wayside.pipeline.reviewing.review import find_review
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.tables import SIGNS
 
@@ -17,23 +19,38 @@ from .results import invoke, observation_row, sign_row, table_of, write_tables
 
 RESULT = "0123456789abcdef"
 CSV = f"""{",".join(COLUMNS)}
-{RESULT},d-0001,accepted,,,,,,Ann
-{RESULT},d-0002,rejected,,,,,"a bin, not a sign",Ann
-{RESULT},d-0003,edited,green,rectangle,,,,Ann
-{RESULT},,missing,red,octagon,31.5,4,,Ann
+d-0001,accepted,,,,,,,{RESULT},,Ann
+d-0002,rejected,,,,,,,{RESULT},"a bin, not a sign",Ann
+d-0003,edited,W3-1,,green,rectangle,,,{RESULT},,Ann
+,missing,R1-1,,red,octagon,31.5,4,{RESULT},,Ann
 """
+MILE = 1609.344
 
 
 def sign(number, **changes):
     place = {"x": 10.0 * number, "y": 3.0 * (number % 2), "best_frame": number}
     look = {"color": "white", "shape": "rectangle", "confidence": 0.9, "covariance": [1.0] * 6}
     globe = {"lon_deg": 10 + number * 1e-4, "lat_deg": 50 + (number % 2) * 3e-5, "alt_m": 7.0}
-    return sign_row(f"d-{number:04d}", **place | look | globe | changes)
+    route = {"route": "US-36", "measure": 12 + 10 * number / MILE, "measure_unit": "mi"}
+    along = {"station_m": 10.0 * number}
+    return sign_row(f"d-{number:04d}", **place | look | globe | along | route | changes)
 
 
 def observation(frame, sign_id, verdict="sign"):
     box = [1, 2, 11, 12 + frame]
     return observation_row(frame, frame, box=box, track_id=1, sign_id=sign_id, verdict=verdict)
+
+
+def frame(number, **changes):
+    globe = {"lon_deg": 10 + number * 1e-4, "lat_deg": 50.0, "heading_deg": 90.0}
+    where = dict.fromkeys(("x", "station_m"), 10.0 * number) | {"y": 0.0, "z": 1.0}
+    about = {"frame": number, "log_time_ns": 100 * number, "status": "used"}
+    return about | where | globe | changes
+
+
+def write_result(folder, signs, observations, frames, name=RESULT):
+    about = {"log": "d.mcap", "files": {SIGNS.file: {"sha256": name + "0" * 48}}}
+    return write_tables(folder, signs, observations, frames, **about)
 
 
 @pytest.fixture
@@ -42,13 +59,7 @@ def out(tmp_path):
     signs = [sign(1), sign(2), sign(3), sign(4, status="back", color=None)]
     observations = [observation(n, f"d-{n:04d}") for n in (1, 2, 3, 4)]
     observations.append(observation(5, "d-0001", "overlap"))
-    frames = [
-        {"frame": n, "log_time_ns": 100 * n, "status": "used", "y": 0.0, "z": 1.0}
-        | dict.fromkeys(("x", "station_m"), 10.0 * n)
-        for n in range(6)
-    ]
-    about = {"log": "d.mcap", "files": {SIGNS.file: {"sha256": RESULT + "0" * 48}}}
-    return write_tables(tmp_path / "out", signs, observations, frames, **about)
+    return write_result(tmp_path / "out", signs, observations, map(frame, range(6)))
 
 
 @pytest.fixture
@@ -61,13 +72,18 @@ def review(tmp_path):
 def as_json(path):
     """The same review as the index saves it in JSON."""
     rows = list(csv.DictReader(CSV.splitlines()))
-    reviews = [
-        {name: row[name] or None for name in COLUMNS[1:-1]}
-        | {axis: float(row[axis]) if row[axis] else None for axis in "xy"}
-        for row in rows
-    ]
-    whole = {"wayside_review": 1, "log": "d.mcap", "result": RESULT, "reviewer": "Ann"}
-    path.write_text(json.dumps(whole | {"reviews": reviews}))
+    reviews = [{name: value or None for name, value in row.items()} for row in rows]
+    path.write_text(json.dumps({"wayside_review": 1, "log": "d.mcap", "reviews": reviews}))
+    return path
+
+
+def read(out, *files):
+    return find_review(out, files)
+
+
+def save(path, rows, reviewer="Ann"):
+    """Rows of a review as the index saves them."""
+    path.write_text(json.dumps({"reviewer": reviewer, "reviews": rows}))
     return path
 
 
@@ -76,7 +92,7 @@ def test_an_exported_table_with_reviews_filled_in_is_a_review(out, tmp_path):
     invoke("export", out, "-o", table)
     rows = list(csv.DictReader(table.read_text().splitlines()))
     rows[0] |= {"review": "accepted"}
-    rows[2] |= {"review": "edited", "reviewed_color": "green"}
+    rows[2] |= {"review": "edited", "final_color": "green", "final_code": "D1"}
 
     def saved():
         with table.open("w", newline="", encoding="utf-16") as stream:
@@ -86,61 +102,61 @@ def test_an_exported_table_with_reviews_filled_in_is_a_review(out, tmp_path):
         return table
 
     assert is_review(saved())
-    read = read_review(table, out)
-    assert {name: (one.review, one.color) for name, one in read.rows.items()} == {
-        "d-0001": ("accepted", None),
-        "d-0003": ("edited", "green"),
-    }
-    rows[2] |= {"reviewed_color": "", "color": "green"}  # the colour that was measured
-    with pytest.raises(InputError, match="d-0003 is edited, but its reviewed_color"):
-        read_review(saved(), out)
+    said = {name: (one.review, one.look["color"]) for name, one in read(out, table).rows.items()}
+    assert said == {"d-0001": ("accepted", "white"), "d-0003": ("edited", "green")}
+    rows[2] |= {"final_color": "white", "final_code": "", "color": "white"}
+    with pytest.raises(InputError, match="d-0003 is edited, but its final columns are not"):
+        read(out, saved())
 
 
 def test_csv_and_json_say_the_same_and_by_hand_signs_and_verdicts_are_enough(out, review, tmp_path):
     path = tmp_path / "review.json"
-    read = read_review(review, out)
-    assert read == read_review(as_json(path), out)
-    said = {"d-0001": "accepted", "d-0002": "rejected", "d-0003": "edited"}
-    assert {name: one.review for name, one in read.rows.items()} == said
-    assert [(one.x, one.y, one.shape) for one in read.missing] == [(31.5, 4.0, "octagon")]
-    path.write_text(json.dumps({"reviews": [{"sign_id": "d-0001", "review": "accepted"}]}))
+    said = read(out, review)
+    assert said == read(out, as_json(path))
+    reviews = {"d-0001": "accepted", "d-0002": "rejected", "d-0003": "edited"}
+    assert {name: one.review for name, one in said.rows.items()} == reviews
+    assert [(one.x, one.y, one.look["shape"]) for one in said.missing] == [(31.5, 4.0, "octagon")]
+    save(path, [{"sign_id": "d-0001", "review": "accepted"}])
     assert is_review(path)
-    assert [one.review for one in read_review(path, out).rows.values()] == ["accepted"]
+    assert [one.review for one in read(out, path).rows.values()] == ["accepted"]
 
 
-def test_the_exported_table_has_the_review_beside_what_was_measured(out, review, tmp_path):
+def test_final_columns_come_first_and_a_missing_sign_has_its_place_on_road_and_globe(
+    out, review, tmp_path
+):
     file = tmp_path / "signs.csv"
     assert "5 rows, 4 of them reviewed" in invoke(
         "export", out, "-o", file, "--all", "--review", review
     )
     rows = {row["sign_id"]: row for row in csv.DictReader(file.read_text().splitlines())}
-    reviews = ["accepted", "rejected", "edited", "", "missing"]
-    assert [row["review"] for row in rows.values()] == reviews
+    final = ["final_code", "final_legend", "final_color", "final_shape"]
+    assert list(rows["d-0001"])[1:5] == final
+    assert [row["review"] for row in rows.values()] == [
+        "accepted",
+        "rejected",
+        "edited",
+        "",
+        "missing",
+    ]
+    assert [rows["d-0001"][name] for name in final] == ["", "", "white", "rectangle"]
     edited = rows["d-0003"]
-    assert (edited["color"], edited["reviewed_color"]) == ("white", "green")
-    assert (edited["reviewer"], rows["d-0002"]["review_note"]) == ("Ann", "a bin, not a sign")
-    assert (edited["cov_zz"], edited["best_y_max"]) == ("1.0", "9.0")
-    names = ("x", "y", "station_m", "best_frame", "color", "confidence", "reviewed_shape")
-    missing = [rows["d-missing-1"][name] for name in names]
-    assert missing == ["31.5", "4.0", "30.0", "3", "", "", "octagon"]
-    plain = tmp_path / "plain.csv"
-    invoke("export", out, "-o", plain, "--all")
-    measured = [column for column in rows["d-0001"] if "review" not in column]
-    for row in csv.DictReader(plain.read_text().splitlines()):
-        assert {c: row[c] for c in measured} == {c: rows[row["sign_id"]][c] for c in measured}
-
-
-def test_geojson_has_longitude_first_and_places_missing_signs_by_the_others(out, review, tmp_path):
-    file = tmp_path / "signs.geojson"
-    invoke("export", out, "-o", file, "--all", "--review", review)
-    content = json.loads(file.read_text())
-    places = {f["properties"]["sign_id"]: f["geometry"]["coordinates"] for f in content["features"]}
+    assert [edited[name] for name in final] == ["W3-1", "", "green", "rectangle"]
+    assert (edited["color"], edited["reviewer"]) == ("white", "Ann")
+    assert rows["d-0002"]["review_note"] == "a bin, not a sign"
+    names = ("x", "y", "best_frame", "color", "confidence", "final_shape", "route", "measure_unit")
+    missing = rows["d-missing-1"]
+    assert [missing[n] for n in names] == ["31.5", "4.0", "3", "", "", "octagon", "US-36", "mi"]
+    assert float(missing["measure"]) == pytest.approx(12 + 31.5 / MILE)
+    invoke("export", out, "-o", file, "--review", review, "--accepted", "--overwrite")
+    kept = [row["sign_id"] for row in csv.DictReader(file.read_text().splitlines())]
+    assert kept == ["d-0001", "d-0003", "d-0004", "d-missing-1"]
+    geo = tmp_path / "signs.geojson"
+    invoke("export", out, "-o", geo, "--review", review)
+    features = json.loads(geo.read_text())["features"]
+    places = {f["properties"]["sign_id"]: f["geometry"]["coordinates"] for f in features}
     assert places["d-0001"] == [10.0001, 50.00003, 7.0]
-    assert places["d-missing-1"] == pytest.approx([10 + 31.5e-5, 50 + 4e-5], abs=1e-9)
-    rows = [sign(1, lon_deg=None, lat_deg=None, alt_m=None)]
-    pq.write_table(table_of(SIGNS, rows), out / SIGNS.file)
-    with pytest.raises(UsageError, match="Export CSV"):
-        invoke("export", out, "-o", tmp_path / "no fixes.geojson")
+    north, east = 4 / 111_195, 1.5 / 71_474  # of frame 3, which looks east
+    assert places["d-missing-1"] == pytest.approx([10.0003 + east, 50 + north], abs=1e-8)
 
 
 def test_a_review_evaluates_the_rows_with_status_sign(out, review, tmp_path):
@@ -183,22 +199,11 @@ def test_a_reviewed_result_gives_labels_of_every_measured_view(out, review, tmp_
         read_labels(out)
 
 
-def test_a_review_in_the_folder_of_the_result_is_taken(out, review, tmp_path):
-    assert find_review(out, None).rows == {}
-    shutil.copy(review, out / "review.csv")
-    assert len(find_review(out, None).rows) == 3
-    as_json(out / "review.json")
-    with pytest.raises(InputError, match="Choose one with --review"):
-        find_review(out, None)
-    assert set(FILES) <= {path.name for path in out.iterdir()}
-
-
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
         (RESULT, "f" * 16, "of another run"),
         ("d-0001", "d-0009", "no sign d-0009"),
-        ("d-0002", "d-0001", "reviewed twice"),
         ("accepted", "good", "'good' among"),
         ("green", "purple", "'purple' among"),
         ("31.5", "", "x and y"),
@@ -209,4 +214,114 @@ def test_a_review_in_the_folder_of_the_result_is_taken(out, review, tmp_path):
 def test_what_a_review_cannot_say_is_refused(out, review, old, new, words):
     review.write_text(CSV.replace(old, new))
     with pytest.raises(InputError, match=words):
-        read_review(review, out)
+        read(out, review)
+
+
+def other_milepost():
+    """The same rows, ten miles on."""
+    return {number: number for number in range(1, 5)}, {"measure": 22.0}, 1.0, range(6), 0
+
+
+def other_spacing():
+    """Rows 20 % farther apart; the first is no longer found, so that the numbers of all others fall."""
+    return {2: 1, 3: 2, 4: 3}, {}, 1.2, range(6), 0
+
+
+def other_images():
+    """Three images are left out before the run, so that the others have other numbers."""
+    return {3: 1, 4: 2, 5: 3}, {}, 1.0, range(3, 6), 3
+
+
+@pytest.mark.parametrize("again", [other_milepost, other_spacing, other_images])
+def test_a_review_is_carried_over_to_another_run(tmp_path, again):
+    numbers, changes, scale, images, first = again()
+    views = {n: [f for f in (n - 1, n, n + 1) if f < 6] for n in range(1, 6)}
+    frames = [frame(n, image_name=f"IMG {n}.jpg") for n in range(6)]
+    seen = [
+        observation(f, f"d-{n:04d}") | {"box": [40.0 * n, 2, 40.0 * n + 11, 12 + f]}
+        for n in views
+        for f in views[n]
+    ]
+    old = write_result(tmp_path / "old", map(sign, range(1, 6)), seen, frames)
+    reviews = ["accepted", "rejected", "edited", "accepted", "accepted"]
+    rows = [
+        row.to_row() | {"review": review, "color": "green" if review == "edited" else "white"}
+        for row, review in zip(KnownResult.of(old).rows.values(), reviews, strict=True)
+    ]
+    gone = {"review": "missing", "x": 41.0, "y": -4.0, "shape": "octagon", "result": RESULT}
+    gone["seen"] = [["IMG 0.jpg", 4.0, 41.0], ["IMG 4.jpg", 4.0, 1.0]]
+    file = save(tmp_path / "review.json", [*rows, gone])
+    kept = [
+        frame(f - first, image_name=f"IMG {f}.jpg", x=10.0 * f * scale, log_time_ns=7 + f)
+        for f in images
+    ]
+    found = [sign(n, x=10.0 * o * scale, **changes) for o, n in numbers.items()]
+    boxes = [
+        one | {"frame": one["frame"] - first, "sign_id": f"d-{n:04d}"}
+        for one in seen
+        for o, n in numbers.items()
+        if one["sign_id"] == f"d-{o:04d}" and one["frame"] in images
+    ]
+    new = write_result(tmp_path / "new", found, boxes, kept, "f" * 16)
+    said = read(new, file)
+    assert {name: one.review for name, one in said.rows.items()} == {
+        f"d-{n:04d}": reviews[o - 1] for o, n in numbers.items()
+    }
+    camera = 40.0 * scale if again is not other_images else 40.0
+    (missing,) = said.missing
+    assert (missing.x, missing.y) == pytest.approx(
+        (camera + 1, -4) if again is other_images else (41.0, -4.0)
+    )
+    left = [n for n in range(1, 6) if n not in numbers and reviews[n - 1] != "rejected"]
+    assert len(said.undecided) == len(left)
+    assert said.gone == (2 not in numbers)
+
+
+def test_a_row_that_is_measured_as_another_sign_is_left_to_a_person(out, tmp_path):
+    rows = [row.to_row() for row in KnownResult.of(out).rows.values()]
+    rows[0] |= {"color": "red", "result": "f" * 16}
+    rows[1] |= {"code": "D1", "result": "f" * 16}
+    rows[2] |= {"color": "red", "review": "edited", "result": "f" * 16}
+    said = read(out, save(tmp_path / "review.json", rows))
+    assert set(said.rows) == {"d-0002", "d-0003", "d-0004"}
+    (asked,) = said.undecided
+    assert [(words, one.review, one.sign_id) for words, one in asked.options] == [
+        ("it is d-0001 as measured", "accepted", "d-0001"),
+        ("it is red rectangle", "edited", "d-0001"),
+    ]
+    words = invoke("export", out, "-f", "csv", "--review", tmp_path / "review.json")
+    assert "1 to decide on the page of `wayside evidence`: d-0001" in words
+
+
+def test_reviews_of_two_people_are_one_and_contradictions_are_listed(out):
+    place = {"review": "missing", "x": 20.0, "y": -4.0}
+    ann = [("d-0001", "accepted"), ("d-0002", "accepted"), ("d-0003", "rejected")]
+    bob = [("d-0001", "accepted"), ("d-0002", "rejected"), ("d-0004", "accepted")]
+    rows = [[{"sign_id": name, "review": review} for name, review in one] for one in (ann, bob)]
+    save(out / "review.ann.json", [*rows[0], place | {"color": "red"}])
+    assert len(find_review(out).rows) == 3
+    save(out / "review.bob.json", [*rows[1], place | {"x": 21.0, "shape": "octagon"}], "Bob")
+    said = find_review(out)
+    people = {name: (one.review, one.reviewer) for name, one in said.rows.items()}
+    assert people == {
+        "d-0001": ("accepted", "Ann, Bob"),
+        "d-0003": ("rejected", "Ann"),
+        "d-0004": ("accepted", "Bob"),
+    }
+    (missing,) = said.missing
+    assert (missing.look["color"], missing.look["shape"], missing.reviewer) == (
+        "red",
+        "octagon",
+        "Ann, Bob",
+    )
+    (asked,) = said.undecided
+    assert asked.words == "d-0002: reviewers disagree"
+    rows = [
+        one.to_row() | {"result": "f" * 16} for _, one in asked.options
+    ]  # left open, and run again
+    (again,) = read(out, save(out / "review.json", rows)).undecided
+    assert again.words == asked.words
+    assert [words for words, _ in asked.options] == [
+        "Ann: accepted, white rectangle",
+        "Bob: rejected, white rectangle",
+    ]

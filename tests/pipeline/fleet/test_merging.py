@@ -25,7 +25,7 @@ from wayside.pipeline.fleet.manifest import Entry, Manifest, State, write_manife
 from wayside.pipeline.fleet.merging import MergeReport, merge_inventory
 from wayside.pipeline.fleet.merging_rows import agreed_code
 from wayside.pipeline.fleet.status import format_status
-from wayside.pipeline.reviewing.review import NO_REVIEW
+from wayside.pipeline.reviewing.matching import NO_REVIEW
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
 from wayside.schemas.settings import ChangeSettings, MergeSettings

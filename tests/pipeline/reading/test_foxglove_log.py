@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from wayside.pipeline.exporting.export import export
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.results.result import log_fingerprint
-from wayside.pipeline.reviewing.review import MISSING, NO_REVIEW, Review, Reviewed
+from wayside.pipeline.reviewing.entries import MISSING, Reviewed
+from wayside.pipeline.reviewing.matching import NO_REVIEW, Review
 from wayside.schemas.errors import InputError
 from wayside.schemas.tables import FRAMES
 
@@ -115,12 +116,12 @@ def test_a_panel_stands_in_the_frame_of_the_poses_turned_as_it_faces(new_log, tm
 def test_a_sign_that_a_review_says_is_missing_stands_by_name_where_the_reviewer_put_it(
     new_log, tmp_path
 ):
-    missing = Reviewed(MISSING, color="red", shape="octagon", x=3.0, y=-4.0)
+    missing = Reviewed(MISSING, None, {"color": "red", "shape": "octagon"}, 3.0, -4.0)
     found = export_log(new_log, tmp_path, review=Review({}, (missing,)))
     *_, entity = found["scene", "foxglove.SceneUpdate"][0][1].entities
     (name,) = entity.texts
-    assert (entity.id, entity.frame_id) == ("d-missing-1", "map")
-    assert name.text == "d-missing-1 red octagon missing"
+    assert (entity.id, entity.frame_id) == ("drive-missing-1", "map")
+    assert name.text == "drive-missing-1 red octagon missing"
     place = name.pose.position
     assert (place.x, place.y, place.z) == (3.0, -4.0, 1.5)
 
