@@ -50,6 +50,7 @@ class InventoryTable(StrEnum):
     panels = "panels"
     supports = "supports"
     profile = "profile"
+    posts = "posts"
 
 
 @app.command(
@@ -216,7 +217,7 @@ HOW_TO_EXPORT = {
     "kind": Option(Format, "Default: by the end of the name.", names=("-f", "--format")),
     "table": Option(
         InventoryTable,
-        "Of an inventory panels or supports; of a drive profile.  [default: panels; signs]",
+        "Of an inventory panels or supports; of a drive profile or posts.  [default: panels; signs]",
     ),
     "units": Option(
         Units, "`us`: distances in feet, sizes of signs in inches.", default=Units.metric

@@ -12,7 +12,9 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import dct
+from scipy.ndimage import maximum_filter1d
 
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.roadside import Posts
@@ -39,6 +41,8 @@ BLUR_PX = 0.6
 """Blur (sigma) of an image along its rows before its edges are measured."""
 NOISE = 1.0
 """Grey levels a pixel that are added to the strength of an edge: fainter ones are noise."""
+OFF_PX, FAINTER = 0.7, 0.4
+"""In a farther view, an edge is this far from its place at most, and its strength less by this factor (logarithm)."""
 LEANS = np.arange(-4, 5) * 0.03
 """How far a post may lean: to the right, a metre downwards."""
 NARROWEST_M, WIDEST_M = 0.035, 0.45
@@ -47,12 +51,16 @@ OFF_MIDDLE, OFF_MIDDLE_M = 0.1, 0.05
 """A single post stands this near to the middle of the panel: part of its width, and metres."""
 TWO_FROM_M = 0.7
 """Width of a panel that may stand on two posts."""
-LEAST_STRENGTH = 2.0
+ALIKE, THIRD = 0.2, 0.6
+"""Posts of a panel differ so little in width (logarithm), and a third one is so strong next to the others."""
+LEAST_STRENGTH = 3.0
 """Least strength of the edges of posts over that of half of all edges in the strip (set on rendered drives)."""
 OVERHEAD_M = 4.2
 """A panel whose lower edge is higher hangs from a gantry: no vehicle passes below another."""
 EDGE_SIGMA_PX, WIDTH_SIGMA = 0.35, 0.06
 """Scatter of the width of a post: by the pixels of an image, and as part of it (measured on rendered drives)."""
+FEWEST_PX = 2.5
+"""A post that is narrower in the image, in pixels, shows its width but not its kind."""
 LEAST_PROBABILITY = 0.7
 """A less probable kind is unknown."""
 FARTHEST = 6.0
@@ -66,12 +74,14 @@ FEATURES = 11
 class Strip(NamedTuple):
     """The strip below a panel in one view."""
 
-    rgb: Array
+    rgb: NDArray[np.float32]
     """(rows, columns, 3)."""
     offset_m: Array
     """Of the columns from the middle of the panel, to the right, (columns,)."""
     pixel_m: float
     """What a pixel of the image covers."""
+    slant: float
+    """Cosine of the line of sight to the normal of the plane, seen from above."""
 
 
 def strips_below(registered: RegisteredViews, box: Array, above_m: float) -> list[Strip]:
@@ -88,7 +98,7 @@ def strips_below(registered: RegisteredViews, box: Array, above_m: float) -> lis
     centre = ((box[:2] + box[2:]) / 2 - middle) * step
     half = (box[2:] - box[:2]) / 2 * step
     count = int((half[0] + BESIDE_M) / COLUMN_M)
-    across = np.arange(-count, count + 1) * COLUMN_M
+    across = COLUMN_M * np.arange(-count, count + 1, dtype=np.float64)
     down = half[1] + np.arange(GAP_M, length, ROW_M)
     found = []
     for view, alignment in registered.views:
@@ -99,7 +109,10 @@ def strips_below(registered: RegisteredViews, box: Array, above_m: float) -> lis
         pixels, size = image.pixels(registered.plane.points(ends)), image.rgb.shape[1::-1]
         if (pixels >= 0).all() and (pixels < size).all():
             (seen,) = rectify(registered.plane, columns, rows, [(view.depth, image)])
-            found.append(Strip(seen.rgb, across, view.depth / image.focal))
+            sight = registered.plane.point - image.pose.centre
+            ahead, right = sight @ registered.plane.ahead, sight @ registered.plane.right
+            slant = float(ahead / np.hypot(ahead, right))
+            found.append(Strip(seen.rgb, across, view.depth / image.focal, slant))
     return found[:VIEWS]
 
 
@@ -108,6 +121,8 @@ class PostEdges(NamedTuple):
 
     sides_m: Array
     """Left and right edge of each post at the top of the strip, from the middle of the panel, (posts, 2)."""
+    width_m: float
+    """Of a post, the mean, across the line of sight."""
     lean: float
     """To the right, a metre downwards."""
     strength: float
@@ -119,11 +134,13 @@ def find_posts(strips: Sequence[Strip], width_m: float) -> PostEdges | None:
     pieces = [_edge_strength(strip) for strip in strips]
     offset, best = strips[0].offset_m, None
     for lean in LEANS:
-        mean = np.average(
-            [_along(own, lean) for own in pieces], axis=0, weights=1 / np.arange(1, len(pieces) + 1)
-        )
-        strength = np.exp(mean) - NOISE
-        at = np.flatnonzero((strength[1:-1] >= strength[:-2]) & (strength[1:-1] > strength[2:])) + 1
+        mean, *others = (_along(own, lean) for own in pieces)
+        seen = [mean]
+        for strip, other in zip(strips[1:], others, strict=True):
+            reach = 2 * round(OFF_PX * strip.pixel_m / COLUMN_M) + 1
+            seen.append(maximum_filter1d(other, reach) + FAINTER)
+        strength = np.exp(np.min(seen, axis=0)) - NOISE
+        at = np.flatnonzero((mean[1:-1] >= mean[:-2]) & (mean[1:-1] > mean[2:])) + 1
         left, right = np.triu_indices(len(at), 1)
         left, right = at[left], at[right]
         wide = offset[right] - offset[left]
@@ -140,7 +157,8 @@ def find_posts(strips: Sequence[Strip], width_m: float) -> PostEdges | None:
     before, middle, after = mean[pairs - 1], mean[pairs], mean[pairs + 1]
     shift = (before - after) / 2 / np.minimum(before - 2 * middle + after, -1e-9)
     sides = offset[pairs] + COLUMN_M * np.clip(shift, -0.5, 0.5)
-    return PostEdges(sides, float(lean), score / (NOISE + usual))
+    width = strips[0].slant * float(np.diff(sides, axis=1).mean())
+    return PostEdges(sides, width, float(lean), score / (NOISE + usual))
 
 
 def _edge_strength(strip: Strip) -> Array:
@@ -172,18 +190,14 @@ def _best(sides: Array, strength: Array, width_m: float) -> tuple[float, list[in
     if width_m < TWO_FROM_M or not len(left) or not len(right):
         return score, chosen
     uneven = (middle[left, None] + middle[right]) / (OFF_MIDDLE_M * (1 + width_m))
-    unlike = np.log(wide[left, None] / wide[right]) / 0.2
-    both = np.sqrt(strength[left, None] * strength[right]) * np.exp(-(uneven**2 + unlike**2) / 2)
+    unlike = np.log(wide[left, None] / wide[right]) / ALIKE
+    both = np.minimum(strength[left, None], strength[right]) * np.exp(-(uneven**2 + unlike**2) / 2)
     first, second = np.unravel_index(int(both.argmax()), both.shape)
-    if both[first, second] <= score:
-        return score, chosen
-    pair = [int(left[first]), int(right[second])]
-    third = (
-        chosen
-        if score > both.max() / 2 and abs(np.log(wide[central] / wide[pair[0]])) < 0.3
-        else []
-    )
-    return float(both.max()), pair + third
+    pair, most = [int(left[first]), int(right[second])], max(float(both.max()), score)
+    alike = bool(chosen) and abs(np.log(wide[central] / wide[pair[0]])) < ALIKE
+    if alike and min(float(both.max()), score) > THIRD * most:
+        return most, pair + chosen
+    return (score, chosen) if most == score else (most, pair)
 
 
 def post_features(strip: Strip, edges: PostEdges) -> Array:
@@ -202,15 +216,12 @@ def post_features(strip: Strip, edges: PostEdges) -> Array:
         )
     rgb = np.mean(seen, axis=0) + 1.0
     grey, total = rgb.mean(axis=2), rgb.sum(axis=2)
-    warm, green = (
-        (rgb[..., 0] - rgb[..., 2]) / total,
-        (2 * rgb[..., 1] - total + rgb[..., 1]) / total,
-    )
+    warm, green = (rgb[..., 0] - rgb[..., 2]) / total, rgb[..., 1] / total
     series = dct(grey.mean(axis=0) / grey.mean(), norm="ortho")[1:5] / 4
     along = grey.mean(axis=1)
     return np.array(
         [
-            np.log(np.diff(edges.sides_m, axis=1).mean()),
+            np.log(edges.width_m),
             warm.mean(),
             green.mean(),
             np.log(grey.mean() / 100),
@@ -225,18 +236,23 @@ def post_features(strip: Strip, edges: PostEdges) -> Array:
 def measure_posts(
     registered: RegisteredViews, box: Array, above_m: float, model: GaussianModel
 ) -> Posts:
-    """What a panel stands on; box, above_m: as for `strips_below`. model: the kinds, in `POST_SPACE`."""
+    """What a panel stands on; box, above_m: as for `strips_below`. model: the kinds, in `POST_SPACE`.
+
+    A camera without colours does not show the kind.
+    """
     if above_m > OVERHEAD_M:
         return Posts("gantry")
     strips = strips_below(registered, box, above_m)
     edges = find_posts(strips, float(box[2] - box[0]) * registered.step) if strips else None
     if edges is None or edges.strength < LEAST_STRENGTH:
         return Posts()
-    kind, probability = kind_of(post_features(strips[0], edges), model)
-    width = float(np.diff(edges.sides_m, axis=1).mean())
-    scatter = EDGE_SIGMA_PX * strips[0].pixel_m / np.sqrt(len(edges.sides_m))
-    sigma = float(np.hypot(scatter, WIDTH_SIGMA * width))
-    return Posts(kind, probability, len(edges.sides_m), width, sigma, len(strips))
+    number, nearest = len(edges.sides_m), strips[0]
+    kind, probability = "unknown", np.nan
+    if edges.width_m > FEWEST_PX * nearest.pixel_m and np.ptp(nearest.rgb, axis=2).any():
+        kind, probability = kind_of(post_features(nearest, edges), model)
+    scatter = EDGE_SIGMA_PX * nearest.pixel_m / np.sqrt(number)
+    sigma = float(np.hypot(scatter, WIDTH_SIGMA * edges.width_m))
+    return Posts(kind, probability, number, edges.width_m, sigma, len(strips))
 
 
 def kind_of(features: Array, model: GaussianModel) -> tuple[str, float]:
@@ -245,9 +261,7 @@ def kind_of(features: Array, model: GaussianModel) -> tuple[str, float]:
     density = log_normals(values, model.classes)[0]
     probability = np.exp(density - np.logaddexp.reduce(density))
     best = int(probability.argmax())
-    if (
-        probability[best] < LEAST_PROBABILITY
-        or class_distances(values, model.classes).min() > FARTHEST
-    ):
+    alien = class_distances(values, model.classes).min() > FARTHEST
+    if probability[best] < LEAST_PROBABILITY or alien:
         return "unknown", np.nan
     return model.classes[best].name, float(probability[best])

@@ -65,7 +65,7 @@ def _profile(kind: str, rng: np.random.Generator) -> Singles:
         light = np.where(x * side < behind, 1.0, np.where(x * side > 0.92, 0.95, deep))
     else:
         light = np.where(x * side > rng.uniform(0.7, 1.0), rng.uniform(0.6, 0.9), 1.0)
-    return light.astype(np.float32)
+    return np.asarray(light, np.float32)
 
 
 def _shade(rng: np.random.Generator, rows: int) -> Singles:
@@ -76,4 +76,4 @@ def _shade(rng: np.random.Generator, rows: int) -> Singles:
     shaded = 1 / (1 + np.exp(-(along - at.min()) / soft)) - 1 / (
         1 + np.exp(-(along - at.max()) / soft)
     )
-    return (rng.uniform(0.75, 1.1) * (1 - (1 - depth) * shaded)).astype(np.float32)
+    return np.asarray(rng.uniform(0.75, 1.1) * (1 - (1 - depth) * shaded), np.float32)
