@@ -14,10 +14,9 @@ from wayside.stages.panel.outline_shapes import (
 from wayside.stages.panel.posts import (
     FEATURES,
     POST_SPACE,
-    find_posts,
     measure_posts,
+    post_below,
     post_features,
-    strips_below,
 )
 from wayside.stages.panel.rectification import PanelPlane, PosedImage, usable_views
 from wayside.stages.panel.registration import RegisteredViews, outline_of, register_views
@@ -34,16 +33,15 @@ __all__ = [
     "RegisteredViews",
     "box_round",
     "face_corners",
-    "find_posts",
     "gradients_of",
     "measure_posts",
     "outline_candidates",
     "outline_of",
+    "post_below",
     "post_features",
     "register_views",
     "segments_of",
     "solve_facing",
-    "strips_below",
     "usable_views",
     "warp_to_template",
 ]

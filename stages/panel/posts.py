@@ -2,7 +2,7 @@
 
 Both edges of a post run down the whole strip, under the middle of the panel or at equal distances to both sides of it.
 Edges of the background end sooner or move from view to view, so that the geometric mean of an edge's strength over
-pieces of the strip, in all views, tells them apart.
+pieces of the strip, in the view that shows it least, tells them apart.
 """
 
 from __future__ import annotations
@@ -25,18 +25,14 @@ from wayside.stages.panel.registration import RegisteredViews
 
 VIEWS = 2
 """Nearest views of which the strip is looked at."""
-GAP_M, LENGTH_M = 0.06, 0.9
-"""The strip begins below the edge of the panel, and is so long at most."""
+GAP_M, LENGTH_M, SHORTEST_M = 0.06, 0.9, 0.25
+"""Where the strip begins below the panel, and its greatest and least length."""
 CLEAR_M = 0.3
 """The strip ends so far above the road: grass and the fall of the verge lie below."""
-SHORTEST_M = 0.25
-"""A shorter strip says nothing."""
 BESIDE_M = 0.3
 """The strip reaches so far beyond the panel on both sides."""
-COLUMN_M, ROW_M = 0.005, 0.025
-"""Distance of the samples of a strip."""
-PIECE = 4
-"""Rows of a piece of the strip, whose edges are averaged."""
+COLUMN_M, ROW_M, PIECE = 0.005, 0.025, 4
+"""Distance of the samples of a strip, and rows of a piece of it, whose edges are averaged."""
 BLUR_PX = 0.6
 """Blur (sigma) of an image along its rows before its edges are measured."""
 NOISE = 1.0
@@ -59,16 +55,12 @@ OVERHEAD_M = 4.2
 """A panel whose lower edge is higher hangs from a gantry: no vehicle passes below another."""
 EDGE_SIGMA_PX, WIDTH_SIGMA = 0.35, 0.06
 """Scatter of the width of a post: by the pixels of an image, and as part of it (measured on rendered drives)."""
-FEWEST_PX = 2.5
+FEWEST_PX = 3.0
 """A post that is narrower in the image, in pixels, shows its width but not its kind."""
-LEAST_PROBABILITY = 0.7
-"""A less probable kind is unknown."""
-FARTHEST = 6.0
-"""A post farther from every kind, as Mahalanobis distance, is of none that was learned."""
-POST_SPACE = "post"
-"""Name of the space of `post_features`."""
-FEATURES = 11
-"""Numbers of `post_features`."""
+LEAST_PROBABILITY, FARTHEST = 0.7, 6.0
+"""A less probable kind, or one farther off (Mahalanobis distance), is unknown."""
+POST_SPACE, FEATURES = "post", 11
+"""Name of the space of `post_features`, and its dimensions."""
 
 
 class Strip(NamedTuple):
@@ -84,38 +76,6 @@ class Strip(NamedTuple):
     """Cosine of the line of sight to the normal of the plane, seen from above."""
 
 
-def strips_below(registered: RegisteredViews, box: Array, above_m: float) -> list[Strip]:
-    """The strips below a panel in its nearest views that show all of it, the nearest first.
-
-    box (4,): left, top, right, bottom of the panel in samples of the template. above_m: height of its lower edge above
-    the road.
-    """
-    step, (template, _) = registered.step, registered.views[0]
-    length = min(LENGTH_M, above_m - CLEAR_M)
-    if length < SHORTEST_M:
-        return []
-    middle = (np.array(template.grey.shape[::-1]) - 1) / 2
-    centre = ((box[:2] + box[2:]) / 2 - middle) * step
-    half = (box[2:] - box[:2]) / 2 * step
-    count = int((half[0] + BESIDE_M) / COLUMN_M)
-    across = COLUMN_M * np.arange(-count, count + 1, dtype=np.float64)
-    down = half[1] + np.arange(GAP_M, length, ROW_M)
-    found = []
-    for view, alignment in registered.views:
-        shift, image = alignment.shift * step, view.image
-        columns = shift[0] + alignment.stretch[0] * (centre[0] + across)
-        rows = shift[1] + alignment.stretch[1] * (centre[1] + down)
-        ends = np.array([[x, y] for x in columns[[0, -1]] for y in rows[[0, -1]]])
-        pixels, size = image.pixels(registered.plane.points(ends)), image.rgb.shape[1::-1]
-        if (pixels >= 0).all() and (pixels < size).all():
-            (seen,) = rectify(registered.plane, columns, rows, [(view.depth, image)])
-            sight = registered.plane.point - image.pose.centre
-            ahead, right = sight @ registered.plane.ahead, sight @ registered.plane.right
-            slant = float(ahead / np.hypot(ahead, right))
-            found.append(Strip(seen.rgb, across, view.depth / image.focal, slant))
-    return found[:VIEWS]
-
-
 class PostEdges(NamedTuple):
     """The edges of the posts of a strip."""
 
@@ -127,6 +87,55 @@ class PostEdges(NamedTuple):
     """To the right, a metre downwards."""
     strength: float
     """Of the edges over that of half of all edges in the strip."""
+
+
+def measure_posts(
+    registered: RegisteredViews, box: Array, above_m: float, model: GaussianModel
+) -> Posts:
+    """What a panel stands on; box, above_m: as for `post_below`. model: the kinds, in `POST_SPACE`.
+
+    A camera without colours does not show the kind.
+    """
+    if above_m > OVERHEAD_M:
+        return Posts("gantry")
+    strips, edges = post_below(registered, box, above_m)
+    if edges is None:
+        return Posts()
+    number, nearest = len(edges.sides_m), strips[0]
+    kind, probability = "unknown", np.nan
+    if edges.width_m > FEWEST_PX * nearest.pixel_m and np.ptp(nearest.rgb, axis=2).any():
+        kind, probability = kind_of(post_features(nearest, edges), model)
+    scatter = EDGE_SIGMA_PX * nearest.pixel_m / np.sqrt(number)
+    sigma = float(np.hypot(scatter, WIDTH_SIGMA * edges.width_m))
+    return Posts(kind, probability, number, edges.width_m, sigma, len(strips))
+
+
+def post_below(
+    registered: RegisteredViews, box: Array, above_m: float
+) -> tuple[list[Strip], PostEdges | None]:
+    """The strips below a panel in its nearest views that show all of them, the nearest first, and the posts there.
+
+    box (4,): left, top, right, bottom of the panel in samples of the template. above_m: height of its lower edge above
+    the road. None: no edges there are strong enough.
+    """
+    step, plane, found = registered.step, registered.plane, list[Strip]()
+    middle = (np.array(registered.views[0][0].grey.shape[::-1]) - 1) / 2
+    centre, half = ((box[:2] + box[2:]) / 2 - middle) * step, (box[2:] - box[:2]) / 2 * step
+    count, length = int((half[0] + BESIDE_M) / COLUMN_M), min(LENGTH_M, above_m - CLEAR_M)
+    across = COLUMN_M * np.arange(-count, count + 1, dtype=np.float64)
+    for view, alignment in registered.views if length > SHORTEST_M else ():
+        (x, y), (wide, tall), image = alignment.shift * step, alignment.stretch, view.image
+        columns = x + wide * (centre[0] + across)
+        rows = y + tall * (centre[1] + half[1] + np.arange(GAP_M, length, ROW_M))
+        ends = np.array([[right, down] for right in columns[[0, -1]] for down in rows[[0, -1]]])
+        pixels = image.pixels(plane.points(ends))
+        if (pixels >= 0).all() and (pixels < image.rgb.shape[1::-1]).all():
+            (seen,) = rectify(plane, columns, rows, [(view.depth, image)])
+            sight = plane.point - image.pose.centre
+            slant = float(sight @ plane.ahead / np.hypot(sight @ plane.ahead, sight @ plane.right))
+            found.append(Strip(seen.rgb, across, view.depth / image.focal, slant))
+    edges = find_posts(found[:VIEWS], 2 * float(half[0])) if found else None
+    return found[:VIEWS], edges if edges is not None and edges.strength > LEAST_STRENGTH else None
 
 
 def find_posts(strips: Sequence[Strip], width_m: float) -> PostEdges | None:
@@ -141,16 +150,14 @@ def find_posts(strips: Sequence[Strip], width_m: float) -> PostEdges | None:
             seen.append(maximum_filter1d(other, reach) + FAINTER)
         strength = np.exp(np.min(seen, axis=0)) - NOISE
         at = np.flatnonzero((mean[1:-1] >= mean[:-2]) & (mean[1:-1] > mean[2:])) + 1
-        left, right = np.triu_indices(len(at), 1)
-        left, right = at[left], at[right]
-        wide = offset[right] - offset[left]
-        kept = (wide > NARROWEST_M) & (wide < WIDEST_M)
-        pairs = np.column_stack([left, right])[kept]
+        pairs = at[np.column_stack(np.triu_indices(len(at), 1))]
+        wide = np.diff(offset[pairs], axis=1)[:, 0]
+        pairs = pairs[(wide > NARROWEST_M) & (wide < WIDEST_M)]
         if not len(pairs):
             continue
         score, chosen = _best(offset[pairs], np.sqrt(strength[pairs].prod(axis=1)), width_m)
         if len(chosen) and (best is None or score > best[0]):
-            best = score, pairs[chosen], lean, mean, float(np.median(strength))
+            best = score, pairs[chosen], float(lean), mean, NOISE + float(np.median(strength))
     if best is None:
         return None
     score, pairs, lean, mean, usual = best
@@ -158,7 +165,7 @@ def find_posts(strips: Sequence[Strip], width_m: float) -> PostEdges | None:
     shift = (before - after) / 2 / np.minimum(before - 2 * middle + after, -1e-9)
     sides = offset[pairs] + COLUMN_M * np.clip(shift, -0.5, 0.5)
     width = strips[0].slant * float(np.diff(sides, axis=1).mean())
-    return PostEdges(sides, width, float(lean), score / (NOISE + usual))
+    return PostEdges(sides, width, lean, score / usual)
 
 
 def _edge_strength(strip: Strip) -> Array:
@@ -205,63 +212,30 @@ def post_features(strip: Strip, edges: PostEdges) -> Array:
 
     The light across is a cosine series of 1st to 4th order, those that depend on the side the light is on without sign.
     """
-    down = (np.arange(len(strip.rgb)) * ROW_M).astype(np.float32)
-    rows = np.broadcast_to(down / ROW_M, (16, len(down))).T.astype(np.float32)
-    seen = []
-    for left, right in edges.sides_m:
-        across = np.linspace(left, right, 18)[1:-1] - strip.offset_m[0]
-        columns = ((across + edges.lean * down[:, None]) / COLUMN_M).astype(np.float32)
-        seen.append(
-            cv2.remap(strip.rgb, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        )
-    rgb = np.mean(seen, axis=0) + 1.0
+    down = np.arange(len(strip.rgb), dtype=np.float32)[:, None]
+    across = np.linspace(*edges.sides_m.T, 18)[1:-1] - strip.offset_m[0]  # (16, posts)
+    columns = (across.T.ravel() + edges.lean * ROW_M * down) / COLUMN_M
+    rows = np.broadcast_to(down, columns.shape)
+    seen = cv2.remap(strip.rgb, columns.astype(np.float32), rows.copy(), cv2.INTER_LINEAR)
+    rgb = seen.reshape(len(down), -1, 16, 3).mean(axis=1) + 1.0
     grey, total = rgb.mean(axis=2), rgb.sum(axis=2)
-    warm, green = (rgb[..., 0] - rgb[..., 2]) / total, rgb[..., 1] / total
-    series = dct(grey.mean(axis=0) / grey.mean(), norm="ortho")[1:5] / 4
-    along = grey.mean(axis=1)
-    return np.array(
-        [
-            np.log(edges.width_m),
-            warm.mean(),
-            green.mean(),
-            np.log(grey.mean() / 100),
-            *np.where([True, False, True, False], np.abs(series), series),
-            np.log(0.01 + np.std(along) / along.mean()),
-            np.log(0.01 + np.std(warm.mean(axis=1))),
-            np.log(0.01 + np.abs(np.diff(grey, axis=0)).mean() / grey.mean()),
-        ]
+    warm, along = (rgb[..., 0] - rgb[..., 2]) / total, grey.mean(axis=1)
+    first, second, third, fourth = dct(grey.mean(axis=0) / grey.mean(), norm="ortho")[1:5] / 4
+    varied = (
+        np.std(along) / along.mean(),
+        np.std(warm.mean(axis=1)),
+        np.abs(np.diff(grey, axis=0)).mean() / grey.mean(),
     )
-
-
-def measure_posts(
-    registered: RegisteredViews, box: Array, above_m: float, model: GaussianModel
-) -> Posts:
-    """What a panel stands on; box, above_m: as for `strips_below`. model: the kinds, in `POST_SPACE`.
-
-    A camera without colours does not show the kind.
-    """
-    if above_m > OVERHEAD_M:
-        return Posts("gantry")
-    strips = strips_below(registered, box, above_m)
-    edges = find_posts(strips, float(box[2] - box[0]) * registered.step) if strips else None
-    if edges is None or edges.strength < LEAST_STRENGTH:
-        return Posts()
-    number, nearest = len(edges.sides_m), strips[0]
-    kind, probability = "unknown", np.nan
-    if edges.width_m > FEWEST_PX * nearest.pixel_m and np.ptp(nearest.rgb, axis=2).any():
-        kind, probability = kind_of(post_features(nearest, edges), model)
-    scatter = EDGE_SIGMA_PX * nearest.pixel_m / np.sqrt(number)
-    sigma = float(np.hypot(scatter, WIDTH_SIGMA * edges.width_m))
-    return Posts(kind, probability, number, edges.width_m, sigma, len(strips))
+    color = warm.mean(), (rgb[..., 1] / total).mean(), np.log(grey.mean() / 100)
+    light = abs(first), second, abs(third), fourth
+    return np.array([np.log(edges.width_m), *color, *light, *np.log(0.01 + np.array(varied))])
 
 
 def kind_of(features: Array, model: GaussianModel) -> tuple[str, float]:
     """The most probable kind and its probability, each kind as likely before; nan: like none of them, or like two."""
-    values = features[None]
-    density = log_normals(values, model.classes)[0]
+    density = log_normals(features[None], model.classes)[0]
     probability = np.exp(density - np.logaddexp.reduce(density))
-    best = int(probability.argmax())
-    alien = class_distances(values, model.classes).min() > FARTHEST
-    if probability[best] < LEAST_PROBABILITY or alien:
+    best, distance = int(probability.argmax()), class_distances(features[None], model.classes).min()
+    if probability[best] < LEAST_PROBABILITY or distance > FARTHEST:
         return "unknown", np.nan
     return model.classes[best].name, float(probability[best])

@@ -34,6 +34,9 @@ _POSTS = {
     "steel_beam": ((120, 122, 122), 0.16),
 }
 """sRGB colour and width (m)."""
+_KINDS = ("wood", "round_metal", "u_channel", "steel_beam", "pole")
+_ALONE, _IN_PAIRS = (0.28, 0.27, 0.27, 0.06, 0.12), (0.28, 0.18, 0.18, 0.36, 0.0)
+"""Shares of posts that vary: beams stand in pairs under large panels, poles alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,8 +132,8 @@ class _Mount:
         width = widest(panels)
         spread = [0.0] if width <= limit else [-share * width, share * width]
         if vary is not None:
-            kinds = ("wood", "round_metal", "u_channel", "steel_beam", "pole")
-            post = str(vary.choice(kinds[: 6 - len(spread)]))  # a pole stands alone
+            alone = len(spread) == 1
+            post = str(vary.choice(_KINDS, p=_ALONE if alone else _IN_PAIRS))
             above = vary.uniform(0.5, 4.0) if post == "pole" else above
             spread += [0.0] if len(spread) > 1 and vary.random() < width / 9 else []
             texture, thick = varied_post(post, self.length + above, vary)

@@ -15,7 +15,7 @@ _RUST: Rgb = (104, 64, 44)
 _KINDS: dict[str, tuple[tuple[float, ...], tuple[Rgb, ...]]] = {
     "wood": ((0.089, 0.114, 0.14), (*_WOODS, (206, 206, 200))),
     "round_metal": ((0.048, 0.06, 0.073), (*_GALVANISED, *_GALVANISED, *_PAINTS)),
-    "u_channel": ((0.064, 0.079, 0.089), (*_GALVANISED, *_PAINTS[:2])),
+    "u_channel": ((0.076, 0.083, 0.09), (*_GALVANISED, *_PAINTS[:2])),
     "steel_beam": ((0.1, 0.13, 0.165, 0.2), (*_GALVANISED, *_GALVANISED, *_PAINTS[:2])),
     "pole": ((0.2, 0.25, 0.3, 0.36), (*_GALVANISED, *_WOODS[2:])),
 }

@@ -8,7 +8,7 @@ from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.schemas.roadside import Posts
 from wayside.stages.panel import FEATURES, POST_SPACE, measure_posts, register_views
-from wayside.stages.panel.posts import LEAST_PROBABILITY, find_posts, kind_of, strips_below
+from wayside.stages.panel.posts import LEAST_PROBABILITY, kind_of, post_below
 from wayside.stages.panel.rectification import PanelPlane, PosedImage, usable_views
 
 from ..made_frames import paint
@@ -50,8 +50,7 @@ def registered(size, polygons, outline_model):
 
 def measured(size, polygons, outline_model):
     views = registered(size, polygons, outline_model)
-    strips = strips_below(views, views.box(np.array(size)), ROAD_M + UP - size[1] / 2)
-    return find_posts(strips, size[0])
+    return post_below(views, views.box(np.array(size)), ROAD_M + UP - size[1] / 2)[1]
 
 
 @pytest.mark.parametrize(
