@@ -12,7 +12,7 @@ JOBS ?= 2
 # Real images with boxed signs, where they are at hand; the networks are not trained without.
 REAL ?= $(wildcard ../shared/data/real)
 
-.PHONY: help demo test slow check wiring accept held-out drives learning-drives learn learn-networks learn-faces clean
+.PHONY: help demo test slow check wiring accept held-out drives learning-drives learn learn-networks learn-faces learn-posts clean
 help:
 	@echo 'make demo     find the signs of the recorded drive and compare them with the truth'
 	@echo 'make test     run the fast tests, in two processes'
@@ -25,6 +25,7 @@ help:
 	@echo 'make learn    learn the models from the rendered drives'
 	@echo 'make learn-networks train the detection network and the box network: long, resumable'
 	@echo 'make learn-faces    learn the face classifier from drawings and crops: minutes'
+	@echo 'make learn-posts    learn the kinds of posts from rendered drives with posts that vary'
 	@echo 'make clean    remove results and tool caches; keeps .venv and the rendered drives'
 
 demo: .venv/.ready
@@ -90,6 +91,12 @@ learn-networks: learning-drives .venv/.learn
 learn-faces: .venv/.learn
 	@test -n "$(REAL)" || { echo 'wanted REAL=FOLDER of real pictures, found none' >&2; exit 2; }
 	@OMP_NUM_THREADS=1 $(RUN) training.face_codes --real $(REAL) -o pipeline/models
+	@cd pipeline/models && sha256sum *.json *.onnx > SHA256SUMS
+
+POSTS := alley europe forest freeway highway overcast prairie street sunset village
+learn-posts: .venv/.ready
+	@$(RUN) recordings.drives $(POSTS:%=learn_%) -o .cache/drives/posts --reseed 130000 --frames 24 --varied-posts 8 --missing --jobs $(JOBS)
+	@OMP_NUM_THREADS=1 $(RUN) training.learn_posts --drives .cache/drives/posts -o pipeline/models
 	@cd pipeline/models && sha256sum *.json *.onnx > SHA256SUMS
 
 clean:

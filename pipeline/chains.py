@@ -28,7 +28,7 @@ from wayside.stages.georeference import (
     place_signs,
 )
 from wayside.stages.imaging import decode
-from wayside.stages.mapping import Each, assemble, classify_location, track
+from wayside.stages.mapping import Each, PanelModels, assemble, classify_location, track
 from wayside.stages.odometry import estimate_motion, extract_features
 from wayside.stages.report import (
     classify_trajectory,
@@ -100,7 +100,7 @@ def default_chain(s: Settings, m: Models, routes: RouteFile | None, each: Each =
                 s.track,
                 detector.front,
                 detector.back,
-                m.outline_weights,
+                PanelModels(m.outline_weights, m.post_kinds),
                 jointly=True,
                 each=each,
             ),

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 PathLike = str | os.PathLike[str]
 _PARTS = ("signs", "observations", "frames", "about")
-_ROADSIDE = ("profile", "sections")
+_ROADSIDE = ("profile", "sections", "posts")
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +109,12 @@ class Inventory:
         """Lines, edges and slopes by station and side, the columns of `sections.parquet`; as `profile`."""
         sections: pa.Table = self._part("sections")
         return sections
+
+    @property
+    def posts(self) -> pa.Table:
+        """What each support stands on, the columns of `posts.parquet`; as `profile`."""
+        posts: pa.Table = self._part("posts")
+        return posts
 
     @property
     def about(self) -> dict[str, Any]:

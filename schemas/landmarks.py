@@ -11,6 +11,7 @@ from wayside.schemas.detections import NOTHING_DROPPED, Candidates, Dropped
 from wayside.schemas.frame import Camera, Frame, Pose
 from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import Motion
+from wayside.schemas.roadside import Posts
 
 EVIDENCE_TERMS = {
     "appearance": "how the classifier of boxes scored its views",
@@ -125,6 +126,8 @@ class Landmark:
     """The same of each of `SHAPES`."""
     face_log_probability: tuple[float, ...] = field(default=(), repr=False)
     """The same of each class of the face classifier. Empty: no view was classified."""
+    posts: Posts | None = None
+    """What the panel stands on. None: not measured."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""The ground and the lines across the road, at stations along the route."""
+"""The ground and the lines across the road, at stations along the route, and what signs stand on."""
 
 from __future__ import annotations
 
@@ -16,6 +16,35 @@ GROUND_STATUSES = {
 """What is known of the ground at one offset."""
 SIDES = ("left", "right")
 """Of the path, in the direction of travel."""
+
+POST_KINDS = {
+    "wood": "of wood",
+    "round_metal": "a tube",
+    "u_channel": "a channel of steel, open to one side",
+    "steel_beam": "a beam of steel with flanges",
+    "pole": "thicker, as of a lamp or of wires",
+    "gantry": "none below: the panel hangs over the road",
+    "unknown": "hidden, or like none or several of these",
+}
+"""Kinds of posts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Posts:
+    """What a panel stands on."""
+
+    kind: str = "unknown"
+    """A key of `POST_KINDS`."""
+    probability: float = nan
+    """Of the kind. nan: not by the look of a post."""
+    number: int = 0
+    """Of the posts that are seen."""
+    width_m: float = nan
+    """Of one of them, the mean. nan: none is seen."""
+    sigma_width_m: float = nan
+    """Standard deviation of the width."""
+    views: int = 0
+    """Images that show them."""
 
 
 @dataclass(frozen=True, slots=True)

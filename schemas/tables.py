@@ -15,7 +15,7 @@ import pyarrow as pa
 from wayside.schemas.detections import COLORS, SHAPES, SOURCES, VERDICTS
 from wayside.schemas.frame import FRAME_STATUSES
 from wayside.schemas.landmarks import EVIDENCE_TERMS
-from wayside.schemas.roadside import GROUND_STATUSES, SIDES
+from wayside.schemas.roadside import GROUND_STATUSES, POST_KINDS, SIDES
 from wayside.schemas.routes import MEASURE_UNITS
 from wayside.schemas.sign_catalogue import CATEGORIES
 
@@ -323,6 +323,29 @@ SECTIONS = Table(
     ),
 )  # fmt: skip
 
-ROADSIDE = (PROFILE, SECTIONS)
+POSTS = Table(
+    "posts",
+    "Only with `--roadside`. One row per support: what its lowest sign stands on.",
+    (
+        Column("assembly_id", _TEXT, "", "support, as in `signs.parquet`", _SURE),
+        Column("sign_id", _TEXT, "", "its lowest sign", _SURE),
+        Column("number", _WHOLE, "", "of posts that are seen; null: none is"),
+        Column("width_m", _SINGLE, "m", "of one of them as it is seen across the line of sight; null: none is seen"),
+        Column("sigma_width_m", _SINGLE, "m", "standard deviation of the width"),
+        Column("kind", _CHOICE, "", "; ".join(f"`{name}`: {words}" for name, words in POST_KINDS.items()), _SURE,
+               tuple(POST_KINDS)),
+        Column("kind_probability", _SINGLE, "", "of the kind among those that a post can be; null: not by its look"),
+        Column("views", _WHOLE, "", "images that show them", _SURE),
+        Column("frame", _WHOLE, "", "`best_frame` of the sign", _SURE),
+        Column("x", _DOUBLE, "m", "centre of the sign in the world frame", _SURE),
+        Column("y", _DOUBLE, "m", "centre of the sign in the world frame", _SURE),
+        Column("z", _DOUBLE, "m", "centre of the sign in the world frame", _SURE),
+        Column("lon_deg", _DOUBLE, "deg", "WGS 84 longitude and latitude; null without fixes"),
+        Column("lat_deg", _DOUBLE, "deg", "WGS 84 longitude and latitude; null without fixes"),
+        Column("alt_m", _DOUBLE, "m", "height above the WGS 84 ellipsoid; null without fixes"),
+    ),
+)  # fmt: skip
+
+ROADSIDE = (PROFILE, SECTIONS, POSTS)
 """Of a run with `roadside.on`."""
 TABLES = (SIGNS, OBSERVATIONS, FRAMES, *ROADSIDE)

@@ -246,7 +246,7 @@ def without_model(models: Any, path: str) -> Any:
 
 def shipped(preset: str) -> model_files.Models:
     """The models of a preset."""
-    settings, _ = load_settings(preset)
+    settings, _ = load_settings(preset, None, [], {"roadside.on": True})
     return model_files.load_models(settings)
 
 

@@ -13,7 +13,7 @@ McFadden 1974).
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -94,12 +94,23 @@ def gather_choices(
     Signs without a position, or of a shape without template, are left out. `model` is used only where boxes do not
     correlate. `seed` is of the scatter of the detected boxes.
     """
+    rng = np.random.default_rng(seed)
+    choices: list[OutlineChoice] = []
+    for sign, views in faces_shown(images, truth):
+        for _ in range(BOXES):
+            choice = _choice(sign, views, model, rng, truth["name"])
+            choices += [] if choice is None else [choice]
+    return choices
+
+
+def faces_shown(
+    images: Iterable[tuple[Image, NDArray[np.uint8]]], truth: dict[str, Any]
+) -> Iterator[tuple[dict[str, Any], list[PosedImage]]]:
+    """The signs of a drive, each with the images that show it, where the last of these is reached."""
     signs = [s for s in truth["signs"] if "centre" in s and _shape(s) in OUTLINE_SHAPES]
     shown = {s["id"]: [v["frame"] for v in s["frames"] if _clear(v)] for s in signs}
     poses = {frame["index"]: Pose(*camera_pose(frame)) for frame in truth["frames"]}
-    rng = np.random.default_rng(seed)
     held: dict[int, PosedImage] = {}
-    choices: list[OutlineChoice] = []
     for image, rgb in images:
         index, camera = image.frame.index, image.frame.camera
         if camera is None or index not in poses:
@@ -108,11 +119,27 @@ def gather_choices(
         held = {k: one for k, one in held.items() if k > index - LONGEST}
         for sign in signs:
             if shown[sign["id"]][-1:] == [index]:
-                views = [held[k] for k in shown[sign["id"]] if k in held]
-                for _ in range(BOXES):
-                    choice = _choice(sign, views, model, rng, truth["name"])
-                    choices += [] if choice is None else [choice]
-    return choices
+                yield sign, [held[k] for k in shown[sign["id"]] if k in held]
+
+
+def registered_face(
+    sign: dict[str, Any],
+    images: Sequence[PosedImage],
+    model: LinearModel,
+    rng: np.random.Generator,
+) -> tuple[RegisteredViews, Floats] | None:
+    """The views of a sign, registered about a box drawn as detected ones scatter, and its size (2,) by that box, m."""
+    centre, size = np.array(sign["centre"]), np.array([sign["width_m"], sign["height_m"]])
+    last = images[-1].pose
+    plane = PanelPlane.across(centre, last.rotation[:, 2], -last.rotation[:, 1])
+    detected = size / INNER_FIELD * np.exp(rng.normal(0, SIZE_SIGMA, 2))
+    offset = rng.normal(0, CENTRE_SIGMA, (1, 2)) * size
+    found_plane = plane._replace(point=plane.points(offset)[0])
+    usable = usable_views(found_plane, detected, images)
+    if not usable:
+        return None
+    frames = np.array([image.frame for image in images], np.int64)
+    return register_views(found_plane, detected, usable, frames, model), detected
 
 
 def _choice(
@@ -122,21 +149,13 @@ def _choice(
     rng: np.random.Generator,
     drive: str,
 ) -> OutlineChoice | None:
-    centre, normal = np.array(sign["centre"]), np.array(sign["normal"])
-    size = np.array([sign["width_m"], sign["height_m"]])
-    last = images[-1].pose
-    up = -last.rotation[:, 1]
-    plane = PanelPlane.across(centre, last.rotation[:, 2], up)
-    detected = size / INNER_FIELD * np.exp(rng.normal(0, SIZE_SIGMA, 2))
-    offset = rng.normal(0, CENTRE_SIGMA, (1, 2)) * size
-    found_plane = plane._replace(point=plane.points(offset)[0])
-    usable = usable_views(found_plane, detected, images)
-    if not usable:
+    face = registered_face(sign, images, model, rng)
+    if face is None:
         return None
-    frames = np.array([image.frame for image in images], np.int64)
-    registered = register_views(found_plane, detected, usable, frames, model)
-    panel = PanelPlane.across(centre, -normal, up)
-    true = true_box(registered, panel, size)
+    registered, detected = face
+    up = -images[-1].pose.rotation[:, 1]
+    panel = PanelPlane.across(np.array(sign["centre"]), -np.array(sign["normal"]), up)
+    true = true_box(registered, panel, np.array([sign["width_m"], sign["height_m"]]))
     views = registered.stacked()
     box = registered.box(detected)
     found = outline_candidates(views, gradients_of(views), box)

@@ -43,7 +43,7 @@ from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import EvidenceModel
 from wayside.schemas.settings import ReadSettings, TrackSettings
-from wayside.stages.mapping import FEATURES, track
+from wayside.stages.mapping import FEATURES, PanelModels, track
 from wayside.stages.odometry import estimate_motion
 
 FOR, AGAINST = 1, -1
@@ -286,7 +286,7 @@ def _landmarks_of(folder: Path, log: Path, known: KnownPanels, read: ReadSetting
         moved = estimate_motion(found, settings.motion)
         detector = detector_of(settings, own)
         settled = TrackSettings(fewest_views=FEWEST)
-        panel = own.outline_weights
+        panel = PanelModels(own.outline_weights)
         tracked = track(moved, settled, detector.front, detector.back, panel)
         rows += [
             (one.features, known.label(one), one.back, lower == 0)

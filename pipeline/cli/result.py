@@ -37,7 +37,7 @@ FrameOption = Annotated[int | None, typer.Option("--frame", help="A frame of the
 
 Format = StrEnum("Format", ["csv", "xlsx", "geojson", "gpkg", "fgb", "shp", "kml", "kmz", "mcap"])
 Units = StrEnum("Units", ["metric", "us"])
-InventoryTable = StrEnum("InventoryTable", ["panels", "supports", "profile"])
+InventoryTable = StrEnum("InventoryTable", ["panels", "supports", "profile", "posts"])
 
 
 @app.command(
@@ -223,7 +223,7 @@ HOW_TO_EXPORT = {
     "kind": Option(Format, "Default: by the end of the name.", names=("-f", "--format")),
     "table": Option(
         InventoryTable,
-        "Of an inventory panels or supports; of a drive profile.  [default: panels; signs]",
+        "Of an inventory panels or supports; of a drive profile or posts.  [default: panels; signs]",
     ),
     "units": Option(
         Units, "`us`: distances in feet, sizes of signs in inches.", default=Units.metric

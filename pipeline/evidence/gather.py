@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.results.result import find_sign, read_rows
 from wayside.schemas.errors import InputError
-from wayside.schemas.tables import FRAMES, OBSERVATIONS, PROFILE, SIGNS
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, POSTS, PROFILE, SIGNS
 from wayside.stages.geometry import turn_deg
 
 _LONGEST_ID = 240
@@ -97,8 +97,13 @@ def gather(out: Path, sign_id: str | None) -> tuple[DriveMap, list[Evidence]]:
         _require_file_name(out, sign["sign_id"])
     chosen = signs if sign_id is None else [find_sign(out, signs, sign_id)]
     drive = _read_drive(out, signs)
-    grounds = _grounds_below(out, chosen)
-    chosen = [sign | {"ground_m": ground} for sign, ground in zip(chosen, grounds, strict=True)]
+    grounds, posts = _grounds_below(out, chosen), {}
+    if (out / POSTS.file).is_file():
+        posts = {row["assembly_id"]: row for row in read_rows(out, POSTS, POSTS.schema.names)}
+    chosen = [
+        sign | {"ground_m": ground, "posts": posts.get(sign["assembly_id"])}
+        for sign, ground in zip(chosen, grounds, strict=True)
+    ]
     where = {"verdict": "sign"} if sign_id is None else {"verdict": "sign", "sign_id": sign_id}
     views = defaultdict(list)
     for row in read_rows(out, OBSERVATIONS, ("sign_id", "frame", "box", "residual_px"), where):

@@ -6,7 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from wayside.pipeline.code_words import code_of, nominal_words, series_words, system_words
+from wayside.pipeline.code_words import (
+    code_of,
+    nominal_words,
+    posts_words,
+    series_words,
+    system_words,
+)
 from wayside.schemas.detections import COLOR_RGB
 
 Ink = tuple[int, int, int]
@@ -107,6 +113,7 @@ def _beside_the_road(sign: dict[str, Any]) -> list[Figure]:
         _length("Lower edge above it", sign["bottom_m"], sign["sigma_bottom_m"]),
         *clear,
         *([] if apart is None else [_length("To the next of its type", apart, sigma)]),
+        *([] if sign.get("posts") is None else [Figure("Stands on", *posts_words(sign["posts"]))]),
     ]
 
 

@@ -21,7 +21,7 @@ from wayside.pipeline.exporting.place import PlacedRows
 from wayside.pipeline.exporting.table import (
     GEOMETRY,
     INVENTORY_TABLES,
-    drive_profile,
+    drive_roadside,
     drive_signs,
     inventory_rows,
     is_inventory,
@@ -30,7 +30,7 @@ from wayside.pipeline.files.parsing import guarded
 from wayside.pipeline.files.writing import is_stream, refuse, whole_file
 from wayside.pipeline.reviewing.matching import Review
 from wayside.schemas.errors import UsageError
-from wayside.schemas.tables import PROFILE
+from wayside.schemas.tables import POSTS, PROFILE
 
 FORMATS = {
     "csv": "table of text",
@@ -124,7 +124,9 @@ def export(  # noqa: PLR0913 - one for each option
     if inventory:
         source = inventory_rows(out, table or next(iter(INVENTORY_TABLES)))
     else:
-        source = drive_profile(out) if table else drive_signs(out, review, accepted=accepted)
+        source = (
+            drive_roadside(out, table) if table else drive_signs(out, review, accepted=accepted)
+        )
     if kind in _ALWAYS_WGS_84 and source.world is not None:
         raise UsageError(
             f"{out}: {FORMATS[kind]} needs longitude and latitude, but the log has no satellite fixes. Export CSV, "
@@ -157,7 +159,7 @@ def _require_fitting(
         raise UsageError(
             "--units us: the schemas of mcap are in metres. Leave --units out, or choose another format."
         )
-    known = (*INVENTORY_TABLES,) if inventory else (PROFILE.name,)
+    known = (*INVENTORY_TABLES,) if inventory else (POSTS.name, PROFILE.name)
     if table is not None and (table not in known or kind == "mcap"):
         raise UsageError(
             f"--table {table}: {out} is {'an inventory' if inventory else 'the result of one drive'}, of which "

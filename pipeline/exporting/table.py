@@ -19,7 +19,7 @@ from wayside.pipeline.reviewing.known import KnownResult
 from wayside.pipeline.reviewing.matching import Review
 from wayside.schemas.errors import InputError
 from wayside.schemas.inventory_tables import PANELS, SUPPORTS
-from wayside.schemas.tables import FRAMES, PROFILE, SIGNS, Column, Table
+from wayside.schemas.tables import FRAMES, POSTS, PROFILE, SIGNS, Column, Table
 
 Row = dict[str, Any]
 """Values by column name; one that is absent or None is unknown."""
@@ -108,15 +108,16 @@ def drive_signs(out: Path, review: Review, *, accepted: bool = False) -> Source:
     return Source(out, SIGNS.name, columns, lambda: [rows], last, world)
 
 
-def drive_profile(out: Path) -> Source:
-    """The ground across the road of a result of `wayside run --roadside`; raises as `drive_signs`."""
-    rows = read_rows(out, PROFILE, _names(PROFILE))
+def drive_roadside(out: Path, name: str) -> Source:
+    """`profile` or `posts` of a result of `wayside run --roadside`; raises as `drive_signs`."""
+    table = {one.name: one for one in (POSTS, PROFILE)}[name]
+    rows = read_rows(out, table, _names(table))
     last = max((row["log_time_ns"] for row in read_rows(out, FRAMES, ["log_time_ns"])), default=0)
     local = rows and all(row["lon_deg"] is None for row in rows)
     world = str(read_run(out).get("world") or "drive_start") if local else None
-    columns = _flat_columns(PROFILE)
+    columns = _flat_columns(table)
     when = datetime.fromtimestamp(last // 10**9, UTC)
-    return Source(out, PROFILE.name, columns, lambda: [rows], when, world)
+    return Source(out, name, columns, lambda: [rows], when, world)
 
 
 def inventory_rows(inventory: Path, name: str) -> Source:

@@ -27,10 +27,10 @@ from wayside.pipeline.files.writing import create, not_written
 from wayside.schemas.detections import VERDICTS
 from wayside.schemas.frame import DUPLICATE, USED, Camera
 from wayside.schemas.landmarks import EVIDENCE_TERMS, TrackedFrame
-from wayside.schemas.roadside import SIDES, CrossSection
+from wayside.schemas.roadside import SIDES, CrossSection, Posts
 from wayside.schemas.sign_catalogue import US, VIENNA
 from wayside.schemas.signs import Sign
-from wayside.schemas.tables import FRAMES, OBSERVATIONS, PROFILE, SECTIONS, SIGNS, Table
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, POSTS, PROFILE, SECTIONS, SIGNS, Table
 from wayside.stages.georeference import DrivePath
 
 _POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
@@ -211,6 +211,30 @@ def roadside_rows(
     return rows
 
 
+def posts_rows(signs: Sequence[Sign], log: str) -> list[dict[str, Any]]:
+    """The rows of `posts.parquet`, by support: what its lowest sign stands on."""
+    lowest: dict[int, Sign] = {}
+    for sign in sorted(signs, key=lambda sign: (sign.assembly, sign.up_m - sign.height_m / 2)):
+        lowest.setdefault(sign.assembly, sign)
+    rows = []
+    for sign in lowest.values():
+        row, found = sign_row(sign, log), sign.landmark.posts or Posts()
+        scale = sign.width_m / sign.landmark.width_m
+        rows.append(
+            {name: row.get(name) for name in POSTS.schema.names}
+            | {
+                "number": found.number or None,
+                "width_m": finite(scale * found.width_m),
+                "sigma_width_m": finite(scale * found.sigma_width_m),
+                "kind": found.kind,
+                "kind_probability": finite(found.probability),
+                "views": found.views,
+                "frame": sign.landmark.best_frame,
+            }
+        )
+    return rows
+
+
 @dataclass(frozen=True, slots=True)
 class WrittenTables:
     """What was written."""
@@ -234,6 +258,11 @@ class WrittenTables:
     def us_probability(self) -> float | None:
         """Probability that the signs are of the US system; None where there is no sign."""
         return self.signs[0].us_probability if self.signs else None
+
+    @property
+    def posts(self) -> list[dict[str, Any]]:
+        """The rows of `posts.parquet`; none where the roadside was not asked for."""
+        return [] if self.sections is None else posts_rows(self.signs, self.log)
 
     @property
     def sign_rows(self) -> list[dict[str, Any]]:
@@ -291,7 +320,9 @@ class InventoryWriter:
             self._write_signs(signs, path)
             self._write_frames(path)
             self._write_observations(signs)
-            roadside = {} if sections is None else roadside_rows(sections, path)
+            roadside = {}
+            if sections is not None:
+                roadside = roadside_rows(sections, path) | {POSTS: posts_rows(signs, self._log)}
             for table, found in roadside.items():
                 self._write(table, {name: [r[name] for r in found] for name in table.schema.names})
         except OSError as error:

@@ -10,7 +10,7 @@ import rerun as rr
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.code_words import code_of
+from wayside.pipeline.code_words import code_of, posts_words
 from wayside.pipeline.results.inventory import WrittenTables
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.drawing import (
@@ -100,7 +100,7 @@ def closing(
 
 def _table_and_map(inventory: WrittenTables) -> Iterator[Entity]:
     signs, landmarks = inventory.sign_rows, [sign.landmark for sign in inventory.signs]
-    table = rr.TextDocument(inventory_table(signs), media_type="text/markdown")
+    table = rr.TextDocument(inventory_table(signs, inventory.posts), media_type="text/markdown")
     yield entity(at.INVENTORY, table)
     yield entity(f"{at.LOCATION}/signs", cross_section(landmarks, [r["sign_id"] for r in signs]))
     if inventory.path.globe is None:
@@ -247,8 +247,11 @@ def sign_figures(row: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def inventory_table(signs: Sequence[Mapping[str, Any]]) -> str:
-    """The signs as a markdown table."""
+def inventory_table(
+    signs: Sequence[Mapping[str, Any]], posts: Sequence[dict[str, Any]] = ()
+) -> str:
+    """The signs as a markdown table, with the posts of each support beside its lowest sign."""
+    on = {row["sign_id"]: ", ".join(filter(None, posts_words(row))) for row in posts}
     numbers = {
         "station m": "station_m",
         "right m": "lateral_m",
@@ -258,17 +261,19 @@ def inventory_table(signs: Sequence[Mapping[str, Any]]) -> str:
         "± along m": "sigma_along_m",
         "to next m": "spacing_m",
     }
-    heads = ("sign", "code", "colour", "shape", *numbers, "views", "confidence")
+    heads = ["sign", "code", "colour", "shape", *numbers, "views", "confidence"]
+    heads += ["stands on"] if on else []
     lines = [
         f"# {len(signs)} signs",
         "",
         f"| {' | '.join(heads)} |",
-        "|---|---|---|---" + "|--:" * (len(numbers) + 2) + "|",
+        "|---|---|---|---" + "|--:" * (len(numbers) + 2) + "|---" * bool(on) + "|",
     ]
     for row in signs:
         measured = [_number(row[name]) for name in numbers.values()]
         cells = [row["sign_id"], code_of(row) or "", *_appearance(row), *measured]
         cells += [str(row["views"]), _number(row["confidence"])]
+        cells += [on.get(row["sign_id"], "")] if on else []
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 

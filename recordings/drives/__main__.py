@@ -46,13 +46,24 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--frames", type=_count, metavar="N", help="frames of every drive")
     parser.add_argument(
+        "--varied-posts",
+        type=float,
+        metavar="M",
+        help="as if every drive had signs.varied_posts, and signs.spacing_m = M",
+    )
+    parser.add_argument(
         "--missing", action="store_true", help="skip drives that are there, made from the same"
     )
     return parser
 
 
-def asked_for(spec: DriveSpec, reseed: int | None, frames: int | None) -> DriveSpec:
+def asked_for(
+    spec: DriveSpec, reseed: int | None, frames: int | None, varied_posts: float | None = None
+) -> DriveSpec:
     """The specification with what the command line changes of it."""
+    if varied_posts is not None:
+        signs = replace(spec.signs, varied_posts=True, spacing_m=varied_posts)
+        spec = replace(spec, signs=signs)
     if reseed is not None:
         spec = replace(spec, name=f"{spec.name}_{reseed}", seed=spec.seed + reseed)
     return spec if frames is None else replace(spec, frames=frames)
@@ -64,7 +75,8 @@ def main() -> int:
     output = Output(options.out, options.masks, options.pictures)
     try:
         specs = [load_spec(find_spec(name)) for name in options.specs]
-        for spec in [asked_for(spec, options.reseed, options.frames) for spec in specs]:
+        asked = options.reseed, options.frames, options.varied_posts
+        for spec in [asked_for(spec, *asked) for spec in specs]:
             if options.missing and is_complete(spec, output):
                 print(f"{spec.name}: complete", file=sys.stderr)
                 continue

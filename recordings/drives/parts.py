@@ -95,6 +95,8 @@ class PlacedSign:
     face: Face
     quad: Quad
     post: str
+    posts: int  # on which it stands
+    post_width: float  # m; 0: that of all posts of this kind
     forward: bool  # placed for the camera's direction of travel
     hidden: bool
     faded: bool

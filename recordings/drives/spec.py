@@ -118,6 +118,9 @@ class SignSpec:
     faded_share: float = 0.25
     groups: dict[str, float] = field(default_factory=lambda: {"warning": 1.0, "regulatory": 1.0})
     chevrons: bool = True
+    varied_posts: bool = (
+        False  # width, profile, colour, rust and shade of posts, which the truth then states
+    )
     setback_m: float = 0.0  # how far beyond the usual strip beside the road signs may stand
 
 

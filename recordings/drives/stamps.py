@@ -33,8 +33,11 @@ class Output:
 
 def digest(spec: DriveSpec) -> str:
     """Hash of all that decides the bytes of a drive: settings, renderer, OpenCV and numpy."""
+    settings = asdict(spec)
+    if not spec.signs.varied_posts:
+        del settings["signs"]["varied_posts"]  # younger than drives that are kept
     made_from = {
-        "settings": asdict(spec),
+        "settings": settings,
         "renderer": RENDERER_VERSION,
         "opencv": cv2.__version__,
         "numpy": np.__version__,

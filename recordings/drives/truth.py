@@ -206,6 +206,11 @@ def _sign(sign: PlacedSign, path: ReferencePath, views: list[FrameViews]) -> dic
         "lateral_m": round(place.lateral_m, 3),
         "station_m": round(place.station_m, 3),
         "post": sign.post,
+        **(
+            {"posts": sign.posts, "post_width_m": round(sign.post_width, 4)}
+            if sign.post_width
+            else {}
+        ),
         "faces_travel": abs(facing) < FACES_TRAVEL_WITHIN_DEG,
         "placed_for_travel": sign.forward,
         "hidden_by_foliage": sign.hidden,

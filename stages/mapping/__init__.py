@@ -11,6 +11,7 @@ from wayside.stages.mapping.landmark import (
 from wayside.stages.mapping.landmark_evidence import FEATURES, LandmarkClassifier
 from wayside.stages.mapping.landmark_fit import BOX_SIGMA, LandmarkFit, fit_views
 from wayside.stages.mapping.local_adjustment import LandmarkMeasurement
+from wayside.stages.mapping.panel import USUAL_CAMERA_M, PanelModels
 from wayside.stages.mapping.tracker import WINDOW_STEP, SideClassifiers, track
 from wayside.stages.mapping.verdicts import VERDICT_OF_TERM
 from wayside.stages.mapping.window import (
@@ -26,12 +27,14 @@ __all__ = [
     "FEATURES",
     "GAP_SHARE",
     "STEP_COVARIANCE",
+    "USUAL_CAMERA_M",
     "VERDICT_OF_TERM",
     "WINDOW_STEP",
     "Each",
     "LandmarkClassifier",
     "LandmarkFit",
     "LandmarkMeasurement",
+    "PanelModels",
     "SideClassifiers",
     "TravelledPath",
     "WindowFrame",

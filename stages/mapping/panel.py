@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import Pose
 from wayside.schemas.measurement import PanelView
-from wayside.schemas.models import LinearModel
+from wayside.schemas.models import GaussianModel, LinearModel
+from wayside.schemas.roadside import Posts
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.kernels import Array
 from wayside.stages.mapping.landmark_fit import DRIFT_RAD, LandmarkFit
@@ -29,6 +30,7 @@ from wayside.stages.panel import (
     PosedImage,
     RegisteredViews,
     box_round,
+    measure_posts,
     outline_of,
     register_views,
     segments_of,
@@ -46,6 +48,8 @@ COVARIANCE_SCALE = 2.0
 """Factor on standard deviations of registration, whose residuals do not show moving backgrounds (measured)."""
 FARTHEST_OFF_M = 1.0
 """A panel farther from its boxes is refused."""
+USUAL_CAMERA_M = 1.6
+"""Height of a camera above the road until the motion tells it."""
 FARTHEST_OFF = 0.1
 """Far off it may be farther: this fraction of the depth of the nearest view."""
 
@@ -80,6 +84,15 @@ class Panel:
     """RMS distance of the centres in the registered views from the fitted point."""
 
 
+class PanelModels(NamedTuple):
+    """What panels are measured with."""
+
+    outline: LinearModel
+    """Chooses their outlines."""
+    posts: GaussianModel | None = None
+    """Tells the kinds of posts below them. None: these are not looked at."""
+
+
 class PanelMeasurement(NamedTuple):
     """How a panel was measured."""
 
@@ -89,6 +102,8 @@ class PanelMeasurement(NamedTuple):
     """In samples of their template. None: none is strong enough."""
     panel: Panel | None = None
     """None: the outline or the position is refused."""
+    posts: Posts | None = None
+    """None: not asked for, or no view shows all of it."""
 
     @property
     def segments(self) -> Array | None:
@@ -107,9 +122,9 @@ class PanelMeasurement(NamedTuple):
 
 
 def measure_panel(
-    fit: LandmarkFit, held: Sequence[WindowFrame], beside: FrenetOffset, model: LinearModel
+    fit: LandmarkFit, held: Sequence[WindowFrame], beside: FrenetOffset, models: PanelModels
 ) -> PanelMeasurement:
-    """The panel of a landmark from its registered views, outlined by a model; no views where none shows all of it."""
+    """The panel of a landmark from its registered views, and its posts; no views where none shows all of it."""
     plane = across_path(fit.point, held, beside)
     images = [
         PosedImage(k, h.motion.pose, h.camera, h.rgb)
@@ -119,15 +134,30 @@ def measure_panel(
     usable = usable_views(plane, fit.metric, images)
     if not usable:
         return PanelMeasurement()
-    registered = register_views(plane, fit.metric, usable, fit.frames, model)
+    registered = register_views(plane, fit.metric, usable, fit.frames, models.outline)
     views = tuple(
         PanelView(held[view.image.frame].frame.index, view.rgb, alignment)
         for view, alignment in registered.views
     )
-    outline = outline_of(registered, fit.metric, model)
+    outline = outline_of(registered, fit.metric, models.outline)
+    box = registered.box(fit.metric) if outline is None else outline.box
+    posts = None if models.posts is None else _posts(registered, box, held, models.posts)
     if outline is None:
-        return PanelMeasurement(views)
-    return PanelMeasurement(views, outline, solve_panel(fit, registered, outline, held))
+        return PanelMeasurement(views, posts=posts)
+    return PanelMeasurement(views, outline, solve_panel(fit, registered, outline, held), posts)
+
+
+def _posts(
+    registered: RegisteredViews, box: Array, held: Sequence[WindowFrame], kinds: GaussianModel
+) -> Posts:
+    """What a panel stands on; box (4,): of the panel in samples of the template."""
+    template, _ = registered.views[0]
+    motion = held[template.image.frame].motion
+    height = motion.camera_height_m if np.isfinite(motion.camera_height_m) else USUAL_CAMERA_M
+    below = box[3] - (template.grey.shape[0] - 1) / 2
+    low = registered.plane.points(np.array([[0.0, below * registered.step]]))[0]
+    above_m = height - float(registered.plane.down @ (low - motion.pose.centre))
+    return measure_posts(registered, box, above_m, kinds)
 
 
 def across_path(point: Array, held: Sequence[WindowFrame], beside: FrenetOffset) -> PanelPlane:

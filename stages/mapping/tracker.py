@@ -16,7 +16,6 @@ import numpy as np
 from wayside.schemas.detections import Features
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.measurement import Measurement
-from wayside.schemas.models import LinearModel
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.detection import BoxClassifier
@@ -34,7 +33,7 @@ from wayside.stages.mapping.landmark_evidence import (
 )
 from wayside.stages.mapping.landmark_fit import BOX_SIGMA, LandmarkFit, accept_greedily
 from wayside.stages.mapping.local_adjustment import LandmarkMeasurement
-from wayside.stages.mapping.panel import PanelMeasurement, measure_panel
+from wayside.stages.mapping.panel import PanelMeasurement, PanelModels, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
 from wayside.stages.mapping.surroundings import surroundings_correlation
 from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, Face, FaceBoxes, in_swept_volume
@@ -68,7 +67,7 @@ def track(
     settings: TrackSettings,
     front: SideClassifiers | None = None,
     back: SideClassifiers | None = None,
-    panel: LinearModel | None = None,
+    panel: PanelModels | None = None,
     jointly: bool = False,
     box_sigma: tuple[float, float] = BOX_SIGMA,
     each: Each = map,
@@ -90,7 +89,7 @@ def track(
     back
         The same of panels seen from behind; None: they are not tracked.
     panel
-        Chooses the outlines of panels, which are measured as planes; None: boxes alone give position and size.
+        Panels are measured as planes, by these models; None: boxes alone give position and size.
     jointly
         Whether a landmark is adjusted together with the motion.
     box_sigma
@@ -117,7 +116,7 @@ class _Tracker:
 
     settings: TrackSettings
     sides: dict[bool, SideClassifiers]
-    panel: LinearModel | None
+    panel: PanelModels | None
     jointly: bool
     box_sigma: tuple[float, float]
     each: Each
@@ -304,6 +303,7 @@ class _Tracker:
             ),
             features=tuple(evidence.features.tolist()),
             evidence=evidence.ratios,
+            posts=seen.posts,
         )
         if verdict == "sign":
             # Its panel as it was measured: boxes around a sign and its plaque would make the plaque a duplicate.

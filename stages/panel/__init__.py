@@ -11,13 +11,22 @@ from wayside.stages.panel.outline_shapes import (
     face_corners,
     segments_of,
 )
+from wayside.stages.panel.posts import (
+    FEATURES,
+    POST_SPACE,
+    measure_posts,
+    post_below,
+    post_features,
+)
 from wayside.stages.panel.rectification import PanelPlane, PosedImage, usable_views
 from wayside.stages.panel.registration import RegisteredViews, outline_of, register_views
 
 __all__ = [
     "ASPECT",
+    "FEATURES",
     "OUTLINE_FEATURES",
     "OUTLINE_SHAPES",
+    "POST_SPACE",
     "FaceOutline",
     "PanelPlane",
     "PosedImage",
@@ -25,8 +34,11 @@ __all__ = [
     "box_round",
     "face_corners",
     "gradients_of",
+    "measure_posts",
     "outline_candidates",
     "outline_of",
+    "post_below",
+    "post_features",
     "register_views",
     "segments_of",
     "solve_facing",

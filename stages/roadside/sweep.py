@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from wayside.schemas.frame import Pose
 from wayside.schemas.motion import PosedDetections
 from wayside.stages.kernels import Array
+from wayside.stages.mapping import USUAL_CAMERA_M
 from wayside.stages.roadside.ground import ground_of
 from wayside.stages.roadside.images import GroundImage, Singles, agreement, ground_image
 from wayside.stages.roadside.lines import COLUMN_M, painted_lines
@@ -27,13 +28,11 @@ STATION_M = 8.0
 OFFSETS_M = np.arange(-12.0, 12.5, 1.0)
 """Middles of the strips, to the right of the path."""
 HEIGHTS_M = np.arange(-1.9, 1.05, 0.1)
-"""Assumed heights above the road."""
+"""Assumed heights above the road: they leave room for a camera of 0.8 to 3 m."""
 ALONG_M = np.arange(-4.0, 4.05, 0.25)
 """Points of a line of a patch, along the road."""
 ACROSS_M = np.linspace(-0.36, 0.36, 5)
 """Lines of a patch, across the road."""
-USUAL_CAMERA_M = 1.6
-"""Height of a camera above the road until the motion tells it; the assumed heights leave room for 0.8 to 3 m."""
 SHORTEST_STEP_M = 4.0
 """Images nearer to the one before are not compared: their parallax is too small."""
 NEAREST_M, FARTHEST_M = 3.0, 36.0

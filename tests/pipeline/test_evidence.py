@@ -27,7 +27,7 @@ from wayside.pipeline.running.run import RunRequest, run_log
 from wayside.schemas.detections import SHAPES
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.settings import ReadSettings, Settings
-from wayside.schemas.tables import FRAMES, OBSERVATIONS, PROFILE, SIGNS
+from wayside.schemas.tables import FRAMES, OBSERVATIONS, POSTS, PROFILE, SIGNS
 
 from . import results
 from .results import invoke, table_of, write_tables
@@ -609,6 +609,27 @@ def test_the_ground_below_a_sign_is_that_between_the_strips_around_it(out):
     assert (other.sign["ground_m"], bare.sign["ground_m"]) == (None, None)
     values = {f.label: f.value for group in figures_of(beside.sign, "").values() for f in group}
     assert values["and above the ground below"] == "2.90 m"
+
+
+def test_a_sign_says_what_its_support_stands_on(out):
+    assert {one.sign["posts"] for one in gather(out, None)[1]} == {None}
+    row = {"assembly_id": FAR, "sign_id": FAR, "kind": "round_metal", "number": 2}
+    row |= {
+        "width_m": 0.061,
+        "sigma_width_m": 0.008,
+        "views": 2,
+        "frame": 3,
+        "x": 0,
+        "y": 0,
+        "z": 0,
+    }
+    pq.write_table(table_of(POSTS, [row]), out / POSTS.file)
+    shown = [
+        [(f.value, f.remark) for f in figures_of(one.sign, "")["Position"] if "Stands" in f.label]
+        for one in gather(out, None)[1]
+    ]
+    assert shown.count([("round metal, 2 posts", "0.06 m ± 0.01 m wide")]) == 1
+    assert shown.count([]) == len(shown) - 1
 
 
 @pytest.mark.parametrize("most", [5, 14, 30, 2000])

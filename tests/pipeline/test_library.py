@@ -93,8 +93,14 @@ def test_the_roadside_is_measured_only_where_it_is_asked_for(tmp_path, command):
     assert np.median(np.abs(beside)) < 0.05
     edges = [row["edge_m"] for row in inventory.sections.to_pylist() if row["side"] == "right"]
     assert np.nanmedian(np.array(edges, float)) == pytest.approx(3.5 - lane, abs=0.15)
-    done = command("export", tmp_path, "--table", "profile", "-o", tmp_path / "ground.csv")
-    assert f"{len(profile)} rows" in done.stdout, done.stderr
+    posts = inventory.posts.to_pylist()
+    assert {row["assembly_id"] for row in posts} == {*inventory.signs["assembly_id"].to_pylist()}
+    seen = [row for row in posts if row["number"]]
+    assert {row["number"] for row in seen} == {1, 2}
+    assert all(0.03 < row["width_m"] < 0.2 for row in seen)
+    for table, rows in {"profile": profile, "posts": posts}.items():
+        done = command("export", tmp_path, "--table", table, "-o", tmp_path / f"{table}.csv")
+        assert f"{len(rows)} rows" in done.stdout, done.stderr
     plain = wayside.run(DEMO, settings={"read.until_s": 4.5}, out=tmp_path)
     assert plain.finish().about["files"].keys() == {t.file for t in (SIGNS, OBSERVATIONS, FRAMES)}
     assert not (tmp_path / "profile.parquet").exists()  # of the run before

@@ -336,6 +336,16 @@ def test_a_drive_is_incomplete_when_a_part_or_a_setting_differs(tiny, rendered, 
     assert not is_complete(replace(tiny, seed=6), rendered)
 
 
+def test_posts_vary_without_another_sign_in_another_place(tiny):
+    varied = replace(tiny, signs=replace(tiny.signs, varied_posts=True))
+    plain, other = (RenderedDrive(spec).scene.signs for spec in (tiny, varied))
+    places = [[one.quad.origin.tolist() for one in signs] for signs in (plain, other)]
+    assert places[0] == places[1]
+    assert {(one.post_width, one.posts > 0) for one in plain} == {(0.0, True)}
+    assert len({(one.post, one.post_width) for one in other}) == len({s.assembly_id for s in other})
+    assert all(0.04 < one.post_width < 0.4 for one in other)
+
+
 def test_a_render_that_breaks_off_leaves_the_older_drive(tiny, tmp_path, monkeypatch):
     (tmp_path / "tiny.mcap").write_bytes(b"older")
     monkeypatch.setattr("recordings.drives.produce.drive_truth", lambda *_: 1 / 0)

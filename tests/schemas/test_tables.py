@@ -27,8 +27,8 @@ TABLES = (*OF_A_RUN, CHECKS)
 PAGE = Path(__file__).parents[2] / "docs" / "tables.md"
 INTRODUCTION = """# The tables of a result
 
-`wayside run LOG -o OUT` writes three Parquet files, and two more with `--roadside`. Columns are never renamed; new ones
-may be added. Null means unknown, never 0. Field metadata holds units and meanings.
+`wayside run LOG -o OUT` writes three Parquet files, and three more with `--roadside`. Columns are never renamed; new
+ones may be added. Null means unknown, never 0. Field metadata holds units and meanings.
 
 The world frame is the frame of the log's poses. With fixes only it is east, north, up from the first fix. Without
 either, the origin is the first used camera, with x forward, y left and z up. The camera frame is x right, y down, z

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from recordings.drives.arrays import Floats, Singles
 from recordings.drives.layout.placing import LayoutPlan
 from recordings.drives.layout.vegetation import Foliage
+from recordings.drives.paint.posts import varied_post
 from recordings.drives.paint.roadside import rod
 from recordings.drives.paint.texture import Texture, linear, rgba
 from recordings.drives.parts import UP, Part, PlacedSign, Quad, Sprite
@@ -32,6 +34,9 @@ _POSTS = {
     "steel_beam": ((120, 122, 122), 0.16),
 }
 """sRGB colour and width (m)."""
+_KINDS = ("wood", "round_metal", "u_channel", "steel_beam", "pole")
+_ALONE, _IN_PAIRS = (0.28, 0.27, 0.27, 0.06, 0.12), (0.28, 0.18, 0.18, 0.36, 0.0)
+"""Shares of posts that vary: beams stand in pairs under large panels, poles alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,25 +110,39 @@ def widest(panels: Assembly) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Mount:
-    """A support before its panels: foot (world, m), length along the stem to the uppermost edge, kind of post."""
+    """A support before its panels: foot (world, m), length along the stem to the uppermost edge, kind of post.
+
+    Its posts: none under a gantry. `thick`: their width in m where they are varied, else 0.
+    """
 
     foot: Floats
     stance: _Stance
     length: float
     post: str
+    posts: Sequence[Part] = ()
+    thick: float = 0.0
 
-    def posts(self, panels: Assembly) -> list[Part]:
-        """One post, or two under a panel that is too wide for one; none under a gantry."""
+    def on_posts(self, panels: Assembly, vary: np.random.Generator | None) -> _Mount:
+        """On one post, or two under a panel that is too wide for one; varied by a random stream where there is one."""
         if self.post not in _POSTS:
-            return []
-        color, thick = _POSTS[self.post]
-        texture, axis = rod(color), self.stance.stem * (self.length - 0.04)
+            return self
+        (color, thick), post, above = _POSTS[self.post], self.post, -0.04
         on_two = panels[0][0].kind in _ON_TWO_LEGS
         limit, share = (1.05, 0.46) if on_two else (1.3, 0.3)
         width = widest(panels)
         spread = [0.0] if width <= limit else [-share * width, share * width]
+        if vary is not None:
+            alone = len(spread) == 1
+            post = str(vary.choice(_KINDS, p=_ALONE if alone else _IN_PAIRS))
+            above = vary.uniform(0.5, 4.0) if post == "pole" else above
+            spread += [0.0] if len(spread) > 1 and vary.random() < width / 9 else []
+            texture, thick = varied_post(post, self.length + above, vary)
+        else:
+            texture = rod(color)
+        axis = self.stance.stem * (self.length + above)
         feet = (self.foot + self.stance.across * x for x in spread)
-        return [Sprite(foot, axis, thick, texture, casts_shadow=True) for foot in feet]
+        posts = [Sprite(foot, axis, thick, texture, casts_shadow=True) for foot in feet]
+        return replace(self, post=post, posts=posts, thick=0.0 if vary is None else thick)
 
 
 def _bare_back(front: Quad, rng: np.random.Generator) -> Quad:
@@ -136,11 +155,15 @@ def _bare_back(front: Quad, rng: np.random.Generator) -> Quad:
 
 @dataclass(frozen=True, slots=True)
 class Assembler:
-    """Puts up assemblies; `dapple` is the tile of light that falls through leaves, if there is any."""
+    """Puts up assemblies; `dapple` is the tile of light that falls through leaves, if there is any.
+
+    `vary`: random stream of posts that vary; None: all posts of a kind are alike.
+    """
 
     plan: LayoutPlan
     foliage: Foliage
     dapple: Singles | None
+    vary: np.random.Generator | None = None
 
     def put_up(self, rng: np.random.Generator, panels: Assembly, place: Place) -> None:
         """Add one support with its panels, and at times a bush before them."""
@@ -154,9 +177,9 @@ class Assembler:
         else:
             bottom, post = place.overhead_m, "gantry"
         length = (road_z + bottom + total - foot[2]) / stance.stem[2]
-        mount = _Mount(foot, stance, length, post)
+        mount = _Mount(foot, stance, length, post).on_posts(panels, self.vary)
         fronts, backs = self._panels(rng, panels, mount, place.forward)
-        parts = [*backs, *mount.posts(panels), *fronts]
+        parts = [*backs, *mount.posts, *fronts]
         self.plan.add_unlisted("sign", foot, parts, REACH_M)
         if stance.hidden:
             self._hide(rng, place, road_z + bottom, total)
@@ -196,6 +219,8 @@ class Assembler:
                     face=face,
                     quad=front,
                     post=mount.post,
+                    posts=len(mount.posts),
+                    post_width=mount.thick,
                     forward=forward,
                     hidden=stance.hidden,
                     faded=stance.faded,

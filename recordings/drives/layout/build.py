@@ -23,7 +23,8 @@ def build_scene(spec: DriveSpec, road: RoadAlignment, poses: list[TimedPose]) ->
     """Everything that stands or drives along a road, as far as the images of a drive reach."""
     plan = LayoutPlan(spec, road, end=poses[-1].station_m)
     foliage, dapple = Foliage(plan.rng(20), spec.scene.season), _dapple(spec)
-    place_signs(plan, Assembler(plan, foliage, dapple))
+    vary = plan.rng(12) if spec.signs.varied_posts else None
+    place_signs(plan, Assembler(plan, foliage, dapple, vary))
     plant_vegetation(plan, foliage)
     place_lines(plan)
     place_structures(plan)

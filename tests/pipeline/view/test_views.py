@@ -447,6 +447,8 @@ def test_a_row_is_headed_by_what_it_looks_like():
     heads = [sign_figures(one).split("\n")[0] for one in (row, row | {"color": None}, behind)]
     assert heads == ["# d-0001: red octagon", "# d-0001: ? octagon", "# d-0001: back octagon"]
     assert "| d-0001 |  | back | octagon | 1.50 |" in inventory_table([behind])
+    posts = [{"sign_id": "d-0001", "kind": "wood", "number": 1, "width_m": None}]
+    assert inventory_table([behind], posts).endswith("| wood, 1 post |\n")
 
 
 def test_every_class_of_places_is_drawn_where_it_lies():

@@ -1,0 +1,107 @@
+"""A white panel on posts before a background of its own in each image."""
+
+import cv2
+import numpy as np
+import pytest
+
+from wayside.schemas.frame import Camera, Pose
+from wayside.schemas.models import GaussianClass, GaussianModel
+from wayside.schemas.roadside import Posts
+from wayside.stages.panel import FEATURES, POST_SPACE, measure_posts, register_views
+from wayside.stages.panel.posts import LEAST_PROBABILITY, kind_of, post_below
+from wayside.stages.panel.rectification import PanelPlane, PosedImage, usable_views
+
+from ..made_frames import paint
+
+CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
+RIGHT, UP, AHEAD = 4.0, 1.0, 14.0
+"""Of the middle of the panel, from the nearest camera, 2 m above the road."""
+ROAD_M = 2.0
+PLANE = PanelPlane.across(
+    np.array([RIGHT, -UP, AHEAD]), np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
+)
+SLANT = AHEAD / np.hypot(AHEAD, RIGHT)
+"""The same width is seen so much narrower across the line of sight."""
+
+
+def polygon(left, top, right, bottom, color, lean=0.0):
+    """Right and down of the middle of the panel; `lean` to the right a metre downwards."""
+    shift = lean * (bottom - top)
+    ends = [(left, top), (right, top), (right + shift, bottom), (left + shift, bottom)]
+    return np.array([(RIGHT + x, -UP + y, AHEAD) for x, y in ends]), color
+
+
+def registered(size, polygons, outline_model):
+    """Three views, the farthest first, of a panel of this width and height with these polygons below."""
+    wide, tall = np.array(size) / 2
+    face = [polygon(-wide, -tall, wide, tall, (225, 225, 225))]
+    face += [polygon(-0.6 * wide, -0.6 * tall, 0.2 * wide, 0.5 * tall, (20, 20, 20))]
+    images = []
+    for number, behind in enumerate((16.0, 8.0, 0.0)):
+        coarse = np.random.default_rng(number).integers(70, 150, (60, 80, 3)).astype(np.uint8)
+        image = cv2.resize(coarse, (CAMERA.width, CAMERA.height), interpolation=cv2.INTER_CUBIC)
+        pose = Pose(np.eye(3), np.array([0.0, 0.0, -behind]))
+        for one in (*polygons, face):
+            paint(image, pose, CAMERA, one)
+        images.append(PosedImage(number, pose, CAMERA, image))
+    usable = usable_views(PLANE, np.array(size), images)
+    return register_views(PLANE, np.array(size), usable, np.arange(3), outline_model)
+
+
+def measured(size, polygons, outline_model):
+    views = registered(size, polygons, outline_model)
+    return post_below(views, views.box(np.array(size)), ROAD_M + UP - size[1] / 2)[1]
+
+
+@pytest.mark.parametrize(
+    ("size", "places", "width", "lean"),
+    [
+        ((0.75, 0.9), [0.0], 0.06, 0.0),
+        ((0.75, 0.9), [0.03], 0.3, 0.0),
+        ((0.9, 0.9), [0.0], 0.1, 0.06),
+        ((2.2, 1.2), [-0.65, 0.65], 0.09, 0.0),
+        ((3.0, 1.2), [-0.9, 0.0, 0.9], 0.12, -0.03),
+    ],
+)
+def test_the_posts_of_a_panel_are_counted_and_measured(size, places, width, lean, outline_model):
+    below = size[1] / 2
+    posts = [
+        [polygon(x - width / 2, below, x + width / 2, 3.0, (40, 40, 44), lean)] for x in places
+    ]
+    found = measured(size, posts, outline_model)
+    assert np.sort(found.sides_m.mean(axis=1)) == pytest.approx(places, abs=0.02)
+    assert found.width_m == pytest.approx(width * SLANT, rel=0.1)
+    assert found.lean == pytest.approx(lean, abs=0.031)
+
+
+def test_a_trunk_far_from_the_middle_is_no_post_and_nothing_is_measured_where_none_is_seen(
+    outline_model, kinds
+):
+    size = (0.75, 0.9)
+    trunk = [[polygon(0.35, 0.0, 0.5, 3.0, (30, 30, 30))]]
+    views = registered(size, trunk, outline_model)
+    assert measure_posts(views, views.box(np.array(size)), 1.8, kinds) == Posts()
+    assert measure_posts(views, views.box(np.array(size)), 0.4, kinds) == Posts()  # low
+
+
+def test_a_panel_over_the_road_hangs_from_a_gantry(outline_model, kinds):
+    views = registered((0.75, 0.9), [], outline_model)
+    assert measure_posts(views, views.box(np.array([0.75, 0.9])), 5.2, kinds) == Posts("gantry")
+
+
+@pytest.fixture
+def kinds():
+    means = {"wood": 0.0, "pole": 4.0}
+    classes = (
+        GaussianClass(name, np.full(FEATURES, mean), np.eye(FEATURES), 9)
+        for name, mean in means.items()
+    )
+    return GaussianModel(POST_SPACE, tuple(classes), "made by hand")
+
+
+def test_a_post_that_is_like_two_kinds_or_none_is_of_unknown_kind(kinds):
+    kind, probability = kind_of(np.full(FEATURES, 3.5), kinds)
+    assert (kind, probability > LEAST_PROBABILITY) == ("pole", True)
+    for between_or_far in (2.0, 9.0):
+        kind, probability = kind_of(np.full(FEATURES, between_or_far), kinds)
+        assert (kind, np.isnan(probability)) == ("unknown", True)
