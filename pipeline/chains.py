@@ -33,7 +33,7 @@ from wayside.stages.odometry import estimate_motion, extract_features
 from wayside.stages.report import (
     classify_trajectory,
     extract_sift,
-    match_by_descriptors,
+    match_segments,
     merge_segments,
     triangulate_points,
 )
@@ -133,7 +133,7 @@ def report_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
             stage("motion", estimate_motion, s.motion),
             stage("calibration", watch_calibration, watch).unseen(),
             _swept(roadside),
-            stage("track", match_by_descriptors, s.track),
+            stage("track", match_segments, s.track),
             stage("trajectory", classify_trajectory, moves) if moves else None,
             stage("location", classify_location, m.location_classes, s.locate)
             if s.locate.gate

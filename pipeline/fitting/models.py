@@ -185,8 +185,8 @@ def fit_gaussians(
 
 def model_rates(model: GaussianModel, samples: Samples, names: tuple[str, ...]) -> Rates:
     """How a model decides on samples in its space."""
-    code, _, accepted = nearest_class(samples.values, model, names)
-    given = np.where(accepted, np.array(names)[code], "")
+    code, _, ratio = nearest_class(samples.values, model, names)
+    given = np.where(ratio >= model.threshold, np.array(names)[code], "")
     return Resampled(samples).rates(given)
 
 

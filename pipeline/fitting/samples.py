@@ -218,7 +218,7 @@ def region_samples(
             on = np.flatnonzero((label == ON) & (kind != ""))
             if accepting is not None:
                 features = color_features(regions.rgb, accepting.space)
-                off &= nearest_class(features, accepting, COLORS)[2]
+                off &= nearest_class(features, accepting, COLORS)[2] >= accepting.threshold
                 on = on[iou_matrix(regions.box[on], drive.faces.box[face[on]]).diagonal() >= WHOLE]
             rows = np.union1d(spread(np.flatnonzero(off), MOST_OTHERS), on)
             values = (

@@ -143,7 +143,7 @@ class Drive:
         regions, face = regions.select(on), face[on]
         outlines = outlines_of(item.segmentation, regions)
         features = fourier_descriptors(outlines)
-        code, distance, accepted = nearest_class(features, self.shapes, SHAPES)
+        code, distance, ratio = nearest_class(features, self.shapes, SHAPES)
         for i in np.flatnonzero(code >= 0):
             yield FaceOutline(
                 frame,
@@ -151,7 +151,7 @@ class Drive:
                 regions.box[i],
                 outlines[i] + 1j * item.segmentation.rows[0],
                 SHAPES[code[i]],
-                bool(accepted[i]),
+                bool(ratio[i] >= self.shapes.threshold),
                 float(distance[i]),
             )
 

@@ -64,17 +64,16 @@ def log_ratio(values: NDArray[np.floating[Any]], model: MixtureModel) -> NDArray
 
 def nearest_class(
     values: NDArray[np.floating[Any]], model: GaussianModel, names: tuple[str, ...]
-) -> tuple[NDArray[np.int8], NDArray[np.float32], NDArray[np.bool_]]:
-    """The nearest class of each value (n, d), and whether the likelihood ratio of any class passes the gate.
+) -> tuple[NDArray[np.int8], NDArray[np.float32], NDArray[np.float64]]:
+    """The nearest class of each value (n, d), and the largest logarithm of a likelihood ratio.
 
     The code (n,) int8 of a class is its position among `names`, -1 for none: rows that are not finite. The others:
-    Mahalanobis distance (n,) float32, nan there; whether it is accepted (n,) bool.
+    Mahalanobis distance (n,) float32, and the ratio (n,), nan there.
     """
     codes = np.array([names.index(one.name) for one in model.classes], np.int8)
     distances = class_distances(values, model.classes)
     code = np.where(np.isfinite(values).all(axis=1), codes[distances.argmin(axis=1)], np.int8(-1))
-    accepted = log_ratios(values, model).max(axis=1) >= model.threshold
-    return code, distances.min(axis=1).astype(np.float32), accepted
+    return code, distances.min(axis=1).astype(np.float32), log_ratios(values, model).max(axis=1)
 
 
 def evidence_ratios(model: EvidenceModel, values: Mapping[str, float]) -> dict[str, float]:

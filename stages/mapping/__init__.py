@@ -9,16 +9,14 @@ from wayside.stages.mapping.landmark import (
     point_covariance,
 )
 from wayside.stages.mapping.landmark_evidence import FEATURES, LandmarkClassifier
-from wayside.stages.mapping.landmark_fit import BOX_SIGMA, LandmarkFit, fit_views
+from wayside.stages.mapping.landmark_fit import BOX_SIGMA, LandmarkFit
 from wayside.stages.mapping.local_adjustment import LandmarkMeasurement
 from wayside.stages.mapping.panel import USUAL_CAMERA_M, PanelModels
-from wayside.stages.mapping.tracker import WINDOW_STEP, SideClassifiers, track
+from wayside.stages.mapping.tracker import WINDOW_STEP, SideClassifiers, WindowSolver, track
 from wayside.stages.mapping.verdicts import VERDICT_OF_TERM
 from wayside.stages.mapping.window import (
     Each,
-    TravelledPath,
     WindowFrame,
-    candidates_of,
     through_window,
 )
 
@@ -36,14 +34,12 @@ __all__ = [
     "LandmarkMeasurement",
     "PanelModels",
     "SideClassifiers",
-    "TravelledPath",
     "WindowFrame",
+    "WindowSolver",
     "assemble",
     "box_panel",
     "build_landmark",
-    "candidates_of",
     "classify_location",
-    "fit_views",
     "point_covariance",
     "through_window",
     "track",

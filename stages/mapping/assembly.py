@@ -45,19 +45,18 @@ def classify_location(
     if model is not None and model.space != "right_up_m":
         raise ValueError(f"a location model of space {model.space} instead of right_up_m")
 
-    def verdict(one: Landmark) -> str:
-        where = np.array([[one.right_m, one.above_m]])
+    def located(one: Landmark) -> Landmark:
         sides = (one.width_m, one.height_m)
-        if model is not None and log_ratios(where, model).max() < model.threshold:
-            return "location"
+        if model is not None:
+            ratio = float(log_ratios(np.array([[one.right_m, one.above_m]]), model).max())
+            if ratio < model.threshold:
+                return replace(one, verdict="location")
+            one = replace(one, evidence=(*one.evidence, ("place", ratio)))
         plausible = settings.smallest_side_m <= min(sides) and max(sides) <= settings.largest_side_m
-        return "sign" if plausible else "panel_size"
+        return one if plausible else replace(one, verdict="panel_size")
 
     for frame in tracked:
-        landmarks = [
-            replace(one, verdict=verdict(one)) if one.verdict == "sign" else one
-            for one in frame.landmarks
-        ]
+        landmarks = [located(one) if one.verdict == "sign" else one for one in frame.landmarks]
         yield replace(frame, landmarks=tuple(landmarks))
 
 

@@ -104,18 +104,23 @@ class Association(NamedTuple):
 
 
 def pair_hypotheses(
-    candidates: WindowCandidates, older: int, newer: int, gap_px: float
+    candidates: WindowCandidates,
+    older: int,
+    newer: int,
+    gap_px: float,
+    likely: NDArray[np.int64] | None = None,
 ) -> tuple[NDArray[np.int64], Hypotheses]:
     """Pairs of candidates of two frames whose rays meet at a plausible point with like metric sizes: rows (k, 2).
 
     The point is the midpoint of the two rays (report eqs. 7.1 to 7.4). older, newer: frames, as positions in the
-    window. gap_px: largest gap of the two rays, pixels, before the share of the height.
+    window. gap_px: largest gap of the two rays, pixels, before the share of the height. likely (p, 2): pairs to try,
+    as numbers in their frames; None: all.
     """
     c = candidates
-    rows = [
-        c.first[f] + np.flatnonzero(c.seed[c.first[f] : c.first[f + 1]]) for f in (older, newer)
-    ]
-    i, j = (side.ravel() for side in np.meshgrid(*rows, indexing="ij"))
+    if likely is None:
+        seeds = [np.flatnonzero(c.seed[c.first[f] : c.first[f + 1]]) for f in (older, newer)]
+        likely = np.stack(np.meshgrid(*seeds, indexing="ij"), axis=-1).reshape(-1, 2)
+    i, j = likely.T + c.first[[older, newer], None]
     one_side = c.back[i] == c.back[j]
     i, j = i[one_side], j[one_side]
     # in the newer camera's frame: its axes tell where a panel is plausible

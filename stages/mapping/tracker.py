@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from wayside.schemas.detections import Features
 from wayside.schemas.landmarks import TrackedFrame
 from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import PosedDetections
@@ -98,7 +98,7 @@ def track(
         Applies what needs the images to each of some items, as `map`; it may do so in several threads.
     """
     sides = {False: front or SideClassifiers()} | ({} if back is None else {True: back})
-    yield from through_window(posed, _Tracker(settings, sides, panel, jointly, box_sigma, each))
+    yield from through_window(posed, _Tracker(settings, sides, box_sigma, panel, jointly, each))
 
 
 class _Classified(NamedTuple):
@@ -111,32 +111,26 @@ class _Classified(NamedTuple):
 
 
 @dataclass
-class _Tracker:
-    """The window of frames, and the hypotheses of each; the settings are those of `track`."""
+class WindowSolver:
+    """A window of frames with the hypotheses of each, solved every `WINDOW_STEP` frames."""
 
     settings: TrackSettings
     sides: dict[bool, SideClassifiers]
-    panel: PanelModels | None
-    jointly: bool
     box_sigma: tuple[float, float]
-    each: Each
 
     def __post_init__(self) -> None:
-        self._places = {back: SignPlaces() for back in self.sides}
+        """Start without frames."""
         self._length = self.settings.longest + WINDOW_STEP
         self._path = TravelledPath(self._length + self.settings.longest)
         self._window: list[WindowFrame] = []
         self._hypotheses: list[Hypotheses] = []
-        self._reported: list[Face] = []
-        self._images: WindowPoses
-        self._taken: list[FaceBoxes] = []
-        """Where the reported ones are in these images."""
         self._next_id = 0
 
     def holds(self, frame: WindowFrame) -> bool:
+        """Whether a landmark may still claim candidates of the frame."""
         return any(f is frame for f in self._window)
 
-    def append(self, frame: WindowFrame, features: Features) -> None:
+    def append(self, frame: WindowFrame) -> None:
         """Take the next frame; a full window is solved, and its oldest frames leave."""
         self._window.append(frame)
         self._path.append(frame.motion)
@@ -152,46 +146,9 @@ class _Tracker:
         self._window.clear()
         self._hypotheses.clear()
 
-    def _pairs_of_newest(self) -> Hypotheses:
-        """Hypotheses from the newest frame with each of the few before it."""
-        recent = self._window[-1 - PAIR_REACH :]
-        newest = len(recent) - 1
-        candidates = candidates_of(recent)
-        first, found = candidates.first, []
-        for older in range(newest):
-            pairs, hypotheses = pair_hypotheses(candidates, older, newest, self.settings.gap_px)
-            recent[older].followed["paired"][pairs[:, 0] - first[older], 1] = True
-            recent[newest].followed["paired"][pairs[:, 1] - first[newest], 0] = True
-            found.append(hypotheses)
-        return Hypotheses.joined(found)
-
-    def _solve(self, *, last: bool) -> None:
-        """Decide the landmarks of the window that the vehicle has passed, most likely signs first.
-
-        One waits where another that may be a sign, on the same pixels, is still in sight.
-        """
-        fits = self._fits()
-        over = [last or self._passed(fit) for fit in fits]
-        passed = [fit for fit, done in zip(fits, over, strict=True) if done]
-        ahead = [fit for fit, done in zip(fits, over, strict=True) if not done]
-        oldest = self._window[0].motion.pose
-        self._reported = [one for one in self._reported if not oldest.to_camera(one.point)[2] < 0]
-        self._images = WindowPoses.of(self._window)
-        self._taken = [one.boxes(self._images) for one in self._reported]
-        rivals = [self._boxes(fit) for fit in ahead if self._seen(fit).accepted]
-        settled = []
-        views = {back: side.view for back, side in self.sides.items() if side.view is not None}
-        for one in self._ranked(add_predicted_views(passed, self._window, views, self.each)):
-            if one.accepted and self._boxes(one.fit).explained_by(rivals):
-                ahead.append(one.fit)
-            else:
-                settled.append(one)
-        self._decide(settled)
-        for fit in ahead:
-            # views that leave the window though their landmark is still in sight
-            for k, row in zip(fit.frames, fit.rows, strict=True):
-                if k < WINDOW_STEP:
-                    self._window[k].followed["standing"][row] = True
+    def _likely(self, older: WindowFrame, newer: WindowFrame) -> NDArray[np.int64] | None:
+        """Pairs (k, 2) of followed candidates that may show one panel; None: any may."""
+        return None
 
     def _fits(self) -> list[LandmarkFit]:
         """Landmarks of the unassigned candidates, faces before backs."""
@@ -209,12 +166,78 @@ class _Tracker:
             )
         ]
 
+    def _settle(self, passed: list[LandmarkFit], ahead: list[LandmarkFit]) -> None:
+        """Decide landmarks that the vehicle has passed; those that have to wait join the ones ahead."""
+        raise NotImplementedError
+
+    def _pairs_of_newest(self) -> Hypotheses:
+        """Hypotheses from the newest frame with each of the few before it."""
+        recent = self._window[-1 - PAIR_REACH :]
+        newest = len(recent) - 1
+        candidates = candidates_of(recent)
+        first, found = candidates.first, []
+        for older in range(newest):
+            likely = self._likely(recent[older], recent[newest])
+            pairs, hypotheses = pair_hypotheses(
+                candidates, older, newest, self.settings.gap_px, likely
+            )
+            recent[older].followed["paired"][pairs[:, 0] - first[older], 1] = True
+            recent[newest].followed["paired"][pairs[:, 1] - first[newest], 0] = True
+            found.append(hypotheses)
+        return Hypotheses.joined(found)
+
+    def _solve(self, *, last: bool) -> None:
+        """Decide the landmarks of the window that the vehicle has passed."""
+        passed: list[LandmarkFit] = []
+        ahead: list[LandmarkFit] = []
+        for fit in self._fits():
+            (passed if last or self._passed(fit) else ahead).append(fit)
+        self._settle(passed, ahead)
+        for fit in ahead:
+            # views that leave the window though their landmark is still in sight
+            for k, row in zip(fit.frames, fit.rows, strict=True):
+                if k < WINDOW_STEP:
+                    self._window[k].followed["standing"][row] = True
+
     def _passed(self, fit: LandmarkFit) -> bool:
         """Whether a landmark lies outside the newest image, or too near to be seen in the next."""
         newest = self._window[-1]
         x, y, z = newest.motion.pose.to_camera(fit.point)
         left, top, right, bottom = newest.bounds
         return bool(z < NEAREST_M or not (left < x / z < right and top < y / z < bottom))
+
+
+@dataclass
+class _Tracker(WindowSolver):
+    """The tracker of preset `default`; the settings are those of `track`."""
+
+    panel: PanelModels | None
+    jointly: bool
+    each: Each
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._places = {back: SignPlaces() for back in self.sides}
+        self._reported: list[Face] = []
+        self._images: WindowPoses
+        self._taken: list[FaceBoxes] = []
+        """Where the reported ones are in these images."""
+
+    def _settle(self, passed: list[LandmarkFit], ahead: list[LandmarkFit]) -> None:
+        """Most likely signs first; one waits where another that may be a sign, on the same pixels, is in sight."""
+        oldest = self._window[0].motion.pose
+        self._reported = [one for one in self._reported if not oldest.to_camera(one.point)[2] < 0]
+        self._images = WindowPoses.of(self._window)
+        self._taken = [one.boxes(self._images) for one in self._reported]
+        rivals = [self._boxes(fit) for fit in ahead if self._seen(fit).accepted]
+        settled = []
+        views = {back: side.view for back, side in self.sides.items() if side.view is not None}
+        for one in self._ranked(add_predicted_views(passed, self._window, views, self.each)):
+            if one.accepted and self._boxes(one.fit).explained_by(rivals):
+                ahead.append(one.fit)
+            else:
+                settled.append(one)
+        self._decide(settled)
 
     def _seen(self, fit: LandmarkFit) -> _Classified:
         """A landmark with the evidence for it but for its surroundings."""

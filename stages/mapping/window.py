@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import Candidates, Features, Regions, verdict_code
+from wayside.schemas.detections import Candidates, Regions, verdict_code
 from wayside.schemas.frame import Camera, Frame
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.measurement import Measurement
@@ -131,7 +131,7 @@ class WindowFrame:
 class WindowTracker(Protocol):
     """Associates the candidates of the frames that it holds."""
 
-    def append(self, frame: WindowFrame, features: Features) -> None:
+    def append(self, frame: WindowFrame) -> None:
         """Take the next frame."""
 
     def finish(self) -> None:
@@ -153,7 +153,7 @@ def through_window(
         else:
             frame = WindowFrame.of(item, item.motion, camera)
             waiting.append(frame)
-            tracker.append(frame, item.detections.features)
+            tracker.append(frame)
         yield from _released(waiting, tracker)
     tracker.finish()
     yield from _released(waiting, tracker)

@@ -1,7 +1,7 @@
 """What only the report's own chains need: colour, shape and trajectory gates, SIFT matching (chapters 3 to 5)."""
 
 from wayside.stages.report.color import COLOR_SPACES, classify_color, color_features
-from wayside.stages.report.match import extract_sift, match_by_descriptors
+from wayside.stages.report.match import extract_sift, match_segments
 from wayside.stages.report.points import merge_segments, triangulate_points
 from wayside.stages.report.shape import (
     TERMS,
@@ -28,7 +28,7 @@ __all__ = [
     "color_features",
     "extract_sift",
     "fourier_descriptors",
-    "match_by_descriptors",
+    "match_segments",
     "mean_log_ratio",
     "merge_segments",
     "outlines_of",

@@ -31,13 +31,14 @@ def classify_color(
     """
     for one in segmentations:
         candidates = Candidates.of(one.regions)
-        color, distance, accepted = nearest_class(
+        color, distance, ratio = nearest_class(
             color_features(one.regions.rgb, model.space), model, COLORS
         )
         if one.frame.grey:  # the gate goes by brightness, and names nothing
             color, distance = candidates.color, candidates.color_distance
         named = replace(candidates, color=color, color_distance=distance)
-        yield Detections(one, named.with_verdict(np.flatnonzero(~accepted), "color"))
+        named = replace(named, score=ratio.astype(np.float32))
+        yield Detections(one, named.with_verdict(np.flatnonzero(ratio < model.threshold), "color"))
 
 
 def color_features(rgb: NDArray[np.floating[Any]], space: str) -> NDArray[np.float64]:

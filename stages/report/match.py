@@ -1,4 +1,4 @@
-"""The report's matching: a SIFT descriptor of each region, the midpoint of two rays (chapters 5 and 7)."""
+"""The report's matching: a SIFT descriptor of each region, points on which several rays meet (chapters 5 and 7)."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import Detections, Features, Regions, box_centers
+from wayside.schemas.detections import Detections, Regions, box_centers
 from wayside.schemas.landmarks import Crop, TrackedFrame
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.geometry import cross_matrices
 from wayside.stages.kernels import Array, compiled
 from wayside.stages.mapping import (
+    BOX_SIGMA,
     GAP_SHARE,
     LandmarkFit,
     LandmarkMeasurement,
-    TravelledPath,
+    SideClassifiers,
     WindowFrame,
+    WindowSolver,
     box_panel,
     build_landmark,
-    candidates_of,
-    fit_views,
     through_window,
 )
 from wayside.stages.report.trajectory import trajectory_of
@@ -149,120 +149,87 @@ def _sample(
             patch[a, b] = above + t * (below - above)
 
 
-SIFT_VIEWS = 2
-"""Nearest views that place a chain of descriptors, as in report chapter 7."""
+CROPPED_VIEWS = 2
+"""Nearest views whose SIFT points place a landmark, as in report chapter 7."""
 MARGIN, MARGIN_PX = 0.1, 4.0
 """Around the box of a view, of its sides and px: points on the edge of a face have half of their pixels outside."""
-FARTHEST = 0.39
-"""Descriptors at a larger distance do not match."""
-GROWTH = (0.9, 2.0)
-"""Of the sides of a region from image to image: what stands does not shrink, and doubles 16 m away in a step of 8 m."""
+FARTHEST = 0.9
+"""Descriptors of one region in two images are nearer, nine of ten pairs on faces of learning drives."""
+
+APPEARANCE, VIEWS, SIZE = 0.4, 1.4, -0.9
+"""Weights of evidence for a sign, that of its place being 1: of the mean likelihood ratio of its colour, and of the
+logarithms of the number of views and of the area in square metres (logistic regression on four learning drives)."""
 
 
-def match_by_descriptors(
+def match_segments(
     posed: Iterator[PosedDetections], settings: TrackSettings
 ) -> Iterator[TrackedFrame]:
-    """Chain candidates from frame to frame by their descriptors; the midpoint of the two nearest rays is its landmark.
+    """Find the points that stand and that segments of several images show at the place and in the size they must have.
 
-    The confidence of a landmark and its facing are not known: score and facing are nan. Frames come out in order, each
-    once, when no open chain holds them, at most `track.longest` used frames late; candidates that a chain had before
-    that are left `unmatched`.
+    Any two segments whose rays meet and that look alike make a hypothesis (eqs. 7.1 to 7.4); see `WindowSolver`. The
+    confidence of a landmark and its facing are not known: score and facing are nan.
     """
-    yield from through_window(posed, _Matcher(settings))
+    sides = {False: SideClassifiers()}
+    yield from through_window(posed, _Matcher(settings, sides, BOX_SIGMA))
 
 
-_Chain = tuple[tuple[WindowFrame, int], ...]
-"""Views so far: (frame, followed candidate), oldest first."""
+class _Matcher(WindowSolver):
+    """All landmarks that fit are handed on: what they are, the gates decide."""
 
+    def append(self, frame: WindowFrame) -> None:
+        frame.matches = np.zeros((0, 4), np.float32)
+        super().append(frame)
 
-class _Matcher:
-    """Open chains, and the frames that they hold."""
+    def _likely(self, older: WindowFrame, newer: WindowFrame) -> NDArray[np.int64]:
+        """Segments on each other's epipolar lines with like descriptors."""
+        start, end = older.motion.pose, newer.motion.pose
+        moved = end.rotation.T @ (start.centre - end.centre)
+        essential = cross_matrices(moved) @ end.rotation.T @ start.rotation
+        rays = older.followed["ray"]
+        lines = np.column_stack([rays, np.ones(len(rays))]) @ essential.T
+        lines /= np.linalg.norm(lines[:, :2], axis=1, keepdims=True)
+        gap = self.settings.gap_px / newer.focal + GAP_SHARE * newer.followed["size"][:, 1]
+        one, two = (f.posed.detections.features.sign_descriptors for f in (older, newer))
+        alike = np.zeros((len(one), len(two)), np.bool_)
+        _compare(lines, np.ascontiguousarray(newer.followed["ray"]), gap, one, two, alike)
+        return np.argwhere(alike)
 
-    def __init__(self, settings: TrackSettings) -> None:
-        self._settings = settings
-        self._path = TravelledPath(2 * settings.longest)
-        self._window: list[WindowFrame] = []
-        self._features: Features | None = None
-        self._chains: dict[int, _Chain] = {}  # by followed candidate of the newest frame
-        self._next_id = 0
-
-    def holds(self, frame: WindowFrame) -> bool:
-        """Whether a chain may still claim candidates of the frame."""
-        return any(f is frame for f in self._window)
-
-    def append(self, frame: WindowFrame, features: Features) -> None:
-        """Take the next frame: chains go on or end."""
-        going: dict[int, _Chain] = {}
-        if self._features is not None:
-            before, previous = self._window[-1], self._features
-            a, b = match_regions((before, previous), (frame, features), self._settings.gap_px)
-            frame.matches = np.concatenate([previous.sign_points[a], features.sign_points[b]], 1)
-            olds, news = _followed(before, previous)[a], _followed(frame, features)[b]
-            before.followed["paired"][olds, 1] = frame.followed["paired"][news, 0] = True
-            for old, new in zip(olds.tolist(), news.tolist(), strict=True):
-                chain = self._chains.pop(old, ((before, old),))
-                going[new] = (*chain, (frame, new))[-self._settings.longest :]
-        ended = list(self._chains.values())
-        self._window.append(frame)
-        self._path.append(frame.motion)
-        self._end(ended)
-        for held in self._window[-SIFT_VIEWS - 1 : -SIFT_VIEWS]:
-            held.posed = _without_pixels(held.posed)
-        self._chains, self._features = going, features
-        self._let_go()
-
-    def finish(self) -> None:
-        """End all chains: no frame follows."""
-        self._end(list(self._chains.values()))
-        self._chains = {}
-        self._window = []
-
-    def _let_go(self) -> None:
-        wanted = {id(f) for chain in self._chains.values() for f, _ in chain}
-        wanted.add(id(self._window[-1]))
-        while id(self._window[0]) not in wanted:
-            del self._window[0]
-
-    def _end(self, chains: list[_Chain]) -> None:
-        if not chains:
-            return
-        candidates = candidates_of(self._window)
-        at = {id(f): i for i, f in enumerate(self._window)}
-        for chain in chains:
-            if len(chain) < self._settings.fewest_views:
-                continue
-            frames = np.array([at[id(f)] for f, _ in chain])
-            rows = candidates.first[frames] + np.array([row for _, row in chain])
-            # the solver starts at the midpoint (eq. 7.4), and goes no further
-            fit = fit_views(candidates, rows, frames, nearest=SIFT_VIEWS, iterations=0)
-            if fit is not None:
-                self._add_landmark(fit)
-
-    def _add_landmark(self, fit: LandmarkFit) -> None:
-        """Give a landmark to its frames; its points measure it, where a gate accepts it."""
-        window = self._window
-        landmark = build_landmark(
-            fit,
-            window,
-            LandmarkMeasurement(fit.point, fit.covariance, box_panel(fit, window)),
-            self._path.offset(fit.point),
-            track_id=self._next_id,
-            score=np.nan,
-            verdict="sign",
-        )
-        views = fit.views_in(window)
-        rays = np.array([held.followed["ray"][row] for held, row in views])
-        landmark = replace(
-            landmark,
-            facing_deg=np.nan,
-            sigma_facing_deg=np.nan,
-            trajectory=trajectory_of(rays, [held.motion for held, _ in views]),
-            crops=tuple(crop for view in views[-SIFT_VIEWS:] for crop in _crops(*view)),
-        )
-        window[fit.frames[0]].landmarks.append(landmark)
-        for held, row in views:
-            held.followed["assigned"][row] = True
-        self._next_id += 1
+    def _settle(self, passed: list[LandmarkFit], ahead: list[LandmarkFit]) -> None:
+        """Give landmarks to their frames; SIFT points measure those that a gate accepts."""
+        for fit in passed:
+            measured = LandmarkMeasurement(fit.point, fit.covariance, box_panel(fit, self._window))
+            landmark = build_landmark(
+                fit,
+                self._window,
+                measured,
+                self._path.offset(fit.point),
+                track_id=self._next_id,
+                score=np.nan,
+                verdict="sign",
+            )
+            views = fit.views_in(self._window)
+            seen = fit.followed_in(self._window)
+            terms = {
+                "appearance": APPEARANCE * seen["score"].mean(),
+                "views": VIEWS * np.log(len(seen)),
+                "size": SIZE * np.log(fit.metric.prod()),
+            }
+            landmark = replace(
+                landmark,
+                evidence=tuple((name, float(ratio)) for name, ratio in terms.items()),
+                facing_deg=np.nan,
+                sigma_facing_deg=np.nan,
+                trajectory=trajectory_of(seen["ray"], [held.motion for held, _ in views]),
+                crops=tuple(crop for view in views[-CROPPED_VIEWS:] for crop in _crops(*view)),
+            )
+            self._window[fit.frames[0]].landmarks.append(landmark)
+            centres = [held.candidates.center[held.followed["candidate"][r]] for held, r in views]
+            for k in np.flatnonzero(np.diff(fit.frames) == 1).tolist():
+                held, link = views[k + 1][0], np.concatenate(centres[k : k + 2])[None]
+                held.matches = np.concatenate([held.matches, link.astype(np.float32)])
+            for held, row in views:
+                held.followed["assigned"][row] = True
+            self._next_id += 1
 
 
 def _crops(held: WindowFrame, row: int) -> Iterator[Crop]:
@@ -276,82 +243,24 @@ def _crops(held: WindowFrame, row: int) -> Iterator[Crop]:
         yield Crop(grey, np.array([x, y], np.float64), held.camera, held.motion)
 
 
-def _without_pixels(posed: PosedDetections) -> PosedDetections:
-    """The frame, of which the window keeps the candidates only."""
-    found = posed.detections
-    image = replace(found.image, rgb=None, grey=None, levels=None)
-    segmentation = replace(found.segmentation, image=image)
-    return replace(posed, detections=replace(found, segmentation=segmentation))
-
-
-def _followed(frame: WindowFrame, features: Features) -> NDArray[np.int64]:
-    """Number among the followed ones of each region that has a descriptor."""
-    return np.searchsorted(frame.followed["candidate"], features.sign_rows)
-
-
-def match_regions(
-    first: tuple[WindowFrame, Features], second: tuple[WindowFrame, Features], gap_px: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Regions (k,) of one image and of the next that are each other's nearest.
-
-    Only regions on each other's epipolar lines that grow as what stands does are compared. Lowe's ratio test would
-    compare with other regions of the same thing; the distance itself decides.
-    """
-    (before, own), (frame, other) = first, second
-    one, two = (f.followed[_followed(f, x)] for f, x in (first, second))
-    start, end = before.motion.pose, frame.motion.pose
-    moved = end.rotation.T @ (start.centre - end.centre)
-    essential = cross_matrices(moved) @ end.rotation.T @ start.rotation
-    lines = np.column_stack([one["ray"], np.ones(len(one))]) @ essential.T
-    lines /= np.linalg.norm(lines[:, :2], axis=1, keepdims=True)
-    nearest = np.full(len(one), -1)
-    _match(
-        lines,
-        np.ascontiguousarray(one["size"]),
-        own.sign_descriptors,
-        np.ascontiguousarray(two["ray"]),
-        np.ascontiguousarray(two["size"]),
-        other.sign_descriptors,
-        gap_px / frame.focal + GAP_SHARE * two["size"][:, 1],
-        nearest,
-    )
-    matched = np.flatnonzero(nearest >= 0)
-    return matched, nearest[matched]
-
-
 @compiled
-def _match(
+def _compare(
     lines: Array,
-    size: Array,
-    described: NDArray[np.float32],
-    other_ray: Array,
-    other_size: Array,
-    other_described: NDArray[np.float32],
+    ray: Array,
     allowed: Array,
-    nearest: NDArray[np.int64],
+    described: NDArray[np.float32],
+    other_described: NDArray[np.float32],
+    alike: NDArray[np.bool_],
 ) -> None:
-    n, m = lines.shape[0], other_ray.shape[0]
-    gap, least, back = np.empty(m), np.full(m, np.inf), np.full(m, -1)
-    for i in range(n):
-        for j in range(m):
-            x, y = other_ray[j, 0], other_ray[j, 1]
-            gap[j] = abs(lines[i, 0] * x + lines[i, 1] * y + lines[i, 2])
-        best = FARTHEST**2
-        for j in range(m):
-            if gap[j] > allowed[j]:
-                continue
-            wider, taller = other_size[j, 0] / size[i, 0], other_size[j, 1] / size[i, 1]
-            if min(wider, taller) < GROWTH[0] or max(wider, taller) > GROWTH[1]:
+    """Which of m regions are near the line of each of n regions, and described like it: (n, m)."""
+    for i in range(alike.shape[0]):
+        for j in range(alike.shape[1]):
+            gap = lines[i, 0] * ray[j, 0] + lines[i, 1] * ray[j, 1] + lines[i, 2]
+            if abs(gap) > allowed[j]:
                 continue
             square, start = np.float32(0), described.shape[1]
             while start > 0 and square < FARTHEST**2:  # share and colour first
                 start -= _STRIDE
                 for k in range(start, start + _STRIDE):
                     square += (described[i, k] - other_described[j, k]) ** 2
-            if square < best:
-                best, nearest[i] = float(square), j
-            if square < least[j]:
-                least[j], back[j] = square, i
-    for i in range(n):
-        if nearest[i] >= 0 and back[nearest[i]] != i:
-            nearest[i] = -1
+            alike[i, j] = square < FARTHEST**2

@@ -29,8 +29,11 @@ LEAST_SIGMA = 0.003
 """Least scatter of the depth of a point about that of its panel, by the depth: panels are turned a little."""
 WRONG, LOG_DEPTHS = 0.3, 4.1
 """Share of wrong matches; logarithm of the ratio of their largest and least depth: 5 to 300 m."""
-LEAST_EVIDENCE = 2.2
-"""Least mean evidence of the centre and the points of a segment: keeps 90 % of panels, and 31 % of what is none."""
+RIGIDITY = 1.7
+"""Weight of the logarithm of one plus the evidence of all points together, since they depend on each other (fitted with
+those in `match.py`)."""
+LEAST_EVIDENCE = 9.2
+"""Least sum of the evidence on a landmark."""
 CENTRE_SIGMA, SIZE_SIGMA = 0.25, 0.9
 """Errors of centre and size of a segment as those of its panel, by its size: most are only parts of their panel."""
 PLANE_SIGMAS, PLANE_M = 2.5, 0.6
@@ -132,7 +135,9 @@ def _placed(one: Landmark, sift: cv2.SIFT) -> Landmark:
     scatter = depth_sigma(points, travel) / focal
     scatter *= [BOX_SIGMA[0] + BOX_SIGMA[1] * tall_px, *(POINT_PX for _ in e)]
     fit = fit_depth(points[:, 2], scatter)
-    if not fit.agree[1:].any() or fit.evidence.mean() < LEAST_EVIDENCE:
+    rigidity = RIGIDITY * float(np.log1p(max(0.0, fit.evidence.sum())))
+    evidence = (*one.evidence, ("rigidity", rigidity))
+    if sum(ratio for _, ratio in evidence) < LEAST_EVIDENCE:
         return replace(one, verdict="residual")
     centre *= fit.depth / centre[2]
     point = poses[1].to_world(centre)
@@ -159,8 +164,8 @@ def _placed(one: Landmark, sift: cv2.SIFT) -> Landmark:
         height_m=float(height),
         sigma_width_m=SIZE_SIGMA * float(width),
         sigma_height_m=SIZE_SIGMA * float(height),
-        residual_px=float(np.sqrt(e[fit.agree[1:]].mean() / 2)),
-        evidence=(("rigidity", float(fit.evidence.sum())),),
+        residual_px=float(np.sqrt(e[fit.agree[1:]].mean() / 2)) if fit.agree[1:].any() else np.nan,
+        evidence=evidence,
     )
 
 
@@ -188,7 +193,7 @@ def merge_segments(tracked: Iterator[TrackedFrame]) -> Iterator[TrackedFrame]:
 
 def _merged(frame: TrackedFrame, known: Sequence[Landmark]) -> TrackedFrame:
     def rank(one: Landmark) -> tuple[float, int]:
-        return sum(ratio for _, ratio in one.evidence), -one.track_id
+        return dict(one.evidence).get("rigidity", 0.0), -one.track_id
 
     landmarks = (
         replace(one, verdict="duplicate")

@@ -87,9 +87,11 @@ def classify_shape(
         rows = candidates.open_rows()
         features = region_descriptors(one.segmentation, candidates.regions.select(rows))
         shape, distance = candidates.shape.copy(), candidates.shape_distance.copy()
-        shape[rows], distance[rows], accepted = nearest_class(features, model, SHAPES)
+        shape[rows], distance[rows], ratio = nearest_class(features, model, SHAPES)
         named = replace(candidates, shape=shape, shape_distance=distance)
-        yield replace(one, candidates=named.with_verdict(rows[~accepted], "shape"))
+        yield replace(
+            one, candidates=named.with_verdict(rows[~(ratio >= model.threshold)], "shape")
+        )
 
 
 def region_descriptors(segmentation: Segmentation, regions: Regions) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping import LandmarkClassifier, SideClassifiers, assemble
 from wayside.stages.mapping.landmark import BORDER
 from wayside.stages.mapping.tracker import WINDOW_STEP, track
-from wayside.stages.report import match_by_descriptors
+from wayside.stages.report import match_segments
 
 from ..made_frames import landmarks_of, verdicts_of
 
@@ -167,7 +167,7 @@ def test_the_input_is_left_as_it_was(panel, drive):
     assert all((f.detections.candidates.verdict == 0).all() for f in frames)
 
 
-@pytest.mark.parametrize("follow", [track, match_by_descriptors])
+@pytest.mark.parametrize("follow", [track, match_segments])
 def test_no_more_frames_are_held_than_the_window_is_long(panel, drive, follow):
     taken = 0
 

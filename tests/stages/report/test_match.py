@@ -13,10 +13,10 @@ from wayside.stages.report.match import (
     FARTHEST,
     describe_regions,
     extract_sift,
-    match_by_descriptors,
+    match_segments,
 )
 
-from ..made_frames import landmarks_of, made_regions, verdicts_of, with_candidates
+from ..made_frames import landmarks_of, made_regions, verdicts_of
 
 
 def with_sift(item):
@@ -43,20 +43,24 @@ def apart(grey, box, other_grey, other_box, rgb=(9, 9, 9), area_px=90):
     return float(np.linalg.norm(first - second))
 
 
+ALIKE = 0.39
+"""Largest distance of the descriptors of one thing in these tests."""
+
+
 @pytest.mark.parametrize("scale", [0.5, 0.75, 1.5])
 @pytest.mark.parametrize("box", [(200, 150, 240, 180), (60, 60, 260, 300), (4, 8, 22, 40)])
 def test_a_region_is_described_alike_at_another_distance_and_brightness(texture, scale, box):
     grey = texture()
     other = cv2.resize(grey // 2 + 60, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     area = round(90 * scale**2)
-    assert apart(grey, box, other, np.multiply(box, scale), area_px=area) < FARTHEST
+    assert apart(grey, box, other, np.multiply(box, scale), area_px=area) < ALIKE
 
 
 def test_another_texture_shape_or_colour_is_described_otherwise(texture):
     grey, box = texture(), (200, 150, 240, 180)
-    assert apart(grey, box, grey, (230, 150, 270, 180)) > FARTHEST
-    assert apart(grey, box, grey, box, area_px=900) > FARTHEST
-    assert apart(grey, box, grey, box, rgb=(200, 30, 30)) > FARTHEST
+    assert apart(grey, box, grey, (230, 150, 270, 180)) > ALIKE
+    assert apart(grey, box, grey, box, area_px=900) > ALIKE
+    assert apart(grey, box, grey, box, rgb=(200, 30, 30)) > ALIKE
 
 
 def test_the_gradients_of_an_edge_stand_in_the_cells_and_the_direction_of_the_edge():
@@ -71,10 +75,10 @@ REPORT = TrackSettings(fewest_views=2)
 
 
 def run(frames):
-    return list(match_by_descriptors(iter(frames), REPORT))
+    return list(match_segments(iter(frames), REPORT))
 
 
-def test_a_panel_is_chained_by_its_descriptors_and_placed_by_two_views(panel, drive):
+def test_a_panel_is_placed_by_the_views_that_show_it(panel, drive):
     (place,) = landmarks_of(run(drive([panel(3.5, 1.2, 90.0)], 14)))
     np.testing.assert_allclose(
         place.best_pose.to_world(place.position), [3.5, -1.2, 90.0], atol=0.02
@@ -85,32 +89,9 @@ def test_a_panel_is_chained_by_its_descriptors_and_placed_by_two_views(panel, dr
     assert place.trajectory.shape == (len(place.views) - 1, 2, 4)
 
 
-def test_a_landmark_is_the_midpoint_of_its_two_nearest_rays(panel, drive):
-    frames = drive([panel(3.5, 1.2, 60.0)], 7)
-    # rays that pass each other: the last view is moved by two pixels
-    ideal = frames[-1].detections.candidates.ideal
-    frames[-1] = with_candidates(frames[-1], ideal=ideal + np.array([0.0, 2.0]))
-    tracked = run(frames)
-    (place,) = landmarks_of(tracked)
-    views, camera = place.views[-2:], frames[0].frame.camera
-    poses = [tracked[view.frame].motion.pose for view in views]
-    rays = [((v.u_px - camera.cx) / camera.fx, (v.v_px - camera.cy) / camera.fy) for v in views]
-    q1, q2 = (p.rotation @ np.array([*r, 1.0]) for p, r in zip(poses, rays, strict=True))
-    c1, c2 = (pose.centre for pose in poses)
-    q3 = np.cross(q1, q2)  # (7.1)
-    g1, _, g3 = np.linalg.solve(np.stack([q1, -q2, q3], axis=1), c2 - c1)  # (7.2), (7.3)
-    point = c1 + g1 * q1 + g3 / 2 * q3  # (7.4)
-    np.testing.assert_allclose(place.best_pose.to_world(place.position), point, atol=1e-6)
-    local = np.array([pose.to_camera(point) for pose in poses])
-    gaps = camera.fx * (local[:, :2] / local[:, 2:] - rays)  # (7.6)
-    e = float(np.square(gaps).sum())  # (7.5)
-    assert e > 1
-    assert 2 * place.residual_px**2 == pytest.approx(e, rel=1e-6)
-
-
-def test_a_chain_ends_where_the_next_frame_does_not_show_it(panel, drive):
-    tracked = run(drive([panel(3.5, 1.2, 90.0, hidden_in=(5,))], 14))
-    assert len(landmarks_of(tracked)) == 2
+def test_a_frame_that_does_not_show_a_panel_does_not_end_its_views(panel, drive):
+    (place,) = landmarks_of(run(drive([panel(3.5, 1.2, 90.0, hidden_in=(5,))], 14)))
+    assert len(place.views) > 7
 
 
 def test_without_descriptors_nothing_is_matched(panel, drive):
@@ -124,24 +105,31 @@ def test_without_descriptors_nothing_is_matched(panel, drive):
 
 
 def test_what_leaves_its_epipolar_line_is_not_matched(panel, drive):
-    low, high = panel(3.5, 1.2, 60.0), panel(3.5, 2.2, 60.0)  # hops up and down
-    even, odd = drive([low], 7), drive([high], 7)
-    tracked = run([(even if i % 2 else odd)[i] for i in range(7)])
-    assert landmarks_of(tracked) == []
+    low, high = panel(3.5, 1.2, 60.0), panel(3.5, 2.2, 60.0)
+    assert landmarks_of(run([drive([low], 2)[0], drive([high], 2)[1]])) == []
 
 
-def test_what_shrinks_while_the_camera_comes_nearer_is_not_matched(panel, drive):
-    wide, narrow = drive([panel(3.5, 1.2, 60.0)], 2), drive([panel(3.5, 1.2, 60.0, wide=0.5)], 2)
+def test_segments_whose_sizes_contradict_their_depths_are_not_matched(panel, drive):
+    wide, narrow = drive([panel(3.5, 1.2, 60.0)], 2), drive([panel(3.5, 1.2, 60.0, wide=0.4)], 2)
     assert landmarks_of(run([wide[0], narrow[1]])) == []
-    assert len(landmarks_of(run([narrow[0], narrow[1]]))) == 1
+    assert landmarks_of(run([narrow[0], wide[1]])) == []
+    assert len(landmarks_of(run(narrow))) == 1
 
 
-def test_of_two_that_fit_the_more_alike_is_matched(panel, drive):
-    frames = drive([panel(3.5, 1.2, 60.0), panel(3.5, 1.2, 60.0)], 2)
-    codes = np.tile(frames[0].detections.features.sign_descriptors[0], (2, 1))
-    codes[1, 0] += FARTHEST / 2
+def test_what_looks_otherwise_in_each_image_is_not_matched(panel, drive):
+    frames = drive([panel(3.5, 1.2, 60.0)], 7)
     for i, frame in enumerate(frames):
-        features = replace(frame.detections.features, sign_descriptors=codes[:: 1 - 2 * i].copy())
+        codes = np.full((1, 132), i * FARTHEST, np.float32)
+        features = replace(frame.detections.features, sign_descriptors=codes)
         frames[i] = replace(frame, detections=replace(frame.detections, features=features))
-    places = landmarks_of(run(frames))
-    assert [[view.row for view in place.views] for place in places] == [[0, 1], [1, 0]]
+    assert landmarks_of(run(frames)) == []
+
+
+def test_larger_and_rarer_seen_segments_have_less_evidence(panel, drive):
+    def evidence(tall, images):
+        (place,) = landmarks_of(run(drive([panel(3.5, 1.2, 60.0, tall=tall)], images)))
+        return dict(place.evidence)
+
+    few, many = evidence(0.9, 3), evidence(0.9, 6)
+    assert few["views"] < many["views"]
+    assert evidence(1.8, 6)["size"] < many["size"]

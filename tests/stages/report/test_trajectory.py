@@ -15,7 +15,7 @@ from wayside.schemas.frame import Pose
 from wayside.schemas.models import MixtureModel
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping import assemble
-from wayside.stages.report import classify_trajectory, match_by_descriptors, mean_log_ratio
+from wayside.stages.report import classify_trajectory, match_segments, mean_log_ratio
 from wayside.stages.report.trajectory import STEP_M, trajectory_of
 
 from ..made_frames import landmarks_of
@@ -99,7 +99,7 @@ def test_the_score_is_the_mean_log_likelihood_ratio_of_the_steps_in_the_form_of_
 def test_a_track_that_moves_otherwise_is_refused_and_so_are_its_candidates(panel, drive):
     def verdicts(threshold):
         frames = drive([panel(3.5, 1.2, 90.0)], 14)
-        tracked = match_by_descriptors(iter(frames), TrackSettings(fewest_views=2))
+        tracked = match_segments(iter(frames), TrackSettings(fewest_views=2))
         items = list(assemble(classify_trajectory(tracked, replace(known, threshold=threshold))))
         (place,) = landmarks_of(items)
         codes = {v for item in items for v in item.candidates.verdict[item.track_id >= 0]}
