@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from wayside.stages.adjustment.normal_equations import (
     NormalEquations,
@@ -32,6 +31,7 @@ from wayside.stages.adjustment.residuals import (
     constraint_jacobian,
     constraint_residuals,
     linearise_blocks,
+    move_poses,
     require_rows,
 )
 from wayside.stages.geometry import Schedule, cholesky_solve, minimiser
@@ -182,7 +182,7 @@ def _linearise(problem: _Problem, estimate: WindowEstimate, iteration: int) -> N
     jacobian, own = problem.jacobian, slice(6 * problem.held, 6 * problem.held + 6)
     if iteration < CONSTRAINT_ITERATIONS:
         estimated = estimate.rotations, estimate.centres
-        jacobian[:] = constraint_jacobian(*estimated, problem.constraints)
+        constraint_jacobian(estimated, problem.constraints, jacobian)
         jacobian[:, own] = 0.0
     np.matmul(jacobian.T, jacobian, out=normal.poses)
     np.matmul(-known.ravel(), jacobian, out=normal.poses_right)
@@ -199,10 +199,7 @@ def _solve(
     reduce_points(normal, damping)
     if not cholesky_solve(normal.reduced, step):
         return False
-    moves = step.reshape(-1, 6)
-    turns = Rotation.from_rotvec(moves[:, :3]).as_matrix()
-    np.matmul(turns, estimate.rotations, out=trial.rotations)
-    np.add(estimate.centres, moves[:, 3:], out=trial.centres)
+    move_poses(step, estimate[:2], trial[:2])
     rest = normal.own_right - step @ normal.mixed
     trial.points[:] = estimate.points + (normal.inverse @ rest[:, :, None])[:, :, 0]
     return True

@@ -16,7 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.motion import StepPrior
-from wayside.stages.geometry import cross_matrices, halfway_direction, vector_from_rotation
+from wayside.stages.geometry import (
+    halfway_direction,
+    rotation_from_vector,
+    vector_from_rotation,
+)
 from wayside.stages.kernels import Array, compiled, require_array
 
 QUADRATIC = 1e6
@@ -25,6 +29,8 @@ DIFFERENCE = 1e-5
 """Step of central differences, radians and metres: what they leave out and the digits they lose are both below 1e-9."""
 BEHIND, NEAREST = 1e12, 1e-3
 """Residual of a point behind a camera, and the smallest depth that counts as ahead, in units of the point's depth."""
+
+Poses = tuple[Array, Array]
 
 
 class ResidualBlocks(NamedTuple):
@@ -240,27 +246,28 @@ def constraint_residuals(
         residuals[i, 5] = (np.sqrt(square) - constraints.length[i]) / constraints.sigma_length[i]
 
 
-def constraint_jacobian(rotations: Array, centres: Array, constraints: StepConstraints) -> Array:
-    """Central differences (6 l, 6 n) of the residuals of all constraints by the poses."""
-    steps = len(constraints.frames)
-    each, side = np.arange(steps), np.arange(2)
-    # pose that moves, along which axis, there or back; first and second pose
-    shape = (steps, 2, 6, 2, 2)
-    posed = constraints.frames[:, None, None, None]
-    turned = np.broadcast_to(rotations[posed], (*shape, 3, 3)).copy()
-    moved = np.broadcast_to(centres[posed], (*shape, 3)).copy()
-    for x in side:
-        turned[:, x, :3, :, x] = _TURNS @ turned[:, x, :3, :, x]
-        moved[:, x, 3:, :, x] += _MOVES
-    found, numbers = np.empty((24 * steps, 6)), np.arange(48 * steps).reshape(-1, 2)
-    many = StepConstraints._make([numbers, *(np.repeat(c, 24, axis=0) for c in constraints[1:])])
-    constraint_residuals(turned.reshape(-1, 3, 3), moved.reshape(-1, 3), many, found)
-    there, back = np.moveaxis(found.reshape(steps, 2, 6, 2, 6), 3, 0)
-    result = np.zeros((steps, len(rotations), 6, 6))
-    for x in side:
-        result[each, constraints.frames[:, x]] += (there - back)[:, x] / (2 * DIFFERENCE)
-    return np.ascontiguousarray(result.transpose(0, 3, 1, 2).reshape(6 * steps, -1))
+@compiled
+def move_poses(step: Array, poses: Poses, moved: Poses) -> None:
+    """Fill poses (n, 3, 3), (n, 3) moved by `step` (6 n,): rotation vector in world axes and shift of each."""
+    for f in range(poses[0].shape[0]):
+        turn = rotation_from_vector(step[6 * f : 6 * f + 3])
+        for i in range(3):
+            moved[1][f, i] = poses[1][f, i] + step[6 * f + 3 + i]
+            for j in range(3):
+                moved[0][f, i, j] = 0.0
+                for k in range(3):
+                    moved[0][f, i, j] += turn[i, k] * poses[0][f, k, j]
 
 
-_MOVES = DIFFERENCE * np.stack([np.eye(3), -np.eye(3)], axis=1)
-_TURNS = np.eye(3) + cross_matrices(_MOVES) + cross_matrices(_MOVES) @ cross_matrices(_MOVES) / 2
+@compiled
+def constraint_jacobian(poses: Poses, constraints: StepConstraints, jacobian: Array) -> None:
+    """Fill the central differences (6 l, 6 n) of the residuals of all constraints by the poses."""
+    moved = np.empty_like(poses[0]), np.empty_like(poses[1])
+    step, found = np.zeros(jacobian.shape[1]), np.empty((2, constraints.frames.shape[0], 6))
+    for k in range(len(step)):
+        for side in range(2):
+            step[k] = DIFFERENCE if side else -DIFFERENCE
+            move_poses(step, poses, moved)
+            constraint_residuals(moved[0], moved[1], constraints, found[side])
+        step[k] = 0.0
+        jacobian[:, k] = (found[1] - found[0]).ravel() / (2 * DIFFERENCE)

@@ -12,6 +12,8 @@ CELL_PX = 32.0
 SAME_CORNER_PX = 6.0
 """Corners this near to the best one are no second best: a corner is often found at several scales."""
 
+Numbers = NDArray[np.int64]
+
 
 def match_in_bands(
     bands: Array,
@@ -21,7 +23,7 @@ def match_in_bands(
     *,
     farthest: int,
     ratio: float,
-) -> NDArray[np.int64]:
+) -> Numbers:
     """Pairs of corners whose descriptors agree, one to one.
 
     bands: where the match of each first corner may lie, (n, 6) px: start u, v, unit direction u, v, length along it,
@@ -38,31 +40,28 @@ def match_in_bands(
     require_array(points, "points", np.float64, (m, 2))
     require_array(descriptors, "descriptors", np.uint8, (n, 32))
     require_array(others, "others", np.uint8, (m, 32))
-    if n == 0 or m == 0:
-        return np.zeros((0, 2), np.int64)
-    places = points.T.copy()  # NumPy reduces long rows fast, and long columns slowly
-    low = places.min(axis=1)
-    column, row = np.floor((places - low[:, None]) / CELL_PX).astype(np.int64)
-    columns, rows = column.max() + 1, row.max() + 1
-    key = row * columns + column
-    order = np.argsort(key, kind="stable")
-    first = np.append(0, np.cumsum(np.bincount(key, minlength=columns * rows)))
-    owner = np.full(m, -1, np.int64)
-    _match(
-        bands,
-        descriptors.view(np.uint64),
-        points[order],
-        others[order].view(np.uint64),
-        low,
-        (int(columns), int(rows)),
-        first,
-        farthest,
-        ratio,
-        owner,
-    )
-    found = np.flatnonzero(owner >= 0)
-    pairs = np.stack([owner[found], order[found]], axis=1)
-    return np.asarray(pairs[np.argsort(pairs[:, 0])])
+    partner = np.full(n, -1, np.int64)
+    if m > 0:
+        kinds = descriptors.view(np.uint64), others.view(np.uint64)
+        _match(bands, *kinds, points, farthest, ratio, partner)
+    found = np.flatnonzero(partner >= 0)
+    return np.stack([found, partner[found]], axis=1)
+
+
+@compiled
+def _by_cell(points: Array, low: Array, columns: int, rows: int) -> tuple[Numbers, Numbers]:
+    # Points ordered by cell, row after row, and the place of the first of each cell in that order.
+    key = np.empty(points.shape[0], np.int64)
+    first, order = np.zeros(columns * rows + 2, np.int64), np.empty_like(key)
+    for i in range(key.shape[0]):
+        column, row = int((points[i, 0] - low[0]) / CELL_PX), int((points[i, 1] - low[1]) / CELL_PX)
+        key[i] = row * columns + column
+        first[key[i] + 2] += 1
+    first = np.cumsum(first)
+    for i in range(key.shape[0]):
+        order[first[key[i] + 1]] = i
+        first[key[i] + 1] += 1
+    return order, first
 
 
 @compiled
@@ -77,20 +76,22 @@ def _bits(word: np.uint64) -> np.uint64:
 
 
 @compiled
-def _match(  # noqa: PLR0913 - arrays of a kernel
+def _match(
     bands: Array,
     descriptors: NDArray[np.uint64],
-    points: Array,
     others: NDArray[np.uint64],
-    low: Array,
-    grid: tuple[int, int],
-    first: NDArray[np.int64],
+    points: Array,
     farthest: int,
     ratio: float,
-    owner: NDArray[np.int64],
+    partner: Numbers,
 ) -> None:
-    # The second corners come by cell, the first of each cell in `first`; `owner` becomes the first corner of each.
-    columns, rows = grid
+    low, high = np.array([np.inf, np.inf]), np.array([-np.inf, -np.inf])
+    for j in range(points.shape[0]):
+        for k in range(2):
+            low[k], high[k] = min(low[k], points[j, k]), max(high[k], points[j, k])
+    columns, rows = int((high[0] - low[0]) / CELL_PX) + 1, int((high[1] - low[1]) / CELL_PX) + 1
+    order, first = _by_cell(points, low, columns, rows)
+    owner = np.full(points.shape[0], -1, np.int64)
     candidates = np.empty(points.shape[0], np.int64)
     distances = np.empty(points.shape[0], np.int64)
     closest = np.empty(points.shape[0], np.int64)
@@ -108,7 +109,7 @@ def _match(  # noqa: PLR0913 - arrays of a kernel
         count, least, winner = 0, 257, -1
         for row in range(row_from, row_to + 1):
             begin = first[row * columns + column_from]
-            for j in range(begin, first[row * columns + column_to + 1]):
+            for j in order[begin : first[row * columns + column_to + 1]]:
                 x, y = points[j, 0] - u, points[j, 1] - v
                 along = x * du + y * dv
                 if abs(x * dv - y * du) > width or along < -width or along > length + width:
@@ -132,4 +133,6 @@ def _match(  # noqa: PLR0913 - arrays of a kernel
                 second = distances[k]
         if least < ratio * second and (owner[winner] < 0 or least < closest[winner]):
             # of several with the same best one the closest keeps it
-            owner[winner], closest[winner] = i, least
+            if owner[winner] >= 0:
+                partner[owner[winner]] = -1
+            owner[winner], closest[winner], partner[i] = i, least, winner

@@ -21,12 +21,12 @@ SCALE_CHANGE = 1.3
 """Largest change of scale by the fit."""
 ITERATIONS = 12
 """Of the registration of a patch at most."""
-CONVERGED_PX = 0.01
+CONVERGED_PX = 0.02
 """A smaller step ends the registration."""
 LEAST_TEXTURE = 2.0
 """Smallest standard deviation of a patch, grey levels."""
-ABANDONED_CORRELATION = 0.3
-"""A registration below it is abandoned."""
+ABANDONED_CORRELATION = 0.5
+"""A registration that starts below it is abandoned."""
 SMALLEST_CORRELATION = 0.85
 """Smallest correlation of a registered patch."""
 SCALE_STEP = 0.2
@@ -187,8 +187,9 @@ def _fit(
     position: Array,
     patch: Array,
 ) -> float:
-    # Gauss-Newton on position (u, v, scale), in position; returns the correlation, 0 where the patch leaves the image.
-    zncc: float = 0.0
+    # Gauss-Newton on position (u, v, scale), in position; returns the correlation, 0 where the patch leaves the image. It
+    # ends where the correlation falls: a patch without a place, or one that slides along an edge, goes on to the limit.
+    zncc, last = 0.0, 0.0
     for _ in range(ITERATIONS):
         u, v, scale = position
         if not _inside(near, u, v, warp, scale, 0.0):
@@ -219,8 +220,9 @@ def _fit(
         if norm <= 1e-6:
             return 0.0
         zncc = float(product / (norm * np.sqrt(square)))
-        if zncc < ABANDONED_CORRELATION:
-            return zncc
+        if zncc < max(ABANDONED_CORRELATION, last):
+            break
+        last = zncc
         gain = product / square  # of the near patch against the template
         r0, r1, r2 = r0 / gain, r1 / gain, r2 / gain
         du = inverse[0, 0] * r0 + inverse[0, 1] * r1 + inverse[0, 2] * r2

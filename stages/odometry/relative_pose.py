@@ -28,8 +28,8 @@ from wayside.stages.odometry.tie_points import (
 
 FIT_ITERATIONS = 15
 """Of a fit at most."""
-FIT_GAIN = 1e-7
-"""A fit ends where an iteration lowers the cost by a smaller fraction."""
+FIT_GAIN = 1e-4
+"""A fit ends where an iteration lowers the cost by a smaller fraction, as the adjustment does that follows."""
 COARSE_SIGMA_PX = 1.0
 """Standard deviation of a matched corner."""
 COARSE_SCALES_PX = 20.0, 5.0, 1.5
@@ -44,8 +44,8 @@ FINE_FIRST_SCALE_PX = 0.6
 """Cauchy scale of the first fine fit."""
 INLIER_PX = 0.4
 """Sampson distance of an inlier of a fine fit."""
-INLIER_RATIO = 0.75
-"""Below this share of inliers other starts are tried."""
+INLIER_RATIO = 0.5
+"""Below this share of inliers other starts are tried: no other motion has more ties than one that half of them show."""
 SETTLED_DEG = 0.1
 """Ties are registered again while the direction changes more."""
 ROUNDS = 3
