@@ -38,7 +38,6 @@ class ViewMode(StrEnum):
     none = "none"
     file = "file"
     live = "live"
-    serve = "serve"
 
 
 class RecordedImages(StrEnum):
@@ -73,7 +72,8 @@ class Option:
     """Makes the value of a text and the option's name. None: it is as given, a path as text."""
     names: tuple[str, ...] = ()
     least: int | None = None
-    """Of a number."""
+    """Of a number, as `most`."""
+    most: int | None = None
     metavar: str | None = None
     panel: str | None = None
     """Heading in the help. None: that of the setting."""
@@ -86,7 +86,12 @@ class Option:
         """As a parameter of a command."""
         panel = heading or self.panel or _HEADINGS.get(self.sets.partition(".")[0])
         option = typer.Option(
-            *self.names, help=self.help, rich_help_panel=panel, metavar=self.metavar, min=self.least
+            *self.names,
+            help=self.help,
+            rich_help_panel=panel,
+            metavar=self.metavar,
+            min=self.least,
+            max=self.most,
         )
         kind = self.kind if self.default is not None else self.kind | None
         return inspect.Parameter(
@@ -192,10 +197,13 @@ SHARED = {
     ),
     "view": Option(
         ViewMode,
-        "Record every step: `file` drive.rrd in the output folder, `live` a viewer's window, `serve` a viewer in the "
-        "browser.",
+        "Record every step: `file` drive.rrd in the output folder, `live` a viewer's window.",
         default=ViewMode.none,
         panel=VIEW,
+    ),
+    "serve": flag("--serve", "Show it in the browser instead of a window.", panel=VIEW),
+    "port": Option(
+        int, "Port of the page of --serve.  [default: a free one]", least=1, most=65535, panel=VIEW
     ),
     "connect": Option(
         str, "Also send to a viewer that runs already: 127.0.0.1:9876.", metavar="URL", panel=VIEW

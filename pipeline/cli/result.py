@@ -10,6 +10,7 @@ import typer
 
 from wayside.pipeline.cli.help import Application, examples
 from wayside.pipeline.cli.options import MovedLog, Option, Out, Overwrite, parse_size, takes
+from wayside.pipeline.cli.running import require_page
 from wayside.pipeline.files.visible_text import visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, InputError, UsageError
 
@@ -164,21 +165,26 @@ def _check(
 
 @app.command(
     epilog=examples(
-        "wayside view out", "wayside view out --sign drive-0007", "wayside view out --serve"
+        "wayside view out",
+        "wayside view out --sign drive-0007",
+        "wayside view out --serve --port 8080",
     )
 )
+@takes("serve", "port", heading="Options")
 def view(
     out: Out,
     sign: SignOption = None,
     frame: FrameOption = None,
     over: OverOption = None,
-    serve: Annotated[bool, typer.Option(help="In the browser instead of a window.")] = False,
+    **given: Any,
 ) -> None:
     """Open the recording of a run, at a sign or a frame."""
     from wayside.pipeline.view.results import find_target, open_result
 
+    serve, port = given["serve"], given["port"]
+    require_page(serve, port)
     target = find_target(out, sign, frame)
-    open_result(out, target, over, serve=serve)
+    open_result(out, target, over, serve=serve, web_port=port)
     # a page opens at the start, whatever is asked for
     where = "go to it in the time panel: frame" if serve else "frame"
     typer.echo(visible(f"{out}: {where} {target.frame}"))
