@@ -12,7 +12,7 @@ import typer
 from wayside.pipeline.cli.help import Application, CommandGroup, examples
 from wayside.pipeline.cli.options import Option, Overwrite, chosen_settings, flag, takes
 from wayside.pipeline.cli.running import exit_with
-from wayside.pipeline.files.visible_text import visible, visible_lines
+from wayside.pipeline.files.visible_text import counted, visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
 if TYPE_CHECKING:
@@ -213,9 +213,11 @@ def _summary(report: FleetReport, out: Path) -> str:
     lines += [f"{uri}: the same recording as {name}, counted once" for uri, name in report.copies]
     if report.left:
         some = ", ".join(report.left[:_MOST_LISTED])
-        lines.append(f"{len(report.left)} logs taken out, as their results are gone: {some}")
+        lines.append(f"{counted(len(report.left), 'log')} taken out, without results now: {some}")
     done = sum(entry.state == State.DONE for entry in report.entries)
-    lines.append(f"{done} of {len(report.entries)} logs done, {len(report.kept)} of them before")
+    lines.append(
+        f"{done} of {counted(len(report.entries), 'log')} done, {len(report.kept)} of them before"
+    )
     lines.append("panels unchanged" if report.merged is None else f"merged: {report.merged}")
     return "\n".join(lines)
 
@@ -257,12 +259,12 @@ def changes(
     report = find_changes(inventory, *surveys, chosen.changes, overwrite=overwrite)
     typer.echo(visible_lines(str(report)))
     written = write_page(inventory, page, (before, after), every=every, overwrite=overwrite)
-    typer.echo(visible(f"{page}: {written.shown} changes"))
+    typer.echo(visible(f"{page}: {counted(written.shown, 'change')}"))
     if written.lost_images:
         for fault in written.faults:
             typer.echo(visible(f"wayside: {fault}"), err=True)
         typer.echo(
-            f"wayside: {written.lost_images} images are not on the page: no log gives them",
+            f"wayside: not on the page, as no log gives them: {counted(written.lost_images, 'image')}",
             err=True,
         )
         raise typer.Exit(PARTS_LOST)

@@ -9,9 +9,18 @@ from typing import Annotated, Any
 import typer
 
 from wayside.pipeline.cli.help import Application, examples
-from wayside.pipeline.cli.options import MovedLog, Option, Out, Overwrite, parse_size, takes
+from wayside.pipeline.cli.options import (
+    MovedLog,
+    Option,
+    Out,
+    Overwrite,
+    chosen_settings,
+    parse_size,
+    settings_of,
+    takes,
+)
 from wayside.pipeline.cli.running import require_page
-from wayside.pipeline.files.visible_text import visible, visible_lines
+from wayside.pipeline.files.visible_text import counted, visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, InputError, UsageError
 
 app = Application("Its result")
@@ -89,13 +98,12 @@ def evidence(
         written = write_evidence(
             out, sheets, sign_id=sign, log=log, watch=progress.watch, png=png, overwrite=overwrite
         )
-    count = len(written.sheets)
-    index = f"{count} sheet{'s' * (count != 1)}; open {written.index}"
+    index = f"{counted(len(written.sheets), 'sheet')}; open {written.index}"
     typer.echo(visible(str(written.sheets[0]) if written.index is None else index))
     if written.lost_views:
         typer.echo(
-            f"wayside: {written.lost_views} views have no image: the log no longer holds it, or it does not decode; "
-            "they are left empty on the sheets",
+            f"wayside: {counted(written.lost_views, 'view has', 'views have')} no image: the log no longer holds it, "
+            "or it does not decode; its place on the sheet is empty",
             err=True,
         )
         raise typer.Exit(PARTS_LOST)
@@ -243,10 +251,11 @@ HOW_TO_EXPORT = {
         "wayside export out -f gpkg --units us --crs EPSG:26914",
         "wayside export out -o signs.geojson --review review.csv",
         "wayside export out -f mcap -o drive.signs.mcap",
+        "wayside export out -f csv --route 'US-36 EB' --milepost 12.35",
         "wayside export inventory -f gpkg --table supports",
     )
 )
-@takes(own=HOW_TO_EXPORT)
+@takes("route", "milepost", "decreasing", own=HOW_TO_EXPORT)
 def export(
     out: Annotated[
         Path,
@@ -281,6 +290,7 @@ def export(
         units=given["units"].value,
         crs=given["crs"],
         log=given["log"],
+        route=chosen_settings(given).route if settings_of(given) else None,
         overwrite=overwrite,
     )
     reviewed = len(said.rows) + len(said.missing)
@@ -288,7 +298,7 @@ def export(
     parts = "".join(f", {part.name}" for part in done.files if part != target)
     for note in done.notes:
         typer.echo(visible(f"note: {note}"), err=True)
-    typer.echo(visible(f"{target}{parts}: {done.rows} rows{more}"))
+    typer.echo(visible(f"{target}{parts}: {counted(done.rows, 'row')}{more}"))
 
 
 def _format_of(file: Path | None, kind: Format | None) -> str:

@@ -195,7 +195,9 @@ def viewing_of(view: ViewMode, given: Mapping[str, Any]) -> Viewing | None:
 def require_page(serve: bool, port: int | None) -> None:
     """Raise UsageError for a port of a page that is not asked for."""
     if port is not None and not serve:
-        raise UsageError("--port is the port of the page of --serve. Add --serve, or leave --port out.")
+        raise UsageError(
+            "--port is the port of the page of --serve. Add --serve, or leave --port out."
+        )
 
 
 def parse_rate(text: str) -> float | None:

@@ -18,6 +18,7 @@ from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView
 from wayside.pipeline.evidence.maps import FOOT_PX, MAP_SIZE, MARGIN_PX, Projection, fit, sign_maps
 from wayside.pipeline.evidence.marks import UNKNOWN, Figure, appearance_of, figures_of
 from wayside.pipeline.files.pictures import data_address, encode_png, encode_webp
+from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.pages import render, render_page
 from wayside.pipeline.reviewing.review import COLUMNS as REVIEW_COLUMNS
 from wayside.schemas.detections import COLORS, SHAPES
@@ -205,12 +206,8 @@ def _summary(statuses: Sequence[str], drive: DriveMap) -> str:
     others = [f", {counts[s]} {s}" for s in SIGN_STATUSES if s != "sign" and counts[s]]
     length = float(np.linalg.norm(np.diff(drive.path, axis=0), axis=1).sum())
     covered = f"{length / 1000:.2f} km" if length >= 1000 else f"{length:.0f} m"
-    shown = f"{_counted(counts['sign'], 'sign')}{''.join(others)} on {covered} of road"
-    return f"{shown}, {_counted(len(drive.cameras), 'image')}"
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+    shown = f"{counted(counts['sign'], 'sign')}{''.join(others)} on {covered} of road"
+    return f"{shown}, {counted(len(drive.cameras), 'image')}"
 
 
 def _counts(known: Iterable[str], found: Sequence[str | None]) -> dict[str, int]:

@@ -29,6 +29,7 @@ from wayside.pipeline.files.parsing import guarded
 from wayside.pipeline.files.writing import is_stream, refuse, whole_file
 from wayside.pipeline.reviewing.review import Review
 from wayside.schemas.errors import UsageError
+from wayside.schemas.settings import RouteSettings
 from wayside.schemas.tables import PROFILE
 
 FORMATS = {
@@ -64,6 +65,7 @@ def export(  # noqa: PLR0913 - one for each option
     units: str = "metric",
     crs: str | None = None,
     log: Path | None = None,
+    route: RouteSettings | None = None,
     overwrite: bool = False,
 ) -> Exported:
     """Write the signs of a result, or a table of an inventory, to a file.
@@ -84,6 +86,8 @@ def export(  # noqa: PLR0913 - one for each option
         Reference system as PROJ reads it; None: WGS 84, or the drive's own frame without fixes.
     log
         For `mcap`: where the drive's log lies now; None: where it lay at the time of the run.
+    route
+        Of the signs of a drive, with a milepost, instead of that of the run.
 
     Raises
     ------
@@ -95,18 +99,18 @@ def export(  # noqa: PLR0913 - one for each option
         A file cannot be written, or another file has its name.
     """
     inventory, imperial = is_inventory(out), units != "metric"
-    _require_fitting(out, kind, crs, table, inventory=inventory, imperial=imperial)
+    _require_fitting(out, kind, crs, table, route, inventory=inventory, imperial=imperial)
     if kind == "mcap":
         from wayside.pipeline.exporting.foxglove_log import write_foxglove_log
 
-        (signs,) = drive_signs(out, review).chunks()
+        (signs,) = drive_signs(out, review, route).chunks()
         with whole_file(file, overwrite=overwrite) as stream:
             notes = write_foxglove_log(out, signs, log, stream)
         return Exported(len(signs), (file,), tuple(notes))
     if inventory:
         source = inventory_rows(out, table or next(iter(INVENTORY_TABLES)))
     else:
-        source = drive_signs(out, review) if table is None else drive_profile(out)
+        source = drive_signs(out, review, route) if table is None else drive_profile(out)
     if kind in _ALWAYS_WGS_84 and source.world is not None:
         raise UsageError(
             f"{out}: {FORMATS[kind]} needs longitude and latitude, but the log has no satellite fixes. Export CSV, "
@@ -127,7 +131,14 @@ def export(  # noqa: PLR0913 - one for each option
 
 
 def _require_fitting(
-    out: Path, kind: str, crs: str | None, table: str | None, *, inventory: bool, imperial: bool
+    out: Path,
+    kind: str,
+    crs: str | None,
+    table: str | None,
+    route: RouteSettings | None,
+    *,
+    inventory: bool,
+    imperial: bool,
 ) -> None:
     if crs is not None and kind in (*_ALWAYS_WGS_84, "mcap"):
         always = "uses the frames of the drive" if kind == "mcap" else "is WGS 84 by its standard"
@@ -137,6 +148,10 @@ def _require_fitting(
     if imperial and kind == "mcap":
         raise UsageError(
             "--units us: the schemas of mcap are in metres. Leave --units out, or choose another format."
+        )
+    if route is not None and (inventory or table is not None):
+        raise UsageError(
+            "--route: only the signs of one drive are measured anew. Leave --route and --milepost out."
         )
     known = (*INVENTORY_TABLES,) if inventory else (PROFILE.name,)
     if table is not None and (table not in known or kind == "mcap"):

@@ -19,6 +19,7 @@ from wayside.pipeline.results.result import RUN_FILE, read_rows, read_run
 from wayside.pipeline.reviewing.review import REVIEWS, Review, Reviewed
 from wayside.schemas.errors import InputError
 from wayside.schemas.inventory_tables import PANELS, SUPPORTS
+from wayside.schemas.settings import RouteSettings
 from wayside.schemas.tables import FRAMES, PROFILE, SIGNS, Column, Table
 
 Row = dict[str, Any]
@@ -64,14 +65,17 @@ def is_inventory(folder: Path) -> bool:
     return not (folder / RUN_FILE).is_file() and any(path.is_dir() for path in named)
 
 
-def drive_signs(out: Path, review: Review) -> Source:
+def drive_signs(out: Path, review: Review, route: RouteSettings | None = None) -> Source:
     """The signs of a result with their review; signs that the review says are missing stand last.
 
-    Raises InputError if the folder is no result folder, or damaged.
+    route: with a milepost, instead of that of the run. Raises InputError if the folder is no result folder, or damaged.
     """
     signs = read_rows(out, SIGNS, _names(SIGNS))
     rows = [_flat_row(SIGNS, sign) | _said(review.rows.get(sign["sign_id"])) for sign in signs]
     rows += _missing(out, signs, review)
+    for row in rows:
+        if route is not None and row.get("station_m") is not None:
+            row |= route.measured(row["station_m"])
     times = [row["best_time_ns"] for row in rows if row.get("best_time_ns") is not None]
     last = datetime.fromtimestamp(max(times, default=0) // 10**9, UTC)
     local = rows and all(row.get("lon_deg") is None for row in rows)

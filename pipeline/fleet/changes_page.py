@@ -12,6 +12,7 @@ from wayside.pipeline.evidence.crops import draw_crop, read_crops
 from wayside.pipeline.evidence.marks import appearance_of
 from wayside.pipeline.files.parquet import read_parquet
 from wayside.pipeline.files.pictures import data_address, encode_webp, is_marked
+from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.files.writing import write_file
 from wayside.pipeline.fleet.absence import SIDES, Row
 from wayside.pipeline.fleet.manifest import DRIVES
@@ -115,13 +116,19 @@ def _figure(row: Row, side: str, source: str | None) -> dict[str, Any]:
     of = {name: row[f"{name}_{side}"] for name in ("seen", "drives", "hidden", "drive", "frame")}
     if not of["drives"]:
         face = "not looked at"
-        by = f"hidden from {of['hidden']} drives" if of["hidden"] else "not in view of any drive"
+        by = (
+            f"hidden from {counted(of['hidden'], 'drive')}"
+            if of["hidden"]
+            else "not in view of any drive"
+        )
     else:
         appearance = appearance_of(row[f"color_{side}"], row[f"shape_{side}"])
         face = appearance if of["seen"] else "no panel found"
-        looked = "" if row["change"] in ("unchanged", "changed_face") else f" of {of['drives']}"
+        both = row["change"] in ("unchanged", "changed_face")
+        by = f"{of['seen']} of {counted(of['drives'], 'drive')}"
+        by = counted(of["seen"], "drive") if both else by
         hidden = f", hidden from {of['hidden']}" if of["hidden"] else ""
-        by = f"seen by {of['seen']}{looked} drives{hidden}"
+        by = f"seen by {by}{hidden}"
     if of["drive"] is not None:
         by += f", {of['drive']} frame {of['frame']}"
     return {"face": face, "words": f"{face}; {by}", "source": source}

@@ -225,7 +225,7 @@ def test_a_drive_without_fixes_is_told_and_its_signs_are_counted(surveyed, copie
     report = merge_inventory(drives_of(copied), copied)
     assert report.local_drives == ["y0p0"]
     assert report.left_out == len(surveyed.identities["y0p0"])
-    assert "1 drives have no satellite fixes" in str(report)
+    assert "without satellite fixes: 1 drive: " in str(report)
 
 
 def test_results_of_one_name_and_folders_of_the_user_are_refused(surveyed, tmp_path):
@@ -309,7 +309,7 @@ def test_what_no_drive_of_the_other_survey_had_in_view_is_neither_gone_nor_new(
     captions = re.findall(r"<figcaption>2025: (.*?)(?:, second.*)?</figcaption>", text)
     assert Counter(captions) == {
         "not looked at; not in view of any drive": counts["not_looked_at"],
-        "no panel found; seen by 0 of 1 drives": counts["gone"],
+        "no panel found; seen by 0 of 1 drive": counts["gone"],
     }
 
 
@@ -386,7 +386,7 @@ def test_the_command_writes_the_page_and_says_which_images_no_log_gives(copied, 
     assert app([*SEEN, str(copied), "-o", str(page)], standalone_mode=False) == 4
     said = capsys.readouterr()
     assert "unchanged" in said.out
-    assert "images are not on the page" in said.err
+    assert "no log gives them: " in said.err
     text = page.read_text()
     assert '<li class="gone">' in text
     assert '<li class="unchanged">' not in text
