@@ -47,7 +47,7 @@ class Format(StrEnum):
     mcap = "mcap"
 
 
-class Units(StrEnum):
+class Lengths(StrEnum):
     """Of lengths."""
 
     metric = "metric"
@@ -81,10 +81,14 @@ def evidence(
     png: Annotated[
         bool, typer.Option("--png", help="Also write each sheet as an image, to print or send.")
     ] = False,
+    units: Annotated[
+        Lengths, typer.Option(help="`us`: distances in feet, sizes of signs in inches.")
+    ] = Lengths.metric,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a page of images, maps and figures for every sign, and an index to filter and correct them."""
     from wayside.pipeline.cli.progress import SheetProgress
+    from wayside.pipeline.evidence.marks import UNITS
     from wayside.pipeline.evidence.write import write_evidence
     from wayside.pipeline.running.tuning import tune_process
 
@@ -96,7 +100,14 @@ def evidence(
         )
     with SheetProgress("evidence") as progress:
         written = write_evidence(
-            out, sheets, sign_id=sign, log=log, watch=progress.watch, png=png, overwrite=overwrite
+            out,
+            sheets,
+            sign_id=sign,
+            log=log,
+            watch=progress.watch,
+            png=png,
+            units=UNITS[units.value],
+            overwrite=overwrite,
         )
     index = f"{counted(len(written.sheets), 'sheet')}; open {written.index}"
     typer.echo(visible(str(written.sheets[0]) if written.index is None else index))
@@ -233,7 +244,7 @@ HOW_TO_EXPORT = {
         "Of an inventory panels or supports; of a drive profile.  [default: panels; signs]",
     ),
     "units": Option(
-        Units, "`us`: distances in feet, sizes of signs in inches.", default=Units.metric
+        Lengths, "`us`: distances in feet, sizes of signs in inches.", default=Lengths.metric
     ),
     "crs": Option(
         str, "csv, gpkg, shp: coordinate reference system.  [default: WGS 84]", metavar="EPSG:..."

@@ -11,6 +11,7 @@ from typing import Any
 
 from wayside.pipeline.evidence.crops import Crop, draw_crop, read_crops
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
+from wayside.pipeline.evidence.marks import METRIC, Units
 from wayside.pipeline.evidence.sheet import PROPORTION, draw_sheet, format_index, format_sheet
 from wayside.pipeline.files.output_folder import OutputFolder
 from wayside.pipeline.files.pictures import data_address, encode_webp, is_marked, marked_png
@@ -43,6 +44,7 @@ def write_evidence(
     log: Path | None = None,
     watch: Watcher = lambda done, total: None,
     png: bool = False,
+    units: Units = METRIC,
     overwrite: bool = False,
 ) -> Written:
     """Write one page a sign and an index of all into `folder`, which is made where it is missing.
@@ -59,6 +61,8 @@ def write_evidence(
         Called with the number of sheets done and to do.
     png
         Also write each sheet as an image, to print or to send.
+    units
+        Of all lengths on the pages.
     overwrite
         Replace any file of the names of the sheets and the index; else only sheets of this log.
 
@@ -81,7 +85,7 @@ def write_evidence(
     with OutputFolder(folder) as output:
         if not overwrite:
             _check_free(folder, [*names, *images, *index], mark)
-        binder = _Binder(output.part, drive, run, mark, png)
+        binder = _Binder(output.part, drive, run, mark, png, units)
         if index:
             for one, before, after in zip(signs, ["", *names], [*names[1:], ""], strict=False):
                 beside = {"prev": before, "up": INDEX_FILE, "next": after}
@@ -89,7 +93,7 @@ def write_evidence(
         _fill(binder, signs, out, log, watch)
         if index:
             about = {"log": name, "result": result_name(run)}
-            page = format_index(signs, binder.thumbs, drive, about, mark)
+            page = format_index(signs, binder.thumbs, drive, about, mark, units)
             _write(output.part / INDEX_FILE, page.encode())
         output.commit(_sheets_of_others(folder, mark, signs) if index else [])
     sheets = tuple(folder / page for page in names)
@@ -128,6 +132,7 @@ class _Binder:
     run: Mapping[str, Any]
     mark: str
     png: bool
+    units: Units
     neighbours: dict[str, dict[str, str]] = field(default_factory=dict)
     crops: defaultdict[str, dict[SignView, Crop]] = field(default_factory=lambda: defaultdict(dict))
     thumbs: dict[str, str] = field(default_factory=dict)
@@ -138,10 +143,11 @@ class _Binder:
         crops = self.crops.pop(evidence.name, {})
         self.lost_views += len(evidence.views) - len(crops)
         about = (evidence, crops, self.drive, self.run)
-        page = format_sheet(*about, self.mark, self.neighbours.get(evidence.name, {}))
+        beside = self.neighbours.get(evidence.name, {})
+        page = format_sheet(*about, self.mark, beside, self.units)
         _write(self.folder / f"{evidence.name}.html", page.encode())
         if self.png:
-            png = marked_png(draw_sheet(*about), self.mark)
+            png = marked_png(draw_sheet(*about, self.units), self.mark)
             _write(self.folder / f"{evidence.name}.png", png)
         if evidence.best in crops:
             thumb = encode_webp(draw_crop(crops[evidence.best], THUMB))

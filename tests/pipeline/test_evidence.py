@@ -3,11 +3,13 @@
 import json
 import math
 import re
+from functools import partial
 from html import unescape
 from pathlib import Path
 from urllib.parse import quote, unquote
 
 import cv2
+import mercantile
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -17,7 +19,7 @@ from hypothesis import strategies as st
 from wayside.pipeline.evidence.crops import ACCENT, cut, draw_crop
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
 from wayside.pipeline.evidence.maps import error_ellipse, fit, panel_line
-from wayside.pipeline.evidence.marks import OUTLINES, UNKNOWN, figures_of
+from wayside.pipeline.evidence.marks import OUTLINES, UNKNOWN, US, figures_of
 from wayside.pipeline.evidence.sheet import BIG, LEFT, PROPORTION, TILE, TOP, WIDTH
 from wayside.pipeline.evidence.write import write_evidence
 from wayside.pipeline.models.model_files import load_models
@@ -215,25 +217,34 @@ def test_views_that_do_not_decode_or_that_the_log_lacks_are_left_empty(out, tmp_
     assert len(list((out / "evidence").iterdir())) == 3 + 1
 
 
+def with_fixes(rows, turn=0.0):
+    for row in rows:
+        east = row["x"] * math.cos(turn) - row["y"] * math.sin(turn)
+        north = row["x"] * math.sin(turn) + row["y"] * math.cos(turn)
+        row["lat_deg"] = 38.5 + north / 111e3
+        row["lon_deg"] = -98.5 + east / (111e3 * math.cos(math.radians(38.5)))
+
+
 @pytest.mark.parametrize("turn_deg", [0.0, 70.0, -160.0])
-def test_maps_say_where_north_is_where_the_fixes_tell(out, tmp_path, sheets, turn_deg):
+def test_north_is_up_on_all_maps_where_the_fixes_tell_it(out, tmp_path, sheets, turn_deg):
     """Of a drive whose own frame is turned against east by some angle; and of one without fixes."""
-    assert "<title>north</title>" not in sheets.index.read_text("utf-8")
-    assert gather(out, NEAR)[0].north is None
+    assert ">north</text>" not in sheets.index.read_text("utf-8")
+    assert gather(out, NEAR)[0].globe is None
     turn = math.radians(turn_deg)
-
-    def place(rows):
-        for row in rows:
-            east = row["x"] * math.cos(turn) - row["y"] * math.sin(turn)
-            north = row["x"] * math.sin(turn) + row["y"] * math.cos(turn)
-            row["lat_deg"] = 38.5 + north / 111e3
-            row["lon_deg"] = -98.5 + east / (111e3 * math.cos(math.radians(38.5)))
-
-    change_rows(out, FRAMES, place)
-    assert gather(out, NEAR)[0].north == pytest.approx([math.sin(turn), math.cos(turn)], abs=1e-3)
-    index = write_evidence(out, tmp_path / "sheets").index.read_text("utf-8")
-    shown = float(re.search(r"rotate\((-?[0-9.]+)\)\"><title>north", index)[1])
-    assert shown == pytest.approx(turn_deg, abs=0.2)  # the path runs to the right, along x
+    change_rows(out, FRAMES, partial(with_fixes, turn=turn))
+    globe = gather(out, NEAR)[0].globe
+    assert [8.0, 0.0] @ globe.turn == pytest.approx(
+        [8 * math.cos(turn), 8 * math.sin(turn)], abs=0.02
+    )
+    assert (globe.lon_deg, globe.lat_deg) == pytest.approx((-98.5, 38.5), abs=1e-7)
+    assert 1 / globe.lat_deg_per_m == pytest.approx(111e3, rel=1e-3)
+    for page in (lambda written: written.index, lambda written: written.sheets[0]):
+        text = page(write_evidence(out, tmp_path / "sheets")).read_text("utf-8")
+        assert ">north</text>" in text
+        path = re.search(r'class="path" points="([^"]*)"', text)[1].split()
+        (x0, y0), (x1, y1) = (map(float, point.split(",")) for point in (path[0], path[-1]))
+        up = math.degrees(math.atan2(y0 - y1, x1 - x0))
+        assert (up - turn_deg + 180) % 360 - 180 == pytest.approx(0, abs=0.5)
 
 
 def later(rows):
@@ -295,7 +306,8 @@ def test_the_index_refers_to_nothing_but_the_sheets_beside_it(sheets):
             assert unquote(reference[1:]) in ids
         elif not reference.startswith("data:image/webp;base64,"):
             assert (sheets.index.parent / unquote(reference)).is_file()
-    assert not re.search(r"https?:|@import|url\(", text)
+    basemaps = re.findall(r'<option value="https:[^"]*"', text)
+    assert len(basemaps) == len(re.findall(r"https?:|@import|url\(", text)) == 3
 
 
 def test_cards_carry_what_the_filters_ask_for_and_the_summary_counts_as_the_run_does(sheets):
@@ -384,6 +396,69 @@ def test_filters_are_folded_on_a_phone_until_asked_for(out, tmp_path, in_browser
     assert seen == [False, "block", "false", True, "true"]
 
 
+@pytest.mark.parametrize("width", [390, 1280])
+def test_a_sign_is_found_by_words_and_placed_by_a_tap_on_the_zoomed_map(
+    out, tmp_path, in_browser, width
+):
+    """Dispatches what a finger does: a tap adds a sign, a drag moves the map and adds none."""
+    change_rows(
+        out, SIGNS, lambda rows: rows[0].update(route="K-18", measure=7.25, measure_unit="mi")
+    )
+    change_rows(out, FRAMES, with_fixes)
+    index = write_evidence(out, tmp_path / "sheets", units=US).index
+    seen = in_browser(
+        index,
+        """
+        const near = Array.from(byId.keys())[0], found = [];
+        for (const words of ["k-18 7.2", "nowhere", ""]) {
+          fields.find.value = words;
+          fields.find.dispatchEvent(new Event("input", { bubbles: true }));
+          found.push(cards.filter(card => !card.hidden).map(card => card.id));
+        }
+        const rect = () => dots.get(near).getBoundingClientRect();
+        const before = rect(), bar = () => map.querySelector(".foot text").textContent, bars = [bar()];
+        const touch = (kind, clientX, clientY) =>
+          map.dispatchEvent(new PointerEvent(kind, { pointerId: 1, clientX, clientY, bubbles: true }));
+        const tap = (x, y, dx = 0) => {
+          touch("pointerdown", x, y);
+          touch("pointermove", x + dx, y);
+          touch("pointerup", x + dx, y);
+          map.dispatchEvent(new MouseEvent("click", { bubbles: true, cancelable: true, clientX: x + dx, clientY: y }));
+        };
+        const middle = one => [one.left + one.width / 2, one.top + one.height / 2];
+        at("add").click();
+        for (let i = 0; i < 12; i++) {
+          const [clientX, clientY] = middle(rect());
+          map.dispatchEvent(new WheelEvent("wheel", { deltaY: -100, clientX, clientY, cancelable: true }));
+        }
+        bars.push(bar());
+        tap(...middle(rect()), 60);
+        const dragged = missing.length;
+        tap(...middle(rect()));
+        const tiles = () => Array.from(map.querySelectorAll(".tiles image"), one => one.getAttribute("href"));
+        const quiet = tiles(), base = document.querySelector(".zoom select");
+        base.value = base.options[1].value;
+        base.dispatchEvent(new Event("change"));
+        return { found, bars, dragged, missing, quiet, tiles: tiles(), size: [before.width, rect().width],
+          wide: document.documentElement.scrollWidth - innerWidth };
+        """,
+        width=width,
+    )
+    assert seen["found"] == [[NEAR], [], [NEAR, FAR, BARE]]
+    assert all(words.endswith(" ft") for words in seen["bars"])
+    assert float(seen["bars"][0].split()[0]) > 4 * float(seen["bars"][1].split()[0])
+    assert seen["dragged"] == 0
+    (missing,) = seen["missing"]
+    assert (missing["x"], missing["y"]) == pytest.approx((40.0, -6.0), abs=0.1)
+    assert seen["size"][0] == pytest.approx(seen["size"][1], abs=1)  # dots keep their size
+    assert seen["quiet"] == []
+    east, north = 40.0, -6.0
+    lat, lon = 38.5 + north / 111e3, -98.5 + east / (111e3 * math.cos(math.radians(38.5)))
+    shown = {tuple(map(int, re.findall(r"\d+", one)[-3:])) for one in seen["tiles"]}
+    assert any(mercantile.tile(lon, lat, level) == (x, y, level) for level, x, y in shown)
+    assert seen["wide"] <= 0
+
+
 def test_a_person_corrects_the_inventory_in_the_index(out, tmp_path, in_browser):
     change_run(out, files={SIGNS.file: {"sha256": "0" * 64}})
     index = write_evidence(out, tmp_path / "sheets").index
@@ -399,9 +474,8 @@ def test_a_person_corrects_the_inventory_in_the_index(out, tmp_path, in_browser)
         const look = byId.get(bare).querySelector(".say select[name=color]");
         look.value = "green";
         look.dispatchEvent(new Event("change"));
-        const edge = map.getBoundingClientRect();
-        const dot = dots.get(near).getBoundingClientRect();
         document.getElementById("add").click();
+        const dot = dots.get(near).getBoundingClientRect();
         const at = { clientX: dot.left + dot.width / 2, clientY: dot.top + dot.height / 2 };
         map.dispatchEvent(new MouseEvent("click", { bubbles: true, cancelable: true, ...at }));
         missing[0].note = '=a "stop", hidden';

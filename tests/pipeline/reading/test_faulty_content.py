@@ -181,7 +181,7 @@ def test_images_of_another_camera_between_those_of_one_are_left_out_and_told(new
         "used" if name == "front" else "other_camera" for name in names
     ]
     assert all(f.camera.fx == 40.0 for f in frames if f.used)
-    assert any("8 images of /camera/image are of another camera" in note for note in report.notes)
+    assert any("8 images of /camera/image of another camera" in note for note in report.notes)
     spaced, _ = read(path, spacing_m=8.0)
     assert [f.spacing_m for f in spaced if f.used] == [None, *[8.0] * 15]
 

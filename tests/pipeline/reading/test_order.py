@@ -195,7 +195,7 @@ def test_poses_or_fixes_for_a_part_only_lose_no_image_behind_the_first(
     frames, report = read(path)
     assert [f.status for f in frames] == ["no_position"] * unused + ["used"] * (COUNT - unused)
     assert report.statuses.get("no_position", 0) == unused
-    lost = "have no pose or fix near their time and are left out"
+    lost = "left out, without a pose or fix near in time"
     assert [n.split()[0] for n in report.notes if lost in n] == [str(unused)] * (unused > 0)
     frames, _ = read(path, spacing_m=8.0)
     assert {f.status for f in frames} == {"used"}
