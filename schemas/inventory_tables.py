@@ -134,6 +134,8 @@ CHANGES = Table(
         Column("color_after", _CHOICE, "", "colour class", values=COLORS),
         Column("shape_before", _CHOICE, "", "shape class", values=SHAPES),
         Column("shape_after", _CHOICE, "", "shape class", values=SHAPES),
+        Column("code_before", _TEXT, "", "code or series with its legend; null: unknown"),
+        Column("code_after", _TEXT, "", "code or series with its legend; null: unknown"),
         Column("distance_m", _SINGLE, "m", "how far it moved; null: not moved"),
         Column("drives_before", _WHOLE, "drives", "drives of the earlier survey that saw it; of what one survey alone "
                "saw also those that had the place in view", _SURE),

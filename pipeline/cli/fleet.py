@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from wayside.pipeline.cli.help import Application, CommandGroup, examples
-from wayside.pipeline.cli.options import Option, Overwrite, chosen_settings, flag, takes
+from wayside.pipeline.cli.options import (
+    Lengths,
+    Option,
+    Overwrite,
+    PageUnits,
+    chosen_settings,
+    flag,
+    takes,
+)
 from wayside.pipeline.cli.running import exit_with
 from wayside.pipeline.files.visible_text import counted, visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
@@ -241,10 +249,12 @@ def changes(
     every: Annotated[
         bool, typer.Option("--all", help="Show unchanged panels, and those not looked at, as well.")
     ] = False,
+    units: PageUnits = Lengths.metric,
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
     """Compare two surveys: which signs are unchanged, moved, of another face, new, gone, or not covered."""
+    from wayside.pipeline.evidence.marks import UNITS
     from wayside.pipeline.files.settings_file import load_settings
     from wayside.pipeline.fleet.changes import find_changes, parse_survey
     from wayside.pipeline.fleet.changes_page import write_page
@@ -258,7 +268,8 @@ def changes(
     surveys = parse_survey(before), parse_survey(after)
     report = find_changes(inventory, *surveys, chosen.changes, overwrite=overwrite)
     typer.echo(visible_lines(str(report)))
-    written = write_page(inventory, page, (before, after), every=every, overwrite=overwrite)
+    how = {"every": every, "units": UNITS[units.value], "overwrite": overwrite}
+    written = write_page(inventory, page, (before, after), **how)
     typer.echo(visible(f"{page}: {counted(written.shown, 'change')}"))
     if written.lost_images:
         for fault in written.faults:

@@ -48,12 +48,23 @@ class RecordedImages(StrEnum):
     none = "none"
 
 
+class Lengths(StrEnum):
+    """Units of lengths."""
+
+    metric = "metric"
+    us = "us"
+
+
 Log = Annotated[
     Path, typer.Argument(metavar="LOG", help="An MCAP file, a ROS 2 bag directory, a ROS 1 bag.")
 ]
 Out = Annotated[Path, typer.Argument(metavar="OUT", help="Folder written by `wayside run`.")]
 MovedLog = Annotated[
     Path | None, typer.Option(help="Where the log lies now, if it has moved since the run.")
+]
+PageUnits = Annotated[
+    Lengths,
+    typer.Option("--units", help="`us`: distances in feet, sizes of signs in inches."),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files of the same names.")]
 

@@ -10,10 +10,12 @@ import typer
 
 from wayside.pipeline.cli.help import Application, examples
 from wayside.pipeline.cli.options import (
+    Lengths,
     MovedLog,
     Option,
     Out,
     Overwrite,
+    PageUnits,
     chosen_settings,
     parse_size,
     settings_of,
@@ -47,13 +49,6 @@ class Format(StrEnum):
     mcap = "mcap"
 
 
-class Lengths(StrEnum):
-    """Of lengths."""
-
-    metric = "metric"
-    us = "us"
-
-
 class InventoryTable(StrEnum):
     """Of an inventory, and `profile` of a drive."""
 
@@ -81,9 +76,7 @@ def evidence(
     png: Annotated[
         bool, typer.Option("--png", help="Also write each sheet as an image, to print or send.")
     ] = False,
-    units: Annotated[
-        Lengths, typer.Option(help="`us`: distances in feet, sizes of signs in inches.")
-    ] = Lengths.metric,
+    units: PageUnits = Lengths.metric,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a page of images, maps and figures for every sign, and an index to filter and correct them."""

@@ -149,9 +149,7 @@ def _values(
         "figures": figures_of(sign, str(run.get("world", "")), units),
         "terms": [(Figure(term.capitalize(), f"{ratio:+.1f}"), ratio) for term, ratio in weighed],
         "maps": sign_maps(evidence, drive, units),
-        "views_heading": f"All {count} views; click one to enlarge it"
-        if count > 1
-        else "The only view",
+        "views_heading": f"All {count} views" if count > 1 else "The only view",
         "best": _words(evidence.best, drive, units) | image(None, evidence.best),
         "views": [_words(v, drive, units) | image(i, v) for i, v in enumerate(evidence.views)],
     }

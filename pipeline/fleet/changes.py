@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from wayside.pipeline.code_words import code_of
 from wayside.pipeline.files.parquet import ParquetFile, geoparquet_metadata, record_batch
 from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.files.writing import require_free, whole_file
@@ -51,6 +52,7 @@ UNKNOWN_SIZE_M = 0.6
 _PANEL = (
     "panel_id", "support_id", "replaces", "replaced_by", "status", "color", "shape", "lon_deg", "lat_deg", "alt_m",
     "bearing_deg", "panel_width_m", "panel_height_m", "route", "measure", "measure_unit", "geometry",
+    "mutcd", "vienna",
 )  # fmt: skip
 _SIGHTING = (
     "panel_id", "drive", "seen", "frame", "box", "confidence", "offset_east_m", "offset_north_m", "offset_up_m",
@@ -210,6 +212,7 @@ class _Cell:
             if name is not None:
                 row |= self.panels[name]
                 row |= {f"{k}_{side}": self.panels[name][k] for k in ("color", "shape")}
+                row[f"code_{side}"] = code_of(self.panels[name])
                 last = max(seen, key=lambda one: (one["seen"], one["drive"]))
                 row |= {f"{k}_{side}": last[k] for k in ("drive", "frame", "box")}
         return row

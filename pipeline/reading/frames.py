@@ -164,7 +164,7 @@ class _Reader:
             )
         if report.statuses[NO_POSITION]:
             report.notes.append(
-                f"left out, without a pose or fix near in time: {counted(report.statuses[NO_POSITION], 'image')}; "
+                f"{counted(report.statuses[NO_POSITION], 'image')} left out, without a pose or fix near in time; "
                 "with --spacing all are used"
             )
         if report.statuses[WRONG_SIZE] and not used:
