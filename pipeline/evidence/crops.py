@@ -90,11 +90,19 @@ def draw_crop(crop: Crop, size: tuple[int, int]) -> NDArray[np.uint8]:
 def read_crops(
     out: Path, log: Path | None, boxes: Iterable[tuple[Key, int, Box]], proportion: float
 ) -> Iterator[tuple[Key, Crop | None]]:
-    """Cut boxes with their surroundings out of the images of a result's log, which is read once.
+    """Cut boxes with their surroundings out of the images of `read_boxes`; None where an image does not decode."""
+    for key, image, box in read_boxes(out, log, boxes):
+        yield key, None if image.rgb is None else cut(image.rgb, box, proportion)
 
-    `log`: where it lies now, None: as at the time of the run. `boxes`: what to call a box, its frame and itself. Crops
-    come in order of their frames, None where an image does not decode; what the log has no longer does not come. Raises
-    InputError where the result or the log cannot be used, or the log is another one.
+
+def read_boxes(
+    out: Path, log: Path | None, boxes: Iterable[tuple[Key, int, Box]]
+) -> Iterator[tuple[Key, Image, Box]]:
+    """Boxes with their images from a result's log, which is read once.
+
+    `log`: where it lies now, None: as at the time of the run. `boxes`: what to call a box, its frame and itself. They
+    come in order of their frames; what the log has no longer does not come. Raises InputError where the result or the
+    log cannot be used, or the log is another one.
     """
     wanted: defaultdict[int, list[tuple[Key, Box]]] = defaultdict(list)
     for key, frame, box in boxes:
@@ -106,7 +114,7 @@ def read_crops(
     times_ns = read_times(out)
     for image in read_images(source, settings, wanted.keys(), times_ns, ReadReport()):
         for key, box in wanted[image.frame.index]:
-            yield key, None if image.rgb is None else cut(image.rgb, box, proportion)
+            yield key, image, box
 
 
 def read_times(out: Path) -> dict[int, int]:

@@ -377,6 +377,27 @@ def test_previous_and_next_go_along_what_the_filters_show(out, tmp_path, in_brow
     ]
 
 
+@pytest.mark.parametrize("width", [390, 1280])
+def test_a_view_of_a_sheet_is_enlarged_and_put_back(sheets, in_browser, width):
+    seen = in_browser(
+        sheets.sheets[0],
+        """
+        const view = document.querySelector(".small figure button"), before = view.firstChild.width;
+        view.click();
+        const shown = large.querySelector("img");
+        await shown.decode();
+        press("ArrowRight");  // leads to no other sign now
+        const found = [large.open, shown.src === view.firstChild.src, shown.width > 1.2 * before];
+        const fits = shown.getBoundingClientRect().right <= innerWidth;
+        found.push(fits, document.documentElement.scrollWidth <= innerWidth);
+        shown.click();
+        return [...found, large.open];
+        """,
+        width=width,
+    )
+    assert seen == [True] * 5 + [False]
+
+
 def test_filters_are_folded_on_a_phone_until_asked_for(out, tmp_path, in_browser):
     index = write_evidence(out, tmp_path / "sheets").index
     seen = in_browser(
