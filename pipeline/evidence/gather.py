@@ -116,7 +116,7 @@ def gather(out: Path, sign_id: str | None) -> tuple[DriveMap, list[Evidence]]:
     for sign in signs:
         _require_file_name(out, sign["sign_id"])
     chosen = signs if sign_id is None else [find_sign(out, signs, sign_id)]
-    drive = _read_drive(out, signs)
+    drive = drive_map(read_rows(out, FRAMES, _FRAME_COLUMNS), signs)
     grounds = _grounds_below(out, chosen)
     chosen = [sign | {"ground_m": ground} for sign, ground in zip(chosen, grounds, strict=True)]
     where = {"verdict": "sign"} if sign_id is None else {"verdict": "sign", "sign_id": sign_id}
@@ -145,8 +145,8 @@ def _grounds_below(out: Path, signs: Sequence[dict[str, Any]]) -> list[float | N
     return found
 
 
-def _read_drive(out: Path, signs: list[dict[str, Any]]) -> DriveMap:
-    frames = read_rows(out, FRAMES, _FRAME_COLUMNS)
+def drive_map(frames: Sequence[dict[str, Any]], signs: Sequence[dict[str, Any]]) -> DriveMap:
+    """The drive by rows of `frames.parquet` and `signs.parquet`."""
     placed = [row for row in frames if row["x"] is not None]
     path = _positions(placed)
     named = [row for row in frames if row.get("image_name")]
@@ -183,7 +183,7 @@ def _globe(located: list[dict[str, Any]]) -> Globe | None:
     return Globe(turn, lon_deg, float(lat[0] + origin.imag), float(abs(factor)))
 
 
-def _positions(rows: list[dict[str, Any]]) -> NDArray[np.float64]:
+def _positions(rows: Sequence[dict[str, Any]]) -> NDArray[np.float64]:
     """x, y, z of every row, (n, 3)."""
     return np.array([[row[axis] for axis in "xyz"] for row in rows], np.float64).reshape(-1, 3)
 

@@ -43,6 +43,7 @@ class Size(NamedTuple):
 
 
 WIDTH, TILES = 1600, 5
+_MOST_IN_NOTEBOOK = 100
 BIG, TILE = Size(752, 564), Size(280, 210)
 PROPORTION = TILE.width / TILE.height
 """Width over height of every crop, large or small."""
@@ -185,25 +186,10 @@ def format_index(
     mark
         What the page is known by.
     """
-    cards = [
-        {
-            "sign": one.sign,
-            "name": one.name,
-            "face": appearance_of(one.sign["color"], one.sign["shape"]),
-            "code": code_of(one.sign) or UNKNOWN,
-            "route": route_words(one.sign),
-            "source": thumbs.get(one.name, ""),
-        }
-        for one in signs
-    ]
+    cards = _cards([one.sign for one in signs], thumbs)
     codes = [code_of(one.sign) for one in signs]
     looks = {name: [one.sign[name] for one in signs] for name in ("color", "shape", "status")}
     page_map, place = overview(drive, units) or (None, {})
-    dots = [
-        {"x": x, "y": y, "name": card["name"], "title": f"{card['name']}: {card['face']}"}
-        | {"ink": css(card["sign"]["color"])}
-        for card, (x, y) in zip(cards, page_map["signs"] if page_map else [], strict=False)
-    ]
     return render_page(
         "index.html",
         mark,
@@ -217,11 +203,48 @@ def format_index(
             "Status": ("status", _counts(SIGN_STATUSES, looks["status"])),
         },
         map=page_map,
-        dots=dots,
+        dots=_dots(cards, page_map),
         about=about | {"columns": REVIEW_COLUMNS, "map": place},
         classes={"color": COLORS, "shape": SHAPES},
         cards=cards,
     )
+
+
+def format_notebook(log: str, signs: Sequence[dict[str, Any]], drive: DriveMap) -> str:
+    """HTML of the signs, rows of `signs.parquet`, for a notebook: a map and a table."""
+    cards, (shown, _) = _cards(signs, {}), overview(drive) or (None, {})
+    return render(
+        "notebook.html",
+        log=log,
+        summary=_summary([sign["status"] for sign in signs], drive, METRIC),
+        cards=cards,
+        most=_MOST_IN_NOTEBOOK,
+        map=shown,
+        dots=_dots(cards, shown),
+    )
+
+
+def _cards(signs: Sequence[dict[str, Any]], thumbs: Mapping[str, str]) -> list[dict[str, Any]]:
+    return [
+        {
+            "sign": sign,
+            "name": sign["sign_id"],
+            "face": appearance_of(sign["color"], sign["shape"]),
+            "code": code_of(sign) or UNKNOWN,
+            "route": route_words(sign),
+            "source": thumbs.get(sign["sign_id"], ""),
+        }
+        for sign in signs
+    ]
+
+
+def _dots(cards: Sequence[dict[str, Any]], shown: dict[str, Any] | None) -> list[dict[str, Any]]:
+    """The signs on the map, each leading to its card."""
+    return [
+        {"x": x, "y": y, "name": card["name"], "title": f"{card['name']}: {card['face']}"}
+        | {"ink": css(card["sign"]["color"])}
+        for card, (x, y) in zip(cards, shown["signs"] if shown else [], strict=False)
+    ]
 
 
 def _summary(statuses: Sequence[str], drive: DriveMap, units: Units) -> str:
