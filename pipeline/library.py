@@ -149,9 +149,9 @@ class Inventory:
         units: Literal["metric", "us"] = "metric",
         **options: Any,
     ) -> Path:
-        """Write a page of evidence a sign into a folder, by default `evidence` in that of the result; its index.
+        """Write a page a sign into a folder, None: `evidence` in that of the result; their index, or the only page.
 
-        Other `options` are those of `wayside.pipeline.evidence.write.write_evidence`, which says what it raises.
+        Other options, and what is raised, are those of `wayside.pipeline.evidence.write.write_evidence`.
         """
         from wayside.pipeline.evidence.marks import UNITS
         from wayside.pipeline.evidence.write import write_evidence
@@ -169,11 +169,10 @@ class Inventory:
         review: PathLike | None = None,
         **options: Any,
     ) -> Path:
-        """Write the signs to a file for another program, with corrections beside them; the file.
+        """Write the signs to a file for another program, of the kind that its name ends with if that is None; the file.
 
-        `kind` is a key of `wayside.pipeline.exporting.export.FORMATS`, None: that of the name. `review` is one saved by
-        the evidence index, None: that in the folder of the result. `options` are those of
-        `wayside.pipeline.exporting.export.export`, which says what it raises.
+        `review`: None, that in the folder of the result. Other options, and what is raised, are those of
+        `wayside.pipeline.exporting.export.export`.
         """
         from wayside.pipeline.exporting.export import FORMATS, export
         from wayside.pipeline.reviewing.review import find_review
@@ -182,7 +181,7 @@ class Inventory:
         chosen = kind or target.suffix.lower().removeprefix(".")
         if chosen not in FORMATS:
             raise UsageError(
-                f"{target}: the format is unknown. Give kind, or a name that ends with one of {', '.join(FORMATS)}."
+                f"{target}: the kind of file is none of {', '.join(FORMATS)}. Give kind."
             )
         export(
             out,

@@ -11,10 +11,8 @@ import typer
 
 from wayside.pipeline.cli.help import Application, CommandGroup, examples
 from wayside.pipeline.cli.options import (
-    Lengths,
     Option,
     Overwrite,
-    PageUnits,
     chosen_settings,
     flag,
     takes,
@@ -236,7 +234,7 @@ def _summary(report: FleetReport, out: Path) -> str:
         "wayside changes inventory --before 2024-03..2024-06 --after 2025-05-17 -o changes.html --all",
     )
 )
-@takes("settings", "assignments")
+@takes("settings", "assignments", "units")
 def changes(
     inventory: Annotated[
         Path, typer.Argument(metavar="INVENTORY", help="Folder of merged drives.")
@@ -249,7 +247,6 @@ def changes(
     every: Annotated[
         bool, typer.Option("--all", help="Show unchanged panels, and those not looked at, as well.")
     ] = False,
-    units: PageUnits = Lengths.metric,
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
@@ -268,7 +265,7 @@ def changes(
     surveys = parse_survey(before), parse_survey(after)
     report = find_changes(inventory, *surveys, chosen.changes, overwrite=overwrite)
     typer.echo(visible_lines(str(report)))
-    how = {"every": every, "units": UNITS[units.value], "overwrite": overwrite}
+    how = {"every": every, "units": UNITS[given["units"].value], "overwrite": overwrite}
     written = write_page(inventory, page, (before, after), **how)
     typer.echo(visible(f"{page}: {counted(written.shown, 'change')}"))
     if written.lost_images:

@@ -62,10 +62,6 @@ Out = Annotated[Path, typer.Argument(metavar="OUT", help="Folder written by `way
 MovedLog = Annotated[
     Path | None, typer.Option(help="Where the log lies now, if it has moved since the run.")
 ]
-PageUnits = Annotated[
-    Lengths,
-    typer.Option("--units", help="`us`: distances in feet, sizes of signs in inches."),
-]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files of the same names.")]
 
 
@@ -205,6 +201,9 @@ SHARED = {
         "Route lines with measures (M), GeoPackage or GeoParquet; needs fixes.",
         "route.file",
         metavar="FILE",
+    ),
+    "units": Option(
+        Lengths, "`us`: distances in feet, sizes of signs in inches.", default=Lengths.metric
     ),
     "view": Option(
         ViewMode,

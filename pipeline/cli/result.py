@@ -10,12 +10,10 @@ import typer
 
 from wayside.pipeline.cli.help import Application, examples
 from wayside.pipeline.cli.options import (
-    Lengths,
     MovedLog,
     Option,
     Out,
     Overwrite,
-    PageUnits,
     chosen_settings,
     parse_size,
     settings_of,
@@ -64,6 +62,7 @@ class InventoryTable(StrEnum):
         "wayside evidence out --log /archive/drive.mcap",
     )
 )
+@takes("units")
 def evidence(
     out: Out,
     sign: Annotated[
@@ -76,8 +75,8 @@ def evidence(
     png: Annotated[
         bool, typer.Option("--png", help="Also write each sheet as an image, to print or send.")
     ] = False,
-    units: PageUnits = Lengths.metric,
     overwrite: Overwrite = False,
+    **given: Any,
 ) -> None:
     """Write a page of images, maps and figures for every sign, and an index to filter and correct them."""
     from wayside.pipeline.cli.progress import SheetProgress
@@ -99,7 +98,7 @@ def evidence(
             log=log,
             watch=progress.watch,
             png=png,
-            units=UNITS[units.value],
+            units=UNITS[given["units"].value],
             overwrite=overwrite,
         )
     index = f"{counted(len(written.sheets), 'sheet')}; open {written.index}"
@@ -236,9 +235,6 @@ HOW_TO_EXPORT = {
         InventoryTable,
         "Of an inventory panels or supports; of a drive profile.  [default: panels; signs]",
     ),
-    "units": Option(
-        Lengths, "`us`: distances in feet, sizes of signs in inches.", default=Lengths.metric
-    ),
     "crs": Option(
         str, "csv, gpkg, shp: coordinate reference system.  [default: WGS 84]", metavar="EPSG:..."
     ),
@@ -259,7 +255,7 @@ HOW_TO_EXPORT = {
         "wayside export inventory -f gpkg --table supports",
     )
 )
-@takes("route", "milepost", "decreasing", own=HOW_TO_EXPORT)
+@takes("units", "route", "milepost", "decreasing", own=HOW_TO_EXPORT)
 def export(
     out: Annotated[
         Path,

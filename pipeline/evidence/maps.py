@@ -45,9 +45,9 @@ class Projection:
         return np.round(page + self.middle, 1)
 
     def foot(
-        self, box: tuple[float, float, float, float], north: bool, units: Units, axes: str = ""
+        self, box: tuple[float, float, float, float], north: bool, units: Units
     ) -> dict[str, Any]:
-        """Scale bar and, where it is up, an arrow to the north or what the axes are, at the foot of a map.
+        """Scale bar and, where it is up, an arrow to the north, else what the axes are, at the foot of a map.
 
         box: left, top, width and height of the map, pixels.
         """
@@ -60,8 +60,7 @@ class Projection:
             "bar": round(left + MARGIN_PX + length * units.metres * self.scale, 1),
             "right": round(left + width - MARGIN_PX, 1),
             "base": round(top + height - 17, 1),
-            "words": units.bar(length),
-            "axes": axes,
+            "words": f"{length:g} {units.long}",
             "north": north,
         }
 
@@ -85,14 +84,14 @@ def overview(
 ) -> tuple[dict[str, Any], dict[str, Any]] | None:
     """The path and every sign, in pixels, as the macro `overview` of `drawings.svg` takes them; None without any.
 
-    North is up, else the farthest point of the path is on the right. Also what `map.js` needs: `turn`, `scale`,
+    Also what `map.js` needs: `turn`, `scale`,
     `left` and `top`, turned metres of the page's origin, `unit`, metres; of the globe its degrees there and a pixel.
     """
     path, globe = drive.path[:, :2], drive.globe
     points = np.concatenate([path, drive.signs[:, :2]])
     if not len(points):
         return None
-    turn = _to_the_right(path) if globe is None else globe.turn
+    turn = np.eye(2) if globe is None else globe.turn
     to_map = fit(points, _OVERVIEW, 1.0, turn)
     left, top = to_map.middle - to_map.extent / 2 - MARGIN_PX
     width, height = to_map.extent + np.array([2 * MARGIN_PX, MARGIN_PX + FOOT_PX])
@@ -102,7 +101,7 @@ def overview(
         "box": [round(float(edge)) for edge in box],
         "path": to_map(np.concatenate([thinned, path[-1:]])).tolist(),
         "signs": to_map(drive.signs).tolist(),
-        "foot": to_map.foot(box, globe is not None, units, "the drive runs to the right"),
+        "foot": to_map.foot(box, globe is not None, units),
     }
     x, y = (to_map.centre + to_map.middle * [-1, 1] / to_map.scale).tolist()
     about = {"turn": turn.tolist(), "scale": to_map.scale, "left": x, "top": y}
@@ -137,7 +136,7 @@ def sign_maps(evidence: Evidence, drive: DriveMap, units: Units = METRIC) -> lis
     ):
         turn = None if drive.globe is None else drive.globe.turn
         to_page = fit(np.concatenate(shown), MAP_SIZE, narrowest_m, turn)
-        foot = to_page.foot((0, 0, *MAP_SIZE), turn is not None, units, "x right, y up")
+        foot = to_page.foot((0, 0, *MAP_SIZE), turn is not None, units)
         drawn = {name: to_page(points).tolist() for name, points in (none | shapes).items()}
         maps.append(
             {"heading": heading, "width": MAP_SIZE[0], "height": MAP_SIZE[1], "foot": foot} | drawn
@@ -172,14 +171,6 @@ def panel_line(evidence: Evidence, drive: DriveMap) -> Points:
     rotation = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
     half = rotation @ across * width / 2
     return np.stack([position - half, position + half])
-
-
-def _to_the_right(camera_path: Points) -> Points:
-    """Matrix (2, 2) that turns rows x, y so that the farthest point of a path lies to the right of its start."""
-    away = camera_path - camera_path[:1]
-    x, y = away[np.argmax(np.linalg.norm(away, axis=1))] if len(camera_path) else (0.0, 0.0)
-    length = float(np.hypot(x, y))
-    return np.array([[x, -y], [y, x]]) / length if length > 0 else np.eye(2)
 
 
 def _position(evidence: Evidence) -> Points:

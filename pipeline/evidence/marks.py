@@ -72,7 +72,7 @@ def appearance_of(color: str | None, shape: str | None) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Units:
-    """Of lengths on pages: of places, and of sizes of panels. `metres`: one of `long`."""
+    """Of lengths on pages, and of sizes of panels (`short`), each with its metres."""
 
     long: str
     metres: float
@@ -80,23 +80,13 @@ class Units:
     short_metres: float
     digits: int
 
-    def length(self, value: float) -> str:
-        """A length of so many metres."""
-        return f"{value / self.metres:z.2f} {self.long}"
+    def length(self, value_m: float) -> str:
+        """A length in words."""
+        return f"{value_m / self.metres:z.2f} {self.long}"
 
-    def size(self, value: float) -> str:
-        """A width or height of so many metres."""
-        return f"{value / self.short_metres:z.{self.digits}f} {self.short}"
-
-    def bar(self, length: float) -> str:
-        """Words of a scale bar of a round length in `long`."""
-        if self.long == "m" and length < 1:
-            return f"{length * 100:g} cm"
-        return (
-            f"{length / 1000:g} km"
-            if self.long == "m" and length >= 1000
-            else f"{length:g} {self.long}"
-        )
+    def size(self, value_m: float) -> str:
+        """A width or height in words."""
+        return f"{value_m / self.short_metres:z.{self.digits}f} {self.short}"
 
 
 METRIC, US = Units("m", 1.0, "m", 1.0, 2), Units("ft", 0.3048, "in", 0.0254, 1)
