@@ -17,7 +17,7 @@ from wayside.pipeline.files.lengths import parse_length, parse_memory, parse_tim
 from wayside.schemas.errors import UsageError
 
 if TYPE_CHECKING:
-    from wayside.schemas.settings import Settings
+    from wayside.schemas.settings import RouteSettings, Settings
 
 Command = Callable[..., None]
 _MEASURE = re.compile(r"(\d+\.?\d*|\.\d+)\s*([a-z]*)")
@@ -278,6 +278,11 @@ def chosen_settings(given: Mapping[str, Any]) -> Settings:
     preset, file = given.get("preset", Preset.default), given.get("settings")
     options = settings_of(given)
     return load_settings(preset.value, file, given.get("assignments") or [], options)[0]
+
+
+def route_of(given: Mapping[str, Any]) -> RouteSettings | None:
+    """The route that is given for a result, None where none is; raises UsageError."""
+    return chosen_settings(given).route if settings_of(given) else None
 
 
 def parse_milepost(text: str) -> dict[str, Any]:

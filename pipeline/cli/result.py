@@ -14,9 +14,8 @@ from wayside.pipeline.cli.options import (
     Option,
     Out,
     Overwrite,
-    chosen_settings,
     parse_size,
-    settings_of,
+    route_of,
     takes,
 )
 from wayside.pipeline.cli.running import require_page
@@ -62,7 +61,7 @@ class InventoryTable(StrEnum):
         "wayside evidence out --log /archive/drive.mcap",
     )
 )
-@takes("units")
+@takes("units", "route", "milepost", "decreasing")
 def evidence(
     out: Out,
     sign: Annotated[
@@ -99,6 +98,7 @@ def evidence(
             watch=progress.watch,
             png=png,
             units=UNITS[given["units"].value],
+            route=route_of(given),
             overwrite=overwrite,
         )
     index = f"{counted(len(written.sheets), 'sheet')}; open {written.index}"
@@ -290,7 +290,7 @@ def export(
         units=given["units"].value,
         crs=given["crs"],
         log=given["log"],
-        route=chosen_settings(given).route if settings_of(given) else None,
+        route=route_of(given),
         overwrite=overwrite,
     )
     reviewed = len(said.rows) + len(said.missing)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.results.result import find_sign, read_rows
 from wayside.schemas.errors import InputError
+from wayside.schemas.settings import RouteSettings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, PROFILE, SIGNS
 from wayside.stages.geometry import turn_deg
 
@@ -102,8 +103,12 @@ class DriveMap:
     """Where the world frame lies; None where it is not known."""
 
 
-def gather(out: Path, sign_id: str | None) -> tuple[DriveMap, list[Evidence]]:
+def gather(
+    out: Path, sign_id: str | None, route: RouteSettings | None = None
+) -> tuple[DriveMap, list[Evidence]]:
     """The drive of a result and the evidence of its signs (None: of all), in order of `signs.parquet`.
+
+    route: with a milepost, instead of that of the run.
 
     Raises
     ------
@@ -115,6 +120,8 @@ def gather(out: Path, sign_id: str | None) -> tuple[DriveMap, list[Evidence]]:
     signs = read_rows(out, SIGNS, _SIGN_COLUMNS)
     for sign in signs:
         _require_file_name(out, sign["sign_id"])
+        if route is not None and sign["station_m"] is not None:
+            sign |= route.measured(sign["station_m"])
     chosen = signs if sign_id is None else [find_sign(out, signs, sign_id)]
     drive = drive_map(read_rows(out, FRAMES, _FRAME_COLUMNS), signs)
     grounds = _grounds_below(out, chosen)

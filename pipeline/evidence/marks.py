@@ -134,7 +134,8 @@ def _beside_the_road(sign: dict[str, Any], units: Units) -> list[Figure]:
         rows.append(("and above the ground below", sign["bottom_m"] - ground, None))
     if sign["spacing_m"] is not None:
         rows.append(("To the next of its type", sign["spacing_m"], sign["sigma_spacing_m"]))
-    return [Figure("Route", route)] * (route is not None) + [_length(units, *row) for row in rows]
+    found = [] if route is None else [Figure("Route", route)]
+    return found + [_length(units, *row) for row in rows]
 
 
 def _in_the_world(sign: dict[str, Any], world: str, units: Units) -> list[Figure]:

@@ -18,6 +18,7 @@ from wayside.pipeline.files.pictures import data_address, encode_webp, is_marked
 from wayside.pipeline.files.writing import create, not_written, refuse
 from wayside.pipeline.results.result import read_run
 from wayside.pipeline.reviewing.review import result_name
+from wayside.schemas.settings import RouteSettings
 
 INDEX_FILE = "index.html"
 THUMB = 240, 180
@@ -36,7 +37,7 @@ class Written:
     """How many views have no image."""
 
 
-def write_evidence(
+def write_evidence(  # noqa: PLR0913 - one for each option
     out: Path,
     folder: Path,
     *,
@@ -45,6 +46,7 @@ def write_evidence(
     watch: Watcher = lambda done, total: None,
     png: bool = False,
     units: Units = METRIC,
+    route: RouteSettings | None = None,
     overwrite: bool = False,
 ) -> Written:
     """Write one page a sign and an index of all into `folder`, which is made where it is missing.
@@ -63,6 +65,8 @@ def write_evidence(
         Also write each sheet as an image, to print or to send.
     units
         Of all lengths on the pages.
+    route
+        With a milepost, instead of that of the run.
     overwrite
         Replace any file of the names of the sheets and the index; else only sheets of this log.
 
@@ -76,20 +80,18 @@ def write_evidence(
         A sheet cannot be written, or a file of its name is not replaced.
     """
     run = read_run(out)
-    drive, signs = gather(out, sign_id)
+    drive, signs = gather(out, sign_id, route)
     name = str(run.get("log", ""))
     mark = f"wayside {name} {run.get('log_fingerprint') or ''}".strip()
     names = [f"{one.name}.html" for one in signs]
     images = [f"{one.name}.png" for one in signs] if png else []
     index = [INDEX_FILE] if sign_id is None else []
+    around = zip(signs, ["", *names], [*names[1:], ""], strict=False) if index else ()
+    beside = {one.name: _beside(before, after) for one, before, after in around}
     with OutputFolder(folder) as output:
         if not overwrite:
             _check_free(folder, [*names, *images, *index], mark)
-        binder = _Binder(output.part, drive, run, mark, png, units)
-        if index:
-            for one, before, after in zip(signs, ["", *names], [*names[1:], ""], strict=False):
-                beside = {"prev": before, "up": INDEX_FILE, "next": after}
-                binder.neighbours[one.name] = {rel: page for rel, page in beside.items() if page}
+        binder = _Binder(output.part, drive, run, mark, png, units, beside)
         _fill(binder, signs, out, log, watch)
         if index:
             about = {"log": name, "result": result_name(run)}
@@ -98,6 +100,12 @@ def write_evidence(
         output.commit(_sheets_of_others(folder, mark, signs) if index else [])
     sheets = tuple(folder / page for page in names)
     return Written(sheets, folder / INDEX_FILE if index else None, binder.lost_views)
+
+
+def _beside(before: str, after: str) -> dict[str, str]:
+    """Pages that a sheet leads to, by how."""
+    pages = {"prev": before, "up": INDEX_FILE, "next": after}
+    return {rel: page for rel, page in pages.items() if page}
 
 
 def _check_free(folder: Path, names: Sequence[str], mark: str) -> None:
@@ -133,7 +141,7 @@ class _Binder:
     mark: str
     png: bool
     units: Units
-    neighbours: dict[str, dict[str, str]] = field(default_factory=dict)
+    neighbours: Mapping[str, dict[str, str]]
     crops: defaultdict[str, dict[SignView, Crop]] = field(default_factory=lambda: defaultdict(dict))
     thumbs: dict[str, str] = field(default_factory=dict)
     lost_views: int = 0

@@ -607,6 +607,15 @@ def test_what_is_not_known_is_said_to_be_unknown_and_a_route_is_told_where_it_is
     assert known[0].value == "US-36 EB, 12.346 mi"
 
 
+def test_pages_take_a_milepost_and_feet_that_the_run_did_not_have(out):
+    results.invoke("evidence", out, "--units", "us", "--route", "K-18", "--milepost", "7")
+    text = (out / "evidence" / f"{NEAR}.html").read_text("utf-8")
+    for words in ("K-18, 7.025 mi", "131.23 ft", "± 0.98 ft", "31.5 in"):  # of 40 m, 0.3 m, 0.8 m
+        assert words in text
+    assert " m<" not in text
+    assert "K-18, 7.025 mi" in (out / "evidence" / "index.html").read_text("utf-8")
+
+
 def test_nothing_is_less_than_zero_by_less_than_is_shown():
     values = {f.label: f.value for f in figures(facing_deg=-0.3, bottom_m=-0.004)}
     assert (values["Facing"], values["Lower edge above it"]) == ("0°", "0.00 m")
