@@ -265,8 +265,8 @@ def changes(
     surveys = parse_survey(before), parse_survey(after)
     report = find_changes(inventory, *surveys, chosen.changes, overwrite=overwrite)
     typer.echo(visible_lines(str(report)))
-    how = {"every": every, "units": UNITS[given["units"].value], "overwrite": overwrite}
-    written = write_page(inventory, page, (before, after), **how)
+    names, units = (before, after), UNITS[given["units"].value]
+    written = write_page(inventory, page, names, every=every, units=units, overwrite=overwrite)
     typer.echo(visible(f"{page}: {counted(written.shown, 'change')}"))
     if written.lost_images:
         for fault in written.faults:

@@ -203,7 +203,7 @@ def format_index(
             "Status": ("status", _counts(SIGN_STATUSES, looks["status"])),
         },
         map=page_map,
-        dots=_dots(cards, page_map),
+        dots=_dots(cards),
         about=about | {"columns": REVIEW_COLUMNS, "map": place},
         classes={"color": COLORS, "shape": SHAPES},
         cards=cards,
@@ -220,7 +220,7 @@ def format_notebook(log: str, signs: Sequence[dict[str, Any]], drive: DriveMap) 
         cards=cards,
         most=_MOST_IN_NOTEBOOK,
         map=shown,
-        dots=_dots(cards, shown),
+        dots=_dots(cards),
     )
 
 
@@ -238,13 +238,9 @@ def _cards(signs: Sequence[dict[str, Any]], thumbs: Mapping[str, str]) -> list[d
     ]
 
 
-def _dots(cards: Sequence[dict[str, Any]], shown: dict[str, Any] | None) -> list[dict[str, Any]]:
-    """The signs on the map, each leading to its card."""
-    return [
-        {"x": x, "y": y, "name": card["name"], "title": f"{card['name']}: {card['face']}"}
-        | {"ink": css(card["sign"]["color"])}
-        for card, (x, y) in zip(cards, shown["signs"] if shown else [], strict=False)
-    ]
+def _dots(cards: Sequence[dict[str, Any]]) -> list[tuple[str, str, str]]:
+    """Name, title and ink of the signs on a map."""
+    return [(c["name"], f"{c['name']}: {c['face']}", css(c["sign"]["color"])) for c in cards]
 
 
 def _summary(statuses: Sequence[str], drive: DriveMap, units: Units) -> str:

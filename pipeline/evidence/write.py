@@ -59,14 +59,10 @@ def write_evidence(  # noqa: PLR0913 - one for each option
         Only the sheet of this sign, without index; None: all.
     log
         Path of the log now; None: that at the time of the run.
-    watch
-        Called with the number of sheets done and to do.
-    png
-        Also write each sheet as an image, to print or to send.
-    units
-        Of all lengths on the pages.
-    route
-        With a milepost, instead of that of the run.
+    watch, png
+        Called with the number of sheets done and to do; whether to write each as an image, too.
+    units, route
+        Of lengths on the pages; with a milepost, instead of that of the run.
     overwrite
         Replace any file of the names of the sheets and the index; else only sheets of this log.
 
@@ -98,8 +94,11 @@ def write_evidence(  # noqa: PLR0913 - one for each option
             page = format_index(signs, binder.thumbs, drive, about, mark, units)
             _write(output.part / INDEX_FILE, page.encode())
         output.commit(_sheets_of_others(folder, mark, signs) if index else [])
-    sheets = tuple(folder / page for page in names)
-    return Written(sheets, folder / INDEX_FILE if index else None, binder.lost_views)
+    return Written(
+        tuple(folder / page for page in names),
+        folder / INDEX_FILE if index else None,
+        binder.lost_views,
+    )
 
 
 def _beside(before: str, after: str) -> dict[str, str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -77,33 +77,22 @@ def write_page(
     images, faults = _images(inventory, rows, watch)
     counts = Counter(row["change"] for row in everything)
     drawn, about = overview(_places(rows), units) or (None, {})
-    dots = [
-        {"x": x, "y": y, "name": f"change-{k}", "ink": INKS[row["change"]]}
-        | {"title": f"{class_words(row['change'])}: {_heading(row)}"}
-        for k, (row, (x, y)) in enumerate(zip(rows, drawn["signs"] if drawn else [], strict=True))
-    ]
     page = render_page(
         "changes.html",
         _MARK,
         names=names,
         units=units,
         map=drawn,
-        dots=dots,
+        dots=[
+            (f"change-{k}", f"{class_words(row['change'])}: {_heading(row)}", INKS[row["change"]])
+            for k, row in enumerate(rows)
+        ],
         inks=INKS,
-        about={
-            "map": about,
-            "names": names,
-            "rows": [{name: row.get(name) for name in REVIEWED} for row in rows],
-        },
+        about={"map": about, "names": names, "rows": [_told(row) for row in rows]},
         counts={kind: counts[kind] for kind in _KINDS},
         shown=[kind for kind in _KINDS if any(row["change"] == kind for row in rows)],
         cards=[
-            (
-                row,
-                _heading(row),
-                route_words(row),
-                [_figure(row, side, images.get((k, side))) for side in SIDES],
-            )
+            (row, _heading(row), route_words(row), _figures(row, k, images))
             for k, row in enumerate(rows)
         ],
     )
@@ -119,6 +108,14 @@ def _places(rows: list[Row]) -> DriveMap:
     globe = Globe(np.eye(2), float(origin[0]), float(origin[1]), 1 / METRES_PER_DEGREE)
     steps = np.array([globe.lon_deg_per_m, globe.lat_deg_per_m, 1.0])
     return DriveMap({}, np.zeros((0, 3)), (places - origin) / steps, {}, globe=globe)
+
+
+def _told(row: Row) -> Row:
+    return {name: row.get(name) for name in REVIEWED}
+
+
+def _figures(row: Row, number: int, images: Mapping[tuple[int, str], str]) -> list[dict[str, Any]]:
+    return [_figure(row, side, images.get((number, side))) for side in SIDES]
 
 
 def _heading(row: Row) -> str:
