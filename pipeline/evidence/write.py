@@ -55,10 +55,8 @@ def write_evidence(  # noqa: PLR0913 - one for each option
     ----------
     out
         Folder written by `wayside run`.
-    sign_id
-        Only the sheet of this sign, without index; None: all.
-    log
-        Path of the log now; None: that at the time of the run.
+    sign_id, log
+        Only the sheet of this sign, without index, None: all; path of the log now, None: that at the time of the run.
     watch, png
         Called with the number of sheets done and to do; whether to write each as an image, too.
     units, route
