@@ -12,13 +12,14 @@ JOBS ?= 2
 # Real images with boxed signs, where they are at hand; the networks are not trained without.
 REAL ?= $(wildcard ../shared/data/real)
 
-.PHONY: help demo test slow check wiring accept held-out drives learning-drives learn learn-networks learn-faces learn-posts clean
+.PHONY: help demo test slow check site wiring accept held-out drives learning-drives learn learn-networks learn-faces learn-posts clean
 help:
 	@echo 'make demo     find the signs of the recorded drive and compare them with the truth'
 	@echo 'make test     run the fast tests, in two processes'
 	@echo 'make slow     run the tests marked slow: learning, statistics over many drives'
 	@echo 'make wiring   leave every stage and model out of the flow, one at a time; a test must fail each time'
 	@echo 'make check    lint, format, types, layers, marks of a merge'
+	@echo 'make site     build the documentation site in out/site; needs no network once its packages are installed'
 	@echo 'make accept   measure recall, precision and accuracy on rendered drives; fails below the floor'
 	@echo 'make held-out measure the same on drives that nothing was learned from or chosen by; writes a table'
 	@echo 'make drives   render all drives into .cache/drives'
@@ -53,6 +54,11 @@ check: .venv/.ready
 	@.venv/bin/lint-imports
 	@.venv/bin/python tests/ceilings.py
 	@! git grep -nE '^(<<<<<<<|>>>>>>>)( |$$)' || { echo 'wanted files without marks of a merge, found these; keep one side' >&2; exit 1; }
+
+site: .venv/.site
+	@.venv/bin/python docs/make_site.py .cache/site
+	@NO_MKDOCS_2_WARNING=1 $(RUN) mkdocs build --quiet --strict
+	@echo 'open out/site/index.html'
 
 accept: .venv/.ready
 	@.venv/bin/python benchmarks/accept.py --jobs $(JOBS)
@@ -112,6 +118,10 @@ clean:
 	@scratch=$$(mktemp -d) && for preset in default report report-2d report-shape; do \
 		.venv/bin/wayside run recordings/demo.mcap --preset $$preset -o $$scratch/$$preset >/dev/null || exit 1; \
 	done && rm -r $$scratch  # compiles every kernel, so that no run waits for it later
+	@touch $@
+
+.venv/.site: requirements-site.lock .venv/.ready
+	@.venv/bin/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -r requirements-site.lock
 	@touch $@
 
 # PyTorch is large and only the learning needs it.

@@ -122,6 +122,89 @@ class Inventory:
         about: dict[str, Any] = self._part("about")
         return about
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows: a map and a table of the signs. Raises as `finish` does."""
+        from wayside.pipeline.evidence.gather import drive_map
+        from wayside.pipeline.evidence.sheet import format_notebook
+
+        signs, frames = self.signs.to_pylist(), self.frames.to_pylist()
+        return format_notebook(str(self.about.get("log", "")), signs, drive_map(frames, signs))
+
+    def to_geopandas(self) -> Any:
+        """The signs as a `geopandas.GeoDataFrame`: points on WGS 84, without fixes x, y, z of the drive's own frame.
+
+        Raises UsageError where geopandas is not installed, else as `finish` does.
+        """
+        try:
+            import geopandas
+        except ImportError as error:
+            raise UsageError(
+                "to_geopandas needs geopandas. Install it with pip install 'wayside[geopandas]'."
+            ) from error
+        frame = self.signs.drop_columns(["geometry"]).to_pandas()
+        if frame["lon_deg"].isna().all():
+            points = geopandas.points_from_xy(frame["x"], frame["y"], frame["z"])
+            return geopandas.GeoDataFrame(frame, geometry=points)
+        points = geopandas.GeoSeries.from_wkb(self.signs["geometry"].to_pandas(), crs="EPSG:4326")
+        return geopandas.GeoDataFrame(frame, geometry=points)
+
+    def evidence(
+        self,
+        folder: PathLike | None = None,
+        *,
+        units: Literal["metric", "us"] = "metric",
+        **options: Any,
+    ) -> Path:
+        """Write a page a sign into a folder, None: `evidence` in that of the result; their index, or the only page.
+
+        Other options, and what is raised, are those of `wayside.pipeline.evidence.write.write_evidence`.
+        """
+        from wayside.pipeline.evidence.marks import UNITS
+        from wayside.pipeline.evidence.write import write_evidence
+
+        out = self._result("evidence")
+        target = out / "evidence" if folder is None else Path(folder)
+        written = write_evidence(out, target, units=UNITS[units], **options)
+        return written.index or written.sheets[0]
+
+    def export(
+        self,
+        file: PathLike,
+        kind: str | None = None,
+        *,
+        review: PathLike | None = None,
+        **options: Any,
+    ) -> Path:
+        """Write the signs to a file for another program, of the kind that its name ends with if that is None; the file.
+
+        `review`: None, that in the folder of the result. Other options, and what is raised, are those of
+        `wayside.pipeline.exporting.export.export`.
+        """
+        from wayside.pipeline.exporting.export import FORMATS, export
+        from wayside.pipeline.reviewing.review import find_review
+
+        out, target = self._result("export"), Path(file)
+        chosen = kind or target.suffix.lower().removeprefix(".")
+        if chosen not in FORMATS:
+            raise UsageError(
+                f"{target}: the kind of file is none of {', '.join(FORMATS)}. Give kind."
+            )
+        export(
+            out,
+            find_review(out, None if review is None else Path(review)),
+            target,
+            chosen,
+            **options,
+        )
+        return target
+
+    def _result(self, name: str) -> Path:
+        """The folder of the finished run."""
+        self.finish()
+        if self._folder is None:
+            raise UsageError(f"{name} needs the result in a folder. Give `run` the folder out.")
+        return self._folder
+
     def _part(self, name: str) -> Any:
         self.finish()
         if name not in self._read:

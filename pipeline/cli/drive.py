@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 from collections.abc import Mapping
@@ -26,7 +27,7 @@ from wayside.pipeline.cli.options import (
 )
 from wayside.pipeline.cli.running import exit_with, read_as_log
 from wayside.pipeline.files.lengths import parse_length
-from wayside.pipeline.files.visible_text import fitted, visible, visible_lines
+from wayside.pipeline.files.visible_text import counted, fitted, visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
 app = Application("A drive")
@@ -49,12 +50,19 @@ class Order(StrEnum):
     by_date = "date"
 
 
-@app.command(epilog=examples("wayside info drive.mcap"))
-def info(log: Log) -> None:
+@app.command(epilog=examples("wayside info drive.mcap", "wayside info drive.mcap --json"))
+def info(
+    log: Log,
+    as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
+) -> None:
     """Say what a log holds, and whether and how it can be used."""
-    from wayside.pipeline.logs.information import describe_log
+    from wayside.pipeline.logs.information import format_log, inspect_log
 
-    words = visible_lines(describe_log(read_as_log(log), shown=log))
+    facts = inspect_log(read_as_log(log), shown=log)
+    if as_json:
+        typer.echo(json.dumps(facts, indent=1))
+        return
+    words = visible_lines(format_log(facts))
     typer.echo(fitted(words) if sys.stdout.isatty() else words)
 
 
@@ -133,9 +141,8 @@ def import_(
         )
     begin = "; no date, which --date gives" if done.begin is None else f" from {done.begin}"
     placed = f", {done.placed} with a position" if done.placed else ""
-    typer.echo(
-        visible(f"{out}: {done.images} images{begin}{placed}; next: wayside run {out} -o out")
-    )
+    said = f"{out}: {counted(done.images, 'image')}{begin}{placed}; next: wayside run {out} -o out"
+    typer.echo(visible(said))
     exit_with([PARTS_LOST] if done.left_out else [])
 
 
@@ -162,13 +169,9 @@ def join(
     joined = join_logs(parts, out, overwrite=overwrite)
     for words in joined.lost:
         typer.echo(visible(f"lost: {words}"), err=True)
-    count = len(joined.parts)
-    typer.echo(
-        visible(
-            f"{out}: {joined.messages} messages on {joined.topics} topics of {count} part{'s' * (count != 1)}; "
-            f"next: wayside info {out}"
-        )
-    )
+    of = f"{counted(joined.topics, 'topic')} of {counted(len(joined.parts), 'part')}"
+    held = counted(joined.messages, "message")
+    typer.echo(visible(f"{out}: {held} on {of}; next: wayside info {out}"))
     exit_with([PARTS_LOST] if joined.lost else [])
 
 

@@ -12,9 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from wayside.pipeline.cli.help import Application, CommandGroup, examples
-from wayside.pipeline.cli.options import Option, Overwrite, chosen_settings, flag, takes
+from wayside.pipeline.cli.options import (
+    Option,
+    Overwrite,
+    chosen_settings,
+    flag,
+    takes,
+)
 from wayside.pipeline.cli.running import exit_with
-from wayside.pipeline.files.visible_text import visible, visible_lines
+from wayside.pipeline.files.visible_text import counted, visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
 if TYPE_CHECKING:
@@ -249,9 +255,11 @@ def _summary(report: FleetReport, out: Path) -> str:
     lines += [f"{uri}: the same recording as {name}, counted once" for uri, name in report.copies]
     if report.left:
         some = ", ".join(report.left[:_MOST_LISTED])
-        lines.append(f"{len(report.left)} logs taken out, as their results are gone: {some}")
+        lines.append(f"{counted(len(report.left), 'log')} taken out, without results now: {some}")
     done = sum(entry.state == State.DONE for entry in report.entries)
-    lines.append(f"{done} of {len(report.entries)} logs done, {len(report.kept)} of them before")
+    lines.append(
+        f"{done} of {counted(len(report.entries), 'log')} done, {len(report.kept)} of them before"
+    )
     lines.append("panels unchanged" if report.merged is None else f"merged: {report.merged}")
     return "\n".join(lines)
 
@@ -262,7 +270,7 @@ def _summary(report: FleetReport, out: Path) -> str:
         "wayside changes inventory --before 2024-03..2024-06 --after 2025-05-17 -o changes.html --all",
     )
 )
-@takes("settings", "assignments")
+@takes("settings", "assignments", "units")
 def changes(
     inventory: Annotated[
         Path, typer.Argument(metavar="INVENTORY", help="Folder of merged drives.")
@@ -279,6 +287,7 @@ def changes(
     **given: Any,
 ) -> None:
     """Compare two surveys: which signs are unchanged, moved, of another face, new, gone, or not covered."""
+    from wayside.pipeline.evidence.marks import UNITS
     from wayside.pipeline.files.settings_file import load_settings
     from wayside.pipeline.fleet.changes import find_changes, parse_survey
     from wayside.pipeline.fleet.changes_page import write_page
@@ -292,13 +301,14 @@ def changes(
     surveys = parse_survey(before), parse_survey(after)
     report = find_changes(inventory, *surveys, chosen.changes, overwrite=overwrite)
     typer.echo(visible_lines(str(report)))
-    written = write_page(inventory, page, (before, after), every=every, overwrite=overwrite)
-    typer.echo(visible(f"{page}: {written.shown} changes"))
+    names, units = (before, after), UNITS[given["units"].value]
+    written = write_page(inventory, page, names, every=every, units=units, overwrite=overwrite)
+    typer.echo(visible(f"{page}: {counted(written.shown, 'change')}"))
     if written.lost_images:
         for fault in written.faults:
             typer.echo(visible(f"wayside: {fault}"), err=True)
         typer.echo(
-            f"wayside: {written.lost_images} images are not on the page: no log gives them",
+            f"wayside: not on the page, as no log gives them: {counted(written.lost_images, 'image')}",
             err=True,
         )
         raise typer.Exit(PARTS_LOST)

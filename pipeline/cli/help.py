@@ -9,6 +9,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.models import CommandFunctionType
 
+from wayside.schemas.errors import UsageError
+
 READ, DETECT, ROUTE, VIEW = "What is read", "What decides", "Along the route", "Viewer"
 """Headings of options; what stands under none of them is said first."""
 
@@ -30,6 +32,19 @@ class _PlainFlags:
 
 
 class _Command(_PlainFlags, TyperCommand):
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        """As `TyperCommand.parse_args`, but UsageError names all that is missing, not the first only."""
+        given: dict[str, Any] = self.make_parser(ctx).parse_args(args=list(args))[0]
+        needed = [one for one in self.get_params(ctx) if one.required]
+        missing = [
+            one.metavar if one.param_type_name == "argument" else max(one.opts, key=len)
+            for one in needed
+            if given.get(one.name) in (None, ())
+        ]
+        if len(missing) > 1 and not given.get("help") and not ctx.resilient_parsing:
+            raise UsageError(f"missing: {', '.join(missing)}. --help explains them.")
+        return super().parse_args(ctx, args)
+
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """As `TyperCommand.collect_usage_pieces`, the braces that typer sets around what must be given left out."""
         return [

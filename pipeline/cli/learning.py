@@ -21,7 +21,7 @@ from wayside.pipeline.cli.options import (
     takes,
 )
 from wayside.pipeline.cli.running import RunOptions, process
-from wayside.pipeline.files.visible_text import visible, visible_lines
+from wayside.pipeline.files.visible_text import counted, visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
 app = Application("Your own roads")
@@ -110,9 +110,8 @@ def _convert(
     write_labels(labels, out, overwrite=overwrite)
     kinds = [one.kind for one in labels.labels]
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
-    typer.echo(
-        visible(f"{out}: {len(kinds)} labels ({counts}), {len(labels.complete)} complete images")
-    )
+    complete = counted(len(labels.complete), "complete image")
+    typer.echo(visible(f"{out}: {counted(len(kinds), 'label')} ({counts}), {complete}"))
     if labels.left_out:
         typer.echo(visible(f"wayside: left out: {labels.reasons}; see docs/labels.md"), err=True)
         if set(labels.left_out) - {"other_class"}:  # which the class map asks for
@@ -132,11 +131,11 @@ def _write(result: Path, folder: Path, most: int, log: Path | None, *, overwrite
         )
     asked, more = written.questions, ""
     if asked.left_out:
-        more = f", {asked.left_out} single boxes farther from the threshold left out"
+        more = f", {counted(asked.left_out, 'box', 'boxes')} farther from the threshold left out"
     typer.echo(visible(f"{len(asked.items)} to mark{more}; open {written.path}"))
     if written.lost:
-        words = "have no image: the log no longer holds it, or it does not decode"
-        typer.echo(f"wayside: {written.lost} {words}", err=True)
+        words = "no image: the log no longer holds it, or it does not decode"
+        typer.echo(f"wayside: {counted(written.lost, 'has', 'have')} {words}", err=True)
     return written.lost
 
 

@@ -17,7 +17,7 @@ from wayside.pipeline.files.lengths import parse_length, parse_memory, parse_tim
 from wayside.schemas.errors import UsageError
 
 if TYPE_CHECKING:
-    from wayside.schemas.settings import Settings
+    from wayside.schemas.settings import RouteSettings, Settings
 
 Command = Callable[..., None]
 _MEASURE = re.compile(r"(\d+\.?\d*|\.\d+)\s*([a-z]*)")
@@ -38,7 +38,6 @@ class ViewMode(StrEnum):
     none = "none"
     file = "file"
     live = "live"
-    serve = "serve"
 
 
 class RecordedImages(StrEnum):
@@ -47,6 +46,13 @@ class RecordedImages(StrEnum):
     all = "all"
     signs = "signs"
     none = "none"
+
+
+class Lengths(StrEnum):
+    """Units of lengths."""
+
+    metric = "metric"
+    us = "us"
 
 
 Log = Annotated[
@@ -81,7 +87,8 @@ class Option:
     """Makes the value of a text and the option's name. None: it is as given, a path as text."""
     names: tuple[str, ...] = ()
     least: int | None = None
-    """Of a number."""
+    """Of a number, as `most`."""
+    most: int | None = None
     metavar: str | None = None
     panel: str | None = None
     """Heading in the help. None: that of the setting."""
@@ -94,7 +101,12 @@ class Option:
         """As a parameter of a command."""
         panel = heading or self.panel or _HEADINGS.get(self.sets.partition(".")[0])
         option = typer.Option(
-            *self.names, help=self.help, rich_help_panel=panel, metavar=self.metavar, min=self.least
+            *self.names,
+            help=self.help,
+            rich_help_panel=panel,
+            metavar=self.metavar,
+            min=self.least,
+            max=self.most,
         )
         kind = self.kind if self.default is not None else self.kind | None
         return inspect.Parameter(
@@ -198,12 +210,18 @@ SHARED = {
         "route.file",
         metavar="FILE",
     ),
+    "units": Option(
+        Lengths, "`us`: distances in feet, sizes of signs in inches.", default=Lengths.metric
+    ),
     "view": Option(
         ViewMode,
-        "Record every step: `file` drive.rrd in the output folder, `live` a viewer's window, `serve` a viewer in the "
-        "browser.",
+        "Record every step: `file` drive.rrd in the output folder, `live` a viewer's window.",
         default=ViewMode.none,
         panel=VIEW,
+    ),
+    "serve": flag("--serve", "Show it in the browser instead of a window.", panel=VIEW),
+    "port": Option(
+        int, "Port of the page of --serve.  [default: a free one]", least=1, most=65535, panel=VIEW
     ),
     "connect": Option(
         str, "Also send to a viewer that runs already: 127.0.0.1:9876.", metavar="URL", panel=VIEW
@@ -271,6 +289,11 @@ def chosen_settings(given: Mapping[str, Any]) -> Settings:
     preset, file = given.get("preset", Preset.default), given.get("settings")
     options = settings_of(given)
     return load_settings(preset.value, file, given.get("assignments") or [], options)[0]
+
+
+def route_of(given: Mapping[str, Any]) -> RouteSettings | None:
+    """The route that is given for a result, None where none is; raises UsageError."""
+    return chosen_settings(given).route if settings_of(given) else None
 
 
 def parse_milepost(text: str) -> dict[str, Any]:

@@ -1,8 +1,9 @@
-"""Progress of long work on stderr: a bar for a person, silence in a pipe."""
+"""Progress of long work on stderr: a bar on a terminal, else a line every ten seconds."""
 
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterable
 from datetime import timedelta
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 COMPILING = "compiling, once after installation"
 _LONGEST_LABEL = 16
-_TOLD_S = 60.0
+_TOLD_S = 10.0
 
 
 class _Bar(Progress):
@@ -70,15 +71,27 @@ class _Shown:
             redirect_stdout=sys.stdout.isatty(),
             transient=True,
         )
-        self._label, self._told = label, False
+        self._label, self._told, self._ended = label, False, threading.Event()
         self._task = self._bar.add_task(label, total=None, **fields)
 
     def __enter__(self) -> Self:
         self._bar.start()
+        if self._bar.disable:
+            threading.Thread(target=self._tell, daemon=True).start()
         return self
 
     def __exit__(self, *error: object) -> None:
+        self._ended.set()
         self._bar.stop()
+
+    def _tell(self) -> None:
+        """Print what the bar would show, until the work ends."""
+        while not self._ended.wait(_TOLD_S):
+            self._bar.refreshed()
+            columns = (c for c in self._bar.columns if isinstance(c, ProgressColumn))
+            shown = (c(self._bar.tasks[0]) for c in columns if not isinstance(c, BarColumn))
+            words = (str(one).strip() for one in shown)
+            print(*filter(None, words), file=sys.stderr, flush=True)
 
     @property
     def description(self) -> str:
@@ -131,24 +144,20 @@ class SheetProgress(_Shown):
 
 
 class FleetProgress(_Shown):
-    """Shows how far a fleet is; where nobody looks, as a line every minute."""
+    """Shows how far a fleet is."""
 
     def __init__(self) -> None:
         super().__init__("fleet", TextColumn("{task.fields[words]}"), _TimeTaken(), words="")
-        self._told_at = time.monotonic()
 
     def watch(self, manifest: Manifest) -> None:
         """The logs are so far."""
         done = sum(entry.bytes for entry in manifest.logs.values() if entry.state in ENDED)
         total = sum(entry.bytes for entry in manifest.logs.values())
-        self._tell(done, total, describe_progress(manifest, time.time()))
+        self._show(done, total, describe_progress(manifest, time.time()))
 
     def watch_merging(self, done: int, total: int) -> None:
         """So many cells of the inventory are merged."""
-        self._tell(done, total, f"merging: {done} of {total} cells")
+        self._show(done, total, f"merging: {done} of {total} cells")
 
-    def _tell(self, done: int, total: int, words: str) -> None:
+    def _show(self, done: int, total: int, words: str) -> None:
         self._bar.update(self._task, completed=done, total=max(total, 1), words=words)
-        if self._bar.disable and time.monotonic() > self._told_at + _TOLD_S:
-            self._told_at = time.monotonic()
-            print(words, file=sys.stderr, flush=True)

@@ -17,9 +17,11 @@ from wayside.pipeline.cli.options import (
     ReviewFiles,
     flag,
     parse_size,
+    route_of,
     takes,
 )
-from wayside.pipeline.files.visible_text import visible, visible_lines
+from wayside.pipeline.cli.running import require_page
+from wayside.pipeline.files.visible_text import counted, visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, InputError, UsageError
 
 app = Application("Its result")
@@ -36,8 +38,12 @@ FrameOption = Annotated[int | None, typer.Option("--frame", help="A frame of the
 
 
 Format = StrEnum("Format", ["csv", "xlsx", "geojson", "gpkg", "fgb", "shp", "kml", "kmz", "mcap"])
-Units = StrEnum("Units", ["metric", "us"])
 InventoryTable = StrEnum("InventoryTable", ["panels", "supports", "profile", "posts"])
+HOW_TO_SHOW = {
+    "png": flag("--png", "Also write each sheet as an image, to print or send."),
+    "images": flag("--images", "Also all images of the drive, to click missing signs in."),
+    "blur": flag("--blur", "Blur what lies off the panels in all images."),
+}
 
 
 @app.command(
@@ -47,6 +53,7 @@ InventoryTable = StrEnum("InventoryTable", ["panels", "supports", "profile", "po
         "wayside evidence out --log /archive/drive.mcap",
     )
 )
+@takes("units", "route", "milepost", "decreasing", own=HOW_TO_SHOW)
 def evidence(
     out: Out,
     sign: Annotated[
@@ -56,21 +63,13 @@ def evidence(
     folder: Annotated[
         Path | None, typer.Option("-o", "--out", help="Where the sheets go; default: OUT/evidence.")
     ] = None,
-    png: Annotated[
-        bool, typer.Option("--png", help="Also write each sheet as an image, to print or send.")
-    ] = False,
-    blur: Annotated[
-        bool, typer.Option("--blur", help="Blur what lies off the panels in all images.")
-    ] = False,
-    images: Annotated[
-        bool,
-        typer.Option("--images", help="Also all images of the drive, to click missing signs in."),
-    ] = False,
     review: ReviewFiles = None,
     overwrite: Overwrite = False,
+    **given: Any,
 ) -> None:
     """Write a page of images, maps and figures for every sign, and an index to filter and correct them."""
     from wayside.pipeline.cli.progress import SheetProgress
+    from wayside.pipeline.evidence.marks import UNITS
     from wayside.pipeline.evidence.write import write_evidence
     from wayside.pipeline.running.tuning import tune_process
 
@@ -87,21 +86,22 @@ def evidence(
             sign_id=sign,
             log=log,
             watch=progress.watch,
-            png=png,
-            blur=blur,
-            images=images,
+            png=given["png"],
+            images=given["images"],
+            blur=given["blur"],
             reviews=review or (),
+            units=UNITS[given["units"].value],
+            route=route_of(given),
             overwrite=overwrite,
         )
-    count = len(written.sheets)
-    index = f"{count} sheet{'s' * (count != 1)}; open {written.index}"
+    index = f"{counted(len(written.sheets), 'sheet')}; open {written.index}"
     for note in written.notes:
         typer.echo(visible(f"note: {note}"), err=True)
     typer.echo(visible(str(written.sheets[0]) if written.index is None else index))
     if written.lost_views:
         typer.echo(
-            f"wayside: {written.lost_views} views have no image: the log no longer holds it, or it does not decode; "
-            "they are left empty on the sheets",
+            f"wayside: {counted(written.lost_views, 'view has', 'views have')} no image: the log no longer holds it, "
+            "or it does not decode; its place on the sheet is empty",
             err=True,
         )
         raise typer.Exit(PARTS_LOST)
@@ -171,21 +171,26 @@ def _check(
 
 @app.command(
     epilog=examples(
-        "wayside view out", "wayside view out --sign drive-0007", "wayside view out --serve"
+        "wayside view out",
+        "wayside view out --sign drive-0007",
+        "wayside view out --serve --port 8080",
     )
 )
+@takes("serve", "port", heading="Options")
 def view(
     out: Out,
     sign: SignOption = None,
     frame: FrameOption = None,
     over: OverOption = None,
-    serve: Annotated[bool, typer.Option(help="In the browser instead of a window.")] = False,
+    **given: Any,
 ) -> None:
     """Open the recording of a run, at a sign or a frame."""
     from wayside.pipeline.view.results import find_target, open_result
 
+    serve, port = given["serve"], given["port"]
+    require_page(serve, port)
     target = find_target(out, sign, frame)
-    open_result(out, target, over, serve=serve)
+    open_result(out, target, over, serve=serve, web_port=port)
     # a page opens at the start, whatever is asked for
     where = "go to it in the time panel: frame" if serve else "frame"
     typer.echo(visible(f"{out}: {where} {target.frame}"))
@@ -225,9 +230,6 @@ HOW_TO_EXPORT = {
         InventoryTable,
         "Of an inventory panels or supports; of a drive profile or posts.  [default: panels; signs]",
     ),
-    "units": Option(
-        Units, "`us`: distances in feet, sizes of signs in inches.", default=Units.metric
-    ),
     "crs": Option(
         str, "csv, gpkg, shp: coordinate reference system.  [default: WGS 84]", metavar="EPSG:..."
     ),
@@ -244,10 +246,11 @@ HOW_TO_EXPORT = {
         "wayside export out -f gpkg --units us --crs EPSG:26914",
         "wayside export out -o signs.geojson --review ann.json --review bob.json --accepted",
         "wayside export out -f mcap -o drive.signs.mcap",
+        "wayside export out -f csv --route 'US-36 EB' --milepost 12.35",
         "wayside export inventory -f gpkg --table supports",
     )
 )
-@takes(own=HOW_TO_EXPORT)
+@takes("units", "route", "milepost", "decreasing", own=HOW_TO_EXPORT)
 def export(
     out: Annotated[
         Path,
@@ -287,6 +290,7 @@ def export(
         every=given["every"],
         pictures=given["pictures"],
         accepted=given["accepted"],
+        route=route_of(given),
         overwrite=overwrite,
     )
     reviewed = len(said.rows) + len(said.missing)
@@ -294,7 +298,7 @@ def export(
     parts = "".join(f", {part.name}" for part in done.files if part != target)
     for note in (*said.notes, *done.notes):
         typer.echo(visible(f"note: {note}"), err=True)
-    typer.echo(visible(f"{target}{parts}: {done.rows} rows{more}"))
+    typer.echo(visible(f"{target}{parts}: {counted(done.rows, 'row')}{more}"))
 
 
 def _format_of(file: Path | None, kind: Format | None) -> str:

@@ -50,7 +50,7 @@ _GRAVEST = (
     UsageError.exit_status,
     PARTS_LOST,
 )
-_SHOWN = ("connect", "view_images", "view_detail")
+_SHOWN = ("serve", "port", "connect", "view_images", "view_detail")
 _DETECTORS = ("detector", "detections", "classes", "models")
 
 
@@ -137,7 +137,7 @@ def run(
     **given: Any,
 ) -> None:
     """Find the signs of a drive: LOG to a folder of Parquet tables."""
-    if resume and (given["view"] is not ViewMode.none or given["connect"] is not None):
+    if resume and (given["view"] is not ViewMode.none or given["connect"] or given["serve"]):
         raise UsageError(
             "--resume does not work with a viewer, which would miss images. Leave one out."
         )
@@ -173,14 +173,12 @@ def replay(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Also keep the result in this folder.")
     ] = None,
-    serve: Annotated[bool, typer.Option(help="In the browser instead of a window.")] = False,
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
     """Play a log through the whole flow into a live viewer, at the speed it was recorded at."""
     settings, times = chosen_settings(given), parse_rate(rate)
-    shown = ViewMode.serve if serve else ViewMode.live
-    viewing = viewing_of(ViewMode.none if given["connect"] is not None else shown, given)
+    viewing = viewing_of(ViewMode.live if given["connect"] is None else ViewMode.none, given)
     how = RunOptions(rate=times, kept=out is not None, overwrite=overwrite)
     with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
         folder = Path(scratch) if out is None else out
@@ -190,25 +188,32 @@ def replay(
 
 def viewing_of(view: ViewMode, given: Mapping[str, Any]) -> Viewing | None:
     """Start or probe the viewer that is asked for; None where nothing is to be recorded."""
-    connect = given["connect"]
-    if view is ViewMode.none and connect is None:
+    connect, serve, port = given["connect"], given["serve"], given["port"]
+    require_page(serve, port)
+    if view is ViewMode.none and connect is None and not serve:
         return None
     from wayside.pipeline.view.observer import Viewing
     from wayside.pipeline.view.viewer import probe, start_viewer
 
-    if connect is not None and view in (ViewMode.live, ViewMode.serve):
-        raise UsageError(f"--connect and --view {view} each name a viewer. Leave one out.")
+    if connect is not None and (serve or view is ViewMode.live):
+        other = "--serve" if serve else "--view live"
+        raise UsageError(f"--connect and {other} each name a viewer. Leave one out.")
     address = None if connect is None else probe(connect)
-    if view in (ViewMode.live, ViewMode.serve):
-        address = start_viewer(serve=view is ViewMode.serve)
-    images, detail, blur = (
-        given["view_images"].value,
-        given["view_detail"],
-        given.get("blur", False),
-    )
+    if serve or view is ViewMode.live:
+        address = start_viewer(serve=serve, web_port=port)
+    images, detail = given["view_images"].value, given["view_detail"]
+    blur = given.get("blur", False)
     if blur and detail:
         raise UsageError("--blur: the images of --view-detail cannot be blurred. Leave one out.")
     return Viewing(view is ViewMode.file, address, images, detail, blur)
+
+
+def require_page(serve: bool, port: int | None) -> None:
+    """Raise UsageError for a port of a page that is not asked for."""
+    if port is not None and not serve:
+        raise UsageError(
+            "--port is the port of the page of --serve. Add --serve, or leave --port out."
+        )
 
 
 def parse_rate(text: str) -> float | None:

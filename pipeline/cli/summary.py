@@ -13,7 +13,7 @@ from rich.table import Table
 
 from wayside.pipeline.code_words import code_of
 from wayside.pipeline.files.output_folder import RECORDING
-from wayside.pipeline.files.visible_text import visible
+from wayside.pipeline.files.visible_text import counted, visible
 from wayside.pipeline.running.run import RunResult
 from wayside.schemas.frame import USED
 
@@ -61,7 +61,7 @@ def print_summary(
         console.print(f"[yellow]{what}:[/yellow] {plain(words)}", highlight=False)
     if not kept:
         return
-    tables = (f"{name} ({count} rows)" for name, count in result.inventory.rows.items())
+    tables = (f"{name} ({counted(count, 'row')})" for name, count in result.inventory.rows.items())
     files = [*tables, "run.json", *[RECORDING] * bool(result.recorded)]
     console.print(f"written to {plain(result.folder)}: {', '.join(files)}")
     if result.older:
@@ -85,7 +85,7 @@ def _signs(rows: list[dict[str, Any]]) -> str:
     signs = [row for row in rows if row["status"] == "sign"]
     colors = Counter(str(row["color"] or "unknown colour").replace("_", " ") for row in signs)
     others = Counter(row["status"] for row in rows if row["status"] != "sign")
-    words = f"[bold]{len(signs)} signs[/bold]"
+    words = f"[bold]{counted(len(signs), 'sign')}[/bold]"
     if colors:
         words += f": {_counts(dict(colors.most_common()))}"
     return words + "".join(f"; {count} {status}" for status, count in sorted(others.items()))
@@ -96,7 +96,7 @@ def _images(result: RunResult) -> str:
     reasons = "".join(f", {v} {k}" for k, v in sorted(result.frames.items()) if k != USED)
     rate = total / result.wall_seconds if result.wall_seconds else 0.0
     return (
-        f"{total} images read: {result.frames.get(USED, 0)} used{reasons}; "
+        f"{counted(total, 'image')} read: {result.frames.get(USED, 0)} used{reasons}; "
         f"{result.wall_seconds:.1f} s, {rate:.1f} images/s"
     )
 

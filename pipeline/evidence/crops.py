@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -96,12 +96,20 @@ def read_crops(
     *,
     blur: bool = False,
 ) -> Iterator[tuple[Key, Crop | None]]:
-    """Cut boxes with their surroundings out of the images of a result's log, which is read once.
+    """Cut boxes with their surroundings out of the images of `read_boxes`; None where an image does not decode."""
+    for key, image, box in read_boxes(out, log, boxes, blur=blur):
+        yield key, None if image.rgb is None else cut(image.rgb, box, proportion)
 
-    `log`: where it lies now, None: as at the time of the run. `boxes`: what to call a box, its frame and itself. Crops
-    come in order of their frames, None where an image does not decode; what the log has no longer does not come. What
-    lies off the box is blurred with `blur`, or where the run was asked to (`read.blur`). Raises InputError where the
-    result or the log cannot be used, or the log is another one.
+
+def read_boxes(
+    out: Path, log: Path | None, boxes: Iterable[tuple[Key, int, Box]], *, blur: bool = False
+) -> Iterator[tuple[Key, Image, Box]]:
+    """Boxes with their images from a result's log, which is read once.
+
+    `log`: where it lies now, None: as at the time of the run. `boxes`: what to call a box, its frame and itself. They
+    come in order of their frames; what the log has no longer does not come. What lies off the box is blurred with
+    `blur`, or where the run was asked to (`read.blur`). Raises InputError where the result or the log cannot be used,
+    or the log is another one.
     """
     wanted: defaultdict[int, list[tuple[Key, Box]]] = defaultdict(list)
     for key, frame, box in boxes:
@@ -116,7 +124,7 @@ def read_crops(
             rgb = image.rgb
             if rgb is not None and (blur or settings.blur):
                 rgb = blurred(rgb, [box])
-            yield key, None if rgb is None else cut(rgb, box, proportion)
+            yield key, replace(image, rgb=rgb), box
 
 
 def read_times(out: Path) -> dict[int, int]:

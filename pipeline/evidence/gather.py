@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.results.result import find_sign, read_rows
 from wayside.schemas.errors import InputError
+from wayside.schemas.settings import RouteSettings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, POSTS, PROFILE, SIGNS
 from wayside.stages.geometry import turn_deg
 
@@ -65,6 +67,25 @@ class Evidence:
 
 
 @dataclass(frozen=True, slots=True)
+class Globe:
+    """Where the world frame lies on the globe, plane over the length of a drive."""
+
+    turn: NDArray[np.float64]
+    """Matrix (2, 2) that turns rows x, y to east, north."""
+    lon_deg: float
+    """Of the origin of the world frame."""
+    lat_deg: float
+    """Of the origin."""
+    lat_deg_per_m: float
+    """Degrees of latitude for a metre to the north."""
+
+    @property
+    def lon_deg_per_m(self) -> float:
+        """Degrees of longitude for a metre to the east."""
+        return self.lat_deg_per_m / math.cos(math.radians(self.lat_deg))
+
+
+@dataclass(frozen=True, slots=True)
 class DriveMap:
     """Cameras and signs of a whole drive, world frame, metres."""
 
@@ -78,12 +99,16 @@ class DriveMap:
     """By frame."""
     images: dict[int, tuple[str, str]] = field(default_factory=dict)
     """Name and date of the file that was imported, by frame."""
-    north: NDArray[np.float64] | None = None
-    """Its direction (2,) along x, y; None where it is not known."""
+    globe: Globe | None = None
+    """Where the world frame lies; None where it is not known."""
 
 
-def gather(out: Path, sign_id: str | None) -> tuple[DriveMap, list[Evidence]]:
+def gather(
+    out: Path, sign_id: str | None, route: RouteSettings | None = None
+) -> tuple[DriveMap, list[Evidence]]:
     """The drive of a result and the evidence of its signs (None: of all), in order of `signs.parquet`.
+
+    route: with a milepost, instead of that of the run.
 
     Raises
     ------
@@ -95,8 +120,10 @@ def gather(out: Path, sign_id: str | None) -> tuple[DriveMap, list[Evidence]]:
     signs = read_rows(out, SIGNS, _SIGN_COLUMNS)
     for sign in signs:
         _require_file_name(out, sign["sign_id"])
+        if route is not None and sign["station_m"] is not None:
+            sign |= route.measured(sign["station_m"])
     chosen = signs if sign_id is None else [find_sign(out, signs, sign_id)]
-    drive = _read_drive(out, signs)
+    drive = drive_map(read_rows(out, FRAMES, _FRAME_COLUMNS), signs)
     grounds, posts = _grounds_below(out, chosen), {}
     if (out / POSTS.file).is_file():
         posts = {row["assembly_id"]: row for row in read_rows(out, POSTS, POSTS.schema.names)}
@@ -130,8 +157,8 @@ def _grounds_below(out: Path, signs: Sequence[dict[str, Any]]) -> list[float | N
     return found
 
 
-def _read_drive(out: Path, signs: list[dict[str, Any]]) -> DriveMap:
-    frames = read_rows(out, FRAMES, _FRAME_COLUMNS)
+def drive_map(frames: Sequence[dict[str, Any]], signs: Sequence[dict[str, Any]]) -> DriveMap:
+    """The drive by rows of `frames.parquet` and `signs.parquet`."""
     placed = [row for row in frames if row["x"] is not None]
     path = _positions(placed)
     named = [row for row in frames if row.get("image_name")]
@@ -141,12 +168,12 @@ def _read_drive(out: Path, signs: list[dict[str, Any]]) -> DriveMap:
         _positions(signs),
         {row["frame"]: row["log_time_ns"] for row in frames},
         {r["frame"]: (visible(r["image_name"]), visible(r.get("image_date") or "")) for r in named},
-        _north([row for row in placed if row["lon_deg"] is not None]),
+        _globe([row for row in placed if row["lon_deg"] is not None]),
     )
 
 
-def _north(located: list[dict[str, Any]]) -> NDArray[np.float64] | None:
-    """Direction (2,) of north along world x, y, by cameras that are known in both; None where they do not differ.
+def _globe(located: list[dict[str, Any]]) -> Globe | None:
+    """Where the world frame lies, by cameras that are known in both; None where they do not differ.
 
     Least squares for the turn and scale that take x, y to east, north, as a complex factor.
     """
@@ -158,14 +185,17 @@ def _north(located: list[dict[str, Any]]) -> NDArray[np.float64] | None:
     )
     east = turn_deg(lon[0], lon) * np.cos(np.radians(lat[0]))
     world, globe = x + 1j * y, east + 1j * (lat - lat[0])
-    factor = np.vdot(world - world.mean(), globe - globe.mean())
+    apart = world - world.mean()
+    factor = np.vdot(apart, globe - globe.mean()) / max(np.vdot(apart, apart).real, 1e-12)
     if factor == 0:
         return None
-    north = 1j * np.conj(factor) / abs(factor)
-    return np.array([north.real, north.imag])
+    origin, unit = globe.mean() - factor * world.mean(), factor / abs(factor)
+    turn = np.array([[unit.real, unit.imag], [-unit.imag, unit.real]])
+    lon_deg = float(lon[0] + origin.real / np.cos(np.radians(lat[0])))
+    return Globe(turn, lon_deg, float(lat[0] + origin.imag), float(abs(factor)))
 
 
-def _positions(rows: list[dict[str, Any]]) -> NDArray[np.float64]:
+def _positions(rows: Sequence[dict[str, Any]]) -> NDArray[np.float64]:
     """x, y, z of every row, (n, 3)."""
     return np.array([[row[axis] for axis in "xyz"] for row in rows], np.float64).reshape(-1, 3)
 

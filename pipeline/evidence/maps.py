@@ -1,6 +1,6 @@
-"""Three maps of one sign from above: on the whole drive, with its lines of sight, and its error ellipse.
+"""Maps from above: of a whole drive; of one sign on it, with its lines of sight, and its error ellipse.
 
-World x goes right and y up, true to scale.
+North is up where it is known, else world y; true to scale.
 """
 
 from __future__ import annotations
@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.evidence.gather import DriveMap, Evidence
+from wayside.pipeline.evidence.marks import METRIC, Units
 
 Points = NDArray[np.float64]
 SIGMAS = 2.0
 MARGIN_PX, FOOT_PX = 26, 46
 """Around a map, and for the scale bar below it."""
 MAP_SIZE = 484, 340
+_OVERVIEW, _OVERVIEW_POINTS = (1200, 400), 1000
 _NARROWEST_M, _NARROWEST_CLOSE_M = 20.0, 0.5
 
 
@@ -43,26 +45,23 @@ class Projection:
         return np.round(page + self.middle, 1)
 
     def foot(
-        self, box: tuple[float, float, float, float], north: Points | None, axes: str = ""
+        self, box: tuple[float, float, float, float], north: bool, units: Units
     ) -> dict[str, Any]:
-        """Scale bar and, where it is known, an arrow to the north or what the axes are, at the foot of a map.
+        """Scale bar and, where it is up, an arrow to the north, else what the axes are, at the foot of a map.
 
         box: left, top, width and height of the map, pixels.
         """
         left, top, width, height = box
-        most = 0.3 * width / self.scale
+        most = 0.3 * width / self.scale / units.metres
         power = 10.0 ** math.floor(math.log10(most))
-        metres = max(step * power for step in (1, 2, 5) if step * power <= most)
-        words = f"{metres * 100:g} cm" if metres < 1 else f"{metres:g} m"
-        x, y = (0, 1) if north is None else north @ self.turn
+        length = max(step * power for step in (1, 2, 5) if step * power <= most)
         return {
             "left": round(left + MARGIN_PX, 1),
-            "bar": round(left + MARGIN_PX + metres * self.scale, 1),
+            "bar": round(left + MARGIN_PX + length * units.metres * self.scale, 1),
             "right": round(left + width - MARGIN_PX, 1),
             "base": round(top + height - 17, 1),
-            "words": f"{metres / 1000:g} km" if metres >= 1000 else words,
-            "axes": axes,
-            "turn_deg": None if north is None else round(math.degrees(math.atan2(x, y)), 1),
+            "words": f"{length:g} {units.long}",
+            "north": north,
         }
 
 
@@ -80,7 +79,41 @@ def fit(
     return Projection(scale, (low + high) / 2, middle, extent * scale, turn)
 
 
-def sign_maps(evidence: Evidence, drive: DriveMap) -> list[dict[str, Any]]:
+def overview(
+    drive: DriveMap, units: Units = METRIC
+) -> tuple[dict[str, Any], dict[str, Any]] | None:
+    """The path and every sign, in pixels, as the macro `overview` of `drawings.svg` takes them; None without any.
+
+    Also what `map.js` needs: `turn`, `scale`,
+    `left` and `top`, turned metres of the page's origin, `unit`, metres; of the globe its degrees there and a pixel.
+    """
+    path, globe = drive.path[:, :2], drive.globe
+    points = np.concatenate([path, drive.signs[:, :2]])
+    if not len(points):
+        return None
+    turn = np.eye(2) if globe is None else globe.turn
+    to_map = fit(points, _OVERVIEW, 1.0, turn)
+    left, top = to_map.middle - to_map.extent / 2 - MARGIN_PX
+    width, height = to_map.extent + np.array([2 * MARGIN_PX, MARGIN_PX + FOOT_PX])
+    box = left, top, width, height
+    thinned = path[:: max(1, len(path) // _OVERVIEW_POINTS)]
+    shown = {
+        "box": [round(float(edge)) for edge in box],
+        "path": to_map(np.concatenate([thinned, path[-1:]])).tolist(),
+        "signs": to_map(drive.signs).tolist(),
+        "foot": to_map.foot(box, globe is not None, units),
+    }
+    x, y = (to_map.centre + to_map.middle * [-1, 1] / to_map.scale).tolist()
+    about = {"turn": turn.tolist(), "scale": to_map.scale, "left": x, "top": y}
+    about |= {"unit": units.metres, "units": units.long}
+    if globe is not None:
+        steps = globe.lon_deg_per_m, globe.lat_deg_per_m
+        about["lon"], about["lat"] = globe.lon_deg + x * steps[0], globe.lat_deg + y * steps[1]
+        about["steps"] = [step / to_map.scale for step in steps]
+    return shown, about
+
+
+def sign_maps(evidence: Evidence, drive: DriveMap, units: Units = METRIC) -> list[dict[str, Any]]:
     """Maps as the macro `drawing` of `drawings.svg` takes them: shapes in pixels by name.
 
     On the first two the camera's path, every sign in grey and this one in its colour, on the second also where the
@@ -101,8 +134,9 @@ def sign_maps(evidence: Evidence, drive: DriveMap) -> list[dict[str, Any]]:
         ("Lines of sight", [cameras, position[None]], _NARROWEST_M, road | {"cameras": cameras}),
         ("2-sigma error ellipse and panel", [*close.values()], _NARROWEST_CLOSE_M, close),
     ):
-        to_page = fit(np.concatenate(shown), MAP_SIZE, narrowest_m)
-        foot = to_page.foot((0, 0, *MAP_SIZE), drive.north, "x right, y up")
+        turn = None if drive.globe is None else drive.globe.turn
+        to_page = fit(np.concatenate(shown), MAP_SIZE, narrowest_m, turn)
+        foot = to_page.foot((0, 0, *MAP_SIZE), turn is not None, units)
         drawn = {name: to_page(points).tolist() for name, points in (none | shapes).items()}
         maps.append(
             {"heading": heading, "width": MAP_SIZE[0], "height": MAP_SIZE[1], "foot": foot} | drawn

@@ -77,6 +77,30 @@ def appearance_of(color: str | None, shape: str | None) -> str:
 
 
 @dataclass(frozen=True, slots=True)
+class Units:
+    """Of lengths on pages, and of sizes of panels (`short`), each with its metres."""
+
+    long: str
+    metres: float
+    short: str
+    short_metres: float
+    digits: int
+
+    def length(self, value_m: float) -> str:
+        """A length in words."""
+        return f"{value_m / self.metres:z.2f} {self.long}"
+
+    def size(self, value_m: float) -> str:
+        """A width or height in words."""
+        return f"{value_m / self.short_metres:z.{self.digits}f} {self.short}"
+
+
+METRIC, US = Units("m", 1.0, "m", 1.0, 2), Units("ft", 0.3048, "in", 0.0254, 1)
+UNITS = {"metric": METRIC, "us": US}
+"""By the values of `--units`."""
+
+
+@dataclass(frozen=True, slots=True)
 class Figure:
     """One line: what, its value with unit, and its standard deviation or a remark."""
 
@@ -85,51 +109,57 @@ class Figure:
     remark: str = ""
 
 
-def figures_of(sign: dict[str, Any], world: str) -> dict[str, list[Figure]]:
+def figures_of(sign: dict[str, Any], world: str, units: Units = METRIC) -> dict[str, list[Figure]]:
     """All figures of a row of `signs.parquet` by heading; `world`: name of the world frame, from `run.json`."""
     return {
-        "Position": [*_beside_the_road(sign), *_in_the_world(sign, world)],
-        "Panel": _panel(sign),
+        "Position": [*_beside_the_road(sign, units), *_in_the_world(sign, world, units)],
+        "Panel": _panel(sign, units),
         "Measurement": _measurement(sign),
     }
 
 
-def _beside_the_road(sign: dict[str, Any]) -> list[Figure]:
-    found, lateral = [], sign["lateral_m"]
-    if sign.get("measure") is not None:
-        at = f"{sign['measure']:.3f} {sign['measure_unit']}"
-        found.append(Figure("Route", f"{sign['route']}, {at}" if sign["route"] else at))
+def route_words(sign: dict[str, Any]) -> str | None:
+    """Route and measure of a sign or panel, such as "US-36 EB, 12.346 mi"; None without a measure."""
+    if sign.get("measure") is None:
+        return None
+    at = f"{sign['measure']:.3f} {sign['measure_unit']}"
+    return f"{sign['route']}, {at}" if sign["route"] else at
+
+
+def _beside_the_road(sign: dict[str, Any], units: Units) -> list[Figure]:
+    route, lateral = route_words(sign), sign["lateral_m"]
     side = "" if lateral is None else ", right" if lateral >= 0 else ", left"
     beside, ground = None if lateral is None else abs(lateral), sign.get("ground_m")
-    apart, sigma = sign["spacing_m"], sign["sigma_spacing_m"]
-    clear = []
-    if ground is not None and sign["bottom_m"] is not None:
-        clear.append(_length("and above the ground below", sign["bottom_m"] - ground))
-    return [
-        *found,
-        _length("Along the road", sign["station_m"], sign["sigma_along_m"]),
-        _length(f"Beside the path{side}", beside, sign["sigma_lateral_m"]),
-        _length("Centre above the road", sign["up_m"], sign["sigma_up_m"]),
-        _length("Lower edge above it", sign["bottom_m"], sign["sigma_bottom_m"]),
-        *clear,
-        *([] if apart is None else [_length("To the next of its type", apart, sigma)]),
-        *([] if sign.get("posts") is None else [Figure("Stands on", *posts_words(sign["posts"]))]),
+    rows = [
+        ("Along the road", sign["station_m"], sign["sigma_along_m"]),
+        (f"Beside the path{side}", beside, sign["sigma_lateral_m"]),
+        ("Centre above the road", sign["up_m"], sign["sigma_up_m"]),
+        ("Lower edge above it", sign["bottom_m"], sign["sigma_bottom_m"]),
     ]
+    if ground is not None and sign["bottom_m"] is not None:
+        rows.append(("and above the ground below", sign["bottom_m"] - ground, None))
+    if sign["spacing_m"] is not None:
+        rows.append(("To the next of its type", sign["spacing_m"], sign["sigma_spacing_m"]))
+    found = [] if route is None else [Figure("Route", route)]
+    posts = [] if sign.get("posts") is None else [Figure("Stands on", *posts_words(sign["posts"]))]
+    return [*found, *(_length(units, *row) for row in rows), *posts]
 
 
-def _in_the_world(sign: dict[str, Any], world: str) -> list[Figure]:
+def _in_the_world(sign: dict[str, Any], world: str, units: Units) -> list[Figure]:
     variances = sign["covariance"]
     sigmas = [None] * 3 if variances is None else [variances[i] ** 0.5 for i in (0, 3, 5)]
     axes = ("East", "North", "Up") if world == "enu" else ("World x", "World y", "World z")
-    found = [_length(*row) for row in zip(axes, (sign[a] for a in "xyz"), sigmas, strict=True)]
+    rows = zip(axes, (sign[a] for a in "xyz"), sigmas, strict=True)
+    found = [_length(units, *row) for row in rows]
     if sign["lon_deg"] is not None and sign["lat_deg"] is not None:
         for label, name, side in (("Latitude", "lat", "north"), ("Longitude", "lon", "east")):
-            sigma = _sigma(sign[f"sigma_{side}_m"], " m")
-            found.append(Figure(label, f"{sign[f'{name}_deg']:.7f}°", sigma))
+            sigma = sign[f"sigma_{side}_m"]
+            within = "" if sigma is None else f"± {units.length(sigma)}"
+            found.append(Figure(label, f"{sign[f'{name}_deg']:.7f}°", within))
     return found
 
 
-def _panel(sign: dict[str, Any]) -> list[Figure]:
+def _panel(sign: dict[str, Any], units: Units) -> list[Figure]:
     code, series, nominal = code_of(sign), series_words(sign), nominal_words(sign)
     found = [Figure("Code", UNKNOWN)]
     if code is not None:
@@ -139,12 +169,13 @@ def _panel(sign: dict[str, Any]) -> list[Figure]:
     found += [
         Figure("Colour", class_words(sign["color"])),
         Figure("Shape", class_words(sign["shape"])),
-        _length("Width", sign["panel_width_m"], sign["sigma_width_m"]),
-        _length("Height", sign["panel_height_m"], sign["sigma_height_m"]),
+        _length(units, "Width", sign["panel_width_m"], sign["sigma_width_m"], size=True),
+        _length(units, "Height", sign["panel_height_m"], sign["sigma_height_m"], size=True),
     ]
     found += [] if nominal is None else [Figure("Standard size", nominal)]
     facing = UNKNOWN if sign["facing_deg"] is None else f"{sign['facing_deg']:z.0f}°"
-    return [*found, Figure("Facing", facing, _sigma(sign["sigma_facing_deg"], "°"))]
+    sigma = sign["sigma_facing_deg"]
+    return [*found, Figure("Facing", facing, "" if sigma is None else f"± {sigma:.0f}°")]
 
 
 def _measurement(sign: dict[str, Any]) -> list[Figure]:
@@ -159,11 +190,9 @@ def _measurement(sign: dict[str, Any]) -> list[Figure]:
     return found
 
 
-def _length(label: str, value: float | None, sigma: float | None = None) -> Figure:
-    return Figure(label, UNKNOWN if value is None else f"{value:z.2f} m", _sigma(sigma, " m"))
-
-
-def _sigma(value: float | None, unit: str) -> str:
-    if value is None:
-        return ""
-    return f"± {value:.0f}{unit}" if unit == "°" else f"± {value:.2f}{unit}"
+def _length(
+    units: Units, label: str, value: float | None, sigma: float | None = None, *, size: bool = False
+) -> Figure:
+    words = units.size if size else units.length
+    within = "" if sigma is None else f"± {words(sigma)}"
+    return Figure(label, UNKNOWN if value is None else words(value), within)

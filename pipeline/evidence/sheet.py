@@ -10,21 +10,29 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.pipeline.code_words import SYSTEM_WORDS, code_of
 from wayside.pipeline.evidence.crops import Crop, draw_crop
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView
-from wayside.pipeline.evidence.maps import FOOT_PX, MAP_SIZE, MARGIN_PX, Projection, fit, sign_maps
-from wayside.pipeline.evidence.marks import UNKNOWN, Figure, appearance_of, figures_of
+from wayside.pipeline.evidence.maps import MAP_SIZE, overview, sign_maps
+from wayside.pipeline.evidence.marks import (
+    METRIC,
+    UNKNOWN,
+    Figure,
+    Units,
+    appearance_of,
+    css,
+    figures_of,
+    route_words,
+)
 from wayside.pipeline.files.pictures import data_address, encode_png, encode_webp
+from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.pages import render, render_page
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.landmarks import EVIDENCE_TERMS
+from wayside.schemas.routes import MEASURE_UNITS
 from wayside.schemas.sign_catalogue import CATALOGUE
 from wayside.schemas.tables import SIGN_STATUSES
-
-_MAP, _MAP_POINTS = (1200, 340), 1000
 
 
 class Size(NamedTuple):
@@ -35,6 +43,7 @@ class Size(NamedTuple):
 
 
 WIDTH, TILES = 1600, 5
+_MOST_IN_NOTEBOOK = 100
 BIG, TILE = Size(752, 564), Size(280, 210)
 PROPORTION = TILE.width / TILE.height
 """Width over height of every crop, large or small."""
@@ -53,6 +62,7 @@ def format_sheet(
     run: Mapping[str, Any],
     mark: str,
     neighbours: Mapping[str, str],
+    units: Units = METRIC,
 ) -> str:
     """The page of a sign, by which `is_marked` knows it again.
 
@@ -62,17 +72,22 @@ def format_sheet(
     def image(number: int | None, view: SignView) -> dict[str, Any]:
         if view not in crops:
             return {"source": ""}
-        size = BIG if number is None else TILE
-        # enlarging twice shows all there is
-        wide = min(size.width, max(2 * crops[view].rgb.shape[1], TILE.width))
-        size = Size(wide, round(wide * size.height / size.width))
+        # enlarging twice shows all there is; the page shows a view small until it is clicked
+        wide = min(BIG.width, max(2 * crops[view].rgb.shape[1], TILE.width))
+        size = Size(wide, round(wide * BIG.height / BIG.width))
         return size._asdict() | {"source": data_address(encode_webp(draw_crop(crops[view], size)))}
 
-    values = _values(evidence, drive, run, image)
+    values = _values(evidence, drive, run, image, units)
     return render_page("sheet.html", mark, neighbours=neighbours, **values)
 
 
-def draw_sheet(evidence: Evidence, crops: Crops, drive: DriveMap, run: Mapping[str, Any]) -> bytes:
+def draw_sheet(
+    evidence: Evidence,
+    crops: Crops,
+    drive: DriveMap,
+    run: Mapping[str, Any],
+    units: Units = METRIC,
+) -> bytes:
     """The sheet of a sign, `WIDTH` wide, as PNG; parameters as in `format_sheet`.
 
     The images are put in afterwards: drawing and compressing them as a part of the SVG takes twice as long as all else.
@@ -93,7 +108,7 @@ def draw_sheet(evidence: Evidence, crops: Crops, drive: DriveMap, run: Mapping[s
             images.append((x, y, draw_crop(crops[view], size)))
         return {"x": x, "y": y, "size": size, "source": view in crops}
 
-    values = _values(evidence, drive, run, place)
+    values = _values(evidence, drive, run, place, units)
     fonts = files("font_source_sans_pro").joinpath("files")
     weights = ("Regular", "Semibold", "Bold")
     drawn = resvg_py.svg_to_bytes(
@@ -114,6 +129,7 @@ def _values(
     drive: DriveMap,
     run: Mapping[str, Any],
     image: Callable[[int | None, SignView], dict[str, Any]],
+    units: Units,
 ) -> dict[str, Any]:
     """What both templates of a sheet show; `image`: how the best view (None) or that of a number is shown."""
     sign, count = evidence.sign, len(evidence.views)
@@ -131,22 +147,22 @@ def _values(
         "confidence": UNKNOWN if sign["confidence"] is None else f"{sign['confidence']:.2f}",
         "log": str(run.get("log", "")),
         "when": when,
-        "figures": figures_of(sign, str(run.get("world", ""))),
+        "figures": figures_of(sign, str(run.get("world", "")), units),
         "terms": [(Figure(term.capitalize(), f"{ratio:+.1f}"), ratio) for term, ratio in weighed],
-        "maps": sign_maps(evidence, drive),
+        "maps": sign_maps(evidence, drive, units),
         "views_heading": f"All {count} views" if count > 1 else "The only view",
-        "best": _words(evidence.best, drive) | image(None, evidence.best),
-        "views": [_words(v, drive) | image(i, v) for i, v in enumerate(evidence.views)],
+        "best": _words(evidence.best, drive, units) | image(None, evidence.best),
+        "views": [_words(v, drive, units) | image(i, v) for i, v in enumerate(evidence.views)],
     }
 
 
-def _words(view: SignView, drive: DriveMap) -> dict[str, str]:
+def _words(view: SignView, drive: DriveMap, units: Units) -> dict[str, str]:
     name, date = drive.images.get(view.frame, ("", ""))
     return {
         "frame": f"frame {view.frame}",
         "name": name,
         "date": date,
-        "distance": "" if view.range_m is None else f"{view.range_m:.1f} m",
+        "distance": "" if view.range_m is None else units.length(view.range_m),
         "residual": "" if view.residual_px is None else f"{view.residual_px:.2f} px",
     }
 
@@ -157,6 +173,7 @@ def format_index(
     drive: DriveMap,
     about: dict[str, Any],
     mark: str,
+    units: Units = METRIC,
 ) -> str:
     """HTML page that lists all signs, with a map and filters, and takes a review of them.
 
@@ -170,24 +187,16 @@ def format_index(
     mark
         What the page is known by.
     """
-    cards = [
-        {
-            "sign": one.sign,
-            "name": one.name,
-            "face": appearance_of(one.sign["color"], one.sign["shape"]),
-            "code": code_of(one.sign) or UNKNOWN,
-            "source": thumbs.get(one.name, ""),
-        }
-        for one in signs
-    ]
+    cards = _cards([one.sign for one in signs], thumbs)
     codes = [code_of(one.sign) for one in signs]
     looks = {name: [one.sign[name] for one in signs] for name in ("color", "shape", "status")}
-    page_map, place = _map(drive)
+    page_map, place = overview(drive, units) or (None, {})
     return render_page(
         "index.html",
         mark,
         log=about["log"],
-        summary=_summary(looks["status"], drive),
+        summary=_summary(looks["status"], drive, units),
+        units=units,
         choices={
             "Colour": ("color", _counts(COLORS, looks["color"])),
             "Shape": ("shape", _counts(SHAPES, looks["shape"])),
@@ -195,7 +204,8 @@ def format_index(
             "Status": ("status", _counts(SIGN_STATUSES, looks["status"])),
         },
         map=page_map,
-        about=about | place,
+        dots=_dots(cards),
+        about=about | {"map": place},
         classes={"color": COLORS, "shape": SHAPES},
         catalogue=CATALOGUE,
         systems=SYSTEM_WORDS,
@@ -203,52 +213,50 @@ def format_index(
     )
 
 
-def _summary(statuses: Sequence[str], drive: DriveMap) -> str:
+def format_notebook(log: str, signs: Sequence[dict[str, Any]], drive: DriveMap) -> str:
+    """HTML of the signs, rows of `signs.parquet`, for a notebook: a map and a table."""
+    cards, (shown, _) = _cards(signs, {}), overview(drive) or (None, {})
+    return render(
+        "notebook.html",
+        log=log,
+        summary=_summary([sign["status"] for sign in signs], drive, METRIC),
+        cards=cards,
+        most=_MOST_IN_NOTEBOOK,
+        map=shown,
+        dots=_dots(cards),
+    )
+
+
+def _cards(signs: Sequence[dict[str, Any]], thumbs: Mapping[str, str]) -> list[dict[str, Any]]:
+    return [
+        {
+            "sign": sign,
+            "name": sign["sign_id"],
+            "face": appearance_of(sign["color"], sign["shape"]),
+            "code": code_of(sign) or UNKNOWN,
+            "route": route_words(sign),
+            "source": thumbs.get(sign["sign_id"], ""),
+        }
+        for sign in signs
+    ]
+
+
+def _dots(cards: Sequence[dict[str, Any]]) -> list[tuple[str, str, str]]:
+    """Name, title and ink of the signs on a map."""
+    return [(c["name"], f"{c['name']}: {c['face']}", css(c["sign"]["color"])) for c in cards]
+
+
+def _summary(statuses: Sequence[str], drive: DriveMap, units: Units) -> str:
     counts = Counter(statuses)
     others = [f", {counts[s]} {s}" for s in SIGN_STATUSES if s != "sign" and counts[s]]
     length = float(np.linalg.norm(np.diff(drive.path, axis=0), axis=1).sum())
     covered = f"{length / 1000:.2f} km" if length >= 1000 else f"{length:.0f} m"
-    shown = f"{_counted(counts['sign'], 'sign')}{''.join(others)} on {covered} of road"
-    return f"{shown}, {_counted(len(drive.cameras), 'image')}"
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+    covered = covered if units is METRIC else f"{length / MEASURE_UNITS['mi']:.2f} mi"
+    shown = f"{counted(counts['sign'], 'sign')}{''.join(others)} on {covered} of road"
+    return f"{shown}, {counted(len(drive.cameras), 'image')}"
 
 
 def _counts(known: Iterable[str], found: Sequence[str | None]) -> dict[str, int]:
     """How often each class occurs that does, in their order."""
     counts = Counter(name or UNKNOWN for name in found)
     return {name: counts[name] for name in (*known, UNKNOWN) if counts[name]}
-
-
-def _map(drive: DriveMap) -> tuple[dict[str, Any] | None, dict[str, Any]]:
-    """The path and every sign from above, from left to right, in pixels; None where there is nothing to show.
-
-    Also what the page needs to know to place a sign on it.
-    """
-    points = np.concatenate([drive.path[:, :2], drive.signs[:, :2]])
-    if not len(points):
-        return None, {}
-    to_map: Projection = fit(points, _MAP, 1.0, _to_the_right(drive.path[:, :2]))
-    left, top = to_map.middle - to_map.extent / 2 - MARGIN_PX
-    width, height = to_map.extent + np.array([2 * MARGIN_PX, MARGIN_PX + FOOT_PX])
-    box = left, top, width, height
-    thinned = drive.path[:: max(1, len(drive.path) // _MAP_POINTS)]
-    shown = {
-        "box": [round(float(edge)) for edge in box],
-        "path": to_map(np.concatenate([thinned, drive.path[-1:]])).tolist(),
-        "signs": to_map(drive.signs).tolist(),
-        "foot": to_map.foot(box, drive.north),
-    }
-    x, y = to_map.centre + to_map.middle * [-1, 1] / to_map.scale
-    corner = {"scale": to_map.scale, "left": float(x), "top": float(y)}
-    return shown, {"map": {"turn": to_map.turn.tolist()} | corner}
-
-
-def _to_the_right(camera_path: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Matrix (2, 2) that turns rows x, y so that the farthest point of a path lies to the right of its start."""
-    away = camera_path - camera_path[:1]
-    x, y = away[np.argmax(np.linalg.norm(away, axis=1))] if len(camera_path) else (0.0, 0.0)
-    length = float(np.hypot(x, y))
-    return np.array([[x, -y], [y, x]]) / length if length > 0 else np.eye(2)

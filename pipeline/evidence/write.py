@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +16,7 @@ import numpy as np
 from wayside.pipeline.evidence.corrections import index_review
 from wayside.pipeline.evidence.crops import Crop, draw_crop, read_crops, read_images, read_times
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
+from wayside.pipeline.evidence.marks import METRIC, Units
 from wayside.pipeline.evidence.sheet import PROPORTION, draw_sheet, format_index, format_sheet
 from wayside.pipeline.files.output_folder import OutputFolder
 from wayside.pipeline.files.pictures import (
@@ -34,6 +35,7 @@ from wayside.pipeline.reviewing.matching import Review
 from wayside.pipeline.reviewing.review import find_review
 from wayside.schemas.errors import InputError
 from wayside.schemas.labels import Box
+from wayside.schemas.settings import RouteSettings
 
 INDEX_FILE, IMAGES_FILE = "index.html", "images.js"
 _IMAGE_WIDTH, _IMAGE_QUALITY = 1280, 60
@@ -67,6 +69,8 @@ def write_evidence(  # noqa: PLR0913 - one for each option
     blur: bool = False,
     images: bool = False,
     reviews: Sequence[Path] = (),
+    units: Units = METRIC,
+    route: RouteSettings | None = None,
     overwrite: bool = False,
 ) -> Written:
     """Write one page a sign and an index of all into `folder`, which is made where it is missing.
@@ -75,10 +79,8 @@ def write_evidence(  # noqa: PLR0913 - one for each option
     ----------
     out
         Folder written by `wayside run`.
-    sign_id
-        Only the sheet of this sign, without index; None: all.
-    log
-        Path of the log now; None: that at the time of the run.
+    sign_id, log
+        Only the sheet of this sign, without index, None: all; path of the log now, None: that at the time of the run.
     watch
         Called with the number of sheets done and to do.
     png, images, blur
@@ -86,6 +88,8 @@ def write_evidence(  # noqa: PLR0913 - one for each option
         the panels in all images.
     reviews
         Files that the index begins with; empty: those in `out`.
+    units, route
+        Of lengths on the pages; with a milepost, instead of that of the run.
     overwrite
         Replace any file of the names of the sheets and the index; else only sheets of this log.
 
@@ -99,25 +103,29 @@ def write_evidence(  # noqa: PLR0913 - one for each option
         A sheet cannot be written, or a file of its name is not replaced.
     """
     run = read_run(out)
-    drive, signs = gather(out, sign_id)
+    drive, signs = gather(out, sign_id, route)
     name = str(run.get("log", ""))
     mark = f"wayside {name} {run.get('log_fingerprint') or ''}".strip()
     names = [f"{one.name}.html" for one in signs]
     pngs = [f"{one.name}.png" for one in signs] if png else []
     index = [INDEX_FILE, IMAGES_FILE] if sign_id is None else []
+    around = zip(signs, ["", *names], [*names[1:], ""], strict=False) if index else ()
+    beside = {one.name: _beside(before, after) for one, before, after in around}
     with OutputFolder(folder) as output:
         if not overwrite:
             _check_free(folder, [*names, *pngs, *index], mark)
-        binder = _Binder(output.part, out, log, drive, run, mark, png, blur)
-        if index:
-            for one, before, after in zip(signs, ["", *names], [*names[1:], ""], strict=False):
-                beside = {"prev": before, "up": INDEX_FILE, "next": after}
-                binder.neighbours[one.name] = {rel: page for rel, page in beside.items() if page}
+        binder = _Binder(output.part, out, log, drive, run, mark, png, blur, units, beside)
         _fill(binder, signs, watch)
         notes = binder.write_index(signs, reviews, images=images) if index else []
         output.commit([*_sheets_of_others(folder, mark, signs), IMAGES_FILE] if index else [])
     sheets = tuple(folder / page for page in names)
     return Written(sheets, folder / INDEX_FILE if index else None, binder.lost_views, tuple(notes))
+
+
+def _beside(before: str, after: str) -> dict[str, str]:
+    """Pages that a sheet leads to, by how."""
+    pages = {"prev": before, "up": INDEX_FILE, "next": after}
+    return {rel: page for rel, page in pages.items() if page}
 
 
 def _check_free(folder: Path, names: Sequence[str], mark: str) -> None:
@@ -155,7 +163,8 @@ class _Binder:
     mark: str
     png: bool
     blur: bool
-    neighbours: dict[str, dict[str, str]] = field(default_factory=dict)
+    units: Units
+    neighbours: Mapping[str, dict[str, str]]
     crops: defaultdict[str, dict[SignView, Crop]] = field(default_factory=lambda: defaultdict(dict))
     thumbs: dict[str, str] = field(default_factory=dict)
     lost_views: int = 0
@@ -165,10 +174,11 @@ class _Binder:
         crops = self.crops.pop(evidence.name, {})
         self.lost_views += len(evidence.views) - len(crops)
         about = (evidence, crops, self.drive, self.run)
-        page = format_sheet(*about, self.mark, self.neighbours.get(evidence.name, {}))
+        beside = self.neighbours.get(evidence.name, {})
+        page = format_sheet(*about, self.mark, beside, self.units)
         _write(self.folder / f"{evidence.name}.html", page.encode())
         if self.png:
-            png = marked_png(draw_sheet(*about), self.mark)
+            png = marked_png(draw_sheet(*about, self.units), self.mark)
             _write(self.folder / f"{evidence.name}.png", png)
         if evidence.best in crops:
             thumb = encode_webp(draw_crop(crops[evidence.best], THUMB))
@@ -186,7 +196,7 @@ class _Binder:
         about = {"log": str(self.run.get("log", ""))} | index_review(known, review, pictures, lens)
         if images:
             _write(self.folder / IMAGES_FILE, self._images(known, signs))
-        page = format_index(signs, self.thumbs, self.drive, about, self.mark)
+        page = format_index(signs, self.thumbs, self.drive, about, self.mark, self.units)
         _write(self.folder / INDEX_FILE, page.encode())
         return review.notes
 

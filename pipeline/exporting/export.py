@@ -30,6 +30,7 @@ from wayside.pipeline.files.parsing import guarded
 from wayside.pipeline.files.writing import is_stream, refuse, whole_file
 from wayside.pipeline.reviewing.matching import Review
 from wayside.schemas.errors import UsageError
+from wayside.schemas.settings import RouteSettings
 from wayside.schemas.tables import POSTS, PROFILE
 
 FORMATS = {
@@ -72,6 +73,7 @@ def export(  # noqa: PLR0913 - one for each option
     every: bool = False,
     pictures: bool = False,
     accepted: bool = False,
+    route: RouteSettings | None = None,
     overwrite: bool = False,
 ) -> Exported:
     """Write the signs of a result, or a table of an inventory, to a file.
@@ -98,6 +100,8 @@ def export(  # noqa: PLR0913 - one for each option
         For `gpkg` and `kmz`: the best image of each sign, from its log.
     accepted
         Of a drive: without the rows that the review rejects.
+    route
+        Of the signs of a drive, with a milepost, instead of that of the run.
 
     Raises
     ------
@@ -109,7 +113,7 @@ def export(  # noqa: PLR0913 - one for each option
         A file cannot be written, or another file has its name.
     """
     inventory, imperial = is_inventory(out), units != "metric"
-    _require_fitting(out, kind, crs, table, inventory=inventory, imperial=imperial)
+    _require_fitting(out, kind, crs, table, route, inventory=inventory, imperial=imperial)
     if pictures and kind not in _WITH_PICTURES:
         raise UsageError(
             f"--pictures: {FORMATS[kind]} holds none. Choose {' or '.join(_WITH_PICTURES)} with -f."
@@ -117,16 +121,16 @@ def export(  # noqa: PLR0913 - one for each option
     if kind == "mcap":
         from wayside.pipeline.exporting.foxglove_log import write_foxglove_log
 
-        (signs,) = drive_signs(out, review, accepted=accepted).chunks()
+        (signs,) = drive_signs(out, review, route, accepted=accepted).chunks()
         with whole_file(file, overwrite=overwrite) as stream:
             notes = write_foxglove_log(out, signs, log, stream)
         return Exported(len(signs), (file,), tuple(notes))
     if inventory:
         source = inventory_rows(out, table or next(iter(INVENTORY_TABLES)))
+    elif table is not None:
+        source = drive_roadside(out, table)
     else:
-        source = (
-            drive_roadside(out, table) if table else drive_signs(out, review, accepted=accepted)
-        )
+        source = drive_signs(out, review, route, accepted=accepted)
     if kind in _ALWAYS_WGS_84 and source.world is not None:
         raise UsageError(
             f"{out}: {FORMATS[kind]} needs longitude and latitude, but the log has no satellite fixes. Export CSV, "
@@ -148,7 +152,14 @@ def export(  # noqa: PLR0913 - one for each option
 
 
 def _require_fitting(
-    out: Path, kind: str, crs: str | None, table: str | None, *, inventory: bool, imperial: bool
+    out: Path,
+    kind: str,
+    crs: str | None,
+    table: str | None,
+    route: RouteSettings | None,
+    *,
+    inventory: bool,
+    imperial: bool,
 ) -> None:
     if crs is not None and kind in (*_ALWAYS_WGS_84, "mcap"):
         always = "uses the frames of the drive" if kind == "mcap" else "is WGS 84 by its standard"
@@ -158,6 +169,10 @@ def _require_fitting(
     if imperial and kind == "mcap":
         raise UsageError(
             "--units us: the schemas of mcap are in metres. Leave --units out, or choose another format."
+        )
+    if route is not None and (inventory or table is not None):
+        raise UsageError(
+            "--route: only the signs of one drive are measured anew. Leave --route and --milepost out."
         )
     known = (*INVENTORY_TABLES,) if inventory else (POSTS.name, PROFILE.name)
     if table is not None and (table not in known or kind == "mcap"):

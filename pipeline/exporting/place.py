@@ -12,6 +12,7 @@ from pyproj.exceptions import CRSError, ProjError
 
 from wayside.pipeline.exporting.table import GEOMETRY, Row, Source, main_columns
 from wayside.pipeline.files.lengths import METRES_IN_FOOT
+from wayside.pipeline.files.visible_text import counted
 from wayside.schemas.errors import UsageError
 from wayside.schemas.tables import Column
 
@@ -111,7 +112,7 @@ class PlacedRows:
             yield "the log has no fixes: geometry is x, y, z of the drive's own frame, in metres"
             return
         if self._unplaced:
-            yield f"{self._unplaced} rows have no place on the globe: they have no geometry"
+            yield f"without a place on the globe, and so without geometry: {counted(self._unplaced, 'row')}"
         if self._target is not None and self.count > self._unplaced:
             yield _operation(self._target, self._to_crs)
         if self._target is not None and self._outside:

@@ -19,6 +19,7 @@ from wayside.pipeline.reviewing.known import KnownResult
 from wayside.pipeline.reviewing.matching import Review
 from wayside.schemas.errors import InputError
 from wayside.schemas.inventory_tables import PANELS, SUPPORTS
+from wayside.schemas.settings import RouteSettings
 from wayside.schemas.tables import FRAMES, POSTS, PROFILE, SIGNS, Column, Table
 
 Row = dict[str, Any]
@@ -83,10 +84,12 @@ def is_inventory(folder: Path) -> bool:
     return not (folder / RUN_FILE).is_file() and any(path.is_dir() for path in named)
 
 
-def drive_signs(out: Path, review: Review, *, accepted: bool = False) -> Source:
+def drive_signs(
+    out: Path, review: Review, route: RouteSettings | None = None, *, accepted: bool = False
+) -> Source:
     """The signs of a result with their review; signs that the review says are missing stand last.
 
-    accepted: without the rows that the review rejects.
+    route: with a milepost, instead of that of the run. accepted: without the rows that the review rejects.
 
     Raises InputError if the folder is no result folder, or damaged.
     """
@@ -99,6 +102,9 @@ def drive_signs(out: Path, review: Review, *, accepted: bool = False) -> Source:
     rows = [row | {"result": result_name(about)} for row in rows]
     if accepted:
         rows = [row for row in rows if row.get("review") != REJECTED]
+    for row in rows:
+        if route is not None and row.get("station_m") is not None:
+            row |= route.measured(row["station_m"])
     times = [row["best_time_ns"] for row in rows if row.get("best_time_ns") is not None]
     last = datetime.fromtimestamp(max(times, default=0) // 10**9, UTC)
     local = rows and all(row.get("lon_deg") is None for row in rows)

@@ -20,6 +20,11 @@ def visible(text: str, keep: str = "") -> str:
     )
 
 
+def counted(count: int, noun: str, several: str = "") -> str:
+    """The count with its noun, or with the words for several, which else end in "s"."""
+    return f"{count} {noun if count == 1 else several or noun + 's'}"
+
+
 def visible_lines(text: str) -> str:
     """Text of several lines, made visible line by line."""
     return visible(text, keep="\n\t")

@@ -21,6 +21,7 @@ from wayside.pipeline.fitting.models import (
     fit_colors,
     fit_confidence,
     fit_gaussians,
+    too_few_labels,
 )
 from wayside.pipeline.fitting.report import (
     COLOR,
@@ -109,7 +110,11 @@ def fit_labels(
     read = presets["report"].read
     drives = labelled_drives(labels, options.images, read, complete=options.complete)
     task = Task(options.alpha, options.only_labelled, provenance(options, drives))
-    outcomes = fit_models(drives, presets, task, options, notify)
+    faces = [drive.faces for drive in drives]
+    few = {what: words for what in options.wanted if (words := too_few_labels(faces, what))}
+    left = tuple(what for what in options.wanted if what not in few)
+    outcomes = fit_models(drives, presets, task, replace(options, wanted=left), notify)
+    outcomes += [Outcome(what, None, words) for what, words in few.items()]
     if not any(one.written for one in outcomes):
         lines = [line for one in outcomes for line in outcome_lines(one)]
         raise InputError("\n".join(["no model is written", *lines]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,6 +29,7 @@ from wayside.pipeline.learning.fits import (
     log_loss,
     score_held_out,
 )
+from wayside.pipeline.learning.labelled import Faces
 from wayside.pipeline.learning.thresholds import (
     GATE_RATES,
     normal_tail,
@@ -194,10 +196,7 @@ def enough(samples: Samples, known: Sequence[str], what: str) -> tuple[str, ...]
     """The classes that can be fitted and held out: enough signs, in two folds at least; InputError without one."""
     others = int((samples.kind == "").sum())
     if others < FEWEST_OTHERS:
-        raise InputError(
-            f"{FEWEST_OTHERS} samples that are not signs are needed, and there are {others}. Mark images as complete "
-            "(--complete: every sign of the labelled images is labelled), or label what is not a sign."
-        )
+        raise InputError(_FEW_OTHERS.format(others))
     counts = {name: samples.signs(name) for name in known}
     names = tuple(
         name
@@ -205,12 +204,37 @@ def enough(samples: Samples, known: Sequence[str], what: str) -> tuple[str, ...]
         if counts[name] >= FEWEST_SIGNS and len(np.unique(samples.fold[samples.kind == name])) > 1
     )
     if not names:
-        found = ", ".join(f"{count} {name}" for name, count in counts.items() if count) or "none"
-        raise InputError(
-            f"{FEWEST_SIGNS} labelled signs of a {what} are needed, from two stretches of road or more, and there are "
-            f"{found}. Label more."
-        )
+        raise InputError(_few_signs(FEWEST_SIGNS, what, counts))
     return names
+
+
+def too_few_labels(faces: Sequence[Faces], what: str) -> str:
+    """Why the labels are too few for the model `what`, whatever the images show; "" where they may do."""
+    if not any(one.complete or one.others for one in faces):
+        return _FEW_OTHERS.format(0)
+    found: set[tuple[str, int]] = set()
+    for one in faces:
+        names = (
+            getattr(one, what) if what in ("color", "shape") else np.full(len(one.sign), "in all")
+        )
+        known = (names != "") & (one.example | (names == "in all"))
+        found.update(zip(names[known].tolist(), one.sign[known].tolist(), strict=True))
+    counts = Counter(name for name, _ in sorted(found))
+    fewest = FEWEST_LANDMARKS if what == "confidence" else FEWEST_SIGNS
+    few = max(counts.values(), default=0) < fewest
+    return _few_signs(fewest, CLASS_WORDS.get(what, "landmark"), counts) if few else ""
+
+
+_FEW_OTHERS = (
+    f"{FEWEST_OTHERS} samples that are not signs are needed, and there are {{}}. Mark images as complete (--complete: "
+    "every sign of the labelled images is labelled), or label what is not a sign."
+)
+
+
+def _few_signs(fewest: int, what: str, counts: Mapping[str, int]) -> str:
+    found = ", ".join(f"{count} {name}" for name, count in counts.items() if count) or "none"
+    needed = f"{fewest} labelled signs of a {what} are needed"
+    return f"{needed}, from two stretches of road or more, and there are {found}. Label more."
 
 
 def color_floor(space: str) -> Floor:

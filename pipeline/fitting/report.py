@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.fitting.models import FittedConfidence, FittedModel, Task
 from wayside.pipeline.fitting.samples import Gathered, LabelledDrive
 from wayside.pipeline.learning.curves import RocCurve
@@ -76,7 +77,7 @@ class Outcome:
 def format_fit(outcomes: Sequence[Outcome], drives: Sequence[LabelledDrive], out: Path) -> str:
     """The report that the command prints."""
     lines = [
-        f"{drive.name}: {len(drive.stretch)} labelled images, {drive.boxes_of_signs}, "
+        f"{drive.name}: {counted(len(drive.stretch), 'labelled image')}, {drive.boxes_of_signs}, "
         f"{len(drive.labels.complete)} images complete"
         for drive in drives
     ]

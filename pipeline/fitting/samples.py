@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.labels.read import FrameLabels, LogImages, labels_by_frame
 from wayside.pipeline.learning.asked import ClassifierSamples, gather_samples
 from wayside.pipeline.learning.fits import Samples, sides
@@ -59,7 +60,10 @@ class LabelledDrive:
     @property
     def boxes_of_signs(self) -> str:
         """How many faces are labelled, and of how many signs, in words."""
-        return f"{len(self.faces.sign)} boxes of {len(set(self.faces.sign.tolist()))} signs"
+        return (
+            f"{counted(len(self.faces.sign), 'box', 'boxes')} of "
+            f"{counted(len(set(self.faces.sign.tolist())), 'sign')}"
+        )
 
     def images(self, settings: ReadSettings) -> Iterator[Image]:
         """The labelled images that the settings let take part, decoded, in order."""

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from wayside.pipeline.code_words import code_of, statement_of
 from wayside.pipeline.files.parquet import ParquetFile, geoparquet_metadata, record_batch
+from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.files.writing import require_free, whole_file
 from wayside.pipeline.fleet.absence import (
     SIDES,
@@ -108,16 +109,17 @@ class ChangeReport:
         found = ", ".join(
             f"{self.counts[kind]} {kind.replace('_', ' ')}" for kind in CHANGES_OF_PANELS
         )
-        words = f"{found}; by {self.drives['before']} drives before, {self.drives['after']} after"
+        words = f"{found}; by {counted(self.drives['before'], 'drive')} before, {self.drives['after']} after"
         if self.blind:
             words += (
-                f"\n{len(self.blind)} drives do not say what they had in view, as an earlier version, or without fixes "
-                f"and milepost: {', '.join(self.blind[:5])}; what only the others saw counts as not looked at"
+                f"\n{counted(len(self.blind), 'drive')} without a record of what was in view, as of an earlier version "
+                f"or without fixes and milepost: {', '.join(self.blind[:5])}; what only the others saw counts as not "
+                "looked at"
             )
         if self.unseen:
             words += (
-                f"\n{len(self.unseen)} drives have no images at hand: what stood in front of a place is not known of "
-                f"them; the first: {self.unseen[0]}"
+                f"\n{counted(len(self.unseen), 'drive')} without images at hand: what stood in front of a place is not "
+                f"known there; the first: {self.unseen[0]}"
             )
         return words
 

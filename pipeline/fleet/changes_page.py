@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from wayside.pipeline.evidence.crops import draw_crop, read_crops
-from wayside.pipeline.evidence.marks import appearance_of
+from wayside.pipeline.evidence.gather import DriveMap, Globe
+from wayside.pipeline.evidence.maps import overview
+from wayside.pipeline.evidence.marks import METRIC, Units, appearance_of, class_words, route_words
 from wayside.pipeline.files.parquet import read_parquet
 from wayside.pipeline.files.pictures import data_address, encode_webp, is_marked
+from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.files.writing import write_file
 from wayside.pipeline.fleet.absence import SIDES, Row
+from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE
 from wayside.pipeline.fleet.manifest import DRIVES
 from wayside.pipeline.pages import render_page
 from wayside.schemas.errors import InputError
@@ -23,6 +29,12 @@ from wayside.schemas.labels import Box
 QUIET = ("unchanged", "not_looked_at")
 """Changes that a page shows only where all are asked for, or where something hides the place."""
 _KINDS = list(CHANGES_OF_PANELS)
+INKS = dict(zip(_KINDS, "#969ca4 #1f6fd0 #f08c1e #28a050 #d03030 #d6dbe1".split(), strict=True))
+"""Of the dots on the map."""
+REVIEWED = (
+    "change panel_before panel_after code_before code_after lon_deg lat_deg route measure".split()
+)
+"""Columns that a saved review repeats."""
 _SIZE = 480, 360
 _MARK = "wayside changes"
 
@@ -42,14 +54,15 @@ def write_page(
     names: tuple[str, str],
     *,
     every: bool = False,
+    units: Units = METRIC,
     overwrite: bool = False,
     watch: Callable[[int, int], None] = lambda done, total: None,
 ) -> Page:
     """Write `changes.parquet` of an inventory as a page, with images from the logs of its drives.
 
     names: of the surveys before and after. every: show unchanged panels, and those not looked at that nothing hides, as
-    well. overwrite: replace any file; else only such a page. watch: called with the number of drives done
-    and to do. Raises InputError where there is no comparison, or it is damaged, and OutputError.
+    well. units: of lengths. overwrite: replace any file; else only such a page. watch: called with the number of drives
+    done and to do. Raises InputError where there is no comparison, or it is damaged, and OutputError.
     """
     table = inventory / CHANGES.file
     if not table.is_file():
@@ -63,20 +76,52 @@ def write_page(
     rows.sort(key=_order)
     images, faults = _images(inventory, rows, watch)
     counts = Counter(row["change"] for row in everything)
+    drawn, about = overview(_places(rows), units) or (None, {})
     page = render_page(
         "changes.html",
         _MARK,
         names=names,
+        units=units,
+        map=drawn,
+        dots=[
+            (f"change-{k}", f"{class_words(row['change'])}: {_heading(row)}", INKS[row["change"]])
+            for k, row in enumerate(rows)
+        ],
+        inks=INKS,
+        about={"map": about, "names": names, "rows": [_told(row) for row in rows]},
         counts={kind: counts[kind] for kind in _KINDS},
         shown=[kind for kind in _KINDS if any(row["change"] == kind for row in rows)],
         cards=[
-            (row, [_figure(row, side, images.get((k, side))) for side in SIDES])
+            (row, _heading(row), route_words(row), _figures(row, k, images))
             for k, row in enumerate(rows)
         ],
     )
     write_file(file, page.encode(), is_own=lambda path: is_marked(path, _MARK), overwrite=overwrite)
     wanted = sum(row[f"drive_{side}"] is not None for row in rows for side in SIDES)
     return Page(len(rows), wanted - len(images), tuple(faults))
+
+
+def _places(rows: list[Row]) -> DriveMap:
+    """The panels on a plane about the first of them."""
+    places = np.array([[row["lon_deg"], row["lat_deg"], 0.0] for row in rows]).reshape(-1, 3)
+    origin = places[0] if len(places) else np.zeros(3)
+    globe = Globe(np.eye(2), float(origin[0]), float(origin[1]), 1 / METRES_PER_DEGREE)
+    steps = np.array([globe.lon_deg_per_m, globe.lat_deg_per_m, 1.0])
+    return DriveMap({}, np.zeros((0, 3)), (places - origin) / steps, {}, globe=globe)
+
+
+def _told(row: Row) -> Row:
+    return {name: row.get(name) for name in REVIEWED}
+
+
+def _figures(row: Row, number: int, images: Mapping[tuple[int, str], str]) -> list[dict[str, Any]]:
+    return [_figure(row, side, images.get((number, side))) for side in SIDES]
+
+
+def _heading(row: Row) -> str:
+    """The codes of a panel, one where it has not changed; its name where none is known."""
+    codes = dict.fromkeys(filter(None, (row.get(f"code_{side}") for side in SIDES)))
+    return " → ".join(codes) or str(row["panel_before"] or row["panel_after"])
 
 
 def _order(row: Row) -> tuple[int, float, str, str]:
@@ -115,13 +160,20 @@ def _figure(row: Row, side: str, source: str | None) -> dict[str, Any]:
     of = {name: row[f"{name}_{side}"] for name in ("seen", "drives", "hidden", "drive", "frame")}
     if not of["drives"]:
         face = "not looked at"
-        by = f"hidden from {of['hidden']} drives" if of["hidden"] else "not in view of any drive"
+        by = (
+            f"hidden from {counted(of['hidden'], 'drive')}"
+            if of["hidden"]
+            else "not in view of any drive"
+        )
     else:
         appearance = appearance_of(row[f"color_{side}"], row[f"shape_{side}"])
-        face = appearance if of["seen"] else "no panel found"
-        looked = "" if row["change"] in ("unchanged", "changed_face") else f" of {of['drives']}"
+        named = " ".join(filter(None, (row.get(f"code_{side}"), appearance)))
+        face = named if of["seen"] else "no panel found"
+        both = row["change"] in ("unchanged", "changed_face")
+        by = f"{of['seen']} of {counted(of['drives'], 'drive')}"
+        by = counted(of["seen"], "drive") if both else by
         hidden = f", hidden from {of['hidden']}" if of["hidden"] else ""
-        by = f"seen by {of['seen']}{looked} drives{hidden}"
+        by = f"seen by {by}{hidden}"
     if of["drive"] is not None:
         by += f", {of['drive']} frame {of['frame']}"
     return {"face": face, "words": f"{face}; {by}", "source": source}

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.fleet.folders import replaced_tables
 from wayside.pipeline.fleet.inventory_data import (
     cell_name,
@@ -66,16 +67,17 @@ class MergeReport:
     def __str__(self) -> str:
         """One line for a person, more where drives or signs could not be merged."""
         lines = [
-            f"{self.panels} panels on {self.supports} supports, by {self.sightings} sightings of {self.drives} drives, "
-            f"in {self.cells} cells"
+            f"{counted(self.panels, 'panel')} on {counted(self.supports, 'support')}, by "
+            f"{counted(self.sightings, 'sighting')} of {counted(self.drives, 'drive')}, "
+            f"in {counted(self.cells, 'cell')}"
         ]
         if count := len(self.local_drives):
             some = ", ".join(self.local_drives[:5]) + (", ..." if count > 5 else "")
             lines.append(
-                f"{count} drives have neither satellite fixes nor a milepost and are kept as they are, unmerged: {some}"
+                f"not merged, without satellite fixes or a milepost: {counted(count, 'drive')}: {some}"
             )
         if self.left_out:
-            lines.append(f"{self.left_out} signs have no place and are in no merged table")
+            lines.append(f"in no merged table, without a place: {counted(self.left_out, 'sign')}")
         lines += self.vectors[:_MOST_LISTED]
         if (more := len(self.vectors) - _MOST_LISTED) > 0:
             lines.append(f"... and {more} more such drives")

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.fleet.engine import DaskEngine, Engine, ProcessEngine, WorkerDeathError
 from wayside.pipeline.fleet.folders import is_merged, locked_inventory
 from wayside.pipeline.fleet.manifest import (
@@ -154,7 +155,7 @@ def _carry_out(tasks: Sequence[Task], open_engine: OpenEngine, book: _Book) -> N
                 len(book.given()),
             )
             raise InterruptionError(
-                f"interrupted: {done} of {total} logs are done. The same command continues from here."
+                f"interrupted: {done} of {counted(total, 'log')} done. The same command continues from here."
             ) from error
         raise
     finally:

@@ -6,6 +6,7 @@ from collections import Counter
 from datetime import datetime, timedelta
 from pathlib import Path
 
+from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.fleet.folders import is_merged, is_under_way, open_inventory
 from wayside.pipeline.fleet.manifest import ENDED, LOGS, MANIFEST, QUARANTINE, Manifest, State
 
@@ -15,7 +16,7 @@ _MOST_LISTED = 20
 def describe_progress(manifest: Manifest, now: float) -> str:
     """How far a fleet is at a time, seconds since 1970, in a line; rate and time left are of its own logs, by bytes."""
     counts = Counter(entry.state for entry in manifest.logs.values())
-    words = [f"{counts[State.DONE]} of {len(manifest.logs)} logs done"]
+    words = [f"{counts[State.DONE]} of {counted(len(manifest.logs), 'log')} done"]
     if counts[State.QUARANTINED]:
         words.append(f"{counts[State.QUARANTINED]} in quarantine")
     own = [entry for entry in manifest.logs.values() if entry.since >= manifest.started]
@@ -42,10 +43,12 @@ def format_status(inventory: Path) -> str:
     lines = [
         f"{inventory}: {told}",
         describe_progress(manifest, manifest.updated),
-        f"{images} images, {rows} rows of signs before merging",
+        f"{counted(images, 'image')}, {counted(rows, 'row')} of signs before merging",
     ]
     if lost := sum(entry.state == State.DONE and entry.status != 0 for entry in entries):
-        lines.append(f"{lost} logs done with parts lost: see `accounting` in their run.json")
+        lines.append(
+            f"{counted(lost, 'log')} done with parts lost: see `accounting` in their run.json"
+        )
     lines.append(f"panels: {_merging(inventory, manifest, running=running)}")
     lines += _listed("drives off by a vector", list(manifest.vectors))
     at_work = [

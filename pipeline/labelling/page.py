@@ -13,11 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from wayside.pipeline.evidence.crops import Crop, read_crops, read_times
+from wayside.pipeline.evidence.crops import Crop, cut, read_boxes, read_times
 from wayside.pipeline.evidence.marks import class_words
 from wayside.pipeline.files.pictures import data_address, encode_webp, is_marked
 from wayside.pipeline.files.writing import not_written, write_file
@@ -45,6 +46,8 @@ COLOR_KEYS = dict(zip((*COLORS, None), "123456789L0", strict=True))
 SHAPE_KEYS = dict(zip((*SHAPES, None), "RDOTCPFHXKZ", strict=True))
 _PROPORTION, _LARGEST = 4 / 3, (400, 300)
 _WEBP_QUALITY = 80
+_SCENE_PX, _SCENE_QUALITY = 640, 60
+"""Width of the whole image beside a crop: enough to tell where on the road it is."""
 Watcher = Callable[[int, int], None]
 
 
@@ -216,9 +219,14 @@ def write_page(
     images: dict[str, dict[str, Any]] = {}
     watch(0, len(items))
     boxes = ((item.name, item.shown.frame, item.shown.box) for item in items)
-    for shown, crop in read_crops(out, log, boxes, _PROPORTION):
-        if crop is not None:
-            images[shown] = _image(crop)
+    scenes: dict[int, str] = {}
+    for shown, image, box in read_boxes(out, log, boxes):
+        if image.rgb is not None:
+            images[shown] = _image(cut(image.rgb, box, _PROPORTION)) | {
+                "place": _percent(image.rgb, box)
+            }
+            if image.frame.index not in scenes:
+                scenes[image.frame.index] = _scene(image.rgb)
         watch(len(images), len(items))
     name, fingerprint = str(run.get("log", "")), run.get("log_fingerprint") or ""
     mark = f"wayside label {name} {fingerprint}".strip()
@@ -232,6 +240,7 @@ def write_page(
         ],
         "colors": _choices(COLOR_KEYS),
         "shapes": _choices(SHAPE_KEYS),
+        "scenes": scenes,
         "items": [_entry(item, times_ns) | images.get(item.name, {}) for item in items],
     }
     singles = sum(item.name.startswith("box ") for item in items)
@@ -248,14 +257,25 @@ def write_page(
 
 def _image(crop: Crop) -> dict[str, Any]:
     """A crop as WebP, no larger than a page needs it, and its box in percent (left, top, width, height)."""
-    height, width = crop.rgb.shape[:2]
-    x0, y0, x1, y1 = crop.box
+    small = crop if crop.rgb.shape[1] <= _LARGEST[0] else crop.scaled_to(*_LARGEST)
+    address = data_address(encode_webp(small.rgb, _WEBP_QUALITY))
+    return {"outline": _percent(crop.rgb, crop.box), "image": address}
+
+
+def _percent(rgb: NDArray[np.uint8], box: Box) -> list[float]:
+    """Left, top, width and height of a box in percent of an image."""
+    height, width = rgb.shape[:2]
+    x0, y0, x1, y1 = box
     outline = (x0 / width, y0 / height, (x1 - x0) / width, (y1 - y0) / height)
-    small = crop if width <= _LARGEST[0] else crop.scaled_to(*_LARGEST)
-    return {
-        "outline": [round(100 * value, 2) for value in outline],
-        "image": data_address(encode_webp(small.rgb, _WEBP_QUALITY)),
-    }
+    return [round(100 * value, 2) for value in outline]
+
+
+def _scene(rgb: NDArray[np.uint8]) -> str:
+    """The address of a whole image, no larger than a page needs it."""
+    height, width = rgb.shape[:2]
+    size = min(width, _SCENE_PX), min(height, round(_SCENE_PX * height / width))
+    small = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return data_address(encode_webp(small, _SCENE_QUALITY))
 
 
 def _choices(keys: Mapping[str | None, str]) -> list[dict[str, str | None]]:

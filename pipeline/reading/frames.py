@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.reading.image_headers import frame_of
 from wayside.pipeline.reading.messages import Kind
 from wayside.pipeline.reading.plan import Plan, plan_reading, shortened
@@ -136,7 +137,7 @@ class _Reader:
         for topic in (t for t in (*read, *plan.survey.of_kind(*kinds)) if t.failed):
             report.add_problem(
                 topic.failed_offset,
-                f"{topic.failed} messages of {shortened(topic.name)} lost: they cannot be decoded or used "
+                f"{counted(topic.failed, 'message')} of {shortened(topic.name)} lost: they cannot be decoded or used "
                 f"({topic.fault})",
             )
         report.notes += [*report.unchecked, *self.selection.notes(), *self.images.notes()]
@@ -157,14 +158,14 @@ class _Reader:
         if report.statuses[OTHER_CAMERA]:
             names = ", ".join(sorted(map(shortened, plan.other_cameras)))
             report.notes.append(
-                f"{report.statuses[OTHER_CAMERA]} images of {shortened(plan.camera.name)} are of another camera "
+                f"{counted(report.statuses[OTHER_CAMERA], 'image')} of {shortened(plan.camera.name)} of another camera "
                 f"(frame_id {names}, not {shortened(plan.camera_frame)}): left out; record each camera on a topic "
                 "of its own"
             )
         if report.statuses[NO_POSITION]:
             report.notes.append(
-                f"{report.statuses[NO_POSITION]} images have no pose or fix near their time and are left out; "
-                "--spacing uses them"
+                f"{counted(report.statuses[NO_POSITION], 'image')} left out, without a pose or fix near in time; "
+                "with --spacing all are used"
             )
         if report.statuses[WRONG_SIZE] and not used:
             size, camera = plan.camera.image_size, self.timeline.cameras[self.timeline.order[-1]]

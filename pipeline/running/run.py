@@ -19,7 +19,7 @@ from wayside.pipeline.code_words import system_notes
 from wayside.pipeline.files.output_folder import RECORDING, OutputFolder
 from wayside.pipeline.files.route_file import open_routes, route_notes
 from wayside.pipeline.files.settings_file import settings_digest
-from wayside.pipeline.files.visible_text import visible
+from wayside.pipeline.files.visible_text import counted, visible
 from wayside.pipeline.files.writing import create, not_written
 from wayside.pipeline.labels.box_accounting import BoxAccounting, paired
 from wayside.pipeline.models.model_files import Models, learned_from
@@ -127,13 +127,13 @@ class RunResult:
     def lost(self) -> list[str]:
         """Parts of the input that could not be used though they should have been, in words."""
         words = (
-            (UNDECODABLE, "do not decode"),
-            (DAMAGED, "are damaged: they decode in part only"),
-            (WRONG_SIZE, "have another size than the calibration of their time"),
-            (TURNED, "are to be shown turned by their Exif orientation, unlike the first"),
-            (NO_CALIBRATION, "have no calibration"),
+            (UNDECODABLE, "not decoded"),
+            (DAMAGED, "damaged and decoded in part only"),
+            (WRONG_SIZE, "of another size than the calibration of that time"),
+            (TURNED, "to be shown turned by the Exif orientation, unlike the first"),
+            (NO_CALIBRATION, "without calibration"),
         )
-        images = [f"{self.frames[s]} images {w}" for s, w in words if self.frames.get(s)]
+        images = [f"{counted(self.frames[s], 'image')} {w}" for s, w in words if self.frames.get(s)]
         return [*(str(problem) for problem in self.report.problems), *images]
 
 

@@ -7,7 +7,7 @@ const dots = new Map(Array.from(document.querySelectorAll("[data-for]"), dot => 
 const map = document.querySelector(".map");
 const about = JSON.parse(at("about").textContent);
 const prefix = "wayside review " + about.log + " ", store = prefix + about.result + " " + about.seed, told = "reviewed";
-const defaults = { id: "", color: "", shape: "", code: "", status: "", review: "", confidence: "0", sort: "station" };
+const defaults = { find: "", color: "", shape: "", code: "", status: "", review: "", confidence: "0", sort: "station" };
 let said = new Map();
 let missing = [];
 let decided = new Set();  // by their words
@@ -27,7 +27,7 @@ const orders = {
 
 function fits(card) {
   const least = Number(fields.confidence.value);
-  return card.dataset.id.includes(fields.id.value.trim().toLowerCase())
+  return fields.find.value.toLowerCase().split(" ").every(word => card.dataset.find.includes(word))
     && ["color", "shape", "code", "status"].every(name => !fields[name].value || fields[name].value === card.dataset[name])
     && (!fields.review.value || fields.review.value === (card.dataset.review || "none"))
     && (least === 0 || number(card, "confidence", -1) >= least);
@@ -265,6 +265,7 @@ function place(pageX, pageY) {
 function adding(on) {
   at("add").setAttribute("aria-pressed", String(on));
   map.classList.toggle("adding", on);
+  if (on) map.scrollIntoView({ block: "nearest" });
 }
 
 function addAt(value, right) {
@@ -381,4 +382,5 @@ state = snapshot();
 draw();
 at("fold").addEventListener("click", () => at("fold").setAttribute("aria-expanded", String(!form.classList.toggle("folded"))));
 form.hidden = at("review").hidden = false;
+if (map) zoomable(map, about.map);
 fromAddress();

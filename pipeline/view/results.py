@@ -133,12 +133,14 @@ def recordings_of(out: Path, log: Path | None) -> Recordings:
     return Recordings(path, recording_id, imported, run.get("camera_topic"))
 
 
-def open_result(out: Path, target: Target, log: Path | None, *, serve: bool) -> None:
+def open_result(
+    out: Path, target: Target, log: Path | None, *, serve: bool, web_port: int | None = None
+) -> None:
     """Open the recording in a viewer; in a window at the target. It stays open when this program ends."""
     found = recordings_of(out, log)
     with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
         files = found.files(target, Path(scratch))
-        address = start_viewer(files, found.recording_id, serve=serve)
+        address = start_viewer(files, found.recording_id, serve=serve, web_port=web_port)
     if not serve:  # a server takes no orders about what its browsers show
         client = ViewerClient.connect(address)
         wait_until_loaded(client)

@@ -70,12 +70,19 @@ def probe(address: str) -> str:
     return full
 
 
-def start_viewer(files: Sequence[Path] = (), recording_id: str = "", *, serve: bool = False) -> str:
+def start_viewer(
+    files: Sequence[Path] = (),
+    recording_id: str = "",
+    *,
+    serve: bool = False,
+    web_port: int | None = None,
+) -> str:
     """Start a viewer with a window, or with `serve` one for the browser; its address.
 
     It listens on loopback only and continues when this program ends. Its address, and how to end it, are printed on
     stderr. `files`: shown in this order, as parts of the recording of this id. Without files, the run sends the data.
-    Raises InputError if there is no display, OutputError if the viewer does not come up.
+    `web_port`: of the page, None: a free one. Raises InputError if there is no display, UsageError if the port is in
+    use, OutputError if the viewer does not come up.
     """
     display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if not serve and sys.platform == "linux" and not display:
@@ -83,7 +90,7 @@ def start_viewer(files: Sequence[Path] = (), recording_id: str = "", *, serve: b
             "the viewer's window needs a display, and DISPLAY is not set. Use --serve for a browser, `wayside "
             "picture` for a PNG, or copy the .rrd to a desktop."
         )
-    port, web = _free_ports(2)
+    port, web = _free_ports(0, web_port or 0)
     options = ["--serve-web", "--web-viewer-port", str(web)] if serve else []
     process = _start(port, options, {})
     address = f"rerun+http://{LOOPBACK}:{port}/proxy"
@@ -105,7 +112,7 @@ def headless(
 
     Raises OutputError if no software Vulkan is installed, or the viewer does not come up.
     """
-    (port,) = _free_ports(1)
+    (port,) = _free_ports(0)
     options = ["--headless", "--window-size", f"{size[0]}x{size[1]}"]
     vulkan = {"WGPU_BACKEND": "vulkan", "VK_ICD_FILENAMES": str(software_vulkan())}
     process = _start(port, options, vulkan)
@@ -202,10 +209,13 @@ def import_log(log: Path, recording_id: str, target: Path) -> None:
         raise InputError(f"{log}: Rerun cannot import the log: {found}")
 
 
-def _free_ports(count: int) -> list[int]:
-    """Different ports of loopback that nobody listens at."""
+def _free_ports(*wanted: int) -> list[int]:
+    """Different ports of loopback that nobody listens at, any for 0; raises UsageError for one that is in use."""
     with contextlib.ExitStack() as held:
-        sockets = [held.enter_context(socket.create_server((LOOPBACK, 0))) for _ in range(count)]
+        try:
+            sockets = [held.enter_context(socket.create_server((LOOPBACK, one))) for one in wanted]
+        except OSError as error:
+            raise UsageError(f"--port: {error.strerror}. Choose another port.") from error
         return [int(one.getsockname()[1]) for one in sockets]
 
 

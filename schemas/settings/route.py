@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from wayside.schemas.routes import MEASURE_UNITS
 from wayside.schemas.settings.field import setting
@@ -33,6 +34,12 @@ class RouteSettings:
     column: str = setting(
         "", "", "column of `file` that names the route; empty: the first of the usual names"
     )
+
+    def measured(self, station_m: float) -> dict[str, Any]:
+        """Route, measure and its unit so far along the path by the milepost, by the names of their columns."""
+        along = (-1.0 if self.decreasing else 1.0) * station_m / MEASURE_UNITS[self.unit]
+        unit = {"measure": self.milepost + along, "measure_unit": self.unit}
+        return {"route": self.name or None} | unit
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from wayside.schemas.frame import EARTH_RADIUS_M
-from wayside.schemas.routes import MEASURE_UNITS, RouteSegments
+from wayside.schemas.routes import RouteSegments
 from wayside.schemas.settings import RouteSettings
 from wayside.schemas.signs import Sign
 from wayside.stages.georeference.path import DrivePath
@@ -49,12 +49,8 @@ def measure_along_route(
 
 
 def _by_milepost(signs: Iterator[Sign], settings: RouteSettings) -> Iterator[Sign]:
-    sense = -1.0 if settings.decreasing else 1.0
     for sign in signs:
-        measure = settings.milepost + sense * sign.station_m / MEASURE_UNITS[settings.unit]
-        yield replace(
-            sign, route=settings.name or None, measure=measure, measure_unit=settings.unit
-        )
+        yield replace(sign, **settings.measured(sign.station_m))
 
 
 def _by_lines(listed: list[Sign], path: DrivePath, segments: RouteSegments) -> Iterator[Sign]:

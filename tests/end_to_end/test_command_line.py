@@ -75,7 +75,8 @@ def test_1_a_fault_of_wayside_names_the_stage_and_the_frame(command, tmp_path, m
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("run",), "Missing argument 'LOG...'"),
+        (("run",), "missing: LOG..., --out. --help"),
+        (("changes", "inventory", "--after", "2025"), "missing: --before, --out."),
         (("run", DEMO, "-o", "out", "--preset", "best"), "'best' is not one of"),
         (("run", DEMO, "-o", "out", "--set", "segment.clusters=many"), "segment.clusters"),
         (("run", DEMO, "-o", "out", "--spacing", "8 parsecs"), "8 parsecs"),
@@ -122,7 +123,7 @@ def test_4_images_of_another_size_than_their_calibration_are_lost_and_said_so(
     done = command("run", log, *SHORT, "-o", tmp_path / "out")
     assert done.returncode == 4, done.stderr
     assert "2 used, 21 outside, 1 wrong_size" in done.stdout
-    assert "1 images have another size than the calibration of their time" in done.stdout
+    assert "1 image of another size than the calibration of that time" in done.stdout
 
 
 def test_5_a_folder_that_cannot_be_written_is_named(command, tmp_path):

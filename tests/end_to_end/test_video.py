@@ -13,7 +13,7 @@ from mcap.writer import Writer as McapWriter
 from mcap_protobuf.writer import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from wayside.pipeline.logs.information import describe_log
+from wayside.pipeline.logs.information import format_log, inspect_log
 from wayside.pipeline.reading import video
 from wayside.pipeline.reading.calibrations import format_camera
 from wayside.pipeline.reading.contents import ImageContent
@@ -99,7 +99,7 @@ def test_every_picture_of_a_video_is_decoded_in_order_with_its_size(tmp_path, pr
     for frame, rgb in zip(frames, shown, strict=True):
         assert_alike(frame, rgb)
     assert report.notes == []
-    words = describe_log(log)
+    words = format_log(inspect_log(log))
     assert f"10 images, {WIDTH} x {HEIGHT}, h264" in words
 
 
@@ -174,7 +174,7 @@ def test_without_pyav_the_log_is_described_and_what_to_install_is_said(tmp_path,
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(InputError, match=r"pip install 'wayside\[video\]'"):
         read(log)
-    assert "wayside[video]" in describe_log(log)
+    assert "wayside[video]" in format_log(inspect_log(log))
 
 
 @pytest.mark.parametrize("cut", range(1, 30, 3))

@@ -35,7 +35,7 @@ def in_browser():
     return _run_page
 
 
-def _run_page(page, script, fragment="", profile=None, width=800):
+def _run_page(page, script, fragment="", profile=None, width=1280):
     """What a script (the body of an async function; `press(key)` types) returns in a copy of the page beside it.
 
     profile: folder of a browser profile, kept between calls; None: a new one. width: of the window, pixels.
@@ -43,8 +43,8 @@ def _run_page(page, script, fragment="", profile=None, width=800):
     copy = page.with_name(f"{page.stem}.tested.html")
     copy.write_text(page.read_text("utf-8").replace("</body>", _HARNESS % script), "utf-8")
     command = [str(_FOUND), "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"]
-    command += ["--virtual-time-budget=20000", "--disable-dev-shm-usage"]
-    command.append(f"--window-size={width},844")
+    command += [f"--window-size={width},844", "--virtual-time-budget=20000"]
+    command.append("--disable-dev-shm-usage")
     if profile is not None:
         command.append(f"--user-data-dir={profile}")
     done = subprocess.run(

@@ -3,11 +3,13 @@
 import json
 import math
 import re
+from functools import partial
 from html import unescape
 from pathlib import Path
 from urllib.parse import quote, unquote
 
 import cv2
+import mercantile
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -17,7 +19,7 @@ from hypothesis import strategies as st
 from wayside.pipeline.evidence.crops import ACCENT, cut, draw_crop, read_crops
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
 from wayside.pipeline.evidence.maps import error_ellipse, fit, panel_line
-from wayside.pipeline.evidence.marks import OUTLINES, UNKNOWN, figures_of
+from wayside.pipeline.evidence.marks import OUTLINES, UNKNOWN, US, figures_of
 from wayside.pipeline.evidence.sheet import BIG, LEFT, PROPORTION, TILE, TOP, WIDTH
 from wayside.pipeline.evidence.write import write_evidence
 from wayside.pipeline.models.model_files import load_models
@@ -220,29 +222,38 @@ def test_views_are_the_measured_ones_in_order_with_their_range_else_the_best_box
 def test_views_that_do_not_decode_or_that_the_log_lacks_are_left_empty(out, tmp_path, made, lost):
     log = make_log(tmp_path, **made)
     words = results.invoke("evidence", out, "--log", log, status=4)
-    assert f"{lost} views have no image" in words
+    assert ["1 view has", "2 views have"][lost - 1] + " no image" in words
     assert len(list((out / "evidence").iterdir())) == 3 + 1
 
 
+def with_fixes(rows, turn=0.0):
+    for row in rows:
+        east = row["x"] * math.cos(turn) - row["y"] * math.sin(turn)
+        north = row["x"] * math.sin(turn) + row["y"] * math.cos(turn)
+        row["lat_deg"] = 38.5 + north / 111e3
+        row["lon_deg"] = -98.5 + east / (111e3 * math.cos(math.radians(38.5)))
+
+
 @pytest.mark.parametrize("turn_deg", [0.0, 70.0, -160.0])
-def test_maps_say_where_north_is_where_the_fixes_tell(out, tmp_path, sheets, turn_deg):
+def test_north_is_up_on_all_maps_where_the_fixes_tell_it(out, tmp_path, sheets, turn_deg):
     """Of a drive whose own frame is turned against east by some angle; and of one without fixes."""
-    assert "<title>north</title>" not in sheets.index.read_text("utf-8")
-    assert gather(out, NEAR)[0].north is None
+    assert ">north</text>" not in sheets.index.read_text("utf-8")
+    assert gather(out, NEAR)[0].globe is None
     turn = math.radians(turn_deg)
-
-    def place(rows):
-        for row in rows:
-            east = row["x"] * math.cos(turn) - row["y"] * math.sin(turn)
-            north = row["x"] * math.sin(turn) + row["y"] * math.cos(turn)
-            row["lat_deg"] = 38.5 + north / 111e3
-            row["lon_deg"] = -98.5 + east / (111e3 * math.cos(math.radians(38.5)))
-
-    change_rows(out, FRAMES, place)
-    assert gather(out, NEAR)[0].north == pytest.approx([math.sin(turn), math.cos(turn)], abs=1e-3)
-    index = write_evidence(out, tmp_path / "sheets").index.read_text("utf-8")
-    shown = float(re.search(r"rotate\((-?[0-9.]+)\)\"><title>north", index)[1])
-    assert shown == pytest.approx(turn_deg, abs=0.2)  # the path runs to the right, along x
+    change_rows(out, FRAMES, partial(with_fixes, turn=turn))
+    globe = gather(out, NEAR)[0].globe
+    assert [8.0, 0.0] @ globe.turn == pytest.approx(
+        [8 * math.cos(turn), 8 * math.sin(turn)], abs=0.02
+    )
+    assert (globe.lon_deg, globe.lat_deg) == pytest.approx((-98.5, 38.5), abs=1e-7)
+    assert 1 / globe.lat_deg_per_m == pytest.approx(111e3, rel=1e-3)
+    for page in (lambda written: written.index, lambda written: written.sheets[0]):
+        text = page(write_evidence(out, tmp_path / "sheets")).read_text("utf-8")
+        assert ">north</text>" in text
+        path = re.search(r'class="path" points="([^"]*)"', text)[1].split()
+        (x0, y0), (x1, y1) = (map(float, point.split(",")) for point in (path[0], path[-1]))
+        up = math.degrees(math.atan2(y0 - y1, x1 - x0))
+        assert (up - turn_deg + 180) % 360 - 180 == pytest.approx(0, abs=0.5)
 
 
 def later(rows):
@@ -304,7 +315,8 @@ def test_the_index_refers_to_nothing_but_the_sheets_beside_it(sheets):
             assert unquote(reference[1:]) in ids
         elif not reference.startswith("data:image/webp;base64,"):
             assert (sheets.index.parent / unquote(reference)).is_file()
-    assert not re.search(r"https?:|@import|url\(", text)
+    basemaps = re.findall(r'<option value="https:[^"]*"', text)
+    assert len(basemaps) == len(re.findall(r"https?:|@import|url\(", text)) == 3
 
 
 def test_cards_carry_what_the_filters_ask_for_and_the_summary_counts_as_the_run_does(sheets):
@@ -374,15 +386,103 @@ def test_previous_and_next_go_along_what_the_filters_show(out, tmp_path, in_brow
     ]
 
 
-def test_filters_are_folded_on_a_phone_until_asked_for(out, tmp_path, in_browser):
-    index = write_evidence(out, tmp_path / "sheets").index
-    script = """
+@pytest.mark.parametrize("width", [390, 1280])
+def test_a_view_of_a_sheet_is_enlarged_and_put_back(sheets, in_browser, width):
+    seen = in_browser(
+        sheets.sheets[0],
+        """
+        const view = document.querySelector(".small figure button"), before = view.firstChild.width;
+        view.click();
+        const shown = large.querySelector("img");
+        await shown.decode();
+        press("ArrowRight");  // leads to no other sign now
+        const found = [large.open, shown.src === view.firstChild.src, shown.width > 1.2 * before];
+        const fits = shown.getBoundingClientRect().right <= innerWidth;
+        found.push(fits, document.documentElement.scrollWidth <= innerWidth);
+        shown.click();
+        return [...found, large.open];
+        """,
+        width=width,
+    )
+    assert seen == [True] * 5 + [False]
+
+
+def test_filters_are_folded_on_a_phone_until_asked_for(sheets, in_browser):
+    seen = in_browser(
+        sheets.index,
+        """
         const visible = () => Array.from(form.querySelectorAll("label"), one => one.offsetParent !== null);
-        const found = [visible().some(Boolean), at("fold").getAttribute("aria-expanded")];
-        at("fold").click();
-        return [...found, visible().every(Boolean), at("fold").getAttribute("aria-expanded")];
-    """
-    assert in_browser(index, script, width=390) == [False, "false", True, "true"]
+        const fold = at("fold");
+        const found = [visible().some(Boolean), getComputedStyle(fold).display, fold.getAttribute("aria-expanded")];
+        fold.click();
+        return [...found, visible().every(Boolean), fold.getAttribute("aria-expanded")];
+        """,
+        width=390,
+    )
+    assert seen == [False, "block", "false", True, "true"]
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_a_sign_is_found_by_words_and_placed_by_a_tap_on_the_zoomed_map(
+    out, tmp_path, in_browser, width
+):
+    """Dispatches what a finger does: a tap adds a sign, a drag moves the map and adds none."""
+    change_rows(
+        out, SIGNS, lambda rows: rows[0].update(route="K-18", measure=7.25, measure_unit="mi")
+    )
+    change_rows(out, FRAMES, with_fixes)
+    index = write_evidence(out, tmp_path / "sheets", units=US).index
+    seen = in_browser(
+        index,
+        """
+        const near = Array.from(byId.keys())[0], found = [];
+        for (const words of ["k-18 7.2", "nowhere", ""]) {
+          fields.find.value = words;
+          fields.find.dispatchEvent(new Event("input", { bubbles: true }));
+          found.push(cards.filter(card => !card.hidden).map(card => card.id));
+        }
+        const rect = () => dots.get(near).getBoundingClientRect();
+        const before = rect(), bar = () => map.querySelector(".foot text").textContent, bars = [bar()];
+        const touch = (kind, clientX, clientY) =>
+          map.dispatchEvent(new PointerEvent(kind, { pointerId: 1, clientX, clientY, bubbles: true }));
+        const tap = (x, y, dx = 0) => {
+          touch("pointerdown", x, y);
+          touch("pointermove", x + dx, y);
+          touch("pointerup", x + dx, y);
+          map.dispatchEvent(new MouseEvent("click", { bubbles: true, cancelable: true, clientX: x + dx, clientY: y }));
+        };
+        const middle = one => [one.left + one.width / 2, one.top + one.height / 2];
+        at("add").click();
+        for (let i = 0; i < 12; i++) {
+          const [clientX, clientY] = middle(rect());
+          map.dispatchEvent(new WheelEvent("wheel", { deltaY: -100, clientX, clientY, cancelable: true }));
+        }
+        bars.push(bar());
+        tap(...middle(rect()), 60);
+        const dragged = missing.length;
+        tap(...middle(rect()));
+        const tiles = () => Array.from(map.querySelectorAll(".tiles image"), one => one.getAttribute("href"));
+        const quiet = tiles(), base = document.querySelector(".zoom select");
+        base.value = base.options[1].value;
+        base.dispatchEvent(new Event("change"));
+        return { found, bars, dragged, missing, quiet, tiles: tiles(), size: [before.width, rect().width],
+          wide: document.documentElement.scrollWidth - innerWidth };
+        """,
+        width=width,
+    )
+    assert seen["found"] == [[NEAR], [], [NEAR, FAR, BARE]]
+    assert all(words.endswith(" ft") for words in seen["bars"])
+    assert float(seen["bars"][0].split()[0]) > 4 * float(seen["bars"][1].split()[0])
+    assert seen["dragged"] == 0
+    (missing,) = seen["missing"]
+    assert (missing["x"], missing["y"]) == pytest.approx((40.0, -6.0), abs=0.1)
+    assert seen["size"][0] == pytest.approx(seen["size"][1], abs=1)  # dots keep their size
+    assert seen["quiet"] == []
+    east, north = 40.0, -6.0
+    lat, lon = 38.5 + north / 111e3, -98.5 + east / (111e3 * math.cos(math.radians(38.5)))
+    shown = {tuple(map(int, re.findall(r"\d+", one)[-3:])) for one in seen["tiles"]}
+    assert any(mercantile.tile(lon, lat, level) == (x, y, level) for level, x, y in shown)
+    assert seen["wide"] <= 0
 
 
 @pytest.mark.parametrize("width", [1300, 390])
@@ -581,6 +681,15 @@ def test_what_is_not_known_is_said_to_be_unknown_and_a_route_is_told_where_it_is
     assert "Route" not in {figure.label for figure in figures()}
     known = figures(route="US-36 EB", measure=12.3456, measure_unit="mi")
     assert known[0].value == "US-36 EB, 12.346 mi"
+
+
+def test_pages_take_a_milepost_and_feet_that_the_run_did_not_have(out):
+    results.invoke("evidence", out, "--units", "us", "--route", "K-18", "--milepost", "7")
+    text = (out / "evidence" / f"{NEAR}.html").read_text("utf-8")
+    for words in ("K-18, 7.025 mi", "131.23 ft", "± 0.98 ft", "31.5 in"):  # of 40 m, 0.3 m, 0.8 m
+        assert words in text
+    assert " m<" not in text
+    assert "K-18, 7.025 mi" in (out / "evidence" / "index.html").read_text("utf-8")
 
 
 def test_nothing_is_less_than_zero_by_less_than_is_shown():

@@ -124,6 +124,18 @@ def test_pictures_and_sheets_come_along(tmp_path):
         np.testing.assert_allclose(image[5, 5], [100, 15, 20], atol=6)
 
 
+def test_a_route_given_at_the_export_is_that_of_the_rows_and_the_result_stays(out, tmp_path):
+    route = ["--route", "K-18", "--milepost", "100km", "--decreasing"]
+    export(out, "-f", "csv", *route)
+    rows = read_csv(out / "signs.csv")
+    shown = {(row["route"], float(row["measure"]), row["measure_unit"]) for row in rows}
+    assert shown == {("K-18", 100 - 0.3048, "km")}
+    export(out, "-o", tmp_path / "before.csv")
+    assert read_csv(tmp_path / "before.csv")[0]["route"] == "US-36 EB"
+    with pytest.raises(UsageError, match="its route is missing"):
+        export(out, "-f", "csv", *route[2:])
+
+
 def test_a_geopackage_has_every_column_with_its_words_and_the_measured_place(out):
     assert "signs.gpkg: 2 rows" in export(out, "-f", "gpkg", "--all")
     meta, table, points = read_by_gdal(out / "signs.gpkg")

@@ -103,6 +103,11 @@ def test_the_page_needs_nothing_else_and_names_are_escaped(marked):
     left, top, width, height = data["items"][0]["outline"]
     assert 0 <= left < left + width <= 100
     assert 0 <= top < top + height <= 100
+    assert set(data["scenes"]) == {"0", "1"}  # one of each image, for all boxes in it
+    left, top, width, height = data["items"][0]["place"]
+    assert [left * 1.6, top * 1.2, width * 1.6, height * 1.2] == pytest.approx(
+        [14, 40, 16, 16], abs=0.01
+    )
 
 
 def test_every_class_has_a_key_of_its_own():
@@ -149,16 +154,22 @@ def test_what_stands_in_the_place_of_the_page_is_kept(marked, tmp_path):
     assert page_data(page)["items"]
 
 
-def test_a_person_marks_by_keyboard_and_goes_on_another_day(marked, in_browser, tmp_path):
+@pytest.mark.parametrize("width", [390, 1280])
+def test_a_person_marks_by_keyboard_and_goes_on_another_day(marked, in_browser, tmp_path, width):
     profile = tmp_path / "profile"
     first = in_browser(
         marked[1],
         """
         press("s"); press("N"); press("3"); press("d"); press("s"); press("u"); press("b");
         press("ArrowLeft"); press("Backspace"); press("s", document.getElementById("reviewer"));
-        return { saved: saved(), wide: document.documentElement.scrollWidth - innerWidth };
+        const scene = document.querySelector("#scene img");
+        await scene.decode();
+        const [outer, inner] = [scene, document.querySelector("#scene .box")].map(one => one.getBoundingClientRect());
+        return { saved: saved(), wide: document.documentElement.scrollWidth - innerWidth,
+          scene: [scene.naturalWidth, (inner.left - outer.left) / outer.width] };
         """,
         profile=profile,
+        width=width,
     )
     look = [(m["name"], m["kind"], m["color"], m["shape"]) for m in first["saved"]["marks"]]
     assert look == [
@@ -168,6 +179,7 @@ def test_a_person_marks_by_keyboard_and_goes_on_another_day(marked, in_browser, 
         ("box 6", "unsure", None, None),
     ]
     assert first["wide"] <= 0
+    assert first["scene"] == pytest.approx([160, 120 / 160], abs=0.01)  # box 8
     (tmp_path / "m.json").write_text(json.dumps(first["saved"]))
     assert len(read_labels(tmp_path / "m.json").labels) == 5
     again = in_browser(

@@ -1,5 +1,6 @@
 """wayside as a library: the page docs/library.md runs, and what it says holds."""
 
+import ast
 import contextlib
 import io
 import json
@@ -49,6 +50,28 @@ def test_the_page_finds_signs_and_shows_them(page):
     assert list(page["inventory"]) == list(page["again"]) == []  # no frame is left
 
 
+def test_the_notebook_shows_the_signs_and_hands_them_on(tmp_path, monkeypatch):
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "recordings").symlink_to(ROOT / "recordings")
+    monkeypatch.chdir(tmp_path / "docs")
+    names, shown = {}, []
+    for cell in json.loads((ROOT / "docs" / "notebook.ipynb").read_text("utf-8"))["cells"]:
+        if cell["cell_type"] == "code":
+            *body, last = ast.parse("".join(cell["source"])).body
+            exec(compile(ast.Module(body, []), "notebook", "exec"), names)
+            shown.append(eval(compile(ast.Expression(last.value), "notebook", "eval"), names))
+    inventory, points, files, again = shown
+    html, signs = inventory._repr_html_(), inventory.signs.to_pylist()
+    assert len(signs) == len(again) > 3
+    assert html.count("<circle") == html.count("<tr id=") == len(signs)
+    assert ">north</text>" in html
+    assert points["sign_id"].tolist() == [row["sign_id"] for row in signs]
+    assert points.geometry.y.tolist() == [row["lat_deg"] for row in signs]
+    assert points.crs == "EPSG:4326"
+    assert [file.is_file() for file in files] == [True, True]
+    assert "ft right" in files[0].read_text("utf-8")
+
+
 @pytest.mark.parametrize("table", [SIGNS, OBSERVATIONS, FRAMES], ids=lambda t: t.file)
 def test_tables_are_those_of_the_folder(page, table):
     written = pq.read_table(page["folder"] / "out" / "library" / table.file)
@@ -72,6 +95,10 @@ def test_without_a_folder_nothing_stays_on_disk(tmp_path, monkeypatch):
     assert [step.frames for step in steps] == list(range(1, count + 1))
     assert all(0 < step.fraction <= 1 for step in steps)
     assert inventory.about["settings"]["read"]["until_s"] == SHORT["read.until_s"]
+    assert "<svg" in inventory._repr_html_()
+    for write in (inventory.evidence, lambda: inventory.export("signs.csv")):
+        with pytest.raises(UsageError, match="the folder out"):
+            write()
     assert os.listdir(tmp_path) == ["scratch"]
     assert os.listdir(scratch) == []
 

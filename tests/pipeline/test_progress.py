@@ -7,6 +7,7 @@ import time
 
 import pytest
 
+from wayside.pipeline.cli import progress as module
 from wayside.pipeline.cli.progress import COMPILING, FrameProgress, SheetProgress
 from wayside.pipeline.running.run import Run
 
@@ -73,12 +74,30 @@ def test_the_time_goes_on_where_counting_begins_again(terminal, monkeypatch):
             assert f"{done}/183 images 0:00:{seconds:02.0f}" in line
 
 
-def test_where_no_bar_is_shown_compilation_is_told_once_and_nothing_else(monkeypatch):
-    screen = io.StringIO()
-    monkeypatch.setattr(sys, "stderr", screen)
+@pytest.fixture
+def pipe(monkeypatch, capsys):
+    """Make standard error no terminal; returns what has been written to it."""
     monkeypatch.delenv("TTY_COMPATIBLE", raising=False)
     monkeypatch.delenv("FORCE_COLOR", raising=False)
+    return lambda: capsys.readouterr().err
+
+
+def test_where_no_bar_is_shown_compilation_is_told_once_and_nothing_else(pipe):
     with FrameProgress("a.mcap", Run()) as progress:
         for active in (True, False, True, False):
             progress.compiling(active)
-    assert screen.getvalue() == f"wayside: {COMPILING}, takes about a minute\n"
+    assert pipe() == f"wayside: {COMPILING}, takes about a minute\n"
+
+
+def test_where_no_bar_is_shown_a_line_now_and_then_says_how_far_the_work_is(pipe, monkeypatch):
+    monkeypatch.setattr(module, "_TOLD_S", 0.05)
+    run = Run()
+    with FrameProgress("a.mcap", run), SheetProgress("evidence") as sheets:
+        run.report.images_held, run.counts.looked_at, run.counts.settled = 24, 12, 3
+        sheets.watch(7, 20)
+        time.sleep(0.5)
+    said = pipe()
+    assert "a.mcap 12 looked at, 3 of 24 settled\n" in said
+    assert re.search(r"(?m)^evidence 7/20 sheets 0:00:00$", said)
+    time.sleep(0.2)
+    assert not pipe()

@@ -144,6 +144,20 @@ def test_landmarks_need_a_log(pictures, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_labels_that_are_too_few_are_told_before_any_image_is_read(pictures, tmp_path):
+    known, folder = read_labels(pictures[1]), tmp_path / "broken"
+    folder.mkdir()
+    for k in range(12):
+        (folder / f"road_{k}.png").write_text("no image")
+    write_labels(Labels(known.labels[:3], known.complete), tmp_path / "few.parquet")
+    with pytest.raises(InputError) as refused:
+        fit(tmp_path / "few.parquet", "--images", folder, "-o", tmp_path / "models")
+    words = str(refused.value)
+    assert "5 labelled signs of a colour are needed" in words
+    assert "there are 3 blue" in words
+    assert "confidence: not written, 10 labelled signs of a landmark are needed" in words
+
+
 def test_models_of_before_are_not_overwritten_unasked(pictures, tmp_path):
     folder, labels = pictures
     (tmp_path / "color.json").write_text("mine")

@@ -111,7 +111,7 @@ def test_a_place_that_something_nearer_hides_was_not_looked_at(surveyed):
     assert (rows[0]["drive_after"], rows[0]["probability"]) == ("second", None)
     write_page(surveyed.folder, surveyed.folder / "page.html", ("2024", "2025"))
     text = (surveyed.folder / "page.html").read_text()
-    assert "not looked at; hidden from 1 drives, second frame" in text
+    assert "not looked at; hidden from 1 drive, second frame" in text
 
 
 @pytest.mark.parametrize(

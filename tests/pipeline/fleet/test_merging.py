@@ -1,5 +1,7 @@
 """Results of drives to one inventory, and the changes between two surveys of it."""
 
+import csv
+import io
 import json
 import re
 import shutil
@@ -9,11 +11,13 @@ from pathlib import Path
 
 import mercantile
 import numpy as np
+import pyarrow as pa
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 import pytest
 
 from wayside.pipeline.cli import app
+from wayside.pipeline.evidence.marks import US
 from wayside.pipeline.exporting.export import export
 from wayside.pipeline.files import output_folder
 from wayside.pipeline.files.output_folder import DONE, OutputFolder
@@ -269,7 +273,7 @@ def test_a_drive_without_fixes_is_told_and_its_signs_are_counted(surveyed, copie
     report = merge_inventory(drives_of(copied), copied)
     assert report.local_drives == ["y0p0"]
     assert report.left_out == len(surveyed.identities["y0p0"])
-    assert "1 drives have neither satellite fixes nor a milepost" in str(report)
+    assert "without satellite fixes or a milepost: 1 drive: " in str(report)
 
 
 def test_results_of_one_name_and_folders_of_the_user_are_refused(surveyed, tmp_path):
@@ -353,7 +357,7 @@ def test_what_no_drive_of_the_other_survey_had_in_view_is_neither_gone_nor_new(
     captions = re.findall(r"<figcaption>2025: (.*?)(?:, second.*)?</figcaption>", text)
     assert Counter(captions) == {
         "not looked at; not in view of any drive": counts["not_looked_at"],
-        "no panel found; seen by 0 of 1 drives": counts["gone"],
+        "no panel found; seen by 0 of 1 drive": counts["gone"],
     }
 
 
@@ -487,23 +491,64 @@ def test_the_command_writes_the_page_and_says_which_images_no_log_gives(copied, 
     assert app([*SEEN, str(copied), "-o", str(page)], standalone_mode=False) == 4
     said = capsys.readouterr()
     assert "unchanged" in said.out
-    assert "images are not on the page" in said.err
+    assert "no log gives them: " in said.err
     text = page.read_text()
-    assert '<li class="gone">' in text
-    assert '<li class="unchanged">' not in text
+    assert '<li class="gone" id=' in text
+    assert '<li class="unchanged"' not in text
 
 
-def test_the_page_hides_a_kind_of_change_and_needs_no_network(copied, in_browser):
+@pytest.mark.parametrize("width", [390, 1280])
+def test_the_page_hides_a_kind_of_change_and_asks_no_network_unless_a_basemap_is_chosen(
+    copied, in_browser, width
+):
     report = read_changes(copied)
     page = copied / "changes.html"
     write_page(copied, page, ("2024", "2025"))
-    assert "http" not in page.read_text().replace('http-equiv="', "")
+    basemaps = re.findall(r'<option value="https:[^"]*"', page.read_text())
+    assert page.read_text().replace('http-equiv="', "").count("http") == len(basemaps)
     shown = """
       const shown = () => [...document.querySelectorAll("li")].filter(li => li.offsetHeight).length;
+      const seen = dot => dot.getBoundingClientRect().width > 0;
+      const onMap = () => [...map.querySelectorAll("[data-for]")].filter(seen).length;
       const all = shown(), box = document.querySelector("#show-gone");
       box.focus(); box.click();
-      return [document.activeElement.id, all, all - shown(), document.documentElement.scrollWidth <= innerWidth];
+      return [document.activeElement.id, all, all - shown(), onMap(), map.querySelectorAll("image").length,
+        document.documentElement.scrollWidth <= innerWidth];
     """
     kinds = [kind for kind in report.counts if kind not in ("unchanged", "not_looked_at")]
-    expected = ["show-gone", sum(report.counts[k] for k in kinds), report.counts["gone"], True]
-    assert in_browser(page, shown) == expected
+    every, gone = sum(report.counts[k] for k in kinds), report.counts["gone"]
+    assert in_browser(page, shown, width=width) == ["show-gone", every, gone, every - gone, 0, True]
+
+
+def test_a_person_finds_a_change_by_its_code_confirms_it_and_goes_on_another_day(
+    copied, in_browser, tmp_path
+):
+    read_changes(copied)
+    rows = pq.read_table(copied / "changes.parquet").to_pylist()
+    coded = next(row for row in rows if row["change"] == "gone")
+    coded |= {"code_before": "R1-1", "route": "K-18", "measure": 7.25, "measure_unit": "mi"}
+    schema = pq.read_schema(copied / "changes.parquet")
+    pq.write_table(pa.Table.from_pylist(rows, schema=schema), copied / "changes.parquet")
+    page = copied / "changes.html"
+    write_page(copied, page, ("2024", "2025"), units=US)
+    find = """
+      at("find").value = "r1-1 k-18";
+      at("find").dispatchEvent(new Event("input", { bubbles: true }));
+      const card = cards.find(one => !one.hidden), found = [cards.filter(one => !one.hidden).length, card.innerText];
+    """
+    confirm = """
+      card.querySelector("[data-review=confirmed]").click();
+      const note = card.querySelector(".say input");
+      note.value = "=knocked over";
+      note.dispatchEvent(new Event("change", { bubbles: true }));
+      return [...found, asCsv()];
+    """
+    count, words, table = in_browser(page, find + confirm, profile=tmp_path / "profile")
+    assert count == 1
+    assert "gone: R1-1" in words
+    assert "K-18, 7.250 mi" in words
+    (row,) = csv.DictReader(io.StringIO(table))
+    assert (row["panel_before"], row["review"]) == (coded["panel_before"], "confirmed")
+    assert (row["note"], float(row["lon_deg"])) == ("'=knocked over", coded["lon_deg"])
+    again = "await load(new File([JSON.stringify({ reviews: rows() })], 'r.json')); return rows().length;"
+    assert in_browser(page, again, profile=tmp_path / "profile") == 1

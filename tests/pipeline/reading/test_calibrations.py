@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wayside.pipeline.logs.information import describe_log
+from wayside.pipeline.logs.information import format_log, inspect_log
 from wayside.pipeline.reading.calibrations import (
     Region,
     is_rectified,
@@ -41,7 +41,7 @@ def test_the_calibration_of_another_camera_is_refused_by_frame_or_name(new_log, 
     assert first_camera(path, "/right/image").fx == 40.0
     with pytest.raises(InputError, match=r"is of another camera.*right.*--calibration camera.yaml"):
         first_camera(path, "/left/image")
-    text = describe_log(path)
+    text = format_log(inspect_log(path))
     assert "not as it is: there is no calibration of /left/image" in text
 
 

@@ -123,7 +123,7 @@ def test_a_stream_without_a_usable_message_is_told_with_what_it_lacks(new_log):
 def test_an_impossible_height_costs_its_fix_only(new_log):
     frames, report = read(write(new_log, fix=lambda i, p: (*p[:2], 1e15 if i == 7 else p[2])))
     assert all(f.fix is not None and f.fix.altitude_m == pytest.approx(500.0) for f in frames)
-    assert "1 messages of /gps lost" in str(report.problems[0])
+    assert "1 message of /gps lost" in str(report.problems[0])
 
 
 def test_a_calibration_that_becomes_unusable_is_counted_and_the_last_sound_one_kept(new_log):
@@ -181,7 +181,7 @@ def test_images_of_another_camera_between_those_of_one_are_left_out_and_told(new
         "used" if name == "front" else "other_camera" for name in names
     ]
     assert all(f.camera.fx == 40.0 for f in frames if f.used)
-    assert any("8 images of /camera/image are of another camera" in note for note in report.notes)
+    assert any("8 images of /camera/image of another camera" in note for note in report.notes)
     spaced, _ = read(path, spacing_m=8.0)
     assert [f.spacing_m for f in spaced if f.used] == [None, *[8.0] * 15]
 

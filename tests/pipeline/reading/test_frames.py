@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from wayside.pipeline.logs.information import describe_log
+from wayside.pipeline.logs.information import format_log, inspect_log
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import FRAME_STATUSES
@@ -308,7 +308,7 @@ def test_a_log_whose_first_image_is_to_be_shown_turned_is_refused(new_log, diale
     path = log.finish()
     with pytest.raises(InputError, match=r"first image of /camera/image: .* turned by 180 degrees"):
         read(path, spacing_m=8.0)
-    text = describe_log(path)
+    text = format_log(inspect_log(path))
     assert "not as it is: the first image of /camera/image: its Exif orientation" in text
     assert "can be used" not in text
 
@@ -391,7 +391,7 @@ def test_what_a_log_lacks_is_refused_and_told_with_what_helps(new_log, lack):
     path = new_log().drive(4, **{"pose": pose_of} | changes)
     with pytest.raises(InputError, match=refused):
         read(path)
-    text = describe_log(path)
+    text = format_log(inspect_log(path))
     assert told in text
     assert not told or "can be used:" not in text
 

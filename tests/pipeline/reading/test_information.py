@@ -1,4 +1,8 @@
-from wayside.pipeline.logs.information import describe_log
+import json
+
+from wayside.pipeline.logs.information import format_log, inspect_log
+
+from ..results import invoke
 
 PLACES = {
     "pose": lambda index: {"position": [8 * index, 0, 0], "rotation": [0, 0, 0, 1]},
@@ -8,7 +12,7 @@ PLACES = {
 
 def test_a_usable_log_is_described_with_the_command_that_uses_it(new_log, dialect):
     path = new_log(dialect).drive(8, **PLACES)
-    text = describe_log(path)
+    text = format_log(inspect_log(path))
     for words in (
         " 1.8 s, 32 messages",
         "zstd",
@@ -20,11 +24,15 @@ def test_a_usable_log_is_described_with_the_command_that_uses_it(new_log, dialec
         "no damage found",
     ):
         assert words in text
+    facts = json.loads(invoke("info", path, "--json"))
+    assert [one["used_for"] for one in facts["topics"]].count("images") == 1
+    assert facts["cameras"][0]["command"] == f"wayside run {path} -o out"
+    assert facts["cameras"][0]["calibration"]["fx"] == 40.0
 
 
 def test_what_is_missing_stands_in_the_command(new_log):
     path = new_log().drive(8, calibration=None)
-    text = describe_log(path)
+    text = format_log(inspect_log(path))
     command = f"wayside run {path} -o out --calibration camera.yaml --spacing 26.4ft"
     assert f"with what is missing: {command}" in text
     assert "can be used:" not in text
@@ -34,7 +42,7 @@ def test_each_of_several_cameras_has_its_command(new_log):
     log = new_log().calibrated()
     log.add_image(0, topic="/front")
     log.add_image(0, topic="/rear")
-    text = describe_log(log.finish())
+    text = format_log(inspect_log(log.finish()))
     assert "--camera /front -o out" in text
     assert "--camera /rear -o out" in text
 
@@ -43,7 +51,7 @@ def test_damage_is_listed_and_the_rest_described(new_log):
     path = new_log(chunk_size=3000).drive(8, **PLACES)
     content = bytearray(path.read_bytes())
     path.write_bytes(content[: len(content) * 2 // 3])
-    text = describe_log(path)
+    text = format_log(inspect_log(path))
     assert "damaged in 1 place;" in text
     assert "at byte" in text
     assert "can be used:" in text
@@ -53,7 +61,7 @@ def test_of_very_many_topics_a_bounded_number_is_described(new_log):
     log = new_log("json")
     for index in range(300):
         log.add_image(index, topic=f"/c{index}")
-    lines = describe_log(log.finish()).splitlines()
+    lines = format_log(inspect_log(log.finish())).splitlines()
     assert len(lines) < 150
     assert "and 200 more topics" in lines
     assert "and 294 more cameras" in lines

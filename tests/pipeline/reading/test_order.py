@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.pipeline.logs.information import describe_log
+from wayside.pipeline.logs.information import format_log, inspect_log
 from wayside.pipeline.reading import layout, video
 from wayside.pipeline.reading.clocks import pair_times, stream_times
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -128,7 +128,7 @@ def test_a_clock_set_back_into_the_recording_leaves_no_order_and_is_refused(new_
     path = write(new_log, moved(messages(), -size, since))
     with pytest.raises(InputError, match=r"order of the images of /camera/image is not known.*Cut"):
         read(path)
-    assert "is not known" in describe_log(path)
+    assert "is not known" in format_log(inspect_log(path))
 
 
 def test_headers_tell_the_order_where_the_log_clock_was_set_back(new_log):
@@ -195,7 +195,7 @@ def test_poses_or_fixes_for_a_part_only_lose_no_image_behind_the_first(
     frames, report = read(path)
     assert [f.status for f in frames] == ["no_position"] * unused + ["used"] * (COUNT - unused)
     assert report.statuses.get("no_position", 0) == unused
-    lost = "have no pose or fix near their time and are left out"
+    lost = "left out, without a pose or fix near in time"
     assert [n.split()[0] for n in report.notes if lost in n] == [str(unused)] * (unused > 0)
     frames, _ = read(path, spacing_m=8.0)
     assert {f.status for f in frames} == {"used"}
@@ -314,7 +314,7 @@ def test_a_log_that_is_changed_while_it_is_read_is_refused(new_log):
 
 def test_information_tells_of_clocks_before_anything_is_run(new_log):
     path = write(new_log, moved(messages(), 18 * SECOND, topics=("/gps",), log=False))
-    text = describe_log(path)
+    text = format_log(inspect_log(path))
     assert "note: the clock of the fixes of /gps is 18.01 s ahead of that of the images" in text
     assert "can be used: wayside run" in text
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wayside.pipeline.logs.information import describe_log
+from wayside.pipeline.logs.information import format_log, inspect_log
 from wayside.schemas.errors import InputError
 from wayside.stages.imaging import decode
 
@@ -31,7 +31,7 @@ def test_images_that_cannot_be_decoded_are_refused_before_the_run_and_by_info(
     with pytest.raises(InputError, match="none of the images on /raw can be decoded") as error:
         read(path, spacing_m=8.0)
     assert why in str(error.value)
-    text = describe_log(path)
+    text = format_log(inspect_log(path))
     assert why in text
     assert "can be used:" not in text
 

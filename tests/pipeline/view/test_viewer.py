@@ -124,10 +124,16 @@ def test_the_headless_viewer_draws_a_run_and_no_view_reports_an_error(
         (["--frame", "999"], "does not hold this frame, but 0 to"),
         (["--frame", "1", "--sign", "demo-0001"], "both given"),
         (["--over", str(DEMO)], "holds images of its own"),
+        (["--port", "BUSY"], "Choose another port"),
+        (["--no-serve", "--port", "8080"], "Add --serve"),
     ],
 )
-def test_a_sign_or_frame_that_is_not_there_is_named(command, result, asked, words):
-    done = command("view", result, "--serve", *asked)
+def test_a_sign_frame_or_port_that_is_not_there_is_named(command, result, asked, words):
+    with socket.create_server(("127.0.0.1", 0)) as busy:
+        port = str(busy.getsockname()[1])
+        asked = [port if one == "BUSY" else one for one in asked]
+        serve = [] if "--no-serve" in asked else ["--serve"]
+        done = command("view", result, *serve, *(one for one in asked if one != "--no-serve"))
     assert done.returncode == 2
     assert words in done.stderr
 
@@ -193,10 +199,12 @@ def test_what_rerun_cannot_import_is_refused(tmp_path):
 
 def test_a_result_is_served_to_browsers_on_loopback(result):
     code = "from wayside.pipeline.cli import main; main()"
-    line = [sys.executable, "-c", code, "view", str(result), "--serve", "--sign", "demo-0001"]
+    (port,) = viewer._free_ports(0)
+    asked = ["view", str(result), "--serve", "--port", str(port), "--sign", "demo-0001"]
+    line = [sys.executable, "-c", code, *asked]
     done = subprocess.run(line, check=True, capture_output=True, text=True)
     address, pid = re.search(
-        r"(http://127\.0\.0\.1:\d+/)\S*; to end it: kill (\d+)", done.stderr
+        rf"(http://127\.0\.0\.1:{port}/)\S*; to end it: kill (\d+)", done.stderr
     ).groups()
     try:
         with urllib.request.urlopen(address, timeout=10) as answer:
