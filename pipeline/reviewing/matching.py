@@ -228,8 +228,8 @@ def _matched(entries: Sequence[Reviewed], known: KnownResult) -> list[Reviewed |
                 away = math.hypot((row.x or 0.0) - x, (row.y or 0.0) - y)
                 if away < _NEAR_M and _agrees(one, row):
                     score[index, number] = 1 - away / _NEAR_M
-    for index, number in zip(*linear_sum_assignment(score, maximize=True), strict=True):
-        found[index] = rows[number] if score[index, number] > 0 else None
+    for which, row_number in zip(*linear_sum_assignment(score, maximize=True), strict=True):
+        found[which] = rows[row_number] if score[which, row_number] > 0 else None
     return found
 
 
