@@ -15,7 +15,7 @@ from wayside.pipeline.calibration.boards import (
     format_boards,
 )
 from wayside.pipeline.calibration.drives import CalibratedDrive, calibrate_log, format_drive
-from wayside.pipeline.files.writing import refuse, write_file
+from wayside.pipeline.files.writing import not_written, refuse, write_file
 from wayside.pipeline.reading.calibrations import format_camera
 from wayside.schemas.errors import OutputError
 from wayside.schemas.settings import Settings
@@ -76,7 +76,10 @@ def self_calibrated(log: Path, folder: Path, settings: Settings, *, overwrite: b
     found = calibrate_log(log, settings)
     found.require_determined()
     file = folder.absolute() / SELF_CALIBRATION
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise not_written(folder, error) from error
     _write_camera(file, found, "camera", overwrite=overwrite)
     return replace(settings, read=replace(settings.read, calibration=str(file)))
 
