@@ -507,8 +507,8 @@ def test_a_person_corrects_the_inventory_in_the_index(out, tmp_path, in_browser,
         at("undo").click();
         press("e", link(far));
         document.body.dispatchEvent(new KeyboardEvent("keydown", { key: "z", ctrlKey: true, bubbles: true }));
-        const dot = dots.get(near).getBoundingClientRect();
         at("add").click();
+        const dot = dots.get(near).getBoundingClientRect();
         const place = { clientX: dot.left + dot.width / 2, clientY: dot.top + dot.height / 2 };
         map.dispatchEvent(new MouseEvent("click", { bubbles: true, cancelable: true, ...place }));
         missing[0].note = '=a "stop", hidden';
