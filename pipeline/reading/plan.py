@@ -224,7 +224,8 @@ def _choose_calibration(
     faults += [f"{topic.name}, but {topic.fault}" for topic in unread]
     raise InputError(
         f"{survey.path}: there is no calibration of {camera.name}: {'; '.join(faults) or 'none in the log'}"
-        f"{_lost(survey)}. Give it with --calibration camera.yaml (of ROS, OpenCV or Kalibr)."
+        f"{_lost(survey)}. Give it with --calibration camera.yaml (of ROS, OpenCV or Kalibr), or run with "
+        "--self-calibrate."
     )
 
 
