@@ -234,7 +234,7 @@ HOW_TO_EXPORT = {
         str, "csv, gpkg, shp: coordinate reference system.  [default: WGS 84]", metavar="EPSG:..."
     ),
     "log": Option(Path, "mcap, --pictures: where the log lies now, if it has moved."),
-    "every": flag("--all", "All columns; else the twenty that most need."),
+    "all_columns": flag("--all", "All columns; else the twenty that most need."),
     "pictures": flag("--pictures", "gpkg, kmz: with the best image of each sign."),
     "accepted": flag("--accepted", "Without the rows that the review rejects."),
 }
@@ -287,7 +287,7 @@ def export(
         units=given["units"].value,
         crs=given["crs"],
         log=given["log"],
-        every=given["every"],
+        every=given["all_columns"],
         pictures=given["pictures"],
         accepted=given["accepted"],
         route=route_of(given),
