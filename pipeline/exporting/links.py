@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -21,6 +20,7 @@ from wayside.schemas.tables import FRAMES, SIGNS, Column
 
 PICTURE = "picture"
 _SIZE = 320, 240
+_Key = tuple[Path, str]
 _DRIVES_IN_MEMORY = 8
 _COLUMNS = (
     Column("image_name", pa.string(), "", "file of its best image; null: none was imported"),
@@ -42,19 +42,19 @@ def linked(source: Source, file: Path, *, pictures: bool, log: Path | None) -> S
 
     def chunks() -> Iterator[Sequence[Row]]:
         for rows in source.chunks():
-            by_drive: defaultdict[Path, list[Row]] = defaultdict(list)
-            for row in rows:
-                drive = row.get("best_drive")
-                by_drive[source.folder / DRIVES / drive if drive else source.folder].append(row)
-            found: dict[int, Row] = {}
-            for folder, some in by_drive.items():
-                of_sign = links(folder, file.parent)
-                ids = [row.get("best_sign_id") or row["sign_id"] for row in some]
-                seen = {one: of_sign[one]["seen"] for one in ids if one in of_sign}
-                shown = _pictures(folder, seen, log) if pictures else {}
-                for row, one in zip(some, ids, strict=True):
-                    found[id(row)] = row | of_sign.get(one, {}) | {PICTURE: shown.get(one)}
-            yield [found[id(row)] for row in rows]
+            of = [_drive(source.folder, row) for row in rows]
+            shown: dict[_Key, bytes] = {}
+            for drive in dict.fromkeys(drive for drive, _ in of) if pictures else ():
+                known = links(drive, file.parent)
+                own = [key for key in of if key[0] == drive and key[1] in known]
+                boxes: list[tuple[_Key, int, Box]] = [(k, *known[k[1]]["seen"]) for k in own]
+                for key, crop in read_crops(drive, log, boxes, _SIZE[0] / _SIZE[1]):
+                    if crop is not None:
+                        shown[key] = encode_jpeg(draw_crop(crop, _SIZE))
+            yield [
+                row | links(key[0], file.parent).get(key[1], {}) | {PICTURE: shown.get(key)}
+                for row, key in zip(rows, of, strict=True)
+            ]
 
     return replace(
         source,
@@ -82,10 +82,7 @@ def _links(folder: Path, beside: Path) -> dict[str, Row]:
     return found
 
 
-def _pictures(folder: Path, seen: dict[str, tuple[int, Box]], log: Path | None) -> dict[str, bytes]:
-    boxes = ((one, frame, box) for one, (frame, box) in seen.items())
-    return {
-        one: encode_jpeg(draw_crop(crop, _SIZE))
-        for one, crop in read_crops(folder, log, boxes, _SIZE[0] / _SIZE[1])
-        if crop is not None
-    }
+def _drive(folder: Path, row: Row) -> _Key:
+    """The result that shows a sign or panel best, and its sign."""
+    drive = row.get("best_drive")
+    return (folder / DRIVES / drive, row["best_sign_id"]) if drive else (folder, row["sign_id"])
