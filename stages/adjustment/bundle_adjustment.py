@@ -181,8 +181,7 @@ def _linearise(problem: _Problem, estimate: WindowEstimate, iteration: int) -> N
     problem.history[iteration] = (estimate.residuals**2).sum()
     jacobian, own = problem.jacobian, slice(6 * problem.held, 6 * problem.held + 6)
     if iteration < CONSTRAINT_ITERATIONS:
-        estimated = estimate.rotations, estimate.centres
-        constraint_jacobian(estimated, problem.constraints, jacobian)
+        constraint_jacobian(estimate[:2], problem.constraints, jacobian)
         jacobian[:, own] = 0.0
     np.matmul(jacobian.T, jacobian, out=normal.poses)
     np.matmul(-known.ravel(), jacobian, out=normal.poses_right)

@@ -16,11 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.motion import StepPrior
-from wayside.stages.geometry import (
-    halfway_direction,
-    rotation_from_vector,
-    vector_from_rotation,
-)
+from wayside.stages.geometry import halfway_direction, rotation_from_vector, vector_from_rotation
 from wayside.stages.kernels import Array, compiled, require_array
 
 QUADRATIC = 1e6

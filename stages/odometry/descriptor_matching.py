@@ -40,17 +40,23 @@ def match_in_bands(
     require_array(points, "points", np.float64, (m, 2))
     require_array(descriptors, "descriptors", np.uint8, (n, 32))
     require_array(others, "others", np.uint8, (m, 32))
-    partner = np.full(n, -1, np.int64)
+    owner = np.full(m, -1, np.int64)
     if m > 0:
         kinds = descriptors.view(np.uint64), others.view(np.uint64)
-        _match(bands, *kinds, points, farthest, ratio, partner)
-    found = np.flatnonzero(partner >= 0)
-    return np.stack([found, partner[found]], axis=1)
+        _match(bands, *kinds, points, farthest, ratio, owner)
+    found = np.flatnonzero(owner >= 0)
+    pairs = np.stack([owner[found], found], axis=1)
+    return np.asarray(pairs[np.argsort(pairs[:, 0])])
 
 
 @compiled
-def _by_cell(points: Array, low: Array, columns: int, rows: int) -> tuple[Numbers, Numbers]:
-    # Points ordered by cell, row after row, and the place of the first of each cell in that order.
+def _by_cell(points: Array) -> tuple[Numbers, Numbers, Array, int, int]:
+    # Points by cell, row after row; the place of the first of each cell in that order; corner and size of the grid.
+    low, high = points[0].copy(), points[0].copy()
+    for i in range(points.shape[0]):
+        for k in range(2):
+            low[k], high[k] = min(low[k], points[i, k]), max(high[k], points[i, k])
+    columns, rows = int((high[0] - low[0]) / CELL_PX) + 1, int((high[1] - low[1]) / CELL_PX) + 1
     key = np.empty(points.shape[0], np.int64)
     first, order = np.zeros(columns * rows + 2, np.int64), np.empty_like(key)
     for i in range(key.shape[0]):
@@ -61,7 +67,7 @@ def _by_cell(points: Array, low: Array, columns: int, rows: int) -> tuple[Number
     for i in range(key.shape[0]):
         order[first[key[i] + 1]] = i
         first[key[i] + 1] += 1
-    return order, first
+    return order, first, low, columns, rows
 
 
 @compiled
@@ -83,18 +89,10 @@ def _match(
     points: Array,
     farthest: int,
     ratio: float,
-    partner: Numbers,
+    owner: Numbers,
 ) -> None:
-    low, high = np.array([np.inf, np.inf]), np.array([-np.inf, -np.inf])
-    for j in range(points.shape[0]):
-        for k in range(2):
-            low[k], high[k] = min(low[k], points[j, k]), max(high[k], points[j, k])
-    columns, rows = int((high[0] - low[0]) / CELL_PX) + 1, int((high[1] - low[1]) / CELL_PX) + 1
-    order, first = _by_cell(points, low, columns, rows)
-    owner = np.full(points.shape[0], -1, np.int64)
-    candidates = np.empty(points.shape[0], np.int64)
-    distances = np.empty(points.shape[0], np.int64)
-    closest = np.empty(points.shape[0], np.int64)
+    order, first, low, columns, rows = _by_cell(points)
+    candidates, distances, closest = np.empty((3, points.shape[0]), np.int64)
     for i in range(bands.shape[0]):
         u, v, du, dv, length, width = bands[i]
         # the cells that the band's box touches; clipped so that a band outside touches none
@@ -133,6 +131,4 @@ def _match(
                 second = distances[k]
         if least < ratio * second and (owner[winner] < 0 or least < closest[winner]):
             # of several with the same best one the closest keeps it
-            if owner[winner] >= 0:
-                partner[owner[winner]] = -1
-            owner[winner], closest[winner], partner[i] = i, least, winner
+            owner[winner], closest[winner] = i, least

@@ -188,8 +188,7 @@ def _fit(
     patch: Array,
 ) -> float:
     # Gauss-Newton on position (u, v, scale), in position; returns the correlation, 0 where the patch leaves the image.
-    # It ends where the correlation falls: a patch without a place, or one that slides along an edge, goes on to the
-    # limit.
+    # It ends where the correlation falls: a patch that has no place, or slides along an edge, goes on to the limit.
     zncc, last = 0.0, 0.0
     for _ in range(ITERATIONS):
         u, v, scale = position

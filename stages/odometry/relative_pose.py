@@ -9,13 +9,13 @@ from math import radians
 import numpy as np
 
 from wayside.schemas.motion import StepPrior, Ties
-from wayside.stages.adjustment import TIE_ERRORS, tie_scatter
+from wayside.stages.adjustment import TIE_ERRORS, WINDOW_ITERATIONS, tie_scatter
 from wayside.stages.geometry import Schedule, halfway_direction, rays_of_ideal, rotation_from_vector
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.epipolar import EpipolarFit, fit_epipolar, sampson_px
 from wayside.stages.odometry.motion_prior import MotionPrior
 from wayside.stages.odometry.mount import Mount
-from wayside.stages.odometry.pair_adjustment import FINE_LAST_SCALE_PX
+from wayside.stages.odometry.pair_adjustment import FINE_LAST_SCALE_PX, PAIR_GAIN
 from wayside.stages.odometry.tie_points import (
     COARSE_BITS,
     COARSE_RATIO,
@@ -26,10 +26,8 @@ from wayside.stages.odometry.tie_points import (
     register_ties,
 )
 
-FIT_ITERATIONS = 15
-"""Of a fit at most."""
-FIT_GAIN = 1e-4
-"""A fit ends where an iteration lowers the cost by a smaller fraction, as the adjustment does that follows."""
+FIT = Schedule(WINDOW_ITERATIONS, PAIR_GAIN)
+"""Of a fit: ended as the adjustment that follows it."""
 COARSE_SIGMA_PX = 1.0
 """Standard deviation of a matched corner."""
 COARSE_SCALES_PX = 20.0, 5.0, 1.5
@@ -155,7 +153,7 @@ def fit_relative_pose(
         focal_px=focal_px,
         sigma_px=TIE_ERRORS.sigma_px,
         scales_px=(FINE_FIRST_SCALE_PX, FINE_LAST_SCALE_PX),
-        schedule=Schedule(FIT_ITERATIONS, FIT_GAIN),
+        schedule=FIT,
     )
     inlier = np.abs(sampson_px(previous, current, rotation, direction, focal_px)) < INLIER_PX
     return RelativePose(rotation, direction, tied, previous, current, inlier)
@@ -194,7 +192,7 @@ def fit_coarse_motion(
             focal_px=focal_px,
             sigma_px=COARSE_SIGMA_PX,
             scales_px=scales_px,
-            schedule=Schedule(FIT_ITERATIONS, FIT_GAIN),
+            schedule=FIT,
         )
     distances = sampson_px(previous, current, *fit, focal_px)
     return EpipolarFit(*fit), int((np.abs(distances) < COARSE_INLIER_PX).sum())
