@@ -152,7 +152,7 @@ def align_view(template: RectifiedView, view: RectifiedView, weight: Array) -> A
     if np.count_nonzero(weight) < FEWEST_SAMPLES:
         return None
     blur = BLUR * np.sqrt(max((view.depth / template.depth) ** 2 - 1, 1e-6))
-    first = np.asarray(cv2.GaussianBlur(template.grey, (0, 0), blur))
+    first = np.asarray(cv2.GaussianBlur(template.grey, (0, 0), blur), np.float64)
     other, mask = view.grey, weight
     if max(weight.shape) > FULL_SIZE_SAMPLES:
         first, other, mask = (_halved(samples) for samples in (first, other, mask))
