@@ -52,7 +52,6 @@ def test_shift_and_stretch_are_found_whatever_the_light(seed, shift, stretch, ga
 
 
 def test_a_view_of_coarse_pixels_is_aligned_to_where_it_fits_best():
-    # the slope between its samples jumps at each pixel, which whole steps jump across to and fro
     template = np.kron(np.random.default_rng(0).uniform(0, 255, (12, 12)), np.ones((5, 5)))
     coarse = cv2.resize(template, (24, 24), interpolation=cv2.INTER_AREA)
     patch = cv2.resize(coarse, (60, 60), interpolation=cv2.INTER_LINEAR)
