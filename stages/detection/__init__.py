@@ -41,7 +41,7 @@ from wayside.stages.detection.network_proposals import (
     padded,
 )
 from wayside.stages.detection.onnx_detector import OnnxDetector, named_boxes, score_log_odds
-from wayside.stages.detection.proposals import propose, propose_segments, regions_of
+from wayside.stages.detection.proposals import fits_face, propose, propose_segments, regions_of
 
 __all__ = [
     "BIAS",
@@ -78,6 +78,7 @@ __all__ = [
     "detect",
     "detect_externally",
     "drawn_patches",
+    "fits_face",
     "named_boxes",
     "number_of",
     "padded",
