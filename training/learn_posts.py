@@ -79,7 +79,7 @@ def post_model(
         [np.cov(np.array(own).T) for own in found.values()], axis=0
     )
     classes = (
-        GaussianClass(kind, np.round(np.mean(own, axis=0), 6), np.round(within, 9), len(own))
+        GaussianClass(kind, np.round(np.array(own).mean(axis=0), 6), np.round(within, 9), len(own))
         for kind, own in sorted(found.items())
     )
     return GaussianModel(POST_SPACE, tuple(classes), provenance, threshold_rule="most probable")

@@ -215,7 +215,8 @@ def post_features(strip: Strip, edges: PostEdges) -> Array:
     colour: grain and rust.
     """
     down = np.arange(len(strip.rgb), dtype=np.float32)[:, None]
-    across = np.concatenate([np.linspace(*side, 18)[1:-1] for side in edges.sides_m.tolist()])
+    sides = edges.sides_m.tolist()
+    across = np.concatenate([np.linspace(left, right, 18)[1:-1] for left, right in sides])
     columns = (across - strip.offset_m[0] + edges.lean * ROW_M * down) / COLUMN_M
     rows = np.broadcast_to(down, columns.shape).copy()
     seen = cv2.remap(strip.rgb, columns.astype(np.float32), rows, cv2.INTER_LINEAR)
