@@ -76,7 +76,8 @@ def write_page(
     rows.sort(key=_order)
     images, faults = _images(inventory, rows, watch)
     counts = Counter(row["change"] for row in everything)
-    drawn, about = overview(_places(rows), units) or (None, {})
+    placed = [k for k, row in enumerate(rows) if row["lon_deg"] is not None]
+    drawn, about = overview(_places([rows[k] for k in placed]), units) or (None, {})
     page = render_page(
         "changes.html",
         _MARK,
@@ -85,7 +86,7 @@ def write_page(
         map=drawn,
         dots=[
             (f"change-{k}", f"{class_words(row['change'])}: {_heading(row)}", INKS[row["change"]])
-            for k, row in enumerate(rows)
+            for k, row in ((k, rows[k]) for k in placed)
         ],
         inks=INKS,
         about={"map": about, "names": names, "rows": [_told(row) for row in rows]},

@@ -202,7 +202,7 @@ def test_of_two_videos_in_one_topic_that_of_the_first_camera_is_used(tmp_path, t
     assert [f.status for f in frames] == ["used", "other_camera"] * (len(shown) // 2)
     for frame, rgb in zip(frames[::2], shown[::2], strict=True):
         assert_alike(frame, rgb)
-    assert any("are of another camera (frame_id right, not left)" in n for n in report.notes)
+    assert any("of another camera (frame_id right, not left)" in n for n in report.notes)
 
 
 def test_two_videos_that_nothing_tells_apart_are_left_out_and_counted(tmp_path, two_videos):
