@@ -138,9 +138,8 @@ def sign_maps(evidence: Evidence, drive: DriveMap, units: Units = METRIC) -> lis
         to_page = fit(np.concatenate(shown), MAP_SIZE, narrowest_m, turn)
         foot = to_page.foot((0, 0, *MAP_SIZE), turn is not None, units)
         drawn = {name: to_page(points).tolist() for name, points in (none | shapes).items()}
-        maps.append(
-            {"heading": heading, "width": MAP_SIZE[0], "height": MAP_SIZE[1], "foot": foot} | drawn
-        )
+        about = {"heading": heading, "width": MAP_SIZE[0], "height": MAP_SIZE[1], "foot": foot}
+        maps.append(about | drawn)
     return maps
 
 

@@ -21,11 +21,10 @@ from wayside.pipeline.evidence.sheet import PROPORTION, draw_sheet, format_index
 from wayside.pipeline.files.output_folder import OutputFolder
 from wayside.pipeline.files.pictures import (
     blurred,
-    data_address,
-    encode_webp,
     is_marked,
     marked_head,
     marked_png,
+    webp_address,
 )
 from wayside.pipeline.files.writing import create, not_written, refuse
 from wayside.pipeline.reading.frames import ReadReport
@@ -93,14 +92,8 @@ def write_evidence(  # noqa: PLR0913 - one for each option
     overwrite
         Replace any file of the names of the sheets and the index; else only sheets of this log.
 
-    Raises
-    ------
-    UsageError
-        There is no such sign.
-    InputError
-        The result or the log cannot be used.
-    OutputError
-        A sheet cannot be written, or a file of its name is not replaced.
+    Raises UsageError where there is no such sign; InputError where the result or the log cannot be used; OutputError
+    where a sheet cannot be written, or a file of its name is not replaced.
     """
     run = read_run(out)
     drive, signs = gather(out, sign_id, route)
@@ -110,7 +103,7 @@ def write_evidence(  # noqa: PLR0913 - one for each option
     pngs = [f"{one.name}.png" for one in signs] if png else []
     index = [INDEX_FILE, IMAGES_FILE] if sign_id is None else []
     around = zip(signs, ["", *names], [*names[1:], ""], strict=False) if index else ()
-    beside = {one.name: _beside(before, after) for one, before, after in around}
+    beside = {one.name: {"prev": a, "up": INDEX_FILE, "next": b} for one, a, b in around}
     with OutputFolder(folder) as output:
         if not overwrite:
             _check_free(folder, [*names, *pngs, *index], mark)
@@ -120,12 +113,6 @@ def write_evidence(  # noqa: PLR0913 - one for each option
         output.commit([*_sheets_of_others(folder, mark, signs), IMAGES_FILE] if index else [])
     sheets = tuple(folder / page for page in names)
     return Written(sheets, folder / INDEX_FILE if index else None, binder.lost_views, tuple(notes))
-
-
-def _beside(before: str, after: str) -> dict[str, str]:
-    """Pages that a sheet leads to, by how."""
-    pages = {"prev": before, "up": INDEX_FILE, "next": after}
-    return {rel: page for rel, page in pages.items() if page}
 
 
 def _check_free(folder: Path, names: Sequence[str], mark: str) -> None:
@@ -181,8 +168,7 @@ class _Binder:
             png = marked_png(draw_sheet(*about, self.units), self.mark)
             _write(self.folder / f"{evidence.name}.png", png)
         if evidence.best in crops:
-            thumb = encode_webp(draw_crop(crops[evidence.best], THUMB))
-            self.thumbs[evidence.name] = data_address(thumb)
+            self.thumbs[evidence.name] = webp_address(draw_crop(crops[evidence.best], THUMB))
 
     def write_index(
         self, signs: Sequence[Evidence], reviews: Sequence[Path], *, images: bool
@@ -209,7 +195,7 @@ class _Binder:
                     boxes[number] = (number, known.cameras[image]["frame"], box)
         crops = read_crops(self.out, self.log, boxes.values(), PROPORTION, blur=self.blur)
         found = {number: crop for number, crop in crops if crop is not None}
-        return {n: data_address(encode_webp(draw_crop(c, THUMB))) for n, c in found.items()}
+        return {n: webp_address(draw_crop(c, THUMB)) for n, c in found.items()}
 
     def _images(self, known: KnownResult, signs: Sequence[Evidence]) -> bytes:
         """A script with the undistorted image of each camera, in their order; empty where it does not decode."""
@@ -227,7 +213,7 @@ class _Binder:
                 plain = cv2.undistort(rgb, matrix, np.array(lens["distortion"], np.float64))
                 size = (_IMAGE_WIDTH, round(_IMAGE_WIDTH * plain.shape[0] / plain.shape[1]))
                 small = np.asarray(cv2.resize(plain, size, interpolation=cv2.INTER_AREA), np.uint8)
-                shown[image.frame.index] = data_address(encode_webp(small, _IMAGE_QUALITY))
+                shown[image.frame.index] = webp_address(small, _IMAGE_QUALITY)
         head, addresses = marked_head(self.mark).replace("*/", "* /"), json.dumps([*shown.values()])
         return f"/* {head} */\nconst waysideImages = {addresses};\n".encode()
 
@@ -237,9 +223,8 @@ def _fill(binder: _Binder, signs: list[Evidence], watch: Watcher) -> None:
     boxes = (((one, view), view.frame, view.box) for one in signs for view in one.views)
     open_signs = {one.name: one for one in signs}
     watch(0, len(signs))
-    for (one, view), crop in read_crops(
-        binder.out, binder.log, boxes, PROPORTION, blur=binder.blur
-    ):
+    crops = read_crops(binder.out, binder.log, boxes, PROPORTION, blur=binder.blur)
+    for (one, view), crop in crops:
         if crop is not None:
             binder.crops[one.name][view] = crop
         if view is one.views[-1]:

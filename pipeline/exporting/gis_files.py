@@ -8,7 +8,6 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from html import escape
@@ -43,14 +42,8 @@ _WKB_POINT, _WKB_POINT_Z = 1, 1001
 def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[Path], list[str]]]:
     """The files of a table in a scratch folder beside `file`, the main one last; and what was cut.
 
-    GDAL says nothing where a Shapefile or KML finds no room, so that all rows are read back.
-
-    Raises
-    ------
-    UsageError
-        pyogrio is not installed.
-    OutputError
-        They cannot be written, or are not whole.
+    GDAL says nothing where a Shapefile or KML finds no room, so that all rows are read back. Raises UsageError without
+    pyogrio, and OutputError where they cannot be written, or are not whole.
     """
     try:
         import pyogrio
@@ -59,22 +52,21 @@ def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[P
             "files of geographic information systems need the package pyogrio. Install it with pip install "
             "'wayside[gis]'."
         ) from error
-    last, cut, written, pictures = rows.source.last, Counter[str](), Digest(), dict[str, bytes]()
+    last, cut, written, pictures = rows.source.last, Counter[str](), 0, dict[str, bytes]()
     fields = list(_fields(rows, kind, cut))
     schema = pa.schema([field for field, _ in fields])
     key = schema.names[0]
 
     def batches() -> Iterator[pa.RecordBatch]:
+        nonlocal written, pictures
         for some in rows:
             if kind == "fgb":  # its index takes no row without a place
                 some = [row for row in some if row[GEOMETRY] is not None]
             if kind == "kmz":
-                pictures.update(
-                    {picture_name(row): row[PICTURE] for row in some if row.get(PICTURE)}
-                )
+                pictures |= {picture_name(row): row[PICTURE] for row in some if row.get(PICTURE)}
             columns = [pa.array([value(row) for row in some], one.type) for one, value in fields]
             batch = pa.record_batch(columns, schema=schema)
-            written.add(batch, key, GEOMETRY)
+            written += _digest(batch, key, GEOMETRY)
             yield batch
 
     with _scratch_beside(file) as scratch:
@@ -136,29 +128,22 @@ def _archived(made: Path, target: Path, pictures: Mapping[str, bytes], when: dat
     return target
 
 
-@dataclass(slots=True)
-class Digest:
-    """Of rows in any order: what names each, and whether it has a place."""
-
-    total: int = 0
-
-    def add(self, batch: pa.RecordBatch, key: str, geometry: str) -> None:
-        """Add the rows of a batch; a workbook has no places."""
-        named = geometry in batch.schema.names
-        places = batch.column(geometry).is_valid() if named else pa.nulls(len(batch))
-        for name, placed in zip(batch.column(key).to_pylist(), places.to_pylist(), strict=True):
-            row = hashlib.sha256(f"{name}\0{placed}".encode()).digest()
-            self.total += int.from_bytes(row)
+def _digest(batch: pa.RecordBatch, key: str, geometry: str) -> int:
+    """A sum over rows in any order: what names each, and whether it has a place; a workbook has no places."""
+    named = geometry in batch.schema.names
+    places = batch.column(geometry).is_valid() if named else pa.nulls(len(batch))
+    rows = zip(batch.column(key).to_pylist(), places.to_pylist(), strict=True)
+    return sum(int.from_bytes(hashlib.sha256(f"{a}\0{b}".encode()).digest()) for a, b in rows)
 
 
-def _read_back(pyogrio: ModuleType, made: Path, key: str) -> Digest:
+def _read_back(pyogrio: ModuleType, made: Path, key: str) -> int:
     """The digest of all rows of a file; of those before a fault."""
-    found = Digest()
+    found = 0
     faults = pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, KeyError, OSError
     with warnings.catch_warnings(action="ignore"), suppress(*faults):
         with pyogrio.open_arrow(made, columns=[key], use_pyarrow=True) as (about, batches):
             for batch in batches:
-                found.add(batch, key, about["geometry_name"] or "wkb_geometry")
+                found += _digest(batch, key, about["geometry_name"] or "wkb_geometry")
     return found
 
 
@@ -201,13 +186,13 @@ def _options(kind: str, crs: str, last: datetime) -> dict[str, str]:
     return driver | (places if kind != "xlsx" else {}) | more.get(kind, {})
 
 
+def _value(name: str, row: Row) -> Any:
+    return row.get(name)
+
+
 def _guarded(name: str, row: Row) -> str | None:
     """A text that GDAL does not write as a formula."""
     return None if row.get(name) is None else guarded(row[name])
-
-
-def _value(name: str, row: Row) -> Any:
-    return row.get(name)
 
 
 def _is_text(column: Column) -> bool:

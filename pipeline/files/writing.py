@@ -127,16 +127,9 @@ def whole_file(
 
     Devices and pipes are written as they are. The same bytes once more are never refused.
 
-    Parameters
-    ----------
-    path
-        Where it goes; a symbolic link stays and what it points to is replaced.
-    is_own
-        Whether an existing file was written by wayside, and may be replaced.
-    overwrite
-        Replace any existing file.
-
-    Raises OutputError where it cannot be written, or would replace a file of the user.
+    `path`: where it goes; a symbolic link stays and what it points to is replaced. `is_own`: whether an existing file
+    was written by wayside, and may be replaced. `overwrite`: replace any existing file. Raises OutputError where it
+    cannot be written, or would replace a file of the user.
     """
     require_local(path)
     try:

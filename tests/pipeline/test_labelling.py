@@ -104,10 +104,8 @@ def test_the_page_needs_nothing_else_and_names_are_escaped(marked):
     assert 0 <= left < left + width <= 100
     assert 0 <= top < top + height <= 100
     assert set(data["scenes"]) == {"0", "1"}  # one of each image, for all boxes in it
-    left, top, width, height = data["items"][0]["place"]
-    assert [left * 1.6, top * 1.2, width * 1.6, height * 1.2] == pytest.approx(
-        [14, 40, 16, 16], abs=0.01
-    )
+    place = np.array(data["items"][0]["place"]) * [1.6, 1.2, 1.6, 1.2]
+    np.testing.assert_allclose(place, [14, 40, 16, 16], atol=0.01)
 
 
 def test_every_class_has_a_key_of_its_own():
