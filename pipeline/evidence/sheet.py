@@ -173,8 +173,8 @@ def format_index(
 ) -> str:
     """HTML page that lists all signs, with a map and filters, and takes a review of them.
 
-    `thumbs`: addresses of small images by sign id. `about`: what the script of the page knows: `log`, its name, and
-    what `index_review` gives. `mark`: what the page is known by.
+    `thumbs`: addresses of small images by sign id. `about`: what the script of the page knows: `log`, its name, the
+    rows, the review and the cameras. `mark`: what the page is known by.
     """
     cards = _cards([one.sign for one in signs], thumbs)
     codes = [code_of(one.sign) for one in signs]

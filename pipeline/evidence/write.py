@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +14,6 @@ from typing import Any
 import cv2
 import numpy as np
 
-from wayside.pipeline.evidence.corrections import index_review
 from wayside.pipeline.evidence.crops import Crop, draw_crop, read_crops, read_images, read_times
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
 from wayside.pipeline.evidence.marks import METRIC, Units
@@ -27,7 +27,6 @@ from wayside.pipeline.files.pictures import (
     webp_address,
 )
 from wayside.pipeline.files.writing import create, not_written, refuse
-from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.results.result import find_log, read_run, read_settings
 from wayside.pipeline.reviewing.known import KnownResult
 from wayside.pipeline.reviewing.matching import Review
@@ -179,7 +178,7 @@ class _Binder:
         pictures, lens = self._pictures(known, review), self.run.get("camera") if images else None
         if images and lens is None:
             raise InputError(f"--images: {self.out} does not state its camera. Run the log again.")
-        about = {"log": str(self.run.get("log", ""))} | index_review(known, review, pictures, lens)
+        about = {"log": str(self.run.get("log", ""))} | _about(known, review, pictures, lens)
         if images:
             _write(self.folder / IMAGES_FILE, self._images(known, signs))
         page = format_index(signs, self.thumbs, self.drive, about, self.mark, self.units)
@@ -203,10 +202,10 @@ class _Binder:
         shown = dict.fromkeys((one["frame"] for one in known.cameras.values()), "")
         matrix = np.array([[lens["fx"], 0, lens["cx"]], [0, lens["fy"], lens["cy"]], [0, 0, 1]])
         source, settings = find_log(self.run, self.log), read_settings(self.out, self.run)
-        times_ns, panels = read_times(self.out), defaultdict[int, list[Box]](list)
+        panels = defaultdict[int, list[Box]](list)
         for view in (view for one in signs for view in one.views):
             panels[view.frame].append(view.box)
-        for image in read_images(source, settings, shown.keys(), times_ns, ReadReport()):
+        for image in read_images(source, settings, shown.keys(), read_times(self.out)):
             if (rgb := image.rgb) is not None:
                 if self.blur or settings.blur:
                     rgb = blurred(rgb, panels[image.frame.index])
@@ -216,6 +215,44 @@ class _Binder:
                 shown[image.frame.index] = webp_address(small, _IMAGE_QUALITY)
         head, addresses = marked_head(self.mark).replace("*/", "* /"), json.dumps([*shown.values()])
         return f"/* {head} */\nconst waysideImages = {addresses};\n".encode()
+
+
+def _about(
+    known: KnownResult, review: Review, pictures: Mapping[int, str], lens: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """What the script of the index knows, so that a person can correct the result and place missing signs.
+
+    pictures: addresses of images of what is to be decided, by number. lens: `camera` of `run.json`, without whose
+    distortion the images are shown; None: there are no images.
+    """
+    cameras = [
+        {"image": image, "x": one["x"], "y": one["y"], **known.measure(one["station_m"] or 0.0)}
+        | {"turn": [round(value, 6) for value in one["turn"]]}
+        for image, one in known.cameras.items()
+    ]
+    reviewed = [one.to_row() for one in (*review.rows.values(), *review.missing)]
+    undecided = [
+        {
+            "words": one.words,
+            "picture": pictures.get(number, ""),
+            "options": [
+                {"words": words, "row": row and row.to_row()} for words, row in one.options
+            ],
+            "entries": [entry.to_row() for entry in one.entries],
+        }
+        for number, one in enumerate(review.undecided)
+    ]
+    told = json.dumps([reviewed, undecided])
+    return {
+        "result": known.name,
+        "rows": {sign_id: row.to_row() for sign_id, row in known.rows.items()},
+        "reviews": reviewed,
+        "seed": hashlib.sha256(told.encode()).hexdigest()[:8] if reviewed or undecided else "",
+        "undecided": undecided,
+        "cameras": cameras,
+        "unit": next((one["measure_unit"] for one in known.measured), None),
+        "lens": lens,
+    }
 
 
 def _fill(binder: _Binder, signs: list[Evidence], watch: Watcher) -> None:

@@ -25,9 +25,8 @@ from wayside.pipeline.exporting.links import PICTURE
 from wayside.pipeline.exporting.place import PlacedRows, short_names
 from wayside.pipeline.exporting.table import GEOMETRY, Row
 from wayside.pipeline.files.parsing import guarded
-from wayside.pipeline.files.writing import PART, is_stream, not_whole, not_written, resolved
+from wayside.pipeline.files.writing import PART, is_stream, not_written, resolved
 from wayside.schemas.errors import OutputError, UsageError
-from wayside.schemas.tables import Column
 
 _DRIVERS = {
     **{"gpkg": "GPKG", "fgb": "FlatGeobuf", "shp": "ESRI Shapefile", "xlsx": "XLSX"},
@@ -35,6 +34,8 @@ _DRIVERS = {
 }
 _LONGEST_TEXT = 254
 """Bytes of a text in a dBASE file."""
+_TEXT_IN_DBASE = pa.types.is_int64, pa.types.is_timestamp, pa.types.is_string
+"""What a dBASE file holds as text: its numbers have 18 digits, its dates no time of day."""
 _WKB_POINT, _WKB_POINT_Z = 1, 1001
 
 
@@ -86,7 +87,10 @@ def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[P
         if kind in ("kmz", "xlsx"):
             made = _archived(made, made.with_name(f"{file.stem}.{kind}"), pictures, last)
         if _read_back(pyogrio, made, key) != written:
-            raise not_whole(file)
+            raise OutputError(
+                f"{file}: not all that was written can be read back, so it is not kept; free some space, or name "
+                "another file"
+            )
         beside = sorted(path for path in scratch.iterdir() if path != made)
         words = f"cut to the {_LONGEST_TEXT} bytes that a Shapefile holds"
         yield [*beside, made], [f"{n} texts of {name} are {words}" for name, n in cut.items()]
@@ -158,17 +162,15 @@ def _fields(
     for column in rows.columns:
         if column.name == PICTURE and kind == "kmz":
             continue
-        if kind == "xlsx" and pa.types.is_string(column.type):
-            yield pa.field(column.name, pa.string()), partial(_guarded, column.name)
-        elif kind != "shp":
-            comment = f"{column.words} [{column.unit}]" if column.unit else column.words
-            about = {"GDAL:OGR:comment": comment} if kind == "gpkg" else None
-            yield pa.field(column.name, column.type, metadata=about), partial(_value, column.name)
-        elif _is_text(column):
-            text = partial(_dbase_text, column.name, cut)
-            yield pa.field(short[column.name], pa.string()), text
-        else:
-            yield pa.field(short[column.name], column.type), partial(_value, column.name)
+        name, held, value = column.name, column.type, partial[Any](_value, column.name)
+        if kind == "xlsx" and pa.types.is_string(held):
+            value = partial(_guarded, column.name)
+        elif kind == "shp" and any(is_of(held) for is_of in _TEXT_IN_DBASE):
+            held, value = pa.string(), partial(_dbase_text, column.name, cut)
+        name = short[name] if kind == "shp" else name
+        comment = f"{column.words} [{column.unit}]" if column.unit else column.words
+        about = {"GDAL:OGR:comment": comment} if kind == "gpkg" else None
+        yield pa.field(name, held, metadata=about), value
     # heights of KML are above the sea, those here above the ellipsoid: its signs lie on the ground
     if kind != "xlsx":
         yield pa.field(GEOMETRY, pa.binary()), partial(_wkb, 2 if kind in ("kml", "kmz") else 3)
@@ -193,12 +195,6 @@ def _value(name: str, row: Row) -> Any:
 def _guarded(name: str, row: Row) -> str | None:
     """A text that GDAL does not write as a formula."""
     return None if row.get(name) is None else guarded(row[name])
-
-
-def _is_text(column: Column) -> bool:
-    """Whether a dBASE file holds a column as text: its numbers have 18 digits, its dates no time of day."""
-    kind = column.type
-    return pa.types.is_int64(kind) or pa.types.is_timestamp(kind) or pa.types.is_string(kind)
 
 
 def _dbase_text(name: str, cut: Counter[str], row: Row) -> str | None:

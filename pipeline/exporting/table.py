@@ -29,18 +29,15 @@ INVENTORY_TABLES = {table.name: table for table in (PANELS, SUPPORTS)}
 _BOX = ("best_x_min", "best_y_min", "best_x_max", "best_y_max")
 _WORLD = ("cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz")
 _EAST_NORTH_UP = ("cov_ee", "cov_en", "cov_eu", "cov_nn", "cov_nu", "cov_uu")
+_MAIN_OF_BOTH = (
+    *("status", "confidence", "category", "mutcd", "vienna", "legend", "color", "shape"),
+    *("panel_width_m", "panel_height_m", "bearing_deg", "lon_deg", "lat_deg"),
+    *("route", "measure", "measure_unit"),
+)
 _MAIN = {
-    "signs": (
-        "sign_id", "status", "confidence", "category", "mutcd", "vienna", "legend", "color", "shape", "panel_width_m",
-        "panel_height_m", "bottom_m", "lateral_m", "bearing_deg", "lon_deg", "lat_deg", "route", "measure",
-        "measure_unit", "date",
-    ),
-    "panels": (
-        "panel_id", "status", "confidence", "category", "mutcd", "vienna", "legend", "color", "shape", "panel_width_m",
-        "panel_height_m", "up_m", "bearing_deg", "lon_deg", "lat_deg", "route", "measure", "measure_unit", "last_seen",
-        "times_seen",
-    ),
-}  # fmt: skip
+    "signs": (*_MAIN_OF_BOTH, "sign_id", "bottom_m", "lateral_m", "date"),
+    "panels": (*_MAIN_OF_BOTH, "panel_id", "up_m", "last_seen", "times_seen"),
+}
 """The columns of an export unless all are asked for; in the drive's own frame other ones say where."""
 _LOCAL = {"bearing_deg": "facing_deg", "lon_deg": "x", "lat_deg": "y"}
 _REVIEW_COLUMNS = (

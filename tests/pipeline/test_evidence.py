@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from wayside.pipeline.evidence.crops import ACCENT, cut, draw_crop, read_crops
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
-from wayside.pipeline.evidence.maps import error_ellipse, fit, panel_line
+from wayside.pipeline.evidence.maps import Projection, error_ellipse, panel_line
 from wayside.pipeline.evidence.marks import OUTLINES, UNKNOWN, US, figures_of
 from wayside.pipeline.evidence.sheet import BIG, LEFT, PROPORTION, TILE, TOP, WIDTH
 from wayside.pipeline.evidence.write import write_evidence
@@ -640,7 +640,7 @@ def test_the_panel_is_as_wide_as_measured_and_turned_as_it_faces(facing_deg, exp
 
 @given(st.lists(st.tuples(st.floats(-1e5, 1e5), st.floats(-1e5, 1e5)), min_size=1, max_size=20))
 def test_a_map_shows_all_its_points_above_its_scale_bar(points):
-    page = fit(np.array(points), (480, 340), 20.0)(np.array(points))
+    page = Projection(np.array(points), (480, 340), 20.0)(np.array(points))
     assert (page >= 0).all()
     assert (page[:, 0] <= 480).all()
     assert (page[:, 1] <= 340 - 40).all()

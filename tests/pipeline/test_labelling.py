@@ -52,10 +52,9 @@ def result(folder):
     seen = {"best_frame": 1, "best_box": box_at(14), "first_frame": 0, "views": 2}
     look = {"color": "yellow", "shape": "diamond", "confidence": 0.6}
     about = {"log": log.name, "log_path": str(log), "log_fingerprint": "12"}
+    about["settings"] = {"read": {}}
     signs = [sign_row(NAME, log=STEM, **seen | look)]
-    return write_tables(
-        folder / "out", signs, ROWS, frame_rows(log), settings={"read": {}}, **about
-    )
+    return write_tables(folder / "out", signs, ROWS, frame_rows(log), **about)
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ import pytest
 
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.labels.wayside_labels import read_label_file
+from wayside.pipeline.library import open_inventory
 from wayside.pipeline.reviewing.entries import COLUMNS, is_review
 from wayside.pipeline.reviewing.known import KnownResult
 from wayside.pipeline.reviewing.review import find_review
@@ -144,7 +145,7 @@ def test_final_columns_come_first_and_a_missing_sign_has_its_place_on_road_and_g
     kept = [row["sign_id"] for row in csv.DictReader(file.read_text().splitlines())]
     assert kept == ["d-0001", "d-0003", "d-0004", "d-missing-1"]
     geo = tmp_path / "signs.geojson"
-    invoke("export", out, "-o", geo, "--review", review)
+    open_inventory(out).export(geo, review=review)
     features = json.loads(geo.read_text())["features"]
     places = {f["properties"]["sign_id"]: f["geometry"]["coordinates"] for f in features}
     assert places["d-0001"] == [10.0001, 50.00003, 7.0]
