@@ -8,7 +8,7 @@ from pathlib import Path
 from wayside.pipeline.checking.rules import Rule
 from wayside.pipeline.checking.verdicts import SHOWN, Check
 from wayside.pipeline.evidence.crops import draw_crop, read_crops
-from wayside.pipeline.files.pictures import data_address, encode_webp, is_marked
+from wayside.pipeline.files.pictures import is_marked, webp_address
 from wayside.pipeline.files.writing import write_file
 from wayside.pipeline.pages import render_page
 from wayside.schemas.errors import InputError
@@ -59,7 +59,7 @@ def _images(out: Path, checks: Sequence[Check], log: Path | None) -> tuple[dict[
     try:
         for name, crop in read_crops(out, log, boxes, _SIZE[0] / _SIZE[1]):
             if crop is not None:
-                images[name] = data_address(encode_webp(draw_crop(crop, _SIZE)))
+                images[name] = webp_address(draw_crop(crop, _SIZE))
     except InputError as error:
         return images, str(error)
     return images, ""

@@ -118,8 +118,7 @@ def read_boxes(
         return
     run = read_run(out)
     source, settings = find_log(run, log), read_settings(out, run)
-    times_ns = read_times(out)
-    for image in read_images(source, settings, wanted.keys(), times_ns, ReadReport()):
+    for image in read_images(source, settings, wanted.keys(), read_times(out)):
         for key, box in wanted[image.frame.index]:
             rgb = image.rgb
             if rgb is not None and (blur or settings.blur):
@@ -134,11 +133,7 @@ def read_times(out: Path) -> dict[int, int]:
 
 
 def read_images(
-    log: Path,
-    settings: ReadSettings,
-    wanted: Collection[int],
-    log_times_ns: Mapping[int, int],
-    report: ReadReport,
+    log: Path, settings: ReadSettings, wanted: Collection[int], log_times_ns: Mapping[int, int]
 ) -> Iterator[Image]:
     """Decoded images of frames of these indices, in order; reading ends with the last of them.
 
@@ -147,7 +142,7 @@ def read_images(
 
     def frames() -> Iterator[Frame]:
         last = max(wanted, default=-1)
-        for frame in read_frames(log, settings, report):
+        for frame in read_frames(log, settings, ReadReport()):
             if frame.index in wanted:
                 if frame.log_time_ns != log_times_ns[frame.index]:
                     raise InputError(

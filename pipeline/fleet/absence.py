@@ -15,7 +15,6 @@ from wayside.pipeline.evidence.crops import read_images
 from wayside.pipeline.files.parsing import CONTENT_FAULTS
 from wayside.pipeline.fleet.inventory_data import DriveFrames, read_frames, read_signs
 from wayside.pipeline.fleet.manifest import DRIVES
-from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.results.result import find_log, read_rows, read_run, read_settings
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
@@ -216,7 +215,7 @@ def _mark_hidden_of_drive(
     times = {row["frame"]: row["log_time_ns"] for row in frames}
     log, read = find_log(run, None), read_settings(folder, run)
     kept: dict[int, NDArray[np.uint8]] = {}
-    for image in read_images(log, read, row_of.keys(), times, ReadReport()):
+    for image in read_images(log, read, row_of.keys(), times):
         row = row_of[image.frame.index]
         if image.grey is not None:
             kept[row] = image.grey

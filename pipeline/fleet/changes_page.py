@@ -15,7 +15,7 @@ from wayside.pipeline.evidence.gather import DriveMap, Globe
 from wayside.pipeline.evidence.maps import overview
 from wayside.pipeline.evidence.marks import METRIC, Units, appearance_of, class_words, route_words
 from wayside.pipeline.files.parquet import read_parquet
-from wayside.pipeline.files.pictures import data_address, encode_webp, is_marked
+from wayside.pipeline.files.pictures import is_marked, webp_address
 from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.files.writing import write_file
 from wayside.pipeline.fleet.absence import SIDES, Row
@@ -149,7 +149,7 @@ def _images(
             crops = read_crops(inventory / DRIVES / drive, None, boxes, _SIZE[0] / _SIZE[1])
             for key, crop in crops:
                 if crop is not None:
-                    images[key] = data_address(encode_webp(draw_crop(crop, _SIZE)))
+                    images[key] = webp_address(draw_crop(crop, _SIZE))
         except InputError as error:
             faults.append(str(error))
     watch(len(wanted), len(wanted))

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wayside.pipeline.files.pictures import data_address, encode_webp
+from wayside.pipeline.files.pictures import webp_address
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.labels.read import FrameLabels, read_labels
 from wayside.pipeline.learning.asked import ClassifierSamples, gather_samples, labels_of_log
@@ -292,6 +292,6 @@ def photo(rgb: NDArray[np.uint8], words: str = "", wide: int = _WIDEST) -> Pictu
     factor = min(1.0, wide / rgb.shape[1])
     size = round(rgb.shape[1] * factor), max(round(rgb.shape[0] * factor), 1)
     shown = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
-    source = data_address(encode_webp(shown if shown.ndim == 3 else np.dstack([shown] * 3)))
+    source = webp_address(shown if shown.ndim == 3 else np.dstack([shown] * 3))
     alt = f'width="{size[0]}" height="{size[1]}" alt="{escape(words)}"'
     return Picture(f'<img src="{source}" {alt}>', words)
