@@ -35,8 +35,6 @@ class ReadReport(ScanReport):
     calibration_source: str = ""
     motion_source: str = ""
     motion_topic: str = ""
-    spacing_m: float = 0.0
-    first_time_ns: int | None = None
     notes: list[str] = field(default_factory=list)
 
 
@@ -61,7 +59,6 @@ def read_frames(
     if timeline.motion is not None:
         report.motion_source = timeline.motion.source
         report.motion_topic = timeline.motion.topic
-    report.spacing_m = plan.spacing_m
     report.notes += [*plan.notes, *timeline.notes]
     grey = is_grey(plan, timeline.order, timeline.cameras)
     if grey:
@@ -126,8 +123,6 @@ class _Reader:
         report.images += 1
         report.statuses[frame.status] += 1
         report.with_pose += pose is not None
-        if report.first_time_ns is None:
-            report.first_time_ns = frame.time_ns
         return frame
 
     def _finish(self) -> None:

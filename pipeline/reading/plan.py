@@ -172,10 +172,10 @@ def describe_cameras(cameras: list[Topic]) -> str:
         size = topic.image_size
         shown = "size unknown" if size is None else f"{size[0]} x {size[1]}"
         words.append(f"{shortened(topic.name)} ({topic.count} images, {shown})")
-    return listed(words, _MOST_LISTED)
+    return listed(words)
 
 
-def listed(words: Sequence[str], most: int) -> str:
+def listed(words: Sequence[str], most: int = _MOST_LISTED) -> str:
     """The first `most` of some words, in a line, and how many more there are."""
     more = f" and {len(words) - most} more" if len(words) > most else ""
     return ", ".join(words[:most]) + more
@@ -325,7 +325,7 @@ def _listing(survey: LogSurvey) -> str:
     """Topics with their types, the most numerous first, a handful of them."""
     topics = sorted(survey.topics.values(), key=lambda t: (-t.count, t.name))
     words = [f"{shortened(t.name)} ({shortened(t.schema) or 'no schema'})" for t in topics]
-    return listed(words, _MOST_LISTED) or "no messages"
+    return listed(words) or "no messages"
 
 
 def _lost(survey: LogSurvey) -> str:

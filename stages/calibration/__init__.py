@@ -17,11 +17,7 @@ from wayside.stages.calibration.drive_fit import (
 )
 from wayside.stages.calibration.segment import cut_segments
 from wayside.stages.calibration.segment_equations import changed_camera
-from wayside.stages.calibration.watch import (
-    CalibrationWatch,
-    check_calibration,
-    watch_calibration,
-)
+from wayside.stages.calibration.watch import CalibrationWatch, check_calibration, watch_calibration
 
 __all__ = [
     "LENS_MODELS",

@@ -170,11 +170,8 @@ def calibrate_boards(
     views: corners (n, 2) of each, pixels, in the order of `board.points`. size: width and height of the images. model:
     of `LENS_MODELS`. largest_sigma: largest relative standard error of a focal length.
 
-    Raises
-    ------
-    CalibrationError
-        Too few views, or views that do not determine the focal length; then the residuals of all lens models are
-        told, since a lens of another kind looks like that, too.
+    Raises CalibrationError for too few views, or views that do not determine the focal length; then the residuals of
+    all lens models are told, since a lens of another kind looks like that, too.
     """
     kept = list(range(len(views)))
     while True:
