@@ -214,14 +214,12 @@ def coverage_of(found: CalibratedImages) -> Coverage:
     camera = found.calibration.camera
     rows = max(1, round(_CELLS * camera.height / camera.width))
     corners = _corners(found, used=True)
-    column = np.clip((corners[:, 0] + 0.5) * _CELLS / camera.width, 0, _CELLS - 1).astype(np.int64)
-    row = np.clip((corners[:, 1] + 0.5) * rows / camera.height, 0, rows - 1).astype(np.int64)
-    counts = np.zeros((rows, _CELLS), np.int64)
-    np.add.at(counts, (row, column), 1)
+    sides = (-0.5, camera.height - 0.5), (-0.5, camera.width - 0.5)
+    counts, _, _ = np.histogram2d(corners[:, 1], corners[:, 0], (rows, _CELLS), sides)
     centre = np.array([camera.cx, camera.cy])
     outermost = np.linalg.norm(corners - centre, axis=1).max()
     farthest = np.linalg.norm(_image_corners(camera) - centre, axis=1).max()
-    return Coverage(counts, float(outermost / farthest))
+    return Coverage(counts.astype(np.int64), float(outermost / farthest))
 
 
 def _image_corners(camera: Camera) -> Array:

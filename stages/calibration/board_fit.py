@@ -156,11 +156,7 @@ class _Fit(NamedTuple):
 
 
 def calibrate_boards(
-    views: list[Array],
-    board: Board,
-    size: tuple[int, int],
-    model: str,
-    largest_sigma: float = LARGEST_SIGMA,
+    views: list[Array], board: Board, size: tuple[int, int], model: str
 ) -> BoardCalibration:
     """Calibrate a camera by views of a board.
 
@@ -168,7 +164,7 @@ def calibrate_boards(
     `OUTLIER_RATIO`.
 
     views: corners (n, 2) of each, pixels, in the order of `board.points`. size: width and height of the images. model:
-    of `LENS_MODELS`. largest_sigma: largest relative standard error of a focal length.
+    of `LENS_MODELS`.
 
     Raises CalibrationError for too few views, or views that do not determine the focal length; then the residuals of
     all lens models are told, since a lens of another kind looks like that, too.
@@ -192,7 +188,7 @@ def calibrate_boards(
     count = 4 + LENS_MODELS[model]
     columns = (_NAMES[:count], fit.values.tolist(), fit.sigma.tolist(), spread.tolist())
     parameters = tuple(map(Parameter, *columns))
-    _require_focal_length(parameters, placed, by_model, largest_sigma)
+    _require_focal_length(parameters, placed, by_model)
     lens = fit.distortion.tolist() + [0.0] * (LENS_MODELS[model] == 4)
     fx, fy, cx, cy = fit.values[:4].tolist()
     camera = Camera(size[0], size[1], fx, fy, cx, cy, tuple(lens))
@@ -263,14 +259,11 @@ def _place(index: int, view: Array, board: Board, fit: _Fit, *, used: bool) -> F
 
 
 def _require_focal_length(
-    parameters: tuple[Parameter, ...],
-    views: list[FittedView],
-    by_model: dict[str, float],
-    largest: float,
+    parameters: tuple[Parameter, ...], views: list[FittedView], by_model: dict[str, float]
 ) -> None:
     for one in parameters[:2]:
         error = max(one.sigma, one.spread) / abs(one.value)
-        if not error <= largest:
+        if not error <= LARGEST_SIGMA:
             tilt = max(view.tilt_deg for view in views if view.used)
             raise CalibrationError(
                 f"the views do not determine the focal length: {one.name} = {one.value:.0f} px has a standard error "
