@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import NamedTuple
@@ -48,17 +48,13 @@ _FAR = 0.8
 _BORDER_POINTS = 41
 
 
-@dataclass(frozen=True, slots=True)
-class BoardImage:
-    """An image given."""
+class BoardImage(NamedTuple):
+    """An image given: width and height (None: it cannot be decoded), corners (n, 2), or `why` it has none."""
 
     path: Path
     size: tuple[int, int] | None
-    """Width and height; None: it cannot be decoded."""
     corners: Array | None
-    """(n, 2); None: it has none."""
     why: str = ""
-    """Why it has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +146,7 @@ def calibrate_images(
     for k, image in enumerate(images):
         if image.size not in (None, size):
             words = "{} x {} pixels, while most have ".format(*image.size or ())
-            images[k] = replace(image, corners=None, why=f"{words}{width} x {height}")
+            images[k] = image._replace(corners=None, why=f"{words}{width} x {height}")
     views = [image.corners for image in images if image.corners is not None]
     try:
         calibration = calibrate_boards(views, board, size, model)
