@@ -356,19 +356,8 @@ def process(
 
         return open_observer(viewing, part, visible(log.stem), models.location_classes, report)
 
-    asked = RunRequest(
-        log,
-        folder,
-        settings,
-        models,
-        sys.argv[1:],
-        how.every_region,
-        open_observer,
-        how.rate,
-        how.overwrite,
-        how.resume,
-    )
-    under_way = Run()
+    rest = sys.argv[1:], how.every_region, open_observer, how.rate, how.overwrite, how.resume
+    asked, under_way = RunRequest(log, folder, settings, models, *rest), Run()
     try:
         with (
             FrameProgress(log.name, under_way) as progress,

@@ -105,7 +105,7 @@ def plan_reading(path: Path, settings: ReadSettings, camera: Camera | None = Non
 def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -> Plan:
     """Choose from a survey; `given` is the calibration of `settings.calibration`. Raises as `plan_reading`."""
     camera = _choose_camera(survey, settings.camera)
-    calibration, camera_given, source = _choose_calibration(survey, camera, settings, given)
+    chosen = _choose_calibration(survey, camera, settings, given)
     fixes = next((t for t in survey.of_kind(Kind.FIX) if t.first is not None), None)
     spacing_m = settings.spacing_m or survey.spacing_m
     posed = any(t.first is not None for t in survey.of_kind(Kind.POSE, Kind.ODOMETRY))
@@ -116,16 +116,8 @@ def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -
             f"{survey.path}: nothing places the signs: the log has no poses, odometry or satellite fixes, and the "
             f"distance between images is unknown. It holds {found}. Give the distance, as in --spacing 26.4ft."
         )
-    return Plan(
-        survey,
-        camera,
-        calibration,
-        camera_given,
-        source,
-        fixes,
-        spacing_m,
-        (*_image_notes(camera, camera_given), *_without_value(survey)),
-    )
+    notes = (*_image_notes(camera, chosen[1]), *_without_value(survey))
+    return Plan(survey, camera, *chosen, fixes, spacing_m, notes)
 
 
 def _choose_camera(survey: LogSurvey, wanted: str) -> Topic:

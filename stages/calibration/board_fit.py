@@ -213,14 +213,9 @@ def _fit(views: list[Array], board: Board, size: tuple[int, int], model: str) ->
         ) from error
     count, pinhole = LENS_MODELS[model], np.asarray(matrix, np.float64)
     lens = np.ravel(distortion)[:count].astype(np.float64)
-    return _Fit(
-        float(rms),
-        pinhole,
-        lens,
-        np.concatenate([pinhole[[0, 1, 0, 1], [0, 1, 2, 2]], lens]),
-        np.ravel(sigma)[: 4 + count].astype(np.float64),
-        np.ravel(each).astype(np.float64),
-    )
+    values = np.concatenate([pinhole[[0, 1, 0, 1], [0, 1, 2, 2]], lens])
+    sigmas, by_view = (np.ravel(one).astype(np.float64) for one in (sigma, each))
+    return _Fit(float(rms), pinhole, lens, values, sigmas[: 4 + count], by_view)
 
 
 def _residual_px(views: list[Array], board: Board, size: tuple[int, int], model: str) -> float:
