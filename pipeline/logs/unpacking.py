@@ -59,10 +59,11 @@ def _exif(taken: datetime | None) -> Image.Exif:
     exif = Image.Exif()
     if taken is not None:
         utc = taken.astimezone(UTC) if taken.tzinfo else taken
-        told = {
+        told: dict[int, str] = {
             Base.DateTimeOriginal: f"{utc:%Y:%m:%d %H:%M:%S}",
             Base.SubsecTimeOriginal: f"{utc:%f}",
         }
-        zone = {Base.OffsetTimeOriginal: "+00:00"} if taken.tzinfo else {}
-        exif.get_ifd(IFD.Exif).update(told | zone)
+        if taken.tzinfo:
+            told[Base.OffsetTimeOriginal] = "+00:00"
+        exif.get_ifd(IFD.Exif).update(told)
     return exif

@@ -20,7 +20,7 @@ import struct
 import threading
 import time
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import fields, replace
 from importlib.metadata import version
@@ -64,8 +64,16 @@ def result_key(
 ) -> str | None:
     """Digest of all that the tables of a run depend on, models by their `digests`; None for what is no file."""
     fingerprint = log_fingerprint(log)
-    key = _key(settings, digests) | {"every_region": every_region, "log": fingerprint}
-    return None if fingerprint is None else digest(json.dumps(key, sort_keys=True))
+    key_of = result_keys(settings, digests, every_region=every_region)
+    return None if fingerprint is None else key_of(fingerprint)
+
+
+def result_keys(
+    settings: Settings, digests: dict[str, str], *, every_region: bool
+) -> Callable[[str], str]:
+    """The same for many logs: a function of the fingerprint of each."""
+    rest = _key(settings, digests) | {"every_region": every_region}
+    return lambda fingerprint: digest(json.dumps(rest | {"log": fingerprint}, sort_keys=True))
 
 
 def _key(settings: Settings, digests: dict[str, str]) -> dict[str, Any]:
