@@ -189,13 +189,8 @@ class Inventory:
             raise UsageError(
                 f"{target}: the kind of file is none of {', '.join(FORMATS)}. Give kind."
             )
-        export(
-            out,
-            find_review(out, None if review is None else Path(review)),
-            target,
-            chosen,
-            **options,
-        )
+        said = find_review(out, () if review is None else [Path(review)])
+        export(out, said, target, chosen, **options)
         return target
 
     def _result(self, name: str) -> Path:
