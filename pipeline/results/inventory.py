@@ -305,14 +305,15 @@ class InventoryWriter:
         try:
             self._stream.close()
             self._scratch.close()
-            self._write_signs(signs, path)
+            tables = {SIGNS: [sign_row(sign, self._log) for sign in signs]}
+            if sections is not None:
+                tables |= roadside_rows(sections, path) | {POSTS: posts_rows(signs, self._log)}
+            for table, found in tables.items():
+                placed = table is SIGNS and path.globe is not None
+                columns = {name: [row[name] for row in found] for name in table.schema.names}
+                self._write(table, columns, geoparquet_metadata(found) if placed else None)
             self._write_frames(path)
             self._write_observations(signs)
-            roadside = {}
-            if sections is not None:
-                roadside = roadside_rows(sections, path) | {POSTS: posts_rows(signs, self._log)}
-            for table, found in roadside.items():
-                self._write(table, {name: [r[name] for r in found] for name in table.schema.names})
         except OSError as error:
             raise not_written(self._folder, error) from error
         finally:
@@ -321,7 +322,7 @@ class InventoryWriter:
             SIGNS.file: len(signs),
             OBSERVATIONS.file: self._observation_count,
             FRAMES.file: len(self._frames["frame"]),
-            **{table.file: len(found) for table, found in roadside.items()},
+            **{table.file: len(found) for table, found in tables.items()},
         }
         return WrittenTables(
             self._log,
@@ -405,11 +406,6 @@ class InventoryWriter:
             if columns["status"][row] == DUPLICATE:
                 columns["baseline_m"][row] = 0.0
         self._write(FRAMES, columns)
-
-    def _write_signs(self, signs: Sequence[Sign], path: DrivePath) -> None:
-        rows = [sign_row(sign, self._log) for sign in signs]
-        geo = None if path.globe is None else geoparquet_metadata(rows)
-        self._write(SIGNS, {name: [row[name] for row in rows] for name in SIGNS.schema.names}, geo)
 
     def _write(self, table: Table, columns: dict[str, Any], geo: str | None = None) -> None:
         with ParquetFile(self._folder / table.file, table.schema, geo) as sink:
