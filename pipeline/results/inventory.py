@@ -162,15 +162,19 @@ def _code(sign: Sign) -> dict[str, Any]:
 
 
 def _on_globe(sign: Sign) -> dict[str, Any]:
-    """Columns on WGS 84; `geometry` is a WKB Point Z."""
-    names = ("lon_deg", "lat_deg", "alt_m", "sigma_east_m", "sigma_north_m", "sigma_alt_m")
-    globe = sign.globe
+    """Columns on WGS 84."""
+    sigmas, globe = ("sigma_east_m", "sigma_north_m", "sigma_alt_m"), sign.globe
     if globe is None:
-        return dict.fromkeys((*names, "bearing_deg", "geometry"))
-    place = (globe.longitude_deg, globe.latitude_deg, globe.altitude_m)
-    values = dict(zip(names, (*place, *globe.sigma_m), strict=True))
-    geometry = struct.pack("<BIddd", 1, 1001, *place)
-    return values | {"bearing_deg": finite(globe.bearing_deg), "geometry": geometry}
+        return dict.fromkeys((*located(0, 0, 0), *sigmas, "bearing_deg"))
+    place = located(globe.longitude_deg, globe.latitude_deg, globe.altitude_m)
+    errors = dict(zip(sigmas, globe.sigma_m, strict=True))
+    return place | errors | {"bearing_deg": finite(globe.bearing_deg)}
+
+
+def located(lon_deg: float, lat_deg: float, alt_m: float) -> dict[str, Any]:
+    """Columns of a place on WGS 84; `geometry` is a WKB Point Z."""
+    geometry = struct.pack("<BI3d", 1, 1001, lon_deg, lat_deg, alt_m)
+    return {"lon_deg": lon_deg, "lat_deg": lat_deg, "alt_m": alt_m, "geometry": geometry}
 
 
 def roadside_rows(
