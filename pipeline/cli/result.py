@@ -268,15 +268,16 @@ def export(
     from wayside.pipeline.reviewing.review import find_review
 
     chosen = _format_of(given["file"], given["kind"])
-    inventory = is_inventory(out)
-    name = given["table"] or ("panels" if inventory else "signs")
+    inventory, table = is_inventory(out), given["table"]
+    name = table or ("panels" if inventory else "signs")
     target = given["file"] or out / f"{name}.{chosen}"
     if inventory and (review or given["accepted"]):
         raise UsageError(
             f"--review, --accepted: {out} is an inventory, and reviews are of one drive. Leave them out."
         )
     said = NO_REVIEW if inventory else find_review(out, review or ())
-    how = {name: given[name] for name in ("table", "units", "crs", "log", "pictures", "accepted")}
+    how = {name: given[name] for name in ("crs", "log", "pictures", "accepted")}
+    how |= {"table": table and table.value, "units": given["units"].value}
     how |= {"every": given["all_columns"], "route": route_of(given)}
     done = write(out, said, target, chosen, **how, overwrite=overwrite)
     reviewed = len(said.rows) + len(said.missing)
