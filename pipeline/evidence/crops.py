@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.files.pictures import blurred
+from wayside.pipeline.files.pictures import blurred, webp_address
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.results.result import find_log, read_rows, read_run, read_settings
 from wayside.schemas.errors import InputError
@@ -99,6 +99,20 @@ def read_crops(
     """Cut boxes with their surroundings out of the images of `read_boxes`; None where an image does not decode."""
     for key, image, box in read_boxes(out, log, boxes, blur=blur):
         yield key, None if image.rgb is None else cut(image.rgb, box, proportion)
+
+
+def crop_addresses(
+    out: Path, log: Path | None, boxes: Iterable[tuple[Key, int, Box]], size: tuple[int, int]
+) -> tuple[dict[Key, str], str]:
+    """Addresses of WebP images of boxes, those that the log gives; and why it gives no more, or an empty text."""
+    images: dict[Key, str] = {}
+    try:
+        for key, crop in read_crops(out, log, boxes, size[0] / size[1]):
+            if crop is not None:
+                images[key] = webp_address(draw_crop(crop, size))
+    except InputError as error:
+        return images, str(error)
+    return images, ""
 
 
 def read_boxes(

@@ -69,9 +69,9 @@ class DriveView:
         low, high = low - settings.farthest_m, high + settings.farthest_m
         rows = np.flatnonzero(((centre[:, :2] > low) & (centre[:, :2] < high)).all(axis=1))
         turned = self.frames.rotation[rows]
-        found = views_of(places, centre[rows], turned, self.camera, self.smallest_px)
+        shown = views_of(places, centre[rows], turned, self.camera, self.smallest_px)
         told: list[tuple[Ints, int, Floats] | None] = []
-        for height, box in zip(found.height, found.box, strict=True):
+        for height, box in zip(*shown, strict=True):
             largest = np.argsort(-height, kind="stable")[: settings.images]
             largest = largest[height[largest] > 0]
             if np.count_nonzero(height) < VIEWS:
