@@ -1,7 +1,5 @@
 """Inputs changed at random, and inputs that must be refused: what each kind comes to."""
 
-from __future__ import annotations
-
 import io
 import json
 import random

@@ -8,8 +8,6 @@ drives. The sum is shifted to have the same threshold as the box network alone. 
 folder are written.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor

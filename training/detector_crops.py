@@ -3,8 +3,6 @@
 A crop is the same for the same seed and number, so that a learning run can be taken up again where it stopped.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import cv2

@@ -3,15 +3,13 @@
 An image says how far its boxes can be trusted: in most real ones some signs bear no box.
 """
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import numpy as np
@@ -81,7 +79,7 @@ class LabelledImage:
         other: Sequence[Sequence[float]] = (),
         complete: tuple[bool, bool] = (True, False),
         camera: Camera | None = None,
-    ) -> LabelledImage:
+    ) -> Self:
         """From source and name, and faces by the names of their classes, `NONE` where these are none of ours."""
         return cls(
             *name,

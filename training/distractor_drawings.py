@@ -3,8 +3,6 @@
 They are worn and blended in as faces are: what tells them from signs is what they show, not how they were drawn.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import ceil, floor
 

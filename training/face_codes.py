@@ -4,8 +4,6 @@ It is taught by vector drawings, seen from an angle, worn, before real backgroun
 real crops. Whole tracks of those choose its temperature, and other whole tracks measure it.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from pathlib import Path

@@ -3,8 +3,6 @@
 Each is seen from an angle, faded, dirty, shaded and as bright as its surroundings, then blended in.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

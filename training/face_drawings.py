@@ -1,7 +1,5 @@
 """Faces that can be drawn into images: vector faces of many countries, cut-out real ones, boards, backs."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Iterator, Sequence

@@ -10,8 +10,6 @@ nearest to the true outline is the right one; the weights maximise the likelihoo
 McFadden 1974).
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

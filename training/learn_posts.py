@@ -4,8 +4,6 @@ Kinds are Gaussians of `post_features` with one covariance (linear discriminant 
 boxes drawn at random, as in `training.learn`. The same drives, seed and package versions give the same file.
 """
 
-from __future__ import annotations
-
 import sys
 from collections import defaultdict
 from collections.abc import Mapping, Sequence

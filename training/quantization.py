@@ -7,8 +7,6 @@ from. The last layer stays as it is: its log odds would be steps of 0.1. The par
 next `DequantizeLinear` is then rewritten on integers, with the same output to the last bit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
 from pathlib import Path

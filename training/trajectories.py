@@ -5,8 +5,6 @@ and `trajectory_compensated.json` (without the camera's rotation). The same driv
 files.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from dataclasses import replace

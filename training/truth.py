@@ -1,7 +1,5 @@
 """What drives with truth say of boxes and tracks, and what the command lines of training share."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys
@@ -10,7 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import cv2
 import numpy as np
@@ -228,7 +226,7 @@ class KnownPanels:
     )
 
     @classmethod
-    def of(cls, truth: Mapping[str, Any]) -> KnownPanels:
+    def of(cls, truth: Mapping[str, Any]) -> Self:
         """From the content of a `truth.json`."""
         views = {
             frame: [view for view in seen if view.back or view.sign["faces_travel"]]
@@ -237,7 +235,7 @@ class KnownPanels:
         return cls(views, {frame["index"]: camera_pose(frame) for frame in truth["frames"]})
 
     @classmethod
-    def of_labels(cls, labels: Mapping[str, Any], checked: Mapping[str, Any]) -> KnownPanels:
+    def of_labels(cls, labels: Mapping[str, Any], checked: Mapping[str, Any]) -> Self:
         """From the content of a `labels.json`, and from the checked boxes of the drive by number of the image."""
         views: dict[int, list[View]] = {}
         signs = [

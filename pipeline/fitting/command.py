@@ -1,7 +1,5 @@
 """What `wayside fit` does: fit every model that labels suffice for, write those that do better, and report."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Models fitted to a user's samples: Gaussian classes of enough signs, and the confidence; thresholds by a rule."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """What became of a fit: in words, as JSON, and as a page with the held-out curves."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path

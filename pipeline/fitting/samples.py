@@ -1,7 +1,5 @@
 """Images with labels, from logs and from folders, and what the classifiers of a fit are asked about in them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What became of the boxes of another detector: how many came in, were left out and why, and are views of signs."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Class maps: a TOML file that says which classes of another detector are signs, and what these look like."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,11 +1,10 @@
 """Labels of any format, and the frames of a log that they are of."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 from xml.etree.ElementTree import ParseError
 
 from wayside.pipeline.files.input_files import files_below
@@ -110,7 +109,7 @@ class LogImages:
     used: frozenset[int]
 
     @classmethod
-    def of(cls, log: Path, settings: ReadSettings) -> LogImages:
+    def of(cls, log: Path, settings: ReadSettings) -> Self:
         """Of the frames of a log; raises InputError where it cannot be read."""
         times, names, used = {}, {}, set()
         for frame in read_frames(log, settings, ReadReport()):

@@ -1,7 +1,5 @@
 """Labels in wayside's own formats: the truth of rendered drives, hand-made boxes, marks, and the Parquet file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path

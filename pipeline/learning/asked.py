@@ -5,13 +5,11 @@ connected regions, the colour gate those that pass it, and the shape gate those 
 triangulated landmarks. In preset `default`, boxes and landmarks are scored.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +77,7 @@ class ClassifierSamples(Rows):
     box: NDArray[np.float32]
     count: NDArray[np.int64]
 
-    def known(self) -> ClassifierSamples:
+    def known(self) -> Self:
         """Those that are on a sign or off all signs."""
         return self.select(self.label != NEITHER)
 

@@ -1,7 +1,5 @@
 """What is fitted to few samples: Gaussian classes, the calibration of scores; and how it does on what is held out."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

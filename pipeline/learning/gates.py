@@ -7,8 +7,6 @@ densities of trajectories, stay those of the models at hand. Colours are learned
 what they let pass.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 import sys

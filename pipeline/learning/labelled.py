@@ -1,7 +1,5 @@
 """The labelled sign faces of a drive, and whether regions and landmarks are on one."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

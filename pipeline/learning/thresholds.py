@@ -5,8 +5,6 @@ Pearson, the most power of all tests of a false-alarm rate. Its threshold leaves
 sign above it, however many others there are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TypeVar

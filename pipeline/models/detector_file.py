@@ -1,7 +1,5 @@
 """A detector of the user's: its ONNX file is read, run once, and its format recognised, before a log is opened."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Mapping
 from hashlib import sha256

@@ -1,7 +1,5 @@
 """Model files: where they are searched, how they are read, and the digests of those that ship."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
@@ -9,7 +7,7 @@ from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import TypeVar
+from typing import Self, TypeVar
 
 from wayside.pipeline.files.input_files import read_input
 from wayside.pipeline.models.model_json import model_from_json
@@ -42,7 +40,7 @@ class ModelFolder:
     """Whether the user's folder held one of them."""
 
     @classmethod
-    def of(cls, name: str) -> ModelFolder:
+    def of(cls, name: str) -> Self:
         """The folder of that name, none where it is empty; raises InputError where no folder is there."""
         if name and not Path(name).is_dir():
             raise InputError(

@@ -4,8 +4,6 @@ Three things are written for people: operating points as rows of numbers, weight
 evidence as one object a feature. `accept` is the `threshold` of evidence, whose older name it is.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

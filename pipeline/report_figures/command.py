@@ -1,7 +1,5 @@
 """All figures of the report on one drive, written as one page."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ more power than the one that accepts where p1 / p0 is at least eta (Neyman and P
 whatever is not a sign with probability alpha (report eq. 9.3 to 9.6).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the figures are made of: a run of the report's chain over a drive with labels, single images again, cut-outs."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Chapters 5 to 8 and 11: tracks, calibration, residuals of the motion, the scene, and what is found."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`wayside roc`: gather what the classifiers are asked on some drives, and write their curves."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby

@@ -1,7 +1,5 @@
 """The layout of the viewer: everything that decides is visible without a click."""
 
-from __future__ import annotations
-
 import rerun as rr
 import rerun.blueprint as rrb
 

@@ -1,7 +1,5 @@
 """How landmarks, candidates, outlines and measured panels are drawn: colours, words and archetypes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

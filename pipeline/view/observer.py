@@ -1,7 +1,5 @@
 """Receives every item of the flow and sends its entities to recordings, each from a thread of its own."""
 
-from __future__ import annotations
-
 import threading
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -114,34 +112,6 @@ class Viewing:
     """Blur what lies off the boxes of possible signs."""
 
 
-def open_observer(
-    viewing: Viewing, folder: Path, log: str, location: GaussianModel, report: ReadReport
-) -> RerunObserver:
-    """Start the recordings of a run; `folder` exists, `log` is the name of the recording, `report` what reading chose.
-
-    A recording without images is laid over those of the log: in the coordinate frame that Rerun's importer
-    gives them.
-    """
-
-    def file_stream() -> rr.RecordingStream:
-        stream = rr.RecordingStream(APPLICATION, recording_id=log)
-        stream.save(folder / RECORDING, default_blueprint=drive_layout())
-        return stream
-
-    def live_stream() -> rr.RecordingStream:
-        stream = rr.RecordingStream(APPLICATION, recording_id=log)
-        stream.connect_grpc(viewing.address, default_blueprint=drive_layout(live=True))
-        return stream
-
-    recorders = []
-    if viewing.file:
-        recorders.append(Recorder(RECORDING, file_stream, FILE_PATIENCE_S))
-    if viewing.address is not None:
-        recorders.append(Recorder(viewing.address, live_stream, 0.0))
-    plane = f"{report.camera_frame}_image_plane" if viewing.images == "none" else None
-    return RerunObserver(recorders, location, viewing, plane)
-
-
 class RerunObserver:
     """Turns items into entities in the thread that made them, and sends each frame's in one go, in order.
 
@@ -249,3 +219,31 @@ class RerunObserver:
             batches = [Batch(None, tuple(entity(path, frame) for path in new)), *batches]
         for recorder in self._recorders:
             recorder.put(batches)
+
+
+def open_observer(
+    viewing: Viewing, folder: Path, log: str, location: GaussianModel, report: ReadReport
+) -> RerunObserver:
+    """Start the recordings of a run; `folder` exists, `log` is the name of the recording, `report` what reading chose.
+
+    A recording without images is laid over those of the log: in the coordinate frame that Rerun's importer
+    gives them.
+    """
+
+    def file_stream() -> rr.RecordingStream:
+        stream = rr.RecordingStream(APPLICATION, recording_id=log)
+        stream.save(folder / RECORDING, default_blueprint=drive_layout())
+        return stream
+
+    def live_stream() -> rr.RecordingStream:
+        stream = rr.RecordingStream(APPLICATION, recording_id=log)
+        stream.connect_grpc(viewing.address, default_blueprint=drive_layout(live=True))
+        return stream
+
+    recorders = []
+    if viewing.file:
+        recorders.append(Recorder(RECORDING, file_stream, FILE_PATIENCE_S))
+    if viewing.address is not None:
+        recorders.append(Recorder(viewing.address, live_stream, 0.0))
+    plane = f"{report.camera_frame}_image_plane" if viewing.images == "none" else None
+    return RerunObserver(recorders, location, viewing, plane)

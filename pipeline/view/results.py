@@ -1,7 +1,5 @@
 """The recording of a finished run: opened in a viewer, or drawn to a PNG."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Iterable

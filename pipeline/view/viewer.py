@@ -1,7 +1,5 @@
 """The Rerun viewer as a program of ours: found, started on loopback, asked for a screenshot, ended."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

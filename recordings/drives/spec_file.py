@@ -1,7 +1,5 @@
 """Reads a drive specification and refuses what it cannot mean."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass

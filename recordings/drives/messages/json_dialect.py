@@ -1,7 +1,5 @@
 """Foxglove schemas as JSON."""
 
-from __future__ import annotations
-
 import base64
 import json
 from typing import Any

@@ -1,7 +1,5 @@
 """Foxglove schemas as protobuf."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration

@@ -1,7 +1,5 @@
 """ROS 2 messages as CDR."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Walls, shop fronts, billboards and silos."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Groups of signs that a specification can ask for."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import TypeAlias
 
