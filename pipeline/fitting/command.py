@@ -83,14 +83,9 @@ def fit_labels(
 ) -> str:
     """Fit models by labels, write them into a folder, and give the report.
 
-    Raises
-    ------
-    UsageError
-        There are several files of labels, but not one for each of the images.
-    InputError
-        Labels or images cannot be used, or not one model can be fitted.
-    OutputError
-        A file cannot be written, or exists already.
+    Raises UsageError where there are several files of labels, but not one for each of the images; InputError where
+    labels or images cannot be used, or not one model can be fitted; OutputError where a file cannot be written, or
+    exists already.
     """
     if len(options.labels) not in (1, len(options.images)):
         raise UsageError(

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -355,12 +355,3 @@ def log_loss(score: Values, on: NDArray[np.bool_]) -> float:
 def brier_score(score: Values, on: NDArray[np.bool_]) -> float:
     """Mean squared error of the probabilities of log odds (n,)."""
     return float(((expit(score) - on) ** 2).mean())
-
-
-def platt(scores: NDArray[np.floating[Any]], positive: NDArray[np.bool_]) -> tuple[Values, float]:
-    """Slopes (k,) and shift that make one log odds of k scores (n, k), by Platt's softened targets."""
-    count, rest = positive.sum(), (~positive).sum()
-    target = np.where(positive, (count + 1) / (count + 2), 1 / (rest + 2))
-    start = np.append(np.full(scores.shape[1], 1 / scores.shape[1]), 0.0)
-    found = logistic(np.asarray(scores, np.float64), target, start, np.zeros(len(start)))
-    return found[:-1], float(found[-1])

@@ -12,18 +12,11 @@ from typing import Self, TypeVar
 from wayside.pipeline.files.input_files import read_input
 from wayside.pipeline.models.model_json import model_from_json
 from wayside.schemas.errors import InputError
-from wayside.schemas.models import (
-    EvidenceModel,
-    GaussianModel,
-    LinearModel,
-    MixtureModel,
-    OnnxFile,
-    ScoreModel,
-)
+from wayside.schemas.models import Model, OnnxFile
 
 _ADVICE = "Correct the path, or leave the setting out"
 
-Kind = TypeVar("Kind", GaussianModel, MixtureModel, ScoreModel, LinearModel, EvidenceModel)
+Kind = TypeVar("Kind", bound=Model)
 
 
 @dataclass(slots=True)

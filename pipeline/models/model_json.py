@@ -9,7 +9,7 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,19 +19,14 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.models import (
     EvidenceModel,
     GaussianClass,
-    GaussianModel,
     LinearModel,
     MixtureModel,
     Model,
     NetworkSum,
     OperatingPoint,
-    ScoreModel,
 )
 
-_KINDS: dict[str, type[Any]] = {
-    kind.kind: kind
-    for kind in (GaussianModel, MixtureModel, ScoreModel, LinearModel, EvidenceModel)
-}
+_KINDS: dict[str, type[Any]] = {kind.kind: kind for kind in get_args(Model)}
 _EVIDENCE = {"name": "features", "term": "terms", "knots": "knots", "curve": "curves"}
 """Field of each key of a feature of evidence."""
 
@@ -76,9 +71,8 @@ def model_from_json(text: str, name: str = "model") -> Model:
             }
             data |= columns | {"threshold": data["accept"]}
         model: Model = _built(kind, data)
-        object.__setattr__(
-            model, "text_digest", digest(text)
-        )  # frozen, and no argument of its kind
+        # frozen, and no argument of its kind
+        object.__setattr__(model, "text_digest", digest(text))
     except (*CONTENT_FAULTS, RecursionError) as error:
         raise InputError(
             f"{name}: this is not a model file of wayside: {type(error).__name__}: {error}. Write one with the "

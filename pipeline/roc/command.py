@@ -57,14 +57,9 @@ def measure_roc(
     """Run logs, and write `roc.parquet`, `classifiers.parquet`, `confusion.parquet`, `roc.rrd` and a PNG a classifier.
 
     `labels`: files or folders, of any format; each log takes those of its images. `notify`: is called with a line about
-    each log. `overwrite`: replace any file of these names; else only an earlier measurement.
-
-    Raises
-    ------
-    InputError
-        A log or labels cannot be used, or the labels show no sign that a classifier was asked about.
-    OutputError
-        The folder cannot be written.
+    each log. `overwrite`: replace any file of these names; else only an earlier measurement. Raises InputError where a
+    log or labels cannot be used or show no sign that a classifier was asked about, OutputError where the folder cannot
+    be written.
     """
     if not overwrite:
         _check_free(folder)
