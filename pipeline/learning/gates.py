@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.files.writing import write_file
 from wayside.pipeline.labels.read import read_labels
+from wayside.pipeline.learning import fits
 from wayside.pipeline.learning.asked import (
     TRAJECTORIES,
     ClassifierSamples,
@@ -29,15 +30,6 @@ from wayside.pipeline.learning.asked import (
     join_drives,
 )
 from wayside.pipeline.learning.curves import resampled_groups
-from wayside.pipeline.learning.fits import (
-    COLOR_FLOOR,
-    PLACE_FLOOR,
-    SHAPE_FLOOR,
-    SIDES,
-    fit_background,
-    moments,
-    sides,
-)
 from wayside.pipeline.learning.labelled import ANY_SPACING_M, ON
 from wayside.pipeline.learning.thresholds import GATE_RATES, with_threshold
 from wayside.pipeline.models.model_files import (
@@ -82,7 +74,7 @@ def learn_gates(
     `samples`: by classifier. `densities`: of trajectories, one a form.
     """
     learned: dict[str, GaussianModel | MixtureModel] = {}
-    floors = {"color": COLOR_FLOOR, "shape": (SHAPE_FLOOR,) * 6}
+    floors = {"color": fits.COLOR_FLOOR, "shape": (fits.SHAPE_FLOOR,) * 6}
     for name, model in (("color", models.color_classes), ("shape", models.shape_classes)):
         if name in samples and model is not None:
             own = samples[name]
@@ -104,7 +96,7 @@ def learn_gates(
 
     def stand(known: ClassifierSamples) -> GaussianModel:
         signs = location_components(known.values[known.label == ON], origin)
-        return _against(signs, PLACE_FLOOR, known)
+        return _against(signs, fits.PLACE_FLOOR, known)
 
     learned[REPORT_LOCATION] = _gate(places, stand, "location")
     learned[KANSAS] = _gate(places, lambda known: one, "location")
@@ -117,7 +109,7 @@ def _against(
     """The model with the background of what is no sign."""
     least = np.array(floor)
     others = known.values[known.label != ON]
-    return replace(model, background=fit_background(others, lambda mean: least))
+    return replace(model, background=fits.fit_background(others, lambda mean: least))
 
 
 def _gate(samples: ClassifierSamples, fit: Fit, name: str) -> GaussianModel:
@@ -146,13 +138,13 @@ def location_components(places: NDArray[np.float64], provenance: str) -> Gaussia
     One mean cannot hold the signs on both sides (chapter 8 has it at +10 ft). Background and threshold are still to be
     learned. Raises InputError where no component has `FEWEST` signs.
     """
-    side, classes = sides(places, OVERHEAD_M), []
-    for name in SIDES:
+    side, classes = fits.sides(places, OVERHEAD_M), []
+    for name in fits.SIDES:
         own = side == name
         if own.sum() < FEWEST:
             continue
         weight = np.full(own.sum(), 1 / own.sum())
-        mean, covariance = moments(places[own], weight, np.array(PLACE_FLOOR))
+        mean, covariance = fits.moments(places[own], weight, np.array(fits.PLACE_FLOOR))
         classes.append(GaussianClass(name, mean, covariance, int(own.sum())))
     if not classes:
         raise InputError(

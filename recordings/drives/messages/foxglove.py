@@ -4,17 +4,7 @@ from abc import ABC, abstractmethod
 from typing import Any
 
 from recordings.drives.arrays import Bytes
-from recordings.drives.messages.content import (
-    ANTENNA,
-    CAMERA,
-    DIAGONAL_KNOWN,
-    IDENTITY,
-    WORLD,
-    Calibration,
-    CameraPose,
-    EncodedMessage,
-    FixReading,
-)
+from recordings.drives.messages import content
 
 
 class FoxgloveMessages(ABC):
@@ -23,15 +13,15 @@ class FoxgloveMessages(ABC):
     @abstractmethod
     def _message(
         self, name: str, time_ns: int, frame: str, fields: dict[str, Any]
-    ) -> EncodedMessage:
+    ) -> content.EncodedMessage:
         """A message of a type and frame of reference."""
 
-    def compressed(self, time_ns: int, jpeg: bytes) -> EncodedMessage:
+    def compressed(self, time_ns: int, jpeg: bytes) -> content.EncodedMessage:
         """A JPEG image."""
         fields = {"data": jpeg, "format": "jpeg"}
-        return self._message("foxglove.CompressedImage", time_ns, CAMERA, fields)
+        return self._message("foxglove.CompressedImage", time_ns, content.CAMERA, fields)
 
-    def raw(self, time_ns: int, image: Bytes) -> EncodedMessage:
+    def raw(self, time_ns: int, image: Bytes) -> content.EncodedMessage:
         """A bgr8 image (height, width, 3)."""
         height, width = image.shape[:2]
         fields = {
@@ -41,9 +31,9 @@ class FoxgloveMessages(ABC):
             "step": width * 3,
             "data": image.tobytes(),
         }
-        return self._message("foxglove.RawImage", time_ns, CAMERA, fields)
+        return self._message("foxglove.RawImage", time_ns, content.CAMERA, fields)
 
-    def calibration(self, time_ns: int, calibration: Calibration) -> EncodedMessage:
+    def calibration(self, time_ns: int, calibration: content.Calibration) -> content.EncodedMessage:
         """Camera calibration."""
         fields = {
             "width": calibration.camera.width,
@@ -51,25 +41,25 @@ class FoxgloveMessages(ABC):
             "distortion_model": "plumb_bob",
             "D": list(calibration.camera.distortion),
             "K": calibration.k,
-            "R": IDENTITY,
+            "R": content.IDENTITY,
             "P": calibration.p,
         }
-        return self._message("foxglove.CameraCalibration", time_ns, CAMERA, fields)
+        return self._message("foxglove.CameraCalibration", time_ns, content.CAMERA, fields)
 
-    def pose(self, time_ns: int, pose: CameraPose) -> EncodedMessage:
+    def pose(self, time_ns: int, pose: content.CameraPose) -> content.EncodedMessage:
         """Camera pose in the world."""
         position = dict(zip("xyz", map(float, pose.position), strict=True))
         orientation = dict(zip("xyzw", map(float, pose.quaternion), strict=True))
         fields = {"pose": {"position": position, "orientation": orientation}}
-        return self._message("foxglove.PoseInFrame", time_ns, WORLD, fields)
+        return self._message("foxglove.PoseInFrame", time_ns, content.WORLD, fields)
 
-    def fix(self, time_ns: int, fix: FixReading) -> EncodedMessage:
+    def fix(self, time_ns: int, fix: content.FixReading) -> content.EncodedMessage:
         """Position fix."""
         fields = {
             "latitude": fix.latitude,
             "longitude": fix.longitude,
             "altitude": fix.altitude,
             "position_covariance": fix.covariance(),
-            "position_covariance_type": DIAGONAL_KNOWN,
+            "position_covariance_type": content.DIAGONAL_KNOWN,
         }
-        return self._message("foxglove.LocationFix", time_ns, ANTENNA, fields)
+        return self._message("foxglove.LocationFix", time_ns, content.ANTENNA, fields)
