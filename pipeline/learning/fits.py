@@ -140,10 +140,16 @@ def sides(places: Values, overhead_m: float) -> NDArray[np.str_]:
     return np.where(up > overhead_m, "overhead", np.where(right >= 0, "right", "left"))
 
 
-def moments(values: Values, weight: Values, floor: Values) -> tuple[Values, Values]:
-    """Weighted mean (d,) and covariance (d, d) of values (n, d); no axis is narrower than its `floor` (d,)."""
-    mean, covariance = _moments(values, weight)
-    return mean, _widened(covariance, floor)
+def side_classes(places: Values, overhead_m: float, fewest: int) -> list[GaussianClass]:
+    """Where signs stand, places (n, 2) right and up in metres, on those of `SIDES` that have so many signs or more."""
+    side, classes = sides(places, overhead_m), []
+    for name in SIDES:
+        own = places[side == name]
+        if len(own) >= fewest:
+            mean, covariance = _moments(own, np.full(len(own), 1 / len(own)))
+            wide = _widened(covariance, np.array(PLACE_FLOOR))
+            classes.append(GaussianClass(name, mean, wide, len(own)))
+    return classes
 
 
 def _moments(values: Values, weight: Values) -> tuple[Values, Values]:

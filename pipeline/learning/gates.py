@@ -138,14 +138,7 @@ def location_components(places: NDArray[np.float64], provenance: str) -> Gaussia
     One mean cannot hold the signs on both sides (chapter 8 has it at +10 ft). Background and threshold are still to be
     learned. Raises InputError where no component has `FEWEST` signs.
     """
-    side, classes = fits.sides(places, OVERHEAD_M), []
-    for name in fits.SIDES:
-        own = side == name
-        if own.sum() < FEWEST:
-            continue
-        weight = np.full(own.sum(), 1 / own.sum())
-        mean, covariance = fits.moments(places[own], weight, np.array(fits.PLACE_FLOOR))
-        classes.append(GaussianClass(name, mean, covariance, int(own.sum())))
+    classes = fits.side_classes(places, OVERHEAD_M, FEWEST)
     if not classes:
         raise InputError(
             f"location: {FEWEST} landmarks of signs on a side of the road are needed, and there are {len(places)} in "
