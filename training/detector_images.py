@@ -16,11 +16,7 @@ import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from training.truth import (
-    images,
-    read_truth,
-    views_by_frame,
-)
+from training.truth import images, read_truth, views_by_frame
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera

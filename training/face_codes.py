@@ -28,13 +28,7 @@ from training.face_classes import (
 from training.face_compositing import BRIGHTNESS, blend, seen_from_an_angle, wear
 from training.face_drawings import FaceDrawing, FaceLibrary, chosen_face
 from training.networks import write_onnx
-from training.truth import (
-    OUT,
-    REAL,
-    SEED,
-    command,
-    images,
-)
+from training.truth import OUT, REAL, SEED, command, images
 from wayside.schemas.detections import NONE
 from wayside.stages.sign_codes import (
     CLASSES,

@@ -9,12 +9,7 @@ from numpy.typing import NDArray
 
 from training.camera_effects import piece
 from training.detector_images import FRONT
-from training.face_drawings import (
-    KINDS,
-    FaceDrawing,
-    FaceLibrary,
-    chosen_face,
-)
+from training.face_drawings import KINDS, FaceDrawing, FaceLibrary, chosen_face
 from wayside.schemas.detections import NONE
 
 HEIGHTS_PX = (7.0, 160.0)

@@ -14,14 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from training.truth import (
-    OUT,
-    KnownPanels,
-    command,
-    processes,
-    read_truth,
-    write_model,
-)
+from training.truth import OUT, KnownPanels, command, processes, read_truth, write_model
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
 from wayside.pipeline.learning.thresholds import GATE_RATES, with_threshold
