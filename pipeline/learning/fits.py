@@ -11,14 +11,12 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from wayside.pipeline.learning.curves import RocCurve
-from wayside.pipeline.learning.thresholds import gate_points
+from wayside.pipeline.learning.thresholds import Flags, Values, gate_points
 from wayside.pipeline.statistics import TAILS, resamplings
 from wayside.schemas.detections import Rows
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.stages.classifiers import class_distances, log_normals, log_ratios, most_powerful
 
-Values = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Floor = Callable[[Values], Values]
 """Smallest scatter (d,) of a class of mean (d,): less is an accident of few signs."""
 
