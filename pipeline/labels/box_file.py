@@ -18,6 +18,7 @@ from wayside.pipeline.files.parquet import read_parquet
 from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_json
 from wayside.pipeline.labels.class_map import numbered, read_class_map
 from wayside.pipeline.labels.formats import Entry, coco_box, coco_classes
+from wayside.pipeline.labels.wayside_labels import CORNERS
 from wayside.pipeline.reading.image_order import natural_key
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.schemas.detectors import IMAGE_KEYS, BoxFile, ExternalBoxes, SignClass
@@ -25,7 +26,6 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.settings import Settings
 from wayside.stages.detection import named_boxes, places_of
 
-CORNERS = ("x_min", "y_min", "x_max", "y_max")
 _ADVICE = "See docs/detectors.md for the columns."
 
 

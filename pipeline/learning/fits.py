@@ -270,15 +270,9 @@ def score_held_out(
     pairs = zip(samples.kind[~others], given[~others], strict=True)
     confusion = Counter(f"{known} -> {name or 'refused'}" for known, name in pairs)
     rates = resampled.rates(given)
-    return Held(
-        rates.accepted,
-        rates.named,
-        rates.false_rate,
-        rates.gain,
-        tuple(classes),
-        int(others.sum()),
-        dict(sorted(confusion.items())),
-    )
+    shares = rates.accepted, rates.named, rates.false_rate, rates.gain
+    counts = int(others.sum()), dict(sorted(confusion.items()))
+    return Held(*shares, tuple(classes), *counts)
 
 
 class Resampled:

@@ -14,7 +14,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,16 +21,10 @@ from numpy.typing import NDArray
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.files.writing import write_file
 from wayside.pipeline.labels.read import read_labels
-from wayside.pipeline.learning import fits
-from wayside.pipeline.learning.asked import (
-    TRAJECTORIES,
-    ClassifierSamples,
-    gather_samples,
-    join_drives,
-)
+from wayside.pipeline.learning import asked, fits
 from wayside.pipeline.learning.curves import resampled_groups
 from wayside.pipeline.learning.labelled import ANY_SPACING_M, ON
-from wayside.pipeline.learning.thresholds import GATE_RATES, with_threshold
+from wayside.pipeline.learning.thresholds import GATE_RATES, Gate, with_threshold
 from wayside.pipeline.models.model_files import (
     REPORT_LOCATION,
     TRAJECTORY_FILES,
@@ -54,20 +47,21 @@ OVERHEAD_M = 3.0
 PASSES = (
     ("report-shape", ("color",)),
     ("report-shape", ("shape",)),
-    ("report", (*TRAJECTORIES.values(), "location")),
+    ("report", (*asked.TRAJECTORIES.values(), "location")),
 )
 """Preset of each pass over the drives, and the gates learned there; the trajectories decide nothing in theirs."""
 
 FEWEST = 20
 """A component of fewer signs is not learned: its scatter would be known to a sixth at best."""
 
-Gate = TypeVar("Gate", GaussianModel, MixtureModel)
-Fit = Callable[[ClassifierSamples], GaussianModel]
+Fit = Callable[[asked.ClassifierSamples], GaussianModel]
 """A gate by what it was asked about."""
 
 
 def learn_gates(
-    samples: Mapping[str, ClassifierSamples], models: Models, densities: Sequence[MixtureModel] = ()
+    samples: Mapping[str, asked.ClassifierSamples],
+    models: Models,
+    densities: Sequence[MixtureModel] = (),
 ) -> dict[str, GaussianModel | MixtureModel]:
     """The models of the gates that were asked, by the name of their file; raises InputError where too few signs were.
 
@@ -81,7 +75,7 @@ def learn_gates(
             found = _gate(own, partial(_against, model, floors[name]), name)
             learned[OWN[name]] = _of_origin(found, "background and threshold by", own)
     for density in densities:
-        name = TRAJECTORIES[density.space]
+        name = asked.TRAJECTORIES[density.space]
         if name in samples:
             own = samples[name].known()
             columns = own.values[:, 0], own.label == ON, resampled_groups(own.drive, own.frame)[0]
@@ -94,7 +88,7 @@ def learn_gates(
     kansas = "mean of 50 images of Kansas, unit covariance (report chapters 8 and 11); radius by "
     one = GaussianModel("right_up_m", (single,), kansas + origin)
 
-    def stand(known: ClassifierSamples) -> GaussianModel:
+    def stand(known: asked.ClassifierSamples) -> GaussianModel:
         signs = location_components(known.values[known.label == ON], origin)
         return _against(signs, fits.PLACE_FLOOR, known)
 
@@ -104,7 +98,7 @@ def learn_gates(
 
 
 def _against(
-    model: GaussianModel, floor: Sequence[float], known: ClassifierSamples
+    model: GaussianModel, floor: Sequence[float], known: asked.ClassifierSamples
 ) -> GaussianModel:
     """The model with the background of what is no sign."""
     least = np.array(floor)
@@ -112,7 +106,7 @@ def _against(
     return replace(model, background=fits.fit_background(others, lambda mean: least))
 
 
-def _gate(samples: ClassifierSamples, fit: Fit, name: str) -> GaussianModel:
+def _gate(samples: asked.ClassifierSamples, fit: Fit, name: str) -> GaussianModel:
     """The model fitted to all samples, with a threshold by the scores of drives that were held out in turn."""
     known = samples.known()
     group, _ = resampled_groups(known.drive, known.frame)
@@ -147,13 +141,13 @@ def location_components(places: NDArray[np.float64], provenance: str) -> Gaussia
     return GaussianModel("right_up_m", tuple(classes), provenance)
 
 
-def _of_origin(model: Gate, what: str, samples: ClassifierSamples) -> Gate:
+def _of_origin(model: Gate, what: str, samples: asked.ClassifierSamples) -> Gate:
     """The model with the provenance of its new threshold behind its own."""
     learned_from = re.split(r"; (?:background and )?thresholds? by ", model.provenance)[0]
     return replace(model, provenance=f"{learned_from}; {what} {_origin(samples)}")
 
 
-def _origin(samples: ClassifierSamples) -> str:
+def _origin(samples: asked.ClassifierSamples) -> str:
     """What was counted: drives, with their signs and other things."""
     own = samples.known()
     drives = []
@@ -180,10 +174,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if models.color_classes is not None and "color" in wanted:  # nothing behind it is asked
             models = replace(models, color_classes=replace(models.color_classes, threshold=np.inf))
         drives = [
-            gather_samples(log, truth, settings, models, undecided=densities, only=wanted)
+            asked.gather_samples(log, truth, settings, models, undecided=densities, only=wanted)
             for log, truth in truths
         ]
-        for name, model in learn_gates(join_drives(drives), models, densities).items():
+        for name, model in learn_gates(asked.join_drives(drives), models, densities).items():
             write_file(given.out / name, model_to_json(model).encode(), overwrite=True)
     return 0
 
