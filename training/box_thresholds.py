@@ -4,8 +4,7 @@
 
 A logistic regression on the boxes that are classified, on rendered drives that no model of one image has learned from,
 joins the scores of faces. The rule of each threshold is a number of boxes an image on no panel of its side, on these
-drives. The sum is shifted to have the same threshold as the box network alone. `front.json` and `back.json` of the
-folder are written.
+drives. The sum is shifted to have the same threshold as the box network alone. Writes `front.json` and `back.json`.
 """
 
 import sys
@@ -51,8 +50,7 @@ BELOW_THRESHOLD = 4.0
 class ScoredBoxes:
     """Boxes of one image, n rows, as what they may be: faces, or backs of panels.
 
-    `box`: (n, 4). `score` (n, 2) by box and detection network, of backs (n, 1). `label` (n,), `overlap` (n,) with a
-    true panel.
+    `box`: (n, 4). `score` (n, 2) by box and detection network, of backs (n, 1). `label`, `overlap` (n,) with a panel.
     """
 
     box: NDArray[np.float32]

@@ -6,8 +6,7 @@ The same drives, seed and package versions give the same files.
 
 Of outlines: tracking is left out, poses are the true ones, and detected boxes are drawn about the true panel with the
 scatter that detected boxes have. Views are rectified and registered as in a run. Of all candidates of a face the one
-nearest to the true outline is the right one; the weights maximise the likelihood of these choices (conditional logit,
-McFadden 1974).
+nearest to the true outline is right; the weights maximise the likelihood of this (conditional logit, McFadden 1974).
 """
 
 import sys

@@ -40,8 +40,7 @@ FEWEST = 10
 def learn_posts(drives: Path, out: Path, seed: int) -> None:
     """Learn `post.json` from the drives of a folder and write it into `out`.
 
-    Raises InputError if drives are missing, cannot be used or show too few posts; OutputError if the file cannot be
-    written.
+    Raises InputError if drives are missing, unusable or show too few posts, OutputError if the file cannot be written.
     """
     outline, rng = load_models(load_settings()[0]).outline_weights, np.random.default_rng(seed)
     found: dict[str, list[NDArray[np.float64]]] = defaultdict(list)

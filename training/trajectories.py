@@ -1,8 +1,7 @@
 """How signs move in the image and other things do not, learned from the tracks of rendered drives (report chapter 5).
 
-`python -m training.trajectories DRIVE.mcap... -o FOLDER` writes `trajectory.json` (the report's form)
-and `trajectory_compensated.json` (without the camera's rotation). The same drives and package versions give the same
-files.
+`python -m training.trajectories DRIVE.mcap... -o FOLDER` writes `trajectory.json` (the report's form) and
+`trajectory_compensated.json` (without the camera's rotation). The same drives and versions give the same files.
 """
 
 import sys
@@ -99,8 +98,7 @@ def steps_in_form(tracks: Sequence[Track], form: str) -> NDArray[np.float64]:
 def fitted(tracks: Sequence[Track], form: str) -> MixtureModel:
     """Mixtures of Gaussians of the steps of signs and of the others, by expectation maximisation; it accepts all.
 
-    The prior of a covariance (Fraley and Raftery 2007) is that of all steps, divided among the components: no component
-    shrinks to a few steps.
+    The prior of a covariance (Fraley and Raftery 2007) is that of all steps, divided among the components: none shrinks.
     """
     from sklearn.mixture import BayesianGaussianMixture  # only learning wants it
 

@@ -84,8 +84,7 @@ def fit_labels(
     """Fit models by labels, write them into a folder, and give the report.
 
     Raises UsageError where there are several files of labels, but not one for each of the images; InputError where
-    labels or images cannot be used, or not one model can be fitted; OutputError where a file cannot be written, or
-    exists already.
+    labels or images cannot be used, or no model can be fitted; OutputError where a file exists or cannot be written.
     """
     if len(options.labels) not in (1, len(options.images)):
         raise UsageError(

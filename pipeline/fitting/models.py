@@ -25,8 +25,7 @@ FEWEST_LANDMARKS = 10
 CLASS_WORDS = {"color": "colour", "shape": "shape", "location": "side of the road"}
 """What a class of each gate is."""
 PRIOR_SIGNS = (1.0, 3.0, 10.0, 30.0)
-"""Signs that the pooled covariance counts as; the best when held out is taken. From nearly none to more than 50 images
-have."""
+"""Signs that the pooled covariance counts as, from nearly none to more than 50 images have; the best held out is taken."""
 DRAWS = 420
 """Values drawn from a shipped class that is kept."""
 
@@ -67,8 +66,7 @@ class FittedConfidence:
     """The landmark classifier with other log odds, slope * shipped + shift, and what it rests on.
 
     `signs`, `others`: labelled landmarks. `before`, `after`: mean log loss (nats) of held-out landmarks with the
-    shipped calibration and with one fitted without them. `brier_before`, `brier_after`: their mean squared errors of
-    probability.
+    shipped calibration and with one fitted without them. `brier_before`, `brier_after`: the same of the Brier score.
     """
 
     model: EvidenceModel

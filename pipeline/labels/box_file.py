@@ -50,8 +50,7 @@ def load_boxes(settings: Settings) -> BoxFile:
     """The boxes that `models.detections` names, by image.
 
     Rows that are not finite, without area, of a class that is no sign, or below the least score are left out and
-    counted. Raises InputError where the file cannot be read, a column is missing or of another type, or scores are not
-    0 to 1.
+    counted. Raises InputError where the file cannot be read, a column is missing or wrong, or scores are not 0 to 1.
     """
     path = Path(settings.models.detections)
     try:

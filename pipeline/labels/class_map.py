@@ -59,8 +59,7 @@ def numbered(
     """The classes of a class map by their numbers; raises InputError for a class that the detector does not have.
 
     `classes`: as `read_class_map` gives them. `names`: of the detector's classes by number, empty where it has none.
-    `path`: the detector, for the error. `complete`: whether the detector has no other classes; else one that is not
-    among them is passed over.
+    `path`: the detector, for the error. `complete`: whether it has no other classes; else unknown ones are passed over.
     """
     by_name = {name: number for number, name in names.items()}
     found: dict[int, SignClass] = {}

@@ -126,9 +126,8 @@ def gather_samples(
 
     `labels`: of its images, and perhaps of those of other logs. `also`: sees every item of the run, too. `undecided`:
     densities of trajectories, one a form, that are asked about every track but decide nothing in this run; their
-    samples bear the names of their files. `only`: classifiers that are asked, None: all; the size gate takes half of
-    the time. Raises InputError where the log cannot be used or none of the labels is of it, StageError where a stage
-    fails.
+    samples bear the names of their files. `only`: classifiers that are asked, None: all; the size gate takes half the
+    time. Raises InputError where the log cannot be used or has none of the labels, StageError where a stage fails.
     """
     faces = labelled_faces(labels_of_log(log, labels, settings.read))
     densities = {TRAJECTORIES[density.space]: density for density in undecided}

@@ -3,8 +3,7 @@
     .venv/bin/python -m wayside.pipeline.learning.gates DRIVE.mcap ... -o MODELS
 
 Each drive needs its truth in the same folder (DRIVE.truth.json). Means and covariances of colours and shapes, and the
-densities of trajectories, stay those of the models at hand. Colours are learned first: the other gates are asked about
-what they let pass.
+densities of trajectories, stay those of the models at hand. Colours are learned first: other gates see what they pass.
 """
 
 import argparse

@@ -42,8 +42,7 @@ Gate = TypeVar("Gate", GaussianModel, MixtureModel)
 def with_threshold(model: Gate, score: Values, on: Flags, group: Numbers, alpha: float) -> Gate:
     """The model with its operating points, and the threshold of a false-alarm rate with its 95 % interval.
 
-    Takes the same as `score_points`; what has no finite score is never accepted. Raises InputError where there is no
-    sign, or nothing else.
+    Takes the same as `score_points`; what has no finite score is never accepted. Raises InputError for one kind alone.
     """
     known = np.isfinite(score)
     score, on, group = score[known], on[known], group[known]

@@ -23,8 +23,7 @@ from wayside.schemas.detections import COLOR_RGB
 from wayside.stages.geometry import box_areas
 
 REPORT_MEAN, REPORT_VARIANCE, REPORT_OFF = 118.337, 1489.0, (20.0, 252.6)
-"""Eq. 9.1: red of pixels of no white sign, N(118.337, 1489) on 20 to 252.6. It is cut, not scaled: its integral is
-0.99434."""
+"""Eq. 9.1: red of pixels of no white sign, N(118.337, 1489) on 20 to 252.6: cut, not scaled, of integral 0.99434."""
 
 REPORT_GROWTH, REPORT_FACTOR, REPORT_ON = 235.0**0.5, 4.211e-9, (136.2, 253.8)
 """Eq. 9.2: red of pixels of white signs, 4.211e-9 exp(y / sqrt 235) on 136.2 to 253.8."""

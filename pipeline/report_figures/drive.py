@@ -50,8 +50,7 @@ LABELS_BESIDE = (".truth.json", ".labels.json", ".labels.parquet")
 class FaceOutline:
     """The outline of a region on a labelled face, and what the shape classifier makes of it.
 
-    `face`: row of `Faces`. `sequence` (samples,): u + iv in the image. `named`: nearest shape. `accepted`: within its
-    distance.
+    `face`: row of `Faces`. `sequence` (samples,): u + iv in the image. `named`: nearest shape. `accepted`: near enough.
     """
 
     frame: int

@@ -48,8 +48,7 @@ def measure_roc(
 
     `labels`: files or folders, of any format; each log takes those of its images. `notify`: is called with a line about
     each log. `overwrite`: replace any file of these names; else only an earlier measurement. Raises InputError where a
-    log or labels cannot be used or show no sign that a classifier was asked about, OutputError where the folder cannot
-    be written.
+    log or labels cannot be used or show no sign that was asked about, OutputError where the folder cannot be written.
     """
     if not overwrite:
         _check_free(folder)

@@ -110,8 +110,7 @@ class RerunObserver:
     """Turns items into entities in the thread that made them, and sends each frame's in one go, in order.
 
     Entities of the stages in the workers wait until the motion of their frame is known. Every row then has all
-    timelines, also the distance along the road, and only one thread sets times. Faults are kept for the summary; they
-    do not reach the run.
+    timelines, also the distance along the road, and only one thread sets times. Faults go to the summary, not the run.
     """
 
     def __init__(
@@ -220,8 +219,7 @@ def open_observer(
 ) -> RerunObserver:
     """Start the recordings of a run; `folder` exists, `log` is the name of the recording, `report` what reading chose.
 
-    A recording without images is laid over those of the log: in the coordinate frame that Rerun's importer
-    gives them.
+    A recording without images is laid over those of the log: in the coordinate frame that Rerun's importer gives.
     """
 
     def file_stream() -> rr.RecordingStream:

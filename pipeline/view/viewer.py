@@ -44,8 +44,7 @@ def viewer_program() -> Path:
 def probe(address: str) -> str:
     """The address of a viewer as Rerun writes it.
 
-    Raises UsageError for what is no address, InputError where nobody listens: Rerun itself would wait, and stop the run
-    once its buffer is full.
+    Raises UsageError for what is no address, InputError where nobody listens: Rerun would wait, and then stop the run.
     """
     full = address if "://" in address else f"rerun+http://{address}/proxy"
     try:
