@@ -25,7 +25,7 @@ FEWEST_LANDMARKS = 10
 CLASS_WORDS = {"color": "colour", "shape": "shape", "location": "side of the road"}
 """What a class of each gate is."""
 PRIOR_SIGNS = (1.0, 3.0, 10.0, 30.0)
-"""Signs that the pooled covariance counts as, from nearly none to more than 50 images have; the best held out is taken."""
+"""Signs that the pooled covariance counts as, from few to more than 50 images have; the best held out is taken."""
 DRAWS = 420
 """Values drawn from a shipped class that is kept."""
 
