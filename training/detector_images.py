@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from training.truth import images, read_truth, views_by_frame
-from wayside.schemas.detections import COLORS, NONE, SHAPES
+from wayside.schemas.detections import LEARNED_COLORS, NONE, SHAPES
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 
@@ -82,7 +82,7 @@ class LabelledImage:
             rgb,
             _boxes(box for box, *_ in faces),
             np.array([side for _, side, *_ in faces], np.int8),
-            np.array([_code(COLORS, color) for *_, color, _ in faces], np.int8),
+            np.array([_code(LEARNED_COLORS, color) for *_, color, _ in faces], np.int8),
             np.array([_code(SHAPES, shape) for *_, shape in faces], np.int8),
             _boxes(ignored),
             _boxes(other),
