@@ -76,7 +76,7 @@ def post_model(
         raise InputError(f"posts: there are fewer than {FEWEST} of {names}. Add drives.")
     within = np.round(sum(np.cov(np.array(own).T) for own in found.values()) / len(found), 9)
     classes = (
-        GaussianClass(kind, np.round(np.mean(own, axis=0), 6), within, len(own))
+        GaussianClass(kind, np.round(np.array(own).mean(axis=0), 6), within, len(own))
         for kind, own in sorted(found.items())
     )
     return GaussianModel(POST_SPACE, tuple(classes), provenance, threshold_rule="most probable")
