@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import LEARNED_COLORS, SHAPES
-from wayside.schemas.frame import Camera
 from wayside.schemas.models import ScoreModel
 from wayside.stages.classifiers import OnnxNetwork
 from wayside.stages.detection.box_patches import SIDE, drawn_patches, pyramid_of_boxes
-from wayside.stages.detection.proposals import fits_face
 from wayside.stages.imaging import Pyramid
 
 PATCHES, SIZES, BOX_OUTPUT = "patches", "sizes", "boxes"
@@ -92,15 +90,6 @@ class BoxClassifier:
     network: BoxNetwork
     model: ScoreModel
     back: bool = False
-
-    @property
-    def threshold(self) -> float:
-        """Log odds from which a box is accepted."""
-        return self.model.threshold
-
-    def takes(self, box: NDArray[np.float64], camera: Camera) -> NDArray[np.bool_]:
-        """Which boxes (n, 4) in an image of a camera have a size that is searched for."""
-        return fits_face(box, camera)
 
     def scores(self, rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> NDArray[np.float32]:
         """Log odds (n,) that boxes (n, 4) of an image (height, width, 3) show such a panel."""

@@ -5,7 +5,6 @@ from wayside.stages.mapping.assembly import classify_location as classify_locati
 from wayside.stages.mapping.association import GAP_SHARE as GAP_SHARE
 from wayside.stages.mapping.landmark import STEP_COVARIANCE as STEP_COVARIANCE
 from wayside.stages.mapping.landmark import box_panel as box_panel
-from wayside.stages.mapping.landmark import build_landmark as build_landmark
 from wayside.stages.mapping.landmark import point_covariance as point_covariance
 from wayside.stages.mapping.landmark_evidence import FEATURES as FEATURES
 from wayside.stages.mapping.landmark_evidence import LandmarkClassifier as LandmarkClassifier
@@ -21,4 +20,3 @@ from wayside.stages.mapping.tracker import track as track
 from wayside.stages.mapping.verdicts import VERDICT_OF_TERM as VERDICT_OF_TERM
 from wayside.stages.mapping.window import Each as Each
 from wayside.stages.mapping.window import WindowFrame as WindowFrame
-from wayside.stages.mapping.window import through_window as through_window

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import NONE, Regions
-from wayside.stages.detection import BoxClassifier, regions_of
+from wayside.stages.detection import BoxClassifier, fits_face, regions_of
 from wayside.stages.geometry import distort_points, ideal_of_rays
 from wayside.stages.mapping.association import EXPECTED_PX, NEAREST_M
 from wayside.stages.mapping.landmark_fit import LandmarkFit
@@ -49,12 +49,12 @@ def add_predicted_views(
         number, boxes = predicted_boxes(fits, held)
         for back, classifier in sorted(classifiers.items()):
             new = [fits[i].back == back and k not in fits[i].frames for i in number]
-            own = np.flatnonzero(classifier.takes(boxes, held.camera) & np.array(new, np.bool_))
+            own = np.flatnonzero(fits_face(boxes, held.camera) & np.array(new, np.bool_))
             if len(own):
                 box, unknown = boxes[own].astype(np.float32), np.full(len(own), NONE)
                 regions = regions_of(box, unknown, held.rgb, "predicted")
                 scores = classifier.scores(held.rgb, regions.box)
-                rows = np.flatnonzero(scores >= classifier.threshold)
+                rows = np.flatnonzero(scores >= classifier.model.threshold)
                 found.append((back, number[own[rows]], regions.select(rows), scores[rows]))
         return found
 
