@@ -78,25 +78,11 @@ def track(
     Frames come out in order, each once, at most `longest` + `WINDOW_STEP` used frames late. A landmark comes with the
     first frame that it was seen in.
 
-    Parameters
-    ----------
-    posed
-        Frames with their candidates and motion.
-    settings
-        How long signs are followed, and by how many views.
-    front
-        Classifiers of faces: of landmarks (None: each whose views agree is a sign), and of predicted views (None: there
-        are none).
-    back
-        The same of panels seen from behind; None: they are not tracked.
-    panel
-        Panels are measured as planes, by these models; None: boxes alone give position and size.
-    jointly
-        Whether a landmark is adjusted together with the motion.
-    box_sigma
-        Scatter of the centres of boxes, as `BOX_SIGMA`.
-    each
-        Applies what needs the images to each of some items, as `map`; it may do so in several threads.
+    front: classifiers of faces, of landmarks (None: each whose views agree is a sign) and of predicted views (None:
+    there are none). back: the same of panels seen from behind; None: they are not tracked. panel: models by which
+    panels are measured as planes; None: boxes alone give position and size. jointly: whether a landmark is adjusted
+    together with the motion. box_sigma: scatter of the centres of boxes, as `BOX_SIGMA`. each: applies what needs the
+    images to each of some items, as `map`; it may do so in several threads.
     """
     sides = {False: front or SideClassifiers()} | ({} if back is None else {True: back})
     yield from _Tracker(settings, sides, box_sigma, panel, jointly, each).run(posed)

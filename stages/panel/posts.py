@@ -213,7 +213,8 @@ def post_features(strip: Strip, edges: PostEdges) -> Array:
     The light across is a cosine series of 1st to 4th order, those that depend on the side the light is on without sign.
     """
     down = np.arange(len(strip.rgb), dtype=np.float32)[:, None]
-    across = np.linspace(*edges.sides_m.T, 18)[1:-1] - strip.offset_m[0]  # (16, posts)
+    left, right = edges.sides_m.T
+    across = np.linspace(left, right, 18)[1:-1] - strip.offset_m[0]  # (16, posts)
     columns = (across.T.ravel() + edges.lean * ROW_M * down) / COLUMN_M
     rows = np.broadcast_to(down, columns.shape)
     seen = cv2.remap(strip.rgb, columns.astype(np.float32), rows.copy(), cv2.INTER_LINEAR)

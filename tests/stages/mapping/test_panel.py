@@ -6,6 +6,7 @@ import pytest
 
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping.landmark import BORDER
+from wayside.stages.mapping.panel import PanelModels
 from wayside.stages.mapping.tracker import track
 
 from ..made_frames import landmarks_of, paint, with_image
@@ -47,7 +48,9 @@ def landmark_of(outline_model):
     """The one landmark that tracking finds."""
 
     def measured(frames):
-        (landmark,) = landmarks_of(track(iter(frames), TrackSettings(), panel=outline_model))
+        (landmark,) = landmarks_of(
+            track(iter(frames), TrackSettings(), panel=PanelModels(outline_model))
+        )
         return landmark
 
     return measured
