@@ -17,7 +17,6 @@ from wayside.schemas.detections import (
     Candidates,
     Detections,
     Features,
-    Segmentation,
     verdict_code,
 )
 from wayside.schemas.frame import THINNED, USED, Camera, Frame, Image
@@ -140,16 +139,12 @@ def detections_of():
 
     def make(grey, boxes=(), verdicts=(), status=USED):
         box = np.array(boxes, np.float32).reshape(-1, 4)
-        n = len(box)
         candidates = Candidates.of(made_regions(box, area_px=box_areas(box)))
         if len(verdicts):
             candidates.verdict[:] = [verdict_code(name) for name in verdicts]
         frame = Frame(3, 0, None, status, "jpeg", b"", DISTORTED, 640, 480)
         image = Image(frame, None if grey is None else np.dstack([grey] * 3), grey)
-        empty = np.zeros((0, 3), np.float32)
-        segmentation = Segmentation(
-            image, candidates.regions, n, empty, np.zeros(0, np.float32), (100, 300)
-        )
-        return Detections(segmentation, candidates)
+        known = {"regions": candidates.regions, "region_count": len(box), "rows": (100, 300)}
+        return Detections(replace(unsegmented(image), **known), candidates)
 
     return make

@@ -65,3 +65,11 @@ def paint(image, pose, camera, polygons):
         at = ((corners - (left, top) + 0.5) * FINER - 0.5) * 16
         cv2.fillPoly(large, [np.round(at).astype(np.int32)], color, shift=4)
     cut[:] = cv2.resize(large, cut.shape[1::-1], interpolation=cv2.INTER_AREA)
+
+
+def stamp(image, patch, scale, middle):
+    """Draw a grey patch, so many times as large, with its middle at a place (u, v) of a grey image."""
+    shift = np.array(middle) - scale * (np.array(patch.shape[::-1]) - 1) / 2
+    warp = np.array([[scale, 0, shift[0]], [0, scale, shift[1]]])
+    size, around = image.shape[::-1], cv2.BORDER_TRANSPARENT
+    cv2.warpAffine(patch, warp, size, dst=image, flags=cv2.INTER_AREA, borderMode=around)

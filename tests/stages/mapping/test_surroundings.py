@@ -1,10 +1,11 @@
 """Surroundings of a panel: those of a board on a wall move with it, those of a sign that stands apart do not."""
 
-import cv2
 import numpy as np
 import pytest
 
 from wayside.stages.mapping.surroundings import surroundings_correlation
+
+from ..made_frames import stamp
 
 FOCAL, SIZE, RIGHT, UP = 800.0, 0.8, 6.0, 1.0
 DEPTHS = (12.0, 15.0, 19.0, 24.0, 30.0)
@@ -20,16 +21,7 @@ def seen(texture, behind, seed=0):
         image = np.zeros((480, 1000), np.uint8)
         for plane, far in ((wall, depth + behind), (face, depth)):
             scale = FOCAL / far
-            rows, columns = plane.shape
-            at = np.float32(
-                [
-                    [scale / PER_METRE, 0, 300 + scale * (RIGHT - columns / 2 / PER_METRE)],
-                    [0, scale / PER_METRE, 300 - scale * (UP + rows / 2 / PER_METRE)],
-                ]
-            )
-            small = cv2.warpAffine(plane, at, (1000, 480), flags=cv2.INTER_AREA)
-            shown = cv2.warpAffine(np.full_like(plane, 255), at, (1000, 480)) > 127
-            image[shown] = small[shown]
+            stamp(image, plane, scale / PER_METRE, (300 + scale * RIGHT, 300 - scale * UP))
         centre = np.array([300 + FOCAL * RIGHT / depth, 300 - FOCAL * UP / depth])
         half = FOCAL * SIZE / depth / 2
         views.append((np.dstack([image] * 3), np.concatenate([centre - half, centre + half])))

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -13,7 +12,7 @@ from wayside.stages.report import merge_segments, triangulate_points
 from wayside.stages.report.points import SIZE_SIGMA, depth_sigma, fit_depth
 
 from ...made_landmarks import made_landmark
-from ..made_frames import landmarks_of
+from ..made_frames import landmarks_of, stamp
 
 FACE = np.array([3.5, -1.2, 30.0])
 
@@ -61,24 +60,11 @@ def shown(frame, face, behind):
         part = face[first[1] :, first[0] :][:side, :side]
         across = (first + (side - 1) / 2 + 0.5) / len(face) - 0.5
         x, y, z = pose.to_camera(FACE + np.array([*across, behind(square)]))
-        scale = camera.fx / z / len(face)
-        u, v = np.array([camera.cx, camera.cy]) + camera.fx * np.array([x, y]) / z
-        warp = np.array(
-            [[scale, 0, u - scale * (side - 1) / 2], [0, scale, v - scale * (side - 1) / 2]]
-        )
-        cv2.warpAffine(
-            part,
-            warp,
-            (1600, 1200),
-            dst=image,
-            flags=cv2.INTER_AREA,
-            borderMode=cv2.BORDER_TRANSPARENT,
-        )
+        at = np.array([camera.cx, camera.cy]) + camera.fx * np.array([x, y]) / z
+        stamp(image, part, camera.fx / z / len(face), at)
     x, y, z = pose.to_camera(FACE)
-    left, top = (
-        int(camera.cx + camera.fx * (x - 0.6) / z),
-        int(camera.cy + camera.fx * (y - 0.6) / z),
-    )
+    left = int(camera.cx + camera.fx * (x - 0.6) / z)
+    top = int(camera.cy + camera.fx * (y - 0.6) / z)
     size = int(1.2 * camera.fx / z)
     grey = image[top : top + size, left : left + size]
     return Crop(grey, np.array([left, top], float), camera, frame.motion)
@@ -92,16 +78,10 @@ def test_a_face_stands_where_its_points_agree_and_is_as_large_as_it_looks_there(
     assert abs(error[2]) < 3 * np.sqrt(one.covariance[2, 2]) < 0.9
     assert [one.width_m, one.height_m] == pytest.approx([1.0, 1.0], rel=0.01)
     assert one.sigma_width_m == pytest.approx(SIZE_SIGMA * one.width_m)
-    moved = one.best_pose.to_world(1.1 * (FACE - [0, 0, 8.0])) - one.best_pose.to_world(
-        one.position
-    )
-    made = made_landmark()
-    offsets = [
-        made.right_m - one.right_m,
-        one.above_m - made.above_m,
-        made.station_m - one.station_m,
-    ]
-    np.testing.assert_allclose(offsets, moved)
+    before, made = one.best_pose.to_world(1.1 * (FACE - [0, 0, 8.0])), made_landmark()
+    moved = before - one.best_pose.to_world(one.position)
+    change = made.right_m - one.right_m, one.above_m - made.above_m, made.station_m - one.station_m
+    np.testing.assert_allclose(change, moved)
     assert one.residual_px < 0.2
     assert one.crops == ()
 
