@@ -191,7 +191,7 @@ class Inventory:
             )
         export(
             out,
-            find_review(out, None if review is None else Path(review)),
+            find_review(out, [] if review is None else [Path(review)]),
             target,
             chosen,
             **options,

@@ -31,7 +31,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.stages.panel import POST_SPACE, outline_of, post_below, post_features
 
-DRAWS = 4
+DRAWS = 2
 """Boxes that are drawn for each face."""
 LIKE_WIDTH = 1.5
 """Edges whose distance is so many times the true width, or the inverse, are of something else."""
@@ -60,11 +60,9 @@ def learn_posts(drives: Path, out: Path, seed: int) -> None:
                 seen = outline_of(*face, outline)
                 box = face[0].box(face[1]) if seen is None else seen.box
                 strips, edges = post_below(face[0], box, sign["bottom_m"])
-                if edges is not None:
-                    off = abs(np.log(edges.width_m / sign["post_width_m"]))
-                    found[sign["post"]] += [post_features(strips[0], edges)] * (
-                        off < np.log(LIKE_WIDTH)
-                    )
+                near = np.log(LIKE_WIDTH)
+                if edges and abs(np.log(edges.width_m / sign["post_width_m"])) < near:
+                    found[sign["post"]].append(post_features(strips[0], edges))
     origin = f"rendered drives {', '.join(log.stem for log in logs)}; seed {seed}; numpy {np.__version__}"
     write_model(out / "post.json", post_model(found, origin))
 
@@ -77,9 +75,11 @@ def post_model(
     if few or not found:
         names = ", ".join(few) or "all kinds"
         raise InputError(f"posts: there are fewer than {FEWEST} of {names}. Add drives.")
-    within = np.round(sum(np.cov(np.array(own).T) for own in found.values()) / len(found), 9)
+    within: NDArray[np.float64] = np.mean(
+        [np.cov(np.array(own).T) for own in found.values()], axis=0
+    )
     classes = (
-        GaussianClass(kind, np.round(np.mean(own, axis=0), 6), within, len(own))
+        GaussianClass(kind, np.round(np.array(own).mean(axis=0), 6), np.round(within, 9), len(own))
         for kind, own in sorted(found.items())
     )
     return GaussianModel(POST_SPACE, tuple(classes), provenance, threshold_rule="most probable")

@@ -260,11 +260,6 @@ class WrittenTables:
         return self.signs[0].us_probability if self.signs else None
 
     @property
-    def posts(self) -> list[dict[str, Any]]:
-        """The rows of `posts.parquet`; none where the roadside was not asked for."""
-        return [] if self.sections is None else posts_rows(self.signs, self.log)
-
-    @property
     def sign_rows(self) -> list[dict[str, Any]]:
         """The rows of `signs.parquet`."""
         return [sign_row(sign, self.log) for sign in self.signs]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.code_words import code_of, posts_words
-from wayside.pipeline.results.inventory import WrittenTables
+from wayside.pipeline.results.inventory import WrittenTables, posts_rows
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.drawing import (
     GREY,
@@ -100,7 +100,8 @@ def closing(
 
 def _table_and_map(inventory: WrittenTables) -> Iterator[Entity]:
     signs, landmarks = inventory.sign_rows, [sign.landmark for sign in inventory.signs]
-    table = rr.TextDocument(inventory_table(signs, inventory.posts), media_type="text/markdown")
+    posts = [] if inventory.sections is None else posts_rows(inventory.signs, inventory.log)
+    table = rr.TextDocument(inventory_table(signs, posts), media_type="text/markdown")
     yield entity(at.INVENTORY, table)
     yield entity(f"{at.LOCATION}/signs", cross_section(landmarks, [r["sign_id"] for r in signs]))
     if inventory.path.globe is None:

@@ -51,10 +51,6 @@ class BoxScores(NamedTuple):
         """Those rows, in that order."""
         return BoxScores(*(column[rows] for column in self))
 
-    def joined(self, others: BoxScores) -> BoxScores:
-        """These rows and then the others."""
-        return BoxScores(*(np.concatenate(pair) for pair in zip(self, others, strict=True)))
-
 
 class BoxNetwork:
     """A network from an ONNX file; threads may share it. Raises ValueError if it cannot be run."""

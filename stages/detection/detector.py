@@ -72,9 +72,8 @@ def detect(
         moved = regressed_boxes(box[near], found.offset[near], image.frame.camera)
         again = network.scores(levels, moved)
         better = again.best > found.best[near]
-        rows = np.arange(len(box))
-        rows[near[better]] = len(box) + np.flatnonzero(better)
-        found = found.joined(again).select(rows)
+        for values, moved_values in zip(found, again, strict=True):
+            values[near[better]] = moved_values[better]
         candidates = candidates.with_boxes(near[better], moved[better])
         scores = joined_scores(front.with_network, found.front, item.network_score)
         candidates = with_scores(candidates, scores, front.threshold, settings.keep)

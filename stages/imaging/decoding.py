@@ -113,15 +113,14 @@ def _jpeg_pixels(data: NDArray[np.uint8]) -> tuple[str, NDArray[np.uint8] | None
     libjpeg fills what is missing or cannot be read with grey and warns; simplejpeg, the same decoder with the same
     pixels as OpenCV's, hands the warnings on. What no decoder notices is a damaged coefficient whose code is valid.
     """
-    ends = np.flatnonzero(data[1:] == _START_OF_SCAN[1])
-    if np.count_nonzero(data[ends] == _START_OF_SCAN[0]) > _MOST_SCANS:
+    content = data.tobytes()
+    if content.count(_START_OF_SCAN) > _MOST_SCANS:
         return UNDECODABLE, None
     try:
         _, _, colors, _ = simplejpeg.decode_jpeg_header(data)
     except ValueError:
         return UNDECODABLE, None
     if str(colors).upper() in ("CMYK", "YCCK"):
-        content = data.tobytes()
         # without an end after its last scan, a decoder fills the rest with grey without an error
         cut_short = content.rfind(_END_OF_JPEG) < content.rfind(_START_OF_SCAN)
         decoded = None if cut_short else cv2.imdecode(data, _AS_STORED)

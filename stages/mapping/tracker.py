@@ -85,7 +85,7 @@ def track(
     images to each of some items, as `map`; it may do so in several threads.
     """
     sides = {False: front or SideClassifiers()} | ({} if back is None else {True: back})
-    yield from _Tracker(settings, sides, box_sigma, panel, jointly, each).run(posed)
+    yield from _Tracker(settings, sides, box_sigma, PAIR_REACH, panel, jointly, each).run(posed)
 
 
 class _Classified(NamedTuple):
@@ -112,6 +112,7 @@ class WindowSolver:
     settings: TrackSettings
     sides: dict[bool, SideClassifiers]
     box_sigma: tuple[float, float]
+    reach: int
 
     def __post_init__(self) -> None:
         """Start without frames."""
@@ -182,7 +183,7 @@ class WindowSolver:
 
     def _pairs_of_newest(self) -> Hypotheses:
         """Hypotheses from the newest frame with each of the few before it."""
-        recent = self._window[-1 - PAIR_REACH :]
+        recent = self._window[-1 - self.reach :]
         newest = len(recent) - 1
         candidates = candidates_of(recent)
         first, found = candidates.first, []

@@ -22,6 +22,7 @@ from wayside.stages.geometry import cholesky_solve
 from wayside.stages.kernels import Array
 from wayside.stages.panel.outline_edges import (
     OFFSET_STEP,
+    TRIAL_STEP,
     Gradients,
     edge_profiles,
     gradients_of,
@@ -40,8 +41,6 @@ from wayside.stages.panel.outline_shapes import (
 
 INWARD, OUTWARD = 0.12, 0.28
 """The strongest outline lies within the box or outside it by this fraction of the smaller side at most."""
-COARSE_STEP = 0.25
-"""Distance between the places where that is sought."""
 SEARCH = 3.0
 """The strongest outline is sought so far, either way, at least."""
 MOST_INNER = 2
@@ -241,7 +240,7 @@ class Outline(NamedTuple):
 def strongest_outlines(gradients: Gradients, box: Array) -> list[Outline]:
     """Outlines of the best shapes near a box, the strongest one of each."""
     found = [
-        _strongest(gradients, shape, box, INWARD, OUTWARD, COARSE_STEP) for shape in OUTLINE_SHAPES
+        _strongest(gradients, shape, box, INWARD, OUTWARD, TRIAL_STEP) for shape in OUTLINE_SHAPES
     ]
     # segments rotate as the proportions change: once more, near by
     near = (o for o in found if has_area(o.box))

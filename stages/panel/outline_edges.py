@@ -25,7 +25,7 @@ STRIP_SAMPLES = 3
 INSIDE = 0.6
 """Fraction of a segment that lies in the views at least."""
 TRIAL_STEP = 0.5
-"""Distance between the boxes that are tried for the strongest outline."""
+"""Distance between the places and the boxes that are tried for the strongest outline, before it is sought near by."""
 
 Gradients = NDArray[np.float32]
 """Gradient right and down of each view, of the channel that changes most, (views, rows, columns, 2)."""
@@ -73,26 +73,26 @@ def _edge_profiles(
     views, rows, columns = gradients.shape[:3]
     begin, end, normal, _ = segments
     for k in range(profiles.shape[0]):
-        right, down = normal[k, 0], normal[k, 1]
+        right, down = np.float32(normal[k, 0]), np.float32(normal[k, 1])
         for m in range(profiles.shape[1]):
-            offset, total, count = low + step * m, 0.0, 0
+            offset, total, count = low + step * m, np.float32(0), 0
             for s in range(SEGMENT_SAMPLES):
                 part = (s + 0.5) / SEGMENT_SAMPLES
-                u = begin[k, 0] + part * (end[k, 0] - begin[k, 0]) + offset * right
-                v = begin[k, 1] + part * (end[k, 1] - begin[k, 1]) + offset * down
+                u = begin[k, 0] + part * (end[k, 0] - begin[k, 0]) + offset * normal[k, 0]
+                v = begin[k, 1] + part * (end[k, 1] - begin[k, 1]) + offset * normal[k, 1]
                 if not (1 <= u < columns - 2 and 1 <= v < rows - 2):
                     continue
                 count += 1
-                i, j = int(v), int(u)
-                a, b = u - j, v - i
+                i, j = np.uint32(v), np.uint32(u)  # numbers with a sign would cost a test each
+                a, b = np.float32(u - j), np.float32(v - i)
                 for view in range(views):
                     g = gradients[view]
                     above = right * g[i, j, 0] + down * g[i, j, 1]
                     below = right * g[i + 1, j, 0] + down * g[i + 1, j, 1]
                     above += a * (right * g[i, j + 1, 0] + down * g[i, j + 1, 1] - above)
                     below += a * (right * g[i + 1, j + 1, 0] + down * g[i + 1, j + 1, 1] - below)
-                    edge = above + b * (below - above)
-                    total += edge * edge / (edge * edge + EDGE_LEVEL * EDGE_LEVEL)
+                    square = (above + b * (below - above)) ** 2
+                    total += square / (square + np.float32(EDGE_LEVEL * EDGE_LEVEL))
             enough = count >= INSIDE * SEGMENT_SAMPLES
             profiles[k, m] = total / (count * views) if enough else 0.0
 

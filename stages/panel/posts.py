@@ -55,11 +55,11 @@ OVERHEAD_M = 4.2
 """A panel whose lower edge is higher hangs from a gantry: no vehicle passes below another."""
 EDGE_SIGMA_PX, WIDTH_SIGMA = 0.35, 0.06
 """Scatter of the width of a post: by the pixels of an image, and as part of it (measured on rendered drives)."""
-FEWEST_PX = 3.0
+FEWEST_PX = 3.5
 """A post that is narrower in the image, in pixels, shows its width but not its kind."""
 LEAST_PROBABILITY, FARTHEST = 0.7, 6.0
 """A less probable kind, or one farther off (Mahalanobis distance), is unknown."""
-POST_SPACE, FEATURES = "post", 11
+POST_SPACE, FEATURES = "post", 6
 """Name of the space of `post_features`, and its dimensions."""
 
 
@@ -208,28 +208,25 @@ def _best(sides: Array, strength: Array, width_m: float) -> tuple[float, list[in
 
 
 def post_features(strip: Strip, edges: PostEdges) -> Array:
-    """What tells the kinds of posts apart, (11,): width, colour, light across, and how both vary along.
+    """What tells the kinds of posts apart, (6,): logarithm of the width, colour, light across, and change along.
 
-    The light across is a cosine series of 1st to 4th order, those that depend on the side the light is on without sign.
+    Colour: red less blue, as part of all light. The light across is that of the cosine series of 2nd and 4th order, and
+    the median step: a tube is darker to both sides, a channel in the middle, a plate is even. The change is that of the
+    colour: grain and rust.
     """
     down = np.arange(len(strip.rgb), dtype=np.float32)[:, None]
-    left, right = edges.sides_m.T
-    across = np.linspace(left, right, 18)[1:-1] - strip.offset_m[0]  # (16, posts)
-    columns = (across.T.ravel() + edges.lean * ROW_M * down) / COLUMN_M
-    rows = np.broadcast_to(down, columns.shape)
-    seen = cv2.remap(strip.rgb, columns.astype(np.float32), rows.copy(), cv2.INTER_LINEAR)
+    sides = edges.sides_m.tolist()
+    across = np.concatenate([np.linspace(left, right, 18)[1:-1] for left, right in sides])
+    columns = (across - strip.offset_m[0] + edges.lean * ROW_M * down) / COLUMN_M
+    rows = np.broadcast_to(down, columns.shape).copy()
+    seen = cv2.remap(strip.rgb, columns.astype(np.float32), rows, cv2.INTER_LINEAR)
     rgb = seen.reshape(len(down), -1, 16, 3).mean(axis=1) + 1.0
-    grey, total = rgb.mean(axis=2), rgb.sum(axis=2)
-    warm, along = (rgb[..., 0] - rgb[..., 2]) / total, grey.mean(axis=1)
-    first, second, third, fourth = dct(grey.mean(axis=0) / grey.mean(), norm="ortho")[1:5] / 4
-    varied = (
-        np.std(along) / along.mean(),
-        np.std(warm.mean(axis=1)),
-        np.abs(np.diff(grey, axis=0)).mean() / grey.mean(),
-    )
-    color = warm.mean(), (rgb[..., 1] / total).mean(), np.log(grey.mean() / 100)
-    light = abs(first), second, abs(third), fourth
-    return np.array([np.log(edges.width_m), *color, *light, *np.log(0.01 + np.array(varied))])
+    warm, light = (rgb[..., 0] - rgb[..., 2]) / rgb.sum(axis=2), rgb.mean(axis=(0, 2))
+    light /= light.mean()
+    series, step = dct(light, norm="ortho") / 4, np.median(np.abs(np.diff(light)))
+    change = np.log(0.01 + np.std(warm.mean(axis=1)))
+    found = np.log(edges.width_m), warm.mean(), series[2], series[4], step, change
+    return np.array(found, np.float64)
 
 
 def kind_of(features: Array, model: GaussianModel) -> tuple[str, float]:

@@ -43,8 +43,6 @@ FULL_SIZE_SAMPLES = 60
 """Longer patches, in samples, are registered at half size."""
 BLUR = 0.45
 """Blur (sigma), in samples, of the template for a view sqrt(2) times as far."""
-SMALLEST_BLUR = 0.2
-"""Smaller blurs, in samples, are left out."""
 OUTLINE_DEPTH_RATIO = 2.3
 """Views up to so many times farther than the template show the outline."""
 OUTLINE_VIEWS = 3
@@ -153,10 +151,9 @@ def align_view(template: RectifiedView, view: RectifiedView, weight: Array) -> A
     """Alignment of a view with the template where the weight is; None where it fails or too little is compared."""
     if np.count_nonzero(weight) < FEWEST_SAMPLES:
         return None
-    blur = BLUR * np.sqrt(max((view.depth / template.depth) ** 2 - 1, 0.0))
-    first, other, mask = template.grey, view.grey, weight
-    if blur > SMALLEST_BLUR:
-        first = np.asarray(cv2.GaussianBlur(first, (0, 0), blur))
+    blur = BLUR * np.sqrt(max((view.depth / template.depth) ** 2 - 1, 1e-6))
+    first = np.asarray(cv2.GaussianBlur(template.grey, (0, 0), blur), np.float64)
+    other, mask = view.grey, weight
     if max(weight.shape) > FULL_SIZE_SAMPLES:
         first, other, mask = (_halved(samples) for samples in (first, other, mask))
     found = align(first, mask, other, _coarse_shift(first, other, mask))

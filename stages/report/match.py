@@ -154,6 +154,8 @@ MARGIN, MARGIN_PX = 0.1, 4.0
 FARTHEST = 0.9
 """Descriptors of one region in two images are nearer, nine of ten pairs on faces of learning drives."""
 
+REACH = 1
+"""Frames between the two segments of a hypothesis: panels are seen in neighbouring images."""
 APPEARANCE, VIEWS, SIZE = 0.4, 1.4, -0.9
 """Weights of evidence for a sign, that of its place being 1: of the mean likelihood ratio of its colour, and of the
 logarithms of the number of views and of the area in square metres (logistic regression on four learning drives)."""
@@ -168,7 +170,7 @@ def match_segments(
     confidence of a landmark and its facing are not known: score and facing are nan.
     """
     sides = {False: SideClassifiers()}
-    yield from _Matcher(settings, sides, BOX_SIGMA).run(posed)
+    yield from _Matcher(settings, sides, BOX_SIGMA, REACH).run(posed)
 
 
 class _Matcher(WindowSolver):

@@ -79,7 +79,9 @@ def test_a_text_that_would_be_a_formula_gets_an_apostrophe_and_a_number_stays(tm
 def test_twenty_columns_of_short_numbers_are_exported_with_links_and_the_review(out, local):
     export(out, "-f", "csv")
     row = read_csv(out / "signs.csv")[0]
-    *measured, name, sheet = [one for one in row if not one.startswith(("review", "final", "result"))]
+    *measured, name, sheet = [
+        one for one in row if not one.startswith(("review", "final", "result"))
+    ]
     assert (len(measured), name, sheet) == (20, "image_name", "evidence")
     assert (row["confidence"], row["lon_deg"], row["date"]) == (
         *("0.9", "-98.8584", "2024-06-10T15:00:01.357243+00:00"),

@@ -51,6 +51,15 @@ def test_shift_and_stretch_are_found_whatever_the_light(seed, shift, stretch, ga
     assert found.zncc > 0.99
 
 
+def test_a_view_of_coarse_pixels_is_aligned_to_where_it_fits_best():
+    template = np.kron(np.random.default_rng(0).uniform(0, 255, (12, 12)), np.ones((5, 5)))
+    coarse = cv2.resize(template, (24, 24), interpolation=cv2.INTER_AREA)
+    patch = cv2.resize(coarse, (60, 60), interpolation=cv2.INTER_LINEAR)
+    found = align(template, np.pad(np.ones((36, 36)), 12), patch, np.zeros(2))
+    assert found is not None
+    np.testing.assert_allclose(found.shift, 0, atol=0.02)
+
+
 def test_the_covariance_grows_with_noise():
     template = scene(1)
     rng = np.random.default_rng(2)

@@ -34,7 +34,7 @@ def placed(drive, texture):
             width_m=1.1,
             height_m=1.1,
             crops=tuple(crops),
-            evidence=(("place", 5.6),),
+            evidence=(("place", 5.3),),
         )
         tracked = tracked_frame(frames[1], seen)
         (one,) = landmarks_of(triangulate_points(iter([tracked])))
