@@ -57,10 +57,7 @@ def require_array(
 ) -> None:
     """Refuse an array whose type, shape (None: any length) or layout a kernel does not take.
 
-    Raises
-    ------
-    ValueError
-        Naming the array and both shapes or layouts.
+    Raises ValueError, which names the array and both shapes or layouts.
     """
     fits = len(array.shape) == len(shape) and all(
         n is None or n == found for n, found in zip(shape, array.shape, strict=True)
@@ -83,13 +80,7 @@ def require_image(rgb: NDArray[np.uint8], name: str = "rgb") -> None:
 
 
 def shaped(array: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """The array as C-contiguous float64, refused unless it has the shape (-1: any length).
-
-    Raises
-    ------
-    ValueError
-        Naming both shapes.
-    """
+    """The array as C-contiguous float64; ValueError, with both shapes, unless it has the shape (-1: any length)."""
     result = np.ascontiguousarray(array, np.float64)
     fits = result.ndim == len(shape) and all(
         want in (-1, have) for want, have in zip(shape, result.shape, strict=True)

@@ -55,6 +55,8 @@ from wayside.schemas.signs import Sign
 from wayside.stages.calibration import CalibrationWatch, DriveCalibration
 from wayside.stages.detection import BOX_VALUES
 from wayside.stages.georeference import DrivePath, PathPoint
+from wayside.stages.georeference.path import drive_path
+from wayside.stages.mapping.window import untracked
 from wayside.stages.roadside.sweep import Sweep
 from wayside.stages.segmentation import unsegmented
 
@@ -78,39 +80,15 @@ NOTICED = (1, -signal.SIGKILL, -signal.SIGXCPU)
 """Exit statuses of tests that fail or do not come to an end."""
 
 
-def _undecided(posed: PosedDetections) -> TrackedFrame:
-    """The frame with every candidate as it came, without landmarks."""
-    table, segmentation = posed.detections.candidates, posed.detections.segmentation
-    return TrackedFrame(
-        posed.frame,
-        posed.motion,
-        table,
-        np.full(len(table), -1, np.int32),
-        np.full(len(table), np.nan, np.float32),
-        segmentation.region_count,
-        dropped=segmentation.dropped,
-    )
-
-
 def _chained_path(points: list[PathPoint]) -> DrivePath:
     """The chain of steps as it came, in the axes of the first camera."""
-    return DrivePath(
-        "drive_start",
-        {point.frame: point.chained for point in points},
-        {point.frame: point.station_m for point in points},
-        {point.frame: point.baseline_m for point in points},
-        np.array([point.station_m for point in points]),
-        None,
-        None,
-        {},
-        (),
-    )
+    return drive_path(points, "drive_start", {point.frame: point.chained for point in points})
 
 
 def _unplaced(landmark: Landmark) -> Sign:
     """The landmark as the first sign, in the axes of its camera."""
     position, covariance = landmark.position, landmark.covariance
-    offset = (landmark.station_m, *landmark.offset[:2].tolist(), np.nan)
+    offset = landmark.station_m, landmark.right_m, landmark.above_m, np.nan
     size = landmark.width_m, landmark.height_m, landmark.sigma_width_m, landmark.sigma_height_m
     where = (position, covariance, position, covariance)
     return Sign(1, 1, landmark, "sign", 0.5, *where, *offset, *size, None)
@@ -121,17 +99,11 @@ DO_NOTHING: dict[tuple[type, type], Callable[[Any], Any]] = {
     (Image, Segmentation): unsegmented,
     (Segmentation, Detections): lambda found: Detections(found, Candidates.of(found.regions)),
     (Detections, PosedDetections): lambda found: PosedDetections(found, None),
-    (PosedDetections, TrackedFrame): _undecided,
+    (PosedDetections, TrackedFrame): lambda posed: untracked(posed, posed.detections.candidates),
     (Landmark, Sign): _unplaced,
     (CalibrationWatch, DriveCalibration): lambda watch: None,
-    (Sweep, CrossSection): lambda sweep: CrossSection(
-        sweep.station_m,
-        sweep.frame,
-        np.nan,
-        *(np.zeros(0),) * 4,
-        (),
-        np.zeros((0, 3)),
-        (Roadside(),) * 2,
+    (Sweep, CrossSection): lambda one: CrossSection(
+        one.station_m, one.frame, np.nan, *np.zeros((4, 0)), (), np.zeros((0, 3)), (Roadside(),) * 2
     ),
 }
 """What a stage from one type to another gives when it decides nothing; from a type to itself: the item."""
@@ -309,9 +281,8 @@ def attempt(cut: Cut, folder: Path) -> None:
         if cut.kind == "stage":
             cut_stage(cut.name)
         elif cut.kind == "model":
-            without_model(
-                shipped(cut.preset), cut.name
-            )  # a fault of this shall not look like a failing test
+            # a fault of this shall not look like a failing test
+            without_model(shipped(cut.preset), cut.name)
             cut_model(cut.name)
         else:
             note_stages(folder / f"{cut.preset}.json")

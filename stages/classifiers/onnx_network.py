@@ -30,17 +30,8 @@ class NetworkInput:
 class OnnxNetwork:
     """A network of an ONNX file, run by onnxruntime in the thread that asks; threads may share it.
 
-    Parameters
-    ----------
-    file
-        Its path or content.
-    outputs
-        That are wanted, by name; all of the file where none are named.
-
-    Raises
-    ------
-    ValueError
-        The file cannot be run.
+    file: its path or content; ValueError where it cannot be run. outputs: that are wanted, by name; all of the file
+    where none are named.
     """
 
     def __init__(self, file: str | bytes, outputs: tuple[str, ...] = ()) -> None:

@@ -1,91 +1,46 @@
 """Regions of an image to detected sign faces: proposals, learned classifiers, box regression."""
 
-from wayside.stages.detection.box_network import (
-    BOX_OUTPUT,
-    BOX_VALUES,
-    COLOR_AT,
-    OFFSET_AT,
-    PATCHES,
-    SHAPE_AT,
-    SIZES,
-    BoxClassifier,
-    BoxNetwork,
-)
-from wayside.stages.detection.box_patches import INNER, SIDE, drawn_patches
-from wayside.stages.detection.detector import SAME_FACE_IOU, detect
-from wayside.stages.detection.detector_outputs import recognised
-from wayside.stages.detection.external_boxes import (
-    boxes_of,
-    by_image_id,
-    detect_externally,
-    number_of,
-    places_of,
-)
-from wayside.stages.detection.network_proposals import (
-    BIAS,
-    CENTRE_PX,
-    FEATURES,
-    HEAT,
-    IMAGE,
-    MAPS,
-    MULTIPLE,
-    ODDS,
-    OUTPUT,
-    SCALE,
-    SIDE_PX,
-    STRIDE,
-    WEIGHT,
-    DetectionNetwork,
-    Maps,
-    boxes_of_maps,
-    padded,
-)
-from wayside.stages.detection.onnx_detector import OnnxDetector, named_boxes, score_log_odds
-from wayside.stages.detection.proposals import fits_face, propose, propose_segments, regions_of
-
-__all__ = [
-    "BIAS",
-    "BOX_OUTPUT",
-    "BOX_VALUES",
-    "CENTRE_PX",
-    "COLOR_AT",
-    "FEATURES",
-    "HEAT",
-    "IMAGE",
-    "INNER",
-    "MAPS",
-    "MULTIPLE",
-    "ODDS",
-    "OFFSET_AT",
-    "OUTPUT",
-    "PATCHES",
-    "SAME_FACE_IOU",
-    "SCALE",
-    "SHAPE_AT",
-    "SIDE",
-    "SIDE_PX",
-    "SIZES",
-    "STRIDE",
-    "WEIGHT",
-    "BoxClassifier",
-    "BoxNetwork",
-    "DetectionNetwork",
-    "Maps",
-    "OnnxDetector",
-    "boxes_of",
-    "boxes_of_maps",
-    "by_image_id",
-    "detect",
-    "detect_externally",
-    "drawn_patches",
-    "fits_face",
-    "named_boxes",
-    "number_of",
-    "padded",
-    "places_of",
-    "propose",
-    "propose_segments",
-    "recognised",
-    "regions_of",
-    "score_log_odds",
-]
+from wayside.stages.detection.box_network import BOX_OUTPUT as BOX_OUTPUT
+from wayside.stages.detection.box_network import BOX_VALUES as BOX_VALUES
+from wayside.stages.detection.box_network import COLOR_AT as COLOR_AT
+from wayside.stages.detection.box_network import OFFSET_AT as OFFSET_AT
+from wayside.stages.detection.box_network import PATCHES as PATCHES
+from wayside.stages.detection.box_network import SHAPE_AT as SHAPE_AT
+from wayside.stages.detection.box_network import SIZES as SIZES
+from wayside.stages.detection.box_network import BoxClassifier as BoxClassifier
+from wayside.stages.detection.box_network import BoxNetwork as BoxNetwork
+from wayside.stages.detection.box_patches import INNER as INNER
+from wayside.stages.detection.box_patches import SIDE as SIDE
+from wayside.stages.detection.box_patches import drawn_patches as drawn_patches
+from wayside.stages.detection.detector import SAME_FACE_IOU as SAME_FACE_IOU
+from wayside.stages.detection.detector import detect as detect
+from wayside.stages.detection.detector_outputs import recognised as recognised
+from wayside.stages.detection.external_boxes import boxes_of as boxes_of
+from wayside.stages.detection.external_boxes import by_image_id as by_image_id
+from wayside.stages.detection.external_boxes import detect_externally as detect_externally
+from wayside.stages.detection.external_boxes import number_of as number_of
+from wayside.stages.detection.external_boxes import places_of as places_of
+from wayside.stages.detection.network_proposals import BIAS as BIAS
+from wayside.stages.detection.network_proposals import CENTRE_PX as CENTRE_PX
+from wayside.stages.detection.network_proposals import FEATURES as FEATURES
+from wayside.stages.detection.network_proposals import HEAT as HEAT
+from wayside.stages.detection.network_proposals import IMAGE as IMAGE
+from wayside.stages.detection.network_proposals import MAPS as MAPS
+from wayside.stages.detection.network_proposals import MULTIPLE as MULTIPLE
+from wayside.stages.detection.network_proposals import ODDS as ODDS
+from wayside.stages.detection.network_proposals import OUTPUT as OUTPUT
+from wayside.stages.detection.network_proposals import SCALE as SCALE
+from wayside.stages.detection.network_proposals import SIDE_PX as SIDE_PX
+from wayside.stages.detection.network_proposals import STRIDE as STRIDE
+from wayside.stages.detection.network_proposals import WEIGHT as WEIGHT
+from wayside.stages.detection.network_proposals import DetectionNetwork as DetectionNetwork
+from wayside.stages.detection.network_proposals import Maps as Maps
+from wayside.stages.detection.network_proposals import boxes_of_maps as boxes_of_maps
+from wayside.stages.detection.network_proposals import padded as padded
+from wayside.stages.detection.onnx_detector import OnnxDetector as OnnxDetector
+from wayside.stages.detection.onnx_detector import named_boxes as named_boxes
+from wayside.stages.detection.onnx_detector import score_log_odds as score_log_odds
+from wayside.stages.detection.proposals import fits_face as fits_face
+from wayside.stages.detection.proposals import propose as propose
+from wayside.stages.detection.proposals import propose_segments as propose_segments
+from wayside.stages.detection.proposals import regions_of as regions_of

@@ -87,11 +87,6 @@ class BoxClassifier:
     model: ScoreModel
     back: bool = False
 
-    @property
-    def threshold(self) -> float:
-        """Log odds from which a box is accepted."""
-        return self.model.threshold
-
     def scores(self, rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> NDArray[np.float32]:
         """Log odds (n,) that boxes (n, 4) of an image (height, width, 3) show such a panel."""
         found = self.network.scores(pyramid_of_boxes(rgb, box), box)

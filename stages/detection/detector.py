@@ -46,28 +46,15 @@ def detect(
     front: ScoreModel,
     back: ScoreModel | None = None,
 ) -> Iterator[Detections]:
-    """Classify all regions of each image.
+    """Classify all regions of each image; each becomes a candidate.
 
-    Parameters
-    ----------
-    items
-        Images with their regions; each becomes a candidate.
-    settings
-        Number of candidates kept.
-    network
-        The box network. A candidate not far below a threshold is scored at the box that the network makes of it as
-        well, and moves there where it scores better. Those that are accepted get the log probabilities of colours and
-        shapes, and the most probable one of either as their class; the others keep class -1.
-    front
-        Threshold of faces: candidates below it get the verdict `score`. Of overlapping ones the best stays (`overlap`),
-        of all of them the best `settings.keep` (`score`).
-    back
-        Threshold of panels seen from behind: what it accepts, and what looks more like one than like a face, gets a
-        `back_score`.
+    network: the box network. A candidate not far below a threshold is scored at the box that the network makes of it as
+    well, and moves there where it scores better. Those that are accepted get the log probabilities of colours and
+    shapes, and the most probable one of either as their class; the others keep class -1.
 
-    Yields
-    ------
-    One item an image, in order.
+    front: threshold of faces. Candidates below it get the verdict `score`. Of overlapping ones the best stays
+    (`overlap`), of all of them the best `settings.keep` (`score`). back: threshold of panels seen from behind. What it
+    accepts, and what looks more like one than like a face, gets a `back_score`.
     """
     for item in items:
         image, regions = item.image, item.regions

@@ -42,21 +42,12 @@ class RawBoxes(NamedTuple):
 def recognised(
     outputs: Mapping[str, Array], input_size: tuple[int, int], head: str, classes: int
 ) -> str:
-    """The format of the outputs of a network, from one run on any image.
+    """The format of the outputs of a network, by name, from one run on any image.
 
-    Parameters
-    ----------
-    outputs
-        By name.
-    input_size
-        Height and width of the image that the network took.
-    head, classes
-        Name of its head and number of its classes as the file's metadata say, empty and 0 where they do not.
+    input_size: height and width of the image that the network took. head, classes: name of its head and number of its
+    classes as the file's metadata say, empty and 0 where they do not.
 
-    Raises
-    ------
-    ValueError
-        With the shapes that were found: no format has them, or several have.
+    Raises ValueError, with the shapes that were found, where no format has them, or several have.
     """
     if {"labels", "boxes", "scores"} == set(outputs):
         return "detr_pixels"

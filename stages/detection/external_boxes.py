@@ -32,28 +32,12 @@ def detect_externally(
     settings: CandidateSettings,
     network: BoxNetwork,
 ) -> Iterator[Detections]:
-    """The boxes of a detector or of a file as the candidates of each image.
+    """The boxes of a detector or of a file as the candidates of each image, in order.
 
-    Parameters
-    ----------
-    items
-        Images; those that are not used have no candidates.
-    source
-        The detector, or the boxes by image.
-    settings
-        Least score; number of candidates that stay open. Of boxes that overlap the best stays (`overlap`), of all of
-        them the best `settings.keep` (`score`).
-    network
-        The box network, which names what the classes of the boxes do not.
+    Images that are not used have no candidates. Of boxes that overlap the best stays (`overlap`), of all of them the
+    best `settings.keep` (`score`). network: the box network, which names what the classes of the boxes do not.
 
-    Yields
-    ------
-    One item an image, in order.
-
-    Raises
-    ------
-    InputError
-        If the detector's outputs are not understood.
+    Raises InputError where the detector's outputs are not understood.
     """
     for item in items:
         segmentation, camera = unsegmented(item), item.frame.camera

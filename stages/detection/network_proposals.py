@@ -15,24 +15,18 @@ from wayside.stages.geometry import non_maximum_suppression
 
 STRIDE, MULTIPLE = 4, 32
 """Pixels a cell of the maps; height and width of what the network sees are multiples of this."""
-
 CENTRE_PX, SIDE_PX = 8.0, 16.0
 """A box at a cell: middle = centre of the cell + `CENTRE_PX` * (a, b), width and height = `SIDE_PX` * exp(c, d)."""
-
 MAPS = 2 + 4 + len(LEARNED_COLORS) + len(SHAPES)
 """Maps: log odds of fronts and of backs, box (a, b, c, d), log odds of colours, of shapes."""
-
 MAXIMA = 4
 """Boxes are made of so many times the maxima that are wanted: most of the others are next to better ones."""
-
 IMAGE, OUTPUT = "image", "maps"
 """Names of the input of a network, (1, height, width, 3) uint8, and of its output, (1, `MAPS`, rows, columns)."""
-
 HEAT, FEATURES, SCALE, WEIGHT, BIAS = SPLIT_OUTPUTS = "heat", "features", "scale", "weight", "bias"
 """Names of the outputs of a network whose last layer is split: log odds without their biases (1, 2, rows, columns); the
 inputs of that layer as integers (1, rows, columns, c), and their scale; its weights (`MAPS`, c) and biases (`MAPS`,),
 to be applied to single cells."""
-
 ODDS = 2
 """The first so many maps are log odds."""
 

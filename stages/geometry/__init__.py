@@ -1,61 +1,29 @@
 """Rotations, lens distortion, midpoints of rays, offsets from a path, linear algebra and Levenberg-Marquardt."""
 
-from wayside.stages.geometry.boxes import (
-    box_areas,
-    covered_fractions,
-    intersection_areas,
-    iou_matrix,
-    non_maximum_suppression,
-)
-from wayside.stages.geometry.levenberg_marquardt import Schedule, minimiser
-from wayside.stages.geometry.linear_algebra import cholesky_solve, cross_matrices, invert_symmetric
-from wayside.stages.geometry.path import FrenetOffset, frenet_offset, median_longitude_deg, turn_deg
-from wayside.stages.geometry.ray_midpoint import (
-    meet_rays,
-    pair_midpoint,
-    pair_residual,
-    points_of_second,
-)
-from wayside.stages.geometry.rotation import (
-    halfway_direction,
-    rotation_from_vector,
-    tangent_basis,
-    vector_from_rotation,
-)
-from wayside.stages.geometry.undistortion import (
-    distort_points,
-    ideal_of_rays,
-    ideal_points,
-    rays_of_ideal,
-    to_rays,
-)
-
-__all__ = [
-    "FrenetOffset",
-    "Schedule",
-    "box_areas",
-    "cholesky_solve",
-    "covered_fractions",
-    "cross_matrices",
-    "distort_points",
-    "frenet_offset",
-    "halfway_direction",
-    "ideal_of_rays",
-    "ideal_points",
-    "intersection_areas",
-    "invert_symmetric",
-    "iou_matrix",
-    "median_longitude_deg",
-    "meet_rays",
-    "minimiser",
-    "non_maximum_suppression",
-    "pair_midpoint",
-    "pair_residual",
-    "points_of_second",
-    "rays_of_ideal",
-    "rotation_from_vector",
-    "tangent_basis",
-    "to_rays",
-    "turn_deg",
-    "vector_from_rotation",
-]
+from wayside.stages.geometry.boxes import box_areas as box_areas
+from wayside.stages.geometry.boxes import covered_fractions as covered_fractions
+from wayside.stages.geometry.boxes import intersection_areas as intersection_areas
+from wayside.stages.geometry.boxes import iou_matrix as iou_matrix
+from wayside.stages.geometry.boxes import non_maximum_suppression as non_maximum_suppression
+from wayside.stages.geometry.levenberg_marquardt import Schedule as Schedule
+from wayside.stages.geometry.levenberg_marquardt import minimiser as minimiser
+from wayside.stages.geometry.linear_algebra import cholesky_solve as cholesky_solve
+from wayside.stages.geometry.linear_algebra import cross_matrices as cross_matrices
+from wayside.stages.geometry.linear_algebra import invert_symmetric as invert_symmetric
+from wayside.stages.geometry.path import FrenetOffset as FrenetOffset
+from wayside.stages.geometry.path import frenet_offset as frenet_offset
+from wayside.stages.geometry.path import median_longitude_deg as median_longitude_deg
+from wayside.stages.geometry.path import turn_deg as turn_deg
+from wayside.stages.geometry.ray_midpoint import meet_rays as meet_rays
+from wayside.stages.geometry.ray_midpoint import pair_midpoint as pair_midpoint
+from wayside.stages.geometry.ray_midpoint import pair_residual as pair_residual
+from wayside.stages.geometry.ray_midpoint import points_of_second as points_of_second
+from wayside.stages.geometry.rotation import halfway_direction as halfway_direction
+from wayside.stages.geometry.rotation import rotation_from_vector as rotation_from_vector
+from wayside.stages.geometry.rotation import tangent_basis as tangent_basis
+from wayside.stages.geometry.rotation import vector_from_rotation as vector_from_rotation
+from wayside.stages.geometry.undistortion import distort_points as distort_points
+from wayside.stages.geometry.undistortion import ideal_of_rays as ideal_of_rays
+from wayside.stages.geometry.undistortion import ideal_points as ideal_points
+from wayside.stages.geometry.undistortion import rays_of_ideal as rays_of_ideal
+from wayside.stages.geometry.undistortion import to_rays as to_rays

@@ -19,11 +19,11 @@ class Schedule(NamedTuple):
     """When to stop, and how strongly steps are damped.
 
     `iterations`: at most this many linearisations. `gain`: stop when an accepted step lowers the cost by a smaller
-    fraction of the cost plus `offset`. `damping`: at the start, relative to the diagonal of the normal equations.
-    `least_damping`: its lower limit. `tries`: damping is multiplied by ten at most this often in one iteration.
+    fraction. `damping`: at the start, relative to the diagonal of the normal equations. `least_damping`: its lower
+    limit. `tries`: damping is multiplied by ten at most this often in one iteration.
 
-    `iterations`, `gain` and `offset` decide how near to the minimum a fit ends. The damping and the tries are numerical
-    guards: they lead to the same minimum.
+    `iterations` and `gain` decide how near to the minimum a fit ends. The damping and the tries are numerical guards:
+    they lead to the same minimum.
     """
 
     iterations: int
@@ -31,7 +31,6 @@ class Schedule(NamedTuple):
     damping: float = 1e-3
     least_damping: float = 1e-9
     tries: int = 8
-    offset: float = 0.0
 
 
 def minimiser(
@@ -74,7 +73,7 @@ def minimiser(
                 break
             estimate, trial = trial, estimate
             damping = max(schedule.least_damping, damping * 0.1)
-            if lowered < schedule.gain * (cost + schedule.offset):
+            if lowered < schedule.gain * cost:
                 break
         return estimate, cost, done
 

@@ -49,10 +49,7 @@ class BandedNormal:
     def solve(self) -> tuple[Array, Array]:
         """The unknowns (blocks, size), and the Cholesky factor of the band for `block_covariances`.
 
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            Where the measurements leave something undetermined.
+        Raises numpy.linalg.LinAlgError where the measurements leave something undetermined.
         """
         factor = cholesky_banded(self.band, lower=True)
         unknown = cho_solve_banded((factor, True), self.right)

@@ -58,12 +58,8 @@ def georeference(points: Iterator[PathPoint], motion: MotionSettings) -> Iterato
     fix, the chain of steps bounded by all fixes. Else `drive_start`: origin at the first used camera, x along the first
     step, y left, z the camera's own up.
 
-    Raises
-    ------
-    InputError
-        Fixes, the only source of lengths, contradict the motion in the images.
-    numpy.linalg.LinAlgError
-        Where the measurements do not determine the path.
+    Raises InputError where fixes, the only source of lengths, contradict the motion in the images, and
+    numpy.linalg.LinAlgError where the measurements do not determine the path.
     """
     path = list(points)
     if any(p.given is not None for p in path):

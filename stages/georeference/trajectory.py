@@ -98,10 +98,7 @@ def smooth(
 
     rotation (n, 3, 3), centre (n, 3): initial values, tens of metres and some degrees away at most.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Where the measurements leave something undetermined.
+    Raises numpy.linalg.LinAlgError where the measurements leave something undetermined.
     """
     free = _Adjustment(chain, measured, rotation, centre, OFFSET_SIGMA_S).run()
     found_s, impossible_s = free.time_offset_s, 0.0

@@ -35,12 +35,8 @@ def classify_location(
     Mahalanobis distance (eq. 3.1); here it is one on the likelihood ratio of a class to the places of other landmarks.
     Where the evidence for landmarks contains their place, no model refuses them again.
 
-    `model`: classes in (right of the path, above the camera's path), metres; None: only sizes are refused.
-
-    Raises
-    ------
-    ValueError
-        Where the model is not of that space.
+    `model`: classes in (right of the path, above the camera's path), metres; None: only sizes are refused. Raises
+    ValueError where it is of another space.
     """
     if model is not None and model.space != "right_up_m":
         raise ValueError(f"a location model of space {model.space} instead of right_up_m")

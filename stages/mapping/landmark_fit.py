@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.kernels import Array
 from wayside.stages.mapping.association import MISSED, Hypotheses, WindowCandidates, associate
-from wayside.stages.mapping.triangulation import POINT_ITERATIONS, triangulate_views
+from wayside.stages.mapping.triangulation import triangulate_views
 from wayside.stages.mapping.window import WindowFrame, joined
 
 MAD_TO_SIGMA = 1.4826
@@ -155,12 +155,11 @@ def fit_views(
     *,
     box_sigma: tuple[float, float] = BOX_SIGMA,
     nearest: int = FITTED_VIEWS,
-    iterations: int = POINT_ITERATIONS,
 ) -> LandmarkFit | None:
     """Point, covariance and metric size from views; None where the rays do not meet ahead.
 
     rows, frames: candidates (v,) of the window and their frames, ascending. box_sigma: scatter of the centres of boxes,
-    as `BOX_SIGMA`. nearest: the point is fitted to so many of the latest views, by so many iterations at most.
+    as `BOX_SIGMA`. nearest: the point is fitted to so many of the latest views.
     """
     c = candidates
     tall_px = c.size[rows, 1] * c.focal[frames]
@@ -169,7 +168,7 @@ def fit_views(
     own = (box_sigma[0] + box_sigma[1] * tall_px) / c.focal[frames]
     sigma = np.hypot(own, DRIFT_RAD * np.sqrt(frames.max() - frames))
     point, covariance = triangulate_views(
-        c.rotation[frames[used]], c.centre[frames[used]], c.ray[rows[used]], sigma[used], iterations
+        c.rotation[frames[used]], c.centre[frames[used]], c.ray[rows[used]], sigma[used]
     )
     if not np.isfinite(point).all() or not np.isfinite(covariance).all():
         return None

@@ -54,7 +54,7 @@ def add_predicted_views(
                 box, unknown = boxes[own].astype(np.float32), np.full(len(own), NONE)
                 regions = regions_of(box, unknown, held.rgb, "predicted")
                 scores = classifier.scores(held.rgb, regions.box)
-                rows = np.flatnonzero(scores >= classifier.threshold)
+                rows = np.flatnonzero(scores >= classifier.model.threshold)
                 found.append((back, number[own[rows]], regions.select(rows), scores[rows]))
         return found
 

@@ -7,14 +7,15 @@ greedily, best first. A landmark is finished when the vehicle has passed it (rep
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.landmarks import TrackedFrame
+from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
@@ -43,7 +44,7 @@ from wayside.stages.mapping.window import (
     WindowFrame,
     WindowPoses,
     candidates_of,
-    through_window,
+    untracked,
 )
 
 WINDOW_STEP = 4
@@ -77,30 +78,14 @@ def track(
     Frames come out in order, each once, at most `longest` + `WINDOW_STEP` used frames late. A landmark comes with the
     first frame that it was seen in.
 
-    Parameters
-    ----------
-    posed
-        Frames with their candidates and motion.
-    settings
-        How long signs are followed, and by how many views.
-    front
-        Classifiers of faces: of landmarks (None: each whose views agree is a sign), and of predicted views (None: there
-        are none).
-    back
-        The same of panels seen from behind; None: they are not tracked.
-    panel
-        Panels are measured as planes, by these models; None: boxes alone give position and size.
-    jointly
-        Whether a landmark is adjusted together with the motion.
-    box_sigma
-        Scatter of the centres of boxes, as `BOX_SIGMA`.
-    each
-        Applies what needs the images to each of some items, as `map`; it may do so in several threads.
+    front: classifiers of faces, of landmarks (None: each whose views agree is a sign) and of predicted views (None:
+    there are none). back: the same of panels seen from behind; None: they are not tracked. panel: models by which
+    panels are measured as planes; None: boxes alone give position and size. jointly: whether a landmark is adjusted
+    together with the motion. box_sigma: scatter of the centres of boxes, as `BOX_SIGMA`. each: applies what needs the
+    images to each of some items, as `map`; it may do so in several threads.
     """
     sides = {False: front or SideClassifiers()} | ({} if back is None else {True: back})
-    yield from through_window(
-        posed, _Tracker(settings, sides, box_sigma, PAIR_REACH, panel, jointly, each)
-    )
+    yield from _Tracker(settings, sides, box_sigma, PAIR_REACH, panel, jointly, each).run(posed)
 
 
 class _Classified(NamedTuple):
@@ -110,6 +95,14 @@ class _Classified(NamedTuple):
     offset: FrenetOffset
     evidence: LandmarkEvidence
     accepted: bool
+
+
+def _in_colour(posed: PosedDetections) -> PosedDetections:
+    """The frame with its image in colour and full size only: three fifths of what the window would hold."""
+    found = posed.detections.segmentation
+    image = replace(found.image, frame=replace(posed.frame, data=b""), grey=None, levels=None)
+    detections = replace(posed.detections, segmentation=replace(found, image=image))
+    return replace(posed, detections=detections)
 
 
 @dataclass
@@ -129,9 +122,31 @@ class WindowSolver:
         self._hypotheses: list[Hypotheses] = []
         self._next_id = 0
 
-    def holds(self, frame: WindowFrame) -> bool:
-        """Whether a landmark may still claim candidates of the frame."""
-        return any(f is frame for f in self._window)
+    def run(self, posed: Iterator[PosedDetections]) -> Iterator[TrackedFrame]:
+        """Send frames through the window; each comes out once, in order, when it cannot change any more."""
+        waiting: deque[PosedDetections | WindowFrame] = deque()
+        for item in map(_in_colour, posed):
+            camera = item.frame.camera
+            if item.motion is None or camera is None:
+                waiting.append(item)
+            else:
+                frame = WindowFrame.of(item, item.motion, camera)
+                waiting.append(frame)
+                self.append(frame)
+            yield from self._released(waiting)
+        if self._window:
+            self._solve(last=True)
+        self._window.clear()
+        yield from self._released(waiting)
+
+    def _released(self, waiting: deque[PosedDetections | WindowFrame]) -> Iterator[TrackedFrame]:
+        """The first of the frames that wait, up to one whose candidates a landmark may still claim."""
+        while waiting and not any(held is waiting[0] for held in self._window):
+            first = waiting.popleft()
+            if isinstance(first, WindowFrame):
+                yield first.finished()
+            else:
+                yield untracked(first, first.detections.candidates)
 
     def append(self, frame: WindowFrame) -> None:
         """Take the next frame; a full window is solved, and its oldest frames leave."""
@@ -141,13 +156,6 @@ class WindowSolver:
         if len(self._window) >= self._length:
             self._solve(last=False)
             del self._window[:WINDOW_STEP], self._hypotheses[:WINDOW_STEP]
-
-    def finish(self) -> None:
-        """Solve what is left: no frame follows."""
-        if self._window:
-            self._solve(last=True)
-        self._window.clear()
-        self._hypotheses.clear()
 
     def _likely(self, older: WindowFrame, newer: WindowFrame) -> NDArray[np.int64] | None:
         """Pairs (k, 2) of followed candidates that may show one panel; None: any may."""
@@ -201,6 +209,26 @@ class WindowSolver:
             for k, row in zip(fit.frames, fit.rows, strict=True):
                 if k < WINDOW_STEP:
                     self._window[k].followed["standing"][row] = True
+
+    def _report(
+        self,
+        fit: LandmarkFit,
+        measured: LandmarkMeasurement,
+        score: float,
+        verdict: str,
+        **more: Any,
+    ) -> Landmark:
+        """Hand a landmark to its first frame, and take its candidates; more: its other columns."""
+        number, offset = self._next_id, self._path.offset(measured.point)
+        landmark = build_landmark(
+            fit, self._window, measured, offset, track_id=number, score=score, verdict=verdict
+        )
+        landmark = replace(landmark, **more)
+        self._window[fit.frames[0]].landmarks.append(landmark)
+        for held, row in fit.views_in(self._window):
+            held.followed["assigned"][row] = True
+        self._next_id += 1
+        return landmark
 
     def _passed(self, fit: LandmarkFit) -> bool:
         """Whether a landmark lies outside the newest image, or too near to be seen in the next."""
@@ -317,20 +345,8 @@ class _Tracker(WindowSolver):
     ) -> None:
         """Hand a landmark with its verdict to its first frame."""
         fit, evidence = one.fit, one.evidence
-        landmark = replace(
-            build_landmark(
-                fit,
-                self._window,
-                measured,
-                self._path.offset(measured.point),
-                track_id=self._next_id,
-                score=evidence.score,
-                verdict=verdict,
-            ),
-            features=tuple(evidence.features.tolist()),
-            evidence=evidence.ratios,
-            posts=seen.posts,
-        )
+        columns = {"features": tuple(evidence.features.tolist()), "evidence": evidence.ratios}
+        landmark = self._report(fit, measured, evidence.score, verdict, posts=seen.posts, **columns)
         if verdict == "sign":
             # Its panel as it was measured: boxes around a sign and its plaque would make the plaque a duplicate.
             size = np.array([landmark.width_m, landmark.height_m])
@@ -338,18 +354,11 @@ class _Tracker(WindowSolver):
             self._reported.append(face)
             self._taken.append(face.boxes(self._images))
             self._places[fit.back].add(one.offset, evidence.best_score)
-        first = self._window[fit.frames[0]]
-        first.landmarks.append(landmark)
         if seen.views or measured.residual is not None:
-            shape = None if seen.outline is None else seen.outline.shape
-            first.measurements.append(
-                Measurement(
-                    self._next_id, seen.views, seen.segments, shape, seen.face, measured.residual
-                )
+            number, shape = landmark.track_id, None if seen.outline is None else seen.outline.shape
+            self._window[fit.frames[0]].measurements.append(
+                Measurement(number, seen.views, seen.segments, shape, seen.face, measured.residual)
             )
-        for held, row in fit.views_in(self._window):
-            held.followed["assigned"][row] = True
-        self._next_id += 1
 
     def _boxes(self, fit: LandmarkFit) -> FaceBoxes:
         """Where a landmark is in the images of the window."""

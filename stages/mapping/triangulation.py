@@ -42,7 +42,6 @@ def triangulate_views(
     centres: NDArray[np.floating[Any]],
     rays: NDArray[np.floating[Any]],
     sigma: NDArray[np.floating[Any]],
-    iterations: int = POINT_ITERATIONS,
 ) -> tuple[Array, Array]:
     """Point with the lowest robust reprojection cost over all views.
 
@@ -50,8 +49,7 @@ def triangulate_views(
     residuals with a Cauchy cost, which bounds the influence of a wrong view.
 
     rotations (n, 3, 3): world from camera. centres (n, 3): of the cameras in the world, metres. rays (n, 2): ideal
-    image coordinates (x/z, y/z). sigma (n,): their standard deviation per coordinate, same unit. iterations: after the
-    midpoint, at most.
+    image coordinates (x/z, y/z). sigma (n,): their standard deviation per coordinate, same unit.
 
     Returns the point (3,) in the world, nan where there are fewer than two views or all rays are parallel, and its
     covariance (3, 3), square metres, scaled up where the residuals are larger than the sigmas, never down.
@@ -72,18 +70,18 @@ def triangulate_views(
     if not (views.sigma > 0).all():
         raise ValueError(f"a sigma is not positive: {views.sigma.min()}")
     point, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
-    _triangulate(views, iterations, point, covariance)
+    _triangulate(views, point, covariance)
     return point, covariance
 
 
 @compiled
-def _triangulate(views: _Views, iterations: int, point: Array, covariance: Array) -> None:
+def _triangulate(views: _Views, point: Array, covariance: Array) -> None:
     normal = _Normal(np.empty((3, 3)), np.empty(3), np.empty(2))
     cost = _start(views, normal, point)
     if not np.isfinite(cost):
         return
     step, factor = np.empty(3), np.empty((3, 3))
-    for _ in range(iterations):
+    for _ in range(POINT_ITERATIONS):
         _linearise(views, point, normal)
         factor[:] = normal.matrix
         step[:] = normal.right

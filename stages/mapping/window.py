@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,59 +126,6 @@ class WindowFrame:
             measurements=tuple(self.measurements),
             matches=self.matches,
         )
-
-
-class WindowTracker(Protocol):
-    """Associates the candidates of the frames that it holds."""
-
-    def append(self, frame: WindowFrame) -> None:
-        """Take the next frame."""
-
-    def finish(self) -> None:
-        """End all tracks: no frame follows."""
-
-    def holds(self, frame: WindowFrame) -> bool:
-        """Whether the frame may still change."""
-
-
-def through_window(
-    posed: Iterator[PosedDetections], tracker: WindowTracker
-) -> Iterator[TrackedFrame]:
-    """Send frames through a tracker; each comes out once, in order, when it cannot change any more."""
-    waiting: deque[PosedDetections | WindowFrame] = deque()
-    for item in map(_in_colour, posed):
-        camera = item.frame.camera
-        if item.motion is None or camera is None:
-            waiting.append(item)
-        else:
-            frame = WindowFrame.of(item, item.motion, camera)
-            waiting.append(frame)
-            tracker.append(frame)
-        yield from _released(waiting, tracker)
-    tracker.finish()
-    yield from _released(waiting, tracker)
-
-
-def _in_colour(posed: PosedDetections) -> PosedDetections:
-    """The frame with its image in colour and full size only: three fifths of what the window would hold."""
-    found = posed.detections.segmentation
-    image = replace(found.image, frame=replace(posed.frame, data=b""), grey=None, levels=None)
-    detections = replace(posed.detections, segmentation=replace(found, image=image))
-    return replace(posed, detections=detections)
-
-
-def _released(
-    waiting: deque[PosedDetections | WindowFrame], tracker: WindowTracker
-) -> Iterator[TrackedFrame]:
-    while waiting:
-        first = waiting[0]
-        if isinstance(first, WindowFrame):
-            if tracker.holds(first):
-                return
-            yield first.finished()
-        else:
-            yield untracked(first, first.detections.candidates)
-        waiting.popleft()
 
 
 def untracked(posed: PosedDetections, candidates: Candidates) -> TrackedFrame:

@@ -95,10 +95,7 @@ def predict_motion(
     last_rotation (3, 3): of the step before; None: unknown. speed_mps: over that step; nan: unknown.
     length_in_spacings: its length in stated spacings where these vary, else nan.
 
-    Raises
-    ------
-    InputError
-        Where no source gives the distance.
+    Raises InputError where no source gives the distance.
     """
     spacing_m = nan if now.spacing_m is None else max(now.spacing_m, SHORTEST_M)
     if before.pose is not None and now.pose is not None:

@@ -57,10 +57,7 @@ def estimate_motion(
     Rays of both have no baseline, and a panel would get the same measurement twice. Slow motion adds up, since images
     are compared with the one that was used last.
 
-    Raises
-    ------
-    InputError
-        Where no source gives the length of a step.
+    Raises InputError where no source gives the length of a step.
     """
     odometry = VisualOdometry(settings)
     for item in images:

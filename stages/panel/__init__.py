@@ -1,47 +1,24 @@
 """A panel as a plane: rectified views, their registration, the outer outline, the facing."""
 
-from wayside.stages.panel.facing import solve_facing
-from wayside.stages.panel.image_alignment import warp_to_template
-from wayside.stages.panel.outline import OUTLINE_FEATURES, FaceOutline, outline_candidates
-from wayside.stages.panel.outline_edges import gradients_of
-from wayside.stages.panel.outline_shapes import (
-    ASPECT,
-    OUTLINE_SHAPES,
-    box_round,
-    face_corners,
-    segments_of,
-)
-from wayside.stages.panel.posts import (
-    FEATURES,
-    POST_SPACE,
-    measure_posts,
-    post_below,
-    post_features,
-)
-from wayside.stages.panel.rectification import PanelPlane, PosedImage, usable_views
-from wayside.stages.panel.registration import RegisteredViews, outline_of, register_views
-
-__all__ = [
-    "ASPECT",
-    "FEATURES",
-    "OUTLINE_FEATURES",
-    "OUTLINE_SHAPES",
-    "POST_SPACE",
-    "FaceOutline",
-    "PanelPlane",
-    "PosedImage",
-    "RegisteredViews",
-    "box_round",
-    "face_corners",
-    "gradients_of",
-    "measure_posts",
-    "outline_candidates",
-    "outline_of",
-    "post_below",
-    "post_features",
-    "register_views",
-    "segments_of",
-    "solve_facing",
-    "usable_views",
-    "warp_to_template",
-]
+from wayside.stages.panel.facing import solve_facing as solve_facing
+from wayside.stages.panel.image_alignment import warp_to_template as warp_to_template
+from wayside.stages.panel.outline import OUTLINE_FEATURES as OUTLINE_FEATURES
+from wayside.stages.panel.outline import FaceOutline as FaceOutline
+from wayside.stages.panel.outline import outline_candidates as outline_candidates
+from wayside.stages.panel.outline_edges import gradients_of as gradients_of
+from wayside.stages.panel.outline_shapes import ASPECT as ASPECT
+from wayside.stages.panel.outline_shapes import OUTLINE_SHAPES as OUTLINE_SHAPES
+from wayside.stages.panel.outline_shapes import box_round as box_round
+from wayside.stages.panel.outline_shapes import face_corners as face_corners
+from wayside.stages.panel.outline_shapes import segments_of as segments_of
+from wayside.stages.panel.posts import FEATURES as FEATURES
+from wayside.stages.panel.posts import POST_SPACE as POST_SPACE
+from wayside.stages.panel.posts import measure_posts as measure_posts
+from wayside.stages.panel.posts import post_below as post_below
+from wayside.stages.panel.posts import post_features as post_features
+from wayside.stages.panel.rectification import PanelPlane as PanelPlane
+from wayside.stages.panel.rectification import PosedImage as PosedImage
+from wayside.stages.panel.rectification import usable_views as usable_views
+from wayside.stages.panel.registration import RegisteredViews as RegisteredViews
+from wayside.stages.panel.registration import outline_of as outline_of
+from wayside.stages.panel.registration import register_views as register_views

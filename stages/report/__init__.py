@@ -1,37 +1,18 @@
 """What only the report's own chains need: colour, shape and trajectory gates, SIFT matching (chapters 3 to 5)."""
 
-from wayside.stages.report.color import COLOR_SPACES, classify_color, color_features
-from wayside.stages.report.match import extract_sift, match_segments
-from wayside.stages.report.points import merge_segments, triangulate_points
-from wayside.stages.report.shape import (
-    TERMS,
-    classify_shape,
-    fourier_descriptors,
-    outlines_of,
-    region_descriptors,
-)
-from wayside.stages.report.trajectory import (
-    STEP_M,
-    TRAJECTORY_FORMS,
-    classify_trajectory,
-    mean_log_ratio,
-)
-
-__all__ = [
-    "COLOR_SPACES",
-    "STEP_M",
-    "TERMS",
-    "TRAJECTORY_FORMS",
-    "classify_color",
-    "classify_shape",
-    "classify_trajectory",
-    "color_features",
-    "extract_sift",
-    "fourier_descriptors",
-    "match_segments",
-    "mean_log_ratio",
-    "merge_segments",
-    "outlines_of",
-    "region_descriptors",
-    "triangulate_points",
-]
+from wayside.stages.report.color import COLOR_SPACES as COLOR_SPACES
+from wayside.stages.report.color import classify_color as classify_color
+from wayside.stages.report.color import color_features as color_features
+from wayside.stages.report.match import extract_sift as extract_sift
+from wayside.stages.report.match import match_segments as match_segments
+from wayside.stages.report.points import merge_segments as merge_segments
+from wayside.stages.report.points import triangulate_points as triangulate_points
+from wayside.stages.report.shape import TERMS as TERMS
+from wayside.stages.report.shape import classify_shape as classify_shape
+from wayside.stages.report.shape import fourier_descriptors as fourier_descriptors
+from wayside.stages.report.shape import outlines_of as outlines_of
+from wayside.stages.report.shape import region_descriptors as region_descriptors
+from wayside.stages.report.trajectory import STEP_M as STEP_M
+from wayside.stages.report.trajectory import TRAJECTORY_FORMS as TRAJECTORY_FORMS
+from wayside.stages.report.trajectory import classify_trajectory as classify_trajectory
+from wayside.stages.report.trajectory import mean_log_ratio as mean_log_ratio

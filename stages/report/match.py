@@ -24,8 +24,6 @@ from wayside.stages.mapping import (
     WindowFrame,
     WindowSolver,
     box_panel,
-    build_landmark,
-    through_window,
 )
 from wayside.stages.report.trajectory import trajectory_of
 
@@ -172,7 +170,7 @@ def match_segments(
     confidence of a landmark and its facing are not known: score and facing are nan.
     """
     sides = {False: SideClassifiers()}
-    yield from through_window(posed, _Matcher(settings, sides, BOX_SIGMA, REACH))
+    yield from _Matcher(settings, sides, BOX_SIGMA, REACH).run(posed)
 
 
 class _Matcher(WindowSolver):
@@ -200,15 +198,6 @@ class _Matcher(WindowSolver):
         """Give landmarks to their frames; SIFT points measure those that a gate accepts."""
         for fit in passed:
             measured = LandmarkMeasurement(fit.point, fit.covariance, box_panel(fit, self._window))
-            landmark = build_landmark(
-                fit,
-                self._window,
-                measured,
-                self._path.offset(fit.point),
-                track_id=self._next_id,
-                score=np.nan,
-                verdict="sign",
-            )
             views = fit.views_in(self._window)
             seen = fit.followed_in(self._window)
             terms = {
@@ -216,22 +205,21 @@ class _Matcher(WindowSolver):
                 "views": VIEWS * np.log(len(seen)),
                 "size": SIZE * np.log(fit.metric.prod()),
             }
-            landmark = replace(
-                landmark,
+            self._report(
+                fit,
+                measured,
+                np.nan,
+                "sign",
                 evidence=tuple((name, float(ratio)) for name, ratio in terms.items()),
                 facing_deg=np.nan,
                 sigma_facing_deg=np.nan,
                 trajectory=trajectory_of(seen["ray"], [held.motion for held, _ in views]),
                 crops=tuple(crop for view in views[-CROPPED_VIEWS:] for crop in _crops(*view)),
             )
-            self._window[fit.frames[0]].landmarks.append(landmark)
             centres = [held.candidates.center[held.followed["candidate"][r]] for held, r in views]
             for k in np.flatnonzero(np.diff(fit.frames) == 1).tolist():
                 held, link = views[k + 1][0], np.concatenate(centres[k : k + 2])[None]
                 held.matches = np.concatenate([held.matches, link.astype(np.float32)])
-            for held, row in views:
-                held.followed["assigned"][row] = True
-            self._next_id += 1
 
 
 def _crops(held: WindowFrame, row: int) -> Iterator[Crop]:

@@ -49,13 +49,13 @@ def trace_region(labels: NDArray[np.uint8], box: NDArray[np.int64]) -> Array | N
     return None
 
 
-def resample_outline(outline: Array, samples: int = SAMPLES) -> NDArray[np.complex128]:
-    """Points (samples,) at equal steps along the closed polygon (n, 2), clockwise as seen (v points down)."""
+def resample_outline(outline: Array) -> NDArray[np.complex128]:
+    """Points (`SAMPLES`,) at equal steps along the closed polygon (n, 2), clockwise as seen (v points down)."""
     if cv2.contourArea(outline.astype(np.float32), oriented=True) < 0:
         outline = outline[::-1]
     closed = np.concatenate([outline, outline[:1]])
     passed = np.concatenate([[0.0], np.hypot(*np.diff(closed, axis=0).T).cumsum()])
-    at = np.arange(samples) * passed[-1] / samples
+    at = np.arange(SAMPLES) * passed[-1] / SAMPLES
     u, v = (np.interp(at, passed, column) for column in closed.T)
     return np.asarray(u + 1j * v, np.complex128)
 

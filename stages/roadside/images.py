@@ -40,14 +40,9 @@ class GroundImage:
     sizes: tuple[NDArray[np.uint8], ...] = field(repr=False)
     """Grey, (rows, columns) each, the largest first."""
 
-    @property
-    def pose(self) -> Pose:
-        """Of its camera in the frame of the drive."""
-        return self.motion.pose
-
     def ahead(self, place: Pose) -> float:
         """How far a place, its axis along the road first, lies ahead of the camera, metres."""
-        return float((place.centre - self.pose.centre) @ place.rotation[:, 0])
+        return float((place.centre - self.motion.pose.centre) @ place.rotation[:, 0])
 
     def level(self, metres: float, wanted: float) -> int:
         """The smallest size in which a pixel covers at most `wanted` metres; `metres`: with a focal length of 1 px."""
@@ -60,8 +55,8 @@ class GroundImage:
         place: origin, metres, and axes along, right and up, as columns, in the frame of the drive. along (m,), right
         and up (k,): offsets along these axes, metres. level: which of the sizes.
         """
-        to_camera = self.pose.rotation.T
-        shift = to_camera @ (place.centre - self.pose.centre)
+        to_camera = self.motion.pose.rotation.T
+        shift = to_camera @ (place.centre - self.motion.pose.centre)
         outer = np.column_stack([to_camera @ place.rotation, shift])
         scale, half = 0.5**level, (0.5**level - 1) / 2
         smaller = np.array([[scale, 0, half], [0, scale, half], [0, 0, 1]])

@@ -95,15 +95,15 @@ def _swept(held: deque[GroundImage]) -> Iterator[Sweep]:
         place = _place(held, (station - first) / (last - first))
         score, pairs = _scores(held, place, road_m)
         lines = _lines(held, place, ground_of(score, pairs, HEIGHTS_M).height - road_m)
-        near = place.relative_to(before.pose)
+        near = place.relative_to(before.motion.pose)
         yield Sweep(before.frame, station, near, road_m, score, pairs, lines)
 
 
 def _place(held: deque[GroundImage], share: float) -> Pose:
     """The path at a share of the way between the last two images, its axes along, right and up."""
-    start, end = held[-2].pose.centre, held[-1].pose.centre
+    start, end = (image.motion.pose.centre for image in (held[-2], held[-1]))
     along = (end - start) / np.linalg.norm(end - start)
-    up = -np.mean([image.pose.rotation[:, 1] for image in held], axis=0)
+    up = -np.mean([image.motion.pose.rotation[:, 1] for image in held], axis=0)
     up -= (up @ along) * along
     up /= np.linalg.norm(up)
     return Pose(np.column_stack([along, np.cross(along, up), up]), start + share * (end - start))

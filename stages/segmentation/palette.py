@@ -96,23 +96,12 @@ def label_both_passes(
 
     The distance is the difference image of the report (chapter 2.3).
 
-    Parameters
-    ----------
-    rgb
-        Image, (height, width, 3) uint8, C-contiguous; whole rows of a larger one may be given.
-    centers
-        Whole-numbered colours, (k, 3), k from 1 to 256.
-    difference_class
-        Class of pass two of each rounded distance, shape (443,) uint8.
+    rgb: image, (height, width, 3) uint8, C-contiguous; whole rows of a larger one may be given. centers (k, 3):
+    whole-numbered colours, k from 1 to 256. difference_class (443,) uint8: class of pass two of each rounded distance.
 
-    Returns
-    -------
-    Labels of pass one (the lower one on a tie) and of pass two, each (height, width) uint8.
+    Returns labels of pass one (the lower one on a tie) and of pass two, each (height, width) uint8.
 
-    Raises
-    ------
-    ValueError
-        If an array is of another type, shape or layout.
+    Raises ValueError where an array is of another type, shape or layout.
     """
     require_image(rgb)
     require_array(difference_class, "difference_class", np.uint8, (DIFFERENCES,))

@@ -47,25 +47,16 @@ def segment(
     on that (exact, in one dimension). Regions of both label images that pass the size gate make the table: those of
     pass one first, each pass in reading order. `region_count` counts the regions of both before the gate.
 
-    Parameters
-    ----------
-    images
-        Images in any state; those without pixels go on with empty tables.
-    settings, gate
-        Numbers of clusters, part of the image, size limits.
+    Images without pixels go on with empty tables. Boxes are in pixels of the full image, labels cover `rows` only.
 
-    Yields
-    ------
-    One item an image, in order. Boxes are in pixels of the full image, labels cover `rows` only.
-
-    Raises
-    ------
-    UsageError
-        If the limits of the size contradict each other.
-    ValueError
-        If a number of clusters is outside its range.
+    Raises UsageError where the limits of the size contradict each other, and ValueError where a number of clusters is
+    outside its range.
     """
-    _check(gate)
+    if not 1 <= gate.smallest_px <= gate.largest_px:
+        raise UsageError(
+            f"gate: smallest_px {gate.smallest_px} and largest_px {gate.largest_px} must satisfy 1 <= smallest_px <= "
+            "largest_px"
+        )
     for image in images:
         if image.rgb is None or image.rgb.size == 0:
             yield unsegmented(image)
@@ -82,12 +73,7 @@ def band_of(camera: Camera | None, height: int) -> tuple[int, int]:
     That bounds the angle above and below the horizon, which lies at the principal point for a level camera, give or
     take the pitch margin. Lens distortion moves these rows by a few pixels at most and is left out.
 
-    Parameters
-    ----------
-    camera
-        The calibration; without one the band is the whole image.
-    height
-        Rows of the image.
+    height: rows of the image. Without a camera the band is the whole image.
     """
     if camera is None:
         return 0, height
@@ -115,7 +101,8 @@ def _segment_rows(
     )
     # The lower half is noise around the colours of pass one: one class. Larger k cut faces into pieces.
     breaks[: settings.difference_clusters // 2 + 1] = 0
-    labels = label_both_passes(band, centers, classes_of_values(breaks, DIFFERENCES))
+    class_of = np.searchsorted(breaks[1:], np.arange(DIFFERENCES), side="right").astype(np.uint8)
+    labels = label_both_passes(band, centers, class_of)
     table, count = _regions_of(labels, band, rows[0], gate)
     return Segmentation(
         image,
@@ -148,21 +135,10 @@ def optimal_breaks(histogram: NDArray[Any], classes: int) -> NDArray[np.int64]:
     values in j classes is D[j, i] = min over t of D[j-1, t] + cost(t, i). It is the sum of squared distances to the
     mean. (Lloyd steps from quantiles end at two to three times this optimum.)
 
-    Parameters
-    ----------
-    histogram
-        How often each value occurs, shape (n,), none negative.
-    classes
-        k, 1 to n. Some classes are empty where fewer values occur.
+    histogram (n,): how often each value occurs, none negative. classes: k, 1 to n; some are empty where fewer values
+    occur. Returns (classes,), rising (equal where a class is empty), the first is 0.
 
-    Returns
-    -------
-    Shape (classes,), rising (equal where a class is empty), the first is 0.
-
-    Raises
-    ------
-    ValueError
-        If the histogram is empty, not one-dimensional or negative somewhere, or k is not from 1 to n.
+    Raises ValueError where the histogram is empty, not one-dimensional or negative somewhere, or k is not from 1 to n.
     """
     counts = np.ascontiguousarray(histogram, np.float64)
     if counts.ndim != 1 or not 1 <= classes <= counts.size:
@@ -187,11 +163,6 @@ def optimal_breaks(histogram: NDArray[Any], classes: int) -> NDArray[np.int64]:
     for start in reversed(starts):
         breaks.append(int(start[breaks[-1]]))
     return np.array([0, *reversed(breaks[1:])], np.int64)
-
-
-def classes_of_values(breaks: NDArray[np.int64], values: int) -> NDArray[np.uint8]:
-    """Class of each of the values 0 to values - 1, from the first value of each class: shape (values,)."""
-    return np.searchsorted(breaks[1:], np.arange(values), side="right").astype(np.uint8)
 
 
 def connected_regions(
@@ -322,11 +293,3 @@ def unsegmented(image: Image) -> Segmentation:
     """An image without regions, as one that is not used."""
     centers, breaks = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
     return Segmentation(image, Regions.empty(), 0, centers, breaks, (0, 0))
-
-
-def _check(gate: GateSettings) -> None:
-    if not 1 <= gate.smallest_px <= gate.largest_px:
-        raise UsageError(
-            f"gate: smallest_px {gate.smallest_px} and largest_px {gate.largest_px} must satisfy 1 <= smallest_px <= "
-            "largest_px"
-        )

@@ -1,28 +1,13 @@
 """What sign it is: the class of its face by the pixels, and its code by all that was measured."""
 
-from wayside.stages.sign_codes.codes import OTHER_SHARE, assign_codes
-from wayside.stages.sign_codes.face_classes import (
-    CLASSES,
-    FACE_OUTPUT,
-    FACES,
-    OTHER_FACE,
-    PATCH_SIDE,
-    FaceClassifier,
-    classify_faces,
-    face_patch,
-    face_samples,
-)
-
-__all__ = [
-    "CLASSES",
-    "FACES",
-    "FACE_OUTPUT",
-    "OTHER_FACE",
-    "OTHER_SHARE",
-    "PATCH_SIDE",
-    "FaceClassifier",
-    "assign_codes",
-    "classify_faces",
-    "face_patch",
-    "face_samples",
-]
+from wayside.stages.sign_codes.codes import OTHER_SHARE as OTHER_SHARE
+from wayside.stages.sign_codes.codes import assign_codes as assign_codes
+from wayside.stages.sign_codes.face_classes import CLASSES as CLASSES
+from wayside.stages.sign_codes.face_classes import FACE_OUTPUT as FACE_OUTPUT
+from wayside.stages.sign_codes.face_classes import FACES as FACES
+from wayside.stages.sign_codes.face_classes import OTHER_FACE as OTHER_FACE
+from wayside.stages.sign_codes.face_classes import PATCH_SIDE as PATCH_SIDE
+from wayside.stages.sign_codes.face_classes import FaceClassifier as FaceClassifier
+from wayside.stages.sign_codes.face_classes import classify_faces as classify_faces
+from wayside.stages.sign_codes.face_classes import face_patch as face_patch
+from wayside.stages.sign_codes.face_classes import face_samples as face_samples

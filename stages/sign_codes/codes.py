@@ -119,18 +119,8 @@ def assign_codes(
 ) -> Iterator[Sign]:
     """Give every sign its code as far as it is certain, and the probability that the drive is of the US system.
 
-    Parameters
-    ----------
-    signs
-        All signs of the drive, with their final sizes.
-    settings
-        The system, and what is settled.
-    classes
-        Of the face classifier, in the order of `Landmark.face_log_probability`; empty without one.
-
-    Yields
-    ------
-    The signs, in order, after the last one came.
+    Yields the signs, which have their final sizes, in order, after the last one came. classes: of the face classifier,
+    in the order of `Landmark.face_log_probability`; empty without one.
     """
     listed = list(signs)
     likelihoods = [_likelihoods(sign, classes) for sign in listed]

@@ -60,16 +60,7 @@ def classify_faces(
 ) -> Iterator[TrackedFrame]:
     """Give every landmark whose face was measured the log probability of each class of the classifier.
 
-    Parameters
-    ----------
-    frames
-        Frames with their landmarks and what those were measured by; panels seen from behind have no face.
-    model
-        The face classifier.
-
-    Yields
-    ------
-    The frames, in order.
+    Panels seen from behind have no face.
     """
     for frame in frames:
         measured = {one.track_id: one for one in frame.measurements}

@@ -63,28 +63,23 @@ def _as_seen(content, image):
     return content
 
 
-@pytest.fixture(scope="session")
-def altered_demo():
-    """Writes the start of the demo log with every image, and every calibration message, as a function makes it.
+def altered_demo(path, image=None, calibration=lambda message: None, most=40, message=None):
+    """Write the start of the demo log with every image, and every calibration message, as a function makes it.
 
     image: of pixels; message: of the whole message of an image, which it gives back.
     """
-
-    def write(path, image=None, calibration=lambda message: None, most=40, message=None):
-        with (RECORDINGS / "demo.mcap").open("rb") as source, path.open("wb") as sink:
-            writer = Writer(sink)
-            reader = make_reader(source, decoder_factories=[DecoderFactory()])
-            for schema, channel, held, content in islice(reader.iter_decoded_messages(), most):
-                kind, written = "" if schema is None else schema.name, content
-                if kind == "foxglove.CompressedImage":
-                    written = message(content) if image is None else _as_seen(content, image)
-                elif kind == "foxglove.CameraCalibration":
-                    calibration(content)
-                writer.write_message(channel.topic, written, held.log_time, held.publish_time)
-            writer.finish()
-        return path
-
-    return write
+    with (RECORDINGS / "demo.mcap").open("rb") as source, path.open("wb") as sink:
+        writer = Writer(sink)
+        reader = make_reader(source, decoder_factories=[DecoderFactory()])
+        for schema, channel, held, content in islice(reader.iter_decoded_messages(), most):
+            kind, written = "" if schema is None else schema.name, content
+            if kind == "foxglove.CompressedImage":
+                written = message(content) if image is None else _as_seen(content, image)
+            elif kind == "foxglove.CameraCalibration":
+                calibration(content)
+            writer.write_message(channel.topic, written, held.log_time, held.publish_time)
+        writer.finish()
+    return path
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -20,6 +20,8 @@ from wayside.schemas.settings import ReadSettings
 from wayside.stages.calibration import describe_calibration
 from wayside.stages.detection import proposals
 
+from .conftest import altered_demo
+
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 REAL = Path(__file__).parents[2] / "shared" / "data" / "real"
 NOTE = "the camera sees no colour"
@@ -84,14 +86,12 @@ def is_grey(log):
         ({"image": lambda image: image}, False),
     ],
 )
-def test_what_the_images_show_tells_whether_the_camera_sees_colour(
-    altered_demo, tmp_path, how, expected
-):
+def test_what_the_images_show_tells_whether_the_camera_sees_colour(tmp_path, how, expected):
     assert is_grey(altered_demo(tmp_path / "log.mcap", most=12, **how)) == expected
 
 
 @pytest.fixture(scope="module")
-def grey_demo(altered_demo, tmp_path_factory):
+def grey_demo(tmp_path_factory):
     return altered_demo(tmp_path_factory.mktemp("grey") / "grey.mcap", infrared, most=20)
 
 
@@ -131,17 +131,12 @@ def signs_of(log):
     return list(zip(rows["color"].to_pylist(), rows["shape"].to_pylist(), strict=True))
 
 
-@pytest.fixture(scope="module")
-def warm(altered_demo, tmp_path_factory):
-    """The demo drive through a camera with a warm cast."""
-    path = tmp_path_factory.mktemp("cast") / "warm.mcap"
-    return altered_demo(
-        path, lambda image: np.uint8(np.clip(np.rint(image * CAST), 0, 255)), most=20
-    )
+def with_cast(image):
+    return np.uint8(np.clip(np.rint(image * CAST), 0, 255))
 
 
-def test_a_cast_of_the_camera_changes_no_colour(warm):
-    recorded = signs_of(DEMO)
+def test_a_cast_of_the_camera_changes_no_colour(tmp_path):
+    recorded, warm = signs_of(DEMO), altered_demo(tmp_path / "warm.mcap", with_cast, most=20)
     assert len({color for color, _ in recorded}) >= 3
     assert signs_of(warm) == recorded
 
@@ -166,14 +161,8 @@ def scaled_down(calibration):
             matrix[row * columns + 2] = (matrix[row * columns + 2] + 0.5) / SMALLER - 0.5
 
 
-@pytest.fixture(scope="module")
-def small(altered_demo, tmp_path_factory):
-    """The demo drive in images of a quarter of the width and height."""
-    path = tmp_path_factory.mktemp("small") / "small.mcap"
-    return altered_demo(path, halved_twice, scaled_down)
-
-
-def test_an_image_of_few_pixels_shows_more_where_it_is_seen_enlarged(small, monkeypatch):
+def test_an_image_of_few_pixels_shows_more_where_it_is_seen_enlarged(tmp_path, monkeypatch):
+    small = altered_demo(tmp_path / "small.mcap", halved_twice, scaled_down)
     enlarged = signs_of(small)
     monkeypatch.setattr(proposals, "SHORTEST_FOCAL_PX", 1.0)
     assert len(enlarged) > len(signs_of(small))

@@ -17,6 +17,8 @@ import pytest
 
 from wayside.pipeline import chains
 
+from .conftest import altered_demo
+
 WAYSIDE = Path(sys.executable).with_name("wayside")
 DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 SHORT = ("--until", "0.7s")
@@ -110,9 +112,7 @@ def test_4_a_damaged_log_gives_what_can_be_read_and_says_what_is_lost(command, t
     assert files_in(tmp_path / "out") == {*TABLES, "run.json"}
 
 
-def test_4_images_of_another_size_than_their_calibration_are_lost_and_said_so(
-    command, altered_demo, tmp_path
-):
+def test_4_images_of_another_size_than_their_calibration_are_lost_and_said_so(command, tmp_path):
     seen = []
 
     def third_halved(image):

@@ -24,7 +24,7 @@ from wayside.schemas.frame import Camera
 
 from ..pipeline.reading.conftest import read as read_log
 from ..pipeline.results import invoke
-from .conftest import run_log_file
+from .conftest import altered_demo, run_log_file
 
 av = pytest.importorskip("av", reason="no PyAV: pip install 'wayside[video]'")
 
@@ -224,7 +224,7 @@ def test_a_picture_larger_than_its_last_sequence_set_says_is_not_decoded():
 
 
 @pytest.mark.slow
-def test_the_demo_drive_as_video_gives_its_signs(tmp_path, altered_demo, default_demo):
+def test_the_demo_drive_as_video_gives_its_signs(tmp_path, default_demo):
     pictures = []
     altered_demo(tmp_path / "a.mcap", lambda bgr: pictures.append(bgr) or bgr, most=None)
     shown = [np.ascontiguousarray(bgr[:, :, ::-1]) for bgr in pictures]

@@ -9,7 +9,7 @@ from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.schemas.settings import LocateSettings, TrackSettings
 from wayside.stages.mapping import assemble, classify_location, track
 
-from ..made_frames import landmarks_of, verdicts_of
+from ..made_frames import Panel, drive, landmarks_of, verdicts_of
 
 LIMITS = LocateSettings()
 
@@ -34,15 +34,15 @@ def located(frames, where=None, settings=LIMITS):
         (None, ["sign", "sign", "sign"]),  # anywhere
     ],
 )
-def test_landmarks_far_from_where_signs_stand_are_refused(panel, drive, where, expected):
-    signs = [panel(3.5, 1.0, 100.0), panel(-4.0, 1.0, 130.0), panel(3.0, 5.0, 140.0)]
+def test_landmarks_far_from_where_signs_stand_are_refused(where, expected):
+    signs = [Panel(3.5, 1.0, 100.0), Panel(-4.0, 1.0, 130.0), Panel(3.0, 5.0, 140.0)]
     found = {round(p.station_m): p.verdict for p in landmarks_of(located(drive(signs, 22), where))}
     assert found == dict(zip((100, 130, 140), expected, strict=True))
 
 
 @pytest.mark.parametrize(("where", "verdict"), [(model((3.1, 0.6)), "location"), (None, "sign")])
-def test_candidates_have_track_verdict_and_residual_of_their_landmark(panel, drive, where, verdict):
-    tracked = located(drive([panel(-4.0, 1.0, 130.0)], 20), where)
+def test_candidates_have_track_verdict_and_residual_of_their_landmark(where, verdict):
+    tracked = located(drive([Panel(-4.0, 1.0, 130.0)], 20), where)
     (landmark,) = landmarks_of(tracked)
     assert set(verdicts_of(tracked)) == {landmark.verdict} == {verdict}
     assert {track for item in tracked for track in item.track_id} == {landmark.track_id}
@@ -51,9 +51,9 @@ def test_candidates_have_track_verdict_and_residual_of_their_landmark(panel, dri
         assert residual == pytest.approx(view.residual_px, abs=1e-5)
 
 
-def test_a_panel_of_no_signs_size_is_refused(panel, drive):
+def test_a_panel_of_no_signs_size_is_refused():
     settings = replace(LIMITS, largest_side_m=0.5)
-    (found,) = landmarks_of(located(drive([panel(3.5, 1.0, 100.0)], 20), settings=settings))
+    (found,) = landmarks_of(located(drive([Panel(3.5, 1.0, 100.0)], 20), settings=settings))
     assert found.verdict == "panel_size"
 
 
@@ -62,12 +62,12 @@ def test_a_model_of_another_space_is_refused():
         list(classify_location(iter([]), model((0, 0), space="rgb"), LIMITS))
 
 
-def test_panels_of_one_post_share_a_number_and_others_do_not(panel, drive):
+def test_panels_of_one_post_share_a_number_and_others_do_not():
     signs = [
-        panel(3.5, 2.0, 120.0),
-        panel(3.5, 1.2, 120.0),
-        panel(-3.5, 1.2, 120.0),
-        panel(3.5, 1.2, 140.0),
+        Panel(3.5, 2.0, 120.0),
+        Panel(3.5, 1.2, 120.0),
+        Panel(-3.5, 1.2, 120.0),
+        Panel(3.5, 1.2, 140.0),
     ]
     by_post = {}
     for place in landmarks_of(located(drive(signs, 22))):

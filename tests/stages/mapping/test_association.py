@@ -10,20 +10,21 @@ from wayside.stages.mapping.association import (
     pair_hypotheses,
 )
 
+from .made_windows import GAP_PX, standing, window
+
 PANEL = (3.5, -1.0, 60.0, 0.7, 0.7, 1.0)
 
 
-@pytest.fixture
-def paired(window, gap_px):
+def paired(boxes):
     """Hypotheses of the first and the last of some frames, and the rows of each."""
-    return lambda boxes: pair_hypotheses(window(boxes), 0, len(boxes) - 1, gap_px)
+    return pair_hypotheses(window(boxes), 0, len(boxes) - 1, GAP_PX)
 
 
 def hypothesis(point, size):
     return Hypotheses(np.array([point]), np.array([size]), np.zeros(1, bool))
 
 
-def test_a_hypothesis_lies_where_the_rays_meet(paired, standing):
+def test_a_hypothesis_lies_where_the_rays_meet():
     rows, found = paired(standing([(3.5, -1.0, 60.0, 0.7, 0.9, 1.0)], 3))
     np.testing.assert_allclose(found.point, [[3.5, -1.0, 60.0]], atol=1e-9)
     np.testing.assert_allclose(found.size, [[0.7, 0.9]], atol=1e-9)
@@ -42,47 +43,47 @@ def test_a_hypothesis_lies_where_the_rays_meet(paired, standing):
         ((3.5, -1.0, 40.0, 0.7, 0.7), (3.5, -1.0, 32.0, 0.7, 1.0), 0),  # growth of no panel
     ],
 )
-def test_only_plausible_panels_make_hypotheses(paired, first, second, count):
+def test_only_plausible_panels_make_hypotheses(first, second, count):
     assert len(paired([[(*first, 1.0)], [(*second, 1.0)]])[0]) == count
 
 
-def test_a_face_and_a_back_make_no_hypothesis(window, standing, gap_px):
+def test_a_face_and_a_back_make_no_hypothesis():
     s = window(standing([PANEL], 2))._replace(back=np.array([False, True]))
-    assert len(pair_hypotheses(s, 0, 1, gap_px)[0]) == 0
+    assert len(pair_hypotheses(s, 0, 1, GAP_PX)[0]) == 0
 
 
-def test_candidates_that_are_no_seeds_join_but_make_no_hypothesis(gap_px, window, standing):
+def test_candidates_that_are_no_seeds_join_but_make_no_hypothesis():
     s = window(standing([PANEL], 3))._replace(seed=np.array([False, True, True]))
-    assert len(pair_hypotheses(s, 0, 1, gap_px)[0]) == 0
-    _, found = pair_hypotheses(s, 1, 2, gap_px)
-    assert associate(s, found, np.ones(3, bool), gap_px).row.tolist() == [[0, 1, 2]]
+    assert len(pair_hypotheses(s, 0, 1, GAP_PX)[0]) == 0
+    _, found = pair_hypotheses(s, 1, 2, GAP_PX)
+    assert associate(s, found, np.ones(3, bool), GAP_PX).row.tolist() == [[0, 1, 2]]
 
 
-def test_assigned_candidates_are_not_associated_and_missed(gap_px, window, standing):
+def test_assigned_candidates_are_not_associated_and_missed():
     s, landmark = window(standing([PANEL], 3)), hypothesis(PANEL[:3], [0.7, 0.7])
-    all_free = associate(s, landmark, np.ones(3, bool), gap_px)
-    found = associate(s, landmark, np.array([True, False, True]), gap_px)
+    all_free = associate(s, landmark, np.ones(3, bool), GAP_PX)
+    found = associate(s, landmark, np.array([True, False, True]), GAP_PX)
     assert found.row.tolist() == [[0, -1, 2]]
     assert found.state[0, 1] == MISSED
     assert all_free.value[0] - found.value[0] == pytest.approx(1.0 + VALUE_SHIFT + MISS_COST)
     assert found.views().tolist() == [2]
 
 
-def test_of_two_boxes_at_the_point_the_better_scored_is_associated(gap_px, window, standing):
+def test_of_two_boxes_at_the_point_the_better_scored_is_associated():
     boxes = standing([PANEL], 2)
     boxes[0].append((3.5, -1.0, 60.0, 0.71, 0.71, 3.0))
     landmark = hypothesis(PANEL[:3], [0.7, 0.7])
-    found = associate(window(boxes), landmark, np.ones(3, bool), gap_px)
+    found = associate(window(boxes), landmark, np.ones(3, bool), GAP_PX)
     assert found.row.tolist() == [[1, 2]]
 
 
-def test_a_point_outside_the_image_is_not_expected(gap_px, window):
+def test_a_point_outside_the_image_is_not_expected():
     landmark = hypothesis([6.0, -1.0, 30.0], [0.7, 0.7])
-    found = associate(window([[], [], [], []]), landmark, np.zeros(0, bool), gap_px)
+    found = associate(window([[], [], [], []]), landmark, np.zeros(0, bool), GAP_PX)
     assert found.state.tolist() == [[MISSED, MISSED, MISSED, 0]]
 
 
-def test_a_length_that_the_kernel_would_run_over_is_refused(gap_px, window, standing):
+def test_a_length_that_the_kernel_would_run_over_is_refused():
     landmark = hypothesis(PANEL[:3], [0.7, 0.7])
     with pytest.raises(ValueError, match="free has shape"):
-        associate(window(standing([PANEL], 3)), landmark, np.ones(2, bool), gap_px)
+        associate(window(standing([PANEL], 3)), landmark, np.ones(2, bool), GAP_PX)

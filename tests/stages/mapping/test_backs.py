@@ -7,9 +7,11 @@ from wayside.schemas.detections import verdict_code
 from wayside.schemas.measurement import Alignment, PanelView
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping import LandmarkClassifier, SideClassifiers, assemble, track
-from wayside.stages.mapping.panel import Panel, PanelMeasurement, box_rays
+from wayside.stages.mapping.panel import Panel, PanelMeasurement, PanelModels, box_rays
 
-from ..made_frames import landmarks_of, verdicts_of, with_candidates
+from ..made_frames import OUTLINE_MODEL, drive, landmarks_of, verdicts_of, with_candidates
+from ..made_frames import Panel as MadePanel
+from .made_windows import evidence_model
 
 BEHIND = SideClassifiers()
 NO_PIXELS = np.zeros((1, 1, 3), np.float32)
@@ -32,12 +34,12 @@ def seen_from_behind(frames, faces="score", before_column=1600):
 
 
 @pytest.fixture
-def frames(panel, drive):
-    return drive([panel(-6.0, 1.2, 120.0)], 20)
+def frames():
+    return drive([MadePanel(-6.0, 1.2, 120.0)], 20)
 
 
-def test_a_panel_seen_from_behind_is_measured_as_a_back_beside_a_face(panel, drive):
-    stand = [panel(3.5, 1.2, 120.0), panel(-6.0, 1.2, 120.0)]
+def test_a_panel_seen_from_behind_is_measured_as_a_back_beside_a_face():
+    stand = [MadePanel(3.5, 1.2, 120.0), MadePanel(-6.0, 1.2, 120.0)]
     frames = seen_from_behind(drive(stand, 20), before_column=800)
     tracked = list(assemble(track(iter(frames), TrackSettings(), back=BEHIND)))
     back, face = sorted(landmarks_of(tracked), key=lambda landmark: landmark.right_m)
@@ -51,7 +53,7 @@ def test_a_panel_seen_from_behind_is_measured_as_a_back_beside_a_face(panel, dri
     ("outline", "shape"), [("triangle_up", "triangle"), ("diamond", "diamond")]
 )
 def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
-    frames, monkeypatch, outline_model, outline, shape
+    frames, monkeypatch, outline, shape
 ):
     def measured(fit, window, offset, method):
         rays, used = box_rays(fit, window), fit.used
@@ -62,7 +64,9 @@ def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
 
     monkeypatch.setattr("wayside.stages.mapping.tracker.measure_panel", measured)
     behind = iter(seen_from_behind(frames))
-    (landmark,) = landmarks_of(track(behind, TrackSettings(), back=BEHIND, panel=outline_model))
+    (landmark,) = landmarks_of(
+        track(behind, TrackSettings(), back=BEHIND, panel=PanelModels(OUTLINE_MODEL))
+    )
     assert (landmark.color, landmark.shape) == (None, shape)
 
 
@@ -73,9 +77,7 @@ def test_backs_are_not_tracked_where_no_classifier_of_them_is_given(frames):
 
 
 @pytest.mark.parametrize(("face", "back"), [(1.0, 3.0), (3.0, 1.0)])
-def test_what_may_be_face_or_back_is_reported_once_as_the_likelier(
-    frames, evidence_model, face, back
-):
+def test_what_may_be_face_or_back_is_reported_once_as_the_likelier(frames, face, back):
     behind = iter(seen_from_behind(frames, faces="open"))
     classifiers = [
         SideClassifiers(landmark=LandmarkClassifier(evidence_model(odds))) for odds in (face, back)

@@ -15,7 +15,8 @@ from wayside.stages.mapping import FEATURES, LandmarkClassifier, SideClassifiers
 from wayside.stages.mapping.landmark_evidence import SignPlaces
 from wayside.stages.mapping.tracker import track
 
-from ..made_frames import landmarks_of, with_candidates, with_image
+from ..made_frames import Panel, drive, landmarks_of, texture, with_candidates, with_image
+from .made_windows import evidence_model
 
 
 def landmark_of(frames):
@@ -24,8 +25,8 @@ def landmark_of(frames):
     return found
 
 
-def test_the_features_say_how_a_landmark_was_seen(panel, drive):
-    frames = drive([panel(3.5, 1.2, 120.0, wide=0.6, tall=0.9, hidden_in=(11,))], 20)
+def test_the_features_say_how_a_landmark_was_seen():
+    frames = drive([Panel(3.5, 1.2, 120.0, wide=0.6, tall=0.9, hidden_in=(11,))], 20)
     landmark = landmark_of(frames)
     named = dict(zip(FEATURES, landmark.features, strict=True))
     assert named["log_views"] == pytest.approx(np.log(len(landmark.views)))
@@ -38,18 +39,18 @@ def test_the_features_say_how_a_landmark_was_seen(panel, drive):
     assert np.isnan(named["surroundings"])
 
 
-def test_the_images_show_whether_its_surroundings_move_with_a_panel(panel, drive, texture):
+def test_the_images_show_whether_its_surroundings_move_with_a_panel():
     """The same image in every frame: what the box of the panel moves over is never twice the same."""
     grey = texture(1200, 1600, contrast=40.0)
     frames = [
-        with_image(frame, np.dstack([grey] * 3)) for frame in drive([panel(3.5, 1.2, 120.0)], 20)
+        with_image(frame, np.dstack([grey] * 3)) for frame in drive([Panel(3.5, 1.2, 120.0)], 20)
     ]
     named = dict(zip(FEATURES, landmark_of(frames).features, strict=True))
     assert named["surroundings"] < 0.5
 
 
 @given(value=st.floats(-1e6, 1e6))
-def test_what_lies_beyond_the_knots_says_as_much_as_the_last(value, evidence_model):
+def test_what_lies_beyond_the_knots_says_as_much_as_the_last(value):
     model = replace(
         evidence_model(size_scatter=1.0),
         knots=(np.array([0.5, 1.0, 2.0]),),
@@ -61,7 +62,7 @@ def test_what_lies_beyond_the_knots_says_as_much_as_the_last(value, evidence_mod
     assert bend == pytest.approx(-4.0)
 
 
-def test_what_is_not_known_says_nothing(evidence_model):
+def test_what_is_not_known_says_nothing():
     model = evidence_model(missed=2.0, surroundings=1.0)
     ratios = evidence_ratios(model, {"missed": 3.0, "surroundings": float("nan")})
     assert ratios == {"missed": 6.0, "surroundings": 0.0}
@@ -98,9 +99,9 @@ FAINT, SURE = {"red": 0.55, "orange": 0.45}, {"red": 0.05, "orange": 0.95}
     ],
 )
 def test_all_views_together_name_the_colour_and_without_them_the_nearest_class(
-    panel, drive, probabilities, nearest, expected
+    probabilities, nearest, expected
 ):
-    frames = drive([panel(5, 1, 75)], 9)
+    frames = drive([Panel(5, 1, 75)], 9)
     if nearest is None:
         frames = [
             with_candidates(m, color=np.full_like(m.detections.candidates.color, -1))

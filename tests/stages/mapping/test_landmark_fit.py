@@ -7,46 +7,43 @@ from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping.association import Hypotheses, pair_hypotheses
 from wayside.stages.mapping.landmark_fit import accept_greedily, fit_views, metric_size
 
+from .made_windows import GAP_PX, standing, window
+
 FRAMES = 6
 
 
-@pytest.fixture
-def accepted(gap_px, window, standing):
+def accepted(panels, fewest=3, noise_px=0.0):
     """Landmarks among panels (right, down, along, width, height, score) seen from six cameras."""
-
-    def make(panels, fewest=3, noise_px=0.0):
-        candidates = window(standing(panels, FRAMES), noise_px)
-        pairs = [(a, b) for b in range(FRAMES) for a in range(max(0, b - 3), b)]
-        found = [pair_hypotheses(candidates, a, b, gap_px)[1] for a, b in pairs]
-        hypotheses = Hypotheses.joined(found)
-        free = np.ones(len(candidates.ray), bool)
-        settings = replace(TrackSettings(), fewest_views=fewest)
-        return accept_greedily(candidates, hypotheses, free, settings)
-
-    return make
+    candidates = window(standing(panels, FRAMES), noise_px)
+    pairs = [(a, b) for b in range(FRAMES) for a in range(max(0, b - 3), b)]
+    found = [pair_hypotheses(candidates, a, b, GAP_PX)[1] for a, b in pairs]
+    hypotheses = Hypotheses.joined(found)
+    free = np.ones(len(candidates.ray), bool)
+    settings = replace(TrackSettings(), fewest_views=fewest)
+    return accept_greedily(candidates, hypotheses, free, settings)
 
 
-def test_the_best_landmark_comes_first_and_each_candidate_serves_once(accepted):
+def test_the_best_landmark_comes_first_and_each_candidate_serves_once():
     fits = accepted([(3.5, -1.0, 60, 0.7, 0.7, 1.0), (-4, -1.0, 70, 0.7, 0.7, 3.0)])
     assert [round(f.point[2]) for f in fits] == [70, 60]
     views = [view for f in fits for view in zip(f.frames.tolist(), f.rows.tolist(), strict=True)]
     assert len(set(views)) == len(views) == 2 * FRAMES
 
 
-def test_other_boxes_on_the_face_make_a_landmark_of_their_own(accepted):
+def test_other_boxes_on_the_face_make_a_landmark_of_their_own():
     inner = (3.5, -1.0, 60, 0.55, 0.55, 0.5)
     fits = accepted([(3.5, -1.0, 60, 0.7, 0.7, 2.0), inner])
     assert [fit.rows.tolist() for fit in fits] == [[0] * FRAMES, [1] * FRAMES]
 
 
-def test_noise_of_a_pixel_moves_a_landmark_as_its_covariance_says(accepted):
+def test_noise_of_a_pixel_moves_a_landmark_as_its_covariance_says():
     (fit,) = accepted([(3.5, -1.0, 60, 0.7, 0.7, 2.0)], noise_px=0.7)
     gap = fit.point - [3.5, -1.0, 60]
     assert gap @ np.linalg.solve(fit.covariance, gap) < 16
     assert fit.rms_px < 2
 
 
-def test_too_few_views_make_no_landmark(accepted):
+def test_too_few_views_make_no_landmark():
     assert accepted([(3.5, -1.0, 60, 0.7, 0.7, 2.0)], fewest=FRAMES + 1) == []
 
 
@@ -59,6 +56,6 @@ def test_the_size_is_the_median_of_the_nearest_whole_views():
     assert (scatter > 0).all()
 
 
-def test_nearly_parallel_rays_make_no_landmark(window, standing):
+def test_nearly_parallel_rays_make_no_landmark():
     candidates = window(standing([(3.5, -1.0, 5e6, 1e5, 1e5, 1.0)], FRAMES))
     assert fit_views(candidates, np.arange(FRAMES), np.arange(FRAMES), nearest=2) is None

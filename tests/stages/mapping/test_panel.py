@@ -9,7 +9,7 @@ from wayside.stages.mapping.landmark import BORDER
 from wayside.stages.mapping.panel import PanelModels
 from wayside.stages.mapping.tracker import track
 
-from ..made_frames import landmarks_of, paint, with_image
+from ..made_frames import OUTLINE_MODEL, Panel, drive, landmarks_of, paint, with_image
 
 RIGHT, UP, ALONG, WIDE, TALL = 4.2, 1.1, 120.0, 0.75, 0.9
 BLACK, WHITE = (25, 25, 25), (230, 228, 220)
@@ -43,27 +43,21 @@ def image_of(moved, angle):
     return image
 
 
-@pytest.fixture
-def landmark_of(outline_model):
+def landmark_of(frames):
     """The one landmark that tracking finds."""
-
-    def measured(frames):
-        (landmark,) = landmarks_of(
-            track(iter(frames), TrackSettings(), panel=PanelModels(outline_model))
-        )
-        return landmark
-
-    return measured
+    models = PanelModels(OUTLINE_MODEL)
+    (landmark,) = landmarks_of(track(iter(frames), TrackSettings(), panel=models))
+    return landmark
 
 
 @pytest.fixture
-def frames(panel, drive):
+def frames():
     """Boxes take the inner field for the panel: 6 % too narrow and too low."""
-    return drive([panel(RIGHT, UP, ALONG, wide=0.94 * WIDE, tall=0.94 * TALL)], 16)
+    return drive([Panel(RIGHT, UP, ALONG, wide=0.94 * WIDE, tall=0.94 * TALL)], 16)
 
 
 @pytest.mark.parametrize("angle_deg", [-20.0, -12.0, 0.0, 12.0, 20.0])
-def test_size_position_and_angle_are_those_of_the_panel(landmark_of, frames, angle_deg):
+def test_size_position_and_angle_are_those_of_the_panel(frames, angle_deg):
     landmark = landmark_of([with_image(m, image_of(m, np.radians(angle_deg))) for m in frames])
     assert abs(landmark.facing_deg - angle_deg) < 2.5 * landmark.sigma_facing_deg
     assert abs(landmark.width_m - WIDE) < 2.5 * landmark.sigma_width_m
@@ -79,13 +73,13 @@ def test_size_position_and_angle_are_those_of_the_panel(landmark_of, frames, ang
         np.testing.assert_allclose(centre, [RIGHT, -UP, ALONG], atol=0.03)
 
 
-def test_without_images_the_boxes_are_used(landmark_of, frames):
+def test_without_images_the_boxes_are_used(frames):
     landmark = landmark_of(frames)
     assert landmark.width_m == pytest.approx(0.94 * WIDE * BORDER, rel=0.01)
     assert np.isnan([landmark.facing_deg, landmark.sigma_facing_deg]).all()
 
 
-def test_images_without_a_panel_change_little(landmark_of, frames):
+def test_images_without_a_panel_change_little(frames):
     noise = np.random.default_rng(1).integers(0, 255, (1200, 1600, 3)).astype(np.uint8)
     landmark = landmark_of([with_image(m, noise) for m in frames])
     centre = landmark.best_pose.to_world(landmark.position)

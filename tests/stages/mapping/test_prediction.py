@@ -13,7 +13,7 @@ from wayside.stages.mapping.landmark_fit import fit_views
 from wayside.stages.mapping.prediction import add_predicted_views, predicted_boxes
 from wayside.stages.mapping.window import WindowFrame, candidates_of
 
-from ..made_frames import landmarks_of, made_regions, with_candidates, with_image
+from ..made_frames import Panel, drive, landmarks_of, made_regions, with_candidates, with_image
 
 SETTINGS = TrackSettings()
 RED = (200, 40, 40)
@@ -35,23 +35,18 @@ def reddish(threshold=0.0):
     return BoxClassifier(Reddish(), ScoreModel(threshold, "made up"))
 
 
-@pytest.fixture
-def shown(drive):
+def shown(panels, frames):
     """Frames of a drive with images: panels red on grey, those that are hidden from the candidates as well."""
-
-    def make(panels, frames):
-        made = []
-        everywhere = [replace(panel, hidden_in=(), only_in=None) for panel in panels]
-        for moved, whole in zip(drive(panels, frames), drive(everywhere, frames), strict=True):
-            rgb = np.full((1200, 1600, 3), 110, np.uint8)
-            for x0, y0, x1, y1 in whole.detections.candidates.regions.box.round().astype(int):
-                rgb[y0:y1, x0:x1] = RED
-            regions = moved.detections.candidates.regions
-            regions = made_regions(regions.box, RED, 100)
-            made.append(with_image(with_candidates(moved, regions=regions), rgb))
-        return made
-
-    return make
+    made = []
+    everywhere = [replace(panel, hidden_in=(), only_in=None) for panel in panels]
+    for moved, whole in zip(drive(panels, frames), drive(everywhere, frames), strict=True):
+        rgb = np.full((1200, 1600, 3), 110, np.uint8)
+        for x0, y0, x1, y1 in whole.detections.candidates.regions.box.round().astype(int):
+            rgb[y0:y1, x0:x1] = RED
+        regions = moved.detections.candidates.regions
+        regions = made_regions(regions.box, RED, 100)
+        made.append(with_image(with_candidates(moved, regions=regions), rgb))
+    return made
 
 
 def holding(frames):
@@ -68,9 +63,9 @@ def fit_of(held):
 
 
 @pytest.fixture
-def near_only(shown, panel):
+def near_only():
     """Frames of a panel without candidates in the first nine."""
-    return shown([panel(3.5, 1.2, 100.0, hidden_in=tuple(range(9)))], 13)
+    return shown([Panel(3.5, 1.2, 100.0, hidden_in=tuple(range(9)))], 13)
 
 
 def with_predicted_views(fit, held, classifier):
@@ -78,8 +73,8 @@ def with_predicted_views(fit, held, classifier):
     return found
 
 
-def test_the_box_of_a_known_landmark_is_predicted_where_the_panel_stands(shown, panel):
-    held = holding(shown([panel(3.5, 1.2, 100.0, wide=0.6, tall=0.9)], 11))
+def test_the_box_of_a_known_landmark_is_predicted_where_the_panel_stands():
+    held = holding(shown([Panel(3.5, 1.2, 100.0, wide=0.6, tall=0.9)], 11))
     fit = fit_of(held)
     for k in (5, 6, 7, 8):
         _, (box,) = predicted_boxes([fit], held[k])
@@ -93,8 +88,8 @@ def test_a_landmark_of_large_scatter_is_not_predicted(near_only):
     assert predicted_boxes([unsure, fit], held[6])[0].tolist() == [1]
 
 
-def test_a_view_too_small_to_be_searched_for_is_not_predicted(shown, panel):
-    small = panel(3.5, 1.2, 100.0, wide=0.2, tall=0.2, hidden_in=tuple(range(9)))
+def test_a_view_too_small_to_be_searched_for_is_not_predicted():
+    small = Panel(3.5, 1.2, 100.0, wide=0.2, tall=0.2, hidden_in=tuple(range(9)))
     held = holding(shown([small], 13))
     fit = fit_of(held)
     assert len(with_predicted_views(fit, held, reddish()).rows) == len(fit.rows)
@@ -142,9 +137,9 @@ def test_views_of_a_back_are_predicted_by_the_classifier_of_backs(near_only):
     assert same.rows.tolist() == fit.rows.tolist()
 
 
-def test_views_that_were_predicted_are_views_of_the_sign(shown, panel):
+def test_views_that_were_predicted_are_views_of_the_sign():
     def tracked(classifier):
-        frames = shown([panel(3.5, 1.2, 100.0, only_in=(8, 9, 10, 11))], 18)
+        frames = shown([Panel(3.5, 1.2, 100.0, only_in=(8, 9, 10, 11))], 18)
         return list(assemble(track(iter(frames), SETTINGS, SideClassifiers(classifier))))
 
     (alone,) = landmarks_of(tracked(None))
@@ -158,33 +153,28 @@ def test_views_that_were_predicted_are_views_of_the_sign(shown, panel):
         assert tuple(table.regions.box[view.row].tolist()) == view.box
 
 
-@pytest.fixture
-def tracked_landmarks(shown):
-    return lambda panels, frames: landmarks_of(
-        track(iter(shown(panels, frames)), SETTINGS, SideClassifiers(reddish()))
-    )
+def tracked_landmarks(panels, frames):
+    return landmarks_of(track(iter(shown(panels, frames)), SETTINGS, SideClassifiers(reddish())))
 
 
 @pytest.mark.parametrize(("score", "found"), [(3.0, 114.0), (9.0, 120.0)])
-def test_of_two_points_that_no_image_shows_apart_that_of_more_evidence_stays(
-    tracked_landmarks, panel, score, found
-):
+def test_of_two_points_that_no_image_shows_apart_that_of_more_evidence_stays(score, found):
     # one face that the motion sets 6 m apart: each point predicts the views of the other
-    early = panel(3.0, 1.2, 114.0, wide=1.5, tall=1.5, only_in=tuple(range(4, 10)))
+    early = Panel(3.0, 1.2, 114.0, wide=1.5, tall=1.5, only_in=tuple(range(4, 10)))
     late = replace(early, along=120.0, only_in=tuple(range(10, 15)), score=score)
     by_verdict = {p.verdict: p for p in tracked_landmarks([early, late], 20)}
     assert by_verdict.keys() == {"duplicate", "sign"}
     assert by_verdict["sign"].station_m == pytest.approx(found, abs=0.3)
 
 
-def test_two_panels_that_one_image_shows_apart_are_both_found(tracked_landmarks, panel):
-    early = panel(3.0, 1.2, 114.0, wide=1.5, tall=1.5, only_in=(*range(4, 10), 13))
+def test_two_panels_that_one_image_shows_apart_are_both_found():
+    early = Panel(3.0, 1.2, 114.0, wide=1.5, tall=1.5, only_in=(*range(4, 10), 13))
     late = replace(early, along=120.0, only_in=tuple(range(10, 15)))
     assert [p.verdict for p in tracked_landmarks([early, late], 20)] == ["sign", "sign"]
 
 
-def test_two_views_that_no_third_confirms_are_no_sign(tracked_landmarks, panel):
-    found = tracked_landmarks([panel(3.5, 1.2, 100.0, only_in=(10, 11))], 18)
+def test_two_views_that_no_third_confirms_are_no_sign():
+    found = tracked_landmarks([Panel(3.5, 1.2, 100.0, only_in=(10, 11))], 18)
     assert {p.verdict for p in found} == {"residual"}
 
 

@@ -1,17 +1,18 @@
 """Surroundings of a panel: those of a board on a wall move with it, those of a sign that stands apart do not."""
 
-import cv2
 import numpy as np
 import pytest
 
 from wayside.stages.mapping.surroundings import surroundings_correlation
+
+from ..made_frames import stamp, texture
 
 FOCAL, SIZE, RIGHT, UP = 800.0, 0.8, 6.0, 1.0
 DEPTHS = (12.0, 15.0, 19.0, 24.0, 30.0)
 PER_METRE = 30
 
 
-def seen(texture, behind, seed=0):
+def seen(behind, seed=0):
     """Views of a panel with a plane so far behind it: images, each with its box."""
     wall = texture(900, 2400, seed)
     face = texture(int(SIZE * PER_METRE), int(SIZE * PER_METRE), seed + 1)
@@ -20,16 +21,7 @@ def seen(texture, behind, seed=0):
         image = np.zeros((480, 1000), np.uint8)
         for plane, far in ((wall, depth + behind), (face, depth)):
             scale = FOCAL / far
-            rows, columns = plane.shape
-            at = np.float32(
-                [
-                    [scale / PER_METRE, 0, 300 + scale * (RIGHT - columns / 2 / PER_METRE)],
-                    [0, scale / PER_METRE, 300 - scale * (UP + rows / 2 / PER_METRE)],
-                ]
-            )
-            small = cv2.warpAffine(plane, at, (1000, 480), flags=cv2.INTER_AREA)
-            shown = cv2.warpAffine(np.full_like(plane, 255), at, (1000, 480)) > 127
-            image[shown] = small[shown]
+            stamp(image, plane, scale / PER_METRE, (300 + scale * RIGHT, 300 - scale * UP))
         centre = np.array([300 + FOCAL * RIGHT / depth, 300 - FOCAL * UP / depth])
         half = FOCAL * SIZE / depth / 2
         views.append((np.dstack([image] * 3), np.concatenate([centre - half, centre + half])))
@@ -37,18 +29,18 @@ def seen(texture, behind, seed=0):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_board_on_a_wall_keeps_its_surroundings(texture, seed):
-    assert surroundings_correlation(seen(texture, 0.0, seed)) > 0.7
+def test_a_board_on_a_wall_keeps_its_surroundings(seed):
+    assert surroundings_correlation(seen(0.0, seed)) > 0.7
 
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("behind", [4.0, 40.0])
-def test_a_sign_that_stands_apart_does_not(texture, behind, seed):
-    assert abs(surroundings_correlation(seen(texture, behind, seed))) < 0.35
+def test_a_sign_that_stands_apart_does_not(behind, seed):
+    assert abs(surroundings_correlation(seen(behind, seed))) < 0.35
 
 
-def test_boxes_that_are_not_exact_change_little(texture):
-    views = seen(texture, 0.0)
+def test_boxes_that_are_not_exact_change_little():
+    views = seen(0.0)
     views[::2] = [(rgb, box + 0.04 * np.ptp(box[::2])) for rgb, box in views[::2]]
     assert surroundings_correlation(views) > 0.6
 
@@ -59,8 +51,8 @@ def test_plain_surroundings_show_nothing():
     assert surroundings_correlation([(rgb, box) for box in boxes]) == pytest.approx(0)
 
 
-def test_without_two_whole_views_from_unlike_distances_nothing_is_compared(texture):
-    views = seen(texture, 0.0)
+def test_without_two_whole_views_from_unlike_distances_nothing_is_compared():
+    views = seen(0.0)
     cut = [(rgb[:, : int(box[2]) + 2], box) for rgb, box in views]
     for few in (views[:0], views[:1], views[:1] * 4, cut):
         assert np.isnan(surroundings_correlation(few))

@@ -9,15 +9,12 @@ from wayside.stages.mapping.landmark import BORDER
 from wayside.stages.mapping.tracker import WINDOW_STEP, track
 from wayside.stages.report import match_segments
 
-from ..made_frames import landmarks_of, verdicts_of
+from ..made_frames import Panel, drive, landmarks_of, verdicts_of
+from .made_windows import evidence_model
 
 SETTINGS = TrackSettings()
-
-
-@pytest.fixture
-def surest(evidence_model):
-    """A classifier by which a landmark is as likely as the best score of its views."""
-    return LandmarkClassifier(evidence_model(score_best=1.0))
+SUREST = LandmarkClassifier(evidence_model(score_best=1.0))
+"""By it a landmark is as likely as the best score of its views."""
 
 
 def run(frames, settings=SETTINGS, classifier=None):
@@ -25,8 +22,8 @@ def run(frames, settings=SETTINGS, classifier=None):
     return list(assemble(track(iter(frames), settings, front)))
 
 
-def test_a_panel_is_measured_where_it_stands(panel, drive):
-    frames = drive([panel(3.5, 1.2, 120.0, wide=0.6, tall=0.9)], 20)
+def test_a_panel_is_measured_where_it_stands():
+    frames = drive([Panel(3.5, 1.2, 120.0, wide=0.6, tall=0.9)], 20)
     (landmark,) = landmarks_of(run(frames))
     centre = landmark.best_pose.to_world(landmark.position)
     np.testing.assert_allclose(centre, [3.5, -1.2, 120.0], atol=0.02)
@@ -41,11 +38,11 @@ def test_a_panel_is_measured_where_it_stands(panel, drive):
 
 
 @pytest.mark.parametrize("union_score", [2.0, 5.0])
-def test_a_sign_and_its_plaque_in_one_box_of_far_images_are_both_found(panel, drive, union_score):
+def test_a_sign_and_its_plaque_in_one_box_of_far_images_are_both_found(union_score):
     far, near = tuple(range(7)), tuple(range(7, 20))  # frames 7 to 14 show both boxes
-    sign = panel(3.5, 2.0, 120.0, only_in=near)
-    plaque = panel(3.5, 1.44, 120.0, wide=0.6, tall=0.3, only_in=near)
-    union = panel(3.5, 1.8325, 120.0, tall=1.085, score=union_score, only_in=far)
+    sign = Panel(3.5, 2.0, 120.0, only_in=near)
+    plaque = Panel(3.5, 1.44, 120.0, wide=0.6, tall=0.3, only_in=near)
+    union = Panel(3.5, 1.8325, 120.0, tall=1.085, score=union_score, only_in=far)
     landmarks = landmarks_of(run(drive([sign, plaque, union], 20)))
     found = sorted((p for p in landmarks if p.verdict == "sign"), key=lambda p: p.height_m)
     assert [p.height_m for p in found] == pytest.approx([0.3 * BORDER, 0.75 * BORDER], rel=0.02)
@@ -63,21 +60,21 @@ def test_a_sign_and_its_plaque_in_one_box_of_far_images_are_both_found(panel, dr
         [(0.3, 0.45), (0.3, 0.45), (0.3, 0.45), (0.3, 0.45)],  # parking plates
     ],
 )
-def test_panels_that_touch_are_a_row_each_and_none_spans_two(panel, drive, surest, sides, spanning):
+def test_panels_that_touch_are_a_row_each_and_none_spans_two(sides, spanning):
     wides, talls = np.array(sides).T
     tops = 3.0 - np.cumsum([0.0, *talls])
     plates = [
-        panel(4.0, top - tall / 2, 120.0, wide=wide, tall=tall, score=5.0)
+        Panel(4.0, top - tall / 2, 120.0, wide=wide, tall=tall, score=5.0)
         for (wide, tall), top in zip(sides, tops[:-1], strict=True)
     ]
     low, high = spanning  # scores of boxes that span two plates, and all
     spans = [
-        panel(4.0, (tops[a] + tops[b]) / 2, 120.0, max(wides[a:b]), tops[a] - tops[b], score=score)
+        Panel(4.0, (tops[a] + tops[b]) / 2, 120.0, max(wides[a:b]), tops[a] - tops[b], score=score)
         for a in range(len(sides))
         for b in range(a + 2, len(sides) + 1)
         for score in [high if b - a == len(sides) else low]
     ]
-    landmarks = landmarks_of(run(drive(spans + plates, 20), classifier=surest))
+    landmarks = landmarks_of(run(drive(spans + plates, 20), classifier=SUREST))
     signs = [p for p in landmarks if p.verdict == "sign"]
     found = sorted((p.best_pose.to_world(p.position)[1], p.height_m / BORDER) for p in signs)
     wanted = sorted((-one.up, one.tall) for one in plates)
@@ -85,26 +82,26 @@ def test_panels_that_touch_are_a_row_each_and_none_spans_two(panel, drive, sures
     assert {p.verdict for p in landmarks} <= {"sign", "duplicate"}
 
 
-def test_a_box_beside_a_face_waits_until_the_more_likely_face_is_passed_too(panel, drive, surest):
+def test_a_box_beside_a_face_waits_until_the_more_likely_face_is_passed_too():
     # the middle of the wide box has left the last image of the first window, that of the face has not
-    face = panel(3.5, 1.2, 142.7, score=4.0)
-    wide = panel(4.2, 1.2, 142.7, wide=1.6, score=2.0)
-    landmarks = landmarks_of(run(drive([wide, face], 24), classifier=surest))
+    face = Panel(3.5, 1.2, 142.7, score=4.0)
+    wide = Panel(4.2, 1.2, 142.7, wide=1.6, score=2.0)
+    landmarks = landmarks_of(run(drive([wide, face], 24), classifier=SUREST))
     found = {p.verdict: p.width_m / BORDER for p in landmarks}
     assert found == pytest.approx({"sign": 0.75, "duplicate": 1.6}, rel=0.02)
 
 
-def test_chevrons_in_a_row_that_hide_part_of_each_other_are_a_row_each(panel, drive):
+def test_chevrons_in_a_row_that_hide_part_of_each_other_are_a_row_each():
     # each stands 8 m behind the one before and half a metre farther right: far images show it behind that one
-    row = [panel(2.0 + 0.5 * k, 1.0, 100.0 + 8.0 * k, wide=0.6, tall=0.75) for k in range(5)]
+    row = [Panel(2.0 + 0.5 * k, 1.0, 100.0 + 8.0 * k, wide=0.6, tall=0.75) for k in range(5)]
     landmarks = landmarks_of(run(drive(row, 24)))
     assert [p.verdict for p in landmarks] == ["sign"] * 5
     stations = sorted(p.station_m for p in landmarks)
     np.testing.assert_allclose(stations, [one.along for one in row], atol=0.1)
 
 
-def test_the_inner_field_of_a_panel_is_no_second_panel(panel, drive):
-    both = [panel(3.5, 2.0, 120.0), panel(3.5, 2.0, 120.0, wide=0.6, tall=0.6, score=1)]
+def test_the_inner_field_of_a_panel_is_no_second_panel():
+    both = [Panel(3.5, 2.0, 120.0), Panel(3.5, 2.0, 120.0, wide=0.6, tall=0.6, score=1)]
     found = {p.verdict: p.height_m / BORDER for p in landmarks_of(run(drive(both, 20)))}
     assert found == pytest.approx({"sign": 0.75, "duplicate": 0.6}, rel=0.02)
 
@@ -118,62 +115,62 @@ def test_the_inner_field_of_a_panel_is_no_second_panel(panel, drive):
         (-2.5, 200.0, -12.0, 0.0),  # oncoming: it looks small, near and standing in the lane
     ],
 )
-def test_a_vehicle_is_no_sign(panel, drive, right, along, speed, change):
-    vehicle = panel(right, 0.2, along, wide=1.7, tall=1.3, speed=speed, change=change)
+def test_a_vehicle_is_no_sign(right, along, speed, change):
+    vehicle = Panel(right, 0.2, along, wide=1.7, tall=1.3, speed=speed, change=change)
     tracked = run(drive([vehicle], 14))
     assert {p.verdict for p in landmarks_of(tracked)} <= {"moving", "residual", "few_views"}
     if speed < 8:
         assert "moving" in verdicts_of(tracked)
 
 
-def test_a_gap_of_two_frames_is_bridged(panel, drive):
-    frames = drive([panel(3.5, 1.2, 120.0, hidden_in=(10, 11))], 20)
+def test_a_gap_of_two_frames_is_bridged():
+    frames = drive([Panel(3.5, 1.2, 120.0, hidden_in=(10, 11))], 20)
     (landmark,) = landmarks_of(run(frames))
     seen = {view.frame for view in landmark.views}
     assert {9, 12} <= seen
     assert not {10, 11} & seen
 
 
-def test_a_single_view_is_unmatched_and_two_are_too_few(panel, drive):
-    panels = panel(3.5, 1.2, 120.0, only_in=(10,)), panel(-4.0, 1.2, 120.0, only_in=(10, 11))
+def test_a_single_view_is_unmatched_and_two_are_too_few():
+    panels = Panel(3.5, 1.2, 120.0, only_in=(10,)), Panel(-4.0, 1.2, 120.0, only_in=(10, 11))
     tracked = run(drive(panels, 20), replace(SETTINGS, fewest_views=3))
     assert landmarks_of(tracked) == []
     assert sorted(verdicts_of(tracked)) == ["few_views", "few_views", "unmatched"]
 
 
-def test_frames_come_out_once_in_order_with_unused_ones_between(panel, drive):
-    frames = drive([panel(3.5, 1.2, 120.0)], 40, unused=(0, 7, 8, 21, 39))
+def test_frames_come_out_once_in_order_with_unused_ones_between():
+    frames = drive([Panel(3.5, 1.2, 120.0)], 40, unused=(0, 7, 8, 21, 39))
     tracked = run(frames)
     assert [item.frame.index for item in tracked] == list(range(40))
     assert len(landmarks_of(tracked)) == 1
     assert tracked[7].motion is None
 
 
-def test_a_landmark_comes_with_the_first_frame_it_was_seen_in(panel, drive):
-    tracked = run(drive([panel(3.5, 1.2, 120.0), panel(-4, 1.2, 170.0)], 30))
+def test_a_landmark_comes_with_the_first_frame_it_was_seen_in():
+    tracked = run(drive([Panel(3.5, 1.2, 120.0), Panel(-4, 1.2, 170.0)], 30))
     assert len(landmarks_of(tracked)) == 2
     firsts = [(item.frame.index, p.views) for item in tracked for p in item.landmarks]
     assert all(min(view.frame for view in views) == index for index, views in firsts)
 
 
-def test_a_drive_without_frames_or_candidates_is_no_fault(drive):
+def test_a_drive_without_frames_or_candidates_is_no_fault():
     assert run([]) == []
     assert [len(item.candidates) for item in run(drive([], 25))] == [0] * 25
 
 
-def test_the_input_is_left_as_it_was(panel, drive):
-    frames = drive([panel(3.5, 1.2, 120.0)], 20)
+def test_the_input_is_left_as_it_was():
+    frames = drive([Panel(3.5, 1.2, 120.0)], 20)
     run(frames)
     assert all((f.detections.candidates.verdict == 0).all() for f in frames)
 
 
 @pytest.mark.parametrize("follow", [track, match_segments])
-def test_no_more_frames_are_held_than_the_window_is_long(panel, drive, follow):
+def test_no_more_frames_are_held_than_the_window_is_long(follow):
     taken = 0
 
     def counted():
         nonlocal taken
-        for frame in drive([panel(3.5, 1.2, 8.0 * k + 60.0) for k in range(0, 60, 5)], 60):
+        for frame in drive([Panel(3.5, 1.2, 8.0 * k + 60.0) for k in range(0, 60, 5)], 60):
             taken += 1
             yield frame
 
@@ -184,10 +181,10 @@ def test_no_more_frames_are_held_than_the_window_is_long(panel, drive, follow):
     assert most <= SETTINGS.longest + WINDOW_STEP
 
 
-def test_a_landmark_below_threshold_is_refused_for_its_weakest_term(panel, drive, evidence_model):
+def test_a_landmark_below_threshold_is_refused_for_its_weakest_term():
     model = evidence_model(-3.0, score_best=0.1, depth_sigma=-9.0)
     model = replace(model, terms=("appearance", "rigidity"))
-    tracked = run(drive([panel(3.5, 1.2, 120.0)], 20), classifier=LandmarkClassifier(model))
+    tracked = run(drive([Panel(3.5, 1.2, 120.0)], 20), classifier=LandmarkClassifier(model))
     (landmark,) = landmarks_of(tracked)
     ratios = dict(landmark.evidence)
     assert ratios["rigidity"] < ratios["appearance"]
@@ -196,18 +193,18 @@ def test_a_landmark_below_threshold_is_refused_for_its_weakest_term(panel, drive
     assert {"residual"} <= set(verdicts_of(tracked)) <= {"residual", "far_view", "few_views"}
 
 
-def test_a_face_under_a_box_with_half_of_a_known_one_is_found_in_the_rest(panel, drive, surest):
-    plate = panel(3.5, 2.3, 120.0, wide=0.6, tall=0.4, score=5.0)
-    shield = panel(3.5, 1.8, 120.0, wide=0.6, tall=0.6, score=2.5)
-    double = panel(3.5, 1.94, 120.0, wide=0.6, tall=0.78, score=3.0)
-    landmarks = landmarks_of(run(drive([plate, shield, double], 20), classifier=surest))
+def test_a_face_under_a_box_with_half_of_a_known_one_is_found_in_the_rest():
+    plate = Panel(3.5, 2.3, 120.0, wide=0.6, tall=0.4, score=5.0)
+    shield = Panel(3.5, 1.8, 120.0, wide=0.6, tall=0.6, score=2.5)
+    double = Panel(3.5, 1.94, 120.0, wide=0.6, tall=0.78, score=3.0)
+    landmarks = landmarks_of(run(drive([plate, shield, double], 20), classifier=SUREST))
     heights = {round(p.height_m / BORDER, 2): p.verdict for p in landmarks}
     assert heights == {0.4: "sign", 0.78: "duplicate", 0.6: "sign"}
 
 
-def test_views_of_a_standing_panel_from_before_the_window_do_not_move(panel, drive):
+def test_views_of_a_standing_panel_from_before_the_window_do_not_move():
     far = SETTINGS.longest + 4 * WINDOW_STEP
-    tracked = run(drive([panel(3.5, 1.2, 8.0 * far + 6.0)], far + 3))
+    tracked = run(drive([Panel(3.5, 1.2, 8.0 * far + 6.0)], far + 3))
     (landmark,) = landmarks_of(tracked)
     by_frame = verdicts_of(tracked)
     assert landmark.verdict == "sign"

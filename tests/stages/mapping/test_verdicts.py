@@ -9,11 +9,13 @@ from wayside.stages.mapping.landmark_fit import fit_views
 from wayside.stages.mapping.verdicts import FaceBoxes, in_swept_volume, same_face
 from wayside.stages.mapping.window import unassigned_verdicts
 
+from .made_windows import standing, window
+
 
 @pytest.mark.parametrize(
     ("right", "above", "swept"), [(0.5, 1.0, True), (6.0, 1.0, False), (0.5, 5.0, False)]
 )
-def test_nothing_stands_where_the_vehicle_drove(window, standing, right, above, swept):
+def test_nothing_stands_where_the_vehicle_drove(right, above, swept):
     candidates = window(standing([(6.0, -1.0, 60.0, 1.7, 0.8, 1.0)], 2))
     fit = fit_views(candidates, np.arange(2), np.arange(2))
     fit = replace(fit, covariance=np.diag([0.01, 0.01, 0.09]))

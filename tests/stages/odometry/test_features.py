@@ -6,8 +6,10 @@ from wayside.schemas.settings import FeatureSettings
 from wayside.stages.geometry.undistortion import ideal_points
 from wayside.stages.odometry.features import extract_features, tie_corners
 
+from ..made_frames import detections_of, texture
 
-def test_an_image_gets_corners_with_descriptors_sorted_by_row(texture, detections_of):
+
+def test_an_image_gets_corners_with_descriptors_sorted_by_row():
     (found,) = extract_features(iter([detections_of(texture())]), FeatureSettings())
     features = found.features
     assert len(features.corners) > 200
@@ -27,7 +29,7 @@ def test_a_corner_is_placed_where_it_is_in_the_full_image():
         assert np.linalg.norm(around.mean(axis=0) - spot) < 1.2
 
 
-def test_weak_texture_keeps_corners_beside_a_strong_one(texture):
+def test_weak_texture_keeps_corners_beside_a_strong_one():
     grey = texture(contrast=14.0)
     grey[:, :320] = texture(seed=1, contrast=70.0)[:, :320]
     corners, _ = tie_corners(grey, FeatureSettings())
@@ -35,14 +37,14 @@ def test_weak_texture_keeps_corners_beside_a_strong_one(texture):
 
 
 @pytest.mark.parametrize("per_cell", [1, 4])
-def test_no_cell_gets_more_corners_than_asked(per_cell, texture):
+def test_no_cell_gets_more_corners_than_asked(per_cell):
     corners, _ = tie_corners(texture(), FeatureSettings(corners_per_cell=per_cell))
     # at half size the finest level has 13 x 10 cells, the coarser ones fewer
     levels = 130 + 63 + 35
     assert 0 < len(corners) <= per_cell * levels
 
 
-def test_candidates_get_their_centres_without_distortion(texture, detections_of):
+def test_candidates_get_their_centres_without_distortion():
     item = detections_of(texture(), [(10, 20, 31, 41), (600, 400, 621, 431)])
     (found,) = extract_features(iter([item]), FeatureSettings())
     expected = ideal_points(found.frame.camera, np.array([[20.0, 30.0], [610.0, 415.0]]))

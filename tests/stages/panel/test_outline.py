@@ -14,6 +14,8 @@ from wayside.stages.panel.outline import (
 from wayside.stages.panel.outline_edges import gradients_of
 from wayside.stages.panel.outline_shapes import OUTLINE_SHAPES, box_round, segments_of
 
+from ..made_frames import OUTLINE_MODEL
+
 ROWS, COLUMNS, SCALE = 110, 120, 8
 ANGLES = (np.arange(8) + 0.5) * np.pi / 4
 CORNERS = {
@@ -110,13 +112,11 @@ def test_no_outline_of_a_narrow_face_is_less_than_a_sample_wide(seed):
         ("octagon", (30.2, 30.2), 0.0),
     ],
 )
-def test_the_outer_edge_of_the_rim_is_found_from_the_inner_field(
-    shape, half, rotation_deg, outline_model
-):
+def test_the_outer_edge_of_the_rim_is_found_from_the_inner_field(shape, half, rotation_deg):
     middle, half = np.array([60.3, 54.7]), np.array(half)
     start = around(middle + 1.0, half * 0.92)
     views = views_of(shape, middle, half, np.radians(rotation_deg))
-    face = fit_face_outline(views, start, outline_model)
+    face = fit_face_outline(views, start, OUTLINE_MODEL)
     assert face is not None
     assert face.shape == shape or {face.shape, shape} == {"octagon", "circle"}
     assert not rotation_deg or np.degrees(face.rotation) == pytest.approx(rotation_deg, abs=1.2)
@@ -149,20 +149,20 @@ def test_the_errors_of_size_and_centre_are_those_of_the_sides():
     np.testing.assert_allclose(shifted.centre_sigma, [2, 2])
 
 
-def test_the_other_outlines_that_a_face_may_have_count_in_its_errors(outline_model):
+def test_the_other_outlines_that_a_face_may_have_count_in_its_errors():
     middle, half = np.array([60.0, 54.0]), np.array([30.0, 22.0])
     views = views_of("rectangle", middle, half)
-    undecided = dataclasses.replace(outline_model, weights=0.0 * outline_model.weights)
+    undecided = dataclasses.replace(OUTLINE_MODEL, weights=0.0 * OUTLINE_MODEL.weights)
     start = around(middle, half * 0.95)
     decided, either = (
-        fit_face_outline(views, start, model) for model in (outline_model, undecided)
+        fit_face_outline(views, start, model) for model in (OUTLINE_MODEL, undecided)
     )
     assert (either.size_sigma > 2 * decided.size_sigma).all()
 
 
-def test_no_face_has_an_outline_on_an_even_wall(outline_model):
+def test_no_face_has_an_outline_on_an_even_wall():
     views = np.full((2, ROWS, COLUMNS, 3), 120, np.float32)
-    face = fit_face_outline(views, np.array([40.0, 40.0, 80.0, 70.0]), outline_model)
+    face = fit_face_outline(views, np.array([40.0, 40.0, 80.0, 70.0]), OUTLINE_MODEL)
     assert face is None or face.strength < 0.1
 
 

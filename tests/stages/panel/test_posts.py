@@ -11,7 +11,7 @@ from wayside.stages.panel import FEATURES, POST_SPACE, measure_posts, register_v
 from wayside.stages.panel.posts import LEAST_PROBABILITY, kind_of, post_below
 from wayside.stages.panel.rectification import PanelPlane, PosedImage, usable_views
 
-from ..made_frames import paint
+from ..made_frames import OUTLINE_MODEL, paint
 
 CAMERA = Camera(1600, 1200, 1400.0, 1400.0, 799.5, 599.5)
 RIGHT, UP, AHEAD = 4.0, 1.0, 14.0
@@ -19,6 +19,14 @@ RIGHT, UP, AHEAD = 4.0, 1.0, 14.0
 ROAD_M = 2.0
 PLANE = PanelPlane.across(
     np.array([RIGHT, -UP, AHEAD]), np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
+)
+KINDS = GaussianModel(
+    POST_SPACE,
+    tuple(
+        GaussianClass(name, np.full(FEATURES, mean), np.eye(FEATURES), 9)
+        for name, mean in (("wood", 0.0), ("pole", 4.0))
+    ),
+    "made by hand",
 )
 SLANT = AHEAD / np.hypot(AHEAD, RIGHT)
 """The same width is seen so much narrower across the line of sight."""
@@ -31,7 +39,7 @@ def polygon(left, top, right, bottom, color, lean=0.0):
     return np.array([(RIGHT + x, -UP + y, AHEAD) for x, y in ends]), color
 
 
-def registered(size, polygons, outline_model):
+def registered(size, polygons):
     """Three views, the farthest first, of a panel of this width and height with these polygons below."""
     wide, tall = np.array(size) / 2
     face = [polygon(-wide, -tall, wide, tall, (225, 225, 225))]
@@ -45,11 +53,11 @@ def registered(size, polygons, outline_model):
             paint(image, pose, CAMERA, one)
         images.append(PosedImage(number, pose, CAMERA, image))
     usable = usable_views(PLANE, np.array(size), images)
-    return register_views(PLANE, np.array(size), usable, np.arange(3), outline_model)
+    return register_views(PLANE, np.array(size), usable, np.arange(3), OUTLINE_MODEL)
 
 
-def measured(size, polygons, outline_model):
-    views = registered(size, polygons, outline_model)
+def measured(size, polygons):
+    views = registered(size, polygons)
     return post_below(views, views.box(np.array(size)), ROAD_M + UP - size[1] / 2)[1]
 
 
@@ -63,45 +71,33 @@ def measured(size, polygons, outline_model):
         ((3.0, 1.2), [-0.9, 0.0, 0.9], 0.12, -0.03),
     ],
 )
-def test_the_posts_of_a_panel_are_counted_and_measured(size, places, width, lean, outline_model):
+def test_the_posts_of_a_panel_are_counted_and_measured(size, places, width, lean):
     below = size[1] / 2
     posts = [
         [polygon(x - width / 2, below, x + width / 2, 3.0, (40, 40, 44), lean)] for x in places
     ]
-    found = measured(size, posts, outline_model)
+    found = measured(size, posts)
     assert np.sort(found.sides_m.mean(axis=1)) == pytest.approx(places, abs=0.02)
     assert found.width_m == pytest.approx(width * SLANT, rel=0.1)
     assert found.lean == pytest.approx(lean, abs=0.031)
 
 
-def test_a_trunk_far_from_the_middle_is_no_post_and_nothing_is_measured_where_none_is_seen(
-    outline_model, kinds
-):
+def test_a_trunk_far_from_the_middle_is_no_post_and_nothing_is_measured_where_none_is_seen():
     size = (0.75, 0.9)
     trunk = [[polygon(0.35, 0.0, 0.5, 3.0, (30, 30, 30))]]
-    views = registered(size, trunk, outline_model)
-    assert measure_posts(views, views.box(np.array(size)), 1.8, kinds) == Posts()
-    assert measure_posts(views, views.box(np.array(size)), 0.4, kinds) == Posts()  # low
+    views = registered(size, trunk)
+    assert measure_posts(views, views.box(np.array(size)), 1.8, KINDS) == Posts()
+    assert measure_posts(views, views.box(np.array(size)), 0.4, KINDS) == Posts()  # low
 
 
-def test_a_panel_over_the_road_hangs_from_a_gantry(outline_model, kinds):
-    views = registered((0.75, 0.9), [], outline_model)
-    assert measure_posts(views, views.box(np.array([0.75, 0.9])), 5.2, kinds) == Posts("gantry")
+def test_a_panel_over_the_road_hangs_from_a_gantry():
+    views = registered((0.75, 0.9), [])
+    assert measure_posts(views, views.box(np.array([0.75, 0.9])), 5.2, KINDS) == Posts("gantry")
 
 
-@pytest.fixture
-def kinds():
-    means = {"wood": 0.0, "pole": 4.0}
-    classes = (
-        GaussianClass(name, np.full(FEATURES, mean), np.eye(FEATURES), 9)
-        for name, mean in means.items()
-    )
-    return GaussianModel(POST_SPACE, tuple(classes), "made by hand")
-
-
-def test_a_post_that_is_like_two_kinds_or_none_is_of_unknown_kind(kinds):
-    kind, probability = kind_of(np.full(FEATURES, 3.5), kinds)
+def test_a_post_that_is_like_two_kinds_or_none_is_of_unknown_kind():
+    kind, probability = kind_of(np.full(FEATURES, 3.5), KINDS)
     assert (kind, probability > LEAST_PROBABILITY) == ("pole", True)
     for between_or_far in (2.0, 9.0):
-        kind, probability = kind_of(np.full(FEATURES, between_or_far), kinds)
+        kind, probability = kind_of(np.full(FEATURES, between_or_far), KINDS)
         assert (kind, np.isnan(probability)) == ("unknown", True)

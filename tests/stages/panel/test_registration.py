@@ -14,7 +14,7 @@ from wayside.stages.panel.registration import (
     register_views,
 )
 
-from ..made_frames import paint
+from ..made_frames import OUTLINE_MODEL, drive, paint
 
 MIDDLE = np.array([4.2, -1.1, 44.0])
 SIDE = 0.9
@@ -42,40 +42,28 @@ def image_of(moved, shown):
     return image
 
 
-@pytest.fixture
-def images_of(drive):
+def images_of(hidden=()):
     """The first four images, with the sign hidden in some."""
-
-    def make(hidden=()):
-        shown = [HIDING if k in hidden else SIGN for k in range(4)]
-        return [
-            PosedImage(k, m.motion.pose, m.frame.camera, image_of(m, shown[k]))
-            for k, m in enumerate(drive([], 4))
-        ]
-
-    return make
+    shown = [HIDING if k in hidden else SIGN for k in range(4)]
+    return [
+        PosedImage(k, m.motion.pose, m.frame.camera, image_of(m, shown[k]))
+        for k, m in enumerate(drive([], 4))
+    ]
 
 
-@pytest.fixture
-def registered(outline_model):
+def registered(images, detected):
     """Numbers of the frames that are registered, the template first."""
-
-    def register(images, detected):
-        plane = PanelPlane.across(MIDDLE, np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0]))
-        usable = usable_views(plane, METRIC, images)
-        found = register_views(plane, METRIC, usable, np.array(detected), outline_model)
-        return [view.image.frame for view, _ in found.views]
-
-    return register
+    plane = PanelPlane.across(MIDDLE, np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0]))
+    usable = usable_views(plane, METRIC, images)
+    found = register_views(plane, METRIC, usable, np.array(detected), OUTLINE_MODEL)
+    return [view.image.frame for view, _ in found.views]
 
 
-def test_views_are_registered_by_the_face_alone_where_half_of_the_box_is_background(
-    images_of, registered
-):
+def test_views_are_registered_by_the_face_alone_where_half_of_the_box_is_background():
     assert registered(images_of(), [0, 1, 2, 3]) == [3, 2, 1, 0]
 
 
-def test_what_hides_the_panel_in_the_nearest_images_is_not_taken_for_it(images_of, registered):
+def test_what_hides_the_panel_in_the_nearest_images_is_not_taken_for_it():
     images = images_of(hidden=(2, 3))
     assert registered(images, [0, 1]) == [1, 0]
     assert registered(images, [0, 1, 2, 3])[:2] == [3, 2]

@@ -16,7 +16,15 @@ from wayside.stages.report.match import (
     match_segments,
 )
 
-from ..made_frames import landmarks_of, made_regions, verdicts_of
+from ..made_frames import (
+    Panel,
+    detections_of,
+    drive,
+    landmarks_of,
+    made_regions,
+    texture,
+    verdicts_of,
+)
 
 
 def with_sift(item):
@@ -24,7 +32,7 @@ def with_sift(item):
     return found.features
 
 
-def test_the_open_candidates_are_described_and_no_other(texture, detections_of):
+def test_the_open_candidates_are_described_and_no_other():
     boxes = [(300, 200, 360, 260), (100, 100, 160, 180)]
     features = with_sift(detections_of(texture(), boxes, ["color", "open"]))
     assert features.sign_rows.tolist() == [1]
@@ -32,7 +40,7 @@ def test_the_open_candidates_are_described_and_no_other(texture, detections_of):
     assert features.sign_descriptors.shape == (1, 132)
 
 
-def test_an_image_without_pixels_passes_without_descriptors(detections_of):
+def test_an_image_without_pixels_passes_without_descriptors():
     assert len(with_sift(detections_of(None, status=THINNED)).sign_points) == 0
 
 
@@ -49,14 +57,14 @@ ALIKE = 0.39
 
 @pytest.mark.parametrize("scale", [0.5, 0.75, 1.5])
 @pytest.mark.parametrize("box", [(200, 150, 240, 180), (60, 60, 260, 300), (4, 8, 22, 40)])
-def test_a_region_is_described_alike_at_another_distance_and_brightness(texture, scale, box):
+def test_a_region_is_described_alike_at_another_distance_and_brightness(scale, box):
     grey = texture()
     other = cv2.resize(grey // 2 + 60, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     area = round(90 * scale**2)
     assert apart(grey, box, other, np.multiply(box, scale), area_px=area) < ALIKE
 
 
-def test_another_texture_shape_or_colour_is_described_otherwise(texture):
+def test_another_texture_shape_or_colour_is_described_otherwise():
     grey, box = texture(), (200, 150, 240, 180)
     assert apart(grey, box, grey, (230, 150, 270, 180)) > ALIKE
     assert apart(grey, box, grey, box, area_px=900) > ALIKE
@@ -78,8 +86,8 @@ def run(frames):
     return list(match_segments(iter(frames), REPORT))
 
 
-def test_a_panel_is_placed_by_the_views_that_show_it(panel, drive):
-    (place,) = landmarks_of(run(drive([panel(3.5, 1.2, 90.0)], 14)))
+def test_a_panel_is_placed_by_the_views_that_show_it():
+    (place,) = landmarks_of(run(drive([Panel(3.5, 1.2, 90.0)], 14)))
     np.testing.assert_allclose(
         place.best_pose.to_world(place.position), [3.5, -1.2, 90.0], atol=0.02
     )
@@ -89,35 +97,35 @@ def test_a_panel_is_placed_by_the_views_that_show_it(panel, drive):
     assert place.trajectory.shape == (len(place.views) - 1, 2, 4)
 
 
-def test_a_frame_that_does_not_show_a_panel_does_not_end_its_views(panel, drive):
-    (place,) = landmarks_of(run(drive([panel(3.5, 1.2, 90.0, hidden_in=(5,))], 14)))
+def test_a_frame_that_does_not_show_a_panel_does_not_end_its_views():
+    (place,) = landmarks_of(run(drive([Panel(3.5, 1.2, 90.0, hidden_in=(5,))], 14)))
     assert len(place.views) > 7
 
 
-def test_without_descriptors_nothing_is_matched(panel, drive):
+def test_without_descriptors_nothing_is_matched():
     frames = [
         replace(f, detections=replace(f.detections, features=Features.empty()))
-        for f in drive([panel(3.5, 1.2, 90.0)], 14)
+        for f in drive([Panel(3.5, 1.2, 90.0)], 14)
     ]
     tracked = run(frames)
     assert landmarks_of(tracked) == []
     assert set(verdicts_of(tracked)) == {"unmatched"}
 
 
-def test_what_leaves_its_epipolar_line_is_not_matched(panel, drive):
-    low, high = panel(3.5, 1.2, 60.0), panel(3.5, 2.2, 60.0)
+def test_what_leaves_its_epipolar_line_is_not_matched():
+    low, high = Panel(3.5, 1.2, 60.0), Panel(3.5, 2.2, 60.0)
     assert landmarks_of(run([drive([low], 2)[0], drive([high], 2)[1]])) == []
 
 
-def test_segments_whose_sizes_contradict_their_depths_are_not_matched(panel, drive):
-    wide, narrow = drive([panel(3.5, 1.2, 60.0)], 2), drive([panel(3.5, 1.2, 60.0, wide=0.4)], 2)
+def test_segments_whose_sizes_contradict_their_depths_are_not_matched():
+    wide, narrow = drive([Panel(3.5, 1.2, 60.0)], 2), drive([Panel(3.5, 1.2, 60.0, wide=0.4)], 2)
     assert landmarks_of(run([wide[0], narrow[1]])) == []
     assert landmarks_of(run([narrow[0], wide[1]])) == []
     assert len(landmarks_of(run(narrow))) == 1
 
 
-def test_what_looks_otherwise_in_each_image_is_not_matched(panel, drive):
-    frames = drive([panel(3.5, 1.2, 60.0)], 7)
+def test_what_looks_otherwise_in_each_image_is_not_matched():
+    frames = drive([Panel(3.5, 1.2, 60.0)], 7)
     for i, frame in enumerate(frames):
         codes = np.full((1, 132), i * FARTHEST, np.float32)
         features = replace(frame.detections.features, sign_descriptors=codes)
@@ -125,9 +133,9 @@ def test_what_looks_otherwise_in_each_image_is_not_matched(panel, drive):
     assert landmarks_of(run(frames)) == []
 
 
-def test_larger_and_rarer_seen_segments_have_less_evidence(panel, drive):
+def test_larger_and_rarer_seen_segments_have_less_evidence():
     def evidence(tall, images):
-        (place,) = landmarks_of(run(drive([panel(3.5, 1.2, 60.0, tall=tall)], images)))
+        (place,) = landmarks_of(run(drive([Panel(3.5, 1.2, 60.0, tall=tall)], images)))
         return dict(place.evidence)
 
     few, many = evidence(0.9, 3), evidence(0.9, 6)

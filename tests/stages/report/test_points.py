@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -13,35 +12,30 @@ from wayside.stages.report import merge_segments, triangulate_points
 from wayside.stages.report.points import SIZE_SIGMA, depth_sigma, fit_depth
 
 from ...made_landmarks import made_landmark
-from ..made_frames import landmarks_of
+from ..made_frames import drive, landmarks_of, stamp, texture
 
 FACE = np.array([3.5, -1.2, 30.0])
 
 
-@pytest.fixture
-def placed(drive, texture):
+def placed(behind=lambda square: 0.0, seeds=(0, 0), lower_px=0.0):
     """A landmark of a face of 1 m after two views of it: `behind(k)` is how far its k-th square of 16 is behind it."""
-
-    def make(behind=lambda square: 0.0, seeds=(0, 0), lower_px=0.0):
-        frames = drive([], 2)
-        crops = [
-            shown(frame, texture(256, 256, seed), behind)
-            for frame, seed in zip(frames, seeds, strict=True)
-        ]
-        crops[1] = replace(crops[1], corner=crops[1].corner + np.array([0.0, lower_px]))
-        seen = made_landmark(
-            position=1.1 * (FACE - frames[1].motion.pose.centre),
-            best_pose=frames[1].motion.pose,
-            width_m=1.1,
-            height_m=1.1,
-            crops=tuple(crops),
-            evidence=(("place", 5.3),),
-        )
-        tracked = tracked_frame(frames[1], seen)
-        (one,) = landmarks_of(triangulate_points(iter([tracked])))
-        return one
-
-    return make
+    frames = drive([], 2)
+    crops = [
+        shown(frame, texture(256, 256, seed), behind)
+        for frame, seed in zip(frames, seeds, strict=True)
+    ]
+    crops[1] = replace(crops[1], corner=crops[1].corner + np.array([0.0, lower_px]))
+    seen = made_landmark(
+        position=1.1 * (FACE - frames[1].motion.pose.centre),
+        best_pose=frames[1].motion.pose,
+        width_m=1.1,
+        height_m=1.1,
+        crops=tuple(crops),
+        evidence=(("place", 5.3),),
+    )
+    tracked = tracked_frame(frames[1], seen)
+    (one,) = landmarks_of(triangulate_points(iter([tracked])))
+    return one
 
 
 def tracked_frame(posed, *landmarks):
@@ -61,30 +55,17 @@ def shown(frame, face, behind):
         part = face[first[1] :, first[0] :][:side, :side]
         across = (first + (side - 1) / 2 + 0.5) / len(face) - 0.5
         x, y, z = pose.to_camera(FACE + np.array([*across, behind(square)]))
-        scale = camera.fx / z / len(face)
-        u, v = np.array([camera.cx, camera.cy]) + camera.fx * np.array([x, y]) / z
-        warp = np.array(
-            [[scale, 0, u - scale * (side - 1) / 2], [0, scale, v - scale * (side - 1) / 2]]
-        )
-        cv2.warpAffine(
-            part,
-            warp,
-            (1600, 1200),
-            dst=image,
-            flags=cv2.INTER_AREA,
-            borderMode=cv2.BORDER_TRANSPARENT,
-        )
+        at = np.array([camera.cx, camera.cy]) + camera.fx * np.array([x, y]) / z
+        stamp(image, part, camera.fx / z / len(face), at)
     x, y, z = pose.to_camera(FACE)
-    left, top = (
-        int(camera.cx + camera.fx * (x - 0.6) / z),
-        int(camera.cy + camera.fx * (y - 0.6) / z),
-    )
+    left = int(camera.cx + camera.fx * (x - 0.6) / z)
+    top = int(camera.cy + camera.fx * (y - 0.6) / z)
     size = int(1.2 * camera.fx / z)
     grey = image[top : top + size, left : left + size]
     return Crop(grey, np.array([left, top], float), camera, frame.motion)
 
 
-def test_a_face_stands_where_its_points_agree_and_is_as_large_as_it_looks_there(placed):
+def test_a_face_stands_where_its_points_agree_and_is_as_large_as_it_looks_there():
     one = placed()
     assert one.verdict == "sign"
     error = one.best_pose.to_world(one.position) - FACE
@@ -92,21 +73,15 @@ def test_a_face_stands_where_its_points_agree_and_is_as_large_as_it_looks_there(
     assert abs(error[2]) < 3 * np.sqrt(one.covariance[2, 2]) < 0.9
     assert [one.width_m, one.height_m] == pytest.approx([1.0, 1.0], rel=0.01)
     assert one.sigma_width_m == pytest.approx(SIZE_SIGMA * one.width_m)
-    moved = one.best_pose.to_world(1.1 * (FACE - [0, 0, 8.0])) - one.best_pose.to_world(
-        one.position
-    )
-    made = made_landmark()
-    offsets = [
-        made.right_m - one.right_m,
-        one.above_m - made.above_m,
-        made.station_m - one.station_m,
-    ]
-    np.testing.assert_allclose(offsets, moved)
+    before, made = one.best_pose.to_world(1.1 * (FACE - [0, 0, 8.0])), made_landmark()
+    moved = before - one.best_pose.to_world(one.position)
+    change = made.right_m - one.right_m, one.above_m - made.above_m, made.station_m - one.station_m
+    np.testing.assert_allclose(change, moved)
     assert one.residual_px < 0.2
     assert one.crops == ()
 
 
-def test_the_residual_is_that_of_the_points(placed):
+def test_the_residual_is_that_of_the_points():
     # Rays that pass each other by g metres miss by f g / 2 z in each view (eq. 7.5); the lines are inclined.
     near = 1.5 / 2 * 3.5 / np.hypot(3.5, 1.2)
     e = near**2 + (near * 22 / 30) ** 2
@@ -114,14 +89,14 @@ def test_the_residual_is_that_of_the_points(placed):
 
 
 @pytest.mark.parametrize("seed", range(2, 7))
-def test_points_at_many_depths_and_views_of_different_things_are_no_face(placed, seed):
+def test_points_at_many_depths_and_views_of_different_things_are_no_face(seed):
     away = np.random.default_rng(seed).uniform(0, 60, 16)
     assert placed(seeds=(seed, seed)).verdict == "sign"
     assert placed(lambda square: away[square], (seed, seed)).verdict == "residual"
     assert placed(seeds=(0, seed)).verdict == "residual"
 
 
-def test_a_landmark_without_pixels_or_refused_before_stays_as_it_is(drive):
+def test_a_landmark_without_pixels_or_refused_before_stays_as_it_is():
     given = made_landmark(), made_landmark(verdict="location")
     (frame,) = drive([], 1)
     assert landmarks_of(triangulate_points(iter([tracked_frame(frame, *given)]))) == list(given)
@@ -168,13 +143,13 @@ FIRST = Pose(np.eye(3), np.zeros(3))
         ({"verdict": "location"}, "location"),
     ],
 )
-def test_a_segment_on_a_panel_of_more_evidence_is_a_part_of_it(drive, changes, verdict):
+def test_a_segment_on_a_panel_of_more_evidence_is_a_part_of_it(changes, verdict):
     legend = {"track_id": 2, "width_m": 0.2, "height_m": 0.2, "evidence": (("rigidity", 9.0),)}
     face = made_landmark(evidence=(("rigidity", 20.0),), best_pose=FIRST)
     assert merged(drive([], 4), made_landmark(**legend | changes), face) == [verdict, "sign"]
 
 
-def test_a_frame_waits_until_the_camera_has_passed_its_landmarks(drive):
+def test_a_frame_waits_until_the_camera_has_passed_its_landmarks():
     given = 0
 
     def counted():

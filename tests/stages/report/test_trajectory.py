@@ -18,7 +18,7 @@ from wayside.stages.mapping import assemble
 from wayside.stages.report import classify_trajectory, match_segments, mean_log_ratio
 from wayside.stages.report.trajectory import STEP_M, trajectory_of
 
-from ..made_frames import landmarks_of
+from ..made_frames import Panel, drive, landmarks_of
 
 
 def model(space="image", threshold=-np.inf):
@@ -96,9 +96,9 @@ def test_the_score_is_the_mean_log_likelihood_ratio_of_the_steps_in_the_form_of_
     assert mean_log_ratio(np.full((1, 2, 4), np.nan), model()) == -np.inf
 
 
-def test_a_track_that_moves_otherwise_is_refused_and_so_are_its_candidates(panel, drive):
+def test_a_track_that_moves_otherwise_is_refused_and_so_are_its_candidates():
     def verdicts(threshold):
-        frames = drive([panel(3.5, 1.2, 90.0)], 14)
+        frames = drive([Panel(3.5, 1.2, 90.0)], 14)
         tracked = match_segments(iter(frames), TrackSettings(fewest_views=2))
         items = list(assemble(classify_trajectory(tracked, replace(known, threshold=threshold))))
         (place,) = landmarks_of(items)

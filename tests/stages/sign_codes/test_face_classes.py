@@ -18,10 +18,14 @@ from wayside.stages.sign_codes import (
 )
 from wayside.stages.sign_codes.face_classes import FACE_VIEWS, LEAST_LOG_PROBABILITY
 
+from ...made_landmarks import made_landmark
 from ..made_frames import made_image
 
 CLASSES = ("other", "stop", "R2-1 45")
 SQUARE = np.array([20.0, 20, 60, 60])
+UNKNOWN = {"color_distance": np.nan, "shape_distance": np.nan}
+LANDMARK = made_landmark(views=(), height_m=0.76, color="white", shape="rectangle", **UNKNOWN)
+"""One whose face nothing classified yet."""
 
 
 class Linear:
@@ -73,9 +77,9 @@ def test_the_samples_do_not_depend_on_the_exposure():
     assert np.corrcoef(face_samples(patch).ravel(), face_samples(brighter).ravel())[0, 1] > 0.99
 
 
-def test_a_landmark_has_the_mean_of_its_views_and_one_bad_view_rules_nothing_out(landmark):
+def test_a_landmark_has_the_mean_of_its_views_and_one_bad_view_rules_nothing_out():
     views = view(pixels(1)), view(pixels(2))
-    found = np.array(classified(landmark, *views).face_log_probability)
+    found = np.array(classified(LANDMARK, *views).face_log_probability)
     box = np.array([20.5, 20.5, 60.5, 60.5])
     each = Linear().log_probabilities(np.stack([face_patch(v.rgb, box) for v in views]))
     assert each.min() < LEAST_LOG_PROBABILITY
@@ -83,12 +87,12 @@ def test_a_landmark_has_the_mean_of_its_views_and_one_bad_view_rules_nothing_out
     np.testing.assert_allclose(found, wanted - np.logaddexp.reduce(wanted))
 
 
-def test_only_the_nearest_views_are_classified_where_they_lie(landmark):
+def test_only_the_nearest_views_are_classified_where_they_lie():
     near = pixels(1)
-    alone = classified(landmark, view(near)).face_log_probability
-    more = classified(landmark, *[view(near)] * FACE_VIEWS, view(pixels(2)))
+    alone = classified(LANDMARK, view(near)).face_log_probability
+    more = classified(LANDMARK, *[view(near)] * FACE_VIEWS, view(pixels(2)))
     np.testing.assert_allclose(more.face_log_probability, alone)
-    moved = classified(landmark, view(np.roll(near, 5, axis=1), shift=(5.0, 0.0)))
+    moved = classified(LANDMARK, view(np.roll(near, 5, axis=1), shift=(5.0, 0.0)))
     np.testing.assert_allclose(moved.face_log_probability, alone)
 
 
@@ -100,21 +104,19 @@ def test_only_the_nearest_views_are_classified_where_they_lie(landmark):
         *[("green", (0, 40, 26), "green"), ("white", (24, 24, 26), "white")],
     ],
 )
-def test_a_blue_face_whose_ground_is_too_dark_for_blue_is_black(
-    landmark, named, ground, color, light
-):
+def test_a_blue_face_whose_ground_is_too_dark_for_blue_is_black(named, ground, color, light):
     rgb = np.full((81, 81, 3), ground, np.float32)
     rgb[30:50, 36:44] = 232
     odds = (0.0, *[-5.0] * 7)
-    seen = replace(landmark, color=named, color_log_probability=odds)
+    seen = replace(LANDMARK, color=named, color_log_probability=odds)
     found = classified(seen, view(light * rgb))
     assert found.color == color
     assert found.color_log_probability == (() if color == "black" else odds)
 
 
-def test_a_back_and_a_face_without_outline_stay_as_they_are(landmark):
-    assert classified(replace(landmark, back=True), view(pixels())).face_log_probability == ()
-    assert classified(landmark, view(pixels()), face=None).face_log_probability == ()
+def test_a_back_and_a_face_without_outline_stay_as_they_are():
+    assert classified(replace(LANDMARK, back=True), view(pixels())).face_log_probability == ()
+    assert classified(LANDMARK, view(pixels()), face=None).face_log_probability == ()
 
 
 def test_the_classifier_that_ships_knows_its_classes_and_their_probabilities():
