@@ -73,7 +73,7 @@ def write_foxglove_log(
     plan = plan_reading(drive, read_settings(out, run))
     world, child = _frame_names(plan, str(run.get("world") or "drive_start"))
     tree = plan.survey.tree
-    mount = tree.mount(tree.chain(plan.camera_frame))
+    mount = tree.mount(tree.chain(plan.camera.camera_frame))
     rows = read_rows(out, FRAMES, _FRAME_COLUMNS)
     boxes = _boxes_by_frame(out, rows)
     prefix = f"/wayside/{plan.camera.name.strip('/')}"
@@ -102,10 +102,10 @@ def _frame_names(plan: Plan, world: str) -> tuple[str, str | None]:
     The second is None where the log itself says how it moves.
     """
     tree = plan.survey.tree
-    child = tree.root(plan.camera_frame) or "camera"
+    child = tree.root(plan.camera.camera_frame) or "camera"
     if world != "log":
         return f"wayside_{world}", child
-    if tree.moving(plan.camera_frame):
+    if tree.moving(plan.camera.camera_frame):
         return child, None
     firsts = (topic.first for topic in plan.survey.of_kind(Kind.POSE, Kind.ODOMETRY))
     named = next((bare(first.parent) for first in firsts if isinstance(first, PoseContent)), "")

@@ -54,7 +54,7 @@ def read_frames(
     timeline = make_timeline(plan)
     plan.survey.positions.clear()  # what they tell of the images is in the timeline
     report.camera_topic, report.calibration_source = plan.camera.name, plan.calibration_source
-    report.camera_frame = plan.camera_frame
+    report.camera_frame = plan.camera.camera_frame
     report.images_held = len(timeline.order)
     if timeline.motion is not None:
         report.motion_source = timeline.motion.source
@@ -149,8 +149,8 @@ class _Reader:
             names = ", ".join(sorted(map(shortened, plan.other_cameras)))
             report.notes.append(
                 f"{counted(report.statuses[OTHER_CAMERA], 'image')} of {shortened(plan.camera.name)} of another camera "
-                f"(frame_id {names}, not {shortened(plan.camera_frame)}): left out; record each camera on a topic "
-                "of its own"
+                f"(frame_id {names}, not {shortened(plan.camera.camera_frame)}): left out; record each camera on a "
+                "topic of its own"
             )
         if report.statuses[NO_POSITION]:
             report.notes.append(

@@ -45,17 +45,12 @@ class Plan:
     def other_cameras(self) -> frozenset[str]:
         """Names of cameras whose images share the topic with those of the chosen one."""
         same = [t for t in self.survey.cameras if t.name == self.camera.name]
-        return frozenset().union(*(t.other_cameras for t in same)) - {self.camera_frame}
-
-    @property
-    def camera_frame(self) -> str:
-        """`frame_id` of the images."""
-        return self.camera.camera_frame
+        return frozenset().union(*(t.other_cameras for t in same)) - {self.camera.camera_frame}
 
     @property
     def other_frames(self) -> frozenset[str]:
         """Each `frame_id` of the images of other cameras; calibrations that bear it are theirs."""
-        own = _bare_frame(self.camera_frame)
+        own = _bare_frame(self.camera.camera_frame)
         frames = {t.camera_frame for t in self.survey.cameras} if own else set()
         others = frozenset(name for name in frames if _bare_frame(name) not in ("", own))
         return others | self.camera.other_cameras

@@ -21,7 +21,6 @@ from wayside.pipeline.reading.image_headers import (
     frame_of,
     image_fault,
 )
-from wayside.pipeline.reading.layout import Channel
 from wayside.pipeline.reading.messages import Decoders, Kind, kind_of
 from wayside.pipeline.reading.records import Attachment, Message, Metadata, ScanReport, scan
 from wayside.pipeline.reading.series import Series, TransformTree
@@ -137,10 +136,6 @@ class LogSurvey:
         images = [(t, getattr(t.first, "encoding", "")) for t in self.of_kind(Kind.IMAGE)]
         return [topic for topic, encoding in images if not any(d in encoding for d in _DEPTH)]
 
-    def is_indexed(self, channel: Channel) -> bool:
-        """Whether messages of a channel are images that `images` has a row of."""
-        return kind_of(channel) is Kind.IMAGE and self.camera in ("", channel.topic)
-
 
 def survey_log(path: Path, camera: str = "") -> LogSurvey:
     """Read all of a log, in memory that holds no images, and tell what is in it.
@@ -172,17 +167,16 @@ def _take_message(survey: LogSurvey, message: Message, decoders: Decoders) -> No
     topic.first_log_ns = min(first, message.log_time_ns)
     topic.count += 1
     topic.last_log_ns = max(topic.last_log_ns, message.log_time_ns)
-    is_image = survey.is_indexed(channel)
-    if topic.kind is None or (
-        topic.kind is Kind.IMAGE and topic.first is not None and not is_image
-    ):
+    is_image = topic.kind is Kind.IMAGE
+    is_wanted = is_image and survey.camera in ("", channel.topic)
+    if topic.kind is None or (is_image and topic.first is not None and not is_wanted):
         return
     contents: Sequence[Content] = ()
     try:
         contents = decoders.decode(channel, message.data)
     except ContentError as error:
         _fail(topic, message.offset, str(error))
-    if is_image:
+    if is_wanted:
         index = survey.images.setdefault(channel.topic, Series())
         index.stamp(message.log_time_ns, contents[0].time_ns if contents else None)
         index.offset.append(message.offset)

@@ -172,7 +172,7 @@ def _cameras(plan: Plan, times: StreamTimes) -> list[Camera | None]:
 
 def _motion_streams(plan: Plan, timeline: Timeline) -> list[MotionStream]:
     """All streams that may tell the camera's motion, in the order in which they are preferred."""
-    tree, frame = plan.survey.tree, plan.camera_frame
+    tree, frame = plan.survey.tree, plan.camera.camera_frame
     found: list[MotionStream] = []
     if moving := tree.moving(frame):
         path = _chain_path(plan, tree.chain(frame), timeline)
