@@ -268,13 +268,9 @@ def run(  # noqa: PLR0913 - one for each option
     overwrite
         Replace whatever stands in the folder `out` under the names of a result; else only a result of the same log.
 
-    Raises
-    ------
-    UsageError
-        A setting or option is unknown or out of range, or options exclude each other.
-    InputError
-        A model file, detector, file of boxes or calibration cannot be used. What is wrong with the log shows when it
-        is read.
+    Raises UsageError where a setting or option is unknown or out of range, or options exclude each other. Raises
+    InputError where a model file, detector, file of boxes or calibration cannot be used. What is wrong with the log
+    shows when it is read.
     """
     from wayside.pipeline.models.model_files import load_models
 

@@ -76,13 +76,12 @@ def fingerprint_source(uri: str) -> tuple[str, int]:
         found = "this is a folder, not a log" if path.is_dir() else "there is no such log"
         raise UnreachableError(f"{uri}: {found}")
     with _reading(uri):
-        if not _is_url(uri):
-            size = path.stat().st_size
-            with path.open("rb") as stream:
-                return stream_fingerprint(stream, size), size
-        system, inner = _file_system(uri)
-        size = int(system.size(inner))
-        with system.open(inner, "rb", cache_type="none") as stream:
+        if _is_url(uri):
+            system, inner = _file_system(uri)
+            size, opened = int(system.size(inner)), system.open(inner, "rb", cache_type="none")
+        else:
+            size, opened = path.stat().st_size, path.open("rb")
+        with opened as stream:
             return stream_fingerprint(stream, size), size
 
 
