@@ -8,8 +8,6 @@ that a model was learned from is refused; a real one has a table of its own. Spe
 machine. With --only or --preset nothing is written.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import tomllib

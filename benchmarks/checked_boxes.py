@@ -4,8 +4,6 @@ Learning has its own file of such boxes; `checked_boxes.json` has the boxes of d
 checked because a network or a run had found them, so they tell nothing of recall.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What the measuring programs share: where things lie, runs of wayside, tables and the versions line."""
 
-from __future__ import annotations
-
 import resource
 import subprocess
 import sys

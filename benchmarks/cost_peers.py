@@ -6,8 +6,6 @@ yolo: YOLO11 of the nano size by ultralytics at the input width of the images, w
 trained, which costs the same. plain: the method of KS-09-9 in the calls that OpenCV has for it, without tracking.
 """
 
-from __future__ import annotations
-
 import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Iterator

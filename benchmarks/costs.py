@@ -10,8 +10,6 @@ played over and over: its images and calibration only, times moved on, so both r
 Prints tables.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -7,8 +7,6 @@ found by a box of IoU .5. False are boxes on no label and on nothing that is unk
 box (real drives), such a box may show one. The network's provenance says from which sets it has learned.
 """
 
-from __future__ import annotations
-
 import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Faults of clocks, order, positions and images, written into a log of Foxglove messages by the stock MCAP writer."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -8,8 +8,6 @@ Then reconstructs the first images of both with pycolmap (extra `benchmark`), sa
 benchmarks/geometry.md; with --no-peer it only prints.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

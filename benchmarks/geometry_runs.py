@@ -1,7 +1,5 @@
 """Runs of wayside and of pycolmap on rendered drives, and errors of their motion and signs."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

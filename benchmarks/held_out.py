@@ -7,8 +7,6 @@ benchmarks/accuracy_held_out.md. Cameras, lights, roads and seeds are other than
 Look at the figures, not at the misses: a drive whose misses are known belongs to the development drives.
 """
 
-from __future__ import annotations
-
 import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 

@@ -5,8 +5,6 @@
 Prints the tables of merging.md: sums over the seeds with 95 % intervals, means with the lowest and the highest.
 """
 
-from __future__ import annotations
-
 import tempfile
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections import Counter, defaultdict

@@ -6,8 +6,6 @@ Calibration known and held; options loosened for a camera that drives ahead, wit
 Needs the extra `benchmark`: .venv/bin/pip install pycolmap.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from argparse import ArgumentParser, RawDescriptionHelpFormatter

@@ -1,7 +1,5 @@
 """The tables of real drives: every share with its 95 % interval, drives that a model was learned from apart."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -10,8 +10,6 @@ growing size, which only root can mount. Paths: odd names and kinds of files whe
 Prints a table and ends with status 1 where anything went wrong. `reliability.md` says what counts as wrong.
 """
 
-from __future__ import annotations
-
 import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """The demo drive with faults written into its log, run as a user runs it, and compared with the sound one."""
 
-from __future__ import annotations
-
 import json
 import re
 import tempfile

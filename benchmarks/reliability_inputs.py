@@ -1,7 +1,5 @@
 """Inputs changed at random, and inputs that must be refused: what each kind comes to."""
 
-from __future__ import annotations
-
 import io
 import json
 import random
@@ -39,7 +37,7 @@ from wayside.pipeline.files.settings_file import format_settings, load_settings
 from wayside.pipeline.labels.box_file import load_boxes
 from wayside.pipeline.labels.class_map import read_class_map
 from wayside.pipeline.labels.read import read_labels
-from wayside.pipeline.logs.information import describe_log
+from wayside.pipeline.logs.information import format_log, inspect_log
 from wayside.pipeline.models.model_folder import shipped_models
 from wayside.pipeline.models.model_json import model_from_json
 from wayside.pipeline.reading.calibrations import read_camera_file
@@ -164,7 +162,7 @@ def of_logs(
             wrong = any(one not in whole for one in found)
             wrong |= len(found) < len(whole) and not told
         if told:
-            describe_log(path)
+            format_log(inspect_log(path))
         return WRONG if wrong else TOLD if told else RIGHT
 
     return attempt
@@ -178,7 +176,7 @@ def cut_log(folder: Path, rng: random.Random) -> str:
     path = folder / "log.mcap"
     path.write_bytes(content[:cut])
     found = small.read(path)
-    describe_log(path)
+    format_log(inspect_log(path))
     complete = small.messages_before(content, cut) <= len(found)
     return TOLD if complete and found == whole[: len(found)] else WRONG
 

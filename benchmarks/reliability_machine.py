@@ -3,8 +3,6 @@
 A result is whole when all tables have the digests that its `run.json` states and belong to the same run.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

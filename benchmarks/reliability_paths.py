@@ -5,8 +5,6 @@ likewise, for something else. Done: ended with status 0 or 4, as an output may h
 traceback, another status, or fifteen seconds without any work or of work.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import signal

@@ -5,8 +5,6 @@ stated spacing with the true one of the same two panels, and each verdict with t
 wrong where the true value is on the other side of its limit: how far off it is in standard deviations is printed.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections import Counter

@@ -6,8 +6,6 @@ Runs preset `default` as shipped on each drive that `make accept` measures, with
 landmark classifier that refuses hardly anything. Writes benchmarks/seeing.md; with --only it prints the page.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import tempfile

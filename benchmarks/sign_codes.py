@@ -7,8 +7,6 @@ is a code or a series of the sign. The other panels that were found are wrong or
 not learned from. It lists how many are right by the stated probability and by the height of the face.
 """
 
-from __future__ import annotations
-
 import sys
 import tomllib
 from collections import Counter

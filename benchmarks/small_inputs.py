@@ -1,7 +1,5 @@
 """Small inputs of every kind that wayside reads: logs, labels, boxes, results."""
 
-from __future__ import annotations
-
 import io
 import json
 import random

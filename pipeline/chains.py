@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from wayside.pipeline.detectors import detector_of
+from wayside.pipeline.detectors import Detector, detector_of
 from wayside.pipeline.files.route_file import RouteFile
 from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.workers import Stage, stage
@@ -37,12 +37,7 @@ from wayside.stages.report import (
     merge_segments,
     triangulate_points,
 )
-from wayside.stages.roadside import (
-    Sweep,
-    measure_spacing,
-    place_sections,
-    sweep_roadside,
-)
+from wayside.stages.roadside import Sweep, measure_spacing, place_sections, sweep_roadside
 from wayside.stages.sign_codes import FaceClassifier, assign_codes, classify_faces
 
 Stages = list[Stage[Any, Any]]
@@ -74,38 +69,22 @@ def chain_of(
     settings: Settings, models: Models, routes: RouteFile | None = None, each: Each = map
 ) -> Chain:
     """The chain of the preset that the settings are of; `each` does independent work of a stage, as `map`."""
-    if settings.report.on:
-        return report_chain(settings, models, routes)
-    return default_chain(settings, models, routes, each)
-
-
-def default_chain(s: Settings, m: Models, routes: RouteFile | None, each: Each = map) -> Chain:
-    """Preset `default`: boxes of networks or of another detector, tracks by predicted position, all evidence."""
-    record, watch, detector = DriveRecord(), CalibrationWatch(), detector_of(s, m)
+    s, m, report = settings, models, settings.report.on
+    detector, record, watch = detector_of(s, m), DriveRecord(), CalibrationWatch()
     roadside: list[Sweep] | None = [] if s.roadside.on else None
-    faces = FaceClassifier(m.face_network.path) if m.face_network else None
+    faces = FaceClassifier(m.face_network.path) if m.face_network and not report else None
     return Chain(
-        per_image=[
+        per_image=_those(
             stage("decode", decode, s.balance),
             *detector.stages,
+            stage("sift", extract_sift) if report else None,
             stage("features", extract_features, s.features),
-        ],
+        ),
         per_frame=_those(
             stage("motion", estimate_motion, s.motion),
             stage("calibration", watch_calibration, watch).unseen(),
-            _swept(roadside),
-            stage(
-                "track",
-                track,
-                s.track,
-                detector.front,
-                detector.back,
-                PanelModels(m.outline_weights, m.post_kinds),
-                jointly=True,
-                each=each,
-            ),
-            stage("location", classify_location, None, s.locate),
-            stage("face", classify_faces, model=faces) if faces else None,
+            None if roadside is None else stage("roadside", sweep_roadside, roadside).unseen(),
+            *(_report_landmarks(s, m) if report else _landmarks(s, m, detector, faces, each)),
             stage("assemble", assemble),
             stage("collect", collect, record).unseen(),
         ),
@@ -118,43 +97,32 @@ def default_chain(s: Settings, m: Models, routes: RouteFile | None, each: Each =
     )
 
 
-def report_chain(s: Settings, m: Models, routes: RouteFile | None) -> Chain:
-    """Presets `report`, `report-2d` and `report-shape`: one of the gates shape, trajectory and location each."""
-    record, watch, moves = DriveRecord(), CalibrationWatch(), m.trajectory_density
-    roadside: list[Sweep] | None = [] if s.roadside.on else None
-    return Chain(
-        per_image=[
-            stage("decode", decode, s.balance),
-            *detector_of(s, m).stages,
-            stage("sift", extract_sift),
-            stage("features", extract_features, s.features),
-        ],
-        per_frame=_those(
-            stage("motion", estimate_motion, s.motion),
-            stage("calibration", watch_calibration, watch).unseen(),
-            _swept(roadside),
-            stage("track", match_segments, s.track),
-            stage("trajectory", classify_trajectory, moves) if moves else None,
-            stage("location", classify_location, m.location_classes, s.locate)
-            if s.locate.gate
-            else None,
-            stage("points", triangulate_points),
-            stage("panels", merge_segments),
-            stage("assemble", assemble),
-            stage("collect", collect, record).unseen(),
-        ),
-        path=stage("georeference", georeference, s.motion),
-        signs=lambda path: _signs(s, m, routes, path),
-        lens=stage("lens", check_calibration),
-        record=record,
-        roadside=roadside,
-        calibration=watch,
+def _landmarks(
+    s: Settings, m: Models, detector: Detector, faces: FaceClassifier | None, each: Each
+) -> Stages:
+    """Preset `default`: boxes of networks or of another detector, tracks by predicted position, all evidence."""
+    front, back, panels = (
+        detector.front,
+        detector.back,
+        PanelModels(m.outline_weights, m.post_kinds),
+    )
+    return _those(
+        stage("track", track, s.track, front, back, panels, jointly=True, each=each),
+        stage("location", classify_location, None, s.locate),
+        stage("face", classify_faces, model=faces) if faces else None,
     )
 
 
-def _swept(sweeps: list[Sweep] | None) -> Stage[Any, Any] | None:
-    """Notes what the images say of the ground beside the road."""
-    return None if sweeps is None else stage("roadside", sweep_roadside, sweeps).unseen()
+def _report_landmarks(s: Settings, m: Models) -> Stages:
+    """Presets `report`, `report-2d` and `report-shape`: one of the gates shape, trajectory and location each."""
+    moves, places = m.trajectory_density, m.location_classes
+    return _those(
+        stage("track", match_segments, s.track),
+        stage("trajectory", classify_trajectory, moves) if moves else None,
+        stage("location", classify_location, places, s.locate) if s.locate.gate else None,
+        stage("points", triangulate_points),
+        stage("panels", merge_segments),
+    )
 
 
 def profile_stage(path: DrivePath) -> Stage[Any, CrossSection]:

@@ -61,7 +61,5 @@ def posts_words(row: Mapping[str, Any]) -> tuple[str, str]:
     """Kind and number of a row of `posts.parquet`, and the width of a post with its standard deviation."""
     kind, number, wide = row["kind"].replace("_", " "), row["number"], row["width_m"]
     counted = "" if number is None else f", {number} post" + "s" * (number > 1)
-    return (
-        kind + counted,
-        "" if wide is None else f"{wide:.2f} m ± {row['sigma_width_m']:.2f} m wide",
-    )
+    width = "" if wide is None else f"{wide:.2f} m ± {row['sigma_width_m']:.2f} m wide"
+    return kind + counted, width

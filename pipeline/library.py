@@ -67,14 +67,8 @@ class Inventory:
     def finish(self) -> Inventory:
         """Carry the run to its end, so that its tables exist; the inventory itself.
 
-        Raises
-        ------
-        InputError
-            The log cannot be used, or none of its images can.
-        OutputError
-            The output folder cannot be written.
-        StageError
-            A stage failed; its name and the frame are in the message.
+        Raises InputError where the log cannot be used, or none of its images can, and OutputError where the output
+        folder cannot be written. Raises StageError where a stage failed; its name and the frame are in the message.
         """
         for _ in self:
             pass
@@ -189,13 +183,8 @@ class Inventory:
             raise UsageError(
                 f"{target}: the kind of file is none of {', '.join(FORMATS)}. Give kind."
             )
-        export(
-            out,
-            find_review(out, [] if review is None else [Path(review)]),
-            target,
-            chosen,
-            **options,
-        )
+        said = find_review(out, () if review is None else [Path(review)])
+        export(out, said, target, chosen, **options)
         return target
 
     def _result(self, name: str) -> Path:

@@ -23,7 +23,7 @@ COLOR_RGB = {
     "blue": (40, 110, 210),
     "brown": (140, 90, 50),
     "fluorescent_yellow_green": (190, 240, 50),
-    "black": (90, 90, 96),
+    "black": (102, 102, 108),
     "pink": (245, 120, 170),
 }
 """Colour classes, and in what they are drawn: the colours of the signs, bright enough on a dark ground."""

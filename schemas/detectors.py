@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.detections import Rows
 from wayside.schemas.models import OnnxFile
 
 IMAGE_KEYS = ("frame", "log_time_ns", "header_time_ns", "image_name")
@@ -45,7 +46,7 @@ class DetectorFile:
 
 
 @dataclass(frozen=True, slots=True)
-class ExternalBoxes:
+class ExternalBoxes(Rows):
     """Boxes of sign faces in one image, n rows."""
 
     box: NDArray[np.float32]
@@ -58,20 +59,6 @@ class ExternalBoxes:
     """Index into `SHAPES`, (n,). -1: the detector does not say."""
     found: int
     """Number of boxes above the least score, of all classes."""
-
-    def __len__(self) -> int:
-        """Count rows."""
-        return len(self.box)
-
-    def select(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> ExternalBoxes:
-        """Those rows, in that order."""
-        return replace(
-            self,
-            box=self.box[rows],
-            score=self.score[rows],
-            color=self.color[rows],
-            shape=self.shape[rows],
-        )
 
     @staticmethod
     def empty() -> ExternalBoxes:

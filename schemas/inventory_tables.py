@@ -7,7 +7,7 @@ import pyarrow as pa
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.routes import MEASURE_UNITS
 from wayside.schemas.sign_catalogue import CATEGORIES
-from wayside.schemas.tables import SIGN_STATUSES, Column, Table
+from wayside.schemas.tables import SIGN_STATUSES, Column, Table, alike
 
 _TEXT, _WHOLE = pa.string(), pa.int32()
 _SINGLE, _DOUBLE = pa.float32(), pa.float64()
@@ -122,9 +122,8 @@ SIGHTINGS = Table(
         Column("color", _CHOICE, "", "as the drive has it", values=COLORS),
         Column("shape", _CHOICE, "", "as the drive has it", values=SHAPES),
         *_place("the panel as the drive measured it, offset taken out,"),
-        Column("offset_east_m", _SINGLE, "m", "error of the drive that was taken out", _SURE),
-        Column("offset_north_m", _SINGLE, "m", "error of the drive that was taken out", _SURE),
-        Column("offset_up_m", _SINGLE, "m", "error of the drive that was taken out", _SURE),
+        *alike("offset_east_m offset_north_m offset_up_m", _SINGLE, "m", "error of the drive that was taken out",
+               _SURE),
         Column("from_panel_m", _SINGLE, "m", "distance to the merged position", _SURE),
         _GEOMETRY,
     ),
@@ -141,12 +140,9 @@ CHANGES = Table(
         Column("panel_after", _TEXT, "", "panel of the later survey; null: none"),
         Column("support_id", _TEXT, "", "its support, that of after where there is one", _SURE),
         *_place("the panel, that of after where there is one,"),
-        Column("color_before", _CHOICE, "", "colour class", values=COLORS),
-        Column("color_after", _CHOICE, "", "colour class", values=COLORS),
-        Column("shape_before", _CHOICE, "", "shape class", values=SHAPES),
-        Column("shape_after", _CHOICE, "", "shape class", values=SHAPES),
-        Column("code_before", _TEXT, "", "code or series with its legend; null: unknown"),
-        Column("code_after", _TEXT, "", "code or series with its legend; null: unknown"),
+        *alike("color_before color_after", _CHOICE, "", "colour class", values=COLORS),
+        *alike("shape_before shape_after", _CHOICE, "", "shape class", values=SHAPES),
+        *alike("code_before code_after", _TEXT, "", "code or series with its legend; null: unknown"),
         Column("date_before", _TIME, "", "when the earlier survey saw it last; null: it did not"),
         Column("date_after", _TIME, "", "when the later survey saw it last; null: it did not"),
         Column("distance_m", _SINGLE, "m", "how far it moved; null: not moved"),

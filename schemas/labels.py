@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import pyarrow as pa
 
 from wayside.schemas.detections import COLORS, SHAPES
-from wayside.schemas.tables import Column, Table
+from wayside.schemas.tables import Column, Table, alike
 
 SIGN, BACK, NOT_A_SIGN, UNSURE = "sign", "back", "not_sign", "unsure"
 COMPLETE = "complete"
@@ -136,13 +136,10 @@ LABELS = Table(
         Column("frame", _WHOLE, "", "index of the frame in the log, from 0"),
         Column("log_time_ns", _LONG, "ns", "time at which it was logged"),
         Column("image_name", _TEXT, "", "file name of the image, or its path below the folder of images"),
-        Column("image_width", _WHOLE, "px", "size of the image that the box is of"),
-        Column("image_height", _WHOLE, "px", "size of the image that the box is of"),
+        *alike("image_width image_height", _WHOLE, "px", "size of the image that the box is of"),
         Column("kind", _CHOICE, "", "what it is", False, tuple(LABEL_KINDS)),
         Column("x_min", _REAL, "px", "box around the whole face with its border, half open; null: `complete`"),
-        Column("y_min", _REAL, "px", "the same"),
-        Column("x_max", _REAL, "px", "the same"),
-        Column("y_max", _REAL, "px", "the same"),
+        *alike("y_min x_max y_max", _REAL, "px", "the same"),
         Column("polygon", _POINTS, "px", "outline of the face; null: only the box is known"),
         Column("color", _CHOICE, "", "colour class of the face; null: not known, or none of them", values=COLORS),
         Column("shape", _CHOICE, "", "shape class of the face; null: not known, or none of them", values=SHAPES),

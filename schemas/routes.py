@@ -7,12 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.detections import Rows
+
 MEASURE_UNITS = {"mi": 1609.344, "km": 1000.0, "ft": 0.3048, "m": 1.0}
 """Units of measures along routes, in metres: the international mile and foot."""
 
 
 @dataclass(frozen=True, slots=True)
-class RouteSegments:
+class RouteSegments(Rows):
     """Straight pieces of route lines on WGS 84, n rows."""
 
     names: tuple[str, ...]
@@ -29,6 +31,3 @@ class RouteSegments:
     """Measure at the end, (n,)."""
     unit: str
     """Of the measures, a key of `MEASURE_UNITS`."""
-
-    def __len__(self) -> int:
-        return len(self.route)

@@ -63,6 +63,11 @@ class Column:
         )
 
 
+def alike(names: str, *about: Any, **more: Any) -> tuple[Column, ...]:
+    """Columns that differ in their names alone, which stand with blanks between."""
+    return tuple(Column(name, *about, **more) for name in names.split())
+
+
 @dataclass(frozen=True, slots=True)
 class Table:
     """One Parquet file of a result."""
@@ -98,7 +103,10 @@ DATE = Column(
     "",
     "the capture time as a date; null: the log counts from 0",
 )
-
+_WGS84 = (
+    *alike("lon_deg lat_deg", _DOUBLE, "deg", "WGS 84 longitude and latitude; null without fixes"),
+    Column("alt_m", _DOUBLE, "m", "height above the WGS 84 ellipsoid; null without fixes"),
+)
 
 SIGNS = Table(
     "signs",
@@ -116,8 +124,7 @@ SIGNS = Table(
         Column("shape", _CHOICE, "", "shape class of the face", values=SHAPES),
         Column("shape_distance", _SINGLE, "", "Mahalanobis distance to that class; only preset `report-shape`"),
         Column("x", _DOUBLE, "m", "panel centre in the world frame (`run.json` names it)", _SURE),
-        Column("y", _DOUBLE, "m", "panel centre in the world frame", _SURE),
-        Column("z", _DOUBLE, "m", "panel centre in the world frame", _SURE),
+        *alike("y z", _DOUBLE, "m", "panel centre in the world frame", _SURE),
         Column("covariance", _COVARIANCE, "m^2", "xx, xy, xz, yy, yz, zz of x, y, z"),
         Column("sigma_along_m", _SINGLE, "m", "standard deviation along the path at the sign"),
         Column("sigma_lateral_m", _SINGLE, "m", "standard deviation across the path"),
@@ -147,9 +154,7 @@ SIGNS = Table(
         Column("best_time_ns", _LONG, "ns", "capture time of that frame", _SURE),
         DATE,
         Column("best_box", _BOX, "px", "its box there: x0, y0, x1, y1, half open", _SURE),
-        Column("right_m", _DOUBLE, "m", "panel centre in the camera frame of `best_frame`", _SURE),
-        Column("down_m", _DOUBLE, "m", "panel centre in the camera frame of `best_frame`", _SURE),
-        Column("ahead_m", _DOUBLE, "m", "panel centre in the camera frame of `best_frame`", _SURE),
+        *alike("right_m down_m ahead_m", _DOUBLE, "m", "panel centre in the camera frame of `best_frame`", _SURE),
         Column("first_frame", _WHOLE, "", "first frame it was measured in", _SURE),
         Column("last_frame", _WHOLE, "", "last frame it was measured in", _SURE),
         Column("views", _WHOLE, "frames", "frames it was measured in", _SURE),
@@ -195,11 +200,8 @@ OBSERVATIONS = Table(
         Column("area_px", _WHOLE, "px", "pixels of the region", _SURE),
         Column("u_px", _DOUBLE, "px", "measured centre, as recorded (distorted), right", _SURE),
         Column("v_px", _DOUBLE, "px", "measured centre, as recorded (distorted), down", _SURE),
-        Column("u_ideal_px", _DOUBLE, "px", "the same without lens distortion"),
-        Column("v_ideal_px", _DOUBLE, "px", "the same without lens distortion"),
-        Column("red", _SINGLE, "", "mean of the region, 0 to 255", _SURE),
-        Column("green", _SINGLE, "", "mean of the region, 0 to 255", _SURE),
-        Column("blue", _SINGLE, "", "mean of the region, 0 to 255", _SURE),
+        *alike("u_ideal_px v_ideal_px", _DOUBLE, "px", "the same without lens distortion"),
+        *alike("red green blue", _SINGLE, "", "mean of the region, 0 to 255", _SURE),
         Column("color", _CHOICE, "", "most probable colour class of a box above the classifier's threshold; presets "
                "of the report: the nearest", values=COLORS),
         Column("color_distance", _SINGLE, "", "Mahalanobis distance to it (eq. 3.1); only the presets of the report"),
@@ -224,13 +226,8 @@ FRAMES = Table(
         Column("header_time_ns", _LONG, "ns", "time of capture; null where not set"),
         DATE,
         Column("status", _CHOICE, "", "`used`, or why not", _SURE, FRAME_STATUSES),
-        Column("x", _DOUBLE, "m", "camera centre in the world frame"),
-        Column("y", _DOUBLE, "m", "camera centre in the world frame"),
-        Column("z", _DOUBLE, "m", "camera centre in the world frame"),
-        Column("qx", _DOUBLE, "", "camera in world, quaternion"),
-        Column("qy", _DOUBLE, "", "camera in world, quaternion"),
-        Column("qz", _DOUBLE, "", "camera in world, quaternion"),
-        Column("qw", _DOUBLE, "", "camera in world, quaternion"),
+        *alike("x y z", _DOUBLE, "m", "camera centre in the world frame"),
+        *alike("qx qy qz qw", _DOUBLE, "", "camera in world, quaternion"),
         Column("station_m", _DOUBLE, "m", "along the travelled path from the first used frame"),
         Column("motion_source", _CHOICE, "", "prior of the motion", values=tuple(MOTION_SOURCES)),
         Column("baseline_m", _DOUBLE, "m", "distance from the previous used frame; 0: a duplicate"),
@@ -266,8 +263,7 @@ CHECKS = Table(
     (
         Column("rule", _TEXT, "", "name of the rule in its file", _SURE),
         Column("words", _TEXT, "", "what the rule says", _SURE),
-        Column("edition", _TEXT, "", "manual that it is of, and section or table; null: the file names none"),
-        Column("section", _TEXT, "", "manual that it is of, and section or table; null: the file names none"),
+        *alike("edition section", _TEXT, "", "manual that it is of, and section or table; null: the file names none"),
         Column("level", _TEXT, "", "shall: a standard; should: a guidance; own: of no manual", _SURE),
         Column("sign_id", _TEXT, "", "row of `signs.parquet`", _SURE),
         Column("code", _TEXT, "", "its code or series with the legend; null: not known"),
@@ -275,10 +271,8 @@ CHECKS = Table(
                "limits; unclear: nearer to one; not checkable: `missing` says why", _SURE, CHECK_VERDICTS),
         Column("probability", _DOUBLE, "", "that the rule is broken; null: not checkable"),
         Column("quantity", _TEXT, "", "what was compared; its name ends in its unit", _SURE),
-        Column("value", _DOUBLE, "", "of the quantity, and its standard deviation (0: exact)"),
-        Column("sigma", _DOUBLE, "", "of the quantity, and its standard deviation (0: exact)"),
-        Column("least", _DOUBLE, "", "limits, the tolerance included; null: none"),
-        Column("most", _DOUBLE, "", "limits, the tolerance included; null: none"),
+        *alike("value sigma", _DOUBLE, "", "of the quantity, and its standard deviation (0: exact)"),
+        *alike("least most", _DOUBLE, "", "limits, the tolerance included; null: none"),
         Column("missing", _TEXT, "", "what is not known that the rule needs; null: nothing"),
     ),
 )  # fmt: skip
@@ -296,12 +290,8 @@ PROFILE = Table(
         Column("status", _CHOICE, "", "; ".join(f"`{name}`: {words}" for name, words in GROUND_STATUSES.items()), _SURE,
                tuple(GROUND_STATUSES)),
         Column("frame", _WHOLE, "", "last used frame before the station", _SURE),
-        Column("x", _DOUBLE, "m", "point on the ground in the world frame"),
-        Column("y", _DOUBLE, "m", "point on the ground in the world frame"),
-        Column("z", _DOUBLE, "m", "point on the ground in the world frame"),
-        Column("lon_deg", _DOUBLE, "deg", "WGS 84 longitude and latitude; null without fixes"),
-        Column("lat_deg", _DOUBLE, "deg", "WGS 84 longitude and latitude; null without fixes"),
-        Column("alt_m", _DOUBLE, "m", "height above the WGS 84 ellipsoid; null without fixes"),
+        *alike("x y z", _DOUBLE, "m", "point on the ground in the world frame"),
+        *_WGS84,
     ),
 )  # fmt: skip
 
@@ -318,8 +308,8 @@ SECTIONS = Table(
         Column("shoulder_m", _SINGLE, "m", "distance of the first break of the ground: the outer edge of the shoulder"),
         Column("ditch_m", _SINGLE, "m", "distance of the second break: the bottom of the ditch, or the top of a bank"),
         Column("ditch_height_m", _SINGLE, "m", "height there, above the road"),
-        Column("fore_slope", _SINGLE, "", "ground before and beyond the ditch, rise over run: -0.25 falls 1:4"),
-        Column("back_slope", _SINGLE, "", "ground before and beyond the ditch, rise over run: -0.25 falls 1:4"),
+        *alike("fore_slope back_slope", _SINGLE, "", "ground before and beyond the ditch, rise over run: -0.25 falls "
+               "1:4"),
     ),
 )  # fmt: skip
 
@@ -337,12 +327,8 @@ POSTS = Table(
         Column("kind_probability", _SINGLE, "", "of the kind among those that a post can be; null: not by its look"),
         Column("views", _WHOLE, "", "images that show them", _SURE),
         Column("frame", _WHOLE, "", "`best_frame` of the sign", _SURE),
-        Column("x", _DOUBLE, "m", "centre of the sign in the world frame", _SURE),
-        Column("y", _DOUBLE, "m", "centre of the sign in the world frame", _SURE),
-        Column("z", _DOUBLE, "m", "centre of the sign in the world frame", _SURE),
-        Column("lon_deg", _DOUBLE, "deg", "WGS 84 longitude and latitude; null without fixes"),
-        Column("lat_deg", _DOUBLE, "deg", "WGS 84 longitude and latitude; null without fixes"),
-        Column("alt_m", _DOUBLE, "m", "height above the WGS 84 ellipsoid; null without fixes"),
+        *alike("x y z", _DOUBLE, "m", "centre of the sign in the world frame", _SURE),
+        *_WGS84,
     ),
 )  # fmt: skip
 

@@ -4,8 +4,6 @@ What it will be asked about: the boxes of the detection network, boxes near face
 some anywhere. A face is its whole panel: the less a box overlaps it, the less it counts as one.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -4,11 +4,8 @@
 
 A logistic regression on the boxes that are classified, on rendered drives that no model of one image has learned from,
 joins the scores of faces. The rule of each threshold is a number of boxes an image on no panel of its side, on these
-drives. The sum is shifted to have the same threshold as the box network alone. `front.json` and `back.json` of the
-folder are written.
+drives. The sum is shifted to have the same threshold as the box network alone. Writes `front.json` and `back.json`.
 """
-
-from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
@@ -20,17 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from training.truth import (
-    DRIVES,
-    OUT,
-    box_labels,
-    command,
-    frames_of,
-    learning_logs,
-    read_truth,
-    views_by_frame,
-    write_model,
-)
+from training import truth
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.learning.fits import logistic
 from wayside.pipeline.learning.labelled import NEAR_FACE, NEITHER, ON
@@ -63,8 +50,7 @@ BELOW_THRESHOLD = 4.0
 class ScoredBoxes:
     """Boxes of one image, n rows, as what they may be: faces, or backs of panels.
 
-    `box`: (n, 4). `score` (n, 2) by box and detection network, of backs (n, 1). `label` (n,), `overlap` (n,) with a
-    true panel.
+    `box`: (n, 4). `score` (n, 2) by box and detection network, of backs (n, 1). `label`, `overlap` (n,) with a panel.
     """
 
     box: NDArray[np.float32]
@@ -154,10 +140,10 @@ def scored_boxes(log: Path, folder: Path) -> tuple[list[ScoredBoxes], list[Score
         front_scores=ScoreModel(LOWEST, ""),
         back_scores=ScoreModel(LOWEST, ""),
     )
-    views = views_by_frame(read_truth(log))
+    views = truth.views_by_frame(truth.read_truth(log))
     faces: list[ScoredBoxes] = []
     backs: list[ScoredBoxes] = []
-    for item in Flow(settings, asked, StageClock()).detect(frames_of(log, EVERY)):
+    for item in Flow(settings, asked, StageClock()).detect(truth.frames_of(log, EVERY)):
         network, candidates = item.segmentation.network_score, item.candidates
         if network is None or candidates.back_score is None:
             continue
@@ -166,11 +152,11 @@ def scored_boxes(log: Path, folder: Path) -> tuple[list[ScoredBoxes], list[Score
         score = np.stack([candidates.score[rows], network[rows]], axis=1)
         facing = [view for view in here if view.sign["faces_travel"]]
         box = candidates.regions.box
-        faces.append(ScoredBoxes(box[rows], score, *box_labels(box[rows], facing)))
+        faces.append(ScoredBoxes(box[rows], score, *truth.box_labels(box[rows], facing)))
         rows = candidates.back_rows()
         score = candidates.back_score[rows, None]
         behind = [view for view in here if view.back]
-        backs.append(ScoredBoxes(box[rows], score, *box_labels(box[rows], behind)))
+        backs.append(ScoredBoxes(box[rows], score, *truth.box_labels(box[rows], behind)))
     return faces, backs
 
 
@@ -179,7 +165,7 @@ def learn(drives: Path, out: Path) -> None:
 
     Raises InputError if a drive or the networks of the folder cannot be used.
     """
-    logs = learning_logs(drives)
+    logs = truth.learning_logs(drives)
     with ThreadPoolExecutor(THREADS) as pool:
         found = list(pool.map(lambda log: scored_boxes(log, out), logs))
     faces, backs = [drive[0] for drive in found], [drive[1] for drive in found]
@@ -191,8 +177,8 @@ def learn(drives: Path, out: Path) -> None:
     front = ScoreModel(threshold, provenance, joined, false_boxes_rule(FALSE_FACES), interval)
     threshold, interval = rule_threshold(backs, np.ones(1), FALSE_BACKS)
     back = ScoreModel(threshold, provenance, None, false_boxes_rule(FALSE_BACKS), interval)
-    write_model(out / "front.json", front)
-    write_model(out / "back.json", back)
+    truth.write_model(out / "front.json", front)
+    truth.write_model(out / "back.json", back)
 
 
 def platt(
@@ -206,7 +192,7 @@ def platt(
     return found[:-1], float(found[-1])
 
 
-main = command(__doc__, learn, drives=DRIVES, out=OUT)
+main = truth.command(__doc__, learn, drives=truth.DRIVES, out=truth.OUT)
 
 if __name__ == "__main__":
     sys.exit(main())

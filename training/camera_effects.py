@@ -4,8 +4,6 @@ Scene, lens, exposure, tone curve, processing, JPEG. Light is linear up to the e
 the sensor runs over thin dark lines next to it, which no blur of a finished image does.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -3,8 +3,6 @@
 A batch is the same for the same seed and number, however many processes there are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from functools import cached_property

@@ -3,8 +3,6 @@
 A crop is the same for the same seed and number, so that a learning run can be taken up again where it stopped.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import cv2
@@ -48,8 +46,7 @@ KNOWN, UNSURE, UNKNOWN = 0, 1, 2
 """A cell off all boxes is a negative; one unless the network thinks otherwise; nothing is known of it."""
 
 UNSURE_WEIGHTS, DOUBTED = (0.5, 0.2), 0.3
-"""Weights of an unsure negative, a cell or a box, below and above a probability, by the detection network, that it
-shows a face."""
+"""Weights of an unsure negative, a cell or a box, below and above a probability of a face by the detection network."""
 
 CELLS = 48
 """Most cells of a crop that are regressed."""

@@ -3,27 +3,21 @@
 An image says how far its boxes can be trusted: in most real ones some signs bear no box.
 """
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import cv2
 import numpy as np
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from training.truth import (
-    images,
-    read_truth,
-    views_by_frame,
-)
-from wayside.schemas.detections import COLORS, NONE, SHAPES
+from training.truth import images, read_truth, views_by_frame
+from wayside.schemas.detections import LEARNED_COLORS, NONE, SHAPES
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 
@@ -81,14 +75,14 @@ class LabelledImage:
         other: Sequence[Sequence[float]] = (),
         complete: tuple[bool, bool] = (True, False),
         camera: Camera | None = None,
-    ) -> LabelledImage:
+    ) -> Self:
         """From source and name, and faces by the names of their classes, `NONE` where these are none of ours."""
         return cls(
             *name,
             rgb,
             _boxes(box for box, *_ in faces),
             np.array([side for _, side, *_ in faces], np.int8),
-            np.array([_code(COLORS, color) for *_, color, _ in faces], np.int8),
+            np.array([_code(LEARNED_COLORS, color) for *_, color, _ in faces], np.int8),
             np.array([_code(SHAPES, shape) for *_, shape in faces], np.int8),
             _boxes(ignored),
             _boxes(other),

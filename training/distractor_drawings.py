@@ -3,8 +3,6 @@
 They are worn and blended in as faces are: what tells them from signs is what they show, not how they were drawn.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from math import ceil, floor
 
@@ -13,15 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recordings.drives.signs.face import COLORS
+from training import face_compositing
 from training.detector_images import FRONT
-from training.face_compositing import (
-    Box,
-    blend,
-    overlaps,
-    random_brightness,
-    seen_from_an_angle,
-    wear,
-)
 from training.face_drawings import BOARD_WEIGHTS, FaceDrawing, some_words
 from wayside.schemas.detections import NONE
 
@@ -60,7 +51,7 @@ def draw_distractor(
     taken: NDArray[np.float32],
     noise: NDArray[np.float32],
     rng: np.random.Generator,
-) -> Box | None:
+) -> face_compositing.Box | None:
     """One of them somewhere, in place; its box, None where it is not drawn: it would lie on the boxes `taken` (n, 4).
 
     `noise` is a square of smooth noise as `draw_faces` takes it.
@@ -79,15 +70,17 @@ def draw_distractor(
     neighbour = taken[rng.integers(len(taken))] if len(taken) and rng.random() < BESIDE else None
     if neighbour is not None:
         high = float((neighbour[3] - neighbour[1]) * rng.uniform(0.5, 2.0))
-    patch = seen_from_an_angle(drawing, high, rng)
+    patch = face_compositing.seen_from_an_angle(drawing, high, rng)
     left, top = (rng.uniform(-0.1, 1, 2) * rgb.shape[1::-1]).round().astype(int).tolist()
     if neighbour is not None:
         left, top = _beside(neighbour, patch.shape[:2], rng)
     box = (float(left), float(top), float(left + patch.shape[1]), float(top + patch.shape[0]))
-    if overlaps(box, list(map(tuple, taken))):
+    if face_compositing.overlaps(box, list(map(tuple, taken))):
         return None
-    wear(patch, FRONT, random_brightness(rng), rgb, box, noise, rng)
-    return blend(rgb, patch, left, top)
+    face_compositing.wear(
+        patch, FRONT, face_compositing.random_brightness(rng), rgb, box, noise, rng
+    )
+    return face_compositing.blend(rgb, patch, left, top)
 
 
 def _beside(

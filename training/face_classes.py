@@ -3,8 +3,6 @@
 A class is named by its code, and by its legend where faces of one code differ by it: `R2-1 45`, `W1-2 left`, `C14 50`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ It is taught by vector drawings, seen from an angle, worn, before real backgroun
 real crops. Whole tracks of those choose its temperature, and other whole tracks measure it.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,24 +28,9 @@ from training.face_classes import (
 from training.face_compositing import BRIGHTNESS, blend, seen_from_an_angle, wear
 from training.face_drawings import FaceDrawing, FaceLibrary, chosen_face
 from training.networks import write_onnx
-from training.truth import (
-    OUT,
-    REAL,
-    SEED,
-    command,
-    images,
-)
+from training.truth import OUT, REAL, SEED, command, images
 from wayside.schemas.detections import NONE
-from wayside.stages.sign_codes import (
-    CLASSES,
-    FACE_OUTPUT,
-    FACES,
-    OTHER_FACE,
-    OTHER_SHARE,
-    PATCH_SIDE,
-    face_patch,
-    face_samples,
-)
+from wayside.stages import sign_codes
 
 FILTERS, HIDDEN = (16, 32, 64), 64
 """Filters of each layer, whose output is halved each way; units behind them."""
@@ -77,7 +60,7 @@ class FaceNetwork(nn.Module):  # type: ignore[misc]
             layers += [nn.Conv2d(before, after, 3, padding=1, bias=False), nn.BatchNorm2d(after)]
             layers += [nn.ReLU(), nn.MaxPool2d(2)]
         self.layers = nn.Sequential(*layers)
-        samples = FILTERS[-1] * (PATCH_SIDE // 2 ** len(FILTERS)) ** 2
+        samples = FILTERS[-1] * (sign_codes.PATCH_SIDE // 2 ** len(FILTERS)) ** 2
         self.hidden = nn.Sequential(nn.Linear(samples, HIDDEN), nn.ReLU(), nn.Dropout(DROPOUT))
         self.out = nn.Linear(HIDDEN, len(self.classes))
 
@@ -89,7 +72,7 @@ class FaceNetwork(nn.Module):  # type: ignore[misc]
     def log_probabilities(self, patches: NDArray[np.uint8]) -> NDArray[np.float64]:
         """Log probability (n, classes) of each class for patches (n, 32, 32, 3)."""
         self.eval()
-        scores = self(torch.from_numpy(face_samples(patches)))
+        scores = self(torch.from_numpy(sign_codes.face_samples(patches)))
         return np.asarray(torch.log_softmax(scores.double(), dim=1).numpy(), np.float64)
 
 
@@ -103,15 +86,17 @@ def fit(patches: NDArray[np.uint8], names: NDArray[np.str_], seed: int) -> FaceN
     rate = torch.optim.lr_scheduler.OneCycleLR(
         descent, LEARNING_RATE, total_steps=steps, pct_start=0.15
     )
-    other = OTHER_SHARE
-    share = np.where(classes == OTHER_FACE, other, (1 - other) / max(len(classes) - 1, 1))
+    other = sign_codes.OTHER_SHARE
+    share = np.where(
+        classes == sign_codes.OTHER_FACE, other, (1 - other) / max(len(classes) - 1, 1)
+    )
     weight = (share / np.bincount(target))[target]
     random = np.random.default_rng(seed)
     drawn = random.choice(len(names), (steps, BATCH), p=weight / weight.sum())
     for batch in drawn:
         rows = np.append(batch, batch[:GREY])
         seen = np.concatenate([patches[batch], in_grey(patches[batch[:GREY]], random)])
-        found = network(torch.from_numpy(face_samples(seen)))
+        found = network(torch.from_numpy(sign_codes.face_samples(seen)))
         loss = nn.functional.cross_entropy(
             found, torch.from_numpy(target[rows]), label_smoothing=SMOOTHING
         )
@@ -153,10 +138,10 @@ def export(network: FaceNetwork, path: Path, provenance: str) -> None:
     write_onnx(
         network,
         path,
-        (torch.zeros(2, 3, PATCH_SIDE, PATCH_SIDE),),
-        ([FACES], [FACE_OUTPUT]),
-        {name: {0: "faces"} for name in (FACES, FACE_OUTPUT)},
-        {"provenance": provenance, CLASSES: "\n".join(network.classes)},
+        (torch.zeros(2, 3, sign_codes.PATCH_SIDE, sign_codes.PATCH_SIDE),),
+        ([sign_codes.FACES], [sign_codes.FACE_OUTPUT]),
+        {name: {0: "faces"} for name in (sign_codes.FACES, sign_codes.FACE_OUTPUT)},
+        {"provenance": provenance, sign_codes.CLASSES: "\n".join(network.classes)},
     )
 
 
@@ -211,9 +196,9 @@ def drawn_patches(
         by_name.setdefault(one.name, []).append(_shrunk(one.pixels))
     patches, names = [], []
     for name, own in by_name.items():
-        for k in range(DRAWN_OTHER if name == OTHER_FACE else DRAWN):
+        for k in range(DRAWN_OTHER if name == sign_codes.OTHER_FACE else DRAWN):
             face = FaceDrawing(own[k % len(own)], NONE, NONE)
-            if name == OTHER_FACE and rng.random() < 0.25:
+            if name == sign_codes.OTHER_FACE and rng.random() < 0.25:
                 face = chosen_face("board", FaceLibrary((), ()), rng)
             patches.append(_drawn(face, backgrounds, noise, rng))
             names.append(name)
@@ -233,7 +218,9 @@ def cropped_patches(
                 size = np.maximum(np.round(np.array(rgb.shape[1::-1]) * shrink), 8).astype(int)
                 box = box * np.tile(size / rgb.shape[1::-1], 2)
                 rgb = np.asarray(cv2.resize(rgb, size.tolist(), interpolation=cv2.INTER_AREA))
-            patches.append(face_patch(through_a_camera(rgb, noise, rng), _moved(box, rng)))
+            patches.append(
+                sign_codes.face_patch(through_a_camera(rgb, noise, rng), _moved(box, rng))
+            )
             names.append(one.name)
     return np.stack(patches), np.array(names)
 
@@ -257,7 +244,7 @@ def _drawn(
     wear(patch, FRONT, float(rng.uniform(*BRIGHTNESS)), shown, box, noise.smooth, rng)
     drawn = blend(shown, patch, edge, edge)
     seen = through_a_camera(shown, noise, rng)
-    return face_patch(seen, _moved(np.array(drawn or box), rng))
+    return sign_codes.face_patch(seen, _moved(np.array(drawn or box), rng))
 
 
 def _shrunk(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:

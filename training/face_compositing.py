@@ -3,20 +3,13 @@
 Each is seen from an angle, faded, dirty, shaded and as bright as its surroundings, then blended in.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from training.camera_effects import piece
 from training.detector_images import FRONT
-from training.face_drawings import (
-    KINDS,
-    FaceDrawing,
-    FaceLibrary,
-    chosen_face,
-)
+from training.face_drawings import KINDS, FaceDrawing, FaceLibrary, chosen_face
 from wayside.schemas.detections import NONE
 
 HEIGHTS_PX = (7.0, 160.0)

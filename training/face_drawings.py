@@ -1,7 +1,5 @@
 """Faces that can be drawn into images: vector faces of many countries, cut-out real ones, boards, backs."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -19,7 +17,8 @@ from recordings.drives.signs.regulatory import crossbuck
 from recordings.drives.signs.shapes import outline
 from recordings.drives.signs.symbols import SYMBOL_NAMES, draw_symbol
 from training.detector_images import BACK, FRONT
-from wayside.schemas.detections import COLORS, NONE, SHAPES
+from wayside.schemas.detections import LEARNED_COLORS as COLORS
+from wayside.schemas.detections import NONE, SHAPES
 
 BOARD_WEIGHTS = {
     "white": 0.17,

@@ -6,15 +6,12 @@ The same drives, seed and package versions give the same files.
 
 Of outlines: tracking is left out, poses are the true ones, and detected boxes are drawn about the true panel with the
 scatter that detected boxes have. Views are rectified and registered as in a run. Of all candidates of a face the one
-nearest to the true outline is the right one; the weights maximise the likelihood of these choices (conditional logit,
-McFadden 1974).
+nearest to the true outline is right; the weights maximise the likelihood of this (conditional logit, McFadden 1974).
 """
-
-from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,12 +33,12 @@ from training.truth import (
 )
 from wayside.pipeline.evaluation.rendered import camera_pose
 from wayside.pipeline.files.settings_file import load_settings
-from wayside.pipeline.learning.fits import PLACE_FLOOR, SIDES, moments, sides
+from wayside.pipeline.learning.fits import side_classes
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.models.model_folder import shipped_models
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.frame import Image, Pose
-from wayside.schemas.models import GaussianClass, GaussianModel, LinearModel
+from wayside.schemas.models import GaussianModel, LinearModel
 from wayside.stages.panel import (
     OUTLINE_FEATURES,
     OUTLINE_SHAPES,
@@ -268,18 +265,12 @@ def location_model(places: NDArray[np.float64], provenance: str) -> GaussianMode
     component holds all of its own signs within 4 sigma, because the next sign may lie beyond the last one seen. Those
     of preset `report` are learned by `gates`.
     """
-    side, classes = sides(places, 4.0), []
-    for name in SIDES:
-        own = side == name
-        if own.sum() < FEWEST_SIGNS:
-            continue
-        mean, covariance = moments(
-            places[own], np.full(own.sum(), 1 / own.sum()), np.array(PLACE_FLOOR)
-        )
-        if name == "overhead":
+    classes = side_classes(places, 4.0, FEWEST_SIGNS)
+    for i, one in enumerate(classes):
+        if one.name == "overhead":
             # Over any lane: three lanes either way are as likely as the middle.
-            mean[0], covariance = 0.0, np.diag([5.0**2, covariance[1, 1]])
-        classes.append(GaussianClass(name, mean, covariance, int(own.sum())))
+            middle, broad = np.array([0.0, one.mean[1]]), np.diag([5.0**2, one.covariance[1, 1]])
+            classes[i] = replace(one, mean=middle, covariance=broad)
     return GaussianModel("right_up_m", tuple(classes), provenance)
 
 

@@ -4,8 +4,6 @@ The drives are others than those of `learn.py`: on images that a detector has le
 on the road.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ Kinds are Gaussians of `post_features` with one covariance (linear discriminant 
 boxes drawn at random, as in `training.learn`. The same drives, seed and package versions give the same file.
 """
 
-from __future__ import annotations
-
 import sys
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -42,8 +40,7 @@ FEWEST = 10
 def learn_posts(drives: Path, out: Path, seed: int) -> None:
     """Learn `post.json` from the drives of a folder and write it into `out`.
 
-    Raises InputError if drives are missing, cannot be used or show too few posts; OutputError if the file cannot be
-    written.
+    Raises InputError if drives are missing, unusable or show too few posts, OutputError if the file cannot be written.
     """
     outline, rng = load_models(load_settings()[0]).outline_weights, np.random.default_rng(seed)
     found: dict[str, list[NDArray[np.float64]]] = defaultdict(list)

@@ -10,8 +10,6 @@ The folder holds `checkpoint.pt`, from which the same command goes on, and `curv
 last steps, so that a training can be ended whenever one likes.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 import time

@@ -1,7 +1,5 @@
 """The detection network and the box network in PyTorch: their layers, losses and files."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -7,8 +7,6 @@ from. The last layer stays as it is: its log odds would be steps of 0.1. The par
 next `DequantizeLinear` is then rewritten on integers, with the same output to the last bit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
 from pathlib import Path
@@ -19,20 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.models.model_files import onnx_metadata
-from wayside.stages.detection import (
-    BIAS,
-    FEATURES,
-    HEAT,
-    IMAGE,
-    MULTIPLE,
-    ODDS,
-    OUTPUT,
-    PATCHES,
-    SCALE,
-    SIZES,
-    WEIGHT,
-    padded,
-)
+from wayside.stages import detection
 
 LAST_LAYER = "/maps/Conv"
 """The last layer of the detection network, by the name that its export gives it."""
@@ -49,14 +34,14 @@ def quantize(source: Path, target: Path, images: Iterable[NDArray[np.uint8]]) ->
     images: (height, width, 3), any size, 32 px and more; needs the package onnx.
     """
     # without white the steps of the input are others
-    white = np.full((MULTIPLE, MULTIPLE, 3), LEVELS, np.uint8)
-    feeds = ({IMAGE: padded(rgb)} for rgb in chain([white], images))
+    white = np.full((detection.MULTIPLE, detection.MULTIPLE, 3), LEVELS, np.uint8)
+    feeds = ({detection.IMAGE: detection.padded(rgb)} for rgb in chain([white], images))
     _quantize(source, target, feeds, lambda name: name == LAST_LAYER)
 
 
 def quantize_boxes(source: Path, target: Path, samples: Iterable[Feed]) -> None:
     """The same of a box network; samples: `patch` and `size` of boxes, few at a time: all layers are held at once."""
-    feeds = ({PATCHES: one["patch"], SIZES: one["size"]} for one in samples)
+    feeds = ({detection.PATCHES: one["patch"], detection.SIZES: one["size"]} for one in samples)
     _quantize(source, target, feeds, lambda name: not name.startswith(LAYERS))
 
 
@@ -289,39 +274,39 @@ def _split_last_layer(graph: _Graph) -> None:
     layer = graph.nodes("Conv")[-1]
     cast = graph.before(layer, "Cast")  # that the layer is in floating point, as the export says it
     seen = graph.before(cast or layer, "DequantizeLinear")
-    if [one.name for one in graph.graph.output] != [OUTPUT] or seen is None:
+    if [one.name for one in graph.graph.output] != [detection.OUTPUT] or seen is None:
         return
     weight, bias = (graph.array(name) for name in layer.input[1:])
     if weight.shape[2:] != (1, 1) or graph.array(seen.input[2]) != 0:
         return
     scale = float(graph.array(seen.input[1]))
-    odds = weight[:ODDS, :, 0, 0]
+    odds = weight[: detection.ODDS, :, 0, 0]
     digits, sums = _two_digits(odds)
     stored: dict[str, NDArray[Any]] = {
         "digits": digits,
         "sums": np.asarray(sums * scale, np.float32),
-        SCALE: np.array([scale], np.float32),
-        WEIGHT: weight[:, :, 0, 0],
-        BIAS: bias,
+        detection.SCALE: np.array([scale], np.float32),
+        detection.WEIGHT: weight[:, :, 0, 0],
+        detection.BIAS: bias,
     }
     for name, values in stored.items():
         graph.store(name, values)
-    features = graph.insert(layer, "Transpose", [seen.input[0]], FEATURES, perm=TO_NHWC)
+    features = graph.insert(layer, "Transpose", [seen.input[0]], detection.FEATURES, perm=TO_NHWC)
     summed = graph.insert(layer, "MatMulInteger", [features, "digits"])
     number = graph.insert(layer, "Cast", [summed], to=TensorProto.FLOAT)
     joined = graph.insert(layer, "MatMul", [number, "sums"])
-    graph.insert(layer, "Transpose", [joined], HEAT, perm=TO_NCHW)
+    graph.insert(layer, "Transpose", [joined], detection.HEAT, perm=TO_NCHW)
     graph.remove(*filter(None, (layer, cast, seen)))
     del graph.graph.output[:]
     shapes = {
-        HEAT: (1, ODDS, "rows", "columns"),
-        FEATURES: (1, "rows", "columns", weight.shape[1]),
-        SCALE: (1,),
-        WEIGHT: weight.shape[:2],
-        BIAS: bias.shape,
+        detection.HEAT: (1, detection.ODDS, "rows", "columns"),
+        detection.FEATURES: (1, "rows", "columns", weight.shape[1]),
+        detection.SCALE: (1,),
+        detection.WEIGHT: weight.shape[:2],
+        detection.BIAS: bias.shape,
     }
     for name, shape in shapes.items():
-        kind = TensorProto.UINT8 if name == FEATURES else TensorProto.FLOAT
+        kind = TensorProto.UINT8 if name == detection.FEATURES else TensorProto.FLOAT
         graph.graph.output.append(helper.make_tensor_value_info(name, kind, shape))
 
 

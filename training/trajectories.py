@@ -1,11 +1,8 @@
 """How signs move in the image and other things do not, learned from the tracks of rendered drives (report chapter 5).
 
-`python -m training.trajectories DRIVE.mcap... -o FOLDER` writes `trajectory.json` (the report's form)
-and `trajectory_compensated.json` (without the camera's rotation). The same drives and package versions give the same
-files.
+`python -m training.trajectories DRIVE.mcap... -o FOLDER` writes `trajectory.json` (the report's form) and
+`trajectory_compensated.json` (without the camera's rotation). The same drives and versions give the same files.
 """
-
-from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
@@ -16,14 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from training.truth import (
-    OUT,
-    KnownPanels,
-    command,
-    processes,
-    read_truth,
-    write_model,
-)
+from training.truth import OUT, KnownPanels, command, processes, read_truth, write_model
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
 from wayside.pipeline.learning.thresholds import GATE_RATES, with_threshold
@@ -108,8 +98,7 @@ def steps_in_form(tracks: Sequence[Track], form: str) -> NDArray[np.float64]:
 def fitted(tracks: Sequence[Track], form: str) -> MixtureModel:
     """Mixtures of Gaussians of the steps of signs and of the others, by expectation maximisation; it accepts all.
 
-    The prior of a covariance (Fraley and Raftery 2007) is that of all steps, divided among the components: no component
-    shrinks to a few steps.
+    The prior of a covariance (Fraley and Raftery 2007) is that of all steps, split among the components: none shrinks.
     """
     from sklearn.mixture import BayesianGaussianMixture  # only learning wants it
 

@@ -1,7 +1,5 @@
 """What drives with truth say of boxes and tracks, and what the command lines of training share."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys
@@ -10,7 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import cv2
 import numpy as np
@@ -18,17 +16,7 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.evaluation.rendered import camera_pose, match_distance
 from wayside.pipeline.files.writing import not_written, write_file
-from wayside.pipeline.learning.labelled import (
-    ANY_SPACING_M,
-    FACE_FRACTION,
-    FACE_PX,
-    NEAR_FACE,
-    NEAREST,
-    NEITHER,
-    OFF,
-    ON,
-    ON_FACE,
-)
+from wayside.pipeline.learning import labelled
 from wayside.pipeline.models.model_json import model_to_json
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError, WaysideError
@@ -54,7 +42,7 @@ TRACK_ON, TRACK_NEAR = 0.4, 0.15
 """Median overlap (IoU) of the nearest boxes with a true face from which a landmark is that face; overlap with one
 above which it may be a part of it."""
 
-LEARN_READ = ReadSettings(thin_m=0.0, spacing_m=ANY_SPACING_M)
+LEARN_READ = ReadSettings(thin_m=0.0, spacing_m=labelled.ANY_SPACING_M)
 """Every image."""
 
 Boxes = NDArray[np.floating[Any]]
@@ -164,8 +152,8 @@ def views_by_frame(truth: Mapping[str, Any]) -> dict[int, list[View]]:
     for sign in truth["signs"]:
         for view in sign["frames"]:
             back, box = view["side"] == "back", tuple(view["box"])
-            seen = back or (view["visible_fraction"] or 0.0) >= FACE_FRACTION
-            example = seen and box[3] - box[1] >= FACE_PX
+            seen = back or (view["visible_fraction"] or 0.0) >= labelled.FACE_FRACTION
+            example = seen and box[3] - box[1] >= labelled.FACE_PX
             views.setdefault(view["frame"], []).append(View(sign, back, box, example))
     return views
 
@@ -189,21 +177,21 @@ def box_labels(box: Boxes, views: Sequence[View]) -> tuple[NDArray[np.int8], NDA
     plaque below a sign. Panels that are no example make none of the boxes near them.
     """
     if not views:
-        return np.full(len(box), OFF, np.int8), np.zeros(len(box))
+        return np.full(len(box), labelled.OFF, np.int8), np.zeros(len(box))
     faces = np.array([view.box for view in views], np.float64)
     is_example = np.array([view.example for view in views])
     overlap, shared = iou_matrix(box, faces), intersection_areas(box, faces)
     best, rows = overlap.argmax(axis=1), np.arange(len(box))
     nearest = overlap[rows, best]
     tight = overlap.max(axis=0, initial=0)[best] >= TIGHT
-    label = np.where(nearest >= NEAR_FACE, NEITHER, OFF).astype(np.int8)
-    label[(nearest >= np.where(tight, TIGHT, ON_FACE)) & is_example[best]] = ON
+    label = np.where(nearest >= labelled.NEAR_FACE, labelled.NEITHER, labelled.OFF).astype(np.int8)
+    label[(nearest >= np.where(tight, TIGHT, labelled.ON_FACE)) & is_example[best]] = labelled.ON
     own = np.prod(box[:, 2:] - box[:, :2], axis=1)
-    part = (shared[rows, best] > INSIDE * own) & (nearest < ON_FACE)
-    label[part & tight & is_example[best]] = OFF
+    part = (shared[rows, best] > INSIDE * own) & (nearest < labelled.ON_FACE)
+    label[part & tight & is_example[best]] = labelled.OFF
     second = (second_faces(box, faces, best) & is_example).any(axis=1)
-    label[second & (nearest < UNION) & tight] = OFF
-    label[second & (nearest >= UNION)] = NEITHER
+    label[second & (nearest < UNION) & tight] = labelled.OFF
+    label[second & (nearest >= UNION)] = labelled.NEITHER
     return label, nearest
 
 
@@ -228,7 +216,7 @@ class KnownPanels:
     )
 
     @classmethod
-    def of(cls, truth: Mapping[str, Any]) -> KnownPanels:
+    def of(cls, truth: Mapping[str, Any]) -> Self:
         """From the content of a `truth.json`."""
         views = {
             frame: [view for view in seen if view.back or view.sign["faces_travel"]]
@@ -237,7 +225,7 @@ class KnownPanels:
         return cls(views, {frame["index"]: camera_pose(frame) for frame in truth["frames"]})
 
     @classmethod
-    def of_labels(cls, labels: Mapping[str, Any], checked: Mapping[str, Any]) -> KnownPanels:
+    def of_labels(cls, labels: Mapping[str, Any], checked: Mapping[str, Any]) -> Self:
         """From the content of a `labels.json`, and from the checked boxes of the drive by number of the image."""
         views: dict[int, list[View]] = {}
         signs = [
@@ -262,7 +250,7 @@ class KnownPanels:
             seen = self._overlaps(landmark.views, landmark.back)
             on = [np.median(o) >= TRACK_ON for sign, o in seen.values() if not sign.get("group")]
             near = any(max(own) > TRACK_NEAR for _, own in seen.values())
-            return ON if any(on) else NEITHER if near else OFF
+            return labelled.ON if any(on) else labelled.NEITHER if near else labelled.OFF
         rotation, origin = self.poses[landmark.best_frame]
 
         def stands_there(sign: Mapping[str, Any]) -> bool:
@@ -275,13 +263,13 @@ class KnownPanels:
         self, landmark: Landmark, counts: Callable[[Mapping[str, Any]], bool] = lambda sign: True
     ) -> int:
         """The same by the boxes of its nearest views alone, of the signs that count."""
-        views = sorted(landmark.views, key=lambda view: -view.frame)[:NEAREST]
+        views = sorted(landmark.views, key=lambda view: -view.frame)[: labelled.NEAREST]
         on = [
             float(np.median([*own, *[0.0] * (len(views) - len(own))])) >= TRACK_ON
             for sign, own in self._overlaps(views, landmark.back).values()
             if max(own) > TRACK_NEAR and counts(sign)
         ]
-        return ON if any(on) else NEITHER if on else OFF
+        return labelled.ON if any(on) else labelled.NEITHER if on else labelled.OFF
 
     def _overlaps(
         self, views: Iterable[Observation], back: bool

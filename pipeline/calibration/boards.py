@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import NamedTuple
@@ -48,17 +48,13 @@ _FAR = 0.8
 _BORDER_POINTS = 41
 
 
-@dataclass(frozen=True, slots=True)
-class BoardImage:
-    """An image given."""
+class BoardImage(NamedTuple):
+    """An image given: width and height (None: it cannot be decoded), corners (n, 2), or `why` it has none."""
 
     path: Path
     size: tuple[int, int] | None
-    """Width and height; None: it cannot be decoded."""
     corners: Array | None
-    """(n, 2); None: it has none."""
     why: str = ""
-    """Why it has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +146,7 @@ def calibrate_images(
     for k, image in enumerate(images):
         if image.size not in (None, size):
             words = "{} x {} pixels, while most have ".format(*image.size or ())
-            images[k] = replace(image, corners=None, why=f"{words}{width} x {height}")
+            images[k] = image._replace(corners=None, why=f"{words}{width} x {height}")
     views = [image.corners for image in images if image.corners is not None]
     try:
         calibration = calibrate_boards(views, board, size, model)
@@ -214,14 +210,12 @@ def coverage_of(found: CalibratedImages) -> Coverage:
     camera = found.calibration.camera
     rows = max(1, round(_CELLS * camera.height / camera.width))
     corners = _corners(found, used=True)
-    column = np.clip((corners[:, 0] + 0.5) * _CELLS / camera.width, 0, _CELLS - 1).astype(np.int64)
-    row = np.clip((corners[:, 1] + 0.5) * rows / camera.height, 0, rows - 1).astype(np.int64)
-    counts = np.zeros((rows, _CELLS), np.int64)
-    np.add.at(counts, (row, column), 1)
+    sides = (-0.5, camera.height - 0.5), (-0.5, camera.width - 0.5)
+    counts, _, _ = np.histogram2d(corners[:, 1], corners[:, 0], (rows, _CELLS), sides)
     centre = np.array([camera.cx, camera.cy])
     outermost = np.linalg.norm(corners - centre, axis=1).max()
     farthest = np.linalg.norm(_image_corners(camera) - centre, axis=1).max()
-    return Coverage(counts, float(outermost / farthest))
+    return Coverage(counts.astype(np.int64), float(outermost / farthest))
 
 
 def _image_corners(camera: Camera) -> Array:

@@ -1,6 +1,6 @@
 """The lens of a camera by the log of a drive, and in words what that says of the calibration given.
 
-A run makes the same estimate of its images (`check_calibration`).
+A run makes the same estimate of its images (`CalibrationWatch`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from wayside.schemas.settings import ReadSettings, Settings
 from wayside.stages.calibration import (
     CalibrationWatch,
     DriveCalibration,
-    check_calibration,
     describe_calibration,
     watch_calibration,
 )
@@ -117,7 +116,7 @@ def _estimate(log: Path, guess: Camera | None, settings: Settings) -> DriveCalib
     motions = estimate_motion(extract_features(bare, settings.features), settings.motion)
     for _ in watch_calibration(motions, watch):
         pass
-    return next(check_calibration(iter([watch])), None)
+    return watch.calibrate()
 
 
 def _plan(log: Path, settings: ReadSettings) -> tuple[ReadSettings, str, tuple[int, int]]:
@@ -144,10 +143,8 @@ def _plan(log: Path, settings: ReadSettings) -> tuple[ReadSettings, str, tuple[i
 
 def _source(survey: LogSurvey, settings: ReadSettings) -> str:
     """Where the calibration is from that the user or the log names; empty: from nowhere."""
-    if settings.calibration:
-        read_camera_file(Path(settings.calibration))
-        return settings.calibration
+    given = read_camera_file(Path(settings.calibration)) if settings.calibration else None
     try:
-        return make_plan(survey, settings, None).calibration_source
+        return make_plan(survey, settings, given).calibration_source
     except InputError:  # a log without calibration
         return ""

@@ -7,11 +7,10 @@ from pathlib import Path
 
 from wayside.pipeline.checking.rules import Rule
 from wayside.pipeline.checking.verdicts import SHOWN, Check
-from wayside.pipeline.evidence.crops import draw_crop, read_crops
-from wayside.pipeline.files.pictures import data_address, encode_webp, is_marked
+from wayside.pipeline.evidence.crops import crop_addresses
+from wayside.pipeline.files.pictures import is_marked
 from wayside.pipeline.files.writing import write_file
 from wayside.pipeline.pages import render_page
-from wayside.schemas.errors import InputError
 from wayside.schemas.tables import CHECK_VERDICTS
 
 PAGE_FILE = "checks.html"
@@ -31,7 +30,9 @@ def write_page(
 
     log: where the log lies now. Returns why there are no images, or an empty text. Raises OutputError.
     """
-    images, fault = _images(out, checks, log)
+    signs = {check.name: check.sign for check in checks if check.verdict in SHOWN}
+    boxes = [(name, one["best_frame"], tuple(one["best_box"])) for name, one in signs.items()]
+    images, fault = crop_addresses(out, log, boxes, _SIZE)
     sheets = {check.name: f"evidence/{check.name}.html" for check in checks}
     worst_first = sorted(
         checks, key=lambda check: -check.probability if check.probability >= 0 else 1.0
@@ -49,17 +50,3 @@ def write_page(
     file = out / PAGE_FILE
     write_file(file, page.encode(), is_own=lambda path: is_marked(path, _MARK), overwrite=overwrite)
     return fault
-
-
-def _images(out: Path, checks: Sequence[Check], log: Path | None) -> tuple[dict[str, str], str]:
-    """Addresses of images of the signs to look at, by id; and why there are none."""
-    signs = {check.name: check.sign for check in checks if check.verdict in SHOWN}
-    boxes = [(name, one["best_frame"], tuple(one["best_box"])) for name, one in signs.items()]
-    images = {}
-    try:
-        for name, crop in read_crops(out, log, boxes, _SIZE[0] / _SIZE[1]):
-            if crop is not None:
-                images[name] = data_address(encode_webp(draw_crop(crop, _SIZE)))
-    except InputError as error:
-        return images, str(error)
-    return images, ""

@@ -7,10 +7,10 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import pyarrow.parquet as pq
 from scipy.special import ndtr
 
 from wayside.pipeline.checking.quantities import Measured, Row, measure
@@ -19,7 +19,7 @@ from wayside.pipeline.code_words import code_of
 from wayside.pipeline.evidence.marks import appearance_of
 from wayside.pipeline.files.parquet import ParquetFile, record_batch
 from wayside.pipeline.files.writing import whole_file
-from wayside.pipeline.results.result import read_rows, read_run
+from wayside.pipeline.results.result import holds_table, read_rows, read_run
 from wayside.schemas.sign_catalogue import CATALOGUE, SERIES, UNIT_M, US, VIENNA, CatalogueSign
 from wayside.schemas.tables import CHECK_VERDICTS, CHECKS, SECTIONS, SIGNS
 
@@ -233,13 +233,9 @@ def write_checks(checks: Sequence[Check], out: Path, *, overwrite: bool = False)
             value = rule_has.get(name, getattr(check, name, getattr(check.rule, name, None)))
             unknown = value == "" or (isinstance(value, float) and not math.isfinite(value))
             values.append(None if unknown else value)
+    is_own = partial(holds_table, table=CHECKS)
     with (
-        whole_file(out / CHECKS.file, is_own=_is_checks, overwrite=overwrite) as stream,
+        whole_file(out / CHECKS.file, is_own=is_own, overwrite=overwrite) as stream,
         ParquetFile(stream, CHECKS.schema) as sink,
     ):
         sink.write([record_batch(CHECKS, columns)])
-
-
-def _is_checks(file: Path) -> bool:
-    about = pq.read_schema(file).metadata or {}
-    return b'"table": "checks"' in about.get(b"wayside", b"")

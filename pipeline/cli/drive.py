@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Mapping
 from contextlib import ExitStack
 from datetime import datetime
 from enum import StrEnum
@@ -218,14 +217,24 @@ def calibrate(
 
     `--calibration camera.yaml` of `run`, `import` and `replay` takes the result.
     """
-    from wayside.pipeline.calibration.command import calibrate_by_drive
+    from wayside.pipeline.calibration.boards import parse_board
+    from wayside.pipeline.calibration.command import calibrate_by_boards, calibrate_by_drive
     from wayside.pipeline.reading.parts import is_bag
     from wayside.pipeline.running.tuning import tune_process
 
     tune_process()
-    chosen = chosen_settings(given)
-    if given["board"] is not None:
-        typer.echo(visible_lines(_by_boards(paths, given, overwrite=overwrite)))
+    chosen, board, square = chosen_settings(given), given["board"], given["square"]
+    kept = {"name": given["name"], "out": given["out"], "overwrite": overwrite}
+    if board is not None:
+        if settings_of(given):
+            raise UsageError(
+                "--board takes images, which the options of a log (--spacing, --camera, --calibration, --from, "
+                "--until, --every) do not apply to. Leave them out, or leave out --board."
+            )
+        square_m = math.nan if square is None else parse_length(square, "--square")
+        how = {"model": given["model"] or "plumb_bob", "coverage": given["coverage"]} | kept
+        report = calibrate_by_boards(paths, parse_board(board, square_m), **how)
+        typer.echo(visible_lines(report))
         return
     if folder := next((path for path in paths if path.is_dir() and not is_bag(path)), None):
         raise UsageError(
@@ -241,30 +250,4 @@ def calibrate(
             f"{len(paths)} logs are given, but one is calibrated at a time. Calibrate each by itself, or give "
             "--board for images of a board."
         )
-    report = calibrate_by_drive(
-        paths[0], chosen, name=given["name"], out=given["out"], overwrite=overwrite
-    )
-    typer.echo(visible_lines(report))
-
-
-def _by_boards(paths: list[Path], given: Mapping[str, Any], *, overwrite: bool) -> str:
-    """Calibrate by images of a board; the report."""
-    from wayside.pipeline.calibration.boards import parse_board
-    from wayside.pipeline.calibration.command import calibrate_by_boards
-
-    if settings_of(given):
-        raise UsageError(
-            "--board takes images, which the options of a log (--spacing, --camera, --calibration, --from, --until, "
-            "--every) do not apply to. Leave them out, or leave out --board."
-        )
-    square = given["square"]
-    square_m = math.nan if square is None else parse_length(square, "--square")
-    return calibrate_by_boards(
-        paths,
-        parse_board(given["board"], square_m),
-        model=given["model"] or "plumb_bob",
-        name=given["name"],
-        out=given["out"],
-        coverage=given["coverage"],
-        overwrite=overwrite,
-    )
+    typer.echo(visible_lines(calibrate_by_drive(paths[0], chosen, **kept)))

@@ -12,13 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from wayside.pipeline.cli.help import Application, CommandGroup, examples
-from wayside.pipeline.cli.options import (
-    Option,
-    Overwrite,
-    chosen_settings,
-    flag,
-    takes,
-)
+from wayside.pipeline.cli.options import Option, Overwrite, chosen_settings, flag, takes
 from wayside.pipeline.cli.running import exit_with
 from wayside.pipeline.files.visible_text import counted, visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
@@ -64,15 +58,8 @@ Inventory = Annotated[
 ]
 
 
-class AnswerFormat(StrEnum):
-    """What an answer is written as."""
-
-    table = "table"
-    csv = "csv"
-    json = "json"
-    parquet = "parquet"
-
-
+AnswerFormat = StrEnum("AnswerFormat", ["table", "csv", "json", "parquet"])
+"""What an answer is written as."""
 HOW_TO_RUN = {
     "jobs": Option(
         int,

@@ -23,38 +23,14 @@ Command = Callable[..., None]
 _MEASURE = re.compile(r"(\d+\.?\d*|\.\d+)\s*([a-z]*)")
 
 
-class Preset(StrEnum):
-    """Which chain of stages."""
-
-    default = "default"
-    report_shape = "report-shape"
-    report_2d = "report-2d"
-    report = "report"
-
-
-class ViewMode(StrEnum):
-    """Where a run's recording goes."""
-
-    none = "none"
-    file = "file"
-    live = "live"
-
-
-class RecordedImages(StrEnum):
-    """Which images a recording holds."""
-
-    all = "all"
-    signs = "signs"
-    none = "none"
-
-
-class Lengths(StrEnum):
-    """Units of lengths."""
-
-    metric = "metric"
-    us = "us"
-
-
+Preset = StrEnum("Preset", ["default", "report-shape", "report-2d", "report"])
+"""Which chain of stages."""
+ViewMode = StrEnum("ViewMode", ["none", "file", "live"])
+"""Where a run's recording goes."""
+RecordedImages = StrEnum("RecordedImages", ["all", "signs", "none"])
+"""Which images a recording holds."""
+Lengths = StrEnum("Lengths", ["metric", "us"])
+"""Units of lengths."""
 Log = Annotated[
     Path, typer.Argument(metavar="LOG", help="An MCAP file, a ROS 2 bag directory, a ROS 1 bag.")
 ]
@@ -299,10 +275,7 @@ def route_of(given: Mapping[str, Any]) -> RouteSettings | None:
 def parse_milepost(text: str) -> dict[str, Any]:
     """Measure and unit of a milepost as settings: "12.35" and "12.35mi" are miles, "19.875km" kilometres.
 
-    Raises
-    ------
-    UsageError
-        The text is no milepost.
+    Raises UsageError where the text is no milepost.
     """
     from wayside.schemas.routes import MEASURE_UNITS
 

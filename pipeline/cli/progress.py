@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import asdict
 from datetime import timedelta
 from typing import TYPE_CHECKING, Any, Self
 
@@ -122,14 +123,8 @@ class FrameProgress(_Shown):
         """An analysed image is half done: only both counts together rise evenly."""
         counts, held = self._run.counts, self._run.report.images_held
         if held:
-            self._bar.update(
-                self._task,
-                total=2 * held,
-                completed=counts.looked_at + counts.settled,
-                looked_at=counts.looked_at,
-                settled=counts.settled,
-                held=held,
-            )
+            done, shown = counts.looked_at + counts.settled, asdict(counts) | {"held": held}
+            self._bar.update(self._task, total=2 * held, completed=done, **shown)
 
 
 class SheetProgress(_Shown):

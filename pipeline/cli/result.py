@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -86,17 +87,14 @@ def evidence(
             sign_id=sign,
             log=log,
             watch=progress.watch,
-            png=given["png"],
-            images=given["images"],
-            blur=given["blur"],
+            **{name: given[name] for name in HOW_TO_SHOW},
             reviews=review or (),
             units=UNITS[given["units"].value],
             route=route_of(given),
             overwrite=overwrite,
         )
     index = f"{counted(len(written.sheets), 'sheet')}; open {written.index}"
-    for note in written.notes:
-        typer.echo(visible(f"note: {note}"), err=True)
+    _note(written.notes)
     typer.echo(visible(str(written.sheets[0]) if written.index is None else index))
     if written.lost_views:
         typer.echo(
@@ -278,27 +276,20 @@ def export(
             f"--review, --accepted: {out} is an inventory, and reviews are of one drive. Leave them out."
         )
     said = NO_REVIEW if inventory else find_review(out, review or ())
-    done = write(
-        out,
-        said,
-        target,
-        chosen,
-        table=None if table is None else table.value,
-        units=given["units"].value,
-        crs=given["crs"],
-        log=given["log"],
-        every=given["all_columns"],
-        pictures=given["pictures"],
-        accepted=given["accepted"],
-        route=route_of(given),
-        overwrite=overwrite,
-    )
+    how = {name: given[name] for name in ("crs", "log", "pictures", "accepted")}
+    how |= {"table": table and table.value, "units": given["units"].value}
+    how |= {"every": given["all_columns"], "route": route_of(given)}
+    done = write(out, said, target, chosen, **how, overwrite=overwrite)
     reviewed = len(said.rows) + len(said.missing)
     more = f", {reviewed} of them reviewed" if reviewed else ""
     parts = "".join(f", {part.name}" for part in done.files if part != target)
-    for note in (*said.notes, *done.notes):
-        typer.echo(visible(f"note: {note}"), err=True)
+    _note((*said.notes, *done.notes))
     typer.echo(visible(f"{target}{parts}: {counted(done.rows, 'row')}{more}"))
+
+
+def _note(notes: Iterable[str]) -> None:
+    for note in notes:
+        typer.echo(visible(f"note: {note}"), err=True)
 
 
 def _format_of(file: Path | None, kind: Format | None) -> str:
@@ -338,8 +329,7 @@ def evaluate(
     from wayside.pipeline.evaluation.compare import format_evaluation, other_log, write_evaluation
 
     evaluation = compare(out, truth)
-    if (words := other_log(out, truth)) is not None:
-        typer.echo(visible(f"note: {words}"), err=True)
+    _note(filter(None, [other_log(out, truth)]))
     if json is not None:
         write_evaluation(evaluation, json, overwrite=overwrite)
     typer.echo(visible_lines(format_evaluation(evaluation)))
@@ -351,8 +341,7 @@ def _evaluate_review(out: Path, review: Path, json: Path | None, *, overwrite: b
     from wayside.pipeline.reviewing.review import find_review, format_figures, review_figures
 
     said = find_review(out, [review])
-    for note in said.notes:
-        typer.echo(visible(f"note: {note}"), err=True)
+    _note(said.notes)
     figures = review_figures(out, said)
     if json is not None:
         write_json(json, figures, ("reviewed", "accepted"), overwrite=overwrite)

@@ -242,14 +242,8 @@ def process_all(
     the others are run. A log whose result exists already, from the same log, settings and models, is skipped. It is not
     skipped with `overwrite` or with a viewer.
 
-    Raises
-    ------
-    UsageError
-        Two logs would be written to one folder.
-    OutputError
-        Something stands in the place of a result.
-    InterruptionError
-        Somebody ended the work: of all logs.
+    Raises UsageError where two logs would be written to one folder, OutputError where something stands in the place of
+    a result, and InterruptionError where somebody ended the work: of all logs.
     """
     if len(logs) == 1:
         log = read_as_log(logs[0])
@@ -362,19 +356,8 @@ def process(
 
         return open_observer(viewing, part, visible(log.stem), models.location_classes, report)
 
-    asked = RunRequest(
-        log,
-        folder,
-        settings,
-        models,
-        sys.argv[1:],
-        how.every_region,
-        open_observer,
-        how.rate,
-        how.overwrite,
-        how.resume,
-    )
-    under_way = Run()
+    rest = sys.argv[1:], how.every_region, open_observer, how.rate, how.overwrite, how.resume
+    asked, under_way = RunRequest(log, folder, settings, models, *rest), Run()
     try:
         with (
             FrameProgress(log.name, under_way) as progress,

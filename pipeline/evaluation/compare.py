@@ -38,17 +38,8 @@ _LABEL_KEYS = {"signs", "stride", "distractors"}
 def evaluate(out: Path, truth: Path) -> Evaluation:
     """Figures of the result in folder `out`.
 
-    Parameters
-    ----------
-    out
-        Folder written by `wayside run`.
-    truth
-        `truth.json` of a rendered drive or `labels.json` of a real one, told apart by what they hold.
-
-    Raises
-    ------
-    InputError
-        One of them is missing, damaged or something else.
+    truth: `truth.json` of a rendered drive or `labels.json` of a real one, told apart by what they hold. Raises
+    InputError where one of them is missing, damaged or something else.
     """
     facts = _read_truth(truth)
     rows = read_rows(out, SIGNS, _SIGN_COLUMNS)
@@ -123,10 +114,7 @@ def other_log(out: Path, truth: Path) -> str | None:
 def write_evaluation(evaluation: Evaluation, file: Path, *, overwrite: bool = False) -> None:
     """Write the figures as JSON. They replace those of an earlier evaluation or, with `overwrite`, any file.
 
-    Raises
-    ------
-    OutputError
-        The file cannot be written, or something else has its name.
+    Raises OutputError where the file cannot be written, or something else has its name.
     """
     content = evaluation.to_json()
     write_json(file, content, ("wanted", "found_count", "false"), overwrite=overwrite)

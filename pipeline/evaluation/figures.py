@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, astuple, dataclass, fields, replace
 from functools import reduce
 from itertools import pairwise
 from operator import add
@@ -123,9 +123,7 @@ class Backs:
 
     def __add__(self, other: Backs) -> Backs:
         """Those of both."""
-        return Backs(
-            self.reported + other.reported, self.right + other.right, self.in_view + other.in_view
-        )
+        return Backs(*map(add, astuple(self), astuple(other)))
 
 
 @dataclass(frozen=True)

@@ -37,14 +37,7 @@ def evaluate_against_truth(
 ) -> RenderedEvaluation:
     """Match panels one to one in the camera frame of `best_frame` and measure the position errors.
 
-    Parameters
-    ----------
-    signs
-        Rows of `signs.parquet` with status `sign`.
-    truth
-        Content of a `truth.json`.
-    backs
-        Rows with status `back`.
+    signs: rows of `signs.parquet` with status `sign`, backs: with status `back`. truth: content of a `truth.json`.
     """
     panels = [p for p in truth["signs"] if any(view["side"] == "front" for view in p["frames"])]
     eligible = {p["id"]: p for p in panels if is_eligible(p)}

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.files.pictures import blurred
+from wayside.pipeline.files.pictures import blurred, webp_address
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.results.result import find_log, read_rows, read_run, read_settings
 from wayside.schemas.errors import InputError
@@ -101,6 +101,20 @@ def read_crops(
         yield key, None if image.rgb is None else cut(image.rgb, box, proportion)
 
 
+def crop_addresses(
+    out: Path, log: Path | None, boxes: Iterable[tuple[Key, int, Box]], size: tuple[int, int]
+) -> tuple[dict[Key, str], str]:
+    """Addresses of WebP images of boxes, those that the log gives; and why it gives no more, or an empty text."""
+    images: dict[Key, str] = {}
+    try:
+        for key, crop in read_crops(out, log, boxes, size[0] / size[1]):
+            if crop is not None:
+                images[key] = webp_address(draw_crop(crop, size))
+    except InputError as error:
+        return images, str(error)
+    return images, ""
+
+
 def read_boxes(
     out: Path, log: Path | None, boxes: Iterable[tuple[Key, int, Box]], *, blur: bool = False
 ) -> Iterator[tuple[Key, Image, Box]]:
@@ -118,8 +132,7 @@ def read_boxes(
         return
     run = read_run(out)
     source, settings = find_log(run, log), read_settings(out, run)
-    times_ns = read_times(out)
-    for image in read_images(source, settings, wanted.keys(), times_ns, ReadReport()):
+    for image in read_images(source, settings, wanted.keys(), read_times(out)):
         for key, box in wanted[image.frame.index]:
             rgb = image.rgb
             if rgb is not None and (blur or settings.blur):
@@ -134,11 +147,7 @@ def read_times(out: Path) -> dict[int, int]:
 
 
 def read_images(
-    log: Path,
-    settings: ReadSettings,
-    wanted: Collection[int],
-    log_times_ns: Mapping[int, int],
-    report: ReadReport,
+    log: Path, settings: ReadSettings, wanted: Collection[int], log_times_ns: Mapping[int, int]
 ) -> Iterator[Image]:
     """Decoded images of frames of these indices, in order; reading ends with the last of them.
 
@@ -147,7 +156,7 @@ def read_images(
 
     def frames() -> Iterator[Frame]:
         last = max(wanted, default=-1)
-        for frame in read_frames(log, settings, report):
+        for frame in read_frames(log, settings, ReadReport()):
             if frame.index in wanted:
                 if frame.log_time_ns != log_times_ns[frame.index]:
                     raise InputError(

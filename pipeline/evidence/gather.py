@@ -108,14 +108,8 @@ def gather(
 ) -> tuple[DriveMap, list[Evidence]]:
     """The drive of a result and the evidence of its signs (None: of all), in order of `signs.parquet`.
 
-    route: with a milepost, instead of that of the run.
-
-    Raises
-    ------
-    UsageError
-        There is no such sign; the nearest known one is offered.
-    InputError
-        The folder is no result folder, or damaged.
+    route: with a milepost, instead of that of the run. Raises UsageError where there is no such sign; the nearest known
+    one is offered. Raises InputError where the folder is no result folder, or damaged.
     """
     signs = read_rows(out, SIGNS, _SIGN_COLUMNS)
     for sign in signs:

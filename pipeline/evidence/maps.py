@@ -6,7 +6,6 @@ North is up where it is known, else world y; true to scale.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -24,29 +23,36 @@ _OVERVIEW, _OVERVIEW_POINTS = (1200, 400), 1000
 _NARROWEST_M, _NARROWEST_CLOSE_M = 20.0, 0.5
 
 
-@dataclass(frozen=True, slots=True)
 class Projection:
-    """World x, y (metres) to page, x right and y down."""
+    """World x, y (metres) to page, x right and y down.
 
-    scale: float
-    """Pixels a metre."""
-    centre: Points
-    """Turned metres (2,) shown at `middle`."""
-    middle: Points
-    """Pixels (2,)."""
-    extent: Points
-    """Pixels (2,) of what is shown, `middle` in its middle."""
-    turn: Points = field(default_factory=lambda: np.eye(2))
-    """Turns rows x, y, (2, 2)."""
+    It shows all points (n, 2) on a map of a size in pixels, and no less than `narrowest_m` metres. `turn`: matrix
+    (2, 2) that turns rows x, y first, so that north is up; None: north is not known.
+    """
+
+    def __init__(
+        self, points: Points, size: tuple[int, int], narrowest_m: float, turn: Points | None = None
+    ) -> None:
+        self.turn: Points = np.eye(2) if turn is None else turn
+        self.north = turn is not None
+        turned = points[:, :2] @ self.turn
+        low, high = turned.min(axis=0), turned.max(axis=0)
+        room = np.array(size, np.float64) - [2 * MARGIN_PX, MARGIN_PX + FOOT_PX]
+        extent = np.maximum(high - low, narrowest_m)
+        self.scale = float(np.min(room / extent))
+        """Pixels a metre."""
+        self.centre: Points = (low + high) / 2
+        """Turned metres (2,) shown at `middle`, pixels (2,)."""
+        self.middle: Points = np.array([size[0] / 2, MARGIN_PX + room[1] / 2])
+        self.extent: Points = extent * self.scale
+        """Pixels (2,) of what is shown, `middle` in its middle."""
 
     def __call__(self, points: Points) -> Points:
         """Page points of world points (..., 2), to a tenth of a pixel."""
-        page = (points[..., :2] @ self.turn - self.centre) * [1, -1] * self.scale
+        page: Points = (points[..., :2] @ self.turn - self.centre) * [1, -1] * self.scale
         return np.round(page + self.middle, 1)
 
-    def foot(
-        self, box: tuple[float, float, float, float], north: bool, units: Units
-    ) -> dict[str, Any]:
+    def foot(self, box: tuple[float, float, float, float], units: Units) -> dict[str, Any]:
         """Scale bar and, where it is up, an arrow to the north, else what the axes are, at the foot of a map.
 
         box: left, top, width and height of the map, pixels.
@@ -61,22 +67,8 @@ class Projection:
             "right": round(left + width - MARGIN_PX, 1),
             "base": round(top + height - 17, 1),
             "words": f"{length:g} {units.long}",
-            "north": north,
+            "north": self.north,
         }
-
-
-def fit(
-    points: Points, size: tuple[int, int], narrowest_m: float, turn: Points | None = None
-) -> Projection:
-    """Projection that shows all points (n, 2) on a map of that size, and no less than `narrowest_m` metres."""
-    turn = np.eye(2) if turn is None else turn
-    turned = points[:, :2] @ turn
-    low, high = turned.min(axis=0), turned.max(axis=0)
-    room = np.array(size, np.float64) - [2 * MARGIN_PX, MARGIN_PX + FOOT_PX]
-    extent = np.maximum(high - low, narrowest_m)
-    scale = float(np.min(room / extent))
-    middle = np.array([size[0] / 2, MARGIN_PX + room[1] / 2])
-    return Projection(scale, (low + high) / 2, middle, extent * scale, turn)
 
 
 def overview(
@@ -91,8 +83,7 @@ def overview(
     points = np.concatenate([path, drive.signs[:, :2]])
     if not len(points):
         return None
-    turn = np.eye(2) if globe is None else globe.turn
-    to_map = fit(points, _OVERVIEW, 1.0, turn)
+    to_map = Projection(points, _OVERVIEW, 1.0, None if globe is None else globe.turn)
     left, top = to_map.middle - to_map.extent / 2 - MARGIN_PX
     width, height = to_map.extent + np.array([2 * MARGIN_PX, MARGIN_PX + FOOT_PX])
     box = left, top, width, height
@@ -101,10 +92,10 @@ def overview(
         "box": [round(float(edge)) for edge in box],
         "path": to_map(np.concatenate([thinned, path[-1:]])).tolist(),
         "signs": to_map(drive.signs).tolist(),
-        "foot": to_map.foot(box, globe is not None, units),
+        "foot": to_map.foot(box, units),
     }
     x, y = (to_map.centre + to_map.middle * [-1, 1] / to_map.scale).tolist()
-    about = {"turn": turn.tolist(), "scale": to_map.scale, "left": x, "top": y}
+    about = {"turn": to_map.turn.tolist(), "scale": to_map.scale, "left": x, "top": y}
     about |= {"unit": units.metres, "units": units.long}
     if globe is not None:
         steps = globe.lon_deg_per_m, globe.lat_deg_per_m
@@ -128,19 +119,17 @@ def sign_maps(evidence: Evidence, drive: DriveMap, units: Units = METRIC) -> lis
     road = {"path": path, "others": others, "ellipse": ellipse, "sign": position[None]}
     close = {"ellipse": ellipse, "panel": panel, "centre": position[None]}
     none = dict.fromkeys(("path", "others", "sign", "cameras", "panel", "centre"), np.zeros((0, 2)))
-    maps = []
+    turn, maps = None if drive.globe is None else drive.globe.turn, []
     for heading, shown, narrowest_m, shapes in (
         ("Whole drive", [path, signs], _NARROWEST_M, road),
         ("Lines of sight", [cameras, position[None]], _NARROWEST_M, road | {"cameras": cameras}),
         ("2-sigma error ellipse and panel", [*close.values()], _NARROWEST_CLOSE_M, close),
     ):
-        turn = None if drive.globe is None else drive.globe.turn
-        to_page = fit(np.concatenate(shown), MAP_SIZE, narrowest_m, turn)
-        foot = to_page.foot((0, 0, *MAP_SIZE), turn is not None, units)
+        to_page = Projection(np.concatenate(shown), MAP_SIZE, narrowest_m, turn)
+        foot = to_page.foot((0, 0, *MAP_SIZE), units)
         drawn = {name: to_page(points).tolist() for name, points in (none | shapes).items()}
-        maps.append(
-            {"heading": heading, "width": MAP_SIZE[0], "height": MAP_SIZE[1], "foot": foot} | drawn
-        )
+        about = {"heading": heading, "width": MAP_SIZE[0], "height": MAP_SIZE[1], "foot": foot}
+        maps.append(about | drawn)
     return maps
 
 

@@ -25,7 +25,7 @@ from wayside.pipeline.evidence.marks import (
     figures_of,
     route_words,
 )
-from wayside.pipeline.files.pictures import data_address, encode_png, encode_webp
+from wayside.pipeline.files.pictures import encode_png, webp_address
 from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.pages import render, render_page
 from wayside.schemas.detections import COLORS, SHAPES
@@ -66,7 +66,7 @@ def format_sheet(
 ) -> str:
     """The page of a sign, by which `is_marked` knows it again.
 
-    `run`: content of `run.json`. `neighbours`: file names of other pages: `prev`, `up` and `next`, where there are any.
+    `run`: content of `run.json`. `neighbours`: file names of other pages: `prev`, `up` and `next`; "" or absent: none.
     """
 
     def image(number: int | None, view: SignView) -> dict[str, Any]:
@@ -75,18 +75,14 @@ def format_sheet(
         # enlarging twice shows all there is; the page shows a view small until it is clicked
         wide = min(BIG.width, max(2 * crops[view].rgb.shape[1], TILE.width))
         size = Size(wide, round(wide * BIG.height / BIG.width))
-        return size._asdict() | {"source": data_address(encode_webp(draw_crop(crops[view], size)))}
+        return size._asdict() | {"source": webp_address(draw_crop(crops[view], size))}
 
     values = _values(evidence, drive, run, image, units)
     return render_page("sheet.html", mark, neighbours=neighbours, **values)
 
 
 def draw_sheet(
-    evidence: Evidence,
-    crops: Crops,
-    drive: DriveMap,
-    run: Mapping[str, Any],
-    units: Units = METRIC,
+    evidence: Evidence, crops: Crops, drive: DriveMap, run: Mapping[str, Any], units: Units = METRIC
 ) -> bytes:
     """The sheet of a sign, `WIDTH` wide, as PNG; parameters as in `format_sheet`.
 
@@ -177,15 +173,8 @@ def format_index(
 ) -> str:
     """HTML page that lists all signs, with a map and filters, and takes a review of them.
 
-    Parameters
-    ----------
-    thumbs
-        Addresses of small images by sign id.
-    about
-        What the script of the page knows: `log`, its name; `result`, what tells it from others of the log; and what
-        `index_review` gives.
-    mark
-        What the page is known by.
+    `thumbs`: addresses of small images by sign id. `about`: what the script of the page knows: `log`, its name, the
+    rows, the review and the cameras. `mark`: what the page is known by.
     """
     cards = _cards([one.sign for one in signs], thumbs)
     codes = [code_of(one.sign) for one in signs]

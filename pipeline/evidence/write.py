@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +14,6 @@ from typing import Any
 import cv2
 import numpy as np
 
-from wayside.pipeline.evidence.corrections import index_review
 from wayside.pipeline.evidence.crops import Crop, draw_crop, read_crops, read_images, read_times
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
 from wayside.pipeline.evidence.marks import METRIC, Units
@@ -21,14 +21,12 @@ from wayside.pipeline.evidence.sheet import PROPORTION, draw_sheet, format_index
 from wayside.pipeline.files.output_folder import OutputFolder
 from wayside.pipeline.files.pictures import (
     blurred,
-    data_address,
-    encode_webp,
     is_marked,
     marked_head,
     marked_png,
+    webp_address,
 )
 from wayside.pipeline.files.writing import create, not_written, refuse
-from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.results.result import find_log, read_run, read_settings
 from wayside.pipeline.reviewing.known import KnownResult
 from wayside.pipeline.reviewing.matching import Review
@@ -93,14 +91,8 @@ def write_evidence(  # noqa: PLR0913 - one for each option
     overwrite
         Replace any file of the names of the sheets and the index; else only sheets of this log.
 
-    Raises
-    ------
-    UsageError
-        There is no such sign.
-    InputError
-        The result or the log cannot be used.
-    OutputError
-        A sheet cannot be written, or a file of its name is not replaced.
+    Raises UsageError where there is no such sign; InputError where the result or the log cannot be used; OutputError
+    where a sheet cannot be written, or a file of its name is not replaced.
     """
     run = read_run(out)
     drive, signs = gather(out, sign_id, route)
@@ -110,7 +102,7 @@ def write_evidence(  # noqa: PLR0913 - one for each option
     pngs = [f"{one.name}.png" for one in signs] if png else []
     index = [INDEX_FILE, IMAGES_FILE] if sign_id is None else []
     around = zip(signs, ["", *names], [*names[1:], ""], strict=False) if index else ()
-    beside = {one.name: _beside(before, after) for one, before, after in around}
+    beside = {one.name: {"prev": a, "up": INDEX_FILE, "next": b} for one, a, b in around}
     with OutputFolder(folder) as output:
         if not overwrite:
             _check_free(folder, [*names, *pngs, *index], mark)
@@ -120,12 +112,6 @@ def write_evidence(  # noqa: PLR0913 - one for each option
         output.commit([*_sheets_of_others(folder, mark, signs), IMAGES_FILE] if index else [])
     sheets = tuple(folder / page for page in names)
     return Written(sheets, folder / INDEX_FILE if index else None, binder.lost_views, tuple(notes))
-
-
-def _beside(before: str, after: str) -> dict[str, str]:
-    """Pages that a sheet leads to, by how."""
-    pages = {"prev": before, "up": INDEX_FILE, "next": after}
-    return {rel: page for rel, page in pages.items() if page}
 
 
 def _check_free(folder: Path, names: Sequence[str], mark: str) -> None:
@@ -181,8 +167,7 @@ class _Binder:
             png = marked_png(draw_sheet(*about, self.units), self.mark)
             _write(self.folder / f"{evidence.name}.png", png)
         if evidence.best in crops:
-            thumb = encode_webp(draw_crop(crops[evidence.best], THUMB))
-            self.thumbs[evidence.name] = data_address(thumb)
+            self.thumbs[evidence.name] = webp_address(draw_crop(crops[evidence.best], THUMB))
 
     def write_index(
         self, signs: Sequence[Evidence], reviews: Sequence[Path], *, images: bool
@@ -193,7 +178,7 @@ class _Binder:
         pictures, lens = self._pictures(known, review), self.run.get("camera") if images else None
         if images and lens is None:
             raise InputError(f"--images: {self.out} does not state its camera. Run the log again.")
-        about = {"log": str(self.run.get("log", ""))} | index_review(known, review, pictures, lens)
+        about = {"log": str(self.run.get("log", ""))} | _about(known, review, pictures, lens)
         if images:
             _write(self.folder / IMAGES_FILE, self._images(known, signs))
         page = format_index(signs, self.thumbs, self.drive, about, self.mark, self.units)
@@ -209,7 +194,7 @@ class _Binder:
                     boxes[number] = (number, known.cameras[image]["frame"], box)
         crops = read_crops(self.out, self.log, boxes.values(), PROPORTION, blur=self.blur)
         found = {number: crop for number, crop in crops if crop is not None}
-        return {n: data_address(encode_webp(draw_crop(c, THUMB))) for n, c in found.items()}
+        return {n: webp_address(draw_crop(c, THUMB)) for n, c in found.items()}
 
     def _images(self, known: KnownResult, signs: Sequence[Evidence]) -> bytes:
         """A script with the undistorted image of each camera, in their order; empty where it does not decode."""
@@ -217,19 +202,57 @@ class _Binder:
         shown = dict.fromkeys((one["frame"] for one in known.cameras.values()), "")
         matrix = np.array([[lens["fx"], 0, lens["cx"]], [0, lens["fy"], lens["cy"]], [0, 0, 1]])
         source, settings = find_log(self.run, self.log), read_settings(self.out, self.run)
-        times_ns, panels = read_times(self.out), defaultdict[int, list[Box]](list)
+        panels = defaultdict[int, list[Box]](list)
         for view in (view for one in signs for view in one.views):
             panels[view.frame].append(view.box)
-        for image in read_images(source, settings, shown.keys(), times_ns, ReadReport()):
+        for image in read_images(source, settings, shown.keys(), read_times(self.out)):
             if (rgb := image.rgb) is not None:
                 if self.blur or settings.blur:
                     rgb = blurred(rgb, panels[image.frame.index])
                 plain = cv2.undistort(rgb, matrix, np.array(lens["distortion"], np.float64))
                 size = (_IMAGE_WIDTH, round(_IMAGE_WIDTH * plain.shape[0] / plain.shape[1]))
                 small = np.asarray(cv2.resize(plain, size, interpolation=cv2.INTER_AREA), np.uint8)
-                shown[image.frame.index] = data_address(encode_webp(small, _IMAGE_QUALITY))
+                shown[image.frame.index] = webp_address(small, _IMAGE_QUALITY)
         head, addresses = marked_head(self.mark).replace("*/", "* /"), json.dumps([*shown.values()])
         return f"/* {head} */\nconst waysideImages = {addresses};\n".encode()
+
+
+def _about(
+    known: KnownResult, review: Review, pictures: Mapping[int, str], lens: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """What the script of the index knows, so that a person can correct the result and place missing signs.
+
+    pictures: addresses of images of what is to be decided, by number. lens: `camera` of `run.json`, without whose
+    distortion the images are shown; None: there are no images.
+    """
+    cameras = [
+        {"image": image, "x": one["x"], "y": one["y"], **known.measure(one["station_m"] or 0.0)}
+        | {"turn": [round(value, 6) for value in one["turn"]]}
+        for image, one in known.cameras.items()
+    ]
+    reviewed = [one.to_row() for one in (*review.rows.values(), *review.missing)]
+    undecided = [
+        {
+            "words": one.words,
+            "picture": pictures.get(number, ""),
+            "options": [
+                {"words": words, "row": row and row.to_row()} for words, row in one.options
+            ],
+            "entries": [entry.to_row() for entry in one.entries],
+        }
+        for number, one in enumerate(review.undecided)
+    ]
+    told = json.dumps([reviewed, undecided])
+    return {
+        "result": known.name,
+        "rows": {sign_id: row.to_row() for sign_id, row in known.rows.items()},
+        "reviews": reviewed,
+        "seed": hashlib.sha256(told.encode()).hexdigest()[:8] if reviewed or undecided else "",
+        "undecided": undecided,
+        "cameras": cameras,
+        "unit": next((one["measure_unit"] for one in known.measured), None),
+        "lens": lens,
+    }
 
 
 def _fill(binder: _Binder, signs: list[Evidence], watch: Watcher) -> None:
@@ -237,9 +260,8 @@ def _fill(binder: _Binder, signs: list[Evidence], watch: Watcher) -> None:
     boxes = (((one, view), view.frame, view.box) for one in signs for view in one.views)
     open_signs = {one.name: one for one in signs}
     watch(0, len(signs))
-    for (one, view), crop in read_crops(
-        binder.out, binder.log, boxes, PROPORTION, blur=binder.blur
-    ):
+    crops = read_crops(binder.out, binder.log, boxes, PROPORTION, blur=binder.blur)
+    for (one, view), crop in crops:
         if crop is not None:
             binder.crops[one.name][view] = crop
         if view is one.views[-1]:

@@ -103,34 +103,29 @@ def export(  # noqa: PLR0913 - one for each option
     route
         Of the signs of a drive, with a milepost, instead of that of the run.
 
-    Raises
-    ------
-    UsageError
-        The options do not go together, or the package of the format is not installed.
-    InputError
-        The folder is no result folder and no inventory, or damaged; the log cannot be read.
-    OutputError
-        A file cannot be written, or another file has its name.
+    Raises UsageError where the options do not go together, or the package of the format is not installed; InputError
+    where the folder is no result folder and no inventory, or damaged, or the log cannot be read; OutputError where a
+    file cannot be written, or another file has its name.
     """
     inventory, imperial = is_inventory(out), units != "metric"
-    _require_fitting(out, kind, crs, table, route, inventory=inventory, imperial=imperial)
+    _require_fitting(out, kind, crs, table, units, routed=route is not None)
     if pictures and kind not in _WITH_PICTURES:
         raise UsageError(
             f"--pictures: {FORMATS[kind]} holds none. Choose {' or '.join(_WITH_PICTURES)} with -f."
         )
-    if kind == "mcap":
-        from wayside.pipeline.exporting.foxglove_log import write_foxglove_log
-
-        (signs,) = drive_signs(out, review, route, accepted=accepted).chunks()
-        with whole_file(file, overwrite=overwrite) as stream:
-            notes = write_foxglove_log(out, signs, log, stream)
-        return Exported(len(signs), (file,), tuple(notes))
     if inventory:
         source = inventory_rows(out, table or next(iter(INVENTORY_TABLES)))
     elif table is not None:
         source = drive_roadside(out, table)
     else:
         source = drive_signs(out, review, route, accepted=accepted)
+    if kind == "mcap":
+        from wayside.pipeline.exporting.foxglove_log import write_foxglove_log
+
+        (signs,) = source.chunks()
+        with whole_file(file, overwrite=overwrite) as stream:
+            notes = write_foxglove_log(out, signs, log, stream)
+        return Exported(len(signs), (file,), tuple(notes))
     if kind in _ALWAYS_WGS_84 and source.world is not None:
         raise UsageError(
             f"{out}: {FORMATS[kind]} needs longitude and latitude, but the log has no satellite fixes. Export CSV, "
@@ -152,25 +147,19 @@ def export(  # noqa: PLR0913 - one for each option
 
 
 def _require_fitting(
-    out: Path,
-    kind: str,
-    crs: str | None,
-    table: str | None,
-    route: RouteSettings | None,
-    *,
-    inventory: bool,
-    imperial: bool,
+    out: Path, kind: str, crs: str | None, table: str | None, units: str, *, routed: bool
 ) -> None:
+    inventory = is_inventory(out)
     if crs is not None and kind in (*_ALWAYS_WGS_84, "mcap"):
         always = "uses the frames of the drive" if kind == "mcap" else "is WGS 84 by its standard"
         raise UsageError(
             f"--crs {crs}: the format {kind} {always}. Leave --crs out, or choose csv, gpkg or shp with -f."
         )
-    if imperial and kind == "mcap":
+    if units != "metric" and kind == "mcap":
         raise UsageError(
             "--units us: the schemas of mcap are in metres. Leave --units out, or choose another format."
         )
-    if route is not None and (inventory or table is not None):
+    if routed and (inventory or table is not None):
         raise UsageError(
             "--route: only the signs of one drive are measured anew. Leave --route and --milepost out."
         )
@@ -214,15 +203,15 @@ def write_geojson(rows: PlacedRows, stream: BinaryIO) -> None:
 
 
 def _cell(value: Any) -> Any:
-    if isinstance(value, datetime):
-        return value.isoformat()
-    return guarded(value) if isinstance(value, str) else value
+    return guarded(value) if isinstance(value, str) else _single(value)
 
 
 def _json_value(value: Any) -> Any:
-    if isinstance(value, datetime):
-        return value.isoformat()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else _single(value)
+
+
+def _single(value: Any) -> Any:
+    return value.isoformat() if isinstance(value, datetime) else value
 
 
 def _copy_together(made: list[Path], targets: tuple[Path, ...], *, overwrite: bool) -> None:

@@ -129,8 +129,7 @@ def _annotations(
 ) -> Iterator[tuple[str, ImageAnnotations]]:
     """The boxes of an image by topic; a topic without boxes is empty, which clears the last ones."""
     time = _stamp(row["header_time_ns"])
-    outlines: dict[str, list[Any]] = {"signs": [], "rejected": []}
-    texts: dict[str, list[Any]] = {"signs": [], "rejected": []}
+    shown = {topic: ImageAnnotations(timestamp=time) for topic in ("signs", "rejected")}
     for box in boxes:
         topic, ink, ink_of_words, thickness = "rejected", _REJECTED_INK, _REJECTED_INK, _REJECTED_PX
         words = "" if box["verdict"] in _UNTOLD else box["verdict"]
@@ -140,14 +139,14 @@ def _annotations(
             topic, ink, ink_of_words, thickness = "signs", ink_of(sign["color"]), _WHITE, _BOX_PX
             words = _words(sign)
         x0, y0, x1, y1 = box["box"]
-        outline = {
+        outline: Message = {
             "timestamp": time,
             "type": "LINE_LOOP",
             "points": [{"x": x, "y": y} for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))],
             "outline_color": _color(ink),
             "thickness": thickness,
         }
-        text = {
+        text: Message = {
             "timestamp": time,
             "position": {"x": x0, "y": y0},
             "text": words,
@@ -155,10 +154,10 @@ def _annotations(
             "text_color": _color(ink_of_words),
             "background_color": {"a": 0.6},
         }
-        outlines[topic].append(outline)
-        texts[topic] += [text] if words else []
-    for topic, shown in outlines.items():
-        yield topic, ImageAnnotations(timestamp=time, points=shown, texts=texts[topic])
+        shown[topic].points.add(**outline)
+        if words:
+            shown[topic].texts.add(**text)
+    yield from shown.items()
 
 
 def _scene(signs: Sequence[Row], rows: Sequence[Row], world: str, first_ns: int) -> SceneUpdate:

@@ -8,7 +8,6 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from html import escape
@@ -26,9 +25,8 @@ from wayside.pipeline.exporting.links import PICTURE
 from wayside.pipeline.exporting.place import PlacedRows, short_names
 from wayside.pipeline.exporting.table import GEOMETRY, Row
 from wayside.pipeline.files.parsing import guarded
-from wayside.pipeline.files.writing import PART, is_stream, not_whole, not_written, resolved
+from wayside.pipeline.files.writing import PART, is_stream, not_written, resolved
 from wayside.schemas.errors import OutputError, UsageError
-from wayside.schemas.tables import Column
 
 _DRIVERS = {
     **{"gpkg": "GPKG", "fgb": "FlatGeobuf", "shp": "ESRI Shapefile", "xlsx": "XLSX"},
@@ -36,6 +34,8 @@ _DRIVERS = {
 }
 _LONGEST_TEXT = 254
 """Bytes of a text in a dBASE file."""
+_TEXT_IN_DBASE = pa.types.is_int64, pa.types.is_timestamp, pa.types.is_string
+"""What a dBASE file holds as text: its numbers have 18 digits, its dates no time of day."""
 _WKB_POINT, _WKB_POINT_Z = 1, 1001
 
 
@@ -43,14 +43,8 @@ _WKB_POINT, _WKB_POINT_Z = 1, 1001
 def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[Path], list[str]]]:
     """The files of a table in a scratch folder beside `file`, the main one last; and what was cut.
 
-    GDAL says nothing where a Shapefile or KML finds no room, so that all rows are read back.
-
-    Raises
-    ------
-    UsageError
-        pyogrio is not installed.
-    OutputError
-        They cannot be written, or are not whole.
+    GDAL says nothing where a Shapefile or KML finds no room, so that all rows are read back. Raises UsageError without
+    pyogrio, and OutputError where they cannot be written, or are not whole.
     """
     try:
         import pyogrio
@@ -59,22 +53,21 @@ def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[P
             "files of geographic information systems need the package pyogrio. Install it with pip install "
             "'wayside[gis]'."
         ) from error
-    last, cut, written, pictures = rows.source.last, Counter[str](), Digest(), dict[str, bytes]()
+    last, cut, written, pictures = rows.source.last, Counter[str](), 0, dict[str, bytes]()
     fields = list(_fields(rows, kind, cut))
     schema = pa.schema([field for field, _ in fields])
     key = schema.names[0]
 
     def batches() -> Iterator[pa.RecordBatch]:
+        nonlocal written, pictures
         for some in rows:
             if kind == "fgb":  # its index takes no row without a place
                 some = [row for row in some if row[GEOMETRY] is not None]
             if kind == "kmz":
-                pictures.update(
-                    {picture_name(row): row[PICTURE] for row in some if row.get(PICTURE)}
-                )
+                pictures |= {picture_name(row): row[PICTURE] for row in some if row.get(PICTURE)}
             columns = [pa.array([value(row) for row in some], one.type) for one, value in fields]
             batch = pa.record_batch(columns, schema=schema)
-            written.add(batch, key, GEOMETRY)
+            written += _digest(batch, key, GEOMETRY)
             yield batch
 
     with _scratch_beside(file) as scratch:
@@ -94,7 +87,10 @@ def made_files(rows: PlacedRows, kind: str, file: Path) -> Iterator[tuple[list[P
         if kind in ("kmz", "xlsx"):
             made = _archived(made, made.with_name(f"{file.stem}.{kind}"), pictures, last)
         if _read_back(pyogrio, made, key) != written:
-            raise not_whole(file)
+            raise OutputError(
+                f"{file}: not all that was written can be read back, so it is not kept; free some space, or name "
+                "another file"
+            )
         beside = sorted(path for path in scratch.iterdir() if path != made)
         words = f"cut to the {_LONGEST_TEXT} bytes that a Shapefile holds"
         yield [*beside, made], [f"{n} texts of {name} are {words}" for name, n in cut.items()]
@@ -136,29 +132,22 @@ def _archived(made: Path, target: Path, pictures: Mapping[str, bytes], when: dat
     return target
 
 
-@dataclass(slots=True)
-class Digest:
-    """Of rows in any order: what names each, and whether it has a place."""
-
-    total: int = 0
-
-    def add(self, batch: pa.RecordBatch, key: str, geometry: str) -> None:
-        """Add the rows of a batch; a workbook has no places."""
-        named = geometry in batch.schema.names
-        places = batch.column(geometry).is_valid() if named else pa.nulls(len(batch))
-        for name, placed in zip(batch.column(key).to_pylist(), places.to_pylist(), strict=True):
-            row = hashlib.sha256(f"{name}\0{placed}".encode()).digest()
-            self.total += int.from_bytes(row)
+def _digest(batch: pa.RecordBatch, key: str, geometry: str) -> int:
+    """A sum over rows in any order: what names each, and whether it has a place; a workbook has no places."""
+    named = geometry in batch.schema.names
+    places = batch.column(geometry).is_valid() if named else pa.nulls(len(batch))
+    rows = zip(batch.column(key).to_pylist(), places.to_pylist(), strict=True)
+    return sum(int.from_bytes(hashlib.sha256(f"{a}\0{b}".encode()).digest()) for a, b in rows)
 
 
-def _read_back(pyogrio: ModuleType, made: Path, key: str) -> Digest:
+def _read_back(pyogrio: ModuleType, made: Path, key: str) -> int:
     """The digest of all rows of a file; of those before a fault."""
-    found = Digest()
+    found = 0
     faults = pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, KeyError, OSError
     with warnings.catch_warnings(action="ignore"), suppress(*faults):
         with pyogrio.open_arrow(made, columns=[key], use_pyarrow=True) as (about, batches):
             for batch in batches:
-                found.add(batch, key, about["geometry_name"] or "wkb_geometry")
+                found += _digest(batch, key, about["geometry_name"] or "wkb_geometry")
     return found
 
 
@@ -173,17 +162,15 @@ def _fields(
     for column in rows.columns:
         if column.name == PICTURE and kind == "kmz":
             continue
-        if kind == "xlsx" and pa.types.is_string(column.type):
-            yield pa.field(column.name, pa.string()), partial(_guarded, column.name)
-        elif kind != "shp":
-            comment = f"{column.words} [{column.unit}]" if column.unit else column.words
-            about = {"GDAL:OGR:comment": comment} if kind == "gpkg" else None
-            yield pa.field(column.name, column.type, metadata=about), partial(_value, column.name)
-        elif _is_text(column):
-            text = partial(_dbase_text, column.name, cut)
-            yield pa.field(short[column.name], pa.string()), text
-        else:
-            yield pa.field(short[column.name], column.type), partial(_value, column.name)
+        name, held, value = column.name, column.type, partial[Any](_value, column.name)
+        if kind == "xlsx" and pa.types.is_string(held):
+            value = partial(_guarded, column.name)
+        elif kind == "shp" and any(is_of(held) for is_of in _TEXT_IN_DBASE):
+            held, value = pa.string(), partial(_dbase_text, column.name, cut)
+        name = short[name] if kind == "shp" else name
+        comment = f"{column.words} [{column.unit}]" if column.unit else column.words
+        about = {"GDAL:OGR:comment": comment} if kind == "gpkg" else None
+        yield pa.field(name, held, metadata=about), value
     # heights of KML are above the sea, those here above the ellipsoid: its signs lie on the ground
     if kind != "xlsx":
         yield pa.field(GEOMETRY, pa.binary()), partial(_wkb, 2 if kind in ("kml", "kmz") else 3)
@@ -201,19 +188,13 @@ def _options(kind: str, crs: str, last: datetime) -> dict[str, str]:
     return driver | (places if kind != "xlsx" else {}) | more.get(kind, {})
 
 
-def _guarded(name: str, row: Row) -> str | None:
-    """A text that GDAL does not write as a formula."""
-    return None if row.get(name) is None else guarded(row[name])
-
-
 def _value(name: str, row: Row) -> Any:
     return row.get(name)
 
 
-def _is_text(column: Column) -> bool:
-    """Whether a dBASE file holds a column as text: its numbers have 18 digits, its dates no time of day."""
-    kind = column.type
-    return pa.types.is_int64(kind) or pa.types.is_timestamp(kind) or pa.types.is_string(kind)
+def _guarded(name: str, row: Row) -> str | None:
+    """A text that GDAL does not write as a formula."""
+    return None if row.get(name) is None else guarded(row[name])
 
 
 def _dbase_text(name: str, cut: Counter[str], row: Row) -> str | None:

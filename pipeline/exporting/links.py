@@ -65,18 +65,14 @@ def linked(source: Source, file: Path, *, pictures: bool, log: Path | None) -> S
 
 def _links(folder: Path, beside: Path) -> dict[str, Row]:
     """Image name, address of the sheet, and frame and box of the best image, of each sign of a drive."""
-    names = {
-        one["frame"]: one["image_name"]
-        for one in read_rows(folder, FRAMES, ("frame", "image_name"))
-    }
-    found = {}
+    frames = read_rows(folder, FRAMES, ("frame", "image_name"))
+    names, found = {one["frame"]: one["image_name"] for one in frames}, {}
     for row in read_rows(folder, SIGNS, ("sign_id", "best_frame", "best_box")):
         sheet = folder / "evidence" / f"{row['sign_id']}.html"
+        address = Path(os.path.relpath(sheet, beside)).as_posix() if sheet.is_file() else None
         found[row["sign_id"]] = {
             "image_name": names.get(row["best_frame"]),
-            "evidence": Path(os.path.relpath(sheet, beside)).as_posix()
-            if sheet.is_file()
-            else None,
+            "evidence": address,
             "seen": (row["best_frame"], tuple(row["best_box"])),
         }
     return found

@@ -29,18 +29,15 @@ INVENTORY_TABLES = {table.name: table for table in (PANELS, SUPPORTS)}
 _BOX = ("best_x_min", "best_y_min", "best_x_max", "best_y_max")
 _WORLD = ("cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz")
 _EAST_NORTH_UP = ("cov_ee", "cov_en", "cov_eu", "cov_nn", "cov_nu", "cov_uu")
+_MAIN_OF_BOTH = (
+    *("status", "confidence", "category", "mutcd", "vienna", "legend", "color", "shape"),
+    *("panel_width_m", "panel_height_m", "bearing_deg", "lon_deg", "lat_deg"),
+    *("route", "measure", "measure_unit"),
+)
 _MAIN = {
-    "signs": (
-        "sign_id", "status", "confidence", "category", "mutcd", "vienna", "legend", "color", "shape", "panel_width_m",
-        "panel_height_m", "bottom_m", "lateral_m", "bearing_deg", "lon_deg", "lat_deg", "route", "measure",
-        "measure_unit", "date",
-    ),
-    "panels": (
-        "panel_id", "status", "confidence", "category", "mutcd", "vienna", "legend", "color", "shape", "panel_width_m",
-        "panel_height_m", "up_m", "bearing_deg", "lon_deg", "lat_deg", "route", "measure", "measure_unit", "last_seen",
-        "times_seen",
-    ),
-}  # fmt: skip
+    "signs": (*_MAIN_OF_BOTH, "sign_id", "bottom_m", "lateral_m", "date"),
+    "panels": (*_MAIN_OF_BOTH, "panel_id", "up_m", "last_seen", "times_seen"),
+}
 """The columns of an export unless all are asked for; in the drive's own frame other ones say where."""
 _LOCAL = {"bearing_deg": "facing_deg", "lon_deg": "x", "lat_deg": "y"}
 _REVIEW_COLUMNS = (
@@ -95,9 +92,7 @@ def drive_signs(
     """
     signs = read_rows(out, SIGNS, _names(SIGNS))
     about = read_run(out)
-    rows = [
-        _flat_row(SIGNS, sign) | _said(review.rows.get(sign["sign_id"]), sign) for sign in signs
-    ]
+    rows = [_flat_row(SIGNS, row) | _said(review.rows.get(row["sign_id"]), row) for row in signs]
     rows += _missing(out, Path(str(about.get("log", ""))).stem, review)
     rows = [row | {"result": result_name(about)} for row in rows]
     if accepted:
@@ -106,24 +101,26 @@ def drive_signs(
         if route is not None and row.get("station_m") is not None:
             row |= route.measured(row["station_m"])
     times = [row["best_time_ns"] for row in rows if row.get("best_time_ns") is not None]
-    last = datetime.fromtimestamp(max(times, default=0) // 10**9, UTC)
-    local = rows and all(row.get("lon_deg") is None for row in rows)
-    world = str(about.get("world") or "drive_start") if local else None
     key, *measured = _flat_columns(SIGNS)
     columns = (key, *_FINAL_COLUMNS, *measured, *_REVIEW_COLUMNS)
-    return Source(out, SIGNS.name, columns, lambda: [rows], last, world)
+    return _drive_source(out, SIGNS.name, columns, rows, times)
 
 
 def drive_roadside(out: Path, name: str) -> Source:
     """`profile` or `posts` of a result of `wayside run --roadside`; raises as `drive_signs`."""
     table = {one.name: one for one in (POSTS, PROFILE)}[name]
     rows = read_rows(out, table, _names(table))
-    last = max((row["log_time_ns"] for row in read_rows(out, FRAMES, ["log_time_ns"])), default=0)
-    local = rows and all(row["lon_deg"] is None for row in rows)
+    times = [row["log_time_ns"] for row in read_rows(out, FRAMES, ["log_time_ns"])]
+    return _drive_source(out, name, _flat_columns(table), rows, times)
+
+
+def _drive_source(
+    out: Path, name: str, columns: tuple[Column, ...], rows: list[Row], times_ns: list[int]
+) -> Source:
+    last = datetime.fromtimestamp(max(times_ns, default=0) // 10**9, UTC)
+    local = rows and all(row.get("lon_deg") is None for row in rows)
     world = str(read_run(out).get("world") or "drive_start") if local else None
-    columns = _flat_columns(table)
-    when = datetime.fromtimestamp(last // 10**9, UTC)
-    return Source(out, name, columns, lambda: [rows], when, world)
+    return Source(out, name, columns, lambda: [rows], last, world)
 
 
 def inventory_rows(inventory: Path, name: str) -> Source:
@@ -197,10 +194,8 @@ def _flat_row(table: Table, row: Row) -> Row:
 
 def _said(one: Reviewed | None, sign: Row) -> Row:
     measured = sign | {"code": sign.get("mutcd") or sign.get("vienna")}
-    final = {name: measured.get(name) for name in LOOK} if one is None else one.final(measured)
-    row: Row = {f"final_{name}": value for name, value in final.items()}
-    if one is None:
-        return row
+    one = one or Reviewed("")
+    row: Row = {f"final_{name}": value for name, value in one.final(measured).items()}
     about = {"review": one.review, "reviewer": one.reviewer, "review_note": one.note}
     return row | {name: value or None for name, value in about.items()}
 

@@ -39,14 +39,9 @@ Kind = type[BaseException] | None
 class OutputFolder:
     """A folder that one process at a time writes a set of files to; leaving the block without `commit` changes nothing.
 
-    Parameters
-    ----------
-    folder
-        Where the files belong; made where it is missing.
-    kept
-        Files that stay in `part` where the block ends with an error that is not about the output.
-
-    Raises OutputError where the folder cannot be written, or another process writes to it.
+    `folder`: where the files belong, made where it is missing. `kept`: files that stay in `part` where the block ends
+    with an error that is not about the output. Raises OutputError where the folder cannot be written, or another
+    process writes to it.
     """
 
     def __init__(self, folder: Path, kept: Collection[str] = ()) -> None:

@@ -113,12 +113,7 @@ def read_parquet(
     a process that ends right after them (github.com/apache/arrow/issues/34314). Filters by an expression and
     `pre_buffer` do the same.
 
-    Parameters
-    ----------
-    path, columns
-        The file, and the columns to read; None: all.
-    where
-        The rows; its columns need not be among `columns`.
+    `columns`: those to read; None: all. `where`: the rows; its columns need not be among `columns`.
 
     Raises as `open_input`; `pa.ArrowException` where it is no Parquet file, `pa.ArrowInvalid` beyond the bound or where
     a column is missing.

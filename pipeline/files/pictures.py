@@ -34,10 +34,11 @@ def blurred(rgb: NDArray[np.uint8], kept: Iterable[Sequence[float]]) -> NDArray[
     return hidden
 
 
-def encode_webp(rgb: NDArray[np.uint8], quality: int = QUALITY) -> bytes:
-    """An image (h, w, 3) as WebP."""
+def webp_address(rgb: NDArray[np.uint8], quality: int = QUALITY) -> str:
+    """An image (h, w, 3) as WebP in the address of an image in a page."""
     bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
-    return cv2.imencode(".webp", bgr, (cv2.IMWRITE_WEBP_QUALITY, quality))[1].tobytes()
+    content = cv2.imencode(".webp", bgr, (cv2.IMWRITE_WEBP_QUALITY, quality))[1].tobytes()
+    return f"data:image/webp;base64,{base64.b64encode(content).decode()}"
 
 
 def encode_jpeg(rgb: NDArray[np.uint8]) -> bytes:
@@ -49,12 +50,6 @@ def encode_png(rgb: NDArray[np.uint8]) -> bytes:
     """An image (h, w, 3) as PNG, compressed a little."""
     bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
     return cv2.imencode(".png", bgr, (cv2.IMWRITE_PNG_COMPRESSION, _FAST))[1].tobytes()
-
-
-def data_address(content: bytes) -> str:
-    """The content of a WebP or PNG file as the address of an image in a page."""
-    kind = "webp" if content.startswith(b"RIFF") else "png"
-    return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
 def marked_png(png: bytes, mark: str) -> bytes:

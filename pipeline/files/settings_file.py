@@ -40,24 +40,12 @@ def load_settings(
     assignments: Sequence[str] = (),
     options: Mapping[str, Any] | None = None,
 ) -> tuple[Settings, dict[str, str]]:
-    """Merge all layers and check every value.
+    """Merge all layers and check every value; the settings, and where each value is from by its full name.
 
-    Parameters
-    ----------
-    preset
-        A name of `PRESETS`.
-    file
-        TOML file with one table a group, as `format_settings` writes it.
-    assignments
-        `group.name=value`, in order.
-    options
-        Values of named options by full name (`read.spacing_m`); None means not given. Texts are converted like
-        assignments.
-
-    Returns
-    -------
-    settings, origins
-        Origins by full name: `default`, `preset report`, the file's name, `--set` or `option`.
+    `preset`: a name of `PRESETS`. `file`: TOML with one table a group, as `format_settings` writes it. `assignments`:
+    `group.name=value`, in order. `options`: values of named options by full name (`read.spacing_m`); None means not
+    given, and texts are converted like assignments. Origins: `default`, `preset report`, the file's name, `--set` or
+    `option`.
 
     Raises UsageError for an unknown preset, group or name (with the nearest known one), a value of the wrong type or
     out of range, and a file that cannot be read.

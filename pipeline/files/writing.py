@@ -56,13 +56,6 @@ def not_written(
     return OutputError(f"{path}: {content} cannot be written: {error.strerror or error}. {advice}.")
 
 
-def not_whole(path: Path) -> OutputError:
-    """The error for a person where what was written cannot be read back as it was."""
-    return OutputError(
-        f"{path}: not all that was written can be read back, so it is not kept; free some space, or name another file"
-    )
-
-
 def create(path: Path) -> BufferedWriter:
     """A new file, open for writing; raises OSError if the path exists, also as a symbolic link."""
     return os.fdopen(os.open(path, os.O_RDWR | _NEW_FILE, 0o666), "wb")
@@ -127,16 +120,9 @@ def whole_file(
 
     Devices and pipes are written as they are. The same bytes once more are never refused.
 
-    Parameters
-    ----------
-    path
-        Where it goes; a symbolic link stays and what it points to is replaced.
-    is_own
-        Whether an existing file was written by wayside, and may be replaced.
-    overwrite
-        Replace any existing file.
-
-    Raises OutputError where it cannot be written, or would replace a file of the user.
+    `path`: where it goes; a symbolic link stays and what it points to is replaced. `is_own`: whether an existing file
+    was written by wayside, and may be replaced. `overwrite`: replace any existing file. Raises OutputError where it
+    cannot be written, or would replace a file of the user.
     """
     require_local(path)
     try:

@@ -1,7 +1,5 @@
 """What `wayside fit` does: fit every model that labels suffice for, write those that do better, and report."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,37 +12,7 @@ from wayside import __version__
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.files.writing import not_written, refuse, write_file, write_json
-from wayside.pipeline.fitting.models import (
-    FittedConfidence,
-    FittedModel,
-    Task,
-    fit_colors,
-    fit_confidence,
-    fit_gaussians,
-    too_few_labels,
-)
-from wayside.pipeline.fitting.report import (
-    COLOR,
-    CONFIDENCE,
-    FILES,
-    FIT_KEYS,
-    LOCATION,
-    SHAPE,
-    Outcome,
-    fit_json,
-    fit_page,
-    format_fit,
-    outcome_lines,
-)
-from wayside.pipeline.fitting.samples import (
-    Gathered,
-    LabelledDrive,
-    by_side,
-    labelled_drives,
-    landmark_samples,
-    region_samples,
-    run_drives,
-)
+from wayside.pipeline.fitting import models, report, samples
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.learning.fits import PLACE_FLOOR, SHAPE_FLOOR, SIDES
 from wayside.pipeline.models.model_files import load_models
@@ -85,21 +53,15 @@ def fit_labels(
 ) -> str:
     """Fit models by labels, write them into a folder, and give the report.
 
-    Raises
-    ------
-    UsageError
-        There are several files of labels, but not one for each of the images.
-    InputError
-        Labels or images cannot be used, or not one model can be fitted.
-    OutputError
-        A file cannot be written, or exists already.
+    Raises UsageError where there are several files of labels, but not one for each of the images; InputError where
+    labels or images cannot be used, or no model can be fitted; OutputError where a file exists or cannot be written.
     """
     if len(options.labels) not in (1, len(options.images)):
         raise UsageError(
             f"{len(options.labels)} files of labels are given. Give one, or one for each of the {len(options.images)} "
             "--images in their order."
         )
-    for name in (*FILES.values(), FIGURES, PAGE):
+    for name in (*report.FILES.values(), FIGURES, PAGE):
         if (out / name).exists() and not overwrite:
             raise refuse(out / name, "an earlier model or other figures")
     presets = {
@@ -108,21 +70,21 @@ def fit_labels(
     }
     labels = [read_labels(path, options.classes) for path in options.labels]
     read = presets["report"].read
-    drives = labelled_drives(labels, options.images, read, complete=options.complete)
-    task = Task(options.alpha, options.only_labelled, provenance(options, drives))
+    drives = samples.labelled_drives(labels, options.images, read, complete=options.complete)
+    task = models.Task(options.alpha, options.only_labelled, provenance(options, drives))
     faces = [drive.faces for drive in drives]
-    few = {what: words for what in options.wanted if (words := too_few_labels(faces, what))}
+    few = {what: words for what in options.wanted if (words := models.too_few_labels(faces, what))}
     left = tuple(what for what in options.wanted if what not in few)
     outcomes = fit_models(drives, presets, task, replace(options, wanted=left), notify)
-    outcomes += [Outcome(what, None, words) for what, words in few.items()]
+    outcomes += [report.Outcome(what, None, words) for what, words in few.items()]
     if not any(one.written for one in outcomes):
-        lines = [line for one in outcomes for line in outcome_lines(one)]
+        lines = [line for one in outcomes for line in report.outcome_lines(one)]
         raise InputError("\n".join(["no model is written", *lines]))
     _write(out, outcomes, drives, task)
-    return format_fit(outcomes, drives, out)
+    return report.format_fit(outcomes, drives, out)
 
 
-def provenance(options: FitOptions, drives: Sequence[LabelledDrive]) -> str:
+def provenance(options: FitOptions, drives: Sequence[samples.LabelledDrive]) -> str:
     """What a model file says of the labels, the images and their licence."""
     files = ", ".join(
         f"{path.resolve().name} (SHA-256 {digest_of(path)})" for path in options.labels
@@ -150,88 +112,94 @@ def digest_of(path: Path) -> str:
 
 
 def fit_models(
-    drives: Sequence[LabelledDrive],
+    drives: Sequence[samples.LabelledDrive],
     presets: Mapping[str, Settings],
-    task: Task,
+    task: models.Task,
     options: FitOptions,
     notify: Callable[[str], None],
-) -> list[Outcome]:
+) -> list[report.Outcome]:
     """Fit those of `FILES` that are wanted, in the order of the chain; each is asked about what those before accept.
 
     `presets`: settings of `report-shape`, `report` and `default`. `notify`: is called with what comes next.
     """
-    wanted = options.wanted
-    report = presets["report"]
-    models, default = load_models(report), load_models(presets["default"])
+    wanted, chain = options.wanted, presets["report"]
+    own, default = load_models(chain), load_models(presets["default"])
     shapes = load_models(presets["report-shape"]).shape_classes
-    colors, evidence = models.color_classes, default.landmark_classifier
+    colors, evidence = own.color_classes, default.landmark_classifier
     if colors is None or shapes is None or evidence is None:
         raise InputError("models that ship with wayside are missing. Install wayside again.")
-    outcomes: list[Outcome] = []
-    if COLOR in wanted:
+    outcomes: list[report.Outcome] = []
+    if report.COLOR in wanted:
         notify("colours: segmenting the labelled images")
-        found = region_samples(drives, report)
-        outcomes.append(
-            _tried(COLOR, partial(fit_colors, found.samples, colors, task, options.space), found)
-        )
+        found = samples.region_samples(drives, chain)
+        fit = partial(models.fit_colors, found.samples, colors, task, options.space)
+        outcomes.append(_tried(report.COLOR, fit, found))
         fitted = outcomes[0].fitted
-        if outcomes[0].written and isinstance(fitted, FittedModel):
+        if outcomes[0].written and isinstance(fitted, models.FittedModel):
             colors = fitted.model
-    if SHAPE in wanted:
+    if report.SHAPE in wanted:
         notify("shapes: segmenting the labelled images")
-        found = region_samples(drives, report, colors)
+        found = samples.region_samples(drives, chain, colors)
         floor = np.full(shapes.classes[0].mean.shape, SHAPE_FLOOR)
         asked = {shapes.space: (found.samples, lambda mean: floor)}
-        fit = partial(fit_gaussians, found.samples, asked, SHAPES, SHAPE, shapes, task)
-        outcomes.append(_tried(SHAPE, fit, found))
-    if LOCATION in wanted:
+        known = found.samples, asked, SHAPES, report.SHAPE, shapes, task
+        outcomes.append(_tried(report.SHAPE, partial(models.fit_gaussians, *known), found))
+    if report.LOCATION in wanted:
         notify("location: running the logs with preset report")
-        gates = replace(models, color_classes=colors)
+        gates = replace(own, color_classes=colors)
 
-        def fit_location() -> FittedModel:
-            samples = by_side(landmark_samples(run_drives(drives, report, gates), LOCATION))
-            shipped = models.location_classes
-            places = {shipped.space: (samples, lambda mean: np.array(PLACE_FLOOR))}
-            return fit_gaussians(samples, places, SIDES, LOCATION, shipped, task)
+        def fit_location() -> models.FittedModel:
+            runs = samples.run_drives(drives, chain, gates)
+            where = samples.by_side(samples.landmark_samples(runs, report.LOCATION))
+            shipped = own.location_classes
+            places = {shipped.space: (where, lambda mean: np.array(PLACE_FLOOR))}
+            return models.fit_gaussians(where, places, SIDES, report.LOCATION, shipped, task)
 
-        outcomes.append(_tried(LOCATION, fit_location))
-    if CONFIDENCE in wanted:
+        outcomes.append(_tried(report.LOCATION, fit_location))
+    if report.CONFIDENCE in wanted:
         notify("confidence: running the logs with preset default")
 
-        def fit_evidence() -> FittedConfidence:
-            runs = run_drives(drives, presets["default"], default)
-            return fit_confidence(landmark_samples(runs, "landmark"), evidence, task)
+        def fit_evidence() -> models.FittedConfidence:
+            runs = samples.run_drives(drives, presets["default"], default)
+            return models.fit_confidence(samples.landmark_samples(runs, "landmark"), evidence, task)
 
-        outcomes.append(_tried(CONFIDENCE, fit_evidence))
+        outcomes.append(_tried(report.CONFIDENCE, fit_evidence))
     return outcomes
 
 
 def _tried(
-    what: str, fit: Callable[[], FittedModel | FittedConfidence], regions: Gathered | None = None
-) -> Outcome:
+    what: str,
+    fit: Callable[[], models.FittedModel | models.FittedConfidence],
+    regions: samples.Gathered | None = None,
+) -> report.Outcome:
     """The outcome of a fit: refused where it raises, or where the shipped model does better on what was held out."""
     try:
         fitted = fit()
     except InputError as error:
-        return Outcome(what, None, str(error), regions)
-    margin = " by a standard error" if isinstance(fitted, FittedModel) else ""
+        return report.Outcome(what, None, str(error), regions)
+    margin = " by a standard error" if isinstance(fitted, models.FittedModel) else ""
     worse = f"on what was held out it is not better than the shipped one{margin}"
-    return Outcome(what, fitted, "" if fitted.better else worse, regions)
+    return report.Outcome(what, fitted, "" if fitted.better else worse, regions)
 
 
 def _write(
-    out: Path, outcomes: Sequence[Outcome], drives: Sequence[LabelledDrive], task: Task
+    out: Path,
+    outcomes: Sequence[report.Outcome],
+    drives: Sequence[samples.LabelledDrive],
+    task: models.Task,
 ) -> None:
     """Write models, figures and curves; remove earlier models, which have other figures."""
     try:
         out.mkdir(parents=True, exist_ok=True)
-        for name in FILES.values():
+        for name in report.FILES.values():
             (out / name).unlink(missing_ok=True)
     except OSError as error:
         raise not_written(out, error, "a model") from error
     for one in outcomes:
         if one.fitted is not None and one.written:
             text = model_to_json(one.fitted.model)
-            write_file(out / FILES[one.what], text.encode(), overwrite=True)
-    write_json(out / FIGURES, fit_json(outcomes, drives, task), FIT_KEYS, overwrite=True)
-    write_file(out / PAGE, fit_page(outcomes, task.provenance).encode(), overwrite=True)
+            write_file(out / report.FILES[one.what], text.encode(), overwrite=True)
+    write_json(
+        out / FIGURES, report.fit_json(outcomes, drives, task), report.FIT_KEYS, overwrite=True
+    )
+    write_file(out / PAGE, report.fit_page(outcomes, task.provenance).encode(), overwrite=True)

@@ -1,7 +1,5 @@
 """Models fitted to a user's samples: Gaussian classes of enough signs, and the confidence; thresholds by a rule."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,33 +8,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.learning.fits import (
-    COLOR_FLOOR,
-    SEED,
-    Fit,
-    Floor,
-    Held,
-    Rates,
-    Resampled,
-    Samples,
-    brier_score,
-    calibrated,
-    exceeds,
-    fit_background,
-    fit_classes,
-    held_out,
-    held_out_log_density,
-    log_loss,
-    score_held_out,
-)
+from wayside.pipeline.learning import fits, thresholds
 from wayside.pipeline.learning.labelled import Faces
-from wayside.pipeline.learning.thresholds import (
-    GATE_RATES,
-    normal_tail,
-    rates_of,
-    score_points,
-    with_threshold,
-)
 from wayside.schemas.detections import COLORS
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import EvidenceModel, GaussianClass, GaussianModel
@@ -52,12 +25,11 @@ FEWEST_LANDMARKS = 10
 CLASS_WORDS = {"color": "colour", "shape": "shape", "location": "side of the road"}
 """What a class of each gate is."""
 PRIOR_SIGNS = (1.0, 3.0, 10.0, 30.0)
-"""Signs that the pooled covariance counts as; the best when held out is taken. From nearly none to more than 50 images
-have."""
+"""Signs that the pooled covariance counts as, from few to more than 50 images have; the best held out is taken."""
 DRAWS = 420
 """Values drawn from a shipped class that is kept."""
 
-Asked = tuple[Samples, Floor]
+Asked = tuple[fits.Samples, fits.Floor]
 """Samples in a space, and the smallest scatter of a class there."""
 
 
@@ -72,13 +44,13 @@ class FittedModel:
     """
 
     model: GaussianModel
-    held: Held
+    held: fits.Held
     kept: tuple[str, ...]
     lacking: dict[str, int]
     prior_signs: float
-    compared: dict[str, Held]
-    shipped: Rates
-    fitted: Rates
+    compared: dict[str, fits.Held]
+    shipped: fits.Rates
+    fitted: fits.Rates
 
     @property
     def better(self) -> bool:
@@ -86,7 +58,7 @@ class FittedModel:
 
         By more than one standard error of the difference.
         """
-        return exceeds(self.held.gain) and exceeds(self.held.gain, self.shipped.gain)
+        return fits.exceeds(self.held.gain) and fits.exceeds(self.held.gain, self.shipped.gain)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +66,7 @@ class FittedConfidence:
     """The landmark classifier with other log odds, slope * shipped + shift, and what it rests on.
 
     `signs`, `others`: labelled landmarks. `before`, `after`: mean log loss (nats) of held-out landmarks with the
-    shipped calibration and with one fitted without them. `brier_before`, `brier_after`: their mean squared errors of
-    probability.
+    shipped calibration and with one fitted without them. `brier_before`, `brier_after`: the same of the Brier score.
     """
 
     model: EvidenceModel
@@ -128,10 +99,12 @@ class Task:
 
     def rate(self, gate: str) -> float:
         """False-alarm rate of a gate."""
-        return GATE_RATES[gate] if self.alpha is None else self.alpha
+        return thresholds.GATE_RATES[gate] if self.alpha is None else self.alpha
 
 
-def fit_colors(samples: Samples, shipped: GaussianModel, task: Task, space: str) -> FittedModel:
+def fit_colors(
+    samples: fits.Samples, shipped: GaussianModel, task: Task, space: str
+) -> FittedModel:
     """Colour classes by mean colours of regions, RGB; in a space, or (`auto`) that which does best when held out.
 
     RGB, the report's space, stays where no other accepts more signs by name for its false alarms by more than one
@@ -145,7 +118,7 @@ def fit_colors(samples: Samples, shipped: GaussianModel, task: Task, space: str)
 
 
 def fit_gaussians(
-    samples: Samples,
+    samples: fits.Samples,
     spaces: Mapping[str, Asked],
     known: tuple[str, ...],
     gate: str,
@@ -162,15 +135,15 @@ def fit_gaussians(
     tried = {one: _validated(*asked, names, alpha) for one, asked in spaces.items()}
     first = next(iter(tried))
     chosen = max(tried, key=lambda one: float(np.nanmean(tried[one][1].gain)))
-    if not exceeds(tried[chosen][1].gain, tried[first][1].gain):
+    if not fits.exceeds(tried[chosen][1].gain, tried[first][1].gain):
         chosen = first
     prior, held = tried[chosen]
     kept = () if task.only_labelled else [c for c in shipped.classes if c.name not in names]
     fit = _fit(spaces[chosen][1], names, prior, chosen, [_carried(one, chosen) for one in kept])
     asked = spaces[chosen][0]
     every = [one.name for one in fit(asked).classes]
-    score = held_out(asked, every, fit)[1].max(axis=1)
-    gated = with_threshold(fit(asked), score, asked.kind != "", asked.stretch, alpha)
+    score = fits.held_out(asked, every, fit)[1].max(axis=1)
+    gated = thresholds.with_threshold(fit(asked), score, asked.kind != "", asked.stretch, alpha)
     model = replace(gated, provenance=task.provenance)
     counts = {name: samples.signs(name) for name in known if name not in names}
     return FittedModel(
@@ -185,14 +158,14 @@ def fit_gaussians(
     )
 
 
-def model_rates(model: GaussianModel, samples: Samples, names: tuple[str, ...]) -> Rates:
+def model_rates(model: GaussianModel, samples: fits.Samples, names: tuple[str, ...]) -> fits.Rates:
     """How a model decides on samples in its space."""
     code, _, ratio = nearest_class(samples.values, model, names)
     given = np.where(ratio >= model.threshold, np.array(names)[code], "")
-    return Resampled(samples).rates(given)
+    return fits.Resampled(samples).rates(given)
 
 
-def enough(samples: Samples, known: Sequence[str], what: str) -> tuple[str, ...]:
+def enough(samples: fits.Samples, known: Sequence[str], what: str) -> tuple[str, ...]:
     """The classes that can be fitted and held out: enough signs, in two folds at least; InputError without one."""
     others = int((samples.kind == "").sum())
     if others < FEWEST_OTHERS:
@@ -237,11 +210,11 @@ def _few_signs(fewest: int, what: str, counts: Mapping[str, int]) -> str:
     return f"{needed}, from two stretches of road or more, and there are {found}. Label more."
 
 
-def color_floor(space: str) -> Floor:
+def color_floor(space: str) -> fits.Floor:
     """The smallest scatter of a colour class in RGB, carried over into a space at the mean."""
     if space == "rgb":
-        return lambda mean: np.array(COLOR_FLOOR)
-    steps = np.random.default_rng(SEED).normal(0, COLOR_FLOOR, (DRAWS, 3))
+        return lambda mean: np.array(fits.COLOR_FLOOR)
+    steps = np.random.default_rng(fits.SEED).normal(0, fits.COLOR_FLOOR, (DRAWS, 3))
     grid = np.stack(np.meshgrid(*[np.arange(0, 256, 15.0)] * 3), axis=-1).reshape(-1, 3)
     features = color_features(grid, space)
 
@@ -254,32 +227,33 @@ def color_floor(space: str) -> Floor:
 
 
 def _validated(
-    samples: Samples, floor: Floor, names: Sequence[str], alpha: float
-) -> tuple[float, Held]:
+    samples: fits.Samples, floor: fits.Floor, names: Sequence[str], alpha: float
+) -> tuple[float, fits.Held]:
     """The strength of the prior that does best on held-out folds, and how the classes do there with it."""
-    fits = {
-        one: partial(fit_classes, names=names, floor=floor, prior_signs=one) for one in PRIOR_SIGNS
+    tried = {
+        one: partial(fits.fit_classes, names=names, floor=floor, prior_signs=one)
+        for one in PRIOR_SIGNS
     }
     own = samples.select(np.isin(samples.kind, names))
     # rounded: where there is one class alone, all do the same
-    prior = max(fits, key=lambda one: round(held_out_log_density(own, fits[one]), 6))
+    prior = max(tried, key=lambda one: round(fits.held_out_log_density(own, tried[one]), 6))
     asked = _asked(samples, names)
-    found = held_out(asked, names, _fit(floor, names, prior))
-    return prior, score_held_out(asked, names, *found, alpha)
+    found = fits.held_out(asked, names, _fit(floor, names, prior))
+    return prior, fits.score_held_out(asked, names, *found, alpha)
 
 
 def _fit(
-    floor: Floor,
+    floor: fits.Floor,
     names: Sequence[str],
     prior: float,
     space: str = "",
     kept: Sequence[GaussianClass] = (),
-) -> Fit:
+) -> fits.Fit:
     """How a model of classes, some that are kept, and of the background is fitted to samples."""
 
-    def fit(samples: Samples) -> GaussianModel:
-        classes = (*fit_classes(samples, names, floor, prior), *kept)
-        background = fit_background(samples.values[samples.kind == ""], floor)
+    def fit(samples: fits.Samples) -> GaussianModel:
+        classes = (*fits.fit_classes(samples, names, floor, prior), *kept)
+        background = fits.fit_background(samples.values[samples.kind == ""], floor)
         return GaussianModel(space, classes, "", background)
 
     return fit
@@ -290,18 +264,18 @@ def _carried(one: GaussianClass, space: str) -> GaussianClass:
     one = replace(one, count=1)
     if space not in COLOR_SPACES:
         return one
-    random = np.random.default_rng(SEED)
+    random = np.random.default_rng(fits.SEED)
     drawn = random.multivariate_normal(one.mean, one.covariance, DRAWS)
     values = color_features(np.clip(drawn, 0, 255), space)
     return replace(one, mean=values.mean(axis=0), covariance=np.cov(values.T))
 
 
-def _asked(samples: Samples, names: Sequence[str]) -> Samples:
+def _asked(samples: fits.Samples, names: Sequence[str]) -> fits.Samples:
     """Samples of these classes and of no sign."""
     return samples.select((samples.kind == "") | np.isin(samples.kind, names))
 
 
-def fit_confidence(samples: Samples, shipped: EvidenceModel, task: Task) -> FittedConfidence:
+def fit_confidence(samples: fits.Samples, shipped: EvidenceModel, task: Task) -> FittedConfidence:
     """Fit slope and shift of the log odds (n, 1) of labelled landmarks, held out fold by fold (Platt 1999).
 
     The model decides where a sign is as likely as anything else, or at a false-alarm rate. Its operating points are
@@ -318,9 +292,9 @@ def fit_confidence(samples: Samples, shipped: EvidenceModel, task: Task) -> Fitt
     held = np.empty(len(score))
     for fold in folds:
         own = samples.fold == fold
-        slope, shift = calibrated(score[~own], on[~own])
+        slope, shift = fits.calibrated(score[~own], on[~own])
         held[own] = slope * score[own] + shift
-    slope, shift = calibrated(score, on)
+    slope, shift = fits.calibrated(score, on)
     model = replace(
         shipped,
         curves=tuple(slope * curve for curve in shipped.curves),
@@ -330,7 +304,9 @@ def fit_confidence(samples: Samples, shipped: EvidenceModel, task: Task) -> Fitt
         decision=0.0,
         threshold_rule="log odds of 0: as likely a sign as anything else, by labelled landmarks (Platt 1999)",
         threshold_interval=None,
-        curve=score_points(held, on, samples.stretch, normal_tail, rates_of(others)),
+        curve=thresholds.score_points(
+            held, on, samples.stretch, thresholds.normal_tail, thresholds.rates_of(others)
+        ),
     )
     if task.alpha is not None:
         try:
@@ -339,5 +315,5 @@ def fit_confidence(samples: Samples, shipped: EvidenceModel, task: Task) -> Fitt
             raise InputError(
                 f"{error}; {others} landmarks that are no sign tell no smaller one: label more"
             ) from error
-    losses = (loss(one, on) for loss in (log_loss, brier_score) for one in (score, held))
+    losses = (loss(one, on) for loss in (fits.log_loss, fits.brier_score) for one in (score, held))
     return FittedConfidence(model, slope, shift, signs, others, *losses)

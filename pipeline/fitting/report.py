@@ -1,7 +1,5 @@
 """What became of a fit: in words, as JSON, and as a page with the held-out curves."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,19 +10,9 @@ import numpy as np
 from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.fitting.models import FittedConfidence, FittedModel, Task
 from wayside.pipeline.fitting.samples import Gathered, LabelledDrive
+from wayside.pipeline.learning import page
 from wayside.pipeline.learning.curves import RocCurve
 from wayside.pipeline.learning.fits import ClassScore, Rates
-from wayside.pipeline.learning.page import (
-    INKS,
-    RATES,
-    Figure,
-    Picture,
-    draw_band,
-    draw_roc,
-    format_page,
-    new_axes,
-    svg,
-)
 from wayside.pipeline.models.model_files import OWN_COLORS, REPORT_LOCATION
 from wayside.pipeline.statistics import Interval
 
@@ -117,13 +105,13 @@ def fit_page(outcomes: Sequence[Outcome], provenance: str) -> str:
     """HTML: for each model its held-out rates next to the shipped ones, and the curve of each class."""
     chapters = []
     for one in outcomes:
-        figures = [Figure("", "", "", words, table=table) for words, table in _described(one)]
+        figures = [page.Figure("", "", "", words, table=table) for words, table in _described(one)]
         if isinstance(one.fitted, FittedModel):
             model = one.fitted.model
             pictures = [_picture(score, model.threshold) for score in one.fitted.held.classes]
-            figures.append(Figure("", "", "", "", pictures))
+            figures.append(page.Figure("", "", "", "", pictures))
         chapters.append((one.what, figures))
-    return format_page("Models fitted to labels", (provenance, _CURVES), chapters)
+    return page.format_page("Models fitted to labels", (provenance, _CURVES), chapters)
 
 
 def _described(one: Outcome) -> Iterator[tuple[str, Table]]:
@@ -169,14 +157,14 @@ def _class_table(fitted: FittedModel) -> tuple[str, Table]:
     return f"left out, too few signs: {', '.join(left)}" if left else "classes:", rows
 
 
-def _picture(score: ClassScore, threshold: float) -> Picture:
+def _picture(score: ClassScore, threshold: float) -> page.Picture:
     words, curve = f"{score.name}: {score.signs} signs, {score.views} views", score.curve
     if curve is None:
-        return Picture("", f"{words}, all in one stretch")
-    axes = new_axes((0, 1), (0, 1), RATES, (300, 290))
-    draw_band(axes, curve)
-    draw_roc(axes, curve, INKS[0], "", used=curve.at(threshold))
-    return svg(axes, f"{words}; area {curve.area:.2f}")
+        return page.Picture("", f"{words}, all in one stretch")
+    axes = page.new_axes((0, 1), (0, 1), page.RATES, (300, 290))
+    page.draw_band(axes, curve)
+    page.draw_roc(axes, curve, page.INKS[0], "", used=curve.at(threshold))
+    return page.svg(axes, f"{words}; area {curve.area:.2f}")
 
 
 def _by_drive(drives: Sequence[LabelledDrive]) -> bool:

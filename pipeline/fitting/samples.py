@@ -1,7 +1,5 @@
 """Images with labels, from logs and from folders, and what the classifiers of a fit are asked about in them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -40,9 +38,8 @@ STRETCHES = 10
 class LabelledDrive:
     """A log, or a folder of images in their natural order, with labels.
 
-    `labels`: by frame. `faces`: the same as boxes, their numbers of signs those of no other drive.
-    `stretch`: number of the stretch of each labelled frame. `fold`: that of all its stretches where whole drives are
-    held out, else None.
+    `labels`: by frame. `faces`: the same as boxes, their numbers of signs those of no other drive. `stretch`: number of
+    the stretch of each labelled frame. `fold`: that of all its stretches where whole drives are held out, else None.
     """
 
     path: Path
@@ -99,8 +96,7 @@ def labelled_drives(
     """The images with labels: whole drives are held out where there are several, else stretches of one.
 
     `labels`: one for all, or one for each of `images` (logs and folders), in their order. `complete`: take every
-    labelled image for one in which every sign is labelled. Raises InputError where a log or folder cannot be read, or
-    holds no labelled image.
+    labelled image for one with every sign labelled. Raises InputError for a log or folder without a labelled image.
     """
     given = list(labels) if len(labels) == len(images) else [labels[0]] * len(images)
     found = [
@@ -206,8 +202,7 @@ def region_samples(
     """What the colour classifier is asked about; with colours that accept regions before it, the shape classifier.
 
     Mean colours, in RGB, of regions on labelled faces and on none; or Fourier descriptors of outlines, of those that
-    cover their face, and of those on none where the colours accept them. Of an image at most `MOST_OTHERS` others,
-    evenly spread.
+    cover their face, and of those on none where the colours accept them: of an image `MOST_OTHERS` at most, spread.
     """
     parts, faces, met = [], 0, 0
     for drive in drives:

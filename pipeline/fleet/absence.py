@@ -15,7 +15,6 @@ from wayside.pipeline.evidence.crops import read_images
 from wayside.pipeline.files.parsing import CONTENT_FAULTS
 from wayside.pipeline.fleet.inventory_data import DriveFrames, read_frames, read_signs
 from wayside.pipeline.fleet.manifest import DRIVES
-from wayside.pipeline.reading.frames import ReadReport
 from wayside.pipeline.results.result import find_log, read_rows, read_run, read_settings
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
@@ -70,9 +69,9 @@ class DriveView:
         low, high = low - settings.farthest_m, high + settings.farthest_m
         rows = np.flatnonzero(((centre[:, :2] > low) & (centre[:, :2] < high)).all(axis=1))
         turned = self.frames.rotation[rows]
-        found = views_of(places, centre[rows], turned, self.camera, self.smallest_px)
+        shown = views_of(places, centre[rows], turned, self.camera, self.smallest_px)
         told: list[tuple[Ints, int, Floats] | None] = []
-        for height, box in zip(found.height, found.box, strict=True):
+        for height, box in zip(*shown, strict=True):
             largest = np.argsort(-height, kind="stable")[: settings.images]
             largest = largest[height[largest] > 0]
             if np.count_nonzero(height) < VIEWS:
@@ -216,7 +215,7 @@ def _mark_hidden_of_drive(
     times = {row["frame"]: row["log_time_ns"] for row in frames}
     log, read = find_log(run, None), read_settings(folder, run)
     kept: dict[int, NDArray[np.uint8]] = {}
-    for image in read_images(log, read, row_of.keys(), times, ReadReport()):
+    for image in read_images(log, read, row_of.keys(), times):
         row = row_of[image.frame.index]
         if image.grey is not None:
             kept[row] = image.grey

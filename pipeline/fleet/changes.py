@@ -6,12 +6,11 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import mercantile
 import numpy as np
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
@@ -39,7 +38,7 @@ from wayside.pipeline.fleet.folders import (
 from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE, cell_origin, cells, read_frames
 from wayside.pipeline.fleet.manifest import DRIVES, Manifest
 from wayside.pipeline.fleet.straight_routes import with_place, without_place
-from wayside.pipeline.results.result import RUN_FILE, read_rows
+from wayside.pipeline.results.result import RUN_FILE, holds_table, read_rows
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.inventory_tables import CHANGES, CHANGES_OF_PANELS, PANELS, SIGHTINGS
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
@@ -151,12 +150,13 @@ def find_changes(
     if before.from_ns < after.until_ns and after.from_ns < before.until_ns:
         raise UsageError(f"the surveys {before.words} and {after.words} overlap")
     target = inventory / CHANGES.file
-    require_free(target, is_own=_is_own, overwrite=overwrite)
+    is_own = partial(holds_table, table=CHANGES)
+    require_free(target, is_own=is_own, overwrite=overwrite)
     surveys: dict[Side, Survey] = {"before": before, "after": after}
     comparison = _Comparison(inventory, manifest, surveys, settings or ChangeSettings())
     schema = schema_with_settings(CHANGES, merge=comparison.merge, changes=comparison.settings)
     with (
-        whole_file(target, is_own=_is_own, overwrite=overwrite) as stream,
+        whole_file(target, is_own=is_own, overwrite=overwrite) as stream,
         ParquetFile(stream, schema, geoparquet_metadata([])) as sink,
     ):
         for rows in comparison.rows():
@@ -369,11 +369,3 @@ def _merged_results(inventory: Path, manifest: Manifest) -> list[Path]:
             "merged. Let `wayside fleet` finish, and compare then."
         )
     return [inventory / DRIVES / entry.name for entry in manifest.done()]
-
-
-def _is_own(path: Path) -> bool:
-    """Whether a file is an earlier comparison."""
-    try:
-        return b'"changes"' in (pq.read_schema(path).metadata or {}).get(b"wayside", b"")
-    except (OSError, ValueError):
-        return False

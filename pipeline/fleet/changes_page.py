@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from wayside.pipeline.evidence.crops import draw_crop, read_crops
+from wayside.pipeline.evidence.crops import crop_addresses
 from wayside.pipeline.evidence.gather import DriveMap, Globe
 from wayside.pipeline.evidence.maps import overview
 from wayside.pipeline.evidence.marks import METRIC, Units, appearance_of, class_words, route_words
 from wayside.pipeline.files.parquet import read_parquet
-from wayside.pipeline.files.pictures import data_address, encode_webp, is_marked
+from wayside.pipeline.files.pictures import is_marked
 from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.files.writing import write_file
 from wayside.pipeline.fleet.absence import SIDES, Row
@@ -74,9 +74,12 @@ def write_page(
         if every or row["change"] not in QUIET or row["hidden_before"] or row["hidden_after"]
     ]
     rows.sort(key=_order)
+    kinds = [row["change"] for row in rows]
     images, faults = _images(inventory, rows, watch)
     counts = Counter(row["change"] for row in everything)
-    drawn, about = overview(_places(rows), units) or (None, {})
+    told = [{name: row.get(name) for name in REVIEWED} for row in rows]
+    placed = [k for k, row in enumerate(rows) if row["lon_deg"] is not None]
+    drawn, about = overview(_places([rows[k] for k in placed]), units) or (None, {})
     page = render_page(
         "changes.html",
         _MARK,
@@ -84,15 +87,20 @@ def write_page(
         units=units,
         map=drawn,
         dots=[
-            (f"change-{k}", f"{class_words(row['change'])}: {_heading(row)}", INKS[row["change"]])
-            for k, row in enumerate(rows)
+            (f"change-{k}", f"{class_words(kinds[k])}: {_heading(rows[k])}", INKS[kinds[k]])
+            for k in placed
         ],
         inks=INKS,
-        about={"map": about, "names": names, "rows": [_told(row) for row in rows]},
+        about={"map": about, "names": names, "rows": told},
         counts={kind: counts[kind] for kind in _KINDS},
-        shown=[kind for kind in _KINDS if any(row["change"] == kind for row in rows)],
+        shown=[kind for kind in _KINDS if kind in kinds],
         cards=[
-            (row, _heading(row), route_words(row), _figures(row, k, images))
+            (
+                row,
+                _heading(row),
+                route_words(row),
+                [_figure(row, side, images.get((k, side))) for side in SIDES],
+            )
             for k, row in enumerate(rows)
         ],
     )
@@ -108,14 +116,6 @@ def _places(rows: list[Row]) -> DriveMap:
     globe = Globe(np.eye(2), float(origin[0]), float(origin[1]), 1 / METRES_PER_DEGREE)
     steps = np.array([globe.lon_deg_per_m, globe.lat_deg_per_m, 1.0])
     return DriveMap({}, np.zeros((0, 3)), (places - origin) / steps, {}, globe=globe)
-
-
-def _told(row: Row) -> Row:
-    return {name: row.get(name) for name in REVIEWED}
-
-
-def _figures(row: Row, number: int, images: Mapping[tuple[int, str], str]) -> list[dict[str, Any]]:
-    return [_figure(row, side, images.get((number, side))) for side in SIDES]
 
 
 def _heading(row: Row) -> str:
@@ -141,16 +141,12 @@ def _images(
                 box = tuple(row[f"box_{side}"])
                 wanted[row[f"drive_{side}"]].append(((number, side), row[f"frame_{side}"], box))
     images: dict[tuple[int, str], str] = {}
-    faults = []
+    faults: list[str] = []
     for done, (drive, boxes) in enumerate(sorted(wanted.items())):
         watch(done, len(wanted))
-        try:
-            crops = read_crops(inventory / DRIVES / drive, None, boxes, _SIZE[0] / _SIZE[1])
-            for key, crop in crops:
-                if crop is not None:
-                    images[key] = data_address(encode_webp(draw_crop(crop, _SIZE)))
-        except InputError as error:
-            faults.append(str(error))
+        found, fault = crop_addresses(inventory / DRIVES / drive, None, boxes, _SIZE)
+        images |= found
+        faults += [fault] * bool(fault)
     watch(len(wanted), len(wanted))
     return images, faults
 

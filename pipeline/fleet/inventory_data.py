@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.code_words import code_of
-from wayside.pipeline.fleet.straight_routes import place_frames, place_signs
+from wayside.pipeline.fleet.straight_routes import column_of, place_frames, place_signs
 from wayside.pipeline.results.result import read_table
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.settings.merging import MergeSettings
@@ -88,7 +88,7 @@ def read_frames(folder: Path) -> DriveFrames:
     """
     table = place_frames(folder, read_table(folder, FRAMES, _FRAMES))
     table = table.filter(pc.is_valid(table["heading_deg"]))
-    geodetic, heading = _matrix(table, *_PLACE), _matrix(table, "heading_deg")[:, 0]
+    geodetic, heading = _matrix(table, *_PLACE), column_of(table, "heading_deg")
     quaternions = _matrix(table, "qx", "qy", "qz", "qw")
     world = Rotation.from_quat(quaternions).as_matrix() if len(table) else np.zeros((0, 3, 3))
     turn = _turns(world, heading)
@@ -215,8 +215,7 @@ def _travel(geodetic: Floats, heading_deg: Floats) -> Floats:
 
 def _matrix(table: pa.Table, *names: str) -> Floats:
     """Columns as numbers (n, names), null as nan."""
-    columns = [table[n].cast(pa.float64()).to_numpy(zero_copy_only=False) for n in names]
-    return np.column_stack(columns).astype(np.float64)
+    return np.column_stack([column_of(table, name) for name in names])
 
 
 def _class(table: pa.Table, name: str, known: tuple[str, ...]) -> Ints:

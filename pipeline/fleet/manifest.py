@@ -262,17 +262,11 @@ def _standing(inventory: Path, entry: Entry, known: Entry | None, *, retry: bool
     """The entry as done where its result stands, as in quarantine where it was put there, else as it is."""
     folder = inventory / DRIVES / entry.name
     finish_replacement(folder)
-    same = known is not None and known.key == entry.key
+    same = known if known is not None and known.key == entry.key else None
     if is_finished(folder, entry.key):
-        if known is not None and same and known.state == State.DONE:
-            return replace(known, source=entry.source)
+        if same is not None and same.state == State.DONE:
+            return replace(same, source=entry.source)
         return finished(folder, entry)
-    if (
-        known is not None
-        and same
-        and known.state == State.QUARANTINED
-        and known.attempts
-        and not retry
-    ):
-        return replace(known, source=entry.source) if entry.state == State.WAITING else entry
-    return entry
+    if same is None or same.state != State.QUARANTINED or not same.attempts or retry:
+        return entry
+    return replace(same, source=entry.source) if entry.state == State.WAITING else entry

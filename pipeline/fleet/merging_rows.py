@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -17,6 +16,7 @@ from wayside.pipeline.files.parquet import ParquetFile, geoparquet_metadata, rec
 from wayside.pipeline.fleet.folders import CELL, schema_with_settings
 from wayside.pipeline.fleet.inventory_data import DriveSigns
 from wayside.pipeline.fleet.straight_routes import without_place
+from wayside.pipeline.results.inventory import located
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
 from wayside.schemas.settings import MergeSettings
@@ -35,7 +35,6 @@ _TOLD = (
 _RANK = tuple(SIGN_STATUSES)
 """Of several statuses the first counts: a face that one drive saw is a sign."""
 _SIZE_FLOOR_M = 0.01
-_WKB_POINT_Z = struct.Struct("<BI3d")
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,13 +263,5 @@ def _mean(values: Floats, weight: Floats | None = None) -> float | None:
 
 
 def _places(origin: LocalOrigin, points: Floats) -> list[Row]:
-    """Columns of each place, and its geometry as WKB Point Z."""
-    return [
-        {
-            "lon_deg": lon,
-            "lat_deg": lat,
-            "alt_m": up,
-            "geometry": _WKB_POINT_Z.pack(1, 1001, lon, lat, up),
-        }
-        for lon, lat, up in origin.geodetic(points).tolist()
-    ]
+    """Columns of each place (n, 3) about an origin."""
+    return [located(*place) for place in origin.geodetic(points).tolist()]

@@ -91,23 +91,17 @@ def _prepared(inventory: Path, sql: str) -> Iterator[tuple[duckdb.DuckDBPyConnec
                 if not _create_view(connection, view, inventory, manifest):
                     lacking.append(view)
             yield connection, statements[0].query.strip().rstrip(";")
-        except duckdb.CatalogException as error:
-            if lacking:
+        except duckdb.Error as error:
+            if lacking and isinstance(error, duckdb.CatalogException):
                 nothing = "nothing is merged yet, or no drive has satellite fixes"
                 why = _WRITTEN_BY.get(lacking[0], nothing)
                 raise InputError(
                     f"{inventory}: there are no {', '.join(lacking)}: {why}"
                 ) from error
-            raise _unanswered(error) from error
-        except duckdb.Error as error:
-            raise _unanswered(error) from error
-
-
-def _unanswered(error: duckdb.Error) -> UsageError:
-    return UsageError(
-        f"the question cannot be answered: {error}\n"
-        f'views: {", ".join(VIEWS)}; "DESCRIBE panels" lists the columns of one'
-    )
+            raise UsageError(
+                f"the question cannot be answered: {error}\n"
+                f'views: {", ".join(VIEWS)}; "DESCRIBE panels" lists the columns of one'
+            ) from error
 
 
 def _create_view(

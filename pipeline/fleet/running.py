@@ -150,12 +150,10 @@ def _carry_out(tasks: Sequence[Task], open_engine: OpenEngine, book: _Book) -> N
                 task.note_end()
             book.note(replace(task.entry, attempts=before))
         if isinstance(error, KeyboardInterrupt):
-            done, total = (
-                sum(entry.state == State.DONE for entry in book.given()),
-                len(book.given()),
-            )
+            done = sum(entry.state == State.DONE for entry in book.given())
             raise InterruptionError(
-                f"interrupted: {done} of {counted(total, 'log')} done. The same command continues from here."
+                f"interrupted: {done} of {counted(len(book.given()), 'log')} done. The same command continues from "
+                "here."
             ) from error
         raise
     finally:

@@ -21,6 +21,8 @@ from wayside.schemas.errors import InputError, UsageError, WaysideError
 
 _SUFFIX = ".mcap"
 _PATTERN = "*?["
+_QUOTED = r"""^(["'])(.*)\1$"""
+"""As file managers write a path."""
 _MOST_BYTES = 250
 """Of the name of a log: names of files, with `.mcap` or `.txt` behind it, have at most 255."""
 
@@ -128,20 +130,16 @@ def _expanded(text: str) -> list[str]:
 
 def _listed(file: Path) -> list[str]:
     try:
-        lines = [_unquoted(line.strip()) for line in read_input_text(file).splitlines()]
+        lines = [line.strip() for line in read_input_text(file).splitlines()]
     except (OSError, ValueError) as error:
         raise UsageError(
             f"@{file}: the list of logs cannot be read: {error}. Write one log a line."
         ) from error
+    lines = [re.sub(_QUOTED, r"\2", line).strip() for line in lines]
     entries = [line for line in lines if line and not line.startswith("#")]
     if nested := [line for line in entries if line.startswith("@")]:
         raise UsageError(f"@{file}: the list names another list, {nested[0]}. Name logs only.")
     return [uri for line in entries for uri in _expanded(line)]
-
-
-def _unquoted(text: str) -> str:
-    """A path without the quotes that file managers put around it."""
-    return text[1:-1].strip() if text[:1] in ("'", '"') and text[:1] == text[1:][-1:] else text
 
 
 def _stored(url: str) -> list[str]:

@@ -62,7 +62,7 @@ def place_frames(folder: Path, table: pa.Table) -> pa.Table:
     if found is None:
         return table
     along, sense, route, height = found
-    x, y, *quaternion = (_column(table, name) for name in ("x", "y", "qx", "qy", "qz", "qw"))
+    x, y, *quaternion = (column_of(table, name) for name in ("x", "y", "qx", "qy", "qz", "qw"))
     known = np.flatnonzero(np.isfinite(along) & np.isfinite(quaternion).all(axis=0))
     heading = np.full(len(table), np.nan)
     if len(known) > 1:
@@ -81,9 +81,9 @@ def place_signs(folder: Path, table: pa.Table) -> pa.Table:
     if found is None:
         return table
     along, sense, route, height = found
-    up, down, lateral = (_column(table, name) for name in ("up_m", "down_m", "lateral_m"))
+    up, down, lateral = (column_of(table, name) for name in ("up_m", "down_m", "lateral_m"))
     level, rise = (
-        np.hypot(shared, np.nan_to_num(_column(table, own)))
+        np.hypot(shared, np.nan_to_num(column_of(table, own)))
         for shared, own in ((MEASURE_SIGMA_M, "sigma_along_m"), (HEIGHT_SIGMA_M, "sigma_up_m"))
     )
     errors = {"sigma_east_m": level, "sigma_north_m": level, "sigma_alt_m": rise}
@@ -125,12 +125,12 @@ def _by_milepost(
     if told.get("milepost", -1.0) < 0 or told.get("unit") not in MEASURE_UNITS:
         return None
     sense = -1 if told["decreasing"] else 1
-    along = told["milepost"] * MEASURE_UNITS[told["unit"]] + sense * _column(table, "station_m")
+    along = told["milepost"] * MEASURE_UNITS[told["unit"]] + sense * column_of(table, "station_m")
     height = float(run.get("camera_height_m") or _CAMERA_HEIGHT_M)
     return along, sense, straight_route(told["name"]), height
 
 
-def _column(table: pa.Table, name: str) -> Array:
+def column_of(table: pa.Table, name: str) -> Array:
     """A column as numbers (n,), null as nan."""
     numbers = table[name].cast(pa.float64()).to_numpy(zero_copy_only=False)
     return np.asarray(numbers, np.float64)

@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.evidence.crops import Crop, cut, read_boxes, read_times
 from wayside.pipeline.evidence.marks import class_words
-from wayside.pipeline.files.pictures import data_address, encode_webp, is_marked
+from wayside.pipeline.files.pictures import is_marked, webp_address
 from wayside.pipeline.files.writing import not_written, write_file
 from wayside.pipeline.labels.box_matching import overlap
 from wayside.pipeline.pages import render_page
@@ -51,13 +51,11 @@ _SCENE_PX, _SCENE_QUALITY = 640, 60
 Watcher = Callable[[int, int], None]
 
 
-@dataclass(frozen=True, slots=True)
-class View:
-    """A box in an image."""
+class View(NamedTuple):
+    """A box x0, y0, x1, y1, half open, pixels, in the image of a frame."""
 
     frame: int
     box: Box
-    """x0, y0, x1, y1, half open, pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,9 +101,8 @@ def questions(out: Path, most: int) -> Questions:
     for row in with_margin.to_pylist():
         if row["verdict"] != "overlap":
             (single if row["track_id"] is None else tracks[row["track_id"]]).append(row)
-    landmarks = sorted(
-        _landmarks(tracks, signs), key=lambda item: (_urgency(item.margin), item.name)
-    )
+    landmarks = list(_landmarks(tracks, signs))
+    landmarks.sort(key=lambda item: (_urgency(item.margin), item.name))
     taken: defaultdict[int, list[Box]] = defaultdict(list)
     for item in landmarks:
         for view in item.views:
@@ -150,16 +147,13 @@ def _landmarks(
 ) -> Iterator[Item]:
     for track, rows in tracks.items():
         known = [row["margin"] for row in rows if math.isfinite(row["margin"])]
-        best = max(known, default=math.nan)
-        sign = signs.get(rows[0]["sign_id"])
-        if sign is None:
-            largest = rows[int(np.argmax(box_areas(np.array([row["box"] for row in rows]))))]
-            yield _item(f"landmark {track}", rows, largest, best)
-            continue
-        if sign["confidence"] is not None:
+        best, sign = max(known, default=math.nan), signs.get(rows[0]["sign_id"])
+        if sign is not None and sign["confidence"] is not None:
             probability = min(max(sign["confidence"], 1 - _CERTAIN), _CERTAIN)
             best = math.log(probability / (1 - probability))
-        yield _item(sign["sign_id"], rows, sign, best)
+        largest = rows[int(np.argmax(box_areas(np.array([row["box"] for row in rows]))))]
+        name = f"landmark {track}" if sign is None else sign["sign_id"]
+        yield _item(name, rows, sign or largest, best)
 
 
 def _item(name: str, rows: list[dict[str, Any]], look: dict[str, Any], margin: float) -> Item:
@@ -189,42 +183,26 @@ def write_page(
     watch: Watcher = lambda done, total: None,
     overwrite: bool = False,
 ) -> WrittenPage:
-    """Write the page of a result.
+    """Write the page of a result that `wayside run` wrote to the folder `out`.
 
-    Parameters
-    ----------
-    out
-        Folder written by `wayside run`.
-    folder
-        Where `index.html` goes, made where it is missing.
-    most
-        How many single boxes are asked about at most; landmarks are all asked about.
-    log
-        Path of the log now; None: that at the time of the run.
-    watch
-        Called with the number of crops done and to do.
-    overwrite
-        Replace any file of that name; else only a page of this log.
+    `folder`: where `index.html` goes, made where it is missing. `most`: how many single boxes are asked about at most;
+    landmarks are all asked about. `log`: its path now; None: that at the time of the run. `watch`: called with the
+    number of crops done and to do. `overwrite`: replace any file of that name; else only a page of this log.
 
-    Raises
-    ------
-    InputError
-        The result or the log cannot be used.
-    OutputError
-        The page cannot be written, or a file of its name is not replaced.
+    Raises InputError where the result or the log cannot be used; OutputError where the page cannot be written, or a
+    file of its name is not replaced.
     """
     run = read_run(out)
     asked = questions(out, most)
     items = asked.items
     images: dict[str, dict[str, Any]] = {}
     watch(0, len(items))
-    boxes = ((item.name, item.shown.frame, item.shown.box) for item in items)
+    boxes = ((item.name, *item.shown) for item in items)
     scenes: dict[int, str] = {}
     for shown, image, box in read_boxes(out, log, boxes):
         if image.rgb is not None:
-            images[shown] = _image(cut(image.rgb, box, _PROPORTION)) | {
-                "place": _percent(image.rgb, box)
-            }
+            place = {"place": _percent(image.rgb, box)}
+            images[shown] = _image(cut(image.rgb, box, _PROPORTION)) | place
             if image.frame.index not in scenes:
                 scenes[image.frame.index] = _scene(image.rgb)
         watch(len(images), len(items))
@@ -258,7 +236,7 @@ def write_page(
 def _image(crop: Crop) -> dict[str, Any]:
     """A crop as WebP, no larger than a page needs it, and its box in percent (left, top, width, height)."""
     small = crop if crop.rgb.shape[1] <= _LARGEST[0] else crop.scaled_to(*_LARGEST)
-    address = data_address(encode_webp(small.rgb, _WEBP_QUALITY))
+    address = webp_address(small.rgb, _WEBP_QUALITY)
     return {"outline": _percent(crop.rgb, crop.box), "image": address}
 
 
@@ -275,7 +253,7 @@ def _scene(rgb: NDArray[np.uint8]) -> str:
     height, width = rgb.shape[:2]
     size = min(width, _SCENE_PX), min(height, round(_SCENE_PX * height / width))
     small = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return data_address(encode_webp(small, _SCENE_QUALITY))
+    return webp_address(small, _SCENE_QUALITY)
 
 
 def _choices(keys: Mapping[str | None, str]) -> list[dict[str, str | None]]:

@@ -1,7 +1,5 @@
 """What became of the boxes of another detector: how many came in, were left out and why, and are views of signs."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
@@ -139,13 +137,8 @@ class BoxAccounting:
 def paired(boxes: BoxFile, first: Frame, held: int) -> list[str]:
     """Notes on boxes for a log of so many images, of which this is the first.
 
-    Stray numbers are counted later where the file itself calls them frames.
-
-    Raises
-    ------
-    InputError
-        `image_id` is no number of a frame, frames are counted from 1, or names say only the order of the images, and
-        there are more or fewer.
+    Stray numbers are counted later where the file itself calls them frames. Raises InputError where `image_id` is no
+    number of a frame, frames count from 1, or names say only the order of the images, and there are more or fewer.
     """
     by_id = by_image_id(boxes, first)
     if boxes.names and not first.name and not by_id and len(boxes.names) != held:

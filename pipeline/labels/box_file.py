@@ -18,6 +18,7 @@ from wayside.pipeline.files.parquet import read_parquet
 from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_json
 from wayside.pipeline.labels.class_map import numbered, read_class_map
 from wayside.pipeline.labels.formats import Entry, coco_box, coco_classes
+from wayside.pipeline.labels.wayside_labels import CORNERS
 from wayside.pipeline.reading.image_order import natural_key
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.schemas.detectors import IMAGE_KEYS, BoxFile, ExternalBoxes, SignClass
@@ -25,7 +26,6 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.settings import Settings
 from wayside.stages.detection import named_boxes, places_of
 
-CORNERS = ("x_min", "y_min", "x_max", "y_max")
 _ADVICE = "See docs/detectors.md for the columns."
 
 
@@ -50,12 +50,7 @@ def load_boxes(settings: Settings) -> BoxFile:
     """The boxes that `models.detections` names, by image.
 
     Rows that are not finite, without area, of a class that is no sign, or below the least score are left out and
-    counted.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, a column is missing or of another type, or scores are not 0 to 1.
+    counted. Raises InputError where the file cannot be read, a column is missing or wrong, or scores are not 0 to 1.
     """
     path = Path(settings.models.detections)
     try:

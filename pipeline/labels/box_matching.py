@@ -1,7 +1,5 @@
 """When two boxes in one image show the same thing."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Class maps: a TOML file that says which classes of another detector are signs, and what these look like."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,10 +17,7 @@ EXAMPLE = '[classes]\n"stop sign" = { color = "red", shape = "octagon" }'
 def read_class_map(path: Path) -> dict[str, SignClass]:
     """The classes of signs in a class map, by name or number as it is written there.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read, has another structure, or names a colour or shape that there is not.
+    Raises InputError where the file cannot be read, has another structure, or names an unknown colour or shape.
     """
     try:
         content = parse_toml(read_input_text(path))
@@ -61,23 +56,10 @@ def _sign_class(path: Path, name: str, values: Any) -> SignClass:
 def numbered(
     classes: Mapping[str, SignClass], names: Mapping[int, str], path: str, *, complete: bool
 ) -> dict[int, SignClass]:
-    """The classes of a class map by their numbers.
+    """The classes of a class map by their numbers; raises InputError for a class that the detector does not have.
 
-    Parameters
-    ----------
-    classes
-        As `read_class_map` gives them.
-    names
-        Names of the detector's classes by number, empty where it has none.
-    path
-        The detector, for the error.
-    complete
-        Whether the detector has no other classes; else one that is not among them is passed over.
-
-    Raises
-    ------
-    InputError
-        A class that the detector does not have.
+    `classes`: as `read_class_map` gives them. `names`: of the detector's classes by number, empty where it has none.
+    `path`: the detector, for the error. `complete`: whether it has no other classes; else unknown ones are passed over.
     """
     by_name = {name: number for number, name in names.items()}
     found: dict[int, SignClass] = {}

@@ -5,8 +5,6 @@ look. Without one every class is a sign, except those named like a kind of label
 convention of all three formats, every object of an image that they list is labelled.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence

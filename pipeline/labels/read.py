@@ -1,11 +1,10 @@
 """Labels of any format, and the frames of a log that they are of."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 from xml.etree.ElementTree import ParseError
 
 from wayside.pipeline.files.input_files import files_below
@@ -40,23 +39,13 @@ def read_labels(
 ) -> Labels:
     """Labels from a file or folder, its format told by what is there.
 
-    Parameters
-    ----------
-    path
-        Our Parquet file; JSON: marks of `wayside label`, COCO, `truth.json`, `labels.json` or
-        `scenes.json`; a folder: a result with its review where it holds `run.json`, of VOC where it holds XML files,
-        else of YOLO.
-    class_map
-        TOML file that says which classes of COCO, YOLO and VOC are signs, and what these look like.
-    review
-        Of a result, one file or several. Empty: those in its folder.
+    `path`: our Parquet file; JSON: marks of `wayside label`, COCO, `truth.json`, `labels.json` or `scenes.json`; a
+    folder: a result with its review where it holds `run.json`, of VOC where it holds XML files, else of YOLO.
+    `class_map`: TOML file that says which classes of COCO, YOLO and VOC are signs, and what these look like. `review`:
+    of a result, one file or several. Empty: those in its folder.
 
-    Raises
-    ------
-    InputError
-        It cannot be read, is none of these, or holds not one label that can be used.
-    UsageError
-        It is a result without a review, or a review without its result, which has the boxes.
+    Raises InputError where it cannot be read, is none of these, or holds not one label that can be used; UsageError for
+    a result without a review, or a review without its result, which has the boxes.
     """
     path = Path(path)
     if (path / RUN_FILE).is_file():
@@ -110,7 +99,7 @@ class LogImages:
     used: frozenset[int]
 
     @classmethod
-    def of(cls, log: Path, settings: ReadSettings) -> LogImages:
+    def of(cls, log: Path, settings: ReadSettings) -> Self:
         """Of the frames of a log; raises InputError where it cannot be read."""
         times, names, used = {}, {}, set()
         for frame in read_frames(log, settings, ReadReport()):
@@ -133,16 +122,8 @@ def labels_by_frame(
     An image is found by its frame, its log time or its name; where several of these are known, they must be of one
     frame. A name that several images have finds none.
 
-    Parameters
-    ----------
-    labels
-        Of this log and perhaps of others.
-    log
-        Stem of its file name.
-    log_times_ns
-        Log time of each frame.
-    image_names
-        File name of the image of each frame; None: not known.
+    `labels`: of this log and perhaps of others. `log`: stem of its file name. `log_times_ns`: log time of each frame.
+    `image_names`: file name of the image of each frame; None: not known.
     """
     by_time = {time: frame for frame, time in log_times_ns.items()}
     by_name = {name: frame for frame, name in (image_names or {}).items()}

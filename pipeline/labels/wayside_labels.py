@@ -1,7 +1,5 @@
 """Labels in wayside's own formats: the truth of rendered drives, hand-made boxes, marks, and the Parquet file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -159,10 +157,7 @@ def _first_words(text: str) -> list[str]:
 def write_labels(labels: Labels, path: Path, *, overwrite: bool = False) -> None:
     """Write labels in their order, then the images in which every sign is labelled.
 
-    Raises
-    ------
-    OutputError
-        The file cannot be written, or another file has its name.
+    Raises OutputError where the file cannot be written, or another file has its name.
     """
     rows = list(_rows(labels))
     values = {column.name: [row.get(column.name) for row in rows] for column in LABELS.columns}
@@ -199,10 +194,7 @@ def is_label_file(path: Path) -> bool:
 def read_label_file(path: Path) -> Labels:
     """The labels of a Parquet file; columns that it lacks are unknown, others are ignored.
 
-    Raises
-    ------
-    InputError
-        It cannot be read, lacks the boxes or what they are of, or a row says what is no label.
+    Raises InputError where it cannot be read, lacks the boxes or what they are of, or a row says what is no label.
     """
     try:
         table = read_parquet(path)

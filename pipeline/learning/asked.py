@@ -5,13 +5,11 @@ connected regions, the colour gate those that pass it, and the shape gate those 
 triangulated landmarks. In preset `default`, boxes and landmarks are scored.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +77,7 @@ class ClassifierSamples(Rows):
     box: NDArray[np.float32]
     count: NDArray[np.int64]
 
-    def known(self) -> ClassifierSamples:
+    def known(self) -> Self:
         """Those that are on a sign or off all signs."""
         return self.select(self.label != NEITHER)
 
@@ -128,9 +126,8 @@ def gather_samples(
 
     `labels`: of its images, and perhaps of those of other logs. `also`: sees every item of the run, too. `undecided`:
     densities of trajectories, one a form, that are asked about every track but decide nothing in this run; their
-    samples bear the names of their files. `only`: classifiers that are asked, None: all; the size gate takes half of
-    the time. Raises InputError where the log cannot be used or none of the labels is of it, StageError where a stage
-    fails.
+    samples bear the names of their files. `only`: classifiers that are asked, None: all; the size gate takes half the
+    time. Raises InputError where the log cannot be used or has none of the labels, StageError where a stage fails.
     """
     faces = labelled_faces(labels_of_log(log, labels, settings.read))
     densities = {TRAJECTORIES[density.space]: density for density in undecided}

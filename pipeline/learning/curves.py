@@ -4,8 +4,6 @@ A rate is of counted samples: TPR = TP / (TP + FN) (eq. 10.1), FPR = FP / (FP + 
 drives, or stretches of one drive where there is no other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property

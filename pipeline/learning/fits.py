@@ -1,11 +1,9 @@
 """What is fitted to few samples: Gaussian classes, the calibration of scores; and how it does on what is held out."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +11,12 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from wayside.pipeline.learning.curves import RocCurve
-from wayside.pipeline.learning.thresholds import gate_points
+from wayside.pipeline.learning.thresholds import Flags, Values, gate_points
 from wayside.pipeline.statistics import TAILS, resamplings
 from wayside.schemas.detections import Rows
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.stages.classifiers import class_distances, log_normals, log_ratios, most_powerful
 
-Values = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Floor = Callable[[Values], Values]
 """Smallest scatter (d,) of a class of mean (d,): less is an accident of few signs."""
 
@@ -142,10 +138,16 @@ def sides(places: Values, overhead_m: float) -> NDArray[np.str_]:
     return np.where(up > overhead_m, "overhead", np.where(right >= 0, "right", "left"))
 
 
-def moments(values: Values, weight: Values, floor: Values) -> tuple[Values, Values]:
-    """Weighted mean (d,) and covariance (d, d) of values (n, d); no axis is narrower than its `floor` (d,)."""
-    mean, covariance = _moments(values, weight)
-    return mean, _widened(covariance, floor)
+def side_classes(places: Values, overhead_m: float, fewest: int) -> list[GaussianClass]:
+    """Where signs stand, places (n, 2) right and up in metres, on those of `SIDES` that have so many signs or more."""
+    side, classes = sides(places, overhead_m), []
+    for name in SIDES:
+        own = places[side == name]
+        if len(own) >= fewest:
+            mean, covariance = _moments(own, np.full(len(own), 1 / len(own)))
+            wide = _widened(covariance, np.array(PLACE_FLOOR))
+            classes.append(GaussianClass(name, mean, wide, len(own)))
+    return classes
 
 
 def _moments(values: Values, weight: Values) -> tuple[Values, Values]:
@@ -268,15 +270,9 @@ def score_held_out(
     pairs = zip(samples.kind[~others], given[~others], strict=True)
     confusion = Counter(f"{known} -> {name or 'refused'}" for known, name in pairs)
     rates = resampled.rates(given)
-    return Held(
-        rates.accepted,
-        rates.named,
-        rates.false_rate,
-        rates.gain,
-        tuple(classes),
-        int(others.sum()),
-        dict(sorted(confusion.items())),
-    )
+    shares = rates.accepted, rates.named, rates.false_rate, rates.gain
+    counts = int(others.sum()), dict(sorted(confusion.items()))
+    return Held(*shares, tuple(classes), *counts)
 
 
 class Resampled:
@@ -357,12 +353,3 @@ def log_loss(score: Values, on: NDArray[np.bool_]) -> float:
 def brier_score(score: Values, on: NDArray[np.bool_]) -> float:
     """Mean squared error of the probabilities of log odds (n,)."""
     return float(((expit(score) - on) ** 2).mean())
-
-
-def platt(scores: NDArray[np.floating[Any]], positive: NDArray[np.bool_]) -> tuple[Values, float]:
-    """Slopes (k,) and shift that make one log odds of k scores (n, k), by Platt's softened targets."""
-    count, rest = positive.sum(), (~positive).sum()
-    target = np.where(positive, (count + 1) / (count + 2), 1 / (rest + 2))
-    start = np.append(np.full(scores.shape[1], 1 / scores.shape[1]), 0.0)
-    found = logistic(np.asarray(scores, np.float64), target, start, np.zeros(len(start)))
-    return found[:-1], float(found[-1])

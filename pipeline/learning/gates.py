@@ -3,11 +3,8 @@
     .venv/bin/python -m wayside.pipeline.learning.gates DRIVE.mcap ... -o MODELS
 
 Each drive needs its truth in the same folder (DRIVE.truth.json). Means and covariances of colours and shapes, and the
-densities of trajectories, stay those of the models at hand. Colours are learned first: the other gates are asked about
-what they let pass.
+densities of trajectories, stay those of the models at hand. Colours are learned first: other gates see what they pass.
 """
-
-from __future__ import annotations
 
 import argparse
 import re
@@ -16,7 +13,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,24 +20,10 @@ from numpy.typing import NDArray
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.files.writing import write_file
 from wayside.pipeline.labels.read import read_labels
-from wayside.pipeline.learning.asked import (
-    TRAJECTORIES,
-    ClassifierSamples,
-    gather_samples,
-    join_drives,
-)
+from wayside.pipeline.learning import asked, fits
 from wayside.pipeline.learning.curves import resampled_groups
-from wayside.pipeline.learning.fits import (
-    COLOR_FLOOR,
-    PLACE_FLOOR,
-    SHAPE_FLOOR,
-    SIDES,
-    fit_background,
-    moments,
-    sides,
-)
 from wayside.pipeline.learning.labelled import ANY_SPACING_M, ON
-from wayside.pipeline.learning.thresholds import GATE_RATES, with_threshold
+from wayside.pipeline.learning.thresholds import GATE_RATES, Gate, with_threshold
 from wayside.pipeline.models.model_files import (
     REPORT_LOCATION,
     TRAJECTORY_FILES,
@@ -64,34 +46,35 @@ OVERHEAD_M = 3.0
 PASSES = (
     ("report-shape", ("color",)),
     ("report-shape", ("shape",)),
-    ("report", (*TRAJECTORIES.values(), "location")),
+    ("report", (*asked.TRAJECTORIES.values(), "location")),
 )
 """Preset of each pass over the drives, and the gates learned there; the trajectories decide nothing in theirs."""
 
 FEWEST = 20
 """A component of fewer signs is not learned: its scatter would be known to a sixth at best."""
 
-Gate = TypeVar("Gate", GaussianModel, MixtureModel)
-Fit = Callable[[ClassifierSamples], GaussianModel]
+Fit = Callable[[asked.ClassifierSamples], GaussianModel]
 """A gate by what it was asked about."""
 
 
 def learn_gates(
-    samples: Mapping[str, ClassifierSamples], models: Models, densities: Sequence[MixtureModel] = ()
+    samples: Mapping[str, asked.ClassifierSamples],
+    models: Models,
+    densities: Sequence[MixtureModel] = (),
 ) -> dict[str, GaussianModel | MixtureModel]:
     """The models of the gates that were asked, by the name of their file; raises InputError where too few signs were.
 
     `samples`: by classifier. `densities`: of trajectories, one a form.
     """
     learned: dict[str, GaussianModel | MixtureModel] = {}
-    floors = {"color": COLOR_FLOOR, "shape": (SHAPE_FLOOR,) * 6}
+    floors = {"color": fits.COLOR_FLOOR, "shape": (fits.SHAPE_FLOOR,) * 6}
     for name, model in (("color", models.color_classes), ("shape", models.shape_classes)):
         if name in samples and model is not None:
             own = samples[name]
             found = _gate(own, partial(_against, model, floors[name]), name)
             learned[OWN[name]] = _of_origin(found, "background and threshold by", own)
     for density in densities:
-        name = TRAJECTORIES[density.space]
+        name = asked.TRAJECTORIES[density.space]
         if name in samples:
             own = samples[name].known()
             columns = own.values[:, 0], own.label == ON, resampled_groups(own.drive, own.frame)[0]
@@ -104,9 +87,9 @@ def learn_gates(
     kansas = "mean of 50 images of Kansas, unit covariance (report chapters 8 and 11); radius by "
     one = GaussianModel("right_up_m", (single,), kansas + origin)
 
-    def stand(known: ClassifierSamples) -> GaussianModel:
+    def stand(known: asked.ClassifierSamples) -> GaussianModel:
         signs = location_components(known.values[known.label == ON], origin)
-        return _against(signs, PLACE_FLOOR, known)
+        return _against(signs, fits.PLACE_FLOOR, known)
 
     learned[REPORT_LOCATION] = _gate(places, stand, "location")
     learned[KANSAS] = _gate(places, lambda known: one, "location")
@@ -114,15 +97,15 @@ def learn_gates(
 
 
 def _against(
-    model: GaussianModel, floor: Sequence[float], known: ClassifierSamples
+    model: GaussianModel, floor: Sequence[float], known: asked.ClassifierSamples
 ) -> GaussianModel:
     """The model with the background of what is no sign."""
     least = np.array(floor)
     others = known.values[known.label != ON]
-    return replace(model, background=fit_background(others, lambda mean: least))
+    return replace(model, background=fits.fit_background(others, lambda mean: least))
 
 
-def _gate(samples: ClassifierSamples, fit: Fit, name: str) -> GaussianModel:
+def _gate(samples: asked.ClassifierSamples, fit: Fit, name: str) -> GaussianModel:
     """The model fitted to all samples, with a threshold by the scores of drives that were held out in turn."""
     known = samples.known()
     group, _ = resampled_groups(known.drive, known.frame)
@@ -148,14 +131,7 @@ def location_components(places: NDArray[np.float64], provenance: str) -> Gaussia
     One mean cannot hold the signs on both sides (chapter 8 has it at +10 ft). Background and threshold are still to be
     learned. Raises InputError where no component has `FEWEST` signs.
     """
-    side, classes = sides(places, OVERHEAD_M), []
-    for name in SIDES:
-        own = side == name
-        if own.sum() < FEWEST:
-            continue
-        weight = np.full(own.sum(), 1 / own.sum())
-        mean, covariance = moments(places[own], weight, np.array(PLACE_FLOOR))
-        classes.append(GaussianClass(name, mean, covariance, int(own.sum())))
+    classes = fits.side_classes(places, OVERHEAD_M, FEWEST)
     if not classes:
         raise InputError(
             f"location: {FEWEST} landmarks of signs on a side of the road are needed, and there are {len(places)} in "
@@ -164,13 +140,13 @@ def location_components(places: NDArray[np.float64], provenance: str) -> Gaussia
     return GaussianModel("right_up_m", tuple(classes), provenance)
 
 
-def _of_origin(model: Gate, what: str, samples: ClassifierSamples) -> Gate:
+def _of_origin(model: Gate, what: str, samples: asked.ClassifierSamples) -> Gate:
     """The model with the provenance of its new threshold behind its own."""
     learned_from = re.split(r"; (?:background and )?thresholds? by ", model.provenance)[0]
     return replace(model, provenance=f"{learned_from}; {what} {_origin(samples)}")
 
 
-def _origin(samples: ClassifierSamples) -> str:
+def _origin(samples: asked.ClassifierSamples) -> str:
     """What was counted: drives, with their signs and other things."""
     own = samples.known()
     drives = []
@@ -197,10 +173,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if models.color_classes is not None and "color" in wanted:  # nothing behind it is asked
             models = replace(models, color_classes=replace(models.color_classes, threshold=np.inf))
         drives = [
-            gather_samples(log, truth, settings, models, undecided=densities, only=wanted)
+            asked.gather_samples(log, truth, settings, models, undecided=densities, only=wanted)
             for log, truth in truths
         ]
-        for name, model in learn_gates(join_drives(drives), models, densities).items():
+        for name, model in learn_gates(asked.join_drives(drives), models, densities).items():
             write_file(given.out / name, model_to_json(model).encode(), overwrite=True)
     return 0
 

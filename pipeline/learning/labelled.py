@@ -1,7 +1,5 @@
 """The labelled sign faces of a drive, and whether regions and landmarks are on one."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -58,8 +56,7 @@ class Faces:
         """Whether each box (n, 4) of a frame is `ON` a face, `OFF` all, or `NEITHER`, and the row of the face (-1).
 
         A region is on a face where they overlap by `ON_FACE`. It counts as neither where they overlap by less but more
-        than `NEAR_FACE`. The same holds where it is part of a face (a letter of its legend, its border), or where the
-        face is not an example.
+        than `NEAR_FACE`, where it is part of a face (a letter of its legend, its border), or the face is no example.
         """
         own = np.flatnonzero(self.frame == frame)
         label = self._off(frame, box)

@@ -3,13 +3,11 @@
 The same values give the same bytes.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO, StringIO
-from typing import Any
+from typing import Any, Self
 
 import matplotlib
 import numpy as np
@@ -51,7 +49,7 @@ class Figure:
 
     def shown(
         self, ours: str, *pictures: Picture, table: Sequence[Sequence[str]] = (), claim: str = ""
-    ) -> Figure:
+    ) -> Self:
         """The same with what this drive gives."""
         claim = claim or self.claim
         return replace(self, ours=ours, pictures=pictures, needs="", table=table, claim=claim)

@@ -5,8 +5,6 @@ Pearson, the most power of all tests of a false-alarm rate. Its threshold leaves
 sign above it, however many others there are.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import TypeVar
@@ -35,18 +33,16 @@ Of the pairs of colour and location that lose no precision at their recall on le
 Points = tuple[OperatingPoint, ...]
 Values = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Numbers = NDArray[np.int64]
 Tail = Callable[[Values, Values, Values], Values]
 """Thresholds (r,) that leave at most the shares (r,) above them, of values (n,) that weigh (n,)."""
 Gate = TypeVar("Gate", GaussianModel, MixtureModel)
 
 
-def with_threshold(
-    model: Gate, score: Values, on: Flags, group: NDArray[np.int64], alpha: float
-) -> Gate:
+def with_threshold(model: Gate, score: Values, on: Flags, group: Numbers, alpha: float) -> Gate:
     """The model with its operating points, and the threshold of a false-alarm rate with its 95 % interval.
 
-    Takes the same as `score_points`; what has no finite score is never accepted. Raises InputError where there is no
-    sign, or nothing else.
+    Takes the same as `score_points`; what has no finite score is never accepted. Raises InputError for one kind alone.
     """
     known = np.isfinite(score)
     score, on, group = score[known], on[known], group[known]
@@ -58,7 +54,7 @@ def with_threshold(
     return at_alpha(replace(model, curve=gate_points(score, on, group, alpha)), alpha)
 
 
-def gate_points(score: Values, on: Flags, group: NDArray[np.int64], alpha: float) -> Points:
+def gate_points(score: Values, on: Flags, group: Numbers, alpha: float) -> Points:
     """The operating points of a counted gate, one of them at a false-alarm rate."""
     return score_points(score, on, group, counted_tail, {*rates_of(int((~on).sum())), alpha})
 
@@ -87,7 +83,7 @@ def rates_of(others: int) -> list[float]:
 
 
 def score_points(
-    score: Values, on: Flags, group: NDArray[np.int64], tail: Tail, rates: Iterable[float]
+    score: Values, on: Flags, group: Numbers, tail: Tail, rates: Iterable[float]
 ) -> Points:
     """Operating points of a gate that accepts scores (n,) from a threshold on, by rising false-alarm rate.
 

@@ -29,6 +29,7 @@ from wayside.pipeline.reading.image_order import (
     natural_key,
     read_image_file,
 )
+from wayside.pipeline.reading.plan import listed
 from wayside.pipeline.reading.survey import (
     BY_NUMBER_KEY,
     DATES_METADATA,
@@ -43,7 +44,6 @@ from wayside.schemas.settings import RouteSettings
 SECOND_NS = 10**9
 """Images whose times are not known are logged so far apart, from the date on; none carries a capture time."""
 
-_MOST_LISTED = 6
 _CAMERA_FRAME = "camera"
 
 
@@ -107,7 +107,7 @@ def import_images(
         )
     usable, left_out = _usable(files, camera)
     if left_out:
-        warn(f"left out: {len(left_out)} of {len(files)} files ({_listed(left_out)})")
+        warn(f"left out: {len(left_out)} of {len(files)} files ({listed(left_out)})")
     copies = copies_among(usable)
     ordered, counts = _numbered(in_order(usable, copies, how.order), copies)
     places = place_images(ordered, how.positions, how.routes)
@@ -160,7 +160,7 @@ def _usable(files: list[Path], camera: Camera) -> tuple[list[ImageFile], list[st
             )
         usable.append(image)
     if not usable:
-        raise InputError(f"none of {len(files)} files can be imported: {_listed(left_out)}")
+        raise InputError(f"none of {len(files)} files can be imported: {listed(left_out)}")
     return usable, left_out
 
 
@@ -182,11 +182,11 @@ def _numbered(
 def _warnings(files: list[Path], counts: list[int], copies: dict[Path, Path]) -> Iterator[str]:
     folders = list(dict.fromkeys(str(file.parent) for file in files))
     if len(folders) > 1:
-        yield f"folders are taken in this order: {_listed(folders)}"
+        yield f"folders are taken in this order: {listed(folders)}"
     if copies:
         pairs = [f"{copy.name} of {original.name}" for copy, original in copies.items()]
         yield (
-            f"copies, byte for byte: {len(copies)} ({_listed(pairs)}); a run gives them the status "
+            f"copies, byte for byte: {len(copies)} ({listed(pairs)}); a run gives them the status "
             "`duplicate` and adds no distance for them"
         )
     originals = [file for file in files if file not in copies]
@@ -201,19 +201,14 @@ def _warnings(files: list[Path], counts: list[int], copies: dict[Path, Path]) ->
         if before.parent == after.parent and natural_key(after) < natural_key(before)
     ]
     if back:
-        yield f"numbers start again or go back: {_listed(back)}"
+        yield f"numbers start again or go back: {listed(back)}"
     gaps = [(b - a - 1, file) for (a, b), file in zip(pairwise(counts), files, strict=False)]
     places = [f"{missing} after {before.name}" for missing, before in gaps if missing > 0]
     if places:
         yield (
-            f"missing numbers: {sum(max(missing, 0) for missing, _ in gaps)} ({_listed(places)}); the distance across "
+            f"missing numbers: {sum(max(missing, 0) for missing, _ in gaps)} ({listed(places)}); the distance across "
             "a gap is taken to be longer by one spacing for each"
         )
-
-
-def _listed(words: list[str]) -> str:
-    more = len(words) - _MOST_LISTED
-    return ", ".join(words[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _utc_ns(time: datetime) -> int:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
+
+from rich import filesize
 
 from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.reading.plan import Plan, make_plan
@@ -30,7 +32,8 @@ def inspect_log(path: Path, *, shown: Path | None = None) -> dict[str, Any]:
     survey.path = shown or path
     scan, topics = survey.scan, survey.topics.values()
     first = min((topic.first_log_ns for topic in topics), default=0)
-    cameras = sorted(_most(survey.cameras, _MOST_CAMERAS), key=lambda t: t.name)
+    most = sorted(survey.cameras, key=lambda t: (-t.count, t.name))[:_MOST_CAMERAS]
+    cameras = sorted(most, key=lambda t: t.name)
     fault = ""
     if not cameras:
         try:
@@ -66,11 +69,6 @@ def format_log(facts: Mapping[str, Any]) -> str:
     if facts["fault"]:
         lines += ["", f"cannot be used: {facts['fault']}"]
     return "\n".join([*lines, "", *_damage(facts)])
-
-
-def _most(topics: Iterable[Topic], count: int) -> list[Topic]:
-    """Those topics that have the most messages."""
-    return sorted(topics, key=lambda t: (-t.count, t.name))[:count]
 
 
 def _reason(survey: LogSurvey, error: WaysideError) -> str:
@@ -179,7 +177,7 @@ def _head(facts: Mapping[str, Any]) -> str:
     lost = f", {facts['lost_chunks']} of them lost" if facts["lost_chunks"] else ""
     chunks = f"{counted(facts['chunks'], 'chunk')} ({packing or 'none readable'}){lost}"
     return (
-        f"{facts['log']}: {_size(facts['bytes'])}, {facts['seconds']:.1f} s, "
+        f"{facts['log']}: {filesize.decimal(facts['bytes'])}, {facts['seconds']:.1f} s, "
         f"{counted(facts['messages'], 'message')}, {chunks if facts['chunks'] else 'no chunks'}"
     )
 
@@ -193,14 +191,9 @@ def _topics(held: Sequence[Mapping[str, Any]]) -> list[str]:
     for t in sorted(most, key=lambda t: (t["name"], t["schema"])):
         rate = "" if t["rate_hz"] is None else f"{t['rate_hz']:.1f} Hz"
         use = (t["used_for"] or "") + (f": no usable message ({t['fault']})" if t["fault"] else "")
-        name, schema, encoding, count = (
-            t["name"],
-            t["schema"] or "none",
-            t["encoding"],
-            t["messages"],
-        )
-        rows.append((name, schema, encoding, str(count), rate, use))
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+        kind = t["schema"] or "none", t["encoding"], str(t["messages"])
+        rows.append((t["name"], *kind, rate, use))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
         for row in rows
@@ -221,10 +214,3 @@ def _damage(facts: Mapping[str, Any]) -> list[str]:
     if stated is not None and stated > found:
         lines.append(f"{stated - found} of the {stated} messages that its summary counts are lost")
     return [*lines, *facts["unchecked"]]
-
-
-def _size(count: int) -> str:
-    for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
-        if count >= factor:
-            return f"{count / factor:.1f} {unit}"
-    return f"{count} bytes"

@@ -6,9 +6,8 @@ import hashlib
 import os
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from mcap.writer import CompressionType, Writer
 
@@ -25,16 +24,13 @@ _LAYOUT = "1"
 """Of the joined logs in the cache: other ones have other names."""
 
 
-@dataclass(frozen=True, slots=True)
-class JoinedLog:
-    """What became one log."""
+class JoinedLog(NamedTuple):
+    """What became one log: its parts in order, messages and topics, and what of the parts was not readable."""
 
     parts: tuple[Path, ...]
-    """In order."""
     messages: int
     topics: int
     lost: tuple[str, ...]
-    """What of the parts was not readable."""
 
 
 def join_logs(paths: list[Path], out: Path, *, overwrite: bool = False) -> JoinedLog:

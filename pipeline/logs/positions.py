@@ -6,7 +6,6 @@ import csv
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -28,11 +27,8 @@ _ZONES = range(-48, 57)
 _NUMBERS = ("lon", "lat", "alt", "milepost")
 
 
-class Positions(NamedTuple):
-    """Places by the name of the image's file, and those of a track with their times."""
-
-    by_name: dict[str, Place]
-    track: list[tuple[datetime, Place]]
+_Positions = tuple[dict[str, Place], list[tuple[datetime, Place]]]
+"""Places by the name of the image's file, and those of a track with their times."""
 
 
 def place_images(
@@ -50,21 +46,21 @@ def place_images(
     if file is None:
         return {one.path: one.exif.place for one in images if one.exif.place is not None}
     try:
-        found = _gpx(file) if file.suffix.lower() == ".gpx" else _table(file, routes)
+        by_name, track = _gpx(file) if file.suffix.lower() == ".gpx" else _table(file, routes)
     except (OSError, csv.Error, ElementTree.ParseError, *CONTENT_FAULTS) as error:
         raise InputError(
             f"{file}: the positions cannot be read: {error}. Give GPX, or CSV with file or time, and lon and lat or "
             "route and milepost."
         ) from error
-    places = {one.path: found.by_name[k] for one in images if (k := one.path.name) in found.by_name}
-    if found.track:
-        places |= _along(found.track, images, file)
+    places = {one.path: by_name[k] for one in images if (k := one.path.name) in by_name}
+    if track:
+        places |= _along(track, images, file)
     if not places:
         raise InputError(f"{file}: the positions are of none of these {len(images)} images.")
     return places
 
 
-def _gpx(file: Path) -> Positions:
+def _gpx(file: Path) -> _Positions:
     """Points of all tracks with a time; the namespace depends on the version."""
     points = ElementTree.fromstring(read_input(file)).iterfind(".//{*}trkpt")
     track = []
@@ -73,10 +69,10 @@ def _gpx(file: Path) -> Positions:
             height = float(point.findtext("{*}ele") or "nan")
             place = Place(float(point.attrib["lat"]), float(point.attrib["lon"]), height)
             track.append((datetime.fromisoformat(time.strip()), place))
-    return Positions({}, track)
+    return {}, track
 
 
-def _table(file: Path, routes: RouteSettings) -> Positions:
+def _table(file: Path, routes: RouteSettings) -> _Positions:
     names, rows = read_csv(file, _NUMBERS)
     if "milepost" in names:
         lines = open_routes(routes)
@@ -87,9 +83,9 @@ def _table(file: Path, routes: RouteSettings) -> Positions:
         level = [(float(row["lat"]), float(row["lon"])) for row in rows]
     places = [Place(*at, float(r.get("alt", "nan"))) for at, r in zip(level, rows, strict=True)]
     if "file" in names:
-        return Positions({Path(r["file"]).name: p for r, p in zip(rows, places, strict=True)}, [])
+        return {Path(r["file"]).name: p for r, p in zip(rows, places, strict=True)}, []
     times = [datetime.fromisoformat(row["time"]) for row in rows]
-    return Positions({}, list(zip(times, places, strict=True)))
+    return {}, list(zip(times, places, strict=True))
 
 
 def _along(

@@ -7,14 +7,13 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from PIL import Image
+from PIL.ExifTags import IFD, Base
 
 from wayside.schemas.errors import InputError, UsageError
 
 VIDEOS = frozenset((".mp4", ".mov", ".m4v", ".mkv", ".avi", ".ts"))
 JPEG_QUALITY = 95
 """Less would add errors to ties."""
-_DIRECTORY, _TAKEN, _FRACTION, _OFFSET = 0x8769, 0x9003, 0x9291, 0x9011
-"""Tags of Exif."""
 
 
 def unpack_video(
@@ -60,7 +59,11 @@ def _exif(taken: datetime | None) -> Image.Exif:
     exif = Image.Exif()
     if taken is not None:
         utc = taken.astimezone(UTC) if taken.tzinfo else taken
-        zone = {_OFFSET: "+00:00"} if taken.tzinfo else {}
-        told = {_TAKEN: f"{utc:%Y:%m:%d %H:%M:%S}", _FRACTION: f"{utc:%f}"} | zone
-        exif.get_ifd(_DIRECTORY).update(told)
+        told: dict[int, str] = {
+            Base.DateTimeOriginal: f"{utc:%Y:%m:%d %H:%M:%S}",
+            Base.SubsecTimeOriginal: f"{utc:%f}",
+        }
+        if taken.tzinfo:
+            told[Base.OffsetTimeOriginal] = "+00:00"
+        exif.get_ifd(IFD.Exif).update(told)
     return exif

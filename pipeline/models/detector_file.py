@@ -1,7 +1,5 @@
 """A detector of the user's: its ONNX file is read, run once, and its format recognised, before a log is opened."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Mapping
 from hashlib import sha256
@@ -35,8 +33,7 @@ ADVICE = "See docs/detectors.md for the formats."
 def load_detector(settings: ModelSettings) -> DetectorFile:
     """The detector that `models.detector` names, checked by one run on a grey image.
 
-    Raises InputError where the file cannot be run, or its inputs or outputs are not understood; or the class
-    map is wrong.
+    Raises InputError where the file cannot be run, its inputs or outputs are unknown, or the class map is wrong.
     """
     path = Path(settings.detector)
     try:

@@ -1,7 +1,5 @@
 """The models of a run: those that ship with wayside, or a folder of the user's own files."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

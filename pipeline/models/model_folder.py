@@ -1,7 +1,5 @@
 """Model files: where they are searched, how they are read, and the digests of those that ship."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
@@ -9,23 +7,16 @@ from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import TypeVar
+from typing import Self, TypeVar
 
 from wayside.pipeline.files.input_files import read_input
 from wayside.pipeline.models.model_json import model_from_json
 from wayside.schemas.errors import InputError
-from wayside.schemas.models import (
-    EvidenceModel,
-    GaussianModel,
-    LinearModel,
-    MixtureModel,
-    OnnxFile,
-    ScoreModel,
-)
+from wayside.schemas.models import Model, OnnxFile
 
 _ADVICE = "Correct the path, or leave the setting out"
 
-Kind = TypeVar("Kind", GaussianModel, MixtureModel, ScoreModel, LinearModel, EvidenceModel)
+Kind = TypeVar("Kind", bound=Model)
 
 
 @dataclass(slots=True)
@@ -42,7 +33,7 @@ class ModelFolder:
     """Whether the user's folder held one of them."""
 
     @classmethod
-    def of(cls, name: str) -> ModelFolder:
+    def of(cls, name: str) -> Self:
         """The folder of that name, none where it is empty; raises InputError where no folder is there."""
         if name and not Path(name).is_dir():
             raise InputError(

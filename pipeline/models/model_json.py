@@ -4,46 +4,31 @@ Three things are written for people: operating points as rows of numbers, weight
 evidence as one object a feature. `accept` is the `threshold` of evidence, whose older name it is.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
 from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.files.parsing import CONTENT_FAULTS
+from wayside.schemas import models
 from wayside.schemas.errors import InputError
-from wayside.schemas.models import (
-    EvidenceModel,
-    GaussianClass,
-    GaussianModel,
-    LinearModel,
-    MixtureModel,
-    Model,
-    NetworkSum,
-    OperatingPoint,
-    ScoreModel,
-)
 
-_KINDS: dict[str, type[Any]] = {
-    kind.kind: kind
-    for kind in (GaussianModel, MixtureModel, ScoreModel, LinearModel, EvidenceModel)
-}
+_KINDS: dict[str, type[Any]] = {kind.kind: kind for kind in get_args(models.Model)}
 _EVIDENCE = {"name": "features", "term": "terms", "knots": "knots", "curve": "curves"}
 """Field of each key of a feature of evidence."""
 
 
-def model_to_json(model: Model) -> str:
+def model_to_json(model: models.Model) -> str:
     """The model as text, every number in full, stable byte for byte."""
     body = _plain(model)
-    if isinstance(model, LinearModel):
+    if isinstance(model, models.LinearModel):
         body = body | {"weights": dict(zip(body.pop("features"), body["weights"], strict=True))}
-    elif isinstance(model, EvidenceModel):
+    elif isinstance(model, models.EvidenceModel):
         rows = zip(*(body.pop(field) for field in _EVIDENCE.values()), strict=True)
         features = [dict(zip(_EVIDENCE, row, strict=True)) for row in rows]
         named = {"accept" if field == "threshold" else field: body[field] for field in body}
@@ -54,7 +39,7 @@ def model_to_json(model: Model) -> str:
 
 def _plain(value: Any) -> Any:
     """A value in types of JSON; what is as its default is left out."""
-    if isinstance(value, OperatingPoint):
+    if isinstance(value, models.OperatingPoint):
         return [value.false_alarm, value.power, value.threshold, *(value.interval or ())]
     if is_dataclass(value):
         known = [(f, getattr(value, f.name)) for f in fields(value) if f.init]
@@ -64,23 +49,22 @@ def _plain(value: Any) -> Any:
     return [_plain(one) for one in value] if isinstance(value, tuple) else value
 
 
-def model_from_json(text: str, name: str = "model") -> Model:
+def model_from_json(text: str, name: str = "model") -> models.Model:
     """Read a model, every number and link of it checked; raises InputError with the name where the text is not one."""
     try:
         data = json.loads(text)
         kind = _KINDS[data["kind"]]
-        if kind is LinearModel:
+        if kind is models.LinearModel:
             names, weights = zip(*data["weights"].items(), strict=True)
             data |= {"features": names, "weights": weights}
-        elif kind is EvidenceModel:
+        elif kind is models.EvidenceModel:
             columns = {
                 field: [row[k] for row in data["features"]] for k, field in _EVIDENCE.items()
             }
             data |= columns | {"threshold": data["accept"]}
-        model: Model = _built(kind, data)
-        object.__setattr__(
-            model, "text_digest", digest(text)
-        )  # frozen, and no argument of its kind
+        model: models.Model = _built(kind, data)
+        # frozen, and no argument of its kind
+        object.__setattr__(model, "text_digest", digest(text))
     except (*CONTENT_FAULTS, RecursionError) as error:
         raise InputError(
             f"{name}: this is not a model file of wayside: {type(error).__name__}: {error}. Write one with the "
@@ -117,12 +101,12 @@ def _interval(value: Any) -> tuple[float, float]:
     return low, high
 
 
-def _point(row: Any) -> OperatingPoint:
+def _point(row: Any) -> models.OperatingPoint:
     """Of two rates, the threshold, then both ends of its interval or none."""
     false_alarm, power, threshold, *ends = map(_finite, row)
     if len(ends) not in (0, 2) or not 0 <= false_alarm <= 1 >= power >= 0:
         raise ValueError(f"curve: {row} is not two rates, a threshold, and its interval")
-    return OperatingPoint(false_alarm, power, threshold, _interval(ends) if ends else None)
+    return models.OperatingPoint(false_alarm, power, threshold, _interval(ends) if ends else None)
 
 
 def _tuple_of(read: Callable[[Any], Any]) -> Callable[[Any], Any]:
@@ -137,19 +121,21 @@ _READERS: dict[str, Callable[[Any], Any]] = {
     **dict.fromkeys(("knots", "curves"), _tuple_of(_array)),
     **dict.fromkeys(("count", "signs"), int),
     "threshold_interval": _interval,
-    "with_network": lambda data: _built(NetworkSum, data),
-    **dict.fromkeys(("classes", "background"), _tuple_of(lambda data: _built(GaussianClass, data))),
+    "with_network": lambda data: _built(models.NetworkSum, data),
+    **dict.fromkeys(
+        ("classes", "background"), _tuple_of(lambda data: _built(models.GaussianClass, data))
+    ),
     "curve": _tuple_of(_point),
 }
 """How each field is read; a name means the same in every model."""
 
 
-def _check_class(one: GaussianClass) -> None:
+def _check_class(one: models.GaussianClass) -> None:
     (d,) = one.mean.shape
     _check_covariance(one.covariance, (d, d))
 
 
-def _check_mixture(model: MixtureModel) -> None:
+def _check_mixture(model: models.MixtureModel) -> None:
     k, d = model.mean.shape
     _check_covariance(model.covariance, (k, d, d))
     sums = [model.weight[: model.signs].sum(), model.weight[model.signs :].sum()]
@@ -157,7 +143,7 @@ def _check_mixture(model: MixtureModel) -> None:
         raise ValueError("the weights are no positive numbers of sum 1 on both sides")
 
 
-def _check_evidence(model: EvidenceModel) -> None:
+def _check_evidence(model: models.EvidenceModel) -> None:
     for knots, curve in zip(model.knots, model.curves, strict=True):
         if knots.shape != curve.shape or len(knots) < 2 or not (np.diff(knots) > 0).all():
             raise ValueError("a feature without two ascending knots and a value at each")
@@ -170,9 +156,9 @@ def _check_covariance(covariance: NDArray[np.float64], shape: tuple[int, ...]) -
 
 
 _CHECKS: dict[type[Any], Callable[[Any], None]] = {
-    GaussianClass: _check_class,
-    MixtureModel: _check_mixture,
-    EvidenceModel: _check_evidence,
+    models.GaussianClass: _check_class,
+    models.MixtureModel: _check_mixture,
+    models.EvidenceModel: _check_evidence,
 }
 
 

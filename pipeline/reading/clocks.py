@@ -82,9 +82,10 @@ def stream_times(log_ns: Integers, header_ns: Integers) -> StreamTimes:
     wrong = np.abs(offset - usual) > _LATE_NS
     first, last = int(header[~wrong].min()), int(header[~wrong].max())
     by_log = log_ns + usual
-    settled = by_log.copy()
-    nearer = _outside(header, first, last) <= _outside(by_log[known], first, last)
-    settled[known] = np.where(~wrong | nearer, header, by_log[known])
+    settled, logged = by_log.copy(), by_log[known]
+    outside = [np.abs(one - one.clip(first, last)) for one in (header, logged)]
+    nearer = outside[0] <= outside[1]
+    settled[known] = np.where(~wrong | nearer, header, logged)
     return StreamTimes(log_ns, settled, True, True, usual, int(wrong.sum()))
 
 
@@ -112,11 +113,6 @@ def _run_alike(log_ns: Integers, header_ns: Integers) -> bool:
         return True
     rate = float(np.median(ahead[moved] / passed[moved]))
     return 1 / _SAME_RATE < rate < _SAME_RATE
-
-
-def _outside(time_ns: Integers, first_ns: int, last_ns: int) -> Integers:
-    """How far each time lies outside of a span, 0 inside."""
-    return np.asarray(np.maximum(np.maximum(first_ns - time_ns, time_ns - last_ns), 0))
 
 
 def _overlaps(time_ns: Integers) -> bool:

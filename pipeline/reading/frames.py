@@ -35,8 +35,6 @@ class ReadReport(ScanReport):
     calibration_source: str = ""
     motion_source: str = ""
     motion_topic: str = ""
-    spacing_m: float = 0.0
-    first_time_ns: int | None = None
     notes: list[str] = field(default_factory=list)
 
 
@@ -61,29 +59,23 @@ def read_frames(
     if timeline.motion is not None:
         report.motion_source = timeline.motion.source
         report.motion_topic = timeline.motion.topic
-    report.spacing_m = plan.spacing_m
     report.notes += [*plan.notes, *timeline.notes]
-    grey = is_grey(plan, timeline.order, timeline.cameras)
-    if grey:
+    reader = _Reader(plan, timeline, settings, report)
+    if reader.grey:
         report.notes.append(
             "the camera sees no colour: none is stated, and codes rest on shape, size and pattern alone"
         )
-    return _Reader(plan, timeline, settings, report, grey=grey).frames()
+    return reader.frames()
 
 
 class _Reader:
     """One reading of one log."""
 
     def __init__(
-        self,
-        plan: Plan,
-        timeline: Timeline,
-        settings: ReadSettings,
-        report: ReadReport,
-        *,
-        grey: bool,
+        self, plan: Plan, timeline: Timeline, settings: ReadSettings, report: ReadReport
     ) -> None:
-        self.plan, self.timeline, self.report, self.grey = plan, timeline, report, grey
+        self.plan, self.timeline, self.report = plan, timeline, report
+        self.grey = is_grey(plan, timeline.order, timeline.cameras)
         self.selection = Selection(settings, plan.spacing_m)
         self.by_number = plan.survey.by_number and not settings.spacing_m
         self.images = CameraImages(plan.other_cameras)
@@ -126,8 +118,6 @@ class _Reader:
         report.images += 1
         report.statuses[frame.status] += 1
         report.with_pose += pose is not None
-        if report.first_time_ns is None:
-            report.first_time_ns = frame.time_ns
         return frame
 
     def _finish(self) -> None:

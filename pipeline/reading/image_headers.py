@@ -11,6 +11,7 @@ from io import BytesIO
 from typing import Any, NamedTuple
 
 from PIL import Image
+from PIL.ExifTags import IFD, Base
 
 from wayside.pipeline.reading.contents import ImageContent
 from wayside.pipeline.reading.h264 import H264, read_stream
@@ -24,9 +25,6 @@ _FORMAT_WORDS = {word: word for word in (*map(str.lower, _FORMATS), H264)}
 _FORMAT_WORDS |= {"jpg": "jpeg", "mpo": "jpeg", "tif": "tiff"}
 _LARGEST_TRIED_PX = 50_000_000
 """Nothing larger is decoded only to see whether it can be; each pixel takes some bytes."""
-_DIRECTORY, _SATELLITES, _ORIENTATION = 0x8769, 0x8825, 0x0112
-_TAKEN, _CHANGED, _FRACTION, _OFFSET = 0x9003, 0x0132, 0x9291, 0x9011
-"""Tags of the Exif standard: DateTimeOriginal, DateTime, SubSecTimeOriginal, OffsetTimeOriginal."""
 _TURNED = dict.fromkeys((2, 4, 5, 7), "mirrored") | {
     3: "turned by 180 degrees",
     6: "turned by 90 degrees clockwise",
@@ -99,15 +97,16 @@ def read_exif(data: bytes | memoryview) -> Exif:
             at_once = image.format == "PNG" and b"eXIf" not in bytes(data)
             exif = Image.Image.getexif(image) if at_once else image.getexif()
             tags = dict(exif)
-            tags = dict(exif.get_ifd(_DIRECTORY)) | tags
-            satellites = dict(exif.get_ifd(_SATELLITES))
+            tags = dict(exif.get_ifd(IFD.Exif)) | tags
+            satellites = dict(exif.get_ifd(IFD.GPSInfo))
     except Exception:  # the library has errors of its own for each damage, none is a reason to stop
         pass
-    taken = _iso_date(tags.get(_TAKEN))
-    date = taken or _iso_date(tags.get(_CHANGED))
-    more = f".{_text(tags.get(_FRACTION))}", _text(tags.get(_OFFSET))
-    turned = _TURNED.get(tags.get(_ORIENTATION, 1), "")
-    return Exif(turned, date, _time_of(taken, *more), _place_of(satellites))
+    taken = _iso_date(tags.get(Base.DateTimeOriginal))
+    date = taken or _iso_date(tags.get(Base.DateTime))
+    fraction = f".{_text(tags.get(Base.SubsecTimeOriginal))}"
+    time = _time_of(taken, fraction, _text(tags.get(Base.OffsetTimeOriginal)))
+    turned = _TURNED.get(tags.get(Base.Orientation, 1), "")
+    return Exif(turned, date, time, _place_of(satellites))
 
 
 def refuse_turned(what: str, exif: Exif) -> None:

@@ -105,7 +105,7 @@ def plan_reading(path: Path, settings: ReadSettings, camera: Camera | None = Non
 def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -> Plan:
     """Choose from a survey; `given` is the calibration of `settings.calibration`. Raises as `plan_reading`."""
     camera = _choose_camera(survey, settings.camera)
-    calibration, camera_given, source = _choose_calibration(survey, camera, settings, given)
+    chosen = _choose_calibration(survey, camera, settings, given)
     fixes = next((t for t in survey.of_kind(Kind.FIX) if t.first is not None), None)
     spacing_m = settings.spacing_m or survey.spacing_m
     posed = any(t.first is not None for t in survey.of_kind(Kind.POSE, Kind.ODOMETRY))
@@ -116,16 +116,8 @@ def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -
             f"{survey.path}: nothing places the signs: the log has no poses, odometry or satellite fixes, and the "
             f"distance between images is unknown. It holds {found}. Give the distance, as in --spacing 26.4ft."
         )
-    return Plan(
-        survey,
-        camera,
-        calibration,
-        camera_given,
-        source,
-        fixes,
-        spacing_m,
-        (*_image_notes(camera, camera_given), *_without_value(survey)),
-    )
+    notes = (*_image_notes(camera, chosen[1]), *_without_value(survey))
+    return Plan(survey, camera, *chosen, fixes, spacing_m, notes)
 
 
 def _choose_camera(survey: LogSurvey, wanted: str) -> Topic:
@@ -172,10 +164,10 @@ def describe_cameras(cameras: list[Topic]) -> str:
         size = topic.image_size
         shown = "size unknown" if size is None else f"{size[0]} x {size[1]}"
         words.append(f"{shortened(topic.name)} ({topic.count} images, {shown})")
-    return listed(words, _MOST_LISTED)
+    return listed(words)
 
 
-def listed(words: Sequence[str], most: int) -> str:
+def listed(words: Sequence[str], most: int = _MOST_LISTED) -> str:
     """The first `most` of some words, in a line, and how many more there are."""
     more = f" and {len(words) - most} more" if len(words) > most else ""
     return ", ".join(words[:most]) + more
@@ -325,7 +317,7 @@ def _listing(survey: LogSurvey) -> str:
     """Topics with their types, the most numerous first, a handful of them."""
     topics = sorted(survey.topics.values(), key=lambda t: (-t.count, t.name))
     words = [f"{shortened(t.name)} ({shortened(t.schema) or 'no schema'})" for t in topics]
-    return listed(words, _MOST_LISTED) or "no messages"
+    return listed(words) or "no messages"
 
 
 def _lost(survey: LogSurvey) -> str:

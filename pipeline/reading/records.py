@@ -71,10 +71,7 @@ def scan(path: Path, report: ScanReport) -> Iterator[Content]:
     is a chunk that the end of the file cuts off. A wrong record length costs that record, and the one before where
     nothing else tells its length.
 
-    Raises
-    ------
-    InputError
-        The file cannot be opened, is empty, or is no MCAP; a directory is no ROS 2 bag of MCAP parts.
+    Raises InputError where the file cannot be opened, is empty, or is no MCAP, or a directory is no ROS 2 bag of MCAP.
     """
     parts = log_parts(path)
     report.bytes_total, stated, budget = parts.size, [], Budget.of(parts.size)

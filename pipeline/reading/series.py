@@ -29,14 +29,6 @@ _LOOK_BACK = 256
 _LONGEST_CHAIN = 32
 
 
-def _integers() -> array[int]:
-    return array("q")
-
-
-def _floats() -> array[float]:
-    return array("d")
-
-
 @dataclass(slots=True)
 class Series:
     """What is kept of the messages of one stream, in file order.
@@ -47,11 +39,11 @@ class Series:
     pose, or east, north, up of a fix; nan where not stated.
     """
 
-    log_ns: array[int] = field(default_factory=_integers)
-    header_ns: array[int] = field(default_factory=_integers)
-    offset: array[int] = field(default_factory=_integers)
+    log_ns: array[int] = field(default_factory=lambda: array("q"))
+    header_ns: array[int] = field(default_factory=lambda: array("q"))
+    offset: array[int] = field(default_factory=lambda: array("q"))
     channels: list[Channel] = field(default_factory=list)
-    value: array[float] = field(default_factory=_floats)
+    value: array[float] = field(default_factory=lambda: array("d"))
     first: PoseContent | FixContent | None = None
 
     def stamp(self, log_ns: int, header_ns: int | None) -> None:

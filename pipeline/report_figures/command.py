@@ -1,7 +1,5 @@
 """All figures of the report on one drive, written as one page."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,6 +8,7 @@ from wayside.pipeline.files.pictures import is_marked, marked_head
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.files.writing import not_written, write_file
 from wayside.pipeline.learning.page import Figure, format_page
+from wayside.pipeline.report_figures import segments, tracks
 from wayside.pipeline.report_figures.decisions import neyman_pearson_figures, roc_figures
 from wayside.pipeline.report_figures.drive import (
     ALMOST_NO,
@@ -20,18 +19,6 @@ from wayside.pipeline.report_figures.drive import (
     figure,
     gather_drive,
     labels_beside,
-)
-from wayside.pipeline.report_figures.segments import (
-    color_figures,
-    segmentation_figures,
-    shape_figures,
-)
-from wayside.pipeline.report_figures.tracks import (
-    board_figure,
-    residual_figure,
-    result_figures,
-    scene_figures,
-    track_figures,
 )
 
 PAGE, MARK = "report_figures.html", "wayside report-figures"
@@ -84,16 +71,16 @@ def chapters_of(
 ) -> list[tuple[str, list[Figure]]]:
     """All figures by chapter of the report; those that the drive has nothing for say what they need."""
     draw: tuple[Callable[[Drive], Iterable[Figure]], ...] = (
-        segmentation_figures,
-        color_figures,
-        shape_figures,
-        track_figures,
-        lambda _: board_figure(boards, board),
-        residual_figure,
-        scene_figures,
+        segments.segmentation_figures,
+        segments.color_figures,
+        segments.shape_figures,
+        tracks.track_figures,
+        lambda _: tracks.board_figure(boards, board),
+        tracks.residual_figure,
+        tracks.scene_figures,
         neyman_pearson_figures,
         roc_figures,
-        result_figures,
+        tracks.result_figures,
     )
     chapters = []
     for (chapter, numbers), one in zip(REPORT.items(), draw, strict=True):

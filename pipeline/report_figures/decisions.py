@@ -5,8 +5,6 @@ more power than the one that accepts where p1 / p0 is at least eta (Neyman and P
 whatever is not a sign with probability alpha (report eq. 9.3 to 9.6).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -18,25 +16,25 @@ from wayside.pipeline.learning.asked import ClassifierSamples
 from wayside.pipeline.learning.curves import ALL, RocCurve, roc_curves
 from wayside.pipeline.learning.labelled import ON
 from wayside.pipeline.learning.page import INKS, RATES, TEXT, Figure, draw_roc, new_axes, svg
+from wayside.pipeline.learning.thresholds import Flags, Values
 from wayside.pipeline.report_figures.drive import IMAGE_WIDE, Drive, figure, photo, reached
 from wayside.pipeline.statistics import share_words
 from wayside.schemas.detections import COLOR_RGB
 from wayside.stages.geometry import box_areas
 
 REPORT_MEAN, REPORT_VARIANCE, REPORT_OFF = 118.337, 1489.0, (20.0, 252.6)
-"""Eq. 9.1: red of pixels of no white sign, N(118.337, 1489) on 20 to 252.6. It is cut, not scaled: its integral is
-0.99434."""
+"""Eq. 9.1: red of pixels of no white sign, N(118.337, 1489) on 20 to 252.6: cut, not scaled, of integral 0.99434."""
 
 REPORT_GROWTH, REPORT_FACTOR, REPORT_ON = 235.0**0.5, 4.211e-9, (136.2, 253.8)
 """Eq. 9.2: red of pixels of white signs, 4.211e-9 exp(y / sqrt 235) on 136.2 to 253.8."""
 
 LEVELS = np.arange(256.0)
 """Of the red of a pixel."""
-Law = tuple[str, NDArray[np.float64], NDArray[np.float64]]
+Law = tuple[str, Values, Values]
 """Whose densities these are, p0 and p1 at all levels."""
 
 
-def report_densities(values: NDArray[np.float64]) -> Law:
+def report_densities(values: Values) -> Law:
     """The report's densities (n,) of the red of no sign and of white signs (eq. 9.1 and 9.2), as printed."""
     off = np.exp(-((values - REPORT_MEAN) ** 2) / (2 * REPORT_VARIANCE))
     off /= np.sqrt(2 * np.pi * REPORT_VARIANCE)
@@ -46,15 +44,13 @@ def report_densities(values: NDArray[np.float64]) -> Law:
     return "report", off, on
 
 
-def likelihood_ratio(off: NDArray[np.float64], on: NDArray[np.float64]) -> NDArray[np.float64]:
+def likelihood_ratio(off: Values, on: Values) -> Values:
     """p1 / p0 (n,), eq. 9.3: inf where only signs have a density, 0 where neither has one."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(on > 0, on / off, 0.0)
 
 
-def most_powerful_test(
-    off: NDArray[np.float64], on: NDArray[np.float64], alpha: float
-) -> NDArray[np.bool_]:
+def most_powerful_test(off: Values, on: Values, alpha: float) -> Flags:
     """Which of n values the test of largest power accepts whose false-alarm rate is at most alpha (eq. 9.4 to 9.6).
 
     `off`, `on` (n,): probabilities of the values without and with a sign. Of equal ratios all are accepted or none.
@@ -179,7 +175,7 @@ def _frames_with_white(drive: Drive) -> list[int]:
     return list(dict.fromkeys(own.tolist()))[:_IMAGES]
 
 
-def _pixels(drive: Drive, images: dict[int, NDArray[np.uint8]]) -> list[NDArray[np.float64]]:
+def _pixels(drive: Drive, images: dict[int, NDArray[np.uint8]]) -> list[Values]:
     """Colours of pixels of white signs (their middle four fifths) and of what is no sign, (n, 3) each."""
     draw, faces = np.random.default_rng(_SEED), drive.faces
     found = [[np.zeros((0, 3))], [np.zeros((0, 3))]]
@@ -219,7 +215,7 @@ def _ratio(densities: Sequence[Law]) -> Figure:
     return figure("9.2").shown("; ".join(words), svg(axes))
 
 
-def _from(accepted: NDArray[np.bool_], on: NDArray[np.float64]) -> str:
+def _from(accepted: Flags, on: Values) -> str:
     """The level from which all that signs have are accepted, in words."""
     first = int(np.argmax(accepted))
     return str(first) if (accepted | (on == 0))[first:].all() else "several ranges"
@@ -246,13 +242,7 @@ def _power(own: Law | None = None) -> Figure:
     return figure("9.3").shown(ours, svg(axes), table=rows)
 
 
-def _decided(
-    rgb: NDArray[np.uint8],
-    number: str,
-    y: float,
-    on: NDArray[np.float64],
-    off: NDArray[np.float64],
-) -> Figure:
+def _decided(rgb: NDArray[np.uint8], number: str, y: float, on: Values, off: Values) -> Figure:
     shown = np.where((rgb > y).all(axis=2, keepdims=True), rgb, 0).astype(np.uint8)
     words = [
         f"{name}: {share_words(int((pixels[:, 0] >= y).sum()), len(pixels))} by red, "

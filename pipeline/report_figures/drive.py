@@ -1,7 +1,5 @@
 """What the figures are made of: a run of the report's chain over a drive with labels, single images again, cut-outs."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wayside.pipeline.files.pictures import data_address, encode_webp
+from wayside.pipeline.files.pictures import webp_address
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.labels.read import FrameLabels, read_labels
 from wayside.pipeline.learning.asked import ClassifierSamples, gather_samples, labels_of_log
@@ -42,6 +40,8 @@ REPORT: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(
 )
 """What the report shows: by chapter and number, fields of a `Figure`."""
 T = TypeVar("T")
+Pixels = NDArray[np.uint8]
+Corners = tuple[int, int, int, int]
 LABELS_BESIDE = (".truth.json", ".labels.json", ".labels.parquet")
 """Endings of a log's labels beside it, in the order in which they are looked for."""
 
@@ -50,8 +50,7 @@ LABELS_BESIDE = (".truth.json", ".labels.json", ".labels.parquet")
 class FaceOutline:
     """The outline of a region on a labelled face, and what the shape classifier makes of it.
 
-    `face`: row of `Faces`. `sequence` (samples,): u + iv in the image. `named`: nearest shape. `accepted`: within its
-    distance.
+    `face`: row of `Faces`. `sequence` (samples,): u + iv in the image. `named`: nearest shape. `accepted`: near enough.
     """
 
     frame: int
@@ -63,7 +62,7 @@ class FaceOutline:
     distance: float
 
 
-def clustered(one: Segmentation) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def clustered(one: Segmentation) -> tuple[Pixels, Pixels]:
     """The image, and in the colours of the clusters of pass one; black where it was not segmented."""
     rgb = one.image.rgb
     assert rgb is not None
@@ -108,7 +107,7 @@ class Drive:
         """Whether a landmark is `ON` a labelled face, `OFF` all, or `NEITHER`."""
         return self.faces.label_views([(view.frame, view.box) for view in sign.views])
 
-    def images(self, wanted: Collection[int]) -> dict[int, NDArray[np.uint8]]:
+    def images(self, wanted: Collection[int]) -> dict[int, Pixels]:
         """Images (height, width, 3) RGB of frames, read and decoded again."""
         found = decode(self._frames(wanted))
         return {one.frame.index: one.rgb for one in found if one.rgb is not None}
@@ -227,7 +226,7 @@ _WIDEST, IMAGE_WIDE = 1100, 800
 
 def around(
     box: ArrayLike, size: tuple[int, int], *, times: float = 2.4, least: int = 40
-) -> tuple[int, int, int, int]:
+) -> Corners:
     """Corners x0, y0, x1, y1 of a square cut-out this many times as large as a box, inside an image (height, width)."""
     x0, y0, x1, y1 = (float(v) for v in np.asarray(box))
     side = min(max(round(times * max(x1 - x0, y1 - y0)), least), *size)
@@ -236,9 +235,7 @@ def around(
     return left, top, left + side, top + side
 
 
-def cut(
-    image: NDArray[np.uint8], corners: tuple[int, int, int, int], tall: int
-) -> NDArray[np.uint8]:
+def cut(image: Pixels, corners: Corners, tall: int) -> Pixels:
     """A cut-out as RGB, enlarged or shrunk to a height."""
     x0, y0, x1, y1 = corners
     part = image[y0:y1, x0:x1]
@@ -248,7 +245,7 @@ def cut(
     return np.asarray(cv2.resize(np.ascontiguousarray(part), size, interpolation=method), np.uint8)
 
 
-def beside(images: Sequence[NDArray[np.uint8]], columns: int = 99) -> NDArray[np.uint8]:
+def beside(images: Sequence[Pixels], columns: int = 99) -> Pixels:
     """Pictures of one height in rows of so many, with gaps."""
     framed = [_widened(one, _GAP, _GAP) for one in images]
     rows = [np.hstack(framed[i : i + columns]) for i in range(0, len(framed), columns)]
@@ -256,13 +253,11 @@ def beside(images: Sequence[NDArray[np.uint8]], columns: int = 99) -> NDArray[np
     return np.vstack([_widened(row, wide - row.shape[1]) for row in rows])
 
 
-def _widened(image: NDArray[np.uint8], right: int, below: int = 0) -> NDArray[np.uint8]:
+def _widened(image: Pixels, right: int, below: int = 0) -> Pixels:
     return np.pad(image, ((0, below), (0, right), (0, 0)), constant_values=_PAPER)
 
 
-def boxed(
-    rgb: NDArray[np.uint8], boxes: Sequence[ArrayLike], ink: Ink = ACCENT, width: int = 3
-) -> NDArray[np.uint8]:
+def boxed(rgb: Pixels, boxes: Sequence[ArrayLike], ink: Ink = ACCENT, width: int = 3) -> Pixels:
     """A copy with rectangles round boxes."""
     page = rgb.copy()
     for box in boxes:
@@ -272,11 +267,8 @@ def boxed(
 
 
 def lined(
-    image: NDArray[np.uint8],
-    corners: tuple[int, int, int, int],
-    tall: int,
-    curves: Sequence[tuple[NDArray[np.complex128], Ink]],
-) -> NDArray[np.uint8]:
+    image: Pixels, corners: Corners, tall: int, curves: Sequence[tuple[NDArray[np.complex128], Ink]]
+) -> Pixels:
     """A cut-out with closed curves u + iv of the image on it."""
     page = cut(image, corners, tall)
     scale = tall / (corners[3] - corners[1])
@@ -287,11 +279,11 @@ def lined(
     return page
 
 
-def photo(rgb: NDArray[np.uint8], words: str = "", wide: int = _WIDEST) -> Picture:
+def photo(rgb: Pixels, words: str = "", wide: int = _WIDEST) -> Picture:
     """An image (height, width, 3) RGB or (height, width) grey, shrunk to a width in pixels where it is wider."""
     factor = min(1.0, wide / rgb.shape[1])
     size = round(rgb.shape[1] * factor), max(round(rgb.shape[0] * factor), 1)
     shown = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
-    source = data_address(encode_webp(shown if shown.ndim == 3 else np.dstack([shown] * 3)))
+    source = webp_address(shown if shown.ndim == 3 else np.dstack([shown] * 3))
     alt = f'width="{size[0]}" height="{size[1]}" alt="{escape(words)}"'
     return Picture(f'<img src="{source}" {alt}>', words)

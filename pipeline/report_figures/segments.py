@@ -1,7 +1,5 @@
 """Chapters 2 to 4: segmentation by K-means in two passes, the size gate, the colour and the shape classifier."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import groupby

@@ -1,7 +1,5 @@
 """Chapters 5 to 8 and 11: tracks, calibration, residuals of the motion, the scene, and what is found."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,16 +18,7 @@ from wayside.pipeline.evaluation.rendered import FEWEST_FRAMES
 from wayside.pipeline.labels.box_matching import same_thing
 from wayside.pipeline.learning.gates import KANSAS_MEAN
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
-from wayside.pipeline.learning.page import (
-    CLAIMS,
-    FAINT,
-    INKS,
-    TEXT,
-    Figure,
-    Picture,
-    new_axes,
-    svg,
-)
+from wayside.pipeline.learning.page import CLAIMS, FAINT, INKS, TEXT, Figure, Picture, new_axes, svg
 from wayside.pipeline.report_figures.drive import (
     ACCENT,
     ALMOST_NO,

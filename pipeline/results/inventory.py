@@ -39,6 +39,16 @@ _CODE = (
     *("mutcd", "vienna", "legend", "code_probability"),
     *("nominal_width_in", "nominal_height_in"),
 )
+_OF_SIGN = "status category route measure_unit station_m lateral_m".split()
+"""Columns that are attributes of a sign, as `_OF_LANDMARK` of its landmark; of `_NUMBERS_...` nan is null."""
+_NUMBERS_OF_SIGN = (
+    "confidence up_m bottom_m sigma_bottom_m sigma_width_m sigma_height_m measure spacing_m sigma_spacing_m radius_m "
+    "sigma_radius_m"
+).split()
+_OF_LANDMARK = "color shape best_frame best_time_ns".split()
+_NUMBERS_OF_LANDMARK = (
+    "color_distance shape_distance facing_deg sigma_facing_deg residual_px".split()
+)
 _UPPER_TRIANGLE = np.triu_indices(3)
 _BATCH_ROWS = 4096
 _FIRST_DATE_NS = 10 * 365 * 86_400 * 10**9
@@ -99,49 +109,27 @@ def sign_row(sign: Sign, log: str) -> dict[str, Any]:
     along, lateral, up = np.sqrt(np.diag(sign.covariance))[[2, 0, 1]].tolist()
     evidence = dict(landmark.evidence)
     return {
-        "status": sign.status,
-        "confidence": finite(sign.confidence),
-        "color": landmark.color,
-        "color_distance": finite(landmark.color_distance),
-        "shape": landmark.shape,
-        "shape_distance": finite(landmark.shape_distance),
+        **{name: getattr(sign, name) for name in _OF_SIGN},
+        **{name: finite(getattr(sign, name)) for name in _NUMBERS_OF_SIGN},
+        **{name: getattr(landmark, name) for name in _OF_LANDMARK},
+        **{name: finite(getattr(landmark, name)) for name in _NUMBERS_OF_LANDMARK},
         **dict(zip(("x", "y", "z"), sign.centre.tolist(), strict=True)),
         "covariance": sign.world_covariance[_UPPER_TRIANGLE].tolist(),
         "sigma_along_m": along,
         "sigma_lateral_m": lateral,
         "sigma_up_m": up,
-        "station_m": sign.station_m,
-        "lateral_m": sign.lateral_m,
-        "up_m": finite(sign.up_m),
-        "bottom_m": finite(sign.bottom_m),
-        "sigma_bottom_m": finite(sign.sigma_bottom_m),
         "panel_width_m": finite(sign.width_m),
         "panel_height_m": finite(sign.height_m),
-        "sigma_width_m": finite(sign.sigma_width_m),
-        "sigma_height_m": finite(sign.sigma_height_m),
-        "facing_deg": finite(landmark.facing_deg),
-        "sigma_facing_deg": finite(landmark.sigma_facing_deg),
-        "best_frame": landmark.best_frame,
-        "best_time_ns": landmark.best_time_ns,
         "date": date_us(landmark.best_time_ns),
         "best_box": list(landmark.best_box),
         **dict(zip(("right_m", "down_m", "ahead_m"), sign.position.tolist(), strict=True)),
         "first_frame": min(view.frame for view in landmark.views),
         "last_frame": max(view.frame for view in landmark.views),
         "views": len(landmark.views),
-        "residual_px": finite(landmark.residual_px),
         **{f"evidence_{term}": evidence.get(term) for term in EVIDENCE_TERMS},
         **_code(sign),
-        "category": sign.category,
         **_on_globe(sign),
-        "route": sign.route,
-        "measure": finite(sign.measure),
-        "measure_unit": sign.measure_unit,
         "next_sign_id": None if sign.next_number is None else f"{log}-{sign.next_number:04d}",
-        "spacing_m": finite(sign.spacing_m),
-        "sigma_spacing_m": finite(sign.sigma_spacing_m),
-        "radius_m": finite(sign.radius_m),
-        "sigma_radius_m": finite(sign.sigma_radius_m),
         "sign_id": sign_id(sign, log),
         "assembly_id": f"{log}-a{sign.assembly:04d}",
         "log": log,
@@ -174,15 +162,19 @@ def _code(sign: Sign) -> dict[str, Any]:
 
 
 def _on_globe(sign: Sign) -> dict[str, Any]:
-    """Columns on WGS 84; `geometry` is a WKB Point Z."""
-    names = ("lon_deg", "lat_deg", "alt_m", "sigma_east_m", "sigma_north_m", "sigma_alt_m")
-    globe = sign.globe
+    """Columns on WGS 84."""
+    sigmas, globe = ("sigma_east_m", "sigma_north_m", "sigma_alt_m"), sign.globe
     if globe is None:
-        return dict.fromkeys((*names, "bearing_deg", "geometry"))
-    place = (globe.longitude_deg, globe.latitude_deg, globe.altitude_m)
-    values = dict(zip(names, (*place, *globe.sigma_m), strict=True))
-    geometry = struct.pack("<BIddd", 1, 1001, *place)
-    return values | {"bearing_deg": finite(globe.bearing_deg), "geometry": geometry}
+        return dict.fromkeys((*located(0, 0, 0), *sigmas, "bearing_deg"))
+    place = located(globe.longitude_deg, globe.latitude_deg, globe.altitude_m)
+    errors = dict(zip(sigmas, globe.sigma_m, strict=True))
+    return place | errors | {"bearing_deg": finite(globe.bearing_deg)}
+
+
+def located(lon_deg: float, lat_deg: float, alt_m: float) -> dict[str, Any]:
+    """Columns of a place on WGS 84; `geometry` is a WKB Point Z."""
+    geometry = struct.pack("<BI3d", 1, 1001, lon_deg, lat_deg, alt_m)
+    return {"lon_deg": lon_deg, "lat_deg": lat_deg, "alt_m": alt_m, "geometry": geometry}
 
 
 def roadside_rows(
@@ -312,14 +304,15 @@ class InventoryWriter:
         try:
             self._stream.close()
             self._scratch.close()
-            self._write_signs(signs, path)
+            tables = {SIGNS: [sign_row(sign, self._log) for sign in signs]}
+            if sections is not None:
+                tables |= roadside_rows(sections, path) | {POSTS: posts_rows(signs, self._log)}
+            for table, found in tables.items():
+                placed = table is SIGNS and path.globe is not None
+                columns = {name: [row[name] for row in found] for name in table.schema.names}
+                self._write(table, columns, geoparquet_metadata(found) if placed else None)
             self._write_frames(path)
             self._write_observations(signs)
-            roadside = {}
-            if sections is not None:
-                roadside = roadside_rows(sections, path) | {POSTS: posts_rows(signs, self._log)}
-            for table, found in roadside.items():
-                self._write(table, {name: [r[name] for r in found] for name in table.schema.names})
         except OSError as error:
             raise not_written(self._folder, error) from error
         finally:
@@ -328,7 +321,7 @@ class InventoryWriter:
             SIGNS.file: len(signs),
             OBSERVATIONS.file: self._observation_count,
             FRAMES.file: len(self._frames["frame"]),
-            **{table.file: len(found) for table, found in roadside.items()},
+            **{table.file: len(found) for table, found in tables.items()},
         }
         return WrittenTables(
             self._log,
@@ -412,11 +405,6 @@ class InventoryWriter:
             if columns["status"][row] == DUPLICATE:
                 columns["baseline_m"][row] = 0.0
         self._write(FRAMES, columns)
-
-    def _write_signs(self, signs: Sequence[Sign], path: DrivePath) -> None:
-        rows = [sign_row(sign, self._log) for sign in signs]
-        geo = None if path.globe is None else geoparquet_metadata(rows)
-        self._write(SIGNS, {name: [row[name] for row in rows] for name in SIGNS.schema.names}, geo)
 
     def _write(self, table: Table, columns: dict[str, Any], geo: str | None = None) -> None:
         with ParquetFile(self._folder / table.file, table.schema, geo) as sink:

@@ -50,17 +50,9 @@ def read_table(
 ) -> pa.Table:
     """One table of a result folder.
 
-    Parameters
-    ----------
-    out, table
-        Folder written by `wayside run`; which of its tables.
-    columns
-        Those to read; None: all. Columns that an earlier version did not write come as null.
-    where
-        The rows; its columns need not be among `columns`.
-
-    Raises InputError where the folder is no result folder, or the file is damaged or something else: a column is of
-    another type, or lacks values that every row must have.
+    columns: those to read; None: all. Columns that an earlier version did not write come as null. where: the rows; its
+    columns need not be among `columns`. Raises InputError where the folder is no result folder, or the file is damaged
+    or something else: a column is of another type, or lacks values that every row must have.
     """
     finish_replacement(out)
     file, schema = out / table.file, table.schema
@@ -100,6 +92,15 @@ def read_rows(
     """Rows of one table of a result, null as None. Takes and raises the same as `read_table`."""
     rows: list[dict[str, Any]] = read_table(out, table, columns, where).to_pylist()
     return rows
+
+
+def holds_table(file: Path, table: Table) -> bool:
+    """Whether a file is this table, written by wayside."""
+    try:
+        about = (pq.read_schema(file).metadata or {}).get(b"wayside", b"")
+    except (OSError, ValueError):
+        return False
+    return f'"table": "{table.name}"'.encode() in about
 
 
 def find_sign(out: Path, signs: Sequence[dict[str, Any]], sign_id: str) -> dict[str, Any]:

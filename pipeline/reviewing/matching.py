@@ -213,8 +213,6 @@ def _matched(entries: Sequence[Reviewed], known: KnownResult) -> list[Reviewed |
     """The row of this result that each row of an earlier one is, one to one where the total is best."""
     rows = list(known.rows.values())
     found: list[Reviewed | None] = [None] * len(entries)
-    if not rows:
-        return found
     by_image: defaultdict[str, list[tuple[int, Any]]] = defaultdict(list)
     for number, row in enumerate(rows):
         for image, box in row.views:

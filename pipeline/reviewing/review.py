@@ -56,17 +56,15 @@ def review_labels(out: Path, review: Review) -> Labels:
         said = review.rows.get(row["sign_id"])
         if said is None:
             continue
-        sign = signs[row["sign_id"]]
-        look = said.final({})
+        sign, look = signs[row["sign_id"]], said.final({})
         kind = BACK if sign["status"] == "back" else SIGN
-        rejected = said.review == REJECTED
         labels.append(
             Label(
                 LabelledImage(sign["log"], row["frame"], times_ns[row["frame"]]),
-                NOT_A_SIGN if rejected else kind,
+                NOT_A_SIGN if said.review == REJECTED else kind,
                 tuple(row["box"]),
-                None if rejected else look["color"],
-                None if rejected else look["shape"],
+                look["color"],
+                look["shape"],
                 panel=row["sign_id"],
                 source=said.reviewer or "review",
                 note=said.note,

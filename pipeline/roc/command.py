@@ -1,7 +1,5 @@
 """`wayside roc`: gather what the classifiers are asked on some drives, and write their curves."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import groupby
@@ -16,20 +14,10 @@ from wayside.pipeline.files.output_folder import OutputFolder
 from wayside.pipeline.files.parquet import ParquetFile, record_batch
 from wayside.pipeline.files.writing import create, not_written, refuse
 from wayside.pipeline.labels.read import joined, read_labels
+from wayside.pipeline.learning import page
 from wayside.pipeline.learning.asked import CLASSIFIERS as EVERY_CLASSIFIER
 from wayside.pipeline.learning.asked import ClassifierSamples, gather_samples, join_drives
 from wayside.pipeline.learning.curves import ALL, RocCurve, roc_curves
-from wayside.pipeline.learning.page import (
-    FAINT,
-    INKS,
-    RATES,
-    TEXT,
-    draw_band,
-    draw_roc,
-    legend_beside,
-    new_axes,
-    png,
-)
 from wayside.pipeline.models.model_files import Models
 
 # before rerun itself: it says what to install where that is absent
@@ -59,14 +47,8 @@ def measure_roc(
     """Run logs, and write `roc.parquet`, `classifiers.parquet`, `confusion.parquet`, `roc.rrd` and a PNG a classifier.
 
     `labels`: files or folders, of any format; each log takes those of its images. `notify`: is called with a line about
-    each log. `overwrite`: replace any file of these names; else only an earlier measurement.
-
-    Raises
-    ------
-    InputError
-        A log or labels cannot be used, or the labels show no sign that a classifier was asked about.
-    OutputError
-        The folder cannot be written.
+    each log. `overwrite`: replace any file of these names; else only an earlier measurement. Raises InputError where a
+    log or labels cannot be used or show no sign that was asked about, OutputError where the folder cannot be written.
     """
     if not overwrite:
         _check_free(folder)
@@ -202,10 +184,10 @@ def _columns(table: Table, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 def draw_curves(classifier: str, drawn: Sequence[RocCurve]) -> bytes:
     """PNG: TPR against FPR of each class, the band of the first; ring: knee, dot: threshold of the run."""
     height = max(660, 130 + 42 * len(drawn))
-    axes = new_axes((0, 1), (0, 1), RATES, (1160, height))
-    axes.set_title(f"ROC of {classifier}", loc="left", color=TEXT)
+    axes = page.new_axes((0, 1), (0, 1), page.RATES, (1160, height))
+    axes.set_title(f"ROC of {classifier}", loc="left", color=page.TEXT)
     axes.set_box_aspect(1)
-    draw_band(axes, drawn[0])
+    page.draw_band(axes, drawn[0])
     for row, curve in enumerate(drawn):
         used = curve.used_row
         at = curve.knee if used is None else used
@@ -218,22 +200,22 @@ def draw_curves(classifier: str, drawn: Sequence[RocCurve]) -> bytes:
             f", {100 * curve.fpr[at]:.2g} % of {curve.negatives} others"
         )
         width = 2.6 if curve.name == ALL else 1.6
-        draw_roc(axes, curve, ink_of(curve.name, row), words, used=used, width=width)
-    legend_beside(axes, KEY)
-    return png(axes)
+        page.draw_roc(axes, curve, ink_of(curve.name, row), words, used=used, width=width)
+    page.legend_beside(axes, KEY)
+    return page.png(axes)
 
 
 def ink_of(name: str, row: int) -> str:
     """Colour of a curve: dark of a whole classifier, that of a class of colour, somewhat darker, else by its row."""
     if name == ALL:
-        return TEXT
+        return page.TEXT
     if name in COLOR_RGB:
         return "#{:02x}{:02x}{:02x}".format(*(round(0.8 * v) for v in COLOR_RGB[name]))
-    return INKS[row % len(INKS)]
+    return page.INKS[row % len(page.INKS)]
 
 
-def record_curves(path: Path, drawn: Mapping[str, Sequence[RocCurve]], page: str) -> None:
-    """Write a .rrd: TPR upwards against FPR of each classifier, knees and thresholds as points; `page` is Markdown."""
+def record_curves(path: Path, drawn: Mapping[str, Sequence[RocCurve]], words: str) -> None:
+    """Write a .rrd: TPR upwards against FPR of each classifier, knees and thresholds as points; `words`: Markdown."""
     import rerun as rr
     import rerun.blueprint as rrb
 
@@ -245,10 +227,10 @@ def record_curves(path: Path, drawn: Mapping[str, Sequence[RocCurve]], page: str
     layout = rrb.Blueprint(rrb.Horizontal(rrb.Grid(*plots), text), collapse_panels=True)
     stream = rr.RecordingStream(APPLICATION, recording_id="roc")
     stream.save(path, default_blueprint=layout)
-    stream.log("/figures", rr.TextDocument(page, media_type=rr.MediaType.MARKDOWN), static=True)
+    stream.log("/figures", rr.TextDocument(words, media_type=rr.MediaType.MARKDOWN), static=True)
     square = [[(0, 0), (1, 0), (1, -1), (0, -1), (0, 0)], [(0, 0), (1, -1)]]
     for name, curves in drawn.items():
-        frame = rr.LineStrips2D(square, colors=[rgb(FAINT)], radii=0.001)
+        frame = rr.LineStrips2D(square, colors=[rgb(page.FAINT)], radii=0.001)
         stream.log(f"/roc/{name}/axes", frame, static=True)
         for row, curve in enumerate(curves):
             at, ink = curve.used_row, rgb(ink_of(curve.name, row))

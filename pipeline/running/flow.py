@@ -23,6 +23,8 @@ from wayside.stages.calibration import DriveCalibration
 from wayside.stages.georeference import DrivePath
 from wayside.stages.roadside import on_road
 
+QUEUED = 2
+"""Images that wait at most for each worker: one is read while another is searched; more take memory alone."""
 MOTION_AHEAD = 2
 """Images whose motion is known before they are tracked: motion and tracking work side by side."""
 
@@ -78,9 +80,10 @@ class Flow:
     def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
         """Send frames all the way: every frame comes out once, in order, with the landmarks first seen in it."""
         read, memory = self._shown(Stage("read", self.memory.taken), frames), self.memory
-        queue, room = self.settings.run.queue, lambda: memory.has_room
         with self.workers as workers:
-            found = workers.ordered(self._find, read, queue=queue, has_room=room)
+            found = workers.ordered(
+                self._find, read, queue=QUEUED, has_room=lambda: memory.has_room
+            )
             if self.journal is not None:
                 found = self.clock.timed("journal", self.journal.record(found))
             for settled in self._follow(self._counted(self.clock.timed("queue", found))):

@@ -35,14 +35,7 @@ from wayside.pipeline.results.result import (
     mark_older,
     result_name,
 )
-from wayside.pipeline.running.flow import (
-    MOTION_AHEAD,
-    Drive,
-    Flow,
-    FrameCounts,
-    Observer,
-    paced,
-)
+from wayside.pipeline.running.flow import MOTION_AHEAD, Drive, Flow, FrameCounts, Observer, paced
 from wayside.pipeline.running.image_memory import ImageMemory
 from wayside.pipeline.running.journal import Journal, journal_key, remove_journal, result_key
 from wayside.pipeline.workers import StageClock
@@ -190,14 +183,8 @@ def process_log(asked: RunRequest, run: Run) -> Iterator[TrackedFrame]:
     A generator: nothing happens before the first frame is asked for. The files of the result replace those of an
     earlier one together, after the last frame; closed early, it changes nothing. `run` is filled meanwhile.
 
-    Raises
-    ------
-    InputError
-        The log cannot be used, or none of its images can.
-    OutputError
-        The folder cannot be written, or holds something that is not replaced.
-    StageError
-        A stage failed; its name and the frame are in the message.
+    Raises InputError where the log or all of its images cannot be used. Raises OutputError where the folder cannot be
+    written, or holds something that is not replaced. Raises StageError, which names stage and frame, where one failed.
     """
     folder = asked.folder
     with OutputFolder(folder, kept=(RECORDING,)) as output, ExitStack() as ended:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from math import atan, degrees, inf, isfinite, radians, tan
+from dataclasses import asdict, dataclass, replace
+from math import atan, degrees, inf, radians, tan
 from pathlib import Path
 from typing import Any
 
@@ -68,11 +68,11 @@ class SimulationResult:
 
     def to_json(self) -> dict[str, Any]:
         """All figures, rounded to a tenth of a millimetre."""
-        survey = {name: _plain(getattr(self.survey, name)) for name in Survey.__slots__}
+        given = asdict(self.survey).items()
         error = {axis: self.figures(k) for k, axis in enumerate(AXES)}
         error["total"] = _quantiles(self.total)
         return {
-            "survey": survey,
+            "survey": {name: None if value == inf else value for name, value in given},
             "signs": self.wanted,
             "found": len(self.error),
             "nearest_m": round(float(np.median(self.nearest)), 4),
@@ -316,7 +316,3 @@ def _quantiles(errors: Array) -> dict[str, float]:
 
 def _cells(metres: Iterable[float]) -> str:
     return "".join(f"{value:9.3f}" for value in metres)
-
-
-def _plain(value: Any) -> Any:
-    return value if not isinstance(value, float) or isfinite(value) else None

@@ -15,10 +15,7 @@ let before = [], state = "";  // of undo
 
 // Filters, kept in the address
 
-function number(card, name, unknown) {
-  return card.dataset[name] === "" ? unknown : Number(card.dataset[name]);
-}
-
+const number = (card, name, unknown) => card.dataset[name] === "" ? unknown : Number(card.dataset[name]);
 const orders = {
   station: (a, b) => number(a, "station", Infinity) - number(b, "station", Infinity),
   best: (a, b) => number(b, "confidence", -1) - number(a, "confidence", -1),
@@ -38,9 +35,7 @@ function chosen() {
   return changed.length ? "#" + new URLSearchParams(changed.map(name => [name, fields[name].value])) : "";
 }
 
-function sort() {
-  list.append(...cards.sort(orders[fields.sort.value]));
-}
+const sort = () => list.append(...cards.sort(orders[fields.sort.value]));
 
 function show() {
   const links = [];
@@ -149,10 +144,7 @@ function say(card, review) {
 }
 
 function looks(values) {
-  const part = document.createElement("span");
-  part.className = "looks";
-  part.values = values;
-  part.append(at("looks").content.cloneNode(true));
+  const part = made("span", { className: "looks", values }, at("looks").content.cloneNode(true));
   const fields = Array.from(part.querySelectorAll("[name]"));
   const fill = () => fields.forEach(field => { field.value = values[field.name] === "unknown" ? "" : values[field.name] || ""; });
   fill();
@@ -181,37 +173,28 @@ addEventListener("keydown", event => {
   if ((event.ctrlKey || event.metaKey) && event.key === "z" && !typing(event)) { event.preventDefault(); undo(); }
 });
 
-function button(words, act) {
-  const made = document.createElement("button");
-  made.type = "button";
-  made.textContent = words;
-  made.addEventListener("click", act);
-  return made;
-}
+const button = (words, onclick) => made("button", { type: "button", onclick }, words);
 
 function draw() {
   for (const card of cards) {
     const one = said.get(card.id);
     card.dataset.review = one ? one.review : "";
     const bar = card.querySelector(".say");
-    for (const made of bar.querySelectorAll("button")) made.setAttribute("aria-pressed", String(card.dataset.review === made.dataset.review));
+    for (const one of bar.querySelectorAll("button")) one.setAttribute("aria-pressed", String(card.dataset.review === one.dataset.review));
     const form = bar.querySelector(".looks");
     const edited = card.dataset.review === "edited";
     if (form && (!edited || form.values !== one)) form.remove();
     if (edited && form?.values !== one) bar.append(looks(one));
   }
   at("missing").replaceChildren(...missing.map((one, i) => {
-    const entry = document.createElement("li");
-    entry.append("missing at x " + one.x.toFixed(1) + " m, y " + one.y.toFixed(1) + " m ", looks(one));
-    entry.lastChild.append(button("Remove", () => { missing.splice(i, 1); remember(); }));
-    return entry;
+    const form = looks(one);
+    form.append(button("Remove", () => { missing.splice(i, 1); remember(); }));
+    return made("li", {}, "missing at x " + one.x.toFixed(1) + " m, y " + one.y.toFixed(1) + " m ", form);
   }));
   at("decide").hidden = !open().length;
   at("open").replaceChildren(...open().map(one => {
-    const entry = document.createElement("li");
-    if (one.picture) entry.append(Object.assign(new Image(), { src: one.picture, alt: "as it was" }));
-    entry.append(one.words + " ", ...one.options.map(({ words, row }) => button(words, () => decide(one, row))));
-    return entry;
+    const picture = one.picture ? made("img", { src: one.picture, alt: "as it was" }) : "";
+    return made("li", {}, picture, one.words + " ", ...one.options.map(({ words, row }) => button(words, () => decide(one, row))));
   }));
   drawMissing();
   at("undo").disabled = !before.length;
@@ -322,11 +305,8 @@ function openImages() {
   at("images").hidden = false;
   if (typeof waysideImages !== "undefined") return showImage(0);
   return new Promise(done => {
-    const script = document.createElement("script");
-    script.src = "images.js";
-    script.addEventListener("load", () => done(showImage(0)));
-    script.addEventListener("error", () => done(at("shown").textContent = "images.js is not beside this page"));
-    document.body.append(script);
+    const onload = () => done(showImage(0)), onerror = () => done(at("shown").textContent = "images.js is not beside this page");
+    document.body.append(made("script", { src: "images.js", onload, onerror }));
   });
 }
 
@@ -352,9 +332,7 @@ at("undo").addEventListener("click", undo);
 
 // Files
 
-function asJson() {
-  return JSON.stringify({ wayside_review: 1, log: about.log, result: about.result, reviews: rows() }, null, 1) + "\n";
-}
+const asJson = () => JSON.stringify({ wayside_review: 1, log: about.log, result: about.result, reviews: rows() }, null, 1) + "\n";
 
 function read(name, text) {
   const whole = JSON.parse(text), results = [whole.result, ...whole.reviews.map(one => one.result)].filter(Boolean);

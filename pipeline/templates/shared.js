@@ -1,10 +1,14 @@
 "use strict";
 const at = id => document.getElementById(id);
 
+function made(tag, properties, ...inside) {
+  const one = Object.assign(document.createElement(tag), properties);
+  one.append(...inside);
+  return one;
+}
+
 function save(name, text, type) {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([text], { type }));
-  link.download = name;
+  const link = made("a", { href: URL.createObjectURL(new Blob([text], { type })), download: name });
   document.body.append(link);
   link.click();
   link.remove();

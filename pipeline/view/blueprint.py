@@ -1,7 +1,5 @@
 """The layout of the viewer: everything that decides is visible without a click."""
 
-from __future__ import annotations
-
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -37,8 +35,7 @@ TEXT_ONLY = rrb.TextLogColumns(
 def drive_layout(images: str | None = None, *, live: bool = False) -> rrb.Blueprint:
     """The whole drive: image with layers, 3-D behind the vehicle, from above, across the road, plots, table.
 
-    images: entity of the images of an imported log, where the recording has none of its own; live: the time
-    follows what comes in.
+    images: entity of the images of an imported log, where the recording has none; live: the time follows what comes in.
     """
     camera = rrb.Spatial2DView(
         origin=images or at.CAMERA,

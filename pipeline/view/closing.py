@@ -1,7 +1,5 @@
 """What holds for a whole drive: axes and series at its start; at its end the signs, with views, rays and residuals."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """How landmarks, candidates, outlines and measured panels are drawn: colours, words and archetypes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -104,8 +102,7 @@ def panel_rotation(landmark: Landmark) -> NDArray[np.float64]:
 def face_in_image(landmark: Landmark, pose: Pose, camera: Camera) -> NDArray[np.float64]:
     """The outline of a landmark's face projected into an image, closed.
 
-    Returns points (n, 2) in the viewer's pixels, which count from the upper left corner of the image; (0, 2) where a
-    corner is behind the camera.
+    Points (n, 2) in the viewer's pixels, from the upper left corner of the image; none with a corner behind the camera.
     """
     half = np.array([landmark.width_m, landmark.height_m]) / 2
     flat = face_corners(landmark.shape) * half

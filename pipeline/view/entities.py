@@ -1,9 +1,7 @@
 """What is sent to a recording: paths of entities, and entities at the times of a frame."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import rerun as rr
@@ -74,10 +72,10 @@ class Times:
     station_m: float | None = None
     """None: of a frame that is not used."""
 
-    @staticmethod
-    def of(frame: Frame, station_m: float | None = None) -> Times:
+    @classmethod
+    def of(cls, frame: Frame, station_m: float | None = None) -> Self:
         """Times of a frame."""
-        return Times(frame.index, frame.time_ns, frame.log_time_ns, station_m)
+        return cls(frame.index, frame.time_ns, frame.log_time_ns, station_m)
 
     def apply(self, stream: rr.RecordingStream) -> None:
         """Set them on a stream, for the calling thread alone."""

@@ -1,7 +1,5 @@
 """Receives every item of the flow and sends its entities to recordings, each from a thread of its own."""
 
-from __future__ import annotations
-
 import threading
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -42,15 +40,9 @@ def any_alive() -> bool:
 class Recorder:
     """One recording and the thread that fills it; faults end it and are kept, never raised.
 
-    Parameters
-    ----------
-    name
-        For words about it: a file's name or an address.
-    open_stream
-        Makes the stream with its sink attached; called in the thread.
-    patience_s
-        How long `put` waits for a full queue before the recording is given up (a file); 0 drops the batches and goes on
-        (a live viewer, which shows the next frame instead).
+    `name`: for words about it, a file's name or an address. `open_stream`: makes the stream with its sink attached;
+    called in the thread. `patience_s`: how long `put` waits for a full queue before the recording is given up (a file);
+    0 drops the batches and goes on (a live viewer, which shows the next frame instead).
     """
 
     def __init__(
@@ -114,40 +106,11 @@ class Viewing:
     """Blur what lies off the boxes of possible signs."""
 
 
-def open_observer(
-    viewing: Viewing, folder: Path, log: str, location: GaussianModel, report: ReadReport
-) -> RerunObserver:
-    """Start the recordings of a run; `folder` exists, `log` is the name of the recording, `report` what reading chose.
-
-    A recording without images is laid over those of the log: in the coordinate frame that Rerun's importer
-    gives them.
-    """
-
-    def file_stream() -> rr.RecordingStream:
-        stream = rr.RecordingStream(APPLICATION, recording_id=log)
-        stream.save(folder / RECORDING, default_blueprint=drive_layout())
-        return stream
-
-    def live_stream() -> rr.RecordingStream:
-        stream = rr.RecordingStream(APPLICATION, recording_id=log)
-        stream.connect_grpc(viewing.address, default_blueprint=drive_layout(live=True))
-        return stream
-
-    recorders = []
-    if viewing.file:
-        recorders.append(Recorder(RECORDING, file_stream, FILE_PATIENCE_S))
-    if viewing.address is not None:
-        recorders.append(Recorder(viewing.address, live_stream, 0.0))
-    plane = f"{report.camera_frame}_image_plane" if viewing.images == "none" else None
-    return RerunObserver(recorders, location, viewing, plane)
-
-
 class RerunObserver:
     """Turns items into entities in the thread that made them, and sends each frame's in one go, in order.
 
     Entities of the stages in the workers wait until the motion of their frame is known. Every row then has all
-    timelines, also the distance along the road, and only one thread sets times. Faults are kept for the summary; they
-    do not reach the run.
+    timelines, also the distance along the road, and only one thread sets times. Faults go to the summary, not the run.
     """
 
     def __init__(
@@ -249,3 +212,30 @@ class RerunObserver:
             batches = [Batch(None, tuple(entity(path, frame) for path in new)), *batches]
         for recorder in self._recorders:
             recorder.put(batches)
+
+
+def open_observer(
+    viewing: Viewing, folder: Path, log: str, location: GaussianModel, report: ReadReport
+) -> RerunObserver:
+    """Start the recordings of a run; `folder` exists, `log` is the name of the recording, `report` what reading chose.
+
+    A recording without images is laid over those of the log: in the coordinate frame that Rerun's importer gives.
+    """
+
+    def file_stream() -> rr.RecordingStream:
+        stream = rr.RecordingStream(APPLICATION, recording_id=log)
+        stream.save(folder / RECORDING, default_blueprint=drive_layout())
+        return stream
+
+    def live_stream() -> rr.RecordingStream:
+        stream = rr.RecordingStream(APPLICATION, recording_id=log)
+        stream.connect_grpc(viewing.address, default_blueprint=drive_layout(live=True))
+        return stream
+
+    recorders = []
+    if viewing.file:
+        recorders.append(Recorder(RECORDING, file_stream, FILE_PATIENCE_S))
+    if viewing.address is not None:
+        recorders.append(Recorder(viewing.address, live_stream, 0.0))
+    plane = f"{report.camera_frame}_image_plane" if viewing.images == "none" else None
+    return RerunObserver(recorders, location, viewing, plane)

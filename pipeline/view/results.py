@@ -1,7 +1,5 @@
 """The recording of a finished run: opened in a viewer, or drawn to a PNG."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Iterable
@@ -15,16 +13,9 @@ from wayside.pipeline.files.output_folder import RECORDING, finish_replacement
 from wayside.pipeline.files.pictures import is_marked, marked_png
 from wayside.pipeline.files.writing import sync, write_file
 from wayside.pipeline.results.result import find_sign, read_rows, read_run
+from wayside.pipeline.view import viewer
 from wayside.pipeline.view.blueprint import drive_layout, sign_layout
 from wayside.pipeline.view.entities import APPLICATION, FRAME, LOG
-from wayside.pipeline.view.viewer import (
-    ask,
-    headless,
-    import_log,
-    show_time,
-    start_viewer,
-    wait_until_loaded,
-)
 from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.tables import FRAMES, SIGNS
 
@@ -66,9 +57,9 @@ class Recordings:
     def show(self, client: ViewerClient, target: Target) -> None:
         """Go to the target; an imported log knows no frame numbers."""
         if self.images is None:
-            show_time(client, FRAME, target.frame)
+            viewer.show_time(client, FRAME, target.frame)
         else:
-            show_time(client, LOG, target.log_time_ns)
+            viewer.show_time(client, LOG, target.log_time_ns)
 
 
 def find_target(out: Path, sign_id: str | None, frame: int | None) -> Target:
@@ -127,7 +118,7 @@ def recordings_of(out: Path, log: Path | None) -> Recordings:
     if not imported.is_file():
         with tempfile.TemporaryDirectory(prefix=".wayside-", dir=out) as scratch:
             whole = Path(scratch) / IMPORTED
-            import_log(log, recording_id, whole)
+            viewer.import_log(log, recording_id, whole)
             sync(whole)
             os.replace(whole, imported)
     return Recordings(path, recording_id, imported, run.get("camera_topic"))
@@ -140,10 +131,10 @@ def open_result(
     found = recordings_of(out, log)
     with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
         files = found.files(target, Path(scratch))
-        address = start_viewer(files, found.recording_id, serve=serve, web_port=web_port)
+        address = viewer.start_viewer(files, found.recording_id, serve=serve, web_port=web_port)
     if not serve:  # a server takes no orders about what its browsers show
         client = ViewerClient.connect(address)
-        wait_until_loaded(client)
+        viewer.wait_until_loaded(client)
         found.show(client, target)
 
 
@@ -166,10 +157,10 @@ def save_screenshot(
     with tempfile.TemporaryDirectory(prefix="wayside-") as scratch:
         drawn = Path(scratch) / "drawn.png"
         files = found.files(target, Path(scratch))
-        with headless(files, found.recording_id, size) as client:
+        with viewer.headless(files, found.recording_id, size) as client:
             found.show(client, target)
-            views = ask(client.get_state).views
-            ask(lambda: client.save_screenshot(str(drawn)))
+            views = viewer.ask(client.get_state).views
+            viewer.ask(lambda: client.save_screenshot(str(drawn)))
         content = marked_png(drawn.read_bytes(), _MARK)
     write_file(png, content, is_own=lambda old: is_marked(old, _MARK), overwrite=overwrite)
     reports = [(view.name, report) for view in views for report in view.reports]

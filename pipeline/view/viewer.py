@@ -1,7 +1,5 @@
 """The Rerun viewer as a program of ours: found, started on loopback, asked for a screenshot, ended."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal
@@ -46,8 +44,7 @@ def viewer_program() -> Path:
 def probe(address: str) -> str:
     """The address of a viewer as Rerun writes it.
 
-    Raises UsageError for what is no address, InputError where nobody listens: Rerun itself would wait, and stop the run
-    once its buffer is full.
+    Raises UsageError for what is no address, InputError where nobody listens: Rerun would wait, and then stop the run.
     """
     full = address if "://" in address else f"rerun+http://{address}/proxy"
     try:

@@ -4,8 +4,6 @@ A frame's entities are sent whether there is something to show or not: an empty 
 The world is the drive's own frame: x right, y down, z ahead of the first camera, metres.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Command line: python -m recordings.drives SPEC... -o OUT; --help lists the options."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from dataclasses import replace

@@ -4,8 +4,6 @@ Station s (m) runs along the centre line, t (m) is the offset to the right of it
 World: x east, y north, z up, metres.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 

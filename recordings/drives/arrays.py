@@ -1,7 +1,5 @@
 """Names of the arrays that travel through the renderer."""
 
-from __future__ import annotations
-
 from typing import TypeAlias
 
 import numpy as np

@@ -3,8 +3,6 @@
 Camera frame: x right, y down, z forward. Pixel centres lie at integers.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """WGS 84 positions of points of a local tangent plane."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from recordings.drives.arrays import Floats

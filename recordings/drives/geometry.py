@@ -1,7 +1,5 @@
 """Polygons."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from recordings.drives.arrays import Floats

@@ -1,7 +1,5 @@
 """One textured quad as it falls on the canvas."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -1,7 +1,5 @@
 """Writes the MCAP log of a drive."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """What a drive is made of: textured surfaces in groups, and signs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TypeAlias
 

@@ -3,8 +3,6 @@
 Camera frame: x right, y down, z forward. World: x east, y north, z up, metres.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Renders a drive: frames in parallel, then the log and the truth, all put in place at the end."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import shutil

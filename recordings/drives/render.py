@@ -1,7 +1,5 @@
 """Draws one image: backdrop, then textured quads from far to near, then lens and sensor."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -1,7 +1,5 @@
 """Everything that can be seen in one drive."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

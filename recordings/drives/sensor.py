@@ -1,7 +1,5 @@
 """Lens and sensor: from light on the canvas to an 8-bit image."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -1,7 +1,5 @@
 """Boxes and vehicles built from flat parts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

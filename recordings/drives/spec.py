@@ -1,7 +1,5 @@
 """Settings of a drive. Every group is one table of the TOML file; the defaults are a plain highway."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 

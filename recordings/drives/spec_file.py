@@ -1,7 +1,5 @@
 """Reads a drive specification and refuses what it cannot mean."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
@@ -17,13 +15,7 @@ SPECS = Path(__file__).parent / "specs"
 
 
 def find_spec(name: str) -> Path:
-    """Path of a specification, given as a TOML file or as the name of one in `specs/`.
-
-    Raises
-    ------
-    UsageError
-        If there is neither.
-    """
+    """Path of a specification, a TOML file or the name of one in `specs/`; raises UsageError if it is neither."""
     for path in (Path(name), SPECS / f"{name}.toml"):
         if path.is_file():
             return path
@@ -34,10 +26,7 @@ def find_spec(name: str) -> Path:
 def load_spec(path: Path) -> DriveSpec:
     """Drive specification of a TOML file.
 
-    Raises
-    ------
-    UsageError
-        If the file is not TOML, or a setting is unknown, missing, or of another type or range.
+    Raises UsageError if it is not TOML, or a setting is unknown, missing, or of another type or range.
     """
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))

@@ -1,7 +1,5 @@
 """Stamps: what a rendered drive was made from, so that it need not be made again."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from dataclasses import asdict, dataclass

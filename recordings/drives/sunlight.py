@@ -1,7 +1,5 @@
 """Sun, ambient light and haze of a drive."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The exact truth of a drive as JSON."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

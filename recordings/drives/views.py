@@ -1,7 +1,5 @@
 """What single frames show: outlines of signs, boxes of distractors."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

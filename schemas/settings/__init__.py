@@ -16,7 +16,6 @@ from wayside.schemas.settings.detection import (
     GateSettings,
     SegmentSettings,
 )
-from wayside.schemas.settings.field import setting
 from wayside.schemas.settings.mapping import LocateSettings, TrackSettings
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
 from wayside.schemas.settings.odometry import FeatureSettings, MotionSettings
@@ -39,14 +38,10 @@ __all__ = [
     "ModelSettings",
     "MotionSettings",
     "ReadSettings",
-    "ReportSettings",
-    "RoadsideSettings",
     "RouteSettings",
-    "RunSettings",
     "SegmentSettings",
     "Settings",
     "TrackSettings",
-    "setting",
 ]
 
 

@@ -36,7 +36,6 @@ class RunSettings:
     """How the work is carried out; nothing here changes a result."""
 
     workers: int = setting(2, "threads", "images processed side by side", low=1, high=64)
-    queue: int = setting(2, "frames", "frames waiting at most for each worker", low=1, high=1000)
     memory_mb: float = setting(
         0.0,
         "MB",

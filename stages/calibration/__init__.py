@@ -10,18 +10,8 @@ from wayside.stages.calibration.board_fit import (
     find_board,
     format_residuals,
 )
-from wayside.stages.calibration.drive_fit import (
-    DriveCalibration,
-    calibrate_drive,
-    describe_calibration,
-)
-from wayside.stages.calibration.segment import cut_segments
-from wayside.stages.calibration.segment_equations import changed_camera
-from wayside.stages.calibration.watch import (
-    CalibrationWatch,
-    check_calibration,
-    watch_calibration,
-)
+from wayside.stages.calibration.drive_fit import DriveCalibration, describe_calibration
+from wayside.stages.calibration.watch import CalibrationWatch, check_calibration, watch_calibration
 
 __all__ = [
     "LENS_MODELS",
@@ -32,10 +22,7 @@ __all__ = [
     "DriveCalibration",
     "FittedView",
     "calibrate_boards",
-    "calibrate_drive",
-    "changed_camera",
     "check_calibration",
-    "cut_segments",
     "describe_calibration",
     "find_board",
     "format_residuals",

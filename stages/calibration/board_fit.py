@@ -156,11 +156,7 @@ class _Fit(NamedTuple):
 
 
 def calibrate_boards(
-    views: list[Array],
-    board: Board,
-    size: tuple[int, int],
-    model: str,
-    largest_sigma: float = LARGEST_SIGMA,
+    views: list[Array], board: Board, size: tuple[int, int], model: str
 ) -> BoardCalibration:
     """Calibrate a camera by views of a board.
 
@@ -168,13 +164,10 @@ def calibrate_boards(
     `OUTLIER_RATIO`.
 
     views: corners (n, 2) of each, pixels, in the order of `board.points`. size: width and height of the images. model:
-    of `LENS_MODELS`. largest_sigma: largest relative standard error of a focal length.
+    of `LENS_MODELS`.
 
-    Raises
-    ------
-    CalibrationError
-        Too few views, or views that do not determine the focal length; then the residuals of all lens models are
-        told, since a lens of another kind looks like that, too.
+    Raises CalibrationError for too few views, or views that do not determine the focal length; then the residuals of
+    all lens models are told, since a lens of another kind looks like that, too.
     """
     kept = list(range(len(views)))
     while True:
@@ -195,7 +188,7 @@ def calibrate_boards(
     count = 4 + LENS_MODELS[model]
     columns = (_NAMES[:count], fit.values.tolist(), fit.sigma.tolist(), spread.tolist())
     parameters = tuple(map(Parameter, *columns))
-    _require_focal_length(parameters, placed, by_model, largest_sigma)
+    _require_focal_length(parameters, placed, by_model)
     lens = fit.distortion.tolist() + [0.0] * (LENS_MODELS[model] == 4)
     fx, fy, cx, cy = fit.values[:4].tolist()
     camera = Camera(size[0], size[1], fx, fy, cx, cy, tuple(lens))
@@ -220,14 +213,9 @@ def _fit(views: list[Array], board: Board, size: tuple[int, int], model: str) ->
         ) from error
     count, pinhole = LENS_MODELS[model], np.asarray(matrix, np.float64)
     lens = np.ravel(distortion)[:count].astype(np.float64)
-    return _Fit(
-        float(rms),
-        pinhole,
-        lens,
-        np.concatenate([pinhole[[0, 1, 0, 1], [0, 1, 2, 2]], lens]),
-        np.ravel(sigma)[: 4 + count].astype(np.float64),
-        np.ravel(each).astype(np.float64),
-    )
+    values = np.concatenate([pinhole[[0, 1, 0, 1], [0, 1, 2, 2]], lens])
+    sigmas, by_view = (np.ravel(one).astype(np.float64) for one in (sigma, each))
+    return _Fit(float(rms), pinhole, lens, values, sigmas[: 4 + count], by_view)
 
 
 def _residual_px(views: list[Array], board: Board, size: tuple[int, int], model: str) -> float:
@@ -266,14 +254,11 @@ def _place(index: int, view: Array, board: Board, fit: _Fit, *, used: bool) -> F
 
 
 def _require_focal_length(
-    parameters: tuple[Parameter, ...],
-    views: list[FittedView],
-    by_model: dict[str, float],
-    largest: float,
+    parameters: tuple[Parameter, ...], views: list[FittedView], by_model: dict[str, float]
 ) -> None:
     for one in parameters[:2]:
         error = max(one.sigma, one.spread) / abs(one.value)
-        if not error <= largest:
+        if not error <= LARGEST_SIGMA:
             tilt = max(view.tilt_deg for view in views if view.used)
             raise CalibrationError(
                 f"the views do not determine the focal length: {one.name} = {one.value:.0f} px has a standard error "

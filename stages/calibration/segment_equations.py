@@ -162,15 +162,9 @@ def linearise(segment: Segment, seen: Projection, factor: float) -> Equations:
     lengths = np.linalg.norm(residual, axis=1) / sigma
     weight = 1 / (sigma * np.sqrt(1 + (lengths / TIE_SCALE) ** 2))
     size, points = 6 * len(s.rotations) + len(LENS), len(s.head)
-    found = Equations(
-        np.zeros((size, size)),
-        np.zeros(size),
-        np.zeros((points, 3, 3)),
-        np.zeros((points, 3, size)),
-        np.zeros((points, 3)),
-        _slopes(s, seen),
-        weight**2,
-    )
+    empty = np.zeros((size, size)), np.zeros(size), np.zeros((points, 3, 3))
+    cross, point_right = np.zeros((points, 3, size)), np.zeros((points, 3))
+    found = Equations(*empty, cross, point_right, _slopes(s, seen), weight**2)
     late = np.concatenate([s.early[s.head], s.early + 1])
     weights = np.concatenate([np.full(points, 1 / ANCHOR_SIGMA_PX), weight])
     errors = np.concatenate([anchors, residual])
@@ -193,13 +187,8 @@ def reduced(equations: Equations, damping: float) -> Reduced:
     both = np.column_stack([matrix[free, lens], right[free]])
     solved: Array = np.asarray(np.linalg.solve(poses, both), np.float64)
     by_lens, alone = -solved[:, :-1], solved[:, -1]
-    return Reduced(
-        matrix[lens, lens] + matrix[lens, free] @ by_lens,
-        right[lens] - matrix[lens, free] @ alone,
-        by_lens,
-        alone,
-        inverse,
-    )
+    own, rest = matrix[lens, lens] + matrix[lens, free] @ by_lens, matrix[lens, free] @ alone
+    return Reduced(own, right[lens] - rest, by_lens, alone, inverse)
 
 
 def lens_gain(segment: Segment, equations: Equations, solved: Reduced) -> Array:

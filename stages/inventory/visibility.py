@@ -53,29 +53,19 @@ class PanelPlaces:
     size_m: Floats
 
 
-@dataclass(frozen=True, slots=True)
-class PanelViews:
-    """What k images show of n places.
-
-    `height` (n, k): of the panel in each, pixels, 0 where it does not show. `box` (n, k, 4): where it would, pixels.
-    """
-
-    height: Floats
-    box: Floats
-
-
 def views_of(
     places: PanelPlaces, centre: Floats, rotation: Floats, camera: Camera, smallest_px: float
-) -> PanelViews:
+) -> tuple[Floats, Floats]:
     """Images in which a panel would show whole, at least so high, and from the front.
 
-    Objects between the camera and the place are not considered (see `measure_occlusion`), nor is the distortion of the
-    lens. centre (k, 3): of cameras, metres east, north, up. rotation (k, 3, 3): from the camera to these axes.
-    smallest_px: height of the face.
+    The height (n, k) of each of n panels in each of k images, pixels, 0 where it does not show, and the box (n, k, 4)
+    where it would. Objects between the camera and the place are not considered (see `measure_occlusion`), nor is the
+    distortion of the lens. centre (k, 3): of cameras, metres east, north, up. rotation (k, 3, 3): from the camera to
+    these axes. smallest_px: height of the face.
     """
     n, k = len(places.position), len(centre)
     if not n or not k:
-        return PanelViews(np.zeros((n, k)), np.zeros((n, k, 4)))
+        return np.zeros((n, k)), np.zeros((n, k, 4))
     ray = places.position[:, None] - centre[None]
     right, down, ahead = np.moveaxis(np.einsum("nki,kij->nkj", ray, rotation), 2, 0)
     far = np.maximum(ahead, NEAREST_M)
@@ -88,7 +78,7 @@ def views_of(
     facing = -np.einsum("nki,ni->nk", ray[..., :2], normal) / np.linalg.norm(ray[..., :2], axis=2)
     turned = facing < cos(radians(OBLIQUE_DEG))  # false where the bearing is unknown
     shown = (ahead > NEAREST_M) & whole & (high >= smallest_px) & ~turned
-    return PanelViews(np.where(shown, high, 0.0), box)
+    return np.where(shown, high, 0.0), box
 
 
 def match_moved(pairs: Ints, distance_m: Floats) -> Ints:

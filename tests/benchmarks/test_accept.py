@@ -6,14 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from wayside.pipeline.evaluation.figures import (
-    Backs,
-    Duplicate,
-    Match,
-    RealEvaluation,
-    RenderedEvaluation,
-    together,
-)
+from wayside.pipeline.evaluation import figures
 from wayside.pipeline.models.model_files import onnx_metadata
 
 ROOT = Path(__file__).parents[2]
@@ -28,13 +21,13 @@ def found(along):
     sign = {"sign_id": "d-0001", "color": "red", "shape": "circle", "panel_height_m": None}
     sign |= {"panel_width_m": 0.66, "bottom_m": 1.5}
     panel = {"id": 1, "color": "red", "shape": "octagon", "width_m": 0.6, "height_m": 0.6}
-    return Match(sign, panel | {"bottom_m": 1.5}, (0.0, 0.0, along))
+    return figures.Match(sign, panel | {"bottom_m": 1.5}, (0.0, 0.0, along))
 
 
 FALSE = {"sign_id": "d-0002", "best_frame": 3, "cause": "unknown"}
 MISSED = {"id": 7}
-GOOD = RenderedEvaluation(2, (found(0.1), found(-0.3)), 2, backs=Backs(3, 2, 5))
-POOR = RenderedEvaluation(2, (found(0.8),), 1, (FALSE,), (MISSED,))
+GOOD = figures.RenderedEvaluation(2, (found(0.1), found(-0.3)), 2, backs=figures.Backs(3, 2, 5))
+POOR = figures.RenderedEvaluation(2, (found(0.8),), 1, (FALSE,), (MISSED,))
 
 
 @pytest.fixture
@@ -83,11 +76,11 @@ def test_models_without_a_drive_say_that_they_have_not_learned_from_it():
 
 
 def test_the_line_of_a_drive_counts_duplicates_among_the_false_or_beside_them(accept):
-    twice = (Duplicate("d-0002", 1, "d-0001"),)
+    twice = (figures.Duplicate("d-0002", 1, "d-0001"),)
     assert accept.in_short(replace(POOR, duplicates=twice)) == (
         "recall 0.500 (1/2)  precision 0.500 (1 false, of them 1 duplicates)"
     )
-    real = RealEvaluation(1, ("R1",), 2, (FALSE,), (), duplicates=twice)
+    real = figures.RealEvaluation(1, ("R1",), 2, (FALSE,), (), duplicates=twice)
     assert accept.in_short(real) == (
         "recall 1.000 (1/1)  precision 0.667 (1 false, beside them 1 duplicates)"
     )
@@ -101,13 +94,13 @@ def test_a_total_below_the_floor_is_named(accept, outcome, tmp_path, monkeypatch
     assert list(accept.below_floor({"default": outcomes})) == [
         "default: recall 0.7500 is below the floor of 0.8"
     ]
-    assert together([]).recall == 1.0
+    assert figures.together([]).recall == 1.0
 
 
 def test_rendered_drives_that_models_learned_from_are_named_and_real_ones_stand_apart(
     accept, outcome
 ):
-    real = RealEvaluation(learned_by=("network",))
+    real = figures.RealEvaluation(learned_by=("network",))
     outcomes = [
         outcome("clean", replace(GOOD, learned_by=())),
         outcome("seen", replace(GOOD, learned_by=("box", "place"))),

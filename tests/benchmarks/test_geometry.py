@@ -1,7 +1,5 @@
 """The geometry benchmark: what a stripped log keeps, and that exact poses and points have no error."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -13,7 +13,9 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 import wayside
 from wayside.pipeline.calibration.drives import calibrate_log
 from wayside.pipeline.files.settings_file import load_settings
+from wayside.pipeline.reading.calibrations import format_camera
 from wayside.pipeline.reading.frames import ReadReport, read_frames
+from wayside.schemas.frame import Camera
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.calibration import describe_calibration
 from wayside.stages.detection import proposals
@@ -166,14 +168,6 @@ def test_an_image_of_few_pixels_shows_more_where_it_is_seen_enlarged(tmp_path, m
     assert len(enlarged) > len(signs_of(small))
 
 
-CAMERA = """image_width: 1600
-image_height: 1200
-camera_matrix: {{rows: 3, cols: 3, data: [{0}, 0, {1}, 0, {0}, {2}, 0, 0, 1]}}
-distortion_model: plumb_bob
-distortion_coefficients: {{rows: 1, cols: 5, data: [{3}, {4}, 0, 0, 0]}}
-"""
-
-
 @pytest.mark.slow
 def test_a_run_notes_a_lens_that_cannot_be_right_and_the_one_that_the_images_ask_for(
     run_demo, default_demo, true_boxes, tmp_path
@@ -181,9 +175,9 @@ def test_a_run_notes_a_lens_that_cannot_be_right_and_the_one_that_the_images_ask
     pq.write_table(pa.Table.from_pylist(true_boxes), tmp_path / "boxes.parquet")
     true = default_demo.about["camera"]
     wrong, boxes = tmp_path / "wrong.yaml", ("--detections", str(tmp_path / "boxes.parquet"))
-    wrong.write_text(
-        CAMERA.format(1.1 * true["fx"], true["cx"], true["cy"], *true["distortion"][:2])
-    )
+    lens = {"fx": 1.1 * true["fx"], "fy": 1.1 * true["fx"], "distortion": true["distortion"][:2]}
+    lens["distortion"] += [0.0, 0.0, 0.0]
+    wrong.write_text(format_camera(Camera(**true | lens), "camera"))
     result = run_demo(*boxes, *("--calibration", str(wrong)))
     calibrated = calibrate_log(DEMO, load_settings(options={"read.calibration": str(wrong)})[0])
     same = calibrated.calibration.parameters["fx"]

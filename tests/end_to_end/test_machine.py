@@ -5,15 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import pickle
 import random
 import shutil
 import signal
-import struct
 import subprocess
 import sys
 import time
-import zlib
 from pathlib import Path
 
 import pytest
@@ -187,21 +184,6 @@ def test_an_altered_journal_changes_no_byte_of_the_tables(with_journal):
     same, about = with_journal(altered)
     assert same
     assert [note for note in about["notes"] if note.startswith("--resume")]
-
-
-def test_a_pickle_in_the_place_of_the_journal_is_not_read(with_journal, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-    class Harm:
-        def __reduce__(self):
-            return os.mkdir, ("harm",)
-
-    content = pickle.dumps(Harm())
-    head = struct.pack("<III", 0, len(content), zlib.crc32(content))
-    same, about = with_journal(lambda whole: head + content)
-    assert same
-    assert about["times"]["replayed_frames"] == 0
-    assert not (tmp_path / "harm").exists()
 
 
 def test_resuming_and_viewing_exclude_each_other(command, tmp_path):

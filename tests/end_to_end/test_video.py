@@ -2,6 +2,7 @@
 
 import sys
 from fractions import Fraction
+from functools import partial
 from itertools import chain
 
 import cv2
@@ -17,12 +18,11 @@ from wayside.pipeline.logs.information import format_log, inspect_log
 from wayside.pipeline.reading import video
 from wayside.pipeline.reading.calibrations import format_camera
 from wayside.pipeline.reading.contents import ImageContent
-from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.reading.h264 import read_stream
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
-from wayside.schemas.settings import ReadSettings
 
+from ..pipeline.reading.conftest import read as read_log
 from ..pipeline.results import invoke
 from .conftest import altered_demo, run_log_file
 
@@ -75,18 +75,13 @@ def write_log(path, packets, kind="h264", missing=(), size=(WIDTH, HEIGHT), of=(
     return path
 
 
-def read(path, **settings):
-    report = ReadReport()
-    return list(read_frames(path, ReadSettings(spacing_m=5.0, **settings), report)), report
-
-
-def pixels(frame):
-    return np.frombuffer(frame.data, np.uint8).reshape(frame.height, frame.width, 3)
+read = partial(read_log, spacing_m=5.0)
 
 
 def assert_alike(frame, rgb):
     assert frame.encoding == "rgb8"
-    assert np.abs(pixels(frame).astype(int) - rgb).mean() < 6
+    pixels = np.frombuffer(frame.data, np.uint8).reshape(frame.height, frame.width, 3)
+    assert np.abs(pixels.astype(int) - rgb).mean() < 6
 
 
 @pytest.mark.parametrize("profile", ["baseline", "main", "high", "high444"])
@@ -121,11 +116,8 @@ def test_the_type_of_ros_says_the_same(tmp_path):
             message = store.types[name](stamp, "camera", array, "h264")
             writer.add_message(channel, time, store.serialize_cdr(message, name), time)
         writer.finish()
-    (tmp_path / "camera.yaml").write_text(
-        f"image_width: {WIDTH}\nimage_height: {HEIGHT}\ndistortion_model: plumb_bob\n"
-        "camera_matrix: {rows: 3, cols: 3, data: [200, 0, 80, 0, 200, 60, 0, 0, 1]}\n"
-        "distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n"
-    )
+    camera = Camera(WIDTH, HEIGHT, 200.0, 200.0, 80.0, 60.0)
+    (tmp_path / "camera.yaml").write_text(format_camera(camera, "camera"))
     frames, _ = read(tmp_path / "a.mcap", calibration=str(tmp_path / "camera.yaml"))
     assert [f.header_time_ns for f in frames] == [START + k * STEP for k in range(3)]
     for frame, rgb in zip(frames, shown, strict=True):
@@ -202,7 +194,7 @@ def test_of_two_videos_in_one_topic_that_of_the_first_camera_is_used(tmp_path, t
     assert [f.status for f in frames] == ["used", "other_camera"] * (len(shown) // 2)
     for frame, rgb in zip(frames[::2], shown[::2], strict=True):
         assert_alike(frame, rgb)
-    assert any("are of another camera (frame_id right, not left)" in n for n in report.notes)
+    assert any("of another camera (frame_id right, not left)" in n for n in report.notes)
 
 
 def test_two_videos_that_nothing_tells_apart_are_left_out_and_counted(tmp_path, two_videos):
@@ -276,7 +268,7 @@ def test_a_video_file_is_imported_with_times_and_positions(tmp_path):
     assert "4 images from 2024-05-17 10:31:00+00:00, 4 with a position" in invoke(
         "import", file, *options
     )
-    frames = list(read_frames(out, ReadSettings(thin_m=0.0), ReadReport()))
+    frames, _ = read_log(out, thin_m=0.0)
     begin = 1_715_941_860 * 10**9
     assert [f.time_ns - begin for f in frames] == [0, 200_000_000, 400_000_000, 600_000_000]
     steps = [f.fix.latitude_deg - 50.0 for f in frames]

@@ -26,8 +26,7 @@ def cause(seen, views=(0, 1, 2), rows=None, distances=None):
     listed = [dict(zip(names, row, strict=True)) for row in sorted(seen, key=lambda row: row[0])]
     table = pa.Table.from_pylist(listed, schema=schema)
     face = Face("R1", dict.fromkeys(views, BOX), distances or {})
-    found = miss_cause(face, Candidates(table), FRAMES, rows or {})
-    return found
+    return miss_cause(face, Candidates(table), FRAMES, rows or {})
 
 
 def test_where_nothing_lies_on_a_sign_no_candidate_is_the_cause():

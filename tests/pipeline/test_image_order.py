@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from wayside.pipeline.logs.importing import ImportOptions, import_images
-from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError
-from wayside.schemas.settings import ReadSettings
+
+from .reading.conftest import read
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def imported(tmp_path, calibration):
         out = tmp_path / "drive.mcap"
         how = ImportOptions(10.0, order=order, overwrite=True)
         import_images(paths, calibration, out, how, warn=said.append)
-        frames = list(read_frames(out, ReadSettings(), ReadReport()))
+        frames, _ = read(out)
         return [f.name for f in frames], [f.spacing_m for f in frames], said
 
     return imported

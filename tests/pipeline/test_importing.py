@@ -12,9 +12,9 @@ from mcap.reader import make_reader
 from PIL import Image
 
 from wayside.pipeline.logs.importing import ImportOptions, import_images
-from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.schemas.errors import InputError, OutputError, UsageError
-from wayside.schemas.settings import ReadSettings
+
+from .reading.conftest import read
 
 
 def write_image(path, width=32, height=24):
@@ -25,15 +25,11 @@ def write_image(path, width=32, height=24):
     return path
 
 
-def frames_of(log, **settings):
-    return list(read_frames(log, ReadSettings(**settings), ReadReport()))
-
-
 def imported(files, calibration, out):
     """The frames of the log of these images, and what was said of them."""
     said = []
     import_images(files, calibration, out, ImportOptions(10.0), warn=said.append)
-    return frames_of(out), said
+    return read(out)[0], said
 
 
 def test_images_become_a_log_that_needs_no_spacing(tmp_path, calibration):
@@ -43,16 +39,11 @@ def test_images_become_a_log_that_needs_no_spacing(tmp_path, calibration):
     (folder / "notes.txt").write_text("no image")
     out = tmp_path / "drive.mcap"
     told = []
-    done = import_images(
-        [folder],
-        calibration,
-        out,
-        ImportOptions(8.04672),
-        watch=lambda *of: told.append(of),
-    )
+    how = ImportOptions(8.04672)
+    done = import_images([folder], calibration, out, how, watch=lambda *of: told.append(of))
     assert done == (4, 0, 0, None)
     assert told == [(1, 4), (2, 4), (3, 4), (4, 4)]
-    frames = frames_of(out)
+    frames, _ = read(out)
     assert [bytes(f.data) for f in frames] == [f.read_bytes() for f in files]
     assert [f.spacing_m for f in frames] == [None, 8.04672, 8.04672, 8.04672]
     assert {f.camera.fy for f in frames} == {51.0}
@@ -68,10 +59,9 @@ def test_missing_numbers_are_missing_distances_and_are_said_by_import_and_by_a_r
     out = tmp_path / "drive.mcap"
     frames, said = imported(files, calibration, out)
     assert [f.spacing_m for f in frames] == [None, 20.0, 10.0, 30.0]
-    given = frames_of(out, spacing_m=9.0)  # --spacing is the distance between images as they are
+    _, report = read(out)
+    given, _ = read(out, spacing_m=9.0)  # --spacing is the distance between images as they are
     assert [f.spacing_m for f in given] == [None, 9.0, 9.0, 9.0]
-    report = ReadReport()
-    list(read_frames(out, ReadSettings(), report))
     for words in (*said, *report.notes):
         assert "missing numbers" in words
         assert "1 after P12.png, 2 after P15.png" in words
@@ -189,7 +179,7 @@ def test_what_cannot_be_imported_is_left_out_and_named(tmp_path, calibration, co
     line = ["--calibration", calibration, "--spacing", "8m", "-o", out]
     done = command("import", folder, *line)
     assert done.returncode == 4
-    assert [f.name for f in frames_of(out)] == ["P1.jpg", "P2.jpg", "P9.jpg"]
+    assert [f.name for f in read(out)[0]] == ["P1.jpg", "P2.jpg", "P9.jpg"]
     for words in (
         "left out: 7 of 10 files",
         "P3.jpg: a link to no file",
@@ -266,7 +256,7 @@ def test_images_with_positions_need_no_spacing_and_have_a_date(tmp_path, calibra
     out, positions = tmp_path / "drive.mcap", file if SOURCES[source] else None
     done = import_images(files, calibration, out, ImportOptions(positions=positions))
     assert done[2:] == (4, datetime(2024, 5, 17, 10, 31))
-    frames = frames_of(out, thin_m=0.0)
+    frames, _ = read(out, thin_m=0.0)
     np.testing.assert_allclose(
         [places_of(f) for f in frames], [(*p, -12.5) for p in PLACES], atol=1e-6
     )

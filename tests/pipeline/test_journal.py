@@ -3,6 +3,8 @@
 import dataclasses
 import os
 import pickle
+import struct
+import zlib
 from contextlib import closing
 
 import numpy as np
@@ -90,6 +92,17 @@ def test_a_torn_end_is_cut_off_and_written_again(tmp_path_factory, cut):
     assert path.read_bytes() == whole
 
 
+class Harm:
+    """Makes a folder where it is unpickled."""
+
+    def __reduce__(self):
+        return os.mkdir, ("harm",)
+
+
+def as_an_entry(content):
+    return struct.pack("<III", 0, len(content), zlib.crc32(content)) + content
+
+
 def changed_in_the_middle(content):
     middle = len(content) // 2
     return content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
@@ -100,15 +113,16 @@ def changed_in_the_middle(content):
     [
         (lambda content: b"", KEY, "not used", range(1)),
         (lambda content: b"no journal", KEY, "not used", range(1)),
-        (lambda content: pickle.dumps(os.getcwd), KEY, "not used", range(1)),
+        (lambda content: as_an_entry(pickle.dumps(Harm())), KEY, "not used", range(1)),
         (lambda content: content, {"log": "b"}, "another version, log, settings or mod", range(1)),
         (changed_in_the_middle, KEY, "cut or altered", range(1, 4)),
     ],
     ids=["empty", "text", "pickle", "another key", "a changed byte"],
 )
 def test_what_is_no_sound_journal_of_this_run_is_not_used_and_said(
-    tmp_path, change, key, note, kept
+    tmp_path, monkeypatch, change, key, note, kept
 ):
+    monkeypatch.chdir(tmp_path)
     write(tmp_path, [detections(index) for index in range(4)])
     path = tmp_path / JOURNAL
     path.write_bytes(change(path.read_bytes()))
@@ -118,6 +132,7 @@ def test_what_is_no_sound_journal_of_this_run_is_not_used_and_said(
         replayed = journal.replayed
     assert write(tmp_path, [detections(9)], key) == replayed
     assert write(tmp_path, [], key) == replayed + 1
+    assert not (tmp_path / "harm").exists()
 
 
 def test_what_was_found_in_an_image_of_another_size_is_not_taken_for_this_one(tmp_path):

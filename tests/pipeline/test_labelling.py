@@ -52,10 +52,9 @@ def result(folder):
     seen = {"best_frame": 1, "best_box": box_at(14), "first_frame": 0, "views": 2}
     look = {"color": "yellow", "shape": "diamond", "confidence": 0.6}
     about = {"log": log.name, "log_path": str(log), "log_fingerprint": "12"}
+    about["settings"] = {"read": {}}
     signs = [sign_row(NAME, log=STEM, **seen | look)]
-    return write_tables(
-        folder / "out", signs, ROWS, frame_rows(log), settings={"read": {}}, **about
-    )
+    return write_tables(folder / "out", signs, ROWS, frame_rows(log), **about)
 
 
 @pytest.fixture(scope="module")
@@ -104,10 +103,8 @@ def test_the_page_needs_nothing_else_and_names_are_escaped(marked):
     assert 0 <= left < left + width <= 100
     assert 0 <= top < top + height <= 100
     assert set(data["scenes"]) == {"0", "1"}  # one of each image, for all boxes in it
-    left, top, width, height = data["items"][0]["place"]
-    assert [left * 1.6, top * 1.2, width * 1.6, height * 1.2] == pytest.approx(
-        [14, 40, 16, 16], abs=0.01
-    )
+    place = np.array(data["items"][0]["place"]) * [1.6, 1.2, 1.6, 1.2]
+    np.testing.assert_allclose(place, [14, 40, 16, 16], atol=0.01)
 
 
 def test_every_class_has_a_key_of_its_own():

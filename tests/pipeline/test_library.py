@@ -81,6 +81,13 @@ def test_tables_are_those_of_the_folder(page, table):
         assert found.schema.equals(table.schema)
 
 
+def test_an_export_heeds_the_review_that_is_given(page, tmp_path):
+    first = page["signs"]["sign_id"][0].as_py()
+    (tmp_path / "review.csv").write_text(f"sign_id,review\n{first},rejected\n")
+    more = {"review": tmp_path / "review.csv", "accepted": True}
+    assert first not in page["again"].export(tmp_path / "signs.csv", **more).read_text()
+
+
 def test_without_a_folder_nothing_stays_on_disk(tmp_path, monkeypatch):
     scratch = tmp_path / "scratch"
     scratch.mkdir()

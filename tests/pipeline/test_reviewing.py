@@ -9,6 +9,7 @@ import pytest
 
 from wayside.pipeline.labels.read import read_labels
 from wayside.pipeline.labels.wayside_labels import read_label_file
+from wayside.pipeline.library import open_inventory
 from wayside.pipeline.reviewing.entries import COLUMNS, is_review
 from wayside.pipeline.reviewing.known import KnownResult
 from wayside.pipeline.reviewing.review import find_review
@@ -71,10 +72,8 @@ def review(tmp_path):
 
 def as_json(path):
     """The same review as the index saves it in JSON."""
-    rows = list(csv.DictReader(CSV.splitlines()))
-    reviews = [{name: value or None for name, value in row.items()} for row in rows]
-    path.write_text(json.dumps({"wayside_review": 1, "log": "d.mcap", "reviews": reviews}))
-    return path
+    rows = csv.DictReader(CSV.splitlines())
+    return save(path, [{name: value or None for name, value in row.items()} for row in rows])
 
 
 def read(out, *files):
@@ -83,7 +82,8 @@ def read(out, *files):
 
 def save(path, rows, reviewer="Ann"):
     """Rows of a review as the index saves them."""
-    path.write_text(json.dumps({"reviewer": reviewer, "reviews": rows}))
+    about = {"wayside_review": 1, "log": "d.mcap", "reviewer": reviewer}
+    path.write_text(json.dumps(about | {"reviews": rows}))
     return path
 
 
@@ -125,19 +125,13 @@ def test_final_columns_come_first_and_a_missing_sign_has_its_place_on_road_and_g
     out, review, tmp_path
 ):
     file = tmp_path / "signs.csv"
-    assert "5 rows, 4 of them reviewed" in invoke(
-        "export", out, "-o", file, "--all", "--review", review
-    )
+    words = invoke("export", out, "-o", file, "--all", "--review", review)
+    assert "5 rows, 4 of them reviewed" in words
     rows = {row["sign_id"]: row for row in csv.DictReader(file.read_text().splitlines())}
     final = ["final_code", "final_legend", "final_color", "final_shape"]
     assert list(rows["d-0001"])[1:5] == final
-    assert [row["review"] for row in rows.values()] == [
-        "accepted",
-        "rejected",
-        "edited",
-        "",
-        "missing",
-    ]
+    reviews = ["accepted", "rejected", "edited", "", "missing"]
+    assert [row["review"] for row in rows.values()] == reviews
     assert [rows["d-0001"][name] for name in final] == ["", "", "white", "rectangle"]
     edited = rows["d-0003"]
     assert [edited[name] for name in final] == ["W3-1", "", "green", "rectangle"]
@@ -151,7 +145,7 @@ def test_final_columns_come_first_and_a_missing_sign_has_its_place_on_road_and_g
     kept = [row["sign_id"] for row in csv.DictReader(file.read_text().splitlines())]
     assert kept == ["d-0001", "d-0003", "d-0004", "d-missing-1"]
     geo = tmp_path / "signs.geojson"
-    invoke("export", out, "-o", geo, "--review", review)
+    open_inventory(out).export(geo, review=review)
     features = json.loads(geo.read_text())["features"]
     places = {f["properties"]["sign_id"]: f["geometry"]["coordinates"] for f in features}
     assert places["d-0001"] == [10.0001, 50.00003, 7.0]
@@ -255,9 +249,8 @@ def test_a_review_is_carried_over_to_another_run(tmp_path, numbers, changes, sca
     ]
     new = write_result(tmp_path / "new", found, boxes, kept, "f" * 16)
     said = read(new, file)
-    assert {name: one.review for name, one in said.rows.items()} == {
-        f"d-{n:04d}": reviews[o - 1] for o, n in numbers.items()
-    }
+    carried = {f"d-{n:04d}": reviews[o - 1] for o, n in numbers.items()}
+    assert {name: one.review for name, one in said.rows.items()} == carried
     (missing,) = said.missing
     assert (missing.x, missing.y) == pytest.approx((10 * scale + 31, -4))
     left = [n for n in range(1, 6) if n not in numbers and reviews[n - 1] != "rejected"]
@@ -272,11 +265,10 @@ def test_a_row_that_is_measured_as_another_sign_is_left_to_a_person(out, tmp_pat
     rows[2] |= {"color": "red", "review": "edited", "result": "f" * 16}
     said = read(out, save(tmp_path / "review.json", rows))
     assert set(said.rows) == {"d-0002", "d-0003", "d-0004"}
-    (asked,) = said.undecided
-    assert [(words, one.review, one.sign_id) for words, one in asked.options] == [
-        ("it is d-0001 as measured", "accepted", "d-0001"),
-        ("it is red rectangle", "edited", "d-0001"),
-    ]
+    ((measured, edited),) = (one.options for one in said.undecided)
+    assert (measured[0], measured[1].review) == ("it is d-0001 as measured", "accepted")
+    assert (edited[0], edited[1].review) == ("it is red rectangle", "edited")
+    assert measured[1].sign_id == edited[1].sign_id == "d-0001"
     words = invoke("export", out, "-f", "csv", "--review", tmp_path / "review.json")
     assert "1 to decide on the page of `wayside evidence`: d-0001" in words
 
@@ -297,16 +289,12 @@ def test_reviews_of_two_people_are_one_and_contradictions_are_listed(out):
         "d-0004": ("accepted", "Bob"),
     }
     (missing,) = said.missing
-    assert (missing.look["color"], missing.look["shape"], missing.reviewer) == (
-        "red",
-        "octagon",
-        "Ann, Bob",
-    )
+    look = missing.look["color"], missing.look["shape"]
+    assert (look, missing.reviewer) == (("red", "octagon"), "Ann, Bob")
     (asked,) = said.undecided
     assert asked.words == "d-0002: reviewers disagree"
-    rows = [
-        one.to_row() | {"result": "f" * 16} for _, one in asked.options
-    ]  # left open, and run again
+    # left open, and run again
+    rows = [one.to_row() | {"result": "f" * 16} for _, one in asked.options]
     (again,) = read(out, save(out / "review.json", rows)).undecided
     assert again.words == asked.words
     assert [words for words, _ in asked.options] == [

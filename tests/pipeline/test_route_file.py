@@ -89,9 +89,8 @@ def test_what_is_no_network_with_measures_is_refused_in_words(tmp_path):
         return str(error.value)
 
     flat = [wkb([point[:2] for point in line], 2) for line in (LINE, OTHER)]
-    assert "measures (M), but the file holds LineString" in refusal(
-        write(tmp_path / "flat.gpkg", flat)
-    )
+    file = write(tmp_path / "flat.gpkg", flat)
+    assert "measures (M), but the file holds LineString" in refusal(file)
     assert "no such file" in refusal(tmp_path / "none.gpkg")
     (tmp_path / "text.gpkg").write_text("no database")
     assert "cannot be read" in refusal(tmp_path / "text.gpkg")

@@ -90,7 +90,9 @@ def test_a_schema_survives_a_parquet_file_whole(table: Table, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("table", TABLES, ids=lambda t: t.name)
-def test_columns_have_unique_names_and_the_unit_their_name_ends_in(table: Table) -> None:
+def test_columns_have_unique_names_the_unit_these_end_in_and_values_if_choices(
+    table: Table,
+) -> None:
     names = [column.name for column in table.columns]
     assert len(set(names)) == len(names)
     for column in table.columns:
@@ -98,12 +100,7 @@ def test_columns_have_unique_names_and_the_unit_their_name_ends_in(table: Table)
         suffix = column.name.rsplit("_", 1)[-1]
         if suffix in ("m", "px", "deg", "ns") and column.name != suffix:
             assert column.unit == suffix, column.name
-
-
-def test_choices_list_their_values_and_nothing_else_does() -> None:
-    for table in TABLES:
-        for column in table.columns:
-            assert bool(column.values) == pa.types.is_dictionary(column.type), column.name
+        assert bool(column.values) == pa.types.is_dictionary(column.type), column.name
 
 
 if __name__ == "__main__":

@@ -8,18 +8,6 @@ import pytest
 from sklearn.linear_model import LogisticRegression
 
 from training import box_thresholds
-from training.box_thresholds import (
-    FALSE_BACKS,
-    FALSE_FACES,
-    ScoredBoxes,
-    false_boxes_rule,
-    false_scores,
-    learn_network_sum,
-    main,
-    platt,
-    rule_threshold,
-    scored_boxes,
-)
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
 from wayside.pipeline.models.model_folder import shipped_models
 from wayside.pipeline.models.model_json import model_from_json, model_to_json
@@ -42,32 +30,34 @@ def images(count=60, boxes=150, seed=2):
         score = rng.normal((-2, -3), 2, (boxes, 2)).astype(np.float32)
         on = rng.random(boxes) < 1 / (1 + np.exp(1 - score @ SLOPES))
         label = np.where(on, ON, OFF).astype(np.int8)
-        made.append(ScoredBoxes(box, score, label, on.astype(np.float32)))
+        made.append(box_thresholds.ScoredBoxes(box, score, label, on.astype(np.float32)))
     return made
 
 
 def test_the_weights_are_those_of_the_log_odds_and_the_threshold_stays():
     made = images()
-    joined, interval = learn_network_sum([made[k::6] for k in range(6)], THRESHOLD)
+    joined, interval = box_thresholds.learn_network_sum([made[k::6] for k in range(6)], THRESHOLD)
     assert interval is not None
     assert interval.low < THRESHOLD < interval.high
     assert (joined.own, joined.network) == pytest.approx(tuple(SLOPES), abs=0.06)
     scores = [one.score @ (joined.own, joined.network) + joined.shift for one in made]
     off = [(score > THRESHOLD)[one.label == OFF] for score, one in zip(scores, made, strict=True)]
-    assert np.concatenate(off).sum() == round(FALSE_FACES * len(made))
+    assert np.concatenate(off).sum() == round(box_thresholds.FALSE_FACES * len(made))
 
 
 def test_of_boxes_on_one_thing_only_the_best_is_counted_as_false():
     same = np.array([[0, 0, 20, 20]] * 3, np.float32)
-    one = ScoredBoxes(same, np.zeros((3, 2)), np.full(3, OFF), np.zeros(3, np.float32))
-    assert false_scores(one, np.array([1.0, 3.0, 2.0])).tolist() == [3.0]
+    one = box_thresholds.ScoredBoxes(
+        same, np.zeros((3, 2)), np.full(3, OFF), np.zeros(3, np.float32)
+    )
+    assert box_thresholds.false_scores(one, np.array([1.0, 3.0, 2.0])).tolist() == [3.0]
 
 
 def test_boxes_of_one_kind_teach_nothing():
     one = images(1)[0]
     neither = replace(one, label=np.full(len(one.box), NEITHER, np.int8))
     with pytest.raises(InputError, match="Add drives"):
-        learn_network_sum([[neither]], THRESHOLD)
+        box_thresholds.learn_network_sum([[neither]], THRESHOLD)
 
 
 IMAGES, FACES, OTHERS = 30, 2, 20
@@ -81,11 +71,13 @@ def drive(shift, seed):
     on = np.arange(FACES + OTHERS) < FACES
     scores = [draw.normal(np.where(on, 2.0, -2.0), 1.0) + shift for _ in range(IMAGES)]
     label = np.where(on, ON, OFF).astype(np.int8)
-    return [ScoredBoxes(box, score[:, None], label, on.astype(float)) for score in scores]
+    return [
+        box_thresholds.ScoredBoxes(box, score[:, None], label, on.astype(float)) for score in scores
+    ]
 
 
 def threshold_of(drives, accepted=1.0):
-    return rule_threshold(drives, np.ones(1), accepted)
+    return box_thresholds.rule_threshold(drives, np.ones(1), accepted)
 
 
 @pytest.mark.parametrize("accepted", [0.3, 3.0, 2.0 * OTHERS])
@@ -95,7 +87,7 @@ def test_the_threshold_lets_through_the_stated_rate_of_boxes_off_any_face(accept
     off = np.concatenate([one.score[one.label == OFF] for images in drives for one in images])
     # where fewer are false than may be, the least of them is the threshold
     assert (off >= threshold).sum() == min(round(accepted * 6 * IMAGES), len(off))
-    assert f"{accepted:g} boxes off any face" in false_boxes_rule(accepted)
+    assert f"{accepted:g} boxes off any face" in box_thresholds.false_boxes_rule(accepted)
 
 
 def test_the_interval_holds_the_threshold_and_is_wider_where_drives_differ():
@@ -119,7 +111,7 @@ def test_the_interval_of_a_mean_over_groups_is_that_of_the_normal_distribution()
 
 
 def test_a_file_keeps_the_rule_the_interval_and_the_sum_of_a_threshold():
-    joined, interval = learn_network_sum([images()], THRESHOLD)
+    joined, interval = box_thresholds.learn_network_sum([images()], THRESHOLD)
     model = ScoreModel(THRESHOLD, "made up", joined, "alpha: 5 boxes", (-2.5, -1.0))
     again = model_from_json(model_to_json(model))
     assert interval is None
@@ -140,7 +132,7 @@ def of_demo(tmp_path, monkeypatch):
 
 
 def test_boxes_of_a_drive_are_scored_by_both_networks_and_labelled_by_its_truth(of_demo):
-    faces, backs = scored_boxes(of_demo / "learn_demo.mcap", of_demo)
+    faces, backs = box_thresholds.scored_boxes(of_demo / "learn_demo.mcap", of_demo)
     assert len(faces) == len(backs) == 3
     label = np.concatenate([one.label for one in faces])
     score = np.concatenate([one.score for one in faces])
@@ -153,13 +145,13 @@ def test_boxes_of_a_drive_are_scored_by_both_networks_and_labelled_by_its_truth(
 
 
 def test_the_thresholds_are_written_beside_the_networks_with_what_they_come_from(of_demo, capsys):
-    assert main(["--drives", str(of_demo), "-o", str(of_demo)]) == 0
+    assert box_thresholds.main(["--drives", str(of_demo), "-o", str(of_demo)]) == 0
     front, back = (
         model_from_json((of_demo / name).read_text(), name) for name in ("front.json", "back.json")
     )
     assert front.provenance == back.provenance == "thresholds by learn_demo (3 images)"
-    assert front.threshold_rule == false_boxes_rule(FALSE_FACES)
-    assert back.threshold_rule == false_boxes_rule(FALSE_BACKS)
+    assert front.threshold_rule == box_thresholds.false_boxes_rule(box_thresholds.FALSE_FACES)
+    assert back.threshold_rule == box_thresholds.false_boxes_rule(box_thresholds.FALSE_BACKS)
     assert front.with_network is not None
     assert back.with_network is None
     assert front.threshold_interval is None
@@ -169,7 +161,7 @@ def test_the_thresholds_are_written_beside_the_networks_with_what_they_come_from
 
 def test_a_folder_whose_networks_cannot_be_used_is_refused(of_demo, capsys):
     (of_demo / "box.onnx").write_bytes(b"none")
-    assert main(["--drives", str(of_demo), "-o", str(of_demo)]) == 3
+    assert box_thresholds.main(["--drives", str(of_demo), "-o", str(of_demo)]) == 3
     assert "box.onnx" in capsys.readouterr().err
     assert not (of_demo / "front.json").exists()
 
@@ -178,10 +170,10 @@ def test_with_many_samples_the_log_odds_are_those_of_scikit_learn_and_always_fin
     random = np.random.default_rng(3)
     scores = random.normal(0, 2, (5000, 2))
     positive = random.random(5000) < 1 / (1 + np.exp(-(scores @ [0.5, 1.5] - 1)))
-    slopes, shift = platt(scores, positive)
+    slopes, shift = box_thresholds.platt(scores, positive)
     wanted = LogisticRegression(C=np.inf, tol=1e-8).fit(scores, positive)
     assert (*slopes, shift) == pytest.approx((*wanted.coef_[0], *wanted.intercept_), abs=0.01)
     apart = np.array([[-2.0], [-1.0], [1.0], [2.0]])
-    (slope,), shift = platt(apart, apart[:, 0] > 0)
+    (slope,), shift = box_thresholds.platt(apart, apart[:, 0] > 0)
     assert 0 < slope < 10
     assert shift == pytest.approx(0, abs=1e-6)

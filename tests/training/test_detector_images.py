@@ -10,15 +10,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from training import detector_images
-from training.detector_images import (
-    BACK,
-    FRONT,
-    real_drive_images,
-    real_sources,
-    rendered_images,
-    scene_set_images,
-    source_kind,
-)
 from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.schemas.errors import InputError
 
@@ -59,9 +50,9 @@ def scene(file, *, complete=True, **rest):
 def test_boxes_of_single_images_bear_their_classes(tmp_path):
     other = {"box": [1, 2, 9, 9], "color": "black", "shape": "rectangle"}
     folder = write_set(tmp_path / "set", scene("mi_1.png"), scene("mi_2.png", signs=[other]))
-    first, second = scene_set_images(folder, ("mi_",))
+    first, second = detector_images.scene_set_images(folder, ("mi_",))
     np.testing.assert_array_equal(first.box, [[30, 20, 40, 30]])
-    assert first.side.tolist() == [FRONT]
+    assert first.side.tolist() == [detector_images.FRONT]
     assert first.color.tolist() == [COLORS.index("white")]
     assert first.shape.tolist() == [SHAPES.index("circle")]
     assert second.color.tolist() == [NONE]
@@ -74,14 +65,14 @@ def test_an_image_whose_boxes_were_looked_at_is_complete(tmp_path, monkeypatch):
     checked = write_checked(tmp_path, ("set", "mi_2.png", {}))
     monkeypatch.setattr(detector_images, "CHECKED_BOXES", checked)
     scenes = [scene(f"mi_{number}.png", complete=number == 1) for number in (1, 2, 3)]
-    images = scene_set_images(write_set(tmp_path / "set", *scenes))
+    images = detector_images.scene_set_images(write_set(tmp_path / "set", *scenes))
     assert [image.complete[0] for image in images] == [True, True, False]
 
 
 def test_a_traffic_light_is_no_sign_and_another_distractor_may_be_one(tmp_path):
     things = [{"box": [0, 0, 5, 9], "kind": "traffic light"}, {"box": [50, 0, 60, 9], "kind": "x"}]
     folder = write_set(tmp_path / "set", scene("ro_200.png", distractors=things))
-    (image,) = scene_set_images(folder)
+    (image,) = detector_images.scene_set_images(folder)
     np.testing.assert_array_equal(image.ignored, [[50, 0, 60, 9]])
     np.testing.assert_array_equal(image.other, [[0, 0, 5, 9]])
 
@@ -92,7 +83,7 @@ def test_boxes_that_were_looked_at_join_the_labels_of_their_image(tmp_path, monk
     rows = ("set", "ro_200.png", boxes), ("another", "ro_201.png", boxes)
     monkeypatch.setattr(detector_images, "CHECKED_BOXES", write_checked(tmp_path, *rows))
     folder = write_set(tmp_path / "set", scene("ro_200.png"), scene("ro_201.png"))
-    looked_at, as_labelled = scene_set_images(folder)
+    looked_at, as_labelled = detector_images.scene_set_images(folder)
     np.testing.assert_array_equal(looked_at.box, [[30, 20, 40, 30], [1, 2, 9, 9], [60, 2, 70, 9]])
     assert looked_at.color.tolist() == [COLORS.index("white"), COLORS.index("blue"), NONE]
     assert looked_at.shape.tolist() == [SHAPES.index("circle")] * 2 + [NONE]
@@ -118,7 +109,7 @@ def test_distractors_of_a_real_drive_are_no_signs_unless_words_leave_it_open(mon
     if not log.is_file():
         pytest.skip(f"{log} is not at hand")
     monkeypatch.setattr(detector_images, "checked_boxes", lambda name: {})
-    first, later, _ = real_drive_images(log, 123)
+    first, later, _ = detector_images.real_drive_images(log, 123)
     np.testing.assert_array_equal(first.other, [[0, 697, 862, 719], [901, 283, 1030, 372]])
     plates = [1152, 287, 1170, 309]
     assert plates in later.ignored.tolist()
@@ -128,19 +119,21 @@ def test_distractors_of_a_real_drive_are_no_signs_unless_words_leave_it_open(mon
 def test_pictures_of_doubtful_origin_and_of_other_sources_are_left_out(tmp_path):
     names = ("ro_156.png", "ro_157.png", "mb_001.png")
     folder = write_set(tmp_path / "set", *(scene(name) for name in names))
-    assert [image.name for image in scene_set_images(folder, ("ro_",))] == ["ro_157.png"]
+    assert [image.name for image in detector_images.scene_set_images(folder, ("ro_",))] == [
+        "ro_157.png"
+    ]
 
 
 def test_a_missing_picture_is_an_error_that_names_it(tmp_path):
     folder = write_set(tmp_path / "set", scene("mi_1.png"))
     (folder / "mi_1.png").unlink()
     with pytest.raises(InputError, match=r"mi_1\.png"):
-        list(scene_set_images(folder))
+        list(detector_images.scene_set_images(folder))
 
 
 def test_boxes_of_a_rendered_drive_lie_on_the_same_pixels_in_the_band_and_in_the_whole_image():
-    band = list(rendered_images(DEMO, 8))
-    whole = list(rendered_images(DEMO, 8, band=False))
+    band = list(detector_images.rendered_images(DEMO, 8))
+    whole = list(detector_images.rendered_images(DEMO, 8, band=False))
     assert len(band) == len(whole) == 3
     assert sum(len(image.box) for image in band) > 10
     for part, full in zip(band, whole, strict=True):
@@ -148,7 +141,7 @@ def test_boxes_of_a_rendered_drive_lie_on_the_same_pixels_in_the_band_and_in_the
         assert part.camera is None
         assert part.rgb.shape[0] < full.rgb.shape[0]
         np.testing.assert_array_equal(part.side, full.side)
-        assert set(part.side.tolist()) <= {FRONT, BACK}
+        assert set(part.side.tolist()) <= {detector_images.FRONT, detector_images.BACK}
         for one, other in zip(part.box, full.box, strict=True):
             x0, y0, x1, y1 = np.round(one).astype(int)
             shift = round(float(other[1] - one[1]))
@@ -158,20 +151,20 @@ def test_boxes_of_a_rendered_drive_lie_on_the_same_pixels_in_the_band_and_in_the
 
 
 def test_a_source_is_left_out_as_a_whole_and_one_of_another_name_is_refused(tmp_path):
-    without = real_sources(tmp_path, ["ca_city_garmin"])
-    assert real_sources(tmp_path).keys() - without.keys() == {"ca_city_garmin"}
+    without = detector_images.real_sources(tmp_path, ["ca_city_garmin"])
+    assert detector_images.real_sources(tmp_path).keys() - without.keys() == {"ca_city_garmin"}
     with pytest.raises(InputError, match=r"no sources garmin .*scenes_mixed"):
-        real_sources(tmp_path, ["ca_city_garmin", "garmin"])
+        detector_images.real_sources(tmp_path, ["ca_city_garmin", "garmin"])
 
 
 def test_nothing_is_learned_from_sources_that_are_for_tests_only(tmp_path):
-    sources = real_sources(tmp_path)
+    sources = detector_images.real_sources(tmp_path)
     assert {"scenes/jd", "scenes/mi", "us_freeway_challenge"} <= sources.keys()
     for source in ("kitti", "autobahn", "mb", "crops"):
         assert source not in " ".join(sources)
 
 
 def test_drives_and_sets_are_kinds_of_their_own():
-    assert source_kind("ca_city_garmin") == "ca_city_garmin"
-    assert source_kind("rendered/learn_alley") == "rendered"
-    assert source_kind("scenes_mixed/ro") == "scenes_mixed"
+    assert detector_images.source_kind("ca_city_garmin") == "ca_city_garmin"
+    assert detector_images.source_kind("rendered/learn_alley") == "rendered"
+    assert detector_images.source_kind("scenes_mixed/ro") == "scenes_mixed"

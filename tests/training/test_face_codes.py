@@ -5,15 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from training.face_classes import (
-    DRAWN,
-    GTSRB,
-    TAUGHT,
-    TESTED,
-    VALIDATED,
-    class_of_drawing,
-    drawings,
-)
+from training import face_classes
 from wayside.pipeline.models.model_files import onnx_metadata
 from wayside.schemas.sign_catalogue import CATALOGUE
 from wayside.stages.sign_codes import OTHER_FACE, FaceClassifier
@@ -40,22 +32,22 @@ def drawing(kind, color="white", shape="circle", **more):
     ],
 )
 def test_a_drawing_teaches_its_code_or_nothing_where_it_may_be_another(entry, wanted):
-    assert class_of_drawing(entry) == wanted
+    assert face_classes.class_of_drawing(entry) == wanted
 
 
 def test_every_class_that_is_taught_is_in_the_catalogue():
-    assert {*GTSRB, *DRAWN.values()} <= CATALOGUED
-    assert len(GTSRB) == 43
+    assert {*face_classes.GTSRB, *face_classes.DRAWN.values()} <= CATALOGUED
+    assert len(face_classes.GTSRB) == 43
 
 
 def test_no_track_both_teaches_and_measures():
-    parts = [*TAUGHT, *VALIDATED, *TESTED]
+    parts = [*face_classes.TAUGHT, *face_classes.VALIDATED, *face_classes.TESTED]
     assert sorted(parts) == list(range(9))
 
 
 @pytest.mark.skipif(not (REAL / "faces").is_dir(), reason="drawings of others are not here")
 def test_every_face_of_the_catalogue_has_a_drawing():
-    drawn = {one.name for one in drawings(REAL)}
+    drawn = {one.name for one in face_classes.drawings(REAL)}
     without = {"A19", "C14 60", "C14 70"}  # crops alone, or on a yellow ground
     assert CATALOGUED - drawn - without == set()
     assert drawn <= CATALOGUED | {OTHER_FACE}

@@ -6,15 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from training.learn import (
-    FEWEST,
-    OutlineChoice,
-    gather_choices,
-    learn_outlines,
-    location_model,
-    main,
-    true_box,
-)
+from training import learn
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.models.model_folder import shipped_models
@@ -28,12 +20,12 @@ DEMO = Path(__file__).parents[2] / "recordings" / "demo.mcap"
 
 def test_the_models_that_ship_are_not_written_over_while_they_are_in_use(tmp_path, capsys):
     shipped = str(shipped_models())
-    assert main(["--drives", str(tmp_path), "-o", shipped]) == OutputError.exit_status
+    assert learn.main(["--drives", str(tmp_path), "-o", shipped]) == OutputError.exit_status
     assert f"{shipped}: this is the folder of the models that ship" in capsys.readouterr().err
 
 
 def test_a_folder_without_learning_drives_is_refused(tmp_path, capsys):
-    assert main(["--drives", str(tmp_path), "-o", str(tmp_path)]) == 3
+    assert learn.main(["--drives", str(tmp_path), "-o", str(tmp_path)]) == 3
     assert "learn_*.mcap" in capsys.readouterr().err
 
 
@@ -41,7 +33,7 @@ def test_signs_stand_right_left_and_above_of_the_road():
     random = np.random.default_rng(2)
     right, left = random.normal((6, 0.5), 0.5, (50, 2)), random.normal((-8, 0.5), 0.5, (20, 2))
     above = [(0, 4.5), (1, 4.6), (3, 4.4), (-1, 4.5)]
-    model = location_model(np.concatenate([right, left, above]), "made by hand")
+    model = learn.location_model(np.concatenate([right, left, above]), "made by hand")
     assert [one.name for one in model.classes] == ["right", "left", "overhead"]
     assert model.classes[0].mean == pytest.approx([6, 0.5], abs=0.3)
 
@@ -52,7 +44,7 @@ def test_both_models_say_what_they_were_learned_from_and_are_the_same_again(tmp_
             (tmp_path / f"learn_{name}{ending}").symlink_to(DEMO.with_suffix(ending))
     texts = []
     for name in ("one", "same"):
-        assert main(["--drives", str(tmp_path), "-o", str(tmp_path / name)]) == 0
+        assert learn.main(["--drives", str(tmp_path), "-o", str(tmp_path / name)]) == 0
         texts.append(
             [(tmp_path / name / f"{one}.json").read_text() for one in ("location", "outline")]
         )
@@ -60,7 +52,7 @@ def test_both_models_say_what_they_were_learned_from_and_are_the_same_again(tmp_
     location, outline = map(model_from_json, texts[0])
     assert "rendered drives demo (" in location.provenance
     assert "seed 1" in outline.provenance
-    assert int(outline.provenance.split(" faces")[0].split()[-1]) >= FEWEST
+    assert int(outline.provenance.split(" faces")[0].split()[-1]) >= learn.FEWEST
 
 
 CAMERA = Camera(640, 480, 560.0, 560.0, 319.5, 239.5)
@@ -114,7 +106,7 @@ def images(known):
 
 def test_the_right_candidate_of_a_face_is_its_outer_edge(model):
     known = truth()
-    choices = gather_choices(images(known), known, model, 1)
+    choices = learn.gather_choices(images(known), known, model, 1)
     assert len(choices) >= 2 * len(known["signs"])
     names = list(OUTLINE_FEATURES)
     for choice in choices:
@@ -131,7 +123,7 @@ def test_signs_without_a_position_or_a_template_teach_nothing(model):
     shown = list(images(known))
     del known["signs"][0]["centre"]
     known["signs"][1]["shape"] = "shield"
-    assert gather_choices(shown, known, model, 1) == []
+    assert learn.gather_choices(shown, known, model, 1) == []
 
 
 def test_the_true_box_is_that_of_the_projected_panel(model):
@@ -141,11 +133,13 @@ def test_the_true_box_is_that_of_the_projected_panel(model):
     ahead, up = np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
     panel = PanelPlane.across(np.array([1.0, -0.5, 20.0]), ahead, up)
     registered = register_views(panel, size, [(20.0, image)], np.array([0]), model)
-    np.testing.assert_allclose(true_box(registered, panel, size), registered.box(size), atol=1e-9)
+    np.testing.assert_allclose(
+        learn.true_box(registered, panel, size), registered.box(size), atol=1e-9
+    )
     # an angle of 60 degrees halves the width that it covers, nearly
     normal = np.array([np.sin(np.pi / 3), 0.0, np.cos(np.pi / 3)])
     rotated = PanelPlane.across(panel.point, normal, up)
-    left, top, right, bottom = true_box(registered, rotated, size) * registered.step
+    left, top, right, bottom = learn.true_box(registered, rotated, size) * registered.step
     assert right - left == pytest.approx(WIDE / 2, rel=0.1)
     assert bottom - top == pytest.approx(TALL, rel=1e-6)
 
@@ -157,13 +151,13 @@ def choices_by(weights, count, drives=("a", "b"), seed=0):
     for k in range(count):
         features = rng.normal(size=(9, len(OUTLINE_FEATURES)))
         value = features @ weights + rng.gumbel(size=9)
-        made.append(OutlineChoice(features, int(value.argmax()), drives[k % len(drives)]))
+        made.append(learn.OutlineChoice(features, int(value.argmax()), drives[k % len(drives)]))
     return made
 
 
 def test_the_weights_of_a_conditional_logit_come_back():
     weights = np.linspace(-2, 2, len(OUTLINE_FEATURES))
-    model = learn_outlines(choices_by(weights, 750), "made up")
+    model = learn.learn_outlines(choices_by(weights, 750), "made up")
     assert model.features == OUTLINE_FEATURES
     assert np.corrcoef(model.weights, weights)[0, 1] > 0.99
     assert "held out by drive right for" in model.provenance
@@ -171,4 +165,6 @@ def test_the_weights_of_a_conditional_logit_come_back():
 
 def test_too_few_faces_are_refused_with_what_to_do():
     with pytest.raises(InputError, match="Add drives"):
-        learn_outlines(choices_by(np.zeros(len(OUTLINE_FEATURES)), FEWEST - 1), "made up")
+        learn.learn_outlines(
+            choices_by(np.zeros(len(OUTLINE_FEATURES)), learn.FEWEST - 1), "made up"
+        )

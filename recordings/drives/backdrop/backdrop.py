@@ -1,7 +1,5 @@
 """Sky over ground, band by band."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from recordings.drives.alignment import RoadAlignment

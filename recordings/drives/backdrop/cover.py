@@ -1,7 +1,5 @@
 """What covers the ground across the road: zones of materials and painted lines."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

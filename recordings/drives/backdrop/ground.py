@@ -1,7 +1,5 @@
 """Colour of the ground: covers, grain, wheel tracks, cracks and painted lines."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The ground as flat facets between stations and offsets."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

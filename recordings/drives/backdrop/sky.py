@@ -1,7 +1,5 @@
 """Sky, clouds, glow around the sun and the far skyline."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from recordings.drives.arrays import Singles

@@ -1,7 +1,5 @@
 """Noise that every image of a drive shares."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

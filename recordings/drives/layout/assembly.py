@@ -1,9 +1,8 @@
 """Puts up one support with its sign panels."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -122,7 +121,7 @@ class _Mount:
     posts: Sequence[Part] = ()
     thick: float = 0.0
 
-    def on_posts(self, panels: Assembly, vary: np.random.Generator | None) -> _Mount:
+    def on_posts(self, panels: Assembly, vary: np.random.Generator | None) -> Self:
         """On one post, or two under a panel that is too wide for one; varied by a random stream where there is one."""
         if self.post not in _POSTS:
             return self

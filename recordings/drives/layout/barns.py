@@ -1,7 +1,5 @@
 """Gabled barns, houses and sheds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The whole scene of a drive."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from recordings.drives.alignment import RoadAlignment

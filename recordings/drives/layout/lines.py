@@ -1,7 +1,5 @@
 """Places what runs along a road: fences, wires on poles, guardrails, delineators."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

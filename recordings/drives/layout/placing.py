@@ -1,7 +1,5 @@
 """What all concerns of the layout share: the drive, its random streams and the growing lists."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Places signs: forward, opposite and special assemblies along the drive."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Places shops, silos, billboards, bridges and the small things along a road."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from recordings.drives.layout.barns import build

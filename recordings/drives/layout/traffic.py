@@ -1,7 +1,5 @@
 """Places parked and moving vehicles."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Plants trees, windbreaks, forest, bushes and weeds."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

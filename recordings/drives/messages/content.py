@@ -1,7 +1,5 @@
 """What the messages say, whatever their dialect."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 

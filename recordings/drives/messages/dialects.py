@@ -1,7 +1,5 @@
 """The dialects by name, and the topics each of them uses."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -1,23 +1,11 @@
 """Foxglove schemas as JSON."""
 
-from __future__ import annotations
-
 import base64
 import json
 from typing import Any
 
-from recordings.drives.arrays import Bytes
-from recordings.drives.messages.content import (
-    ANTENNA,
-    CAMERA,
-    DIAGONAL_KNOWN,
-    IDENTITY,
-    WORLD,
-    Calibration,
-    CameraPose,
-    EncodedMessage,
-    FixReading,
-)
+from recordings.drives.messages.content import EncodedMessage
+from recordings.drives.messages.foxglove import FoxgloveMessages
 
 _NUMBER, _STRING = {"type": "number"}, {"type": "string"}
 _COUNT = {"type": "integer", "minimum": 0}
@@ -82,7 +70,7 @@ _PROPERTIES: dict[str, dict[str, Any]] = {
 }
 
 
-class JsonMessages:
+class JsonMessages(FoxgloveMessages):
     """Messages as JSON objects, bytes in base64."""
 
     encoding = "json"
@@ -96,52 +84,5 @@ class JsonMessages:
         self, name: str, time_ns: int, frame: str, fields: dict[str, Any]
     ) -> EncodedMessage:
         stamp = {"sec": time_ns // 10**9, "nsec": time_ns % 10**9}
-        return name, json.dumps({"timestamp": stamp, "frame_id": frame, **fields}).encode()
-
-    def compressed(self, time_ns: int, jpeg: bytes) -> EncodedMessage:
-        """A JPEG image."""
-        fields = {"data": base64.b64encode(jpeg).decode(), "format": "jpeg"}
-        return self._message("foxglove.CompressedImage", time_ns, CAMERA, fields)
-
-    def raw(self, time_ns: int, image: Bytes) -> EncodedMessage:
-        """A bgr8 image (height, width, 3)."""
-        height, width = image.shape[:2]
-        fields = {
-            "width": width,
-            "height": height,
-            "encoding": "bgr8",
-            "step": width * 3,
-            "data": base64.b64encode(image.tobytes()).decode(),
-        }
-        return self._message("foxglove.RawImage", time_ns, CAMERA, fields)
-
-    def calibration(self, time_ns: int, calibration: Calibration) -> EncodedMessage:
-        """Camera calibration."""
-        fields = {
-            "width": calibration.camera.width,
-            "height": calibration.camera.height,
-            "distortion_model": "plumb_bob",
-            "D": list(calibration.camera.distortion),
-            "K": calibration.k,
-            "R": IDENTITY,
-            "P": calibration.p,
-        }
-        return self._message("foxglove.CameraCalibration", time_ns, CAMERA, fields)
-
-    def pose(self, time_ns: int, pose: CameraPose) -> EncodedMessage:
-        """Camera pose in the world."""
-        position = dict(zip("xyz", map(float, pose.position), strict=True))
-        orientation = dict(zip("xyzw", map(float, pose.quaternion), strict=True))
-        fields = {"pose": {"position": position, "orientation": orientation}}
-        return self._message("foxglove.PoseInFrame", time_ns, WORLD, fields)
-
-    def fix(self, time_ns: int, fix: FixReading) -> EncodedMessage:
-        """Position fix."""
-        fields = {
-            "latitude": fix.latitude,
-            "longitude": fix.longitude,
-            "altitude": fix.altitude,
-            "position_covariance": fix.covariance(),
-            "position_covariance_type": DIAGONAL_KNOWN,
-        }
-        return self._message("foxglove.LocationFix", time_ns, ANTENNA, fields)
+        body = {"timestamp": stamp, "frame_id": frame, **fields}
+        return name, json.dumps(body, default=lambda data: base64.b64encode(data).decode()).encode()

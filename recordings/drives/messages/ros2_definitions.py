@@ -1,7 +1,5 @@
 """Definitions of the ROS 2 messages, as a recorder writes them into a log."""
 
-from __future__ import annotations
-
 _SEPARATOR = "\n" + "=" * 80 + "\n"
 
 _PARTS = {

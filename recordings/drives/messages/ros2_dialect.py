@@ -1,24 +1,12 @@
 """ROS 2 messages as CDR."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from recordings.drives.arrays import Bytes, Floats
-from recordings.drives.messages.content import (
-    ANTENNA,
-    CAMERA,
-    DIAGONAL_KNOWN,
-    IDENTITY,
-    WORLD,
-    Calibration,
-    CameraPose,
-    EncodedMessage,
-    FixReading,
-)
+from recordings.drives.messages import content
 from recordings.drives.messages.ros2_definitions import definition
 
 _UNKNOWN = -1.0
@@ -47,7 +35,7 @@ class Ros2Messages:
 
     def _message(
         self, name: str, time_ns: int, frame: str, fields: dict[str, Any]
-    ) -> EncodedMessage:
+    ) -> content.EncodedMessage:
         stamp = self._make(
             "builtin_interfaces/msg/Time", sec=time_ns // 10**9, nanosec=time_ns % 10**9
         )
@@ -55,13 +43,13 @@ class Ros2Messages:
         message = self._make(name, header=header, **fields)
         return name, bytes(self._types.serialize_cdr(message, name))
 
-    def compressed(self, time_ns: int, jpeg: bytes) -> EncodedMessage:
+    def compressed(self, time_ns: int, jpeg: bytes) -> content.EncodedMessage:
         """A JPEG image."""
         data = np.frombuffer(jpeg, np.uint8)
         fields = {"format": "bgr8; jpeg compressed bgr8", "data": data}
-        return self._message("sensor_msgs/msg/CompressedImage", time_ns, CAMERA, fields)
+        return self._message("sensor_msgs/msg/CompressedImage", time_ns, content.CAMERA, fields)
 
-    def raw(self, time_ns: int, image: Bytes) -> EncodedMessage:
+    def raw(self, time_ns: int, image: Bytes) -> content.EncodedMessage:
         """A bgr8 image (height, width, 3)."""
         height, width = image.shape[:2]
         fields = {
@@ -72,9 +60,9 @@ class Ros2Messages:
             "step": width * 3,
             "data": image.ravel(),
         }
-        return self._message("sensor_msgs/msg/Image", time_ns, CAMERA, fields)
+        return self._message("sensor_msgs/msg/Image", time_ns, content.CAMERA, fields)
 
-    def calibration(self, time_ns: int, calibration: Calibration) -> EncodedMessage:
+    def calibration(self, time_ns: int, calibration: content.Calibration) -> content.EncodedMessage:
         """Camera calibration."""
         whole = self._make(
             "sensor_msgs/msg/RegionOfInterest",
@@ -90,15 +78,15 @@ class Ros2Messages:
             "distortion_model": "plumb_bob",
             "d": np.array(calibration.camera.distortion),
             "k": np.array(calibration.k),
-            "r": np.array(IDENTITY),
+            "r": np.array(content.IDENTITY),
             "p": np.array(calibration.p),
             "binning_x": 0,
             "binning_y": 0,
             "roi": whole,
         }
-        return self._message("sensor_msgs/msg/CameraInfo", time_ns, CAMERA, fields)
+        return self._message("sensor_msgs/msg/CameraInfo", time_ns, content.CAMERA, fields)
 
-    def pose(self, time_ns: int, pose: CameraPose) -> EncodedMessage:
+    def pose(self, time_ns: int, pose: content.CameraPose) -> content.EncodedMessage:
         """Odometry of the camera in the world; twist unknown."""
         x, y, z, w = map(float, pose.quaternion)
         orientation = self._make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
@@ -106,7 +94,7 @@ class Ros2Messages:
         rest = self._xyz("geometry_msgs/msg/Vector3", np.zeros(3))
         unknown = np.array([_UNKNOWN, *[0.0] * 35])
         fields = {
-            "child_frame_id": CAMERA,
+            "child_frame_id": content.CAMERA,
             "pose": self._make(
                 "geometry_msgs/msg/PoseWithCovariance",
                 pose=self._make(
@@ -120,9 +108,9 @@ class Ros2Messages:
                 covariance=unknown,
             ),
         }
-        return self._message("nav_msgs/msg/Odometry", time_ns, WORLD, fields)
+        return self._message("nav_msgs/msg/Odometry", time_ns, content.WORLD, fields)
 
-    def fix(self, time_ns: int, fix: FixReading) -> EncodedMessage:
+    def fix(self, time_ns: int, fix: content.FixReading) -> content.EncodedMessage:
         """Position fix."""
         fields = {
             "status": self._make("sensor_msgs/msg/NavSatStatus", status=0, service=1),
@@ -130,6 +118,6 @@ class Ros2Messages:
             "longitude": fix.longitude,
             "altitude": fix.altitude,
             "position_covariance": np.array(fix.covariance()),
-            "position_covariance_type": DIAGONAL_KNOWN,
+            "position_covariance_type": content.DIAGONAL_KNOWN,
         }
-        return self._message("sensor_msgs/msg/NavSatFix", time_ns, ANTENNA, fields)
+        return self._message("sensor_msgs/msg/NavSatFix", time_ns, content.ANTENNA, fields)

@@ -1,7 +1,5 @@
 """Trees, bushes and weeds seen from the side."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, TypeAlias

@@ -1,7 +1,5 @@
 """Periodic noise, the grain of ground, foliage and clouds."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Posts of signs as they vary: width, profile, colour, rust, grain, holes and shade."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Fences, rails, posts and the small things along a road."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import cv2

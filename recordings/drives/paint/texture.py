@@ -1,7 +1,5 @@
 """Textures: float32 RGBA in linear light with premultiplied alpha, row 0 at the top."""
 
-from __future__ import annotations
-
 from typing import TypeAlias
 
 import cv2

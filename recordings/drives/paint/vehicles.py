@@ -1,7 +1,5 @@
 """Vehicles made of a body box and a cabin box."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

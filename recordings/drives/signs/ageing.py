@@ -1,7 +1,5 @@
 """Weather on a sign: fading, grime, uneven colour and the shade of leaves."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

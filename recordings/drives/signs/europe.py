@@ -1,7 +1,5 @@
 """Signs of the European kind (Vienna Convention shapes)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from recordings.drives.signs.face import Face, bordered, pick

@@ -3,8 +3,6 @@
 Panel coordinates: metres, x right and y down from the top-left corner of the panel's bounding box.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar

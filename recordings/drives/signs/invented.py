@@ -1,7 +1,5 @@
 """Faces that no catalogue holds, so that what is learned is what a sign is and not a list of signs."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from recordings.drives.signs.face import COLORS, Face, pick

@@ -1,7 +1,5 @@
 """Stop, yield, speed limit and the other signs that order, of the United States."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

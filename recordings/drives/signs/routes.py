@@ -1,7 +1,5 @@
 """Route markers of the United States."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from recordings.drives.signs.face import INCH, Face, bordered, panel, pick

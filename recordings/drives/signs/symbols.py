@@ -1,7 +1,5 @@
 """Symbols of warning signs, drawn on a square panel in fractions of its width."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

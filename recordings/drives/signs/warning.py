@@ -1,7 +1,5 @@
 """Yellow, orange and fluorescent signs that warn, of the United States."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from recordings.drives.signs.face import INCH, Face, bordered, panel, pick

@@ -7,14 +7,7 @@ from sklearn import metrics
 
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.fitting.models import Task, fit_confidence
-from wayside.pipeline.learning.fits import (
-    SHIFT_SIGMA,
-    SLOPE_SIGMA,
-    Samples,
-    brier_score,
-    calibrated,
-    log_loss,
-)
+from wayside.pipeline.learning import fits
 from wayside.pipeline.models.model_files import load_models
 from wayside.schemas.errors import InputError
 from wayside.stages.classifiers import evidence_ratios
@@ -32,7 +25,7 @@ def landmarks(count=200, slope=1.0, shift=0.0, seed=0):
     on = random.random(count) < 1 / (1 + np.exp(-(slope * score + shift)))
     stretch = np.arange(count) % 10
     kind = np.where(on, "sign", "")
-    return Samples(score[:, None], kind, np.where(on, np.arange(count), -1), stretch, stretch)
+    return fits.Samples(score[:, None], kind, np.where(on, np.arange(count), -1), stretch, stretch)
 
 
 @pytest.fixture(scope="module")
@@ -45,12 +38,12 @@ def test_the_calibration_is_the_maximum_of_the_posterior():
     score, on = samples.values[:, 0], samples.kind != ""
 
     def negative(found):
-        prior = ((found[0] - 1) / SLOPE_SIGMA) ** 2 + (found[1] / SHIFT_SIGMA) ** 2
-        return len(on) * log_loss(found[0] * score + found[1], on) + prior / 2
+        prior = ((found[0] - 1) / fits.SLOPE_SIGMA) ** 2 + (found[1] / fits.SHIFT_SIGMA) ** 2
+        return len(on) * fits.log_loss(found[0] * score + found[1], on) + prior / 2
 
     wanted = minimize(negative, [1.0, 0.0], method="Nelder-Mead", options={"xatol": 1e-8}).x
-    assert calibrated(score, on) == pytest.approx(wanted, abs=1e-4)
-    assert calibrated(score[:0], on[:0]) == pytest.approx((1, 0))  # without labels as shipped
+    assert fits.calibrated(score, on) == pytest.approx(wanted, abs=1e-4)
+    assert fits.calibrated(score[:0], on[:0]) == pytest.approx((1, 0))  # without labels as shipped
 
 
 def test_a_shift_of_the_user_s_road_is_found_and_helps_what_is_held_out(shipped):
@@ -97,5 +90,5 @@ def test_log_loss_and_brier_score_are_those_of_scikit_learn():
     random = np.random.default_rng(4)
     score, on = random.normal(0, 2, 50), random.random(50) < 0.5
     chance = 1 / (1 + np.exp(-score))
-    assert log_loss(score, on) == pytest.approx(metrics.log_loss(on, chance))
-    assert brier_score(score, on) == pytest.approx(metrics.brier_score_loss(on, chance))
+    assert fits.log_loss(score, on) == pytest.approx(metrics.log_loss(on, chance))
+    assert fits.brier_score(score, on) == pytest.approx(metrics.brier_score_loss(on, chance))

@@ -72,8 +72,6 @@ class Died(BaseException):
 class InProcess:
     """An engine of two places that carries a task out at once."""
 
-    death = Died
-
     def places(self):
         return 2
 
@@ -158,15 +156,3 @@ def fleet(tmp_path, monkeypatch):
 
     yield run
     task._models.cache_clear()
-
-
-@pytest.fixture
-def seen_inventory(tmp_path):
-    """Where `fleet` puts its inventory."""
-    return tmp_path / "inventory"
-
-
-@pytest.fixture
-def in_process():
-    """The engine of `fleet`, to be changed."""
-    return InProcess

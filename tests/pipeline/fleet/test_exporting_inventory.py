@@ -99,7 +99,6 @@ def test_without_a_name_the_file_is_that_of_the_table_and_bytes_repeat(inventory
     [
         (["-f", "mcap"], "-f mcap takes the result of one drive"),
         (["-f", "csv", "--review", "review.csv"], "Leave them out"),
-        (["-f", "kml", "--crs", "EPSG:26914"], "WGS 84 by its standard"),
     ],
 )
 def test_what_an_inventory_has_not_is_refused(inventory, options, words):

@@ -14,6 +14,7 @@ from wayside.pipeline.fleet.status import describe_duration, describe_progress, 
 from wayside.schemas.errors import InputError, InterruptionError, OutputError, UsageError
 
 from ..results import invoke
+from .conftest import Died, InProcess
 
 DONE = ("done", 0)
 
@@ -53,12 +54,8 @@ def test_a_table_gives_each_log_its_own_options_and_a_change_runs_that_log_alone
     assert sorted(seen.began) == ["a", "b"]
     a, b = seen.settings["a"], seen.settings["b"]
     assert (a.route.name, a.route.milepost, a.route.decreasing) == ("US-36", 12.5, False)
-    assert (b.route.name, b.route.milepost, b.route.unit, b.route.decreasing) == (
-        "K-7",
-        3,
-        "km",
-        True,
-    )
+    route = b.route.name, b.route.milepost, b.route.unit, b.route.decreasing
+    assert route == ("K-7", 3, "km", True)
     assert (a.read.calibration, b.read.calibration, a.read.spacing_m) == (str(camera), "", 8.0)
     table.write_text(table.read_text().replace("3km", "4km"))
     assert fleet({}, own=read_log_table(table, {})).began == ["b"]
@@ -91,12 +88,12 @@ def test_a_log_that_cannot_be_used_is_not_tried_again_until_it_changes(fleet):
     assert not (seen.inventory / "quarantine" / "a").exists()
 
 
-def test_deaths_are_counted_that_only_the_log_itself_tells_of(fleet, in_process):
-    class Rescheduling(in_process):
+def test_deaths_are_counted_that_only_the_log_itself_tells_of(fleet):
+    class Rescheduling(InProcess):
         """Gives the task of a dead worker to the next one and says nothing, as Dask does."""
 
         def submit(self, given):
-            while isinstance((future := super().submit(given)).exception(), self.death):
+            while isinstance((future := super().submit(given)).exception(), Died):
                 pass
             return future
 
@@ -173,11 +170,11 @@ def test_changed_content_is_refused_before_anything_is_run(fleet):
     [("full then one", OutputError, "full"), ("ctrl-c then one", InterruptionError, "1 of 2")],
 )
 def test_what_ends_the_fleet_is_no_attempt_and_the_same_command_goes_on(
-    fleet, seen_inventory, content, error, words
+    fleet, tmp_path, content, error, words
 ):
     with pytest.raises(error, match=words):
         fleet({"a": "two", "b": content})
-    entry = read_manifest(seen_inventory).logs["b"]
+    entry = read_manifest(tmp_path / "inventory").logs["b"]
     assert (entry.state, entry.attempts) == ("waiting", 0)
     seen = fleet({}, attempts=1)
     assert seen.states == {"a": DONE, "b": DONE}
@@ -191,7 +188,8 @@ def test_a_log_that_is_not_there_is_told_and_the_others_are_done(fleet, tmp_path
     assert fleet({}, given=[str(tmp_path / "none.mcap")]).states == {"none": DONE}
 
 
-def test_status_says_what_each_log_and_the_fleet_is_at(fleet, seen_inventory, tmp_path):
+def test_status_says_what_each_log_and_the_fleet_is_at(fleet, tmp_path):
+    seen_inventory = tmp_path / "inventory"
     with locked_inventory(seen_inventory):
         assert "looks at its logs" in format_status(seen_inventory)
         with pytest.raises(OutputError, match="another fleet"):
@@ -225,9 +223,8 @@ def test_time_left_is_by_bytes_at_the_rate_of_this_fleet():
     logs = [entry("before", 900, "done", 5.0), entry("a", 100, "done", 150.0)]
     logs += [entry("b", 300, "running", 150.0), entry("c", 100, "waiting", 100.0)]
     manifest = Manifest({e.name: e for e in logs}, started=100.0)
-    assert (
-        describe_progress(manifest, now=150.0) == "2 of 4 logs done, 0.2 images/s, about 3 min left"
-    )
+    told = describe_progress(manifest, now=150.0)
+    assert told == "2 of 4 logs done, 0.2 images/s, about 3 min left"
     none = manifest.with_entries([entry("a", 100, "waiting", 100)])
     assert describe_progress(none, now=150.0) == "1 of 4 logs done"
 

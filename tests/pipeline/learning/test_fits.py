@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from wayside.pipeline.learning.fits import (
-    BEYOND,
-    Samples,
-    fit_background,
-    fit_classes,
-    held_out,
-    held_out_log_density,
-    score_held_out,
-)
+from wayside.pipeline.learning import fits
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.stages.classifiers import class_distances, log_ratios
 
@@ -26,11 +18,11 @@ def floor(mean):
 
 
 def fit(samples, prior=3.0):
-    return fit_classes(samples, NAMES, floor, prior)
+    return fits.fit_classes(samples, NAMES, floor, prior)
 
 
 def fit_model(samples):
-    background = fit_background(samples.values[samples.kind == ""], floor)
+    background = fits.fit_background(samples.values[samples.kind == ""], floor)
     return GaussianModel("", fit(samples), "", background)
 
 
@@ -49,13 +41,13 @@ def road(signs=6, views=4, others=200, seed=0, apart=6.0):
     sign += [-1] * others
     stretch += list(np.arange(others) % signs)
     column = np.array(stretch)
-    return Samples(np.concatenate(parts), np.array(kind), np.array(sign), column, column)
+    return fits.Samples(np.concatenate(parts), np.array(kind), np.array(sign), column, column)
 
 
 def test_every_sign_counts_the_same_however_many_views_it_has():
     values = np.array([[0.0, 0]] * 9 + [[10.0, 0]])
     none, sign = np.zeros(10, int), np.array([0] * 9 + [1])
-    (red,) = fit(Samples(values, np.array(["red"] * 10), sign, none, none))
+    (red,) = fit(fits.Samples(values, np.array(["red"] * 10), sign, none, none))
     assert red.mean == pytest.approx([5, 0])
     assert red.count == 10
 
@@ -79,7 +71,7 @@ def test_no_axis_is_narrower_than_its_floor():
 
 def test_a_sample_is_measured_by_a_model_fitted_without_its_fold():
     samples = road()
-    distance, ratio = held_out(samples, NAMES, fit_model)
+    distance, ratio = fits.held_out(samples, NAMES, fit_model)
     for fold in (0, 3):
         own = samples.fold == fold
         model = fit_model(samples.select(~own))
@@ -90,10 +82,10 @@ def test_a_sample_is_measured_by_a_model_fitted_without_its_fold():
 def test_a_class_that_is_all_in_one_fold_is_never_accepted_there():
     samples = road()
     kept = samples.select((samples.kind != "blue") | (samples.fold == 2))
-    distance, ratio = held_out(kept, NAMES, fit_model)
-    assert (distance[kept.kind == "blue", 1] == BEYOND).all()
-    assert (ratio[kept.kind == "blue", 1] == -BEYOND).all()
-    assert (distance[kept.fold != 2, 1] < BEYOND).all()
+    distance, ratio = fits.held_out(kept, NAMES, fit_model)
+    assert (distance[kept.kind == "blue", 1] == fits.BEYOND).all()
+    assert (ratio[kept.kind == "blue", 1] == -fits.BEYOND).all()
+    assert (distance[kept.fold != 2, 1] < fits.BEYOND).all()
 
 
 def test_the_held_out_density_is_largest_near_the_true_scatter():
@@ -103,7 +95,7 @@ def test_the_held_out_density_is_largest_near_the_true_scatter():
         def fit_scaled(given_samples):
             return tuple(replace(c, covariance=by * c.covariance) for c in fit(given_samples))
 
-        return held_out_log_density(samples, fit_scaled)
+        return fits.held_out_log_density(samples, fit_scaled)
 
     assert scaled(1.0) > scaled(0.2)
     assert scaled(1.0) > scaled(5.0)
@@ -112,7 +104,7 @@ def test_the_held_out_density_is_largest_near_the_true_scatter():
 def test_the_background_is_the_density_of_what_it_was_fitted_to():
     draw = np.random.default_rng(3)
     drawn = [draw.normal(0, 1, (6000, 2)), draw.normal((9, 2), (0.5, 3), (2000, 2))]
-    background = fit_background(np.concatenate([*drawn, [[np.nan, 0]]]), floor)
+    background = fits.fit_background(np.concatenate([*drawn, [[np.nan, 0]]]), floor)
     assert sum(one.count for one in background) == pytest.approx(8000, abs=8)
     model = GaussianModel("", (GaussianClass("", np.zeros(2), np.eye(2), 1),), "", background)
     values = np.concatenate([draw.normal(0, 1, (300, 2)), draw.normal((9, 2), (0.5, 3), (100, 2))])
@@ -122,12 +114,12 @@ def test_the_background_is_the_density_of_what_it_was_fitted_to():
     found = multivariate_normal(np.zeros(2), np.eye(2)).logpdf(values)
     found -= log_ratios(values, model)[:, 0]
     assert np.mean(wanted - found) < 0.03  # Kullback-Leibler divergence, nats
-    few = fit_background(drawn[0][:30], floor)
+    few = fits.fit_background(drawn[0][:30], floor)
     assert [one.count for one in few] == [30]
 
 
 def scored(samples, alpha=0.05):
-    return score_held_out(samples, NAMES, *held_out(samples, NAMES, fit_model), alpha)
+    return fits.score_held_out(samples, NAMES, *fits.held_out(samples, NAMES, fit_model), alpha)
 
 
 def test_classes_far_from_the_rest_are_found_by_name_and_those_that_overlap_say_so():

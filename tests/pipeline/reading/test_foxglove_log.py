@@ -17,7 +17,7 @@ from wayside.pipeline.reviewing.matching import NO_REVIEW, Review
 from wayside.schemas.errors import InputError
 from wayside.schemas.tables import FRAMES
 
-from ..results import observation_row, sign_row, write_tables
+from ..results import frame_rows, observation_row, sign_row, write_tables
 
 AHEAD = [0.5, -0.5, 0.5, -0.5]
 """Camera that looks along x, with z up: camera axes right, down, ahead in the world."""
@@ -26,16 +26,10 @@ IMAGES = 3
 
 def write_result(folder, log, world):
     """A result of one sign and a rejected box, seen in the second of three images."""
-    rotation = Rotation.from_matrix(np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]]).astype(float))
-    quaternion = dict(zip(("qx", "qy", "qz", "qw"), rotation.as_quat().tolist(), strict=True))
-    read = decoded(log, ["/camera/image"])
-    images = [(m.log_time, m.publish_time) for _, _, m, _ in read]
-    frames = [
-        {"frame": n, "log_time_ns": t, "header_time_ns": p - 12_000_000, "status": "used"}
-        | {"x": 2.0 * n, "y": 0.0, "z": 1.5, "station_m": 2.0 * n}
-        | quaternion
-        for n, (t, p) in enumerate(images)
-    ]
+    quaternion = dict(zip(("qx", "qy", "qz", "qw"), AHEAD, strict=True))
+    frames = frame_rows(log, 2.0, y=0.0, z=1.5, **quaternion)
+    for row, (_, _, message, _) in zip(frames, decoded(log, ["/camera/image"]), strict=True):
+        row["header_time_ns"] = message.publish_time - 12_000_000
     place = {"x": 12.0, "y": -3.0, "z": 2.5, "color": "red", "shape": "octagon"}
     size = {"panel_width_m": 0.76, "panel_height_m": 0.75, "facing_deg": 90.0}
     boxes = [

@@ -117,9 +117,6 @@ def test_a_target_counts_signs_that_were_not_found(small):
 def test_what_cannot_be_driven_is_refused_by_its_option(wrong):
     with pytest.raises(UsageError, match="--"):
         check(replace(SMALL, **wrong))
-
-
-def test_an_angle_of_view_that_no_lens_has_is_refused():
     with pytest.raises(UsageError, match="--hfov"):
         focal_of_view(180.0, 1600)
 

@@ -27,7 +27,7 @@ from wayside.pipeline.files.writing import PART
 from wayside.pipeline.models.model_files import load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.run import RECORDING, RunRequest, run_log
-from wayside.pipeline.view import entities
+from wayside.pipeline.view import entities, views
 from wayside.pipeline.view.blueprint import GROUND
 from wayside.pipeline.view.closing import (
     GATE_NAMES,
@@ -47,15 +47,6 @@ from wayside.pipeline.view.drawing import (
 )
 from wayside.pipeline.view.observer import Viewing, open_observer
 from wayside.pipeline.view.viewer import import_log, viewer_program
-from wayside.pipeline.view.views import (
-    AFTER,
-    BEFORE,
-    LAST_STAGE,
-    VIEWS,
-    NoViewError,
-    ViewState,
-    entities_of,
-)
 from wayside.schemas.detections import COLOR_RGB, VERDICTS, Candidates
 from wayside.schemas.frame import Camera, Frame, Pose
 from wayside.schemas.landmarks import Landmark, Observation, TrackedFrame
@@ -188,7 +179,7 @@ def stream_types():
 
 def test_every_type_that_travels_has_a_view():
     assert len(stream_types()) == 6 + len(AFTER_THE_DRIVE)
-    assert stream_types() - set(VIEWS) == AFTER_THE_DRIVE
+    assert stream_types() - set(views.VIEWS) == AFTER_THE_DRIVE
 
 
 def test_every_path_of_the_viewer_holds_something(chunks, report_chunks):
@@ -278,8 +269,8 @@ def test_rows_without_confidence_are_marked_by_their_residual_and_not_named(repo
 
 
 def test_a_type_without_a_view_is_an_error():
-    with pytest.raises(NoViewError, match="no view for int"):
-        entities_of(3, "segment", ViewState())
+    with pytest.raises(views.NoViewError, match="no view for int"):
+        views.entities_of(3, "segment", views.ViewState())
 
 
 def test_every_frame_logs_each_layer_so_that_nothing_stale_is_shown(rows):
@@ -391,9 +382,9 @@ def contrast(a, b):
 
 def test_everything_stands_out_from_its_ground_by_three_to_one():
     """WCAG 2.2, 1.4.11: spaces have a ground of their own, plots that of the viewer's light or dark theme."""
-    for ink in (*COLOR_RGB.values(), GREY, (255, 255, 255), BEFORE, AFTER):
+    for ink in (*COLOR_RGB.values(), GREY, (255, 255, 255), views.BEFORE, views.AFTER):
         assert contrast(ink, GROUND) > 3, ink
-    for ink in (BEFORE, AFTER):
+    for ink in (views.BEFORE, views.AFTER):
         assert contrast(ink, (255, 255, 255)) > 3
         assert contrast(ink, (20, 20, 20)) > 3
 
@@ -404,7 +395,11 @@ def test_a_refused_place_is_listed_with_its_reason_and_the_numbers_that_decided(
     place = refused_place()
     none, empty = np.zeros(0, np.int32), np.zeros(0, np.float32)
     settled = TrackedFrame(frame, made_motion(0), boxes(0), none, empty, 0, (place,))
-    logged = [e for e in entities_of(settled, LAST_STAGE, ViewState()) if e.path == "rejections"]
+    logged = [
+        e
+        for e in views.entities_of(settled, views.LAST_STAGE, views.ViewState())
+        if e.path == "rejections"
+    ]
     assert len(logged) == 1
     text = logged[0].parts[0].text.as_arrow_array()[0].as_py()
     assert text.startswith("location: blue rectangle 5.10 x 1.90 m")
@@ -517,7 +512,7 @@ def test_without_images_all_layers_lie_on_those_of_the_imported_log(short, tmp_p
 
 def test_a_frame_not_used_clears_what_was_shown():
     frame = Frame(3, 10, None, "undecodable", "jpeg", b"", None)
-    words, cleared = entities_of(frame, "read", ViewState())
+    words, cleared = views.entities_of(frame, "read", views.ViewState())
     assert isinstance(words.parts[0], rr.TextLog)
     assert isinstance(cleared.parts[0], rr.Clear)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from wayside.stages.calibration import Board, CalibrationError, calibrate_boards
+from wayside.stages.calibration import Board, CalibrationError, board_fit, calibrate_boards
 
 BOARD, SIZE, FOCAL, NOISE_PX = Board(9, 6, float("nan")), (1280, 960), 520.0, 0.1
 
@@ -35,9 +35,13 @@ def views():
     return found
 
 
-def test_a_fisheye_needs_the_rational_model_and_a_refusal_says_the_residual_of_each(views):
+def test_a_fisheye_needs_the_rational_model_and_a_refusal_says_the_residual_of_each(
+    views, monkeypatch
+):
+    monkeypatch.setattr(board_fit, "LARGEST_SIGMA", 0.001)
     with pytest.raises(CalibrationError, match="Residuals by lens model") as refused:
-        calibrate_boards(views, BOARD, SIZE, "plumb_bob", largest_sigma=0.001)
+        calibrate_boards(views, BOARD, SIZE, "plumb_bob")
+    monkeypatch.undo()
     told = dict(re.findall(r"(plumb_bob|rational) (\d+\.\d+)", str(refused.value)))
     found = calibrate_boards(views, BOARD, SIZE, "rational")
     assert found.camera.fx == pytest.approx(FOCAL, rel=0.003)

@@ -10,14 +10,10 @@ from scipy.spatial.transform import Rotation
 from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import Settings
-from wayside.stages.calibration import (
-    CalibrationWatch,
-    calibrate_drive,
-    changed_camera,
-    cut_segments,
-    watch_calibration,
-)
-from wayside.stages.calibration.segment_equations import displacement, project
+from wayside.stages.calibration import CalibrationWatch, watch_calibration
+from wayside.stages.calibration.drive_fit import calibrate_drive
+from wayside.stages.calibration.segment import cut_segments
+from wayside.stages.calibration.segment_equations import changed_camera, displacement, project
 from wayside.stages.geometry import distort_points, ideal_points, to_rays
 
 SETTINGS = Settings()

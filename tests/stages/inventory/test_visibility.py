@@ -39,10 +39,10 @@ def test_a_place_is_in_view_where_its_panel_would_show_whole_large_and_from_the_
 ):
     bearing = np.radians([bearing_deg])
     places = PanelPlaces(np.array([place], float), bearing, np.array([[0.75, 0.75]]))
-    found = views_of(places, np.array([[0.0, 0, 2]]), NORTH[None], CAMERA, 25.0)
-    assert found.height[0].tolist() == pytest.approx([35.0 * count])
+    height, box = views_of(places, np.array([[0.0, 0, 2]]), NORTH[None], CAMERA, 25.0)
+    assert height[0].tolist() == pytest.approx([35.0 * count])
     if count:
-        assert found.box[0, 0].tolist() == pytest.approx([968.67, 582.0, 1003.67, 617.0], abs=0.01)
+        assert box[0, 0].tolist() == pytest.approx([968.67, 582.0, 1003.67, 617.0], abs=0.01)
 
 
 def test_a_panel_is_gone_the_surer_the_more_drives_looked_and_the_surer_it_was_one():
