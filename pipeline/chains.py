@@ -6,8 +6,6 @@ trajectory (5), location (8, 11). The report replaced shape by trajectory, and t
 presets has one of these gates. Preset `default` keeps the order, with networks in the place of colours and shapes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The code of a sign in words, as sheets, the index, the viewer and the summary show it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

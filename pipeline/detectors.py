@@ -1,7 +1,5 @@
 """What finds the candidates of an image: the networks, the gates of the report, or the boxes of another detector."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 

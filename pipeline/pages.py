@@ -1,7 +1,5 @@
 """Pages made from the templates beside this module; Jinja escapes all text that is put into them."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from typing import Any

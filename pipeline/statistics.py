@@ -1,7 +1,5 @@
 """Small statistics of an evaluation: spreads, shares and rates, with the confidence intervals of what is counted."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import sqrt

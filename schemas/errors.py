@@ -1,7 +1,5 @@
 """Errors for people: what is wrong, where, and what to do."""
 
-from __future__ import annotations
-
 PARTS_LOST = 4
 """Exit status of work that is done, but lost parts of its input."""
 INTERRUPTED = 130

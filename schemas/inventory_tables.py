@@ -1,7 +1,5 @@
 """The tables of an inventory of many drives, with the conventions of `wayside.schemas.tables`."""
 
-from __future__ import annotations
-
 import pyarrow as pa
 
 from wayside.schemas.detections import COLORS, SHAPES

@@ -4,8 +4,6 @@ Boxes (x0, y0, x1, y1, half open) and polygons are in pixels of the image as rec
 of the tables of a result are the same. The middle of the first pixel is at (0.5, 0.5) in these coordinates.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import pyarrow as pa

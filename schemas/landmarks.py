@@ -1,7 +1,5 @@
 """Landmarks measured over several frames, and frames whose candidates are all decided."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

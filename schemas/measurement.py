@@ -1,7 +1,5 @@
 """How a landmark was measured: the registered views of its panel, and the adjustment with the motion around it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Learned models: Gaussian classes, mixtures, thresholds, evidence."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """Motion of the camera between images, and the tie points it was measured by."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import nan
 from typing import NamedTuple

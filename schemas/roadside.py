@@ -1,7 +1,5 @@
 """The ground and the lines across the road, at stations along the route, and what signs stand on."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from math import nan
 

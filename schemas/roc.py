@@ -1,7 +1,5 @@
 """Tables of the receiver operating characteristics that `wayside roc` writes."""
 
-from __future__ import annotations
-
 import pyarrow as pa
 
 from wayside.schemas.tables import Column, Table

@@ -1,7 +1,5 @@
 """Routes with measures, by which a place on a road is named: linear referencing."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

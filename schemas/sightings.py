@@ -1,7 +1,5 @@
 """Panels as single drives measured them, and the panels and supports that they are of."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

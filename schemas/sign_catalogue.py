@@ -8,8 +8,6 @@ Sizes of a diamond are the side of its square, and of a triangle its side twice.
 and its base, and those of a crossbuck the length and width of a blade.
 """
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Signs as the inventory lists them: landmarks placed on the path of the whole drive."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

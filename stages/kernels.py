@@ -1,7 +1,5 @@
 """Compiled kernels: machine code without the interpreter lock, kept on disk; and checks of the arrays they get."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 

@@ -5,8 +5,6 @@ lines of Markdown, settings, and functions of more than `LONGEST` lines. A ceili
 and never rise. What is above a ceiling is listed, and the exit status is 1.
 """
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

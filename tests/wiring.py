@@ -6,8 +6,6 @@ undecided, a model is absent or tells nothing. The end-to-end tests of the prese
 notice is named, and the exit status is 1.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import multiprocessing

@@ -1,7 +1,5 @@
 """Images of a chessboard to a camera: which are used, which not and why, and the result as a picture and in words."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What `wayside calibrate` does: boards where a board is named, else the log of a drive."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

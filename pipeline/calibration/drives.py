@@ -3,8 +3,6 @@
 A run makes the same estimate of its images (`CalibrationWatch`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The page of the checks of a drive: by rule, with an image of each sign that needs looking at."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

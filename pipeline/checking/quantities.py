@@ -1,7 +1,5 @@
 """What rules can ask of a sign: columns of its row, and what follows from several of them, each with its error."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Placement rules, read from TOML: a table a rule."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence

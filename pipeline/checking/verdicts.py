@@ -1,7 +1,5 @@
 """Which rules each sign of a drive keeps: the probability that it does not, and what is missing to tell."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """The program `wayside`. Heavy imports stand inside the commands, so that --help answers at once."""
 
-from __future__ import annotations
-
 import sys
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """The commands that make a log, say what one holds, and calibrate its camera. Heavy imports stand inside."""
 
-from __future__ import annotations
-
 import json
 import math
 import sys

@@ -1,7 +1,5 @@
 """How the command line explains itself: commands by what they are for, examples one a line."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The commands that label drives, and fit and measure models on labels. Heavy imports stand inside."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The commands that show, judge and pass on the result of a run. Heavy imports stand inside."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The closing words of a run, for a person."""
 
-from __future__ import annotations
-
 import shlex
 from collections import Counter
 from collections.abc import Mapping

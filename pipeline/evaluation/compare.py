@@ -1,7 +1,5 @@
 """Evaluate a result folder against the truth of its drive: read both, compare, and write the figures for a person."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Why a wanted sign was not found: the last step that a candidate on it passed, in any image."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field

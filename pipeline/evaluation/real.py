@@ -1,7 +1,5 @@
 """Compare reported signs with hand-made boxes on images of a real drive."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Compare reported panels with the exact truth of a rendered drive."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The rows of a result's tables that belong to a sign, put together for drawing."""
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Sequence

@@ -3,8 +3,6 @@
 North is up where it is known, else world y; true to scale.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """How classes look, and the figures of a sign in words, for sheets and the index alike."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

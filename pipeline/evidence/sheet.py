@@ -1,7 +1,5 @@
 """The page of one sign, the same as an image, and the index of all; no page needs another file but the sheets."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime

@@ -1,7 +1,5 @@
 """Evidence of a result, a page a sign, made while its log is read once."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """`wayside export`: the signs of a result, or of an inventory, as one file for another program."""
 
-from __future__ import annotations
-
 import csv
 import filecmp
 import json

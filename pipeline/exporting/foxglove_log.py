@@ -4,8 +4,6 @@ Schemas: https://docs.foxglove.dev/docs/sdk/schemas. Messages have the log times
 they belong to.
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Sequence

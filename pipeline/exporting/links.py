@@ -1,7 +1,5 @@
 """What belongs to an exported row besides its figures: name of its best image, its sheet and its picture."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Rows placed on the globe, in a projection of it or in the drive's own frame; in metres, or in feet and inches."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace

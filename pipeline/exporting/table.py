@@ -1,7 +1,5 @@
 """What can be exported, as rows of single values: a drive's signs beside their review, or a table of an inventory."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Files of the user's that are read whole: regular files only, up to a size when unpacked."""
 
-from __future__ import annotations
-
 import codecs
 import errno
 import os

@@ -1,7 +1,5 @@
 """Lengths, times and sizes as people write them on a command line."""
 
-from __future__ import annotations
-
 import math
 import re
 

@@ -6,8 +6,6 @@ that is killed before leaves the old result; one that is killed after leaves the
 `finish_replacement`.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Texts of files that others may have written: JSON, TOML, YAML and CSV. Other texts raise ValueError."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """Images as WebP and PNG for pages, and marks by which wayside knows its own images and pages again."""
 
-from __future__ import annotations
-
 import base64
 import struct
 import zlib

@@ -1,7 +1,5 @@
 """Route lines with measures, read from a GeoPackage, a GeoParquet or another file that GDAL reads."""
 
-from __future__ import annotations
-
 import difflib
 import json
 import warnings

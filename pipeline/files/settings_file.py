@@ -3,8 +3,6 @@
 Every value keeps where it came from, so that a result can be defended and a surprise explained.
 """
 
-from __future__ import annotations
-
 import difflib
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """Text from logs, files and names as it can be shown: nothing in it acts on a terminal or forges a line."""
 
-from __future__ import annotations
-
 import shutil
 import textwrap
 

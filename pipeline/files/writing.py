@@ -4,8 +4,6 @@ The error messages are here too. A file appears under its name when it is whole.
 wayside recognises it as its own, or with `overwrite`.
 """
 
-from __future__ import annotations
-
 import errno
 import filecmp
 import json

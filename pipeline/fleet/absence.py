@@ -1,7 +1,5 @@
 """What one survey saw and the other did not: whether drives of either had its place in view and saw past it."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

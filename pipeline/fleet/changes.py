@@ -1,7 +1,5 @@
 """What changed between two surveys of an inventory, cell by cell, written as `changes.parquet`."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """A page of the changes between two surveys: the images of both side by side."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Both give futures of `concurrent.futures`. An engine is given as many tasks as i
 takes only its own task along.
 """
 
-from __future__ import annotations
-
 import multiprocessing.connection
 import os
 import signal

@@ -1,7 +1,5 @@
 """An inventory on disk: its lock, and the merged tables, which replace the earlier ones together."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The result of a drive as merging needs it, and the cells that an inventory is parted by."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import cos, radians
 from pathlib import Path

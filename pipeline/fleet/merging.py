@@ -5,8 +5,6 @@ with the inventory. A support belongs to the first cell, by quadkey, that holds 
 taken do not come again in the cells beside.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace

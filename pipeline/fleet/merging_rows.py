@@ -1,7 +1,5 @@
 """One cell of an inventory as rows of its tables."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

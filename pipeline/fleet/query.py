@@ -1,7 +1,5 @@
 """Questions in SQL about an inventory, answered by DuckDB."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Iterator

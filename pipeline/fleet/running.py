@@ -1,7 +1,5 @@
 """A fleet from its logs to the merged inventory."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import time

@@ -1,7 +1,5 @@
 """The logs of a fleet: files, folders, patterns, lists, and URLs of any storage that fsspec reaches."""
 
-from __future__ import annotations
-
 import glob
 import hashlib
 import os

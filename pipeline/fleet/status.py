@@ -1,7 +1,5 @@
 """How far a fleet is: counts, rate, time left, in words."""
 
-from __future__ import annotations
-
 from collections import Counter
 from datetime import datetime, timedelta
 from pathlib import Path

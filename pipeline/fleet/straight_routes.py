@@ -5,8 +5,6 @@ route is drawn along a parallel of the Pacific, where no road is. In the tables 
 lateral offset stand for such places.
 """
 
-from __future__ import annotations
-
 import hashlib
 from math import cos, radians
 from pathlib import Path

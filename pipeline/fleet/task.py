@@ -4,8 +4,6 @@ An attempt stands in the log's own file on disk before its work starts. So the a
 counted by whoever begins the next one, in whatever process or machine, also after the fleet itself was ended.
 """
 
-from __future__ import annotations
-
 import faulthandler
 import os
 import socket

@@ -4,8 +4,6 @@ Things that a classifier is unsure of teach the most (uncertainty sampling: Lewi
 distance of their score from the threshold. Landmarks come before single boxes: one answer labels all their images.
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping

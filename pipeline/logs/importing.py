@@ -1,7 +1,5 @@
 """Numbered images to a log (`wayside import`)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime

@@ -1,7 +1,5 @@
 """What a log holds, and whether and how it can be used (`wayside info`)."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace

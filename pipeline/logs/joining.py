@@ -1,7 +1,5 @@
 """Parts of one drive, and ROS bags, to one log (`wayside join`), also unasked where a bag cannot be read as it is."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import tempfile

@@ -1,7 +1,5 @@
 """Positions of images to import: by their Exif data, a GPX track, or a CSV of files, times, places or mileposts."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Sequence
 from datetime import UTC, datetime

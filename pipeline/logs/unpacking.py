@@ -1,7 +1,5 @@
 """Pictures of a video file as numbered images, each with its time of capture: the rest of importing knows no videos."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path

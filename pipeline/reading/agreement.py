@@ -1,7 +1,5 @@
 """Which stream of a log is believed to tell how the camera moved: one that the images do not contradict."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice

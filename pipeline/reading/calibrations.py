@@ -3,8 +3,6 @@
 The files are YAML: camera_info of ROS, FileStorage of OpenCV, camchain of Kalibr.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Hashable, Iterator, Sequence

@@ -5,8 +5,6 @@ is estimated once. Header times pair two streams where their offsets agree, or d
 are recorded: their clock is the same. Otherwise log times pair them. All functions work on arrays in nanoseconds.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """What messages say, whatever dialect they say it in."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Images of a log, each with the calibration, pose and fix of its own time."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """What an image says of itself before it is decoded: format, size and Exif data; and whether it can be decoded."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Iterator

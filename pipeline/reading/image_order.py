@@ -4,8 +4,6 @@ Where all names have the form of DCF (JEITA CP-3461), this is its number: four f
 9999, as in G0010001.JPG. In other names it is the last number.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

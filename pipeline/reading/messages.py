@@ -4,8 +4,6 @@ Types are found by the name of their schema and never by their topic. Both name 
 https://docs.foxglove.dev/docs/sdk/schemas, https://docs.ros.org/en/humble/p/sensor_msgs
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import math

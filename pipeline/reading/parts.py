@@ -1,7 +1,5 @@
 """The files of a log: one MCAP file, or the parts of a ROS 2 bag directory; what reading them came across."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections import Counter
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Which topics of a log are read: one camera, its calibration, what tells its motion; or why it cannot be read."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Status of each image of a log, in order: used, or the reason why not."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

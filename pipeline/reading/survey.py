@@ -1,7 +1,5 @@
 """What a log holds: its topics with the first message of each that matters, times and positions of all messages."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What is known of each image of a log before any is processed: its time, calibration, pose and fix."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from operator import itemgetter
 

@@ -1,7 +1,5 @@
 """Images of one camera, of a video too, whose pictures depend on earlier ones: in order, or as they are wanted."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from copy import deepcopy

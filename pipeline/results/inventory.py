@@ -1,7 +1,5 @@
 """Writes the tables of a result, in memory that grows with the signs and not with the images."""
 
-from __future__ import annotations
-
 import math
 import struct
 from collections import Counter

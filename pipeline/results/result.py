@@ -1,7 +1,5 @@
 """Reading back a folder that `wayside run` has written, and what of it another run may replace."""
 
-from __future__ import annotations
-
 import difflib
 import hashlib
 from collections.abc import Mapping, Sequence

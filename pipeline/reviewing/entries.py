@@ -1,7 +1,5 @@
 """The files of a review, JSON or CSV, and what each of their rows says."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Iterator, Mapping

@@ -5,8 +5,6 @@ show the same. Without such an image it is the nearest row of the same look. Eac
 carried over; all else is left to a person.
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """The review of a result: where it lies, its labels and its figures."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Runs a chain of stages over a log: workers, order, journal, clock, observer. It knows no stage by what it does."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Bytes of the images under way: those that wait in queues, are searched, or are held by the tracking window."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field

@@ -9,8 +9,6 @@ results depend on; each other one holds the arrays of an image in NumPy's format
 an entry that is torn or altered is cut off.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

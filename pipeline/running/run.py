@@ -1,7 +1,5 @@
 """The main job: one log in, one folder of tables out."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform

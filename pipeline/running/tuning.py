@@ -3,8 +3,6 @@
 The library leaves all of this alone: a process belongs to the program that started it.
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 from collections.abc import Callable, Iterator

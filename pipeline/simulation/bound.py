@@ -1,7 +1,5 @@
 """Cramér-Rao bound of a located point: the smallest covariance of any unbiased estimate from the measurements."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

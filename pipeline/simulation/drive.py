@@ -4,8 +4,6 @@ World: x right, y down, z ahead at the start, metres. The camera follows an arc 
 that the tracker takes, so that the stages of `wayside run` do the rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import inf, radians

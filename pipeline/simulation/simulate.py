@@ -1,7 +1,5 @@
 """Plan a survey: simulate it, locate its signs by the stages of `wayside run`, compare with truth and bound."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from math import atan, degrees, inf, radians, tan

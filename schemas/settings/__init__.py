@@ -5,8 +5,6 @@
 and `REPORT_SHAPE`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

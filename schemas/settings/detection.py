@@ -1,7 +1,5 @@
 """Settings of what one image shows: white balance, regions (report chapters 2 and 3.1), candidates for sign faces."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from wayside.schemas.settings.field import setting

@@ -1,7 +1,5 @@
 """One leaf of the settings: its default, unit, meaning, origin and limits."""
 
-from __future__ import annotations
-
 from dataclasses import field
 from typing import Any
 

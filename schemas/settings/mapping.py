@@ -1,7 +1,5 @@
 """Settings of tracking and of location (report chapters 5 and 11)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from wayside.schemas.settings.field import setting

@@ -1,7 +1,5 @@
 """Settings of merging drives into one inventory and of comparing surveys. No run of a drive depends on them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from wayside.schemas.settings.field import setting

@@ -1,7 +1,5 @@
 """Settings of tie points and of the motion between images (report chapters 5 to 8)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from wayside.schemas.settings.field import setting

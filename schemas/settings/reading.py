@@ -1,7 +1,5 @@
 """Which images of a log take part, and how the work is carried out."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from wayside.schemas.settings.field import setting

@@ -1,7 +1,5 @@
 """Settings of what only the report's chain has: its gates (chapters 4 and 5)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from wayside.schemas.settings.field import setting

@@ -1,7 +1,5 @@
 """Settings of what is stated after the drive: the road beside the path, where along which route, what sign."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

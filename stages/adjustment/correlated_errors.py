@@ -4,8 +4,6 @@ Patches near each other lie on the same surface and are imaged by the same part 
 correlated. The part of such a field of errors that resembles motion is absorbed by the fit, so its size is given.
 """
 
-from __future__ import annotations
-
 from statistics import NormalDist
 from typing import NamedTuple
 

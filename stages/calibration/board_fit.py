@@ -1,7 +1,5 @@
 """Corners of a chessboard, and the camera matrix and distortion by views of it (Zhang 2000, by OpenCV)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import degrees, nan, sqrt
 from typing import NamedTuple

@@ -5,8 +5,6 @@ length is known by rotation alone: by curves and pitching. The standard error te
 it contains those that neighbouring ties share, and is no smaller than the scatter between segments says.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import sqrt

@@ -1,7 +1,5 @@
 """A part of a drive for self-calibration: its images with their motion, ties linked to tracks, and points."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import inf
 from typing import NamedTuple

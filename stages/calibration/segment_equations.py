@@ -6,8 +6,6 @@ earlier one. As in the adjustment of landmarks, errors along a track stay indepe
 held: it is the gauge.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import exp
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Learned decisions: evidence, Gaussian classes (report eq. 3.1), mixtures, and their thresholds (report chapter 9)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import isnan

@@ -1,7 +1,5 @@
 """Networks of ONNX files, run by onnxruntime."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache

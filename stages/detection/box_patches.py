@@ -4,8 +4,6 @@ Every box is resampled to the same size, so that a far diamond and a near one lo
 that the box network was learned with, no settings.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ The box network on each box, box regression, non-maximum suppression. Landmarks 
 observations together; so the threshold here is low, and the score is passed on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Each format is one function from the network's outputs to boxes, scores and clas
 shapes and names, and only where no other format has them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Its boxes are the detections and its scores theirs. Its classes give colour and 
 the box network does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import PurePosixPath

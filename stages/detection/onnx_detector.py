@@ -1,7 +1,5 @@
 """A detector that is not wayside's, run from its ONNX file: the image to its input, its boxes back to the image."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

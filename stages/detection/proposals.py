@@ -1,7 +1,5 @@
 """Candidates for sign faces: boxes of the detection network."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

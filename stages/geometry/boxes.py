@@ -1,7 +1,5 @@
 """Axis-aligned boxes `[x0, y0, x1, y1]`, half open: areas, intersection over union, suppression of overlapping ones."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

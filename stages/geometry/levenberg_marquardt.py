@@ -4,8 +4,6 @@ The driver owns the damping, the acceptance of steps and the end. What is fitted
 on two objects: the problem (data, settings, equations) and the estimate (unknowns and their residuals).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 

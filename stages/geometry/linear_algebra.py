@@ -1,7 +1,5 @@
 """Small dense linear algebra for kernels: Cholesky solution, inverse of a symmetric 3 x 3 matrix; cross products."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from wayside.stages.kernels import Array, compiled

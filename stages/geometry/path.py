@@ -1,7 +1,5 @@
 """Frenet coordinates of a point relative to the travelled path; longitudes and directions, which go round."""
 
-from __future__ import annotations
-
 from typing import NamedTuple, TypeVar
 
 import numpy as np

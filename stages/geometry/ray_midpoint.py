@@ -1,7 +1,5 @@
 """Midpoint triangulation of two rays and its reprojection residuals in both images (report chapter 7)."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

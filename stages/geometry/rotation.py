@@ -1,7 +1,5 @@
 """Rotations as matrices and rotation vectors, for kernels; outside of kernels scipy's `Rotation` does the same."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from wayside.stages.kernels import Array, compiled

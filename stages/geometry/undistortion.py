@@ -4,8 +4,6 @@ Three kinds of coordinates: pixels as recorded (distorted), ideal pixels (same c
 rays (x/z, y/z) of the camera frame.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

@@ -4,8 +4,6 @@ The normal matrix of such a problem is banded, so that the solution and the cova
 memory proportional to the length of the chain.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

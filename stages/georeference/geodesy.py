@@ -1,7 +1,5 @@
 """WGS 84 and a local frame on it: east, north, up about an origin, and the cameras of a drive in that frame."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -5,8 +5,6 @@ fixes, which scatter but do not drift, bound it over the whole drive (`trajector
 everything near it is placed relative to that camera.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from math import nan, pi, radians
 

@@ -1,7 +1,5 @@
 """Where along which route a sign stands: by a milepost at the start, or by route lines with measures."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Measurements that a smoothed path is made of: relative motion between neighbouring frames, absolute positions."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Faults of the poses and fixes of a log, in words: a time offset, outliers, jumps, gaps."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

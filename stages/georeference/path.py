@@ -1,7 +1,5 @@
 """What is kept of every frame until the drive has ended, and the path that comes of it."""
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field

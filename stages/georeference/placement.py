@@ -1,7 +1,5 @@
 """The stage that places landmarks on the path of the whole drive: position, size, confidence, status, number."""
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence

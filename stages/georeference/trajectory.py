@@ -5,8 +5,6 @@ centre, rotation, logarithm of the scale of the step to it, correlated error of 
 time offset. Every measurement touches one frame or two neighbours: the cost is proportional to the number of frames.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bytes of an image message to pixels, decoded once."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Sizes and colours of an image: pyramids, the space in which colours are compared, white balance by the road."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import cv2

@@ -1,7 +1,5 @@
 """Which sightings of different drives may be of one panel: position, facing and face, as log-likelihood ratios."""
 
-from __future__ import annotations
-
 from math import lgamma, log, pi, radians
 
 import numpy as np

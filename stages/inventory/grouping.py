@@ -1,7 +1,5 @@
 """Sightings to panels, panels to supports."""
 
-from __future__ import annotations
-
 from math import log
 
 import numpy as np

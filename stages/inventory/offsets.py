@@ -8,8 +8,6 @@ narrower meanwhile (graduated non-convexity with Geman and McClure weights, Blak
 similar neighbour decide first. The prior decides between arrangements that fit equally well.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ on it, to within the errors of their own panels, than chance makes. Only panels 
 row of equal ones many vectors fit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 

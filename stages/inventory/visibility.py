@@ -3,8 +3,6 @@
 The second is told by a plane sweep (Collins 1996).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, radians

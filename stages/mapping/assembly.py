@@ -3,8 +3,6 @@
 After that the verdict of every candidate is known: it is that of its landmark.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

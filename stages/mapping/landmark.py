@@ -1,7 +1,5 @@
 """A landmark as it is reported: position, size and facing with their scatter, colour and shape."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -7,8 +7,6 @@ over a few numbers on all views of a landmark together. What its images show cou
 learned from; the other terms count by what they were worth on real drives.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import exp, log, nan, pi, sqrt

@@ -1,7 +1,5 @@
 """Landmarks fitted to their views, point, covariance and metric size, and accepted best first."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

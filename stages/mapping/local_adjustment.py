@@ -10,8 +10,6 @@ across, and confirm the motion they were predicted by: those are left out. Ties 
 an error in proportion to it: they weigh less. Ties on vehicles lose their weight by the robust cost.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple

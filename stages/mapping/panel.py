@@ -5,8 +5,6 @@ the outer outline of the face. Its centre in each view gives the position, seven
 its width and height from view to view gives the size and the facing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

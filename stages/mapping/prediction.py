@@ -4,8 +4,6 @@ Candidates miss a face now and then: against a pale sky, behind a branch, far aw
 pixel or two in the others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

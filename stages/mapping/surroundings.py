@@ -4,8 +4,6 @@ What lies behind a standing panel is shifted against it by parallax as the vehic
 a lorry or a larger board keeps its surroundings: they look the same round the panel in every view.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from itertools import combinations, islice
 from math import nan

@@ -5,8 +5,6 @@ that may show one panel makes a hypothesis. Hypotheses are associated with candi
 greedily, best first. A landmark is finished when the vehicle has passed it (report chapters 5, 7 and 8).
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Points in space from all their views (report chapter 8), started from the midpoint of two of them (chapter 7)."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Matches of binary descriptors of corners inside predicted bands."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -5,8 +5,6 @@ camera axes; `direction` (3,) is the unit vector from the previous to the curren
 Together they are the relative pose up to its length.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

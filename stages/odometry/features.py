@@ -1,7 +1,5 @@
 """Corners that tie images together, and candidates' centres without lens distortion (report chapters 6 and 8)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from operator import attrgetter

@@ -1,7 +1,5 @@
 """What is expected of the step to the next image: by poses, odometry, spacing, fixes, or the step before."""
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass, field, replace
 from math import cos, inf, isfinite, nan, radians, sqrt

@@ -1,7 +1,5 @@
 """How the camera is mounted on its vehicle, learnt from the steps: direction of travel and height above the road."""
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass, field
 from math import isfinite, nan

@@ -5,8 +5,6 @@ length of the step is known. Only the prior measures that length, so inverse dep
 length drops out and only scales the result.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ inverse-compositional Gauss-Newton (Baker and Matthews, 2004), with the template
 error is a seventh of that of the corners (measured).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

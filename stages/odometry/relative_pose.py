@@ -1,7 +1,5 @@
 """Relative pose of two images by tie points: coarse from matched corners, then fine from registered ones."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from math import radians

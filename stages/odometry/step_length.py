@@ -5,8 +5,6 @@ dropped, and vehicles brake: where that walk leaves a stated spacing by more tha
 poses, fixes and the last speed say is averaged with it, or one of both is left out.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import exp, hypot, inf, isfinite, log, nan, sqrt
 

@@ -4,8 +4,6 @@ Each used image is compared with the used one before it. The prior is a straight
 or fixes. Tie points over the whole image measure the motion. A two-view adjustment with the baseline held joins both.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from math import inf, isfinite, nan, radians, sqrt

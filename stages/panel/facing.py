@@ -5,8 +5,6 @@ tan(bearing). The change is small: it shows in widths of a tenth of a per cent. 
 prior.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ patches of tie points, a face is compared as a whole and has a stretch for each 
 facing.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

@@ -5,8 +5,6 @@ e counts as e^2 / (e^2 + c^2), so that a faint rim all along an outline outweigh
 samples of the template.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

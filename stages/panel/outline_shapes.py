@@ -1,7 +1,5 @@
 """Shapes of faces as straight segments in a box, and how the segments move with the box."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

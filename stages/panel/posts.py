@@ -5,8 +5,6 @@ Edges of the background end sooner or move from view to view, so that the geomet
 pieces of the strip, in the view that shows it least, tells them apart.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ The background of a panel moves from view to view and fills half of the box of a
 the face inside its outline is compared alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

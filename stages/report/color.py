@@ -1,7 +1,5 @@
 """Colour class of every candidate (report chapter 3.2)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """The report's matching: a SIFT descriptor of each region, points on which several rays meet (chapters 5 and 7)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """SIFT points of a segment, triangulated from its two nearest views, and one row a panel (report chapters 5 and 7)."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -4,8 +4,6 @@ An outline is the convex hull of the middles of the pixel edges of a region. Fac
 crossbucks), so a legend or a border that cuts into the region does not count, nor do holes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Trajectory of a tracked feature in the image, held against the typical motion of signs (report chapter 5)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 

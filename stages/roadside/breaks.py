@@ -1,7 +1,5 @@
 """Where the ground beside a road changes its slope: edge of the shoulder, ditch, and the slopes between."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

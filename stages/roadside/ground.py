@@ -1,7 +1,5 @@
 """The ground across the road: the heights at which the images agree best."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

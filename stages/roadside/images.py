@@ -1,7 +1,5 @@
 """Images without lens distortion, from the horizon down, and samples of them on the ground."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Lines painted along the road, in a strip of it seen from above."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """After the last frame: the cross-sections of the road, from the sweeps and the path of the whole drive."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -6,8 +6,6 @@ it along the road, by b dh / H from one image to the next (b: distance of both c
 patch), so the samples of two images agree best at the right height (Collins 1996, space sweep).
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator
 from typing import NamedTuple

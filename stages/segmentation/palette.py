@@ -7,8 +7,6 @@ precision. The start is k-means++ from a fixed seed, and every machine draws the
 palette, whatever came before it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import isqrt
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """Two-pass K-means segmentation and the size gate (report chapters 2 and 3.1)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from math import atan2, ceil, floor, radians, tan
 from typing import Any

@@ -6,8 +6,6 @@ all signs say of it together is the prior of each. The narrowest certain stateme
 else the code, else the series, else nothing. The category is stated wherever it is certain, also of a code that is not.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The stage that classifies the faces of landmarks by their pixels."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any

@@ -3,8 +3,6 @@
 Where the process itself matters, as the installed program; else by its entry point.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """What the machine does to a run: signals, closed pipes, full disks, two runs at once; and files of the user."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -3,8 +3,6 @@
 Where a change of results is meant, `.venv/bin/python tests/end_to_end/test_presets.py` writes the pinned numbers anew.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import tempfile

@@ -1,7 +1,5 @@
 """The Arrow schemas, and the page of docs/ that describes them."""
 
-from __future__ import annotations
-
 import json
 from itertools import groupby
 from pathlib import Path
