@@ -24,9 +24,9 @@ _DARK_LEVEL, _FLAT = 16.0, 0.1
 without contrast is no legend. Part of the input format."""
 FACE_VIEWS = 5
 """Nearest registered views whose face is classified: farther ones are coarser."""
-BLACK = 0.48
-"""Largest brightest channel of a black ground over that of the legend. A blue ground has 0.56 or more on all drives
-here, black ones 0.24 to 0.38 (real lane-use signs); this is the geometric mean of 0.38 and 0.61 (blue sheeting)."""
+BLACK = 0.42
+"""Largest brightest channel of a black ground over that of the legend. Real lane-use signs have 0.24 to 0.38, blue
+grounds 0.56 or more, rendered signs of several colours 0.44 and 0.46. Black signs are rare: it is near theirs."""
 INNER = slice(5, -5)
 """Of a patch: without what surrounds the face, and its border."""
 LEAST_LOG_PROBABILITY = -7.0
