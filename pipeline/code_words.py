@@ -1,6 +1,6 @@
 """The code of a sign in words, as sheets, the index, the viewer and the summary show it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from wayside.schemas.sign_catalogue import SERIES, US, VIENNA, stated
@@ -55,9 +55,11 @@ def system_notes(signs: Sequence[Sign], settled: float) -> list[str]:
     ]
 
 
-def posts_words(row: Mapping[str, Any]) -> tuple[str, str]:
-    """Kind and number of a row of `posts.parquet`, and the width of a post with its standard deviation."""
+def posts_words(
+    row: Mapping[str, Any], size: Callable[[float], str] = "{:.2f} m".format
+) -> tuple[str, str]:
+    """Kind and number of a row of `posts.parquet`, and the width of a post with its error, in words of `size`."""
     kind, number, wide = row["kind"].replace("_", " "), row["number"], row["width_m"]
     counted = "" if number is None else f", {number} post" + "s" * (number > 1)
-    width = "" if wide is None else f"{wide:.2f} m ± {row['sigma_width_m']:.2f} m wide"
+    width = "" if wide is None else f"{size(wide)} ± {size(row['sigma_width_m'])} wide"
     return kind + counted, width

@@ -139,8 +139,10 @@ def _beside_the_road(sign: dict[str, Any], units: Units) -> list[Figure]:
     if sign["spacing_m"] is not None:
         rows.append(("To the next of its type", sign["spacing_m"], sign["sigma_spacing_m"]))
     found = [] if route is None else [Figure("Route", route)]
-    posts = [] if sign.get("posts") is None else [Figure("Stands on", *posts_words(sign["posts"]))]
-    return [*found, *(_length(units, *row) for row in rows), *posts]
+    found += [_length(units, *row) for row in rows]
+    if sign.get("posts") is not None:
+        found.append(Figure("Stands on", *posts_words(sign["posts"], units.size)))
+    return found
 
 
 def _in_the_world(sign: dict[str, Any], world: str, units: Units) -> list[Figure]:
