@@ -5,6 +5,7 @@ that may show one panel makes a hypothesis. Hypotheses are associated with candi
 greedily, best first. A landmark is finished when the vehicle has passed it (report chapters 5, 7 and 8).
 """
 
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -104,7 +105,7 @@ def _in_colour(posed: PosedDetections) -> PosedDetections:
 
 
 @dataclass
-class WindowSolver:
+class WindowSolver(ABC):
     """A window of frames with the hypotheses of each, solved every `WINDOW_STEP` frames."""
 
     settings: TrackSettings
@@ -175,9 +176,9 @@ class WindowSolver:
             )
         ]
 
+    @abstractmethod
     def _settle(self, passed: list[LandmarkFit], ahead: list[LandmarkFit]) -> None:
         """Decide landmarks that the vehicle has passed; those that have to wait join the ones ahead."""
-        raise NotImplementedError
 
     def _pairs_of_newest(self) -> Hypotheses:
         """Hypotheses from the newest frame with each of the few before it."""
@@ -197,8 +198,7 @@ class WindowSolver:
 
     def _solve(self, *, last: bool) -> None:
         """Decide the landmarks of the window that the vehicle has passed."""
-        passed: list[LandmarkFit] = []
-        ahead: list[LandmarkFit] = []
+        passed, ahead = list[LandmarkFit](), list[LandmarkFit]()
         for fit in self._fits():
             (passed if last or self._passed(fit) else ahead).append(fit)
         self._settle(passed, ahead)
