@@ -151,7 +151,7 @@ class Inventory:
     ) -> Path:
         """Write a page a sign into a folder, None: `evidence` in that of the result; their index, or the only page.
 
-        Other options, and what is raised, are those of `wayside.pipeline.evidence.write.write_evidence`.
+        `wayside.pipeline.evidence.write.write_evidence` describes the other options and the errors raised.
         """
         from wayside.pipeline.evidence.marks import UNITS
         from wayside.pipeline.evidence.write import write_evidence
@@ -169,10 +169,10 @@ class Inventory:
         review: PathLike | None = None,
         **options: Any,
     ) -> Path:
-        """Write the signs to a file for another program, of the kind that its name ends with if that is None; the file.
+        """Write the signs to a file for another program; the file.
 
-        `review`: None, that in the folder of the result. Other options, and what is raised, are those of
-        `wayside.pipeline.exporting.export.export`.
+        `kind`: a format such as `csv`; None: the ending of the file's name. `review`: None: the one in the result's
+        folder. `wayside.pipeline.exporting.export.export` describes the other options and the errors raised.
         """
         from wayside.pipeline.exporting.export import FORMATS, export
         from wayside.pipeline.reviewing.review import find_review

@@ -1,7 +1,7 @@
 """Labels: what a person, or the truth of a rendered drive, says of boxes in images. The file is one Parquet table.
 
-Boxes (x0, y0, x1, y1, half open) and polygons are in pixels of the image as recorded, from its upper left corner. Boxes
-of the tables of a result are the same. The middle of the first pixel is at (0.5, 0.5) in these coordinates.
+Boxes `(x0, y0, x1, y1)`, half open, and polygons are in pixels of the image as recorded, from its upper left corner.
+Boxes of the tables of a result are the same. The middle of the first pixel is at (0.5, 0.5) in these coordinates.
 """
 
 from dataclasses import dataclass, field

@@ -230,8 +230,8 @@ FEWEST_SIGNS = 4
 def learn(drives: Path, out: Path, seed: int) -> None:
     """Learn `location.json` and `outline.json` and write them into `out`.
 
-    Raises InputError if drives are missing, cannot be used, or show too few signs; OutputError if a file cannot be
-    written, or `out` is the folder of the models that ship.
+    Raises InputError if drives are missing, cannot be used, or show too few signs. Raises OutputError if a file cannot
+    be written, or `out` is the folder of the models that ship.
     """
     if out.resolve() == Path(str(shipped_models())).resolve():
         raise OutputError(

@@ -125,9 +125,9 @@ def calibrate_images(
 ) -> CalibratedImages:
     """Calibrate a camera by images of a chessboard: files, and folders of them.
 
-    Images of another size than most are left out by name: they are of another camera, or cut or scaled. watch: called
-    after each image with the numbers done and to do. Raises UsageError for an unknown lens model, or without an image.
-    Raises InputError if the images do not determine a camera, and names each image that was not used and why.
+    Images of another size than most are left out by name: another camera took them, or they were cut or scaled.
+    `watch`: called after each image with the numbers done and to do. Raises UsageError for an unknown lens model, or
+    without an image. Raises InputError if the images do not determine a camera, with the reason for each unused image.
     """
     if model not in LENS_MODELS:
         raise UsageError(

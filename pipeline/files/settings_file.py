@@ -45,8 +45,8 @@ def load_settings(
     given, and texts are converted like assignments. Origins: `default`, `preset report`, the file's name, `--set` or
     `option`.
 
-    Raises UsageError for an unknown preset, group or name (with the nearest known one), a value of the wrong type or
-    out of range, and a file that cannot be read.
+    Raises UsageError for an unknown preset, group or name, and names the nearest known one. Raises it also for a value
+    of the wrong type or out of range, and for a file that cannot be read.
     """
     settings = Settings()
     leaves = {

@@ -53,8 +53,8 @@ def fit_labels(
 ) -> str:
     """Fit models by labels, write them into a folder, and give the report.
 
-    Raises UsageError where there are several files of labels, but not one for each of the images; InputError where
-    labels or images cannot be used, or no model can be fitted; OutputError where a file exists or cannot be written.
+    Raises UsageError where there are several files of labels, but not one for each of the images. Raises InputError if
+    labels or images cannot be used, or no model can be fitted. Raises OutputError if a file exists or is not writable.
     """
     if len(options.labels) not in (1, len(options.images)):
         raise UsageError(

@@ -199,10 +199,10 @@ class Gathered:
 def region_samples(
     drives: Sequence[LabelledDrive], settings: Settings, accepting: GaussianModel | None = None
 ) -> Gathered:
-    """What the colour classifier is asked about; with colours that accept regions before it, the shape classifier.
+    """Samples for the colour classifier, or, with the `accepting` colour model, for the shape classifier.
 
-    Mean colours, in RGB, of regions on labelled faces and on none; or Fourier descriptors of outlines, of those that
-    cover their face, and of those on none where the colours accept them: of an image `MOST_OTHERS` at most, spread.
+    Colour: mean RGB of regions, on labelled faces and off them. Shape: Fourier descriptors of outlines that cover their
+    face, and of those off all faces whose colour is accepted. An image gives at most `MOST_OTHERS` off faces, spread.
     """
     parts, faces, met = [], 0, 0
     for drive in drives:

@@ -55,8 +55,8 @@ class Faces:
     ) -> tuple[NDArray[np.int8], NDArray[np.int64]]:
         """Whether each box (n, 4) of a frame is `ON` a face, `OFF` all, or `NEITHER`, and the row of the face (-1).
 
-        A region is on a face where they overlap by `ON_FACE`. It counts as neither where they overlap by less but more
-        than `NEAR_FACE`, where it is part of a face (a letter of its legend, its border), or the face is no example.
+        A region is on a face where they overlap by `ON_FACE`. It counts as neither if they overlap by less, but by
+        at least `NEAR_FACE`. Part of a face (a letter, its border) and a face that is no example count as neither, too.
         """
         own = np.flatnonzero(self.frame == frame)
         label = self._off(frame, box)

@@ -35,7 +35,7 @@ class Figure:
 
     `number`, `title`. `report`: what the report shows and which number it gives. `ours`: the same of this drive.
     `needs`: why it is left out (empty: it is not). `table`: rows of cells, the first one the head. `claim`: whether
-    this drive meets a claim of the report, one of `CLAIMS` (empty: there is none).
+    this drive meets a claim of the report, one of `CLAIMS` (empty: the report makes no claim).
     """
 
     number: str

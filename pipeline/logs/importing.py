@@ -87,9 +87,9 @@ def import_images(
     images not taken: the distance across the gap is the larger. Copies of an image are imported, too; a run leaves them
     out. Files that are no images or cannot be read are left out.
 
-    images: JPEG and PNG files, and folders of them. calibration: YAML of ROS camera_info, OpenCV or Kalibr. warn:
-    called with what is amiss with the images, in words. watch: called with how many images are written, and of how
-    many. Raises UsageError without an image, or without a positive spacing or two positions. Raises InputError if the
+    `images`: JPEG and PNG files, and folders of them. `calibration`: YAML of ROS camera_info, OpenCV or Kalibr.
+    `warn`: called with a sentence about faulty images. `watch`: called with the numbers of images written and in all.
+    Raises UsageError without an image, or without a positive spacing or two positions. Raises InputError if the
     calibration, the positions or an image cannot be used, sizes differ, or nothing tells the order. Raises OutputError
     as `whole_file`.
     """

@@ -34,11 +34,11 @@ class JoinedLog(NamedTuple):
 def join_logs(paths: list[Path], out: Path, *, overwrite: bool = False) -> JoinedLog:
     """Write the messages of several parts, in the order of the drive, to one MCAP log.
 
-    paths: MCAP files, of which every message is kept as it is, with metadata and attachments; ROS 2 bag directories
-    (`metadata.yaml` with MCAP or SQLite parts, split or compressed) and ROS 1 bags, of which the message types that are
-    understood are kept, those of ROS 1 as their ROS 2 counterparts (cdr). overwrite: replace a file of that name that
-    is not this very log. Raises UsageError where there is no path, InputError where a part cannot be read or holds no
-    message, and OutputError.
+    `paths`: MCAP files, ROS 2 bag directories (`metadata.yaml` with MCAP or SQLite parts, split or compressed), ROS 1
+    bags. All messages of MCAP files are kept as they are, with metadata and attachments. Of other bags the message
+    types that are understood are kept; those of ROS 1 become their ROS 2 counterparts (cdr). `overwrite`: replace a
+    file of that name that is not this very log. Raises UsageError where there is no path, InputError where a part
+    cannot be read or holds no message, and OutputError.
     """
     if not paths:
         raise UsageError("no parts to join are given. Give MCAP files or ROS bags.")

@@ -25,8 +25,8 @@ def unpack_video(
 ) -> None:
     """Write every n-th picture of a video into a folder, as JPEG.
 
-    date: of the first picture; None: as the file states (UTC). watch: called with how many pictures were looked at, and
-    of how many. Raises UsageError without PyAV. Raises InputError where the file holds no video, or its pictures are to
+    `date`: of the first picture; None: as the file states (UTC). `watch`: called with the numbers of pictures decoded
+    and in all. Raises UsageError without PyAV. Raises InputError where the file holds no video, or its pictures are to
     be shown turned.
     """
     try:

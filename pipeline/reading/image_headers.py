@@ -151,7 +151,7 @@ def _place_of(tags: dict[int, Any]) -> Place | None:
 
 
 def format_word(text: str) -> str:
-    """The image format in the free text of a message ("bgr8; jpeg compressed bgr8"); the text itself if none."""
+    """The image format that the text of a message names (`bgr8; jpeg compressed bgr8`), or else that text."""
     for word in text.lower().replace(";", " ").replace("/", " ").split():
         if word in _FORMAT_WORDS:
             return _FORMAT_WORDS[word]

@@ -34,9 +34,9 @@ class Series:
     """What is kept of the messages of one stream, in file order.
 
     `header_ns`: 0 where not set. `offset`, `channels`: of images, where message or chunk begin in the log, and what it
-    came on. `value`: of positions ten numbers a message: position (metres, or latitude and longitude in degrees and
-    height of a fix), quaternion x, y, z, w, and three standard deviations, of position (m) and rotation (rad) of a
-    pose, or east, north, up of a fix; nan where not stated.
+    came on. `value`: of positions ten numbers a message, nan where not stated. Three are the position, metres (of a fix
+    latitude and longitude, degrees, and height). Four are the quaternion x, y, z, w. Three are standard deviations: a
+    pose has one of position (m) and one of rotation (rad), a fix those of east, north and up.
     """
 
     log_ns: array[int] = field(default_factory=lambda: array("q"))

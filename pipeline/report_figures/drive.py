@@ -227,7 +227,7 @@ _WIDEST, IMAGE_WIDE = 1100, 800
 def around(
     box: ArrayLike, size: tuple[int, int], *, times: float = 2.4, least: int = 40
 ) -> Corners:
-    """Corners x0, y0, x1, y1 of a square cut-out this many times as large as a box, inside an image (height, width)."""
+    """Corners (x0, y0, x1, y1) of a square that is `times` as large as a box and inside an image (height, width)."""
     x0, y0, x1, y1 = (float(v) for v in np.asarray(box))
     side = min(max(round(times * max(x1 - x0, y1 - y0)), least), *size)
     left = int(np.clip(round((x0 + x1 - side) / 2), 0, size[1] - side))

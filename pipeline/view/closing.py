@@ -249,7 +249,7 @@ def sign_figures(row: Mapping[str, Any]) -> str:
 def inventory_table(
     signs: Sequence[Mapping[str, Any]], posts: Sequence[dict[str, Any]] = ()
 ) -> str:
-    """The signs as a markdown table, with the posts of each support beside its lowest sign."""
+    """The signs as a markdown table, with the posts of each support in the row of its lowest sign."""
     on = {row["sign_id"]: ", ".join(filter(None, posts_words(row))) for row in posts}
     numbers = {
         "station m": "station_m",

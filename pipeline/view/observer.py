@@ -40,9 +40,9 @@ def any_alive() -> bool:
 class Recorder:
     """One recording and the thread that fills it; faults end it and are kept, never raised.
 
-    `name`: for words about it, a file's name or an address. `open_stream`: makes the stream with its sink attached;
-    called in the thread. `patience_s`: how long `put` waits for a full queue before the recording is given up (a file);
-    0 drops the batches and goes on (a live viewer, which shows the next frame instead).
+    `name`: a file's name or an address, for messages. `open_stream`: makes the stream with its sink attached; called in
+    the thread. `patience_s`: how long `put` waits for a full queue before it gives the recording up (a file). With 0 it
+    drops the batches and goes on (a live viewer, which shows the next frame instead).
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Settings of what is stated after the drive: the road beside the path, where along which route, what sign."""
+"""Settings of what is added after the drive: the place along a route, the roadside, the sign codes."""
 
 from dataclasses import dataclass
 from typing import Any

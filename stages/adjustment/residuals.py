@@ -123,7 +123,7 @@ class WindowEstimate(NamedTuple):
 class PointAnchors(NamedTuple):
     """Frames of the points' coordinates: rotation (p, 3, 3) and centre (p, 3) of a camera that sees each point.
 
-    A point is (a, b, rho): the ray (a, b, 1) of that camera as posed at the start, and the inverse depth there. The
+    A point is `(a, b, rho)`: the ray `(a, b, 1)` of that camera as posed at the start, and the inverse depth there. The
     anchor stays while the camera's pose is adjusted, so a point depends on no pose.
     """
 

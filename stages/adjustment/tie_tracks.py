@@ -32,7 +32,7 @@ NEAREST_DEPTH = 1e-6
 
 
 class StepTies(NamedTuple):
-    """Ties of the steps of a window, in n rows: step, corners (n, 2) and rays (n, 2) in both frames, warp (n, 3).
+    """Ties of the steps of a window, in n rows. Corners and rays (n, 2) are in both frames; the warp is (n, 3).
 
     `place` (n, 3): in the earlier camera, m, nan where unknown. `pixel` (n, 2): ideal, in the later image.
     `displacement_px` (n,): in it, by translation. `scatter` (n,): errors over those stated, by step.
@@ -103,9 +103,9 @@ def translation_px(rotation: Array, before: Array, after: Array, focal_px: float
 def link_tracks(step: Numbers, corners: Numbers) -> Numbers:
     """Number of the track of each tie, (n,), in the order of first appearance.
 
-    step (n,): ascending. corners (n, 2): of the earlier and the later image that a tie joins; -1: of none, a track of
-    its own. A tie that ends at a corner is followed by the tie of the next step that starts there; of two that end at
-    the same corner the last is followed.
+    `step` (n,): ascending. `corners` (n, 2): of the earlier and the later image that a tie joins; -1: no corner, the
+    tie is a track of its own. A tie that ends at a corner is followed by the tie of the next step that starts there. Of
+    two that end at the same corner the last is followed.
     """
     n = len(step)
     track = np.full(n, -1, np.int64)

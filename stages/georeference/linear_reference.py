@@ -77,13 +77,13 @@ def _by_lines(listed: list[Sign], path: DrivePath, segments: RouteSegments) -> I
 def nearest_on_routes(
     points: Array, directions: Array, segments: RouteSegments
 ) -> tuple[Array, Array]:
-    """Distance (p, r), metres, of each point to each route, and the measure (p, r) of the nearest point on it.
+    """Distance of each of p points to each of r routes, metres, and the measure of the nearest point; both (p, r).
 
     A point is compared with the pieces that lie within `ROUTE_REACH_M` and run along the travel. Without such a piece,
     the distance is infinite and the measure nan. Distances are those on the plane that touches the sphere at the point:
     exact to 1e-5 within the reach.
 
-    points, directions: longitude and latitude (p, 2), degrees; unit vectors of travel (p, 2), east and north.
+    `points` (p, 2): longitude and latitude, degrees. `directions` (p, 2): unit vectors of travel, east and north.
     """
     distance = np.full((len(points), len(segments.names)), math.inf)
     measure = np.full(distance.shape, math.nan)

@@ -53,8 +53,8 @@ UNKNOWNS = 11
 class Trajectory:
     """Where the camera was: rotation (n, 3, 3), centre (n, 3); scale (n,): length of each step over that given.
 
-    `covariance` (n, 11, 11): of centre (m), rotation vector about the world's axes (rad), logarithm of the scale, and
-    the unknowns of the absolute positions. `factor` (22, 11 n): of its inverse for all frames, banded (Cholesky).
+    `covariance` (n, 11, 11): of centre (m), rotation vector about the world's axes (rad), logarithm of the scale and
+    unknowns of the absolute positions. `factor` `(22, 11 n)`: of its inverse for all frames, banded (Cholesky).
     `weight` (m,): of the absolute measurements, near 0 for an outlier, which `outliers` counts. `time_offset_s`: how
     long after a frame's capture its position is reported, 0 where none is found. `impossible_offset_s`: one that no
     recorder has and that is therefore not undone, or 0.

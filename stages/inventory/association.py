@@ -123,8 +123,8 @@ def gone_probability(
     Otherwise either each of these drives missed it, by a vehicle in front or by its own fault, or it is no panel at
     all. The second is supported by other drives of the survey that should have seen it and did not.
 
-    confidence: that it is a panel. years: between the surveys. looks: drives of the other survey that had the place in
-    view. misses: drives of the same survey that had it in view and saw no panel.
+    `confidence`: that it is a panel. `years`: between the surveys. `looks`: drives of the other survey that had the
+    place in view. `misses`: drives of the same survey that had it in view and saw no panel.
     """
     changed = float(changed_share(np.array(years), settings))
     panel = confidence * settings.missed**misses
@@ -144,9 +144,9 @@ def _years(sightings: Sightings, i: Ints, j: Ints) -> Floats:
 def place_log_ratio(apart: Floats, spread: Floats) -> Floats:
     """Log-likelihood ratio (m,) of the places of two sightings: of one panel, against of one and its neighbour.
 
-    The difference of two measurements of one panel, apart (m, 3) with covariance spread (m, 3, 3), metres, has a
-    multivariate Student distribution, because some errors are larger than stated (Lange, Little and Taylor 1989).
-    Neighbours that face the same way stand anywhere with one density.
+    `apart` (m, 3), `spread` (m, 3, 3): difference of two measurements, metres, and its covariance. For one panel it has
+    a multivariate Student distribution, because some errors are larger than stated (Lange, Little and Taylor 1989).
+    Neighbours that face the same way have the same density everywhere.
     """
     tail = (TAIL_FREEDOM + 3) * np.log1p(mahalanobis2(apart, spread) / TAIL_FREEDOM)
     return np.asarray(PLACE_TERM - 0.5 * (np.log(np.linalg.det(spread)) + tail))

@@ -1,6 +1,6 @@
 """Whether a panel would have shown in the images of a drive, or something nearer hides its place.
 
-The second is told by a plane sweep (Collins 1996).
+A plane sweep (Collins 1996) decides the second.
 """
 
 from collections.abc import Sequence
@@ -56,10 +56,10 @@ def views_of(
 ) -> tuple[Floats, Floats]:
     """Images in which a panel would show whole, at least so high, and from the front.
 
-    The height (n, k) of each of n panels in each of k images, pixels, 0 where it does not show, and the box (n, k, 4)
-    where it would. Objects between the camera and the place are not considered (see `measure_occlusion`), nor is the
-    distortion of the lens. centre (k, 3): of cameras, metres east, north, up. rotation (k, 3, 3): from the camera to
-    these axes. smallest_px: height of the face.
+    Returns the height (n, k) of n panels in k images, pixels, 0 where one does not show, and the box (n, k, 4) where it
+    would. Objects in front of the place (see `measure_occlusion`) and the distortion of the lens are left out.
+    `centre` (k, 3): of cameras, metres east, north, up. `rotation` (k, 3, 3): from the camera to these axes.
+    `smallest_px`: height of the face.
     """
     n, k = len(places.position), len(centre)
     if not n or not k:
@@ -124,7 +124,7 @@ def measure_occlusion(
     A window of the panel's size is compared with the other images as if it lay at each of many distances. Larger
     windows follow as long as the result is undecided. Objects next to a place count only in the smallest window,
     because they hide nothing. Something that moves with the camera looks farther away than it is: a vehicle ahead hides
-    a place unnoticed. images: in order of time, with the place in view. size_m: width and height of the panel.
+    a place unnoticed. `images`: in order of time, with the place in view. `size_m`: width and height of the panel.
     """
     past = hidden = 0
     for k, image in enumerate(images):

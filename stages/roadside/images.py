@@ -50,8 +50,8 @@ class GroundImage:
     def samples(self, place: Pose, along: Array, right: Array, up: Array, level: int) -> Singles:
         """Grey (k, m) at k lines along the road of m points each; nan outside of the image.
 
-        place: origin, metres, and axes along, right and up, as columns, in the frame of the drive. along (m,), right
-        and up (k,): offsets along these axes, metres. level: which of the sizes.
+        `place`: origin, metres, and columns of the axes along, right and up, in the frame of the drive.
+        `along` (m,), `right`, `up` (k,): offsets along these axes, metres. `level`: which of the sizes.
         """
         to_camera = self.motion.pose.rotation.T
         shift = to_camera @ (place.centre - self.motion.pose.centre)

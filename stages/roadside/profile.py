@@ -150,7 +150,7 @@ def _usual(values: Array, reach: int, least: int) -> Array:
 
 
 def _behind(ground: Ground) -> NDArray[np.bool_]:
-    """Whether each strip (n,) stands upright itself, or lies beyond one beside the road that does."""
+    """Whether each strip (n,) is upright, or lies behind an upright one as seen from the road."""
     upright = (ground.greatest >= UPRIGHT_AGREEMENT) & (ground.margin <= 0)
     middle = len(OFFSETS_M) // 2
     upright[np.abs(OFFSETS_M) <= ROAD_M] = False

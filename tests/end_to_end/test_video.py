@@ -1,4 +1,4 @@
-"""Logs whose images are H.264 video, encoded by PyAV, beside the same images as they were."""
+"""Logs whose images are H.264 video, encoded by PyAV, compared with the same images as they were."""
 
 import sys
 from fractions import Fraction

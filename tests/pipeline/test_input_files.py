@@ -1,4 +1,4 @@
-"""Files that are read whole: none that a command would wait for, and none that unpacks beyond measure."""
+"""Files that are read whole: a command refuses those that it would wait for, and those that unpack without a limit."""
 
 import os
 import subprocess
