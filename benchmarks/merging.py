@@ -154,7 +154,7 @@ def _passes(seed: int) -> list[Passed]:
 class Told:
     """What a comparison said of the true history: rows, rows of places not in view, per kind all and those found right.
 
-    stated: of each row that is gone or new its probability, and whether it is right.
+    `stated`: of each row that is gone or new its probability, and whether it is right.
     """
 
     rows: int = 0

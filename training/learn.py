@@ -261,7 +261,7 @@ def learn(drives: Path, out: Path, seed: int) -> None:
 def location_model(places: NDArray[np.float64], provenance: str) -> GaussianModel:
     """Where signs stand, (right of the path, above the camera's path) in metres: the mixture of preset `default`.
 
-    places (n, 2): of signs. Overhead panels hang 4 m above the camera or higher; the rest stands right or left. A
+    `places` (n, 2): of signs. Overhead panels hang 4 m above the camera or higher; the rest stands right or left. A
     component holds all of its own signs within 4 sigma, because the next sign may lie beyond the last one seen. Those
     of preset `report` are learned by `gates`.
     """

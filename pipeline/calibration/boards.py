@@ -191,7 +191,7 @@ def _look(file: Path, board: Board) -> BoardImage:
 class Coverage(NamedTuple):
     """Corners of the used views in each cell of the image (rows, columns), and how far out they reach.
 
-    reach: distance of the outermost corner from the principal point, over that of the farthest corner of the image.
+    `reach`: distance of the outermost corner from the principal point, over that of the farthest corner of the image.
     """
 
     counts: NDArray[np.int64]

@@ -77,7 +77,7 @@ def calibrate_log(log: Path, settings: Settings) -> CalibratedDrive:
     """Estimate the lens of a log's camera from its images and its poses, where it has them.
 
     Matching starts from the given calibration. Without one it starts from several focal lengths, and once more from the
-    best result. settings: which images are read, and how they are matched. Raises UsageError and InputError where the
+    best result. `settings`: which images are read, and how they are matched. Raises UsageError and InputError where the
     log cannot be read, or too few of its images could be matched.
     """
     read, source, size = _plan(log, settings.read)

@@ -79,7 +79,7 @@ def load_settings(
 def format_settings(settings: Settings, origins: Mapping[str, str], *, full: bool = False) -> str:
     """Settings as TOML that `load_settings` reads back to the same values: a table a group, what is known in comments.
 
-    full: of each also where its default comes from.
+    `full`: of each also where its default comes from.
     """
     heads = ["value  # unit", "default", "where the value is from", "what it does"]
     more = ["where the default is from"] if full else []

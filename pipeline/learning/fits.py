@@ -202,7 +202,7 @@ class ClassScore:
 class Held(Rates):
     """All classes of a model on what was held out, with a threshold chosen without it.
 
-    others: samples of what is no sign; confusion: views by `true -> given`.
+    `others`: samples of what is no sign; `confusion`: views by `true -> given`.
     """
 
     classes: tuple[ClassScore, ...]

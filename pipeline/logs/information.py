@@ -24,7 +24,7 @@ _SOME_CAMERA = Camera(1, 1, 1.0, 1.0, 0.0, 0.0)
 def inspect_log(path: Path, *, shown: Path | None = None) -> dict[str, Any]:
     """Read a whole log, in bounded memory, and return what it holds: the content of `wayside info --json`.
 
-    shown: what is named as the log, the bag that it was made of. Raises InputError where the log cannot be read.
+    `shown`: what is named as the log, the bag that it was made of. Raises InputError where the log cannot be read.
     """
     survey = survey_log(path)
     survey.path = shown or path

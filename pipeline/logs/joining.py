@@ -83,7 +83,7 @@ def joined_log(path: Path) -> Path | None:
 def readable_log(path: Path, tell: Callable[[str], None]) -> Path:
     """What is to be read of a recording: itself, or the log that a ROS bag was joined to, now or before.
 
-    tell: called with where the log of a bag lies, and what of the bag was lost on the way. Raises InputError where a
+    `tell`: called with where the log of a bag lies, and what of the bag was lost on the way. Raises InputError where a
     bag cannot be read, and OutputError where its log cannot be written.
     """
     log = joined_log(path)

@@ -93,7 +93,7 @@ def believed(
 ) -> MotionStream | None:
     """The first stream that the images do not contradict, as it is or after one known conversion.
 
-    notes: filled with what was converted, and what is left out and why.
+    `notes`: filled with what was converted, and what is left out and why.
     """
     for stream in streams:
         if lag_s := _lag_s(stream.raw, steps, order, time_ns):

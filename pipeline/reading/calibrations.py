@@ -96,7 +96,7 @@ def make_calibration(
 ) -> CalibrationContent:
     """The cameras of a CameraInfo: of raw images by `k` (3x3) and the lens, of rectified ones by `p` (3x4) alone.
 
-    size: of the sensor; lens: model by its ROS name, coefficients. Where `p` is zero, a `k` without distortion serves.
+    `size`: of the sensor. `lens`: ROS name of the model, coefficients. If `p` is zero, a `k` without distortion serves.
     """
     raw, why = _cameras(size, k, lens, region)
     if any(p):

@@ -147,7 +147,7 @@ def clock_set_at(time_ns: Integers) -> int:
 class Pairing(NamedTuple):
     """Times of the images (k,) and of a stream's messages (n,) on one clock, by "header" or "log".
 
-    apart_ns: by how much the header clock of the stream is ahead of that of the images; 0 where header times pair them.
+    `apart_ns`: by how much the stream's header clock is ahead of the images' clock; 0 where header times pair them.
     """
 
     images_ns: Integers

@@ -44,7 +44,7 @@ class ImageContent:
 class CalibrationContent:
     """Cameras of raw images, and of rectified ones: the first by the definition of the message, others of other sizes.
 
-    why, why_rectified: for what reason there is no first.
+    `why`, `why_rectified`: for what reason there is no first.
     """
 
     time_ns: int | None

@@ -45,8 +45,8 @@ def read_frames(
     with their status and without data. Memory is bounded by one chunk and a hundred bytes a message. Images are not
     copied where the encoding allows it.
 
-    report: filled while the frames are taken; camera: replaces the calibrations of the log and of the settings. Raises
-    as `plan_reading` and `make_timeline`, at once; and InputError at the end, where no image could be used.
+    `report`: filled while the frames are taken; `camera`: replaces the calibrations of the log and of the settings.
+    Raises as `plan_reading` and `make_timeline`, at once; and InputError at the end, where no image could be used.
     """
     plan = plan_reading(path, settings, camera)
     timeline = make_timeline(plan)

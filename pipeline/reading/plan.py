@@ -26,8 +26,8 @@ _TRANSPORTS = ("compressed", "theora", "ffmpeg", "h264", "zstd")
 class Plan:
     """What is read from a log.
 
-    calibration: topic, or None where `camera_given` (from `calibration_source`) is used; notes: on streams that tell
-    nothing of motion and place, wholly or in part.
+    `calibration`: topic, or None where `camera_given` (from `calibration_source`) is used; `notes`: on streams that
+    tell nothing of motion and place, wholly or in part.
     """
 
     survey: LogSurvey

@@ -279,7 +279,7 @@ def bound_of_step(
 ) -> Array:
     """Smallest covariance (6, 6) of a step by ties at these ideal pixels (n, 2) of both images.
 
-    Errors of the ties as in the survey; sigma_m: standard deviation of the step's length beforehand.
+    Errors of the ties as in the survey; `sigma_m`: standard deviation of the step's length beforehand.
     """
     baseline = float(np.linalg.norm(step.centre))
     direction = np.ascontiguousarray(step.centre / baseline)

@@ -35,7 +35,7 @@ TEXT_ONLY = rrb.TextLogColumns(
 def drive_layout(images: str | None = None, *, live: bool = False) -> rrb.Blueprint:
     """The whole drive: image with layers, 3-D behind the vehicle, from above, across the road, plots, table.
 
-    images: entity of the images of an imported log, where the recording has none; live: the time follows what comes in.
+    `images`: entity with the images of an imported log, if the recording has none. `live`: show the newest time.
     """
     camera = rrb.Spatial2DView(
         origin=images or at.CAMERA,

@@ -89,7 +89,7 @@ class StepConstraints(NamedTuple):
     def of(priors: Sequence[StepPrior], *, common: bool = False) -> StepConstraints:
         """Priors of the steps of a window, each from one frame to the next.
 
-        common: their lengths derive from each other, so they share one error, which does not average out.
+        `common`: their lengths derive from each other, so they share one error, which does not average out.
         """
         numbers = np.arange(len(priors), dtype=np.int64)
         factor = np.sqrt(len(priors)) if common else 1.0

@@ -93,7 +93,7 @@ def ties_of_step(
 def translation_px(rotation: Array, before: Array, after: Array, focal_px: float) -> Array:
     """How far ties move in the image by the translation of the camera alone, (n,) px.
 
-    rotation (3, 3): of the later camera in the earlier one. before, after: rays (n, 2) in both.
+    `rotation` (3, 3): of the later camera in the earlier one. `before`, `after`: rays (n, 2) in both.
     """
     far = before @ rotation[:2] + rotation[2]
     moved = after - far[:, :2] / np.maximum(far[:, 2:], NEAREST_DEPTH)

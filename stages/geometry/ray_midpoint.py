@@ -33,7 +33,7 @@ class Midpoints(NamedTuple):
 def midpoint(c0: Floats, c1: Floats, d0: Floats, d1: Floats) -> Midpoints:
     """Midpoint of the shortest segment between two rays (report eqs. 7.1 to 7.4).
 
-    c0, c1 (3,): camera centres. d0, d1 (n, 3): directions of the rays in the same frame, of any length.
+    `c0`, `c1` (3,): camera centres. `d0`, `d1` (n, 3): directions of the rays in the same frame, of any length.
 
     Returns nan where the rays are parallel (q1 x q2 = 0: at the focus of expansion, or without a baseline they meet at
     the common centre).

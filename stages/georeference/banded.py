@@ -59,7 +59,7 @@ def block_covariances(factor: Array, size: int) -> Array:
 
     Only entries within the band of the inverse are computed (Takahashi, Fagan and Chin 1973).
 
-    factor (2 size, n): lower Cholesky factor in band form, n a multiple of size.
+    `factor` (2 size, n): lower Cholesky factor in band form, n a multiple of size.
     """
     columns = np.ascontiguousarray(factor.T)
     require_array(columns, "factor", np.float64, (None, 2 * size))

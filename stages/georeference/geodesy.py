@@ -73,7 +73,7 @@ class Globe:
     def point_covariance(self, frame: int, position: Array, covariance: Array) -> Array:
         """Covariance (3, 3) east, north, up of a point: its own relative to a camera, and that of the camera.
 
-        position (3,), covariance (3, 3): in the axes of the camera of `frame`, metres.
+        `position` (3,), `covariance` (3, 3): in the axes of the camera of `frame`, metres.
         """
         row = self.rows[frame]
         rotation = self.trajectory.rotation[row]

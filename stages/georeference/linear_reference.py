@@ -37,8 +37,8 @@ def measure_along_route(
     measure is taken at the point of the followed line that is nearest to the path abreast of the sign. A sign near a
     crossing keeps the route of the drive, also where another line is nearer.
 
-    Without a place on the globe, and where the path followed no route, signs stay as they are. segments: of routes near
-    the path; None: by milepost.
+    Without a place on the globe, and where the path followed no route, signs stay as they are. `segments`: of routes
+    near the path; None: by milepost.
     """
     if segments is None:
         yield from _by_milepost(signs, settings)
@@ -132,7 +132,7 @@ def follow_routes(distance: Array) -> np.ndarray[Any, np.dtype[np.int64]]:
 def _along(places: Array, stations: Array, wanted: Array) -> tuple[Array, Array]:
     """Longitude, latitude (n, 2) and direction of travel (n, 2) at stations; beyond its ends the path goes on straight.
 
-    places (p, 2), stations (p,): of the frames. Where the vehicle stands, the last direction is kept.
+    `places` (p, 2), `stations` (p,): of the frames. Where the vehicle stands, the last direction is kept.
     """
     moving = np.concatenate([[True], np.diff(stations) > 0])
     places, stations = places[moving], stations[moving]

@@ -22,7 +22,7 @@ FRAMES_BEFORE, FRAMES_AFTER = 3, 20
 class PathPoint:
     """One used frame: pose by the chain of steps, the log's own pose and fix where given, numbers of the step to it.
 
-    covariance (6, 6), source, length_ratio, baseline_m (None at the first), station_m, camera_height_m: as in `Motion`.
+    `covariance` (6, 6), `source`, `length_ratio`, `baseline_m` (None at the first) and the rest are as in `Motion`.
     """
 
     frame: int

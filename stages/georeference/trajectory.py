@@ -74,7 +74,7 @@ class Trajectory:
     def length_variance(self, first: int, last: int, level: bool) -> float:
         """Variance, m^2, of the distance travelled from one row of the path to a later one.
 
-        Each step's length changes with both of its ends along the step: errors that the ends share cancel. level: of
+        Each step's length changes with both of its ends along the step: errors that the ends share cancel. `level`: of
         the distance in the plane x, y.
         """
         steps = np.diff(self.centre[first : last + 1], axis=0)
@@ -94,7 +94,7 @@ def smooth(
 
     A constant time offset of the absolute measurements is estimated, and undone where it is significant.
 
-    rotation (n, 3, 3), centre (n, 3): initial values, tens of metres and some degrees away at most.
+    `rotation` (n, 3, 3), `centre` (n, 3): initial values, tens of metres and some degrees away at most.
 
     Raises numpy.linalg.LinAlgError where the measurements leave something undetermined.
     """

@@ -45,7 +45,7 @@ The models were learned with it."""
 def log_chromaticity(rgb: NDArray[Any]) -> NDArray[np.float64]:
     """Natural logarithms of brightness (R+G+B)/3, of R/G and of B/G, (n, 3), finite for every input.
 
-    rgb: colours (n, 3), R, G, B from 0 to 255. Each channel is raised by `DARK_LEVEL`; a change of exposure moves a
+    `rgb`: colours (n, 3), R, G, B from 0 to 255. Each channel is raised by `DARK_LEVEL`; a change of exposure moves a
     colour along the first axis only. Raises ValueError if the colours are not (n, 3).
     """
     if rgb.ndim != 2 or rgb.shape[1] != 3:

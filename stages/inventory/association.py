@@ -41,7 +41,7 @@ def candidate_pairs(
     """Pairs (m, 2) of rows of different drives, the lower first, near each other and facing the same way.
 
     Near: within `NEAR_SIGMAS` standard deviations of the errors of both, level, and at most within `reach_m`.
-    position (n, 3): to compare instead of that measured.
+    `position` (n, 3): to compare instead of that measured.
     """
     where = sightings.position if position is None else position
     spread = sightings.common_sigma_m[:, 0]
@@ -73,8 +73,8 @@ def face_log_ratio(
 ) -> Floats:
     """Log-likelihood ratio (m,) of the faces of rows i and j: of one panel, against of two by chance.
 
-    What is unknown in either row says nothing, nor does the code where colour or shape differ already. agree, differ:
-    what a colour, shape or code says.
+    What is unknown in either row says nothing, nor does the code where colour or shape differ already. `agree`,
+    `differ`: what a colour, shape or code says.
     """
     ratio = size_log_ratio(sightings, i, j)
     differs = np.zeros(len(ratio), bool)

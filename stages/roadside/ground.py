@@ -35,7 +35,7 @@ class Ground(NamedTuple):
 def ground_of(score: NDArray[Any], pairs: NDArray[Any], heights: Array) -> Ground:
     """The heights of strips side by side at which the images agree best together.
 
-    score (n, h): sum of the correlations of `pairs` (n,) pairs of images at evenly spaced heights (h,). Found by
+    `score` (n, h): sum of the correlations of `pairs` (n,) pairs of images at evenly spaced heights (h,). Found by
     dynamic programming: a strip that shows nothing follows its neighbours.
     """
     mean = score / np.maximum(pairs, 1e-9)[:, None]

@@ -130,8 +130,8 @@ def _samples(
 def agreement(first: Singles, second: Singles) -> Singles:
     """Correlation (p,) of the samples of p patches in two images; nan where too few are seen in both.
 
-    first, second (p, k, m): k lines along the road of m points. The mean of each line is taken out of it: an error of
-    the height moves a patch along the road, so that lines painted along it say nothing.
+    `first`, `second` (p, k, m): k lines along the road of m points. The mean of each line is taken out of it: an error
+    of the height moves a patch along the road, so that lines painted along it say nothing.
     """
     require_array(first, "first", np.float32, (None, None, None))
     require_array(second, "second", np.float32, first.shape)

@@ -113,8 +113,8 @@ def _placed(sweep: Sweep, score: Array, pairs: Array, path: DrivePath) -> _Place
 def _settled(lines: Array, height: Array, turn: Array) -> Array:
     """Offset and painted part (k, 2) of the lines of a sweep, on ground of these heights (offsets,) above the path.
 
-    turn (3, 3): from the axes of the sweep to those of the final path. A ray meets ground farther down farther off, so
-    lines on ground of unknown height (nan) are left out.
+    `turn` (3, 3): from the axes of the sweep to those of the final path. A ray meets ground farther down farther off,
+    so lines on ground of unknown height (nan) are left out.
     """
     nearest = np.abs(lines[:, :1] - OFFSETS_M).argmin(axis=1)
     lines, known = lines[np.isfinite(height[nearest])], np.isfinite(height)
@@ -168,7 +168,7 @@ def _sigma(one: _Placed) -> Array:
 def _lines(placed: Sequence[_Placed], sign: int, *, solid: bool) -> Array:
     """Distance from the path, by station, of the nearest line on one side, or of the outermost solid one; nan: none.
 
-    sign: 1 for the right side, -1 for the left. A dashed line is not at every station: those around tell where it is.
+    `sign`: 1 for the right side, -1 for the left. A dashed line is not at every station: those around tell where it is.
     """
     found = np.full(len(placed), np.nan)
     for k, one in enumerate(placed):
