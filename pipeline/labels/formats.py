@@ -56,7 +56,7 @@ class Collected:
     def entry(
         self, place: str, image: LabelledImage | None = None, reason: str = "no_box"
     ) -> Iterator[None]:
-        """Leave an entry that is no label out, and say where it stands."""
+        """Leave out an entry that is not a label, and say where it is."""
         outer, self._place = self._place, place
         try:
             yield
@@ -123,7 +123,7 @@ class Collected:
 
 
 def read_coco(content: Entry, classes: Classes | None, source: str) -> Labels:
-    """Labels of a COCO data set; `frame` or `log_time_ns` of an image stand beside or instead of its `file_name`.
+    """Labels of a COCO data set; `frame` or `log_time_ns` of an image may replace or accompany its `file_name`.
 
     Regions of a crowd are neither right nor wrong.
     """

@@ -92,7 +92,7 @@ def joined(parts: Sequence[Labels]) -> Labels:
 
 @dataclass(frozen=True, slots=True)
 class LogImages:
-    """What names the images of a log: log time by frame, and file name by frame where it is known; frames in use."""
+    """What identifies the images of a log: log time and, if known, file name by frame; and the frames in use."""
 
     times_ns: dict[int, int]
     names: dict[int, str]

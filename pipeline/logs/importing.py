@@ -40,14 +40,14 @@ from wayside.schemas.frame import Camera
 from wayside.schemas.settings import RouteSettings
 
 SECOND_NS = 10**9
-"""Images whose times are not known are logged so far apart, from the date on; none carries a capture time."""
+"""Time between logged images whose times are not known, from the date on; none has a capture time."""
 
 _CAMERA_FRAME = "camera"
 
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
-    """What may be said of the images, and of the log."""
+    """Options that describe the images and the log."""
 
     spacing_m: float | None = None
     """Distance between images of neighbouring numbers; None: positions tell it."""
@@ -55,7 +55,7 @@ class ImportOptions:
     """Of the first image, UTC where it has no zone; None: the earliest date of capture."""
     positions: Path | None = None
     routes: RouteSettings = field(default_factory=RouteSettings)
-    """Both as of `place_images`."""
+    """Both as for `place_images`."""
     order: str = ""
     """"name" or "date" decides the order where they contradict each other; empty: that is refused."""
     overwrite: bool = False

@@ -150,7 +150,7 @@ def _way(
             return (plan, make_timeline(plan)), command, hindrances
         except WaysideError as error:
             hindrances.append(_reason(survey, error))
-        # What the user can give is taken as given from here on, so that the next obstacle shows as well.
+        # From here on, what the user can give counts as given, so that the next obstacle shows as well.
         if given is None and "--calibration" in hindrances[-1]:
             given, command = _SOME_CAMERA, [*command, "--calibration", "camera.yaml"]
         elif not settings.spacing_m and "--spacing" in hindrances[-1]:

@@ -21,7 +21,7 @@ from wayside.stages.imaging import used_bits
 
 @dataclass(slots=True)
 class ReadReport(ScanReport):
-    """What the reading of a log came across and chose, filled while it runs."""
+    """What the reading of a log found and chose, filled while it runs."""
 
     images: int = 0
     images_held: int = 0

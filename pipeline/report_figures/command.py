@@ -69,7 +69,7 @@ def write_figures(
 def chapters_of(
     drive: Drive, boards: list[Path], board: str | None
 ) -> list[tuple[str, list[Figure]]]:
-    """All figures by chapter of the report; those that the drive has nothing for say what they need."""
+    """All figures by chapter of the report; a figure that the drive cannot fill says what it needs."""
     draw: tuple[Callable[[Drive], Iterable[Figure]], ...] = (
         segments.segmentation_figures,
         segments.color_figures,
