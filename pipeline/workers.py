@@ -40,7 +40,7 @@ class Stage(Generic[Given, Value]):
     """Whether the observer sees its items: not of a stage that passes them on as they are."""
 
     def unseen(self) -> Stage[Given, Value]:
-        """The same, of which the observer sees nothing."""
+        """The same, hidden from the observer."""
         return replace(self, seen=False)
 
 
@@ -152,7 +152,7 @@ class Workers:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Drop what waits, and wait for what is under way."""
+        """Drop items that wait, and wait for items in progress."""
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
 

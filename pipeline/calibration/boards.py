@@ -1,4 +1,4 @@
-"""Images of a chessboard to a camera: which are used, which not and why, and the result as a picture and in words."""
+"""A camera from images of a chessboard: which images are used, and why not, and the result as picture and text."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -57,7 +57,7 @@ class BoardImage(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CalibratedImages:
-    """A calibration with all images given, in natural order of their names; views count those with corners."""
+    """A calibration with all given images, in natural order of their names; only those with corners are views."""
 
     board: Board
     model: str
@@ -258,7 +258,7 @@ def draw_coverage(found: CalibratedImages) -> NDArray[np.uint8]:
 
 
 def format_boards(found: CalibratedImages) -> str:
-    """Every image with its residual or the reason why it was not used, the parameters, and what to beware of."""
+    """Every image with its residual or the reason why it was not used, the parameters, and warnings."""
     coverage = coverage_of(found)
     lines = [
         found.headline,

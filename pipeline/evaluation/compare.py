@@ -205,7 +205,7 @@ def _classes(evaluation: RenderedEvaluation) -> list[str]:
 
 
 def _false(evaluation: Evaluation) -> Iterator[list[str]]:
-    """The duplicates, and the false rows that are none."""
+    """The duplicates, and the other false rows."""
     twice = {one.sign_id: one for one in evaluation.duplicates}
     if twice:
         yield [

@@ -20,7 +20,7 @@ from wayside.pipeline.labels.box_matching import overlap
 from wayside.stages.geometry import covered_fractions
 
 SMALLEST_HEIGHT_PX, SMALLEST_VISIBLE, FEWEST_FRAMES = 10.0, 0.5, 3
-"""A panel that should be found faces the camera, so tall and so visible, in so many images."""
+"""Least height, visibility and number of images of a panel that should be found; it faces the camera."""
 ACROSS_M, ACROSS_SHARE = 1.5, 0.05
 ALONG_M, ALONG_SHARE = 3.0, 0.10
 """A panel is matched within the larger of a distance and a fraction of its range."""

@@ -60,7 +60,7 @@ def decoded(data: bytes) -> str:
 
 
 def files_below(folder: Path) -> Iterator[Path]:
-    """What is no folder in a folder and those below it; raises OSError where one of these cannot be listed."""
+    """All files in a folder and the folders below; raises OSError where a folder cannot be listed."""
 
     def refuse(error: OSError) -> None:
         raise error

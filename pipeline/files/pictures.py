@@ -56,7 +56,7 @@ def marked_png(png: bytes, mark: str) -> bytes:
 
 
 def marked_head(mark: str) -> str:
-    """What says the same in the head of a page."""
+    """The same mark for the head of a page."""
     return f'<meta name="generator" content="{escape(mark)}">'
 
 

@@ -1,4 +1,4 @@
-"""What `wayside fit` does: fit every model that labels suffice for, write those that do better, and report."""
+"""`wayside fit`: fit every model for which the labels suffice, write the better ones, and report."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -85,7 +85,7 @@ def fit_labels(
 
 
 def provenance(options: FitOptions, drives: Sequence[samples.LabelledDrive]) -> str:
-    """What a model file says of the labels, the images and their licence."""
+    """Words of a model file on the labels, the images and their licence."""
     files = ", ".join(
         f"{path.resolve().name} (SHA-256 {digest_of(path)})" for path in options.labels
     )
@@ -172,7 +172,7 @@ def _tried(
     fit: Callable[[], models.FittedModel | models.FittedConfidence],
     regions: samples.Gathered | None = None,
 ) -> report.Outcome:
-    """The outcome of a fit: refused where it raises, or where the shipped model does better on what was held out."""
+    """The outcome of a fit: refused if it raises, or if the shipped model is better on held-out samples."""
     try:
         fitted = fit()
     except InputError as error:

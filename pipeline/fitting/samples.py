@@ -1,4 +1,4 @@
-"""Images with labels, from logs and from folders, and what the classifiers of a fit are asked about in them."""
+"""Images with labels, from logs and folders, and the samples that classifiers of a fit get from them."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -181,7 +181,7 @@ def _folder_images(folder: Path, wanted: Mapping[int, int]) -> Iterator[Image]:
 
 
 MOST_OTHERS = 100
-"""Regions of an image that are no sign and are looked at: 50 images then tell a rate of 0.01 by 50 samples."""
+"""Most regions off faces that are taken from an image: 50 images then give a rate of 0.01 by 50 samples."""
 
 WHOLE = 0.8
 """Overlap (IoU) with its face from which a region has the outline of the face: half a face has another shape."""
@@ -253,7 +253,7 @@ def run_drives(
 def landmark_samples(
     runs: Iterable[tuple[LabelledDrive, Mapping[str, ClassifierSamples]]], classifier: str
 ) -> Samples:
-    """The landmarks that a classifier was asked about, those of signs as class `SIGN`; no rows where none was."""
+    """The landmarks that a classifier was given, those of signs as class `SIGN`; may have no rows."""
     parts = []
     unnamed = -1
     for drive, asked in runs:

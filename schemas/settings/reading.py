@@ -1,4 +1,4 @@
-"""Which images of a log take part, and how the work is carried out."""
+"""Which images of a log are used, and how the work is carried out."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from wayside.schemas.settings.field import setting
 
 @dataclass(frozen=True, slots=True)
 class ReadSettings:
-    """Which images of the log take part."""
+    """Which images of the log are used."""
 
     camera: str = setting("", "topic", "image topic to use; empty: the only one there is")
     calibration: str = setting(

@@ -38,9 +38,9 @@ from wayside.stages.geometry import Schedule, cholesky_solve, minimiser
 from wayside.stages.kernels import Array, require_array
 
 WINDOW_ITERATIONS = 15
-"""Of a window at most: leaves a position .003 sigmas off the minimum (median; .16 in 95 %)."""
+"""Most iterations of a window: leaves a position .003 sigmas off the minimum (median; .16 in 95 %)."""
 CONSTRAINT_ITERATIONS = 3
-"""Derivatives of the constraints are taken so often: later steps are too short to change them."""
+"""Iterations that compute derivatives of the constraints: later steps are too short to change them."""
 
 
 class WindowAdjustment(NamedTuple):
@@ -80,7 +80,7 @@ class Window(NamedTuple):
     anchors: NDArray[np.int64]
 
     def checked(self, pose: int | None) -> Window:
-        """The same; ValueError where compiled code would read outside of an array."""
+        """The same; raises ValueError where compiled code would read outside of an array."""
         n, p = len(self.rotations), len(self.points)
         require_array(self.rotations, "rotations", np.float64, (n, 3, 3))
         require_array(self.centres, "centres", np.float64, (n, 3))

@@ -28,7 +28,7 @@ Numbers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 NEAREST_DEPTH = 1e-6
-"""Smallest third coordinate of a turned ray: what would lie beside or behind the camera has no place in its image."""
+"""Smallest third coordinate of a turned ray: points next to or behind the camera have no place in its image."""
 
 
 class StepTies(NamedTuple):

@@ -13,10 +13,10 @@ from wayside.stages.georeference.trajectory import Trajectory
 from wayside.stages.kernels import Array
 
 SHORTEST_STEP_M = 0.5
-"""Between cameras that tell a direction of travel."""
+"""Least distance between cameras that give a direction of travel."""
 
 ORIGIN_REACH_DEG = 1.0
-"""A fix farther from the median of all is no origin: receivers that start up report other continents."""
+"""A fix farther from the median of all cannot be the origin: receivers that start up report other continents."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Where along which route a sign stands: by a milepost at the start, or by route lines with measures."""
+"""Route and measure of each sign: by a milepost at the start, or by route lines with measures."""
 
 import math
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What is kept of every frame until the drive has ended, and the path that comes of it."""
+"""What is kept of every frame until the drive has ended, and the path that results."""
 
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence

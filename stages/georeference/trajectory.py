@@ -30,7 +30,7 @@ OFFSET_SIGMA_S = 0.5
 OFFSET_DRIFT_S = 1e-5
 """Scatter of the change of this offset from frame to frame: holds it constant."""
 OFFSET_SIGMAS = 4.0
-"""An offset of so many of its standard deviations is undone: rendered drives without one show none."""
+"""Standard deviations from which an offset is corrected: rendered drives without an offset show none."""
 SMALLEST_OFFSET_S = 0.02
 """Shorter time offsets are ignored (estimate)."""
 STEP_REACH, RATIO_REACH, POSITION_REACH = 6.0, 6.0, 3.0
@@ -42,7 +42,7 @@ EXCLUDED_WEIGHT = 1e-6
 OUTLIER_WEIGHT = 0.05
 """Poses and fixes of lower final weight are reported as outliers."""
 LONGEST_OFFSET_S = 1.0
-"""No recorder is later; what asks for more contradicts the motion."""
+"""No recorder is later; poses or fixes that need more contradict the motion."""
 
 CENTRE, ROTATION, SCALE, CORRELATED, OFFSET = slice(0, 3), slice(3, 6), 6, slice(7, 10), 10
 UNKNOWNS = 11
@@ -92,7 +92,7 @@ def smooth(
 ) -> Trajectory:
     """The trajectory that fits relative motion and absolute positions best.
 
-    A constant time offset of the absolute measurements is estimated, and undone where it is significant.
+    A constant time offset of the absolute measurements is estimated, and corrected where it is significant.
 
     `rotation` (n, 3, 3), `centre` (n, 3): initial values, tens of metres and some degrees away at most.
 

@@ -30,7 +30,7 @@ def halved(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def enlarged(rgb: NDArray[np.uint8], times: int) -> NDArray[np.uint8]:
-    """The image so many times as large, cubic between its pixels; itself for 1."""
+    """The image enlarged by a factor, cubic between its pixels; itself for 1."""
     if times == 1:
         return rgb
     large = cv2.resize(rgb, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC)
@@ -69,15 +69,15 @@ def colorfulness(rgb: NDArray[np.uint8]) -> float:
 
 
 ROAD_FROM = 0.1
-"""The road is looked for from this tangent below the optical axis on."""
+"""The road is searched from this tangent below the optical axis on."""
 ROAD_UNTIL = 0.95
 """Down to this fraction of the height of the image: bonnets and what recorders write lie below."""
 TOLERANCE = 0.18
-"""Colour of a road, log ratio against green, that is no cast: 9 of 10 images of six real drives show 0.16 at most."""
+"""Colour of a road, log ratio against green, without a cast: 9 of 10 images of six real drives show 0.16 at most."""
 LARGEST_CAST = 0.3
-"""No more is taken out, log ratio: a road of earth or brick has a colour of its own."""
+"""Largest correction, log ratio: a road of earth or brick has a colour of its own."""
 _STEP = 8
-"""Pixels between those that are looked at, each way."""
+"""Pixels between the sampled ones, each way."""
 
 _LOGARITHM = np.log(np.arange(256) + DARK_LEVEL)
 """Of each level, as in `log_chromaticity`."""

@@ -26,7 +26,7 @@ MISREAD = 0.03
 SAME_BY_CHANCE = 0.3
 """Probability that two panels have one colour by chance; the same of the shape: three kinds in equal parts."""
 AGREE, DIFFER = log((1 - MISREAD) / SAME_BY_CHANCE), log(MISREAD / (1 - SAME_BY_CHANCE))
-"""What it says of two panels that their colours are the same, and that they are not; the same of shapes."""
+"""Log-likelihood ratio of equal and of different colours, for one panel against two; the same for shapes."""
 SIZE_FLOOR = 0.05
 """Smallest relative standard deviation of a width or height (rendered drives held out)."""
 MOST_CHANGED = 0.5

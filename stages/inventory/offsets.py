@@ -28,7 +28,7 @@ from wayside.stages.inventory.association import (
 CORRELATION_S = 60.0
 """Correlation time of a drive's common error, usual for single receivers."""
 KERNEL = (1.0, 0.5, 0.25, 0.1, 0.05, 0.0)
-"""Kernel width of each iteration, by the common errors' sigma: wide first, signs without a like beside them decide."""
+"""Kernel width of each iteration, by the common errors' sigma: wide first, so signs unlike their neighbours decide."""
 
 _SHORTEST_S = 1e-3
 """Panels of one image share the error; a shorter step would make the matrix singular."""

@@ -25,17 +25,17 @@ OBLIQUE_DEG = 60.0
 LEAST_CORRELATION = 0.7
 """Correlation of a window with the images before and after for its distance to count (two rendered roads)."""
 CORRELATION_MARGIN = 0.1
-"""So much more correlates the better of two answers: level edges correlate at any distance."""
+"""The better of two answers must correlate this much more: level edges correlate at any distance."""
 BESIDE = 0.1
-"""What is so much of its distance before or behind a place stands at it."""
+"""Fraction of the distance within which an object in front of or behind a place counts as being at it."""
 
 _FORBIDDEN = 1e9
 _SAMPLES = 24
-"""Of a window, each way."""
+"""Samples of a window, each way."""
 _DEPTHS = 96
-"""That are tried, evenly by their inverse."""
+"""Number of depths that are tried, evenly by their inverse."""
 _NEAREST = 0.25
-"""Of the distance of the place."""
+"""Nearest depth, as a fraction of the distance of the place."""
 
 
 @dataclass(frozen=True, slots=True)
