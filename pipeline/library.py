@@ -180,9 +180,7 @@ class Inventory:
         out, target = self._result("export"), Path(file)
         chosen = kind or target.suffix.lower().removeprefix(".")
         if chosen not in FORMATS:
-            raise UsageError(
-                f"{target}: the kind of file is none of {', '.join(FORMATS)}. Give kind."
-            )
+            raise UsageError(f"{target}: the format is not one of {', '.join(FORMATS)}. Give kind.")
         said = find_review(out, () if review is None else [Path(review)])
         export(out, said, target, chosen, **options)
         return target

@@ -54,7 +54,7 @@ def parse_yaml(text: str, loader: type[YamlLoader] = YamlLoader) -> Any:
     except RecursionError as error:
         raise ValueError("it is nested too deeply") from error
     except (yaml.YAMLError, *CONTENT_FAULTS) as error:  # its own classes for dates and numbers
-        raise ValueError(f"no YAML that is understood: {' '.join(str(error).split())}") from error
+        raise ValueError(f"not valid YAML: {' '.join(str(error).split())}") from error
 
 
 def guarded(text: str) -> str:

@@ -313,7 +313,7 @@ def fit_confidence(samples: fits.Samples, shipped: EvidenceModel, task: Task) ->
             model = at_alpha(model, task.alpha)
         except ValueError as error:
             raise InputError(
-                f"{error}; {others} landmarks that are no sign tell no smaller one: label more"
+                f"{error}. {others} landmarks that are not signs allow no smaller rate. Label more."
             ) from error
     losses = (loss(one, on) for loss in (fits.log_loss, fits.brier_score) for one in (score, held))
     return FittedConfidence(model, slope, shift, signs, others, *losses)

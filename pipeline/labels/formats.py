@@ -251,7 +251,7 @@ def _yolo_line(line: str, size: tuple[int, int], points: int) -> tuple[int, Box,
     """Class, box and polygon of a line, pixels; raises ValueError as `_yolo_outline`."""
     number, *values = (float(value) for value in line.split())
     if not number.is_integer():
-        raise ValueError(f"class {number} is no whole number")
+        raise ValueError(f"class {number} is not a whole number")
     (x0, y0, x1, y1), corners = _yolo_outline(values, points)
     w, h = size
     polygon = tuple((x * w, y * h) for x, y in corners)
@@ -281,7 +281,7 @@ def _yolo_outline(values: Sequence[float], points: int) -> tuple[Box, Polygon]:
         across, down = corners[::2], corners[1::2]
         box = (min(across), min(down), max(across), max(down))
         return box, tuple(zip(across, down, strict=True))
-    raise ValueError(f"{count} numbers that are no box or polygon in fractions of the image")
+    raise ValueError(f"{count} numbers are neither a box nor a polygon in fractions of the image")
 
 
 def _may_be_key_points(values: Sequence[float]) -> bool:

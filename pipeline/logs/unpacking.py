@@ -51,7 +51,7 @@ def unpack_video(
                     picture.save(name, quality=JPEG_QUALITY, exif=_exif(taken))
                 watch(number + 1, max(stream.frames, number + 1))
     except (av.FFmpegError, LookupError) as error:
-        raise InputError(f"{video}: this is no video that can be decoded: {error}") from error
+        raise InputError(f"{video}: the video cannot be decoded: {error}") from error
 
 
 def _exif(taken: datetime | None) -> Image.Exif:

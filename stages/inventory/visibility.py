@@ -80,7 +80,7 @@ def views_of(
 
 
 def match_moved(pairs: Ints, distance_m: Floats) -> Ints:
-    """Which of the pairs (m, 2) of what is gone and what is new hold, one to one.
+    """Which of the pairs (m, 2) of gone and new panels hold, one to one.
 
     As many as can, then those of least total distance_m (m,).
     """
@@ -88,7 +88,7 @@ def match_moved(pairs: Ints, distance_m: Floats) -> Ints:
         return np.zeros(0, np.int64)
     gone, new = (np.unique(side, return_inverse=True)[1].ravel() for side in pairs.T)
     count = int(gone.max()) + 1
-    # each has the choice to stay alone, at a cost that none takes while it can be paired
+    # each can stay alone, at a cost that is only paid if it cannot be paired
     alone = np.arange(count)
     cost = np.concatenate([distance_m + 1, np.full(count, _FORBIDDEN)])
     rows, columns = np.append(gone, alone), np.append(new, int(new.max()) + 1 + alone)

@@ -13,7 +13,7 @@ SLOPE_COST = 1.0
 STEEPEST = 1.0
 """Steepest ground across the road, metres a metre."""
 OTHER_HEIGHT_M = 0.25
-"""Heights farther off than this are other explanations of a patch."""
+"""Heights that differ by more are other explanations of a patch."""
 NEIGHBOUR_WEIGHTS = (1.0, 1.0, 0.5)
 """Weights of a station, of those next to it and of those after: the ground changes little along 20 m of road."""
 

@@ -24,15 +24,15 @@ STEADY_M, STEADY_OVER = 0.15, 3
 SIGMA_M, SIGMA_FACTOR = 0.018, 0.55
 """Scatter of a height that the correlation does not show, and the factor on what it does (rendered drives)."""
 ROLL_SIGMA_DEG = 0.5
-"""Scatter of the camera's roll, which tilts the ground where no poses say which way is up."""
+"""Scatter of the camera's roll, which tilts the ground if no poses give the vertical."""
 ROAD_M = 1.0
-"""The road under the camera, whose height is 0, reaches so far from the path."""
+"""Half width of the road under the camera, whose height is 0."""
 NEAREST_LINE_M = 0.5
 """No line of the own lane is nearer to the path."""
 SOLID = 0.5
 """Painted part of the length of a solid line, at least; a usual dash is a quarter of its period."""
 SAME_LINE_M = 0.3
-"""A line farther from where it is at the stations around is another one."""
+"""A line farther from its place at the stations around is another line."""
 
 
 class _Placed(NamedTuple):

@@ -21,16 +21,16 @@ from wayside.stages.kernels import Array
 SAME_WAY_DEG = 45.0
 """Signs that face the same way differ by less: those of a side road face it at right angles."""
 RADIUS_REACH_M = 40.0
-"""The radius is that of the turn from so far before a sign to so far behind: shorter than most curves with signs."""
+"""The radius follows from the turn over this distance before and after a sign: less than most curves with signs."""
 IN_LANE_RAD = 0.005
 """Scatter of half that turn, as vehicles do not keep to the middle of their lane (estimate)."""
 STRAIGHT_SIGMAS = 2.0
-"""A road whose curvature is less than so many of its standard deviations is straight: it has no radius."""
+"""A road whose curvature is below this many standard deviations is straight: it has no radius."""
 
 LINE_STEP_M = 1.0
 """Longest step of the line through the cameras."""
 SHORTEST_M = 1e-3
-"""A camera that has moved less stands."""
+"""A camera that has moved less stands still."""
 NEAR_M = -25.0, 160.0
 """Where the path is abreast of a sign, from the camera of its best image on."""
 UNSEEN_CURVATURE = 1 / 400

@@ -40,11 +40,11 @@ HELD_IMAGES = 4
 SMALL_M = 0.4
 """Ground along the road that a pixel may cover in the size of the image that is taken."""
 LINES_REACH_M = 8.0
-"""Painted lines are looked for up to this distance from the path."""
+"""Painted lines are searched up to this distance from the path."""
 
 
 class Sweep(NamedTuple):
-    """What the images say of the ground abreast of one station."""
+    """What the images show of the ground abreast of one station."""
 
     frame: int
     """Last frame before the station."""
@@ -66,7 +66,7 @@ class Sweep(NamedTuple):
 def sweep_roadside(
     posed: Iterator[PosedDetections], sweeps: list[Sweep]
 ) -> Iterator[PosedDetections]:
-    """Pass every frame on, and add to `sweeps` what the images say of the ground that the vehicle has passed."""
+    """Pass every frame on, and add to `sweeps` what the images show of the ground that the vehicle has passed."""
     held: deque[GroundImage] = deque()
     for item in posed:
         motion, camera, grey = item.motion, item.frame.camera, item.detections.image.grey

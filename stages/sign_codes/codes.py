@@ -1,4 +1,4 @@
-"""The stage that says what code each sign of a drive bears, by Bayes' theorem over the catalogue.
+"""The stage that determines the code of each sign of a drive, by Bayes' theorem over the catalogue.
 
 The probability of a code is proportional to its frequency and to the probabilities of colour, shape, size and face
 pixels given the code. They are taken as independent. The system, US or Vienna, is one unknown of the whole drive: what
