@@ -108,7 +108,7 @@ def believed(
         if not found.tells or (up and found.agrees and found.error_deg <= least):
             if stream.assumed_mount:
                 notes.append(
-                    "the log does not say how the camera is mounted: it is taken to look straight ahead"
+                    "the log does not say how the camera is mounted: it is assumed to look straight ahead"
                 )
             notes += _world_words(stream, up) if found.tells else []
             return replace(stream, path=path) if found.tells else stream

@@ -61,7 +61,7 @@ def read_frames(
     reader = _Reader(plan, timeline, settings, report)
     if reader.grey:
         report.notes.append(
-            "the camera sees no colour: none is stated, and codes rest on shape, size and pattern alone"
+            "the camera sees no colour: colours are not stated, and codes follow from shape, size and pattern"
         )
     return reader.frames()
 

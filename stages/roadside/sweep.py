@@ -1,9 +1,9 @@
 """Plane sweep over strips of ground along the road, two neighbouring images at a time.
 
 The ground abreast of a station is measured once the vehicle has passed it, because the path there is known then. A
-patch of ground at an assumed height is sampled in each image that shows it. An error dh of the height moves it along
-the road by b dh / H from one image to the next (b: distance of both cameras, H: their height above the patch). So the
-samples of two images agree best at the right height (Collins 1996, space sweep).
+patch of ground at an assumed height is sampled in each image that shows it. An error dh of the height moves it by
+b dh / H along the road from one image to the next, for cameras b apart and H above the patch. So the samples of two
+images agree best at the right height (Collins 1996, space sweep).
 """
 
 from collections import deque
