@@ -40,7 +40,7 @@ class Stage(Generic[Given, Value]):
     """Whether the observer sees its items: not of a stage that passes them on as they are."""
 
     def unseen(self) -> Stage[Given, Value]:
-        """The same, hidden from the observer."""
+        """The same, of which the observer sees nothing."""
         return replace(self, seen=False)
 
 

@@ -108,7 +108,7 @@ class Budget:
 
     @classmethod
     def of(cls, size: int) -> Budget:
-        """The budget of a log of so many bytes: a multiple of its size, whatever it states."""
+        """What a log of so many bytes may cost: a multiple of its size, whatever it states."""
         return cls(UNPACKED_RATIO * (size + EXTRA_BYTES))
 
     def take(self, cost: int) -> None:

@@ -80,7 +80,7 @@ class Window(NamedTuple):
     anchors: NDArray[np.int64]
 
     def checked(self, pose: int | None) -> Window:
-        """The same; raises ValueError where compiled code would read outside of an array."""
+        """The same; ValueError where compiled code would read outside of an array."""
         n, p = len(self.rotations), len(self.points)
         require_array(self.rotations, "rotations", np.float64, (n, 3, 3))
         require_array(self.centres, "centres", np.float64, (n, 3))

@@ -38,7 +38,7 @@ class NormalEquations(NamedTuple):
 
     @staticmethod
     def empty(frames: int, points: int, blocks: ResidualBlocks, held: int) -> NormalEquations:
-        """Room for this many."""
+        """Room for so many."""
         size = 6 * frames
         span = np.stack([np.full(points, 1 << 30), np.full(points, -1)], axis=1)
         for number in blocks.frames.T:
