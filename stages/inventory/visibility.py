@@ -56,8 +56,8 @@ def views_of(
 ) -> tuple[Floats, Floats]:
     """Images in which a panel would show whole, at least so high, and from the front.
 
-    Returns the height of n panels in k images, (n, k) pixels, 0 where one does not show, and its box, (n, k, 4).
-    Objects in front of the place (see `measure_occlusion`) and the distortion of the lens are left out.
+    Returns heights (n, k) of n panels in k images, pixels, and boxes (n, k, 4). The height is 0 where one does not
+    show. Objects in front of the place (see `measure_occlusion`) and the distortion of the lens are left out.
     `centre` (k, 3): of cameras, metres east, north, up. `rotation` (k, 3, 3): from the camera to these axes.
     `smallest_px`: height of the face.
     """
