@@ -104,7 +104,7 @@ def main() -> int:
 
 
 def with_models_without(drives: Iterable[BenchmarkDrive], preset: str) -> Iterator[BenchmarkDrive]:
-    """The drives, and those once more that preset `default` has models for which were learned without them."""
+    """The drives; those with models learned without them appear a second time, for preset `default`."""
     for drive in drives:
         yield drive
         folder = WITHOUT / drive.name

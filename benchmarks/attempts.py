@@ -25,7 +25,7 @@ from wayside.schemas.errors import WaysideError
 MEMORY_BYTES, LONGEST_S = 512 << 20, 2.0
 """What an attempt may take beyond the process as it is: memory, and seconds of processor time."""
 RIGHT, TOLD, REFUSED, WRONG = "right", "reported", "refused", "wrong"
-"""All used, nothing to report; a loss reported and the rest used; ended with words; a loss without a word."""
+"""All used, nothing to report; a loss reported and the rest used; ended with a message; a loss without a message."""
 
 Attempt = Callable[[Path, random.Random], str]
 """Reads one input drawn by chance, in a folder of its own; `RIGHT`, `TOLD` or `WRONG`. Who calls it judges errors."""
@@ -33,7 +33,7 @@ Json = Any
 
 
 def judged(attempt: Attempt, folder: Path, rng: random.Random) -> str:
-    """What came of one attempt: an outcome, or the exception that is not meant for a person."""
+    """The result of one attempt: an outcome, or an exception that is not meant for a person."""
     try:
         return attempt(folder, rng)
     except WaysideError:

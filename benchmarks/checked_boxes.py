@@ -1,7 +1,7 @@
 """Signs that the labels of real drives leave out, as boxes that were checked by eye.
 
 Learning has its own file of such boxes; `checked_boxes.json` has the boxes of drives that are for tests only. They were
-checked because a network or a run had found them, so they tell nothing of recall.
+checked because a network or a run had found them, so they say nothing about recall.
 """
 
 import json

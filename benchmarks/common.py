@@ -1,4 +1,4 @@
-"""What the measuring programs share: where things lie, runs of wayside, tables and the versions line."""
+"""Shared by the measuring programs: paths, runs of wayside, tables and the line of versions."""
 
 import resource
 import subprocess
@@ -16,7 +16,7 @@ WAYSIDE = str(Path(sys.executable).with_name("wayside"))
 
 
 def render(names: Iterable[str], jobs: int = 2) -> None:
-    """Make the rendered drives that are not there yet."""
+    """Make the rendered drives that do not exist yet."""
     specs = [f"recordings/drives/specs/{name}.toml" for name in names]
     if specs:
         command = [sys.executable, "-m", "recordings.drives", *specs, "-o", str(DRIVES)]

@@ -1,4 +1,4 @@
-"""What a user would pick instead, on the images of a log, one thread; a process of its own, so that its cost counts.
+"""Alternatives to wayside on the images of a log, one thread; in a process of its own, to measure its cost.
 
     python benchmarks/cost_peers.py LOG yolo|plain --frames 12
 

@@ -1,4 +1,4 @@
-"""What a run costs, in decodes of the same images, beside what a user would pick instead.
+"""What a run costs, in decodes of the same images, compared with alternatives.
 
     .venv/bin/python benchmarks/costs.py .cache/drives/straight.mcap [--times 10] [--rounds 3] [--peers PYTHON]
 

@@ -82,7 +82,7 @@ def main() -> int:
 
 
 def sign_cells(one: Run) -> list[str]:
-    """Errors of found signs, the bound beside them."""
+    """Errors of found signs, next to the bound."""
     e = one.evaluation()
     cells = [f"{one.name}, {one.way}", f"{e.found_count} of {e.wanted}"]
     for axis, bound_m in zip(("along", "lateral", "up"), bounds(one, e), strict=True):
@@ -148,7 +148,7 @@ def true_step_bound(poses: dict[int, Pose], camera: Camera, frame: int, *, given
 
 
 def real_rows() -> Iterator[list[str]]:
-    """What is known of lengths on a real drive, beside what is measured there."""
+    """Known lengths on a real drive, next to the measured ones."""
     out = FOLDER / REAL
     words = ("-o", out, "--overwrite", "--spacing", REAL_SPACING)
     run_wayside("run", REAL_DRIVES / f"{REAL}.mcap", *words, check=True)

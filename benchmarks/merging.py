@@ -63,7 +63,7 @@ class Identified:
 
 
 def panel_identities(inventory: Path, identities: Identities) -> Identified:
-    """What the rows of an inventory are of, by the truth."""
+    """The true panels of the rows of an inventory."""
     of_panel: defaultdict[str, Counter[int]] = defaultdict(Counter)
     for row, identity in sighted(inventory, identities):
         of_panel[row["panel_id"]][identity] += 1
@@ -152,9 +152,9 @@ def _passes(seed: int) -> list[Passed]:
 
 @dataclass(slots=True)
 class Told:
-    """What a comparison said of the true history: rows, rows of places not in view, per kind all and those found right.
+    """A comparison against the true history: rows, rows of places not in view, per kind all and those found right.
 
-    stated: of each row that is gone or new its probability, and whether it is right.
+    `stated`: of each row that is gone or new its probability, and whether it is right.
     """
 
     rows: int = 0

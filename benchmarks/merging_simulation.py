@@ -68,8 +68,8 @@ class Road:
 class Quality:
     """How a drive measures.
 
-    fix_sigma_m: level, 1.6 times as much in height. The others are shares: of panels and backs that are found, of faces
-    read wrong, of rows that are no panel, and of measurements four times as far off.
+    `fix_sigma_m`: level, 1.6 times as much in height. The others are shares: of panels and backs that are found, of
+    faces read wrong, of rows that are no panel, and of measurements four times as far off.
     """
 
     fix_sigma_m: float = 1.0

@@ -1,4 +1,4 @@
-"""Structure from motion of the same images by pycolmap, on one thread; a process of its own, so that its cost counts.
+"""Structure from motion of the same images by pycolmap, on one thread; in its own process, to measure its cost.
 
     .venv/bin/python benchmarks/peer.py LOG OUT.npz --frames 24
 

@@ -40,7 +40,7 @@ class Counts(NamedTuple):
 class RealDrive(NamedTuple):
     """Figures of a real drive.
 
-    unlabelled: rows, right ones, on a sign that its own labels leave out; counts: at each of `CONFIDENCES`, or none.
+    `unlabelled`: right rows on a sign that its own labels leave out. `counts`: at each of `CONFIDENCES`, or none.
     """
 
     name: str

@@ -18,7 +18,7 @@ HEADS = ("fault", "exit", "images used", "rows", "of the sound log, within", "re
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run came to: exit status, images and those used, positions against those of the sound log, words."""
+    """The result of a run: exit status, images, used images, positions against those of the sound log, words."""
 
     status: int
     images: int

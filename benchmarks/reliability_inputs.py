@@ -1,4 +1,4 @@
-"""Inputs changed at random, and inputs that must be refused: what each kind comes to."""
+"""Inputs changed at random, and inputs that must be refused: the result of each kind."""
 
 import io
 import json

@@ -132,7 +132,7 @@ def disk(folder: Path, size_kb: int) -> Iterator[Path]:
 def forked(words: Sequence[object], said: str = os.devnull, more_bytes: int | None = None) -> int:
     """Give `wayside` these words in a process that has everything imported; its number.
 
-    said: file of what it says on stderr; more_bytes: memory that it may take beyond what is in use.
+    `said`: file of what it says on stderr; `more_bytes`: memory that it may take beyond what is in use.
     """
     if child := os.fork():
         return child

@@ -73,7 +73,7 @@ def true_radius(truth: Row, panel: Row, reach: int = 4) -> float | None:
 
 
 def true_verdict(check: Check) -> str:
-    """What the true value says of the rule."""
+    """The verdict of the rule for the true value."""
     if check.missing:
         return "not checkable"
     return "fails" if check.value < check.least or check.value > check.most else "meets"

@@ -15,7 +15,7 @@ _LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)#:]+)(#[^)]*)?\)")
 
 
 def main(target: Path) -> None:
-    """Write all pages and pictures that git knows into the folder `target`, anew."""
+    """Write all pages and pictures that git knows into the folder `target`, which is emptied first."""
     listed = subprocess.run(
         ["git", "ls-files", "--", *PAGES], cwd=ROOT, capture_output=True, text=True, check=True
     )

@@ -54,11 +54,11 @@ class Chain:
     signs: Callable[[DrivePath], Stages]
     """After it: from landmarks to the signs on that path."""
     lens: Stage[Any, Any]
-    """After the last frame: what the drive says of its lens."""
+    """After the last frame: the lens by the drive."""
     record: DriveRecord
     """Filled by `per_frame`, read by `path` and `signs`."""
     roadside: list[Sweep] | None
-    """Filled by `per_frame`, read by `profile_stage`. None: the ground beside the road is not asked for."""
+    """Filled by `per_frame`, read by `profile_stage`. None: the roadside is not measured."""
     calibration: CalibrationWatch
     """Filled by `per_frame`, read by `lens`."""
 

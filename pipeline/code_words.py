@@ -29,7 +29,7 @@ def system_words(row: Mapping[str, Any]) -> str:
 
 
 def series_words(row: Mapping[str, Any]) -> str | None:
-    """What the series means that is stated instead of a code; None where a code is, or nothing."""
+    """Meaning of the series that is stated instead of a code; None with a code, or without either."""
     series = SERIES[US if row.get("mutcd") else VIENNA].get(code_of(row) or "")
     return None if series is None else series[0]
 
@@ -46,7 +46,7 @@ def nominal_words(row: Mapping[str, Any]) -> str | None:
 
 
 def system_notes(signs: Sequence[Sign], settled: float) -> list[str]:
-    """What to say where the signs of a drive do not settle their system, so that no code can be stated."""
+    """Words for a drive whose signs do not determine their system, so that no code can be stated."""
     if not signs or not 1 - settled < signs[0].us_probability < settled:
         return []
     return [

@@ -1,4 +1,4 @@
-"""What finds the candidates of an image: the networks, the gates of the report, or the boxes of another detector."""
+"""How the candidates of an image are found: by networks, by gates of the report, or by another detector."""
 
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
@@ -26,14 +26,14 @@ Kind = TypeVar("Kind")
 
 @dataclass(frozen=True, slots=True)
 class Detector:
-    """Finds the candidates of every image, and says what judges the panels that are tracked from them."""
+    """Finds the candidates of every image, and names the classifiers of the panels tracked from them."""
 
     stages: list[Stage[Any, Any]]
     """From images to detections."""
     front: SideClassifiers = field(default_factory=SideClassifiers)
-    """What judges panels seen from the front; nothing by default."""
+    """Classifiers of panels seen from the front; none by default."""
     back: SideClassifiers | None = None
-    """What judges panels seen from behind. None: they are not tracked."""
+    """Classifiers of panels seen from behind. None: they are not tracked."""
 
 
 def detector_of(settings: Settings, models: Models) -> Detector:

@@ -151,7 +151,7 @@ class Inventory:
     ) -> Path:
         """Write a page a sign into a folder, None: `evidence` in that of the result; their index, or the only page.
 
-        Other options, and what is raised, are those of `wayside.pipeline.evidence.write.write_evidence`.
+        `wayside.pipeline.evidence.write.write_evidence` describes the other options and the errors raised.
         """
         from wayside.pipeline.evidence.marks import UNITS
         from wayside.pipeline.evidence.write import write_evidence
@@ -169,10 +169,10 @@ class Inventory:
         review: PathLike | None = None,
         **options: Any,
     ) -> Path:
-        """Write the signs to a file for another program, of the kind that its name ends with if that is None; the file.
+        """Write the signs to a file for another program; the file.
 
-        `review`: None, that in the folder of the result. Other options, and what is raised, are those of
-        `wayside.pipeline.exporting.export.export`.
+        `kind`: a format such as `csv`; None: the ending of the file's name. `review`: None: the one in the result's
+        folder. `wayside.pipeline.exporting.export.export` describes the other options and the errors raised.
         """
         from wayside.pipeline.exporting.export import FORMATS, export
         from wayside.pipeline.reviewing.review import find_review
@@ -180,9 +180,7 @@ class Inventory:
         out, target = self._result("export"), Path(file)
         chosen = kind or target.suffix.lower().removeprefix(".")
         if chosen not in FORMATS:
-            raise UsageError(
-                f"{target}: the kind of file is none of {', '.join(FORMATS)}. Give kind."
-            )
+            raise UsageError(f"{target}: the format is not one of {', '.join(FORMATS)}. Give kind.")
         said = find_review(out, () if review is None else [Path(review)])
         export(out, said, target, chosen, **options)
         return target

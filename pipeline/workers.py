@@ -152,7 +152,7 @@ class Workers:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Drop what waits, and wait for what is under way."""
+        """Drop items that wait, and wait for items in progress."""
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
 

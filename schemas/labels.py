@@ -1,7 +1,7 @@
-"""Labels: what a person, or the truth of a rendered drive, says of boxes in images. The file is one Parquet table.
+"""Labels: what a person, or the truth of a rendered drive, says about boxes in images. The file is one Parquet table.
 
-Boxes (x0, y0, x1, y1, half open) and polygons are in pixels of the image as recorded, from its upper left corner. Boxes
-of the tables of a result are the same. The middle of the first pixel is at (0.5, 0.5) in these coordinates.
+Boxes `(x0, y0, x1, y1)`, half open, and polygons are in pixels of the image as recorded, from its upper left corner.
+Boxes of the tables of a result are the same. The middle of the first pixel is at (0.5, 0.5) in these coordinates.
 """
 
 from dataclasses import dataclass, field
@@ -41,7 +41,7 @@ class LabelledImage:
     """Width and height, pixels."""
 
     def __post_init__(self) -> None:
-        """Refuse an image that nothing names, and numbers beyond those of the file."""
+        """Refuse an image that no field names, and numbers beyond the range of the file."""
         known = (
             (self.frame or 0, 31),
             (self.log_time_ns or 0, 63),
@@ -81,7 +81,7 @@ class Label:
     """Words of the reviewer, or what it is."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no label: an unknown kind or class, a box without area."""
+        """Refuse an invalid label: an unknown kind or class, a box without area."""
         if self.kind not in LABEL_KINDS or self.kind == COMPLETE:
             known = ", ".join(kind for kind in LABEL_KINDS if kind != COMPLETE)
             raise ValueError(f"kind {self.kind!r} is not one of {known}")

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 GROUND_STATUSES = {
     "ground": "measured",
-    "hidden": "the images do not agree on a height: plants, a rail or a vehicle before it, or nothing to compare",
+    "hidden": "the images agree on no height (plants, a rail, a vehicle in front, nothing to compare)",
     "unseen": "no two images show it",
 }
 """What is known of the ground at one offset."""
@@ -16,13 +16,13 @@ SIDES = ("left", "right")
 """Of the path, in the direction of travel."""
 
 POST_KINDS = {
-    "wood": "of wood",
-    "round_metal": "a tube",
-    "u_channel": "a channel of steel, open to one side",
-    "steel_beam": "a beam of steel with flanges",
-    "pole": "thicker, as of a lamp or of wires",
-    "gantry": "none below: the panel hangs over the road",
-    "unknown": "hidden, or like none or several of these",
+    "wood": "wooden post",
+    "round_metal": "metal tube",
+    "u_channel": "steel channel, open to one side",
+    "steel_beam": "steel beam with flanges",
+    "pole": "thicker pole, as of a lamp or of wires",
+    "gantry": "no post below: the panel hangs over the road",
+    "unknown": "hidden, or not certain",
 }
 """Kinds of posts."""
 

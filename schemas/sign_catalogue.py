@@ -1,11 +1,11 @@
-"""The catalogue of sign codes: what colour, shape and size a sign of each code has; its rows are in the CSV beside.
+"""The catalogue of sign codes: colour, shape and size of the signs of each code; its rows are in the CSV of this name.
 
 Sources: the tables of sizes of the Manual on Uniform Traffic Control Devices, 11th edition (FHWA, 2023), with sizes
-still on roads (edition of 2009, Standard Highway Signs). docs/sign_codes.md says what was compared with which
+still on roads (edition of 2009, Standard Highway Signs). The page docs/sign_codes.md says what was compared with which
 text. Convention on Road Signs and Signals (Vienna 1968), annex 1: it states least sizes, here are the common ones.
 
-Sizes of a diamond are the side of its square, and of a triangle its side twice. Those of a pennant are its long side
-and its base, and those of a crossbuck the length and width of a blade.
+The size of a diamond is the side of its square, and of a triangle its side twice. A pennant has its long side and its
+base, a crossbuck the length and width of a blade.
 """
 
 import csv

@@ -117,7 +117,7 @@ SIGNS = Table(
         Column("log", _TEXT, "", "stem of the log's file name", _SURE),
         Column("status", _CHOICE, "", "what kind of row this is", _SURE, tuple(SIGN_STATUSES)),
         Column("confidence", _SINGLE, "", "calibrated probability that it is a sign, 0 to 1; null in the presets of "
-               "the report. With boxes of another detector: its own scores, see detectors.md"),
+               "the report. Boxes of another detector: from its scores, see detectors.md"),
         Column("color", _CHOICE, "", "colour class of the face", values=COLORS),
         Column("color_distance", _SINGLE, "", "Mahalanobis distance to that class (eq. 3.1); only the presets of the "
                "report"),
@@ -193,9 +193,9 @@ OBSERVATIONS = Table(
         Column("frame", _WHOLE, "", "index of the frame in the log", _SURE),
         DATE,
         Column("observation_id", _LONG, "", "number of the row in the log, from 0", _SURE),
-        Column("source", _CHOICE, "", "pass1, pass2: colour clusters; level, stack: of earlier versions; predicted: "
-               "reprojected from other frames; moved: one of these after box regression; network: box of the "
-               "detection network; external: box of another detector or of a file", _SURE, SOURCES),
+        Column("source", _CHOICE, "", "`pass1`, `pass2`: colour clusters. `network`: detection network. `predicted`: "
+               "reprojected from other frames. `moved`: one of these after box regression. `external`: another "
+               "detector, or a file. `level`, `stack`: earlier versions", _SURE, SOURCES),
         Column("box", _BOX, "px", "x0, y0, x1, y1, half open", _SURE),
         Column("area_px", _WHOLE, "px", "pixels of the region", _SURE),
         Column("u_px", _DOUBLE, "px", "measured centre, as recorded (distorted), right", _SURE),
@@ -264,11 +264,11 @@ CHECKS = Table(
         Column("rule", _TEXT, "", "name of the rule in its file", _SURE),
         Column("words", _TEXT, "", "what the rule says", _SURE),
         *alike("edition section", _TEXT, "", "manual that it is of, and section or table; null: the file names none"),
-        Column("level", _TEXT, "", "shall: a standard; should: a guidance; own: of no manual", _SURE),
+        Column("level", _TEXT, "", "`shall`: a standard. `should`: a guidance. `own`: of no manual", _SURE),
         Column("sign_id", _TEXT, "", "row of `signs.parquet`", _SURE),
         Column("code", _TEXT, "", "its code or series with the legend; null: not known"),
-        Column("verdict", _CHOICE, "", "meets, fails: two standard deviations or more inside, or outside, of the "
-               "limits; unclear: nearer to one; not checkable: `missing` says why", _SURE, CHECK_VERDICTS),
+        Column("verdict", _CHOICE, "", "`meets`, `fails`: at least two standard deviations inside or outside the "
+               "limits. `unclear`: nearer to a limit. `not checkable`: `missing` says why", _SURE, CHECK_VERDICTS),
         Column("probability", _DOUBLE, "", "that the rule is broken; null: not checkable"),
         Column("quantity", _TEXT, "", "what was compared; its name ends in its unit", _SURE),
         *alike("value sigma", _DOUBLE, "", "of the quantity, and its standard deviation (0: exact)"),
@@ -287,7 +287,7 @@ PROFILE = Table(
         Column("sigma_m", _SINGLE, "m", "standard deviation of the height; without poses in the log it holds a roll "
                "of the camera of 0.5 degrees"),
         Column("count", _WHOLE, "pairs", "pairs of images that show the strip", _SURE),
-        Column("status", _CHOICE, "", "; ".join(f"`{name}`: {words}" for name, words in GROUND_STATUSES.items()), _SURE,
+        Column("status", _CHOICE, "", ". ".join(f"`{name}`: {words}" for name, words in GROUND_STATUSES.items()), _SURE,
                tuple(GROUND_STATUSES)),
         Column("frame", _WHOLE, "", "last used frame before the station", _SURE),
         *alike("x y z", _DOUBLE, "m", "point on the ground in the world frame"),
@@ -322,7 +322,7 @@ POSTS = Table(
         Column("number", _WHOLE, "", "of posts that are seen; null: none is"),
         Column("width_m", _SINGLE, "m", "of one of them as it is seen across the line of sight; null: none is seen"),
         Column("sigma_width_m", _SINGLE, "m", "standard deviation of the width"),
-        Column("kind", _CHOICE, "", "; ".join(f"`{name}`: {words}" for name, words in POST_KINDS.items()), _SURE,
+        Column("kind", _CHOICE, "", ". ".join(f"`{name}`: {words}" for name, words in POST_KINDS.items()), _SURE,
                tuple(POST_KINDS)),
         Column("kind_probability", _SINGLE, "", "of the kind among those that a post can be; null: not by its look"),
         Column("views", _WHOLE, "", "images that show them", _SURE),

@@ -30,7 +30,7 @@ def fast_disk():
 
 @pytest.fixture(scope="session", autouse=True)
 def one_command_tree():
-    """Makes the commands of `wayside` once: Typer makes all anew at every call, longer than most commands work."""
+    """Makes the commands of `wayside` once: Typer makes all at every call, which takes longer than most commands."""
     made = functools.cache(typer.main.get_command)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(typer.main, "get_command", made)

@@ -1,4 +1,4 @@
-"""What is installed is what stands in the folders, with dependencies that are pinned and explained."""
+"""The installed package holds the files of the folders; its dependencies are pinned and explained."""
 
 import re
 import shutil

@@ -1,9 +1,9 @@
 """Does a test fail for every stage and model that is left out of the flow? Run by `make wiring`.
 
-Every stage function that `pipeline/chains.py` and `pipeline/detectors.py` name and every model of
-`pipeline/model_files.Models`, parts of models included, is bypassed one at a time: a stage passes its items on
-undecided, a model is absent or tells nothing. The end-to-end tests of the preset then have to fail. What they do not
-notice is named, and the exit status is 1.
+Bypassed one at a time are the stage functions that `pipeline/chains.py` and `pipeline/detectors.py` name, and the
+models of `pipeline.models.model_files.Models` and their parts. A bypassed stage passes its items on undecided; a
+bypassed model is absent or says nothing. The end-to-end tests of the preset then have to fail. The program names what
+they do not notice, and its exit status is 1.
 """
 
 import argparse

@@ -64,7 +64,7 @@ def learn_network_sum(
 ) -> tuple[NetworkSum, Interval | None]:
     """The sum that is a log odds, but for a shift by which it has the `threshold` of the box network alone.
 
-    drives: images of each. With it the 95 % interval of the threshold.
+    `drives`: images of each. With it the 95 % interval of the threshold.
     Raises InputError without boxes on faces, or off them.
     """
     images = [one for drive in drives for one in drive]

@@ -80,7 +80,7 @@ TAUGHT, VALIDATED, TESTED = (0, 1, 2, 3, 4), (5,), (6, 7, 8)
 
 @dataclass(frozen=True, slots=True)
 class FaceExample:
-    """Pixels (h, w, 4) uint8 RGBA of a drawing, or (h, w, 3) of a crop with the box of its face; and its class."""
+    """A face and its class: a drawing as RGBA uint8 `(h, w, 4)`, or a crop `(h, w, 3)` with the box of its face."""
 
     name: str
     pixels: NDArray[np.uint8]

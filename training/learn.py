@@ -230,8 +230,8 @@ FEWEST_SIGNS = 4
 def learn(drives: Path, out: Path, seed: int) -> None:
     """Learn `location.json` and `outline.json` and write them into `out`.
 
-    Raises InputError if drives are missing, cannot be used, or show too few signs; OutputError if a file cannot be
-    written, or `out` is the folder of the models that ship.
+    Raises InputError if drives are missing, cannot be used, or show too few signs. Raises OutputError if a file cannot
+    be written, or `out` is the folder of the models that ship.
     """
     if out.resolve() == Path(str(shipped_models())).resolve():
         raise OutputError(
@@ -261,7 +261,7 @@ def learn(drives: Path, out: Path, seed: int) -> None:
 def location_model(places: NDArray[np.float64], provenance: str) -> GaussianModel:
     """Where signs stand, (right of the path, above the camera's path) in metres: the mixture of preset `default`.
 
-    places (n, 2): of signs. Overhead panels hang 4 m above the camera or higher; the rest stands right or left. A
+    `places` (n, 2): of signs. Overhead panels hang 4 m above the camera or higher; the rest stands right or left. A
     component holds all of its own signs within 4 sigma, because the next sign may lie beyond the last one seen. Those
     of preset `report` are learned by `gates`.
     """

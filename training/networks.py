@@ -58,7 +58,7 @@ def write_onnx(
 ) -> None:
     """Write a network as ONNX, in evaluation mode from then on; needs the package onnx.
 
-    It is traced with an example. names: of inputs and of outputs. free_axes: axes of any length by input or output.
+    It is traced with an example. `names`: of inputs and of outputs. `free_axes`: axes of any length by input or output.
     """
     import onnx
 

@@ -31,7 +31,7 @@ Feed = dict[str, NDArray[Any]]
 def quantize(source: Path, target: Path, images: Iterable[NDArray[np.uint8]]) -> None:
     """Write the detection network of an ONNX file in 8 bits, with the metadata of that file.
 
-    images: (height, width, 3), any size, 32 px and more; needs the package onnx.
+    `images`: (height, width, 3), any size, 32 px and more; needs the package onnx.
     """
     # without white the steps of the input are others
     white = np.full((detection.MULTIPLE, detection.MULTIPLE, 3), LEVELS, np.uint8)

@@ -98,7 +98,7 @@ def steps_in_form(tracks: Sequence[Track], form: str) -> NDArray[np.float64]:
 def fitted(tracks: Sequence[Track], form: str) -> MixtureModel:
     """Mixtures of Gaussians of the steps of signs and of the others, by expectation maximisation; it accepts all.
 
-    The prior of a covariance (Fraley and Raftery 2007) is that of all steps, split among the components: none shrinks.
+    The prior of a covariance is the covariance of all steps, split among the components (Fraley and Raftery 2007).
     """
     from sklearn.mixture import BayesianGaussianMixture  # only learning wants it
 

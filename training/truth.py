@@ -132,7 +132,7 @@ def images(log: Path, every: int = 1) -> Iterator[tuple[Image, NDArray[np.uint8]
 
 
 def read_truth(log: Path) -> dict[str, Any]:
-    """Truth of a rendered drive, beside its log; raises InputError for other files."""
+    """Truth of a rendered drive, from the folder of its log; raises InputError for other files."""
     path = log.with_suffix(".truth.json")
     try:
         truth = json.loads(path.read_text(encoding="utf-8"))

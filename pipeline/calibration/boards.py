@@ -1,4 +1,4 @@
-"""Images of a chessboard to a camera: which are used, which not and why, and the result as a picture and in words."""
+"""A camera from images of a chessboard: which images are used, and why not, and the result as picture and text."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -57,7 +57,7 @@ class BoardImage(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CalibratedImages:
-    """A calibration with all images given, in natural order of their names; views count those with corners."""
+    """A calibration with all given images, in natural order of their names; only those with corners are views."""
 
     board: Board
     model: str
@@ -125,9 +125,9 @@ def calibrate_images(
 ) -> CalibratedImages:
     """Calibrate a camera by images of a chessboard: files, and folders of them.
 
-    Images of another size than most are left out by name: they are of another camera, or cut or scaled. watch: called
-    after each image with the numbers done and to do. Raises UsageError for an unknown lens model, or without an image.
-    Raises InputError if the images do not determine a camera, and names each image that was not used and why.
+    Images of another size than most are left out by name: another camera took them, or they were cut or scaled.
+    `watch`: called after each image with the numbers done and to do. Raises UsageError for an unknown lens model, or
+    without an image. Raises InputError if the images do not determine a camera, with the reason for each unused image.
     """
     if model not in LENS_MODELS:
         raise UsageError(
@@ -191,7 +191,7 @@ def _look(file: Path, board: Board) -> BoardImage:
 class Coverage(NamedTuple):
     """Corners of the used views in each cell of the image (rows, columns), and how far out they reach.
 
-    reach: distance of the outermost corner from the principal point, over that of the farthest corner of the image.
+    `reach`: distance of the outermost corner from the principal point, over that of the farthest corner of the image.
     """
 
     counts: NDArray[np.int64]
@@ -258,7 +258,7 @@ def draw_coverage(found: CalibratedImages) -> NDArray[np.uint8]:
 
 
 def format_boards(found: CalibratedImages) -> str:
-    """Every image with its residual or the reason why it was not used, the parameters, and what to beware of."""
+    """Every image with its residual or the reason why it was not used, the parameters, and warnings."""
     coverage = coverage_of(found)
     lines = [
         found.headline,

@@ -1,4 +1,4 @@
-"""What `wayside calibrate` does: boards where a board is named, else the log of a drive."""
+"""`wayside calibrate`: by boards if a board is named, else by the log of a drive."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +20,7 @@ from wayside.schemas.settings import Settings
 from wayside.stages.calibration import Board
 
 SELF_CALIBRATION = "camera.yaml"
-"""Beside the tables that were made with it."""
+"""The calibration by the drive, in the folder of the tables that were made with it."""
 _MARK = "wayside calibrate"
 
 
@@ -85,7 +85,7 @@ def self_calibrated(log: Path, folder: Path, settings: Settings, *, overwrite: b
 def _write_camera(
     out: Path | None, found: CalibratedImages | CalibratedDrive, name: str, *, overwrite: bool
 ) -> str:
-    """Write the camera with its parameters as comments; what was written, in words."""
+    """Write the camera with its parameters as comments; returns words on what was written."""
     if out is None:
         return ""
     comments = [f"{_MARK}: {found.headline}", *found.parameter_lines()]
@@ -99,7 +99,7 @@ def _is_own(file: Path) -> bool:
 
 
 def _require_free(*paths: Path | None, overwrite: bool) -> None:
-    """Refuse, before any work is done, files that are there or whose folder is not. Raises OutputError."""
+    """Refuse, before any work is done, files that exist or whose folder does not exist. Raises OutputError."""
     for path in paths:
         if path is not None and not path.parent.is_dir():
             raise OutputError(f"{path}: there is no folder {path.parent}. Make it first.")

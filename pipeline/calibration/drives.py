@@ -1,4 +1,4 @@
-"""The lens of a camera by the log of a drive, and in words what that says of the calibration given.
+"""The lens of a camera by the log of a drive, and words on the calibration given.
 
 A run makes the same estimate of its images (`CalibrationWatch`).
 """
@@ -77,7 +77,7 @@ def calibrate_log(log: Path, settings: Settings) -> CalibratedDrive:
     """Estimate the lens of a log's camera from its images and its poses, where it has them.
 
     Matching starts from the given calibration. Without one it starts from several focal lengths, and once more from the
-    best result. settings: which images are read, and how they are matched. Raises UsageError and InputError where the
+    best result. `settings`: which images are read, and how they are matched. Raises UsageError and InputError where the
     log cannot be read, or too few of its images could be matched.
     """
     read, source, size = _plan(log, settings.read)
@@ -93,7 +93,7 @@ def calibrate_log(log: Path, settings: Settings) -> CalibratedDrive:
         tried = [one for one in (_estimate(log, guess, settings) for guess in guesses) if one]
         found = min(tried, key=lambda one: one.cost * one.residual**2, default=None)
         if found is not None:
-            # The distortion stays that of the start: what is known beforehand is known of it.
+            # The distortion stays the one of the start, because the prior describes it.
             start = replace(found.given, fx=found.camera.fx, fy=found.camera.fy)
             found = _estimate(log, start, settings) or found
     if found is None:
@@ -140,7 +140,7 @@ def _plan(log: Path, settings: ReadSettings) -> tuple[ReadSettings, str, tuple[i
 
 
 def _source(survey: LogSurvey, settings: ReadSettings) -> str:
-    """Where the calibration is from that the user or the log names; empty: from nowhere."""
+    """Source of the calibration that the user or the log names; empty without one."""
     given = read_camera_file(Path(settings.calibration)) if settings.calibration else None
     try:
         return make_plan(survey, settings, given).calibration_source

@@ -138,7 +138,7 @@ def _value(key: str, value: Any) -> Any:
         kind = "a list of texts" if key in _LISTS else "a text"
         raise ValueError(f"{key} must be {kind}, but is {value!r}")
     if wrong := [one for one in listed if one not in _CHOICES.get(key, listed)]:
-        raise ValueError(f"{key}: {wrong[0]!r} is none of: {', '.join(_CHOICES[key])}")
+        raise ValueError(f"{key}: {wrong[0]!r} is not one of: {', '.join(_CHOICES[key])}")
     if key in ("tolerance", "next_within"):
         return _measure(key, value)[0]
     return tuple(listed) if key in _LISTS else value

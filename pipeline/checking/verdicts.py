@@ -177,7 +177,7 @@ def _conditions(
 
 
 def is_of(row: Row, patterns: Sequence[str]) -> bool | None:
-    """Whether a sign has one of these codes; None where its code is not settled and its look and size allow one."""
+    """Whether a sign has one of these codes; None where its code is uncertain and its look and size allow one."""
     code = row["mutcd"] or row["vienna"]
     if code and any(fnmatchcase(code, pattern) for pattern in patterns):
         return True

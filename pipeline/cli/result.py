@@ -145,7 +145,7 @@ def check(
 def _check(
     out: Path, rules: list[Any], road: str | None, log: Path | None, *, overwrite: bool
 ) -> bool:
-    """Check one drive and say what came of it; whether images are lost."""
+    """Check one drive and print the result; whether images are lost."""
     from wayside.pipeline.checking.page import PAGE_FILE, write_page
     from wayside.pipeline.checking.verdicts import check_drive, format_checks, write_checks
     from wayside.pipeline.evidence.write import INDEX_FILE, write_evidence

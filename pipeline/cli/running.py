@@ -242,8 +242,8 @@ def process_all(
     the others are run. A log whose result exists already, from the same log, settings and models, is skipped. It is not
     skipped with `overwrite` or with a viewer.
 
-    Raises UsageError where two logs would be written to one folder, OutputError where something stands in the place of
-    a result, and InterruptionError where somebody ended the work: of all logs.
+    Raises UsageError where two logs would be written to one folder. Raises OutputError where another file is in the
+    place of a result, and InterruptionError where somebody ended the work on all logs.
     """
     if len(logs) == 1:
         log = read_as_log(logs[0])

@@ -36,7 +36,7 @@ _LABEL_KEYS = {"signs", "stride", "distractors"}
 def evaluate(out: Path, truth: Path) -> Evaluation:
     """Figures of the result in folder `out`.
 
-    truth: `truth.json` of a rendered drive or `labels.json` of a real one, told apart by what they hold. Raises
+    `truth`: `truth.json` of a rendered drive or `labels.json` of a real one, told apart by what they hold. Raises
     InputError where one of them is missing, damaged or something else.
     """
     facts = _read_truth(truth)
@@ -205,7 +205,7 @@ def _classes(evaluation: RenderedEvaluation) -> list[str]:
 
 
 def _false(evaluation: Evaluation) -> Iterator[list[str]]:
-    """The duplicates, and the false rows that are none."""
+    """The duplicates, and the other false rows."""
     twice = {one.sign_id: one for one in evaluation.duplicates}
     if twice:
         yield [

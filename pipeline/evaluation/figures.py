@@ -31,7 +31,7 @@ CONFIDENCES = (0.0, 0.5, 0.9, 0.99, 1.0)
 NO_KIND = "other"
 """Kind of a wanted sign whose label names none, where others do."""
 FALSE_COLUMNS = ("sign_id", "best_frame", "best_box", "color", "shape")
-"""What is kept of a false row, beside its cause."""
+"""Columns that are kept of a false row, besides its cause."""
 _COMMON = (
     *("wanted", "found_count", "recall", "recall_interval", "precision", "precision_interval"),
     *("images", "false_per_100_images", "false_per_100_images_interval", "learned_by"),
@@ -64,7 +64,7 @@ class MissCause:
     row: str | None = None
     """`sign_id` of the reported row on it."""
     distance_m: float | None = None
-    """How far from it that row stands."""
+    """Distance of that row from it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +128,7 @@ class Backs:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What was found of what was wanted, and which rows are right."""
+    """Which wanted signs were found, and which rows are right."""
 
     wanted: int = 0
     """Signs that should be found."""
@@ -290,7 +290,7 @@ class RealEvaluation(Evaluation):
 
     @property
     def kinds(self) -> tuple[KindCount, ...]:
-        """The wanted by their kind, the most frequent first."""
+        """The wanted signs by kind, the most frequent first."""
         wanted = Counter(kind for kind, _ in self.by_kind)
         found = Counter(kind for kind, was_found in self.by_kind if was_found)
         return tuple(KindCount(kind, count, found[kind]) for kind, count in wanted.most_common())
@@ -311,7 +311,7 @@ _Kind = TypeVar("_Kind", bound=Evaluation)
 
 
 def together(evaluations: Iterable[_Kind]) -> _Kind:
-    """Several drives evaluated as one, by their counts. Of none: nothing wanted or found."""
+    """Several drives evaluated as one, by their counts. Without drives nothing is wanted or found."""
     parts: list[Any] = list(evaluations) or [RenderedEvaluation()]
     values = {one.name: [getattr(part, one.name) for part in parts] for one in fields(parts[0])}
     joined = {

@@ -27,9 +27,9 @@ STEPS = {
 """Where a sign can be lost, in the order of the work, in words."""
 _ORDER = list(STEPS)
 NOT_READ, NO_CANDIDATE = "not_read", "none"
-"""What stands for a verdict where an image was not read, and where no candidate is on a view."""
+"""Used in place of a verdict if an image was not read, or no candidate is on a view."""
 MISPLACED, OTHER_SIGN = "misplaced", "other_sign"
-"""Reasons of `reported`: the row on it stands too far from it, or is that of another sign."""
+"""Reasons of `reported`: the row on it is too far from it, or belongs to another sign."""
 _STEP_OF_VERDICT = {
     "size": "gate",
     "color": "gate",

@@ -25,8 +25,8 @@ def evaluate_against_labels(
 ) -> RealEvaluation:
     """A label is found where a reported sign has an observation on its box in a labelled image.
 
-    signs: rows of `signs.parquet` with status `sign`. observations: rows of `observations.parquet` in frames where
-    anything is boxed: `sign_id`, `frame`, `box`. labels: content of a `labels.json`.
+    `signs`: rows of `signs.parquet` with status `sign`. `observations`: rows of `observations.parquet` in frames where
+    anything is boxed: `sign_id`, `frame`, `box`. `labels`: content of a `labels.json`.
     """
     seen = {sign["sign_id"]: {sign["best_frame"]: sign["best_box"]} for sign in signs}
     for row in observations:

@@ -20,7 +20,7 @@ from wayside.pipeline.labels.box_matching import overlap
 from wayside.stages.geometry import covered_fractions
 
 SMALLEST_HEIGHT_PX, SMALLEST_VISIBLE, FEWEST_FRAMES = 10.0, 0.5, 3
-"""A panel that should be found faces the camera, so tall and so visible, in so many images."""
+"""Least height, visibility and number of images of a panel that should be found; it faces the camera."""
 ACROSS_M, ACROSS_SHARE = 1.5, 0.05
 ALONG_M, ALONG_SHARE = 3.0, 0.10
 """A panel is matched within the larger of a distance and a fraction of its range."""
@@ -35,7 +35,7 @@ def evaluate_against_truth(
 ) -> RenderedEvaluation:
     """Match panels one to one in the camera frame of `best_frame` and measure the position errors.
 
-    signs: rows of `signs.parquet` with status `sign`, backs: with status `back`. truth: content of a `truth.json`.
+    `signs`, `backs`: rows of `signs.parquet` with these statuses. `truth`: content of a `truth.json`.
     """
     panels = [p for p in truth["signs"] if any(view["side"] == "front" for view in p["frames"])]
     eligible = {p["id"]: p for p in panels if is_eligible(p)}
@@ -159,7 +159,7 @@ def _matched(
 def match_distance(error: NDArray[np.float64], actual: NDArray[np.float64]) -> NDArray[np.float64]:
     """Distance (...) of reported from true positions as shares of the tolerances; inf beyond them.
 
-    error, actual (..., 3): reported minus true, and true position in the camera frame, metres.
+    `error`, `actual` (..., 3): reported minus true, and true position in the camera frame, metres.
     """
     reach = np.linalg.norm(actual, axis=-1)
     across = np.hypot(error[..., 0], error[..., 1]) / np.maximum(ACROSS_M, ACROSS_SHARE * reach)

@@ -74,8 +74,8 @@ def overview(
 ) -> tuple[dict[str, Any], dict[str, Any]] | None:
     """The path and every sign, in pixels, as the macro `overview` of `drawings.svg` takes them; None without any.
 
-    Also what `map.js` needs: `turn`, `scale`,
-    `left` and `top`, turned metres of the page's origin, `unit`, metres; of the globe its degrees there and a pixel.
+    Also what `map.js` needs: `turn`, `scale`, the page's origin in turned metres (`left`, `top`), and `unit`, metres.
+    On the globe also the degrees of the origin and of a pixel.
     """
     path, globe = drive.path[:, :2], drive.globe
     points = np.concatenate([path, drive.signs[:, :2]])

@@ -159,7 +159,7 @@ def _require_fitting(
         )
     if routed and (inventory or table is not None):
         raise UsageError(
-            "--route: only the signs of one drive are measured anew. Leave --route and --milepost out."
+            "--route: only the signs of one drive are measured again. Leave --route and --milepost out."
         )
     known = (*INVENTORY_TABLES,) if inventory else (POSTS.name, PROFILE.name)
     if table is not None and (table not in known or kind == "mcap"):

@@ -97,7 +97,7 @@ def write_foxglove_log(
 def _frame_names(plan: Plan, world: str) -> tuple[str, str | None]:
     """Frames of the drive's log: that of the positions, and one above the camera that is placed in it.
 
-    The second is None where the log itself says how it moves.
+    There is no second frame if the log itself states its motion.
     """
     tree = plan.survey.tree
     child = tree.root(plan.camera.camera_frame) or "camera"

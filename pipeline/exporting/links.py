@@ -28,7 +28,7 @@ _PICTURE = Column(PICTURE, pa.binary(), "", "its best image, JPEG; null: the log
 
 
 def linked(source: Source, file: Path, *, pictures: bool, log: Path | None) -> Source:
-    """The rows of signs or panels with links to what lies beside the result; those of another table as they are.
+    """The rows of signs or panels with links to files of the result; rows of other tables as they are.
 
     `pictures`: cut them out of the logs, which lie where they lay at the time of the run, or at `log`.
     """

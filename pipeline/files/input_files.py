@@ -47,7 +47,7 @@ def read_input_text(path: Path) -> str:
 def decoded(data: bytes) -> str:
     """The text of bytes in UTF-8, in UTF-16 with a byte order mark, or in the code page of Western Windows.
 
-    Raises ValueError where they are no text.
+    Raises ValueError where they are not text.
     """
     try:
         marked = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
@@ -55,12 +55,12 @@ def decoded(data: bytes) -> str:
     except UnicodeDecodeError:
         text = data.decode("cp1252")
     if "\0" in text:
-        raise ValueError("no text: it holds a NUL")
+        raise ValueError("not text: it holds a NUL")
     return text
 
 
 def files_below(folder: Path) -> Iterator[Path]:
-    """What is no folder in a folder and those below it; raises OSError where one of these cannot be listed."""
+    """All files in a folder and the folders below; raises OSError where a folder cannot be listed."""
 
     def refuse(error: OSError) -> None:
         raise error

@@ -21,7 +21,7 @@ _SECONDS = re.compile(r"(\d+\.?\d*|\.\d+)\s*(?:s|sec|seconds)?")
 def parse_length(text: str, option: str = "") -> float:
     """Metres of a length with its unit: "26.4ft", "8 m", "26.4'", "10cm", "30in"; raises UsageError for another text.
 
-    option: that it was given for, named in the error.
+    `option`: named in the error.
     """
     match = _LENGTH.fullmatch(text.strip().lower())
     if match is None or match[2] not in _UNITS:

@@ -120,7 +120,7 @@ class OutputFolder:
 
 
 def finish_replacement(folder: Path) -> None:
-    """Bring a result into place whose writer was killed in the middle of it; nearly always there is nothing to do.
+    """Complete a result whose writer was killed while it moved files; nearly always there is nothing to do.
 
     Raises InputError where another process is at it for too long, or the folder cannot be written.
     """
@@ -142,7 +142,7 @@ def finish_replacement(folder: Path) -> None:
 
 
 def _finish_moves(folder: Path) -> None:
-    """Move into place, also where the user interrupts it once."""
+    """Move into place, even if the user interrupts it once."""
     try:
         _move_into_place(folder)
     except KeyboardInterrupt:
@@ -170,7 +170,7 @@ def _move_into_place(folder: Path) -> None:
 
 
 def _read_manifest(manifest: Path) -> tuple[list[str], list[str]]:
-    """The files to put into place, and those that go away; no name leads elsewhere."""
+    """The files to put into place, and the files to remove; no name leads out of the folder."""
     try:
         names, drop = ([str(name) for name in part] for part in parse_json(manifest.read_bytes()))
     except (ValueError, TypeError) as error:
@@ -187,7 +187,7 @@ def _is_folder(path: Path) -> bool:
 
 
 def _remove(path: Path) -> None:
-    """Remove a file or a folder; its manifest goes first, so that no half of it is taken for a result."""
+    """Remove a file or a folder; the manifest goes first, so that a half is never taken for a result."""
     if _is_folder(path):
         (path / _MANIFEST).unlink(missing_ok=True)
         shutil.rmtree(path)

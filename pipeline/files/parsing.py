@@ -14,7 +14,7 @@ import yaml
 from wayside.pipeline.files.input_files import read_input_text
 
 CONTENT_FAULTS = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
-"""What a value of another kind, size or structure than expected raises where it is used."""
+"""Exceptions that values of an unexpected kind, size or structure raise where they are used."""
 _BETWEEN = ",;\t"
 _NOTHING = f' "{_BETWEEN}'
 FORMULA = r"^'*[=+\-@\t\r]"
@@ -38,10 +38,10 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 class YamlLoader(yaml.SafeLoader):
-    """The safe loader without aliases: with them a text stands for exponentially more than it is long."""
+    """The safe loader without aliases, by which a short text can expand exponentially."""
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        """The next node; a fault where it is an alias."""
+        """The next node; an alias raises an error."""
         if self.check_event(yaml.AliasEvent):
             raise yaml.YAMLError("an alias (*name); write its value out")
         return super().compose_node(parent, index)
@@ -54,7 +54,7 @@ def parse_yaml(text: str, loader: type[YamlLoader] = YamlLoader) -> Any:
     except RecursionError as error:
         raise ValueError("it is nested too deeply") from error
     except (yaml.YAMLError, *CONTENT_FAULTS) as error:  # its own classes for dates and numbers
-        raise ValueError(f"no YAML that is understood: {' '.join(str(error).split())}") from error
+        raise ValueError(f"not valid YAML: {' '.join(str(error).split())}") from error
 
 
 def guarded(text: str) -> str:
@@ -63,7 +63,7 @@ def guarded(text: str) -> str:
 
 
 def unguarded(text: str) -> str:
-    """What `guarded` was given."""
+    """The inverse of `guarded`."""
     return text[1:] if text.startswith("'") and re.match(FORMULA, text) else text
 
 

@@ -21,7 +21,7 @@ _HEADER_BYTES = 33
 
 
 def blurred(rgb: NDArray[np.uint8], kept: Iterable[Sequence[float]]) -> NDArray[np.uint8]:
-    """An image (h, w, 3) averaged to `BLUR_CELLS`, but for boxes x0, y0, x1, y1, half open, which stay as they are."""
+    """An image (h, w, 3) averaged to `BLUR_CELLS`, except inside the `kept` boxes (x0, y0, x1, y1; half open)."""
     height, width = rgb.shape[:2]
     cells = min(BLUR_CELLS, width), max(1, round(height * BLUR_CELLS / width))
     coarse = cv2.resize(rgb, cells, interpolation=cv2.INTER_AREA)
@@ -56,7 +56,7 @@ def marked_png(png: bytes, mark: str) -> bytes:
 
 
 def marked_head(mark: str) -> str:
-    """What says the same in the head of a page."""
+    """The same mark for the head of a page."""
     return f'<meta name="generator" content="{escape(mark)}">'
 
 

@@ -117,8 +117,8 @@ class RouteFile:
 def open_routes(settings: RouteSettings) -> RouteFile | None:
     """The file of route lines that the settings name, checked; None where they name none.
 
-    Raises UsageError where a package that reads it is missing, or it has no such column or route; InputError where it
-    cannot be read, has no reference system, or no measures.
+    Raises UsageError where a package that reads it is missing, or it has no such column or route.
+    Raises InputError where it cannot be read, or has no reference system or no measures.
     """
     if not settings.file:
         return None

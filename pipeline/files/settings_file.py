@@ -1,6 +1,6 @@
 """Settings in layers: defaults, preset, TOML file, `--set group.name=value`, named options; later ones win.
 
-Every value keeps where it came from, so that a result can be defended and a surprise explained.
+Every value keeps its origin, which explains a result.
 """
 
 import difflib
@@ -27,7 +27,7 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
 """Values of each preset that differ from the defaults, by group and name."""
 DEFAULT = "default"
 _NO_RESULT = ("run", "merge", "changes")
-"""Groups of how a run is carried out, and of what is made of its result afterwards."""
+"""Groups that control how a run is carried out, and what happens to its result afterwards."""
 _FLAGS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
 
@@ -45,8 +45,8 @@ def load_settings(
     given, and texts are converted like assignments. Origins: `default`, `preset report`, the file's name, `--set` or
     `option`.
 
-    Raises UsageError for an unknown preset, group or name (with the nearest known one), a value of the wrong type or
-    out of range, and a file that cannot be read.
+    Raises UsageError for an unknown preset, group or name, and names the nearest known one. Raises it also for a value
+    of the wrong type or out of range, and for a file that cannot be read.
     """
     settings = Settings()
     leaves = {
@@ -77,9 +77,9 @@ def load_settings(
 
 
 def format_settings(settings: Settings, origins: Mapping[str, str], *, full: bool = False) -> str:
-    """Settings as TOML that `load_settings` reads back to the same values: a table a group, what is known in comments.
+    """Settings as TOML that `load_settings` reads back to the same values: a table per group, with comments.
 
-    full: of each also where its default comes from.
+    `full`: comments state the origin of each default, too.
     """
     heads = ["value  # unit", "default", "where the value is from", "what it does"]
     more = ["where the default is from"] if full else []
@@ -196,7 +196,7 @@ def _nearest(name: str, known: Collection[str]) -> str:
 
 
 def _contradictions(settings: Settings) -> Iterator[tuple[bool, str]]:
-    """Pairs of values that are fine alone and impossible together: whether they are, and what to say."""
+    """Pairs of values that are impossible together: whether the settings have them, and the message."""
     gate, read, track, report = settings.gate, settings.read, settings.track, settings.report
     route, models = settings.route, settings.models
     yield (

@@ -5,7 +5,7 @@ import textwrap
 
 
 def visible(text: str, keep: str = "") -> str:
-    r"""The text with every character that has no form of its own as its escape, such as `\x1b`.
+    r"""The text with every invisible character as its escape, such as `\x1b`.
 
     These are control characters (ESC starts commands to a terminal), line ends, and invisible ones that turn the
     direction of writing. Surrogates stand for bytes of names that are not UTF-8. Characters of `keep` are kept.
@@ -29,7 +29,7 @@ def visible_lines(text: str) -> str:
 
 
 def fitted(text: str) -> str:
-    """Lines broken at words for the width of the terminal; those that hold a command, to be copied, stay whole."""
+    """Lines broken at words for the width of the terminal; lines with a command stay whole, to be copied."""
     width = shutil.get_terminal_size().columns
     lines = []
     for line in text.splitlines():

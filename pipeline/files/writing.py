@@ -33,7 +33,7 @@ _ADVICE = {
 }
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP)
 UNWRITABLE = (*_ADVICE, errno.EROFS)
-"""What a system call says of an output that cannot be written, wherever it comes up."""
+"""Messages of system calls for an output that cannot be written."""
 IsOwn = Callable[[Path], bool]
 
 
@@ -91,21 +91,21 @@ def take_lock(path: Path, patience_s: float = 0.0) -> FileLock | None:
 
 
 def give_back(held: FileLock) -> None:
-    """Remove a file that `take_lock` has locked, and let others have it."""
+    """Remove a file that `take_lock` has locked, and release the lock."""
     with suppress(OSError):
         Path(held.lock_file).unlink()
     held.release()
 
 
 def refuse(path: Path, found: str) -> OutputError:
-    """The error for a person where something of theirs stands in the way."""
+    """The error if a file of the user is in the way."""
     return OutputError(
         f"{path}: the name is taken by {found}. Choose another name, or replace it with --overwrite."
     )
 
 
 def require_free(path: Path, *, is_own: IsOwn = _is_never_own, overwrite: bool = False) -> None:
-    """Refuse before long work what `whole_file` would refuse after it (OutputError): a file of the user's."""
+    """Refuse before long work what `whole_file` would refuse after it (OutputError): a file of the user."""
     if path.is_file() and not is_stream(path) and not overwrite and not is_own(path):
         raise refuse(path, "another file")
 

@@ -1,4 +1,4 @@
-"""What `wayside fit` does: fit every model that labels suffice for, write those that do better, and report."""
+"""`wayside fit`: fit every model for which the labels suffice, write the better ones, and report."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -53,8 +53,8 @@ def fit_labels(
 ) -> str:
     """Fit models by labels, write them into a folder, and give the report.
 
-    Raises UsageError where there are several files of labels, but not one for each of the images; InputError where
-    labels or images cannot be used, or no model can be fitted; OutputError where a file exists or cannot be written.
+    Raises UsageError where there are several files of labels, but not one for each of the images. Raises InputError if
+    labels or images cannot be used, or no model can be fitted. Raises OutputError if a file exists or is not writable.
     """
     if len(options.labels) not in (1, len(options.images)):
         raise UsageError(
@@ -85,7 +85,7 @@ def fit_labels(
 
 
 def provenance(options: FitOptions, drives: Sequence[samples.LabelledDrive]) -> str:
-    """What a model file says of the labels, the images and their licence."""
+    """Words of a model file on the labels, the images and their licence."""
     files = ", ".join(
         f"{path.resolve().name} (SHA-256 {digest_of(path)})" for path in options.labels
     )
@@ -172,7 +172,7 @@ def _tried(
     fit: Callable[[], models.FittedModel | models.FittedConfidence],
     regions: samples.Gathered | None = None,
 ) -> report.Outcome:
-    """The outcome of a fit: refused where it raises, or where the shipped model does better on what was held out."""
+    """The outcome of a fit: refused if it raises, or if the shipped model is better on held-out samples."""
     try:
         fitted = fit()
     except InputError as error:

@@ -23,7 +23,7 @@ FEWEST_OTHERS = 50
 FEWEST_LANDMARKS = 10
 """Landmarks of signs, and of others: ten a coefficient, of which the confidence has two (Peduzzi et al. 1996)."""
 CLASS_WORDS = {"color": "colour", "shape": "shape", "location": "side of the road"}
-"""What a class of each gate is."""
+"""Name of a class of each gate."""
 PRIOR_SIGNS = (1.0, 3.0, 10.0, 30.0)
 """Signs that the pooled covariance counts as, from few to more than 50 images have; the best held out is taken."""
 DRAWS = 420
@@ -35,7 +35,7 @@ Asked = tuple[fits.Samples, fits.Floor]
 
 @dataclass(frozen=True, slots=True)
 class FittedModel:
-    """A model and what it rests on.
+    """A model and its evidence.
 
     `held`: of its own classes on what was held out. `kept`: shipped classes in it. `lacking`: signs of each class that
     had too few, by name. `prior_signs`: what the pooled covariance counted as. `compared`: other spaces, and how these
@@ -63,7 +63,7 @@ class FittedModel:
 
 @dataclass(frozen=True, slots=True)
 class FittedConfidence:
-    """The landmark classifier with other log odds, slope * shipped + shift, and what it rests on.
+    """The landmark classifier with other log odds, slope * shipped + shift, and its evidence.
 
     `signs`, `others`: labelled landmarks. `before`, `after`: mean log loss (nats) of held-out landmarks with the
     shipped calibration and with one fitted without them. `brier_before`, `brier_after`: the same of the Brier score.
@@ -81,13 +81,13 @@ class FittedConfidence:
 
     @property
     def better(self) -> bool:
-        """Whether held-out landmarks are the likelier for it."""
+        """Whether held-out landmarks are more likely with it."""
         return self.after < self.before
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What is common to the models of a fit.
+    """Options common to the models of a fit.
 
     `alpha`: false-alarm rate wanted, None: of a gate that of the shipped one. `only_labelled`: leave out classes of too
     few signs instead of keeping their shipped form. `provenance`: what a model file says of its origin.
@@ -182,7 +182,7 @@ def enough(samples: fits.Samples, known: Sequence[str], what: str) -> tuple[str,
 
 
 def too_few_labels(faces: Sequence[Faces], what: str) -> str:
-    """Why the labels are too few for the model `what`, whatever the images show; "" where they may do."""
+    """Why the labels are too few for the model `what`, whatever the images show; "" if they may suffice."""
     if not any(one.complete or one.others for one in faces):
         return _FEW_OTHERS.format(0)
     found: set[tuple[str, int]] = set()
@@ -229,7 +229,7 @@ def color_floor(space: str) -> fits.Floor:
 def _validated(
     samples: fits.Samples, floor: fits.Floor, names: Sequence[str], alpha: float
 ) -> tuple[float, fits.Held]:
-    """The strength of the prior that does best on held-out folds, and how the classes do there with it."""
+    """The best strength of the prior on held-out folds, and the results of the classes there."""
     tried = {
         one: partial(fits.fit_classes, names=names, floor=floor, prior_signs=one)
         for one in PRIOR_SIGNS
@@ -313,7 +313,7 @@ def fit_confidence(samples: fits.Samples, shipped: EvidenceModel, task: Task) ->
             model = at_alpha(model, task.alpha)
         except ValueError as error:
             raise InputError(
-                f"{error}; {others} landmarks that are no sign tell no smaller one: label more"
+                f"{error}. {others} landmarks that are not signs allow no smaller rate. Label more."
             ) from error
     losses = (loss(one, on) for loss in (fits.log_loss, fits.brier_score) for one in (score, held))
     return FittedConfidence(model, slope, shift, signs, others, *losses)

@@ -1,4 +1,4 @@
-"""What became of a fit: in words, as JSON, and as a page with the held-out curves."""
+"""The outcome of a fit: in words, as JSON, and as a page with the held-out curves."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -45,7 +45,7 @@ Table = Sequence[Sequence[str]]
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of one model.
+    """The outcome for one model.
 
     `fitted`: the model with its figures, None with too few samples. `refusal`: why the shipped model stays, else "".
     `regions`: what it is fitted to, None for landmarks.
@@ -58,7 +58,7 @@ class Outcome:
 
     @property
     def written(self) -> bool:
-        """Whether its file is."""
+        """Whether its file is written."""
         return self.fitted is not None and not self.refusal
 
 
@@ -90,7 +90,7 @@ def format_fit(outcomes: Sequence[Outcome], drives: Sequence[LabelledDrive], out
 
 
 def outcome_lines(one: Outcome) -> list[str]:
-    """What became of one model, in lines."""
+    """The outcome for one model, in lines."""
     lines = []
     for words, table in _described(one):
         lines.append(f"  {words}")

@@ -1,4 +1,4 @@
-"""Images with labels, from logs and from folders, and what the classifiers of a fit are asked about in them."""
+"""Images with labels, from logs and folders, and the samples that classifiers of a fit get from them."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -181,7 +181,7 @@ def _folder_images(folder: Path, wanted: Mapping[int, int]) -> Iterator[Image]:
 
 
 MOST_OTHERS = 100
-"""Regions of an image that are no sign and are looked at: 50 images then tell a rate of 0.01 by 50 samples."""
+"""Most regions off faces that are taken from an image: 50 images then give a rate of 0.01 by 50 samples."""
 
 WHOLE = 0.8
 """Overlap (IoU) with its face from which a region has the outline of the face: half a face has another shape."""
@@ -199,10 +199,10 @@ class Gathered:
 def region_samples(
     drives: Sequence[LabelledDrive], settings: Settings, accepting: GaussianModel | None = None
 ) -> Gathered:
-    """What the colour classifier is asked about; with colours that accept regions before it, the shape classifier.
+    """Samples for the colour classifier, or, with the `accepting` colour model, for the shape classifier.
 
-    Mean colours, in RGB, of regions on labelled faces and on none; or Fourier descriptors of outlines, of those that
-    cover their face, and of those on none where the colours accept them: of an image `MOST_OTHERS` at most, spread.
+    Colour: mean RGB of regions, on labelled faces and off them. Shape: Fourier descriptors of outlines that cover their
+    face, and of those off all faces whose colour is accepted. An image gives at most `MOST_OTHERS` off faces, spread.
     """
     parts, faces, met = [], 0, 0
     for drive in drives:
@@ -253,7 +253,7 @@ def run_drives(
 def landmark_samples(
     runs: Iterable[tuple[LabelledDrive, Mapping[str, ClassifierSamples]]], classifier: str
 ) -> Samples:
-    """The landmarks that a classifier was asked about, those of signs as class `SIGN`; no rows where none was."""
+    """The landmarks that a classifier was given, those of signs as class `SIGN`; may have no rows."""
     parts = []
     unnamed = -1
     for drive, asked in runs:

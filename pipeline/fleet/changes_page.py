@@ -58,9 +58,9 @@ def write_page(
 ) -> Page:
     """Write `changes.parquet` of an inventory as a page, with images from the logs of its drives.
 
-    names: of the surveys before and after. every: show unchanged panels, and those not looked at that nothing hides, as
-    well. units: of lengths. overwrite: replace any file; else only such a page. watch: called with the number of drives
-    done and to do. Raises InputError where there is no comparison, or it is damaged, and OutputError.
+    `names`: of the surveys before and after. `every`: also show unchanged panels, and panels that were out of view
+    without being hidden. `units`: of lengths. `overwrite`: replace any file; else only such a page. `watch`: called
+    with the number of drives done and to do. Raises InputError for a missing or damaged comparison, and OutputError.
     """
     table = inventory / CHANGES.file
     if not table.is_file():

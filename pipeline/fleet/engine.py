@@ -155,10 +155,10 @@ def _end_with_parent() -> None:
 class DaskEngine(Engine):
     """Tasks on the workers of a Dask scheduler, an address such as `tcp://host:8786`.
 
-    With `local` they are workers on this machine that listen on the loopback address. jobs: workers of `local`, or the
-    most tasks at a time of another scheduler; None: one for each of its threads. Raises UsageError where there is no
-    Dask distributed, or no scheduler with workers at that address, and OutputError where a worker does not see the file
-    shared.
+    With `local` they are workers on this machine that listen on the loopback address. `jobs`: workers of `local`, or
+    the most tasks at a time of another scheduler. None: one for each of its threads. Raises UsageError where there is
+    no Dask distributed, or no scheduler with workers at that address, and OutputError where a worker does not see the
+    file shared.
     """
 
     def __init__(self, run: Run, scheduler: str, jobs: int | None, shared: Path) -> None:

@@ -91,8 +91,8 @@ def merge_inventory(
     """Merge the results of drives and write `panels/`, `supports/` and `sightings/` of an inventory.
 
     They replace those of an earlier merging together. The same results and settings give the same bytes, in whatever
-    order the results are given. Every part holds the settings in its metadata. results: folders that `wayside run`
-    wrote, each with a name of its own. watch: called with the number of cells done and to do. Raises UsageError where
+    order the results are given. Every part holds the settings in its metadata. `results`: folders of `wayside run`,
+    each with its own name. `watch`: called with the number of cells done and to do. Raises UsageError where
     two results have one name, InputError where one is no result, and OutputError where the inventory cannot be written
     or hold files that no merging wrote.
     """

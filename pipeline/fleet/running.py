@@ -65,9 +65,9 @@ def run_fleet(
 ) -> FleetReport:
     """Run logs into an inventory, those whose results stand excepted, and merge all results of the inventory.
 
-    uris: as `expand_sources` gives them. inventory: the folder; logs that it holds already stay in it. watch: called
-    every few seconds with the given logs; watch_merging: with the number of cells merged and to merge. open_engine:
-    another engine than the options name. own: settings of single logs instead. Raises UsageError for the scheduler or a
+    `uris`: as from `expand_sources`. `inventory`: the folder; logs in it stay in it. `watch`: called every few seconds
+    with the given logs. `watch_merging`: called with the number of cells merged and to merge. `open_engine`: another
+    engine than the options name. `own`: settings of single logs instead. Raises UsageError for the scheduler or a
     setting, and InputError for a model file or the manifest. Raises OutputError if the inventory cannot be
     written, another fleet writes it, or logs have changed. Raises InterruptionError if somebody ended the fleet; what
     is done stays.

@@ -32,8 +32,8 @@ class UnreachableError(InputError):
 def expand_sources(given: Iterable[str]) -> list[str]:
     """The logs that are meant, each once, in order: absolute paths and URLs.
 
-    given: files, folders (every `.mcap` below), patterns with `*`, `?`, `[...]` and `**`, URLs of these, or `@FILE`, a
-    list of all this, one a line, with comments behind `#`. Relative paths are relative to the working folder. Raises
+    `given`: files, folders (every `.mcap` below), patterns (`*`, `?`, `[...]`, `**`), or URLs of these. `@FILE` is a
+    list of them, one a line, with comments after `#`. Relative paths are relative to the working folder. Raises
     UsageError where there is no log, a list cannot be read, or a URL needs a package that is not installed.
     """
     return list(dict.fromkeys(uri for text in given for uri in _expanded(text)))

@@ -1,6 +1,6 @@
 """Places of drives without satellite fixes: their route, drawn as a straight line over an ocean.
 
-A milepost places a drive along its route, and the path beside it. Merging and comparing take places on WGS 84, so each
+A milepost gives the place of a drive along its route, and the path the lateral offset. Merging needs WGS 84, so each
 route is drawn along a parallel of the Pacific, where no road is. In the tables of an inventory route, measure and
 lateral offset stand for such places.
 """

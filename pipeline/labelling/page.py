@@ -45,7 +45,7 @@ SHAPE_KEYS = dict(zip((*SHAPES, None), "RDOTCPFHXKZ", strict=True))
 _PROPORTION, _LARGEST = 4 / 3, (400, 300)
 _WEBP_QUALITY = 80
 _SCENE_PX, _SCENE_QUALITY = 640, 60
-"""Width of the whole image beside a crop: enough to tell where on the road it is."""
+"""Width of the whole image next to a crop: enough to see where on the road it is."""
 Watcher = Callable[[int, int], None]
 
 
@@ -118,7 +118,7 @@ def questions(out: Path, most: int) -> Questions:
 
 
 def margins(table: pa.Table) -> NDArray[np.float64]:
-    """How far each observation (n,) is above the threshold that its gate has, nan where none has judged it.
+    """How far each observation (n,) is above the threshold of its gate, nan where no gate scored it.
 
     The gate is the classifier of boxes, else (preset `report`) the outline: the worst that it let pass tells its
     threshold. Predicted boxes are not asked.

@@ -1,4 +1,4 @@
-"""What became of the boxes of another detector: how many came in, were left out and why, and are views of signs."""
+"""Counts of the boxes of another detector: read, left out by reason, and views of signs."""
 
 from collections import Counter
 from dataclasses import asdict
@@ -85,7 +85,7 @@ class BoxAccounting:
 
     @property
     def notes(self) -> list[str]:
-        """What is amiss with the boxes, in words."""
+        """What is wrong with the boxes, in words."""
         given, left_out = self._given, self.counts["left_out"]
         why = {"not_read": f" ({self._file.fault})"} if self._file is not None else {}
         faults = [

@@ -263,7 +263,7 @@ def _image_of_result(result: Entry) -> tuple[str, int | str]:
 def _whole(value: Any) -> int:
     number = int(value)
     if number != value or abs(number) >= 1 << 63:
-        raise ValueError(f"{value!r:.40} is no whole number")
+        raise ValueError(f"{value!r:.40} is not a whole number")
     return number
 
 

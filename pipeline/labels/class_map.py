@@ -58,7 +58,7 @@ def numbered(
 ) -> dict[int, SignClass]:
     """The classes of a class map by their numbers; raises InputError for a class that the detector does not have.
 
-    `classes`: as `read_class_map` gives them. `names`: of the detector's classes by number, empty where it has none.
+    `classes`: as `read_class_map` gives them. `names`: of the detector's classes by number; empty if it names none.
     `path`: the detector, for the error. `complete`: whether it has no other classes; else unknown ones are passed over.
     """
     by_name = {name: number for number, name in names.items()}

@@ -56,7 +56,7 @@ class Collected:
     def entry(
         self, place: str, image: LabelledImage | None = None, reason: str = "no_box"
     ) -> Iterator[None]:
-        """Leave an entry that is no label out, and say where it stands."""
+        """Leave out an entry that is not a label, and say where it is."""
         outer, self._place = self._place, place
         try:
             yield
@@ -123,7 +123,7 @@ class Collected:
 
 
 def read_coco(content: Entry, classes: Classes | None, source: str) -> Labels:
-    """Labels of a COCO data set; `frame` or `log_time_ns` of an image stand beside or instead of its `file_name`.
+    """Labels of a COCO data set; `frame` or `log_time_ns` of an image may replace or accompany its `file_name`.
 
     Regions of a crowd are neither right nor wrong.
     """
@@ -251,7 +251,7 @@ def _yolo_line(line: str, size: tuple[int, int], points: int) -> tuple[int, Box,
     """Class, box and polygon of a line, pixels; raises ValueError as `_yolo_outline`."""
     number, *values = (float(value) for value in line.split())
     if not number.is_integer():
-        raise ValueError(f"class {number} is no whole number")
+        raise ValueError(f"class {number} is not a whole number")
     (x0, y0, x1, y1), corners = _yolo_outline(values, points)
     w, h = size
     polygon = tuple((x * w, y * h) for x, y in corners)
@@ -281,7 +281,7 @@ def _yolo_outline(values: Sequence[float], points: int) -> tuple[Box, Polygon]:
         across, down = corners[::2], corners[1::2]
         box = (min(across), min(down), max(across), max(down))
         return box, tuple(zip(across, down, strict=True))
-    raise ValueError(f"{count} numbers that are no box or polygon in fractions of the image")
+    raise ValueError(f"{count} numbers are neither a box nor a polygon in fractions of the image")
 
 
 def _may_be_key_points(values: Sequence[float]) -> bool:

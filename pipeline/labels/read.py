@@ -37,15 +37,15 @@ class FrameLabels:
 def read_labels(
     path: Path | str, class_map: Path | None = None, review: Sequence[Path] = ()
 ) -> Labels:
-    """Labels from a file or folder, its format told by what is there.
+    """Labels from a file or folder, whose content decides the format.
 
-    `path`: our Parquet file; JSON: marks of `wayside label`, COCO, `truth.json`, `labels.json` or `scenes.json`; a
-    folder: a result with its review where it holds `run.json`, of VOC where it holds XML files, else of YOLO.
-    `class_map`: TOML file that says which classes of COCO, YOLO and VOC are signs, and what these look like. `review`:
-    of a result, one file or several. Empty: those in its folder.
+    A file is our Parquet table, or JSON: marks of `wayside label`, COCO, `truth.json`, `labels.json` or `scenes.json`.
+    A folder with `run.json` is a result with its review, one with XML files is VOC, any other YOLO.
+    `class_map`: TOML file that says which classes of COCO, YOLO and VOC are signs, and what these look like.
+    `review`: one or several files for a result. Empty: those in its folder.
 
-    Raises InputError where it cannot be read, is none of these, or holds not one label that can be used; UsageError for
-    a result without a review, or a review without its result, which has the boxes.
+    Raises InputError where the path cannot be read, has another format, or holds no label that can be used.
+    Raises UsageError for a result without a review, or a review without its result, which has the boxes.
     """
     path = Path(path)
     if (path / RUN_FILE).is_file():
@@ -92,7 +92,7 @@ def joined(parts: Sequence[Labels]) -> Labels:
 
 @dataclass(frozen=True, slots=True)
 class LogImages:
-    """What names the images of a log: log time by frame, and file name by frame where it is known; frames in use."""
+    """What identifies the images of a log: log time and, if known, file name by frame; and the frames in use."""
 
     times_ns: dict[int, int]
     names: dict[int, str]

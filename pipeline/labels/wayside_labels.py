@@ -29,9 +29,9 @@ from wayside.schemas.labels import (
 
 CORNERS = ("x_min", "y_min", "x_max", "y_max")
 _TO_EDGES = 0.5
-"""What an edge has more than in coordinates in which the middles of pixels lie at integers."""
+"""Added to coordinates in which the middles of pixels lie at integers, to give edges."""
 _OPTIONAL = {"wanted": True, "source": "", "note": ""}
-"""What a file of others may leave out, though our own never does."""
+"""Columns that a file of others may leave out; our own never does."""
 _OF_LABEL = tuple(one.name for one in fields(Label) if one.name not in ("image", "box", "polygon"))
 _OF_IMAGE = tuple(one.name for one in fields(LabelledImage) if one.name != "size")
 

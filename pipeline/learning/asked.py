@@ -1,4 +1,4 @@
-"""What classifiers are asked about on labelled drives, with the answer that labels give: one table for all.
+"""The inputs of the classifiers on labelled drives, with the answer of the labels: one table for all.
 
 The flow runs as in `wayside run`, and an observer records the input of each classifier. The size gate gets the
 connected regions, the colour gate those that pass it, and the shape gate those that pass that. The location gets the
@@ -168,27 +168,27 @@ class _Collector:
             self._by_stage["segment"] = self._size
 
     def see(self, stage: str, item: Item) -> None:
-        """Keep what the classifier of this stage was asked; other stages have none."""
+        """Keep the inputs of the classifier of this stage, if it has one."""
         if self.also is not None:
             self.also.see(stage, item)
         for asked in self._by_stage[stage](item) if stage in self._by_stage else ():
             self._asked.setdefault(asked.classifier, []).append(asked)
 
     def see_sign(self, sign: Sign) -> None:
-        """Keep what the threshold of the confidence was asked; preset `report` gives none."""
+        """Keep the inputs of the threshold of the confidence, which preset `report` does not have."""
         if sign.status in ("sign", "uncertain") and self.models.color_classes is None:
             value, is_sign = [(sign.confidence,)], [sign.status == "sign"]
             asked = self._landmarks("confidence", [sign.landmark], "probability", value, is_sign)
             self._asked.setdefault("confidence", []).append(asked)
 
     def samples(self) -> dict[str, ClassifierSamples]:
-        """All that was asked, by classifier, in the order of the chain and of the frames."""
+        """All inputs, by classifier, in the order of the chain and of the frames."""
         names = (one for one in CLASSIFIERS if one in self.only and one in self._asked)
         joined = {name: ClassifierSamples.joined(self._asked[name]) for name in names}
         return {k: own.select(np.argsort(own.frame, kind="stable")) for k, own in joined.items()}
 
     def _ask(self, classifier: str, space: str, values: Any, **columns: Any) -> ClassifierSamples:
-        """A table; of the other columns one value stands for all rows."""
+        """A table; a single value in a column counts for all rows."""
         values = np.asarray(values, np.float64)
         given = _REST | {"drive": self.drive} | columns
         rest = {
@@ -256,7 +256,7 @@ class _Collector:
         return self._ask(classifier, space, values, **columns)
 
     def _tracked(self, frame: TrackedFrame) -> Iterator[ClassifierSamples]:
-        """Landmarks before the gates of landmarks: of faces what the landmark classifier scores, and trajectories."""
+        """Landmarks before the gates of landmarks: faces that the landmark classifier scores, and trajectories."""
         if self.models.color_classes is not None:
             yield from self._moved(frame)
             return

@@ -172,7 +172,7 @@ class RocCurve:
 
 
 def area_under(fpr: NDArray[np.float64], tpr: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Area (...) under curves of rates (..., k) by trapezia, the last point joined with (1, 1): ties count half."""
+    """Area (...) under curves of rates (..., k) by trapezoids, the last point joined with (1, 1): ties count half."""
     area = np.asarray(np.trapezoid(tpr, fpr, axis=-1))
     return area + (1 - fpr[..., -1]) * (1 + tpr[..., -1]) / 2
 

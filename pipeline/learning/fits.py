@@ -1,4 +1,4 @@
-"""What is fitted to few samples: Gaussian classes, the calibration of scores; and how it does on what is held out."""
+"""Fits to few samples: Gaussian classes and the calibration of scores; and their quality on held-out samples."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -29,7 +29,7 @@ SIDES = ("right", "left", "overhead")
 
 SEED = 1
 BEYOND = 1e6
-"""Distance to a class that there is not, and how little likely it is (log-likelihood ratio)."""
+"""Distance to a class that does not exist, and minus its log-likelihood ratio."""
 COMPONENTS, STEPS = 8, 60
 """Components of a background at most, and steps of its fit."""
 EXAMPLES = (200, 40_000)
@@ -44,7 +44,7 @@ SHIFT_SIGMA = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Samples(Rows):
-    """What a classifier is asked about, n rows.
+    """The samples of a classifier, n rows.
 
     `values` (n, d). `kind` (n,): class of the labelled sign, or "". `sign` (n,): number of the physical sign, or -1.
     `stretch` (n,): part of the road it is from. `fold` (n,): which of the parts held out together.
@@ -185,7 +185,7 @@ class Rates:
 
 @dataclass(frozen=True, slots=True)
 class ClassScore:
-    """A class on what was held out.
+    """Results of a class on held-out samples.
 
     `views`, `signs`: of it. `curve`: by its likelihood ratio, against what is no sign; None where every sign was in one
     fold. `named`: share of its signs accepted under its name.
@@ -200,9 +200,9 @@ class ClassScore:
 
 @dataclass(frozen=True, slots=True)
 class Held(Rates):
-    """All classes of a model on what was held out, with a threshold chosen without it.
+    """Results of all classes of a model on held-out samples, with a threshold chosen without them.
 
-    others: samples of what is no sign; confusion: views by `true -> given`.
+    `others`: samples of what is no sign; `confusion`: views by `true -> given`.
     """
 
     classes: tuple[ClassScore, ...]
@@ -246,7 +246,7 @@ def counts_of(samples: Samples) -> NDArray[np.int64]:
 def score_held_out(
     samples: Samples, names: Sequence[str], distance: Values, ratio: Values, alpha: float
 ) -> Held:
-    """Rates of the classes `names` by what `held_out` gives. Each fold uses the threshold of the others.
+    """Rates of the classes `names`, from the result of `held_out`. Each fold uses the threshold of the others.
 
     Intervals are percentiles over resamplings of the stretches, with all that is in them.
     """
@@ -276,7 +276,7 @@ def score_held_out(
 
 
 class Resampled:
-    """Shares in samples and in resamplings of their stretches, the same ones whatever is asked."""
+    """Shares in samples and in resamplings of their stretches, always the same resamplings."""
 
     def __init__(self, samples: Samples) -> None:
         self._samples, self._weight = samples, samples.weights()
@@ -304,7 +304,7 @@ class Resampled:
 
 
 def exceeds(one: Values, other: Values | float = 0.0) -> bool:
-    """Whether one resampled gain is larger than another by more than a standard error of their difference."""
+    """Whether one resampled gain exceeds another by more than a standard error of their difference."""
     difference = (one - other)[np.isfinite(one - other)]
     return bool(len(difference) and difference.mean() > difference.std())
 
@@ -346,7 +346,7 @@ def logistic(scores: Values, target: Values, expected: Values, precision: Values
 
 
 def log_loss(score: Values, on: NDArray[np.bool_]) -> float:
-    """Mean negative log probability of what landmarks are, by their log odds (n,)."""
+    """Mean negative log probability of the true kind of landmarks, by their log odds (n,)."""
     return float(np.logaddexp(0, np.where(on, -score, score)).mean())
 
 

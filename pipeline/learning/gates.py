@@ -1,4 +1,4 @@
-"""The report's gates: what is no sign, thresholds, and where signs stand, from what is asked on labelled drives.
+"""Learn the report's gates on labelled drives: densities of what is not a sign, thresholds, and places of signs.
 
     .venv/bin/python -m wayside.pipeline.learning.gates DRIVE.mcap ... -o MODELS
 
@@ -41,7 +41,7 @@ KANSAS_MEAN = (3.121, 0.603)
 """Mean place of a sign in the report: (1.9783, 10.2391) feet up and right of the camera (chapters 8 and 11)."""
 
 OVERHEAD_M = 3.0
-"""Panels so far above the camera hang over the road: on posts none stands so high."""
+"""Panels higher than this above the camera hang over the road: no panel on posts is as high."""
 
 PASSES = (
     ("report-shape", ("color",)),
@@ -51,7 +51,7 @@ PASSES = (
 """Preset of each pass over the drives, and the gates learned there; the trajectories decide nothing in theirs."""
 
 FEWEST = 20
-"""A component of fewer signs is not learned: its scatter would be known to a sixth at best."""
+"""A component with fewer signs is not learned: its scatter would be known to a sixth at best."""
 
 Fit = Callable[[asked.ClassifierSamples], GaussianModel]
 """A gate by what it was asked about."""
@@ -141,13 +141,13 @@ def location_components(places: NDArray[np.float64], provenance: str) -> Gaussia
 
 
 def _of_origin(model: Gate, what: str, samples: asked.ClassifierSamples) -> Gate:
-    """The model with the provenance of its new threshold behind its own."""
+    """The model with the provenance of its new threshold after its own."""
     learned_from = re.split(r"; (?:background and )?thresholds? by ", model.provenance)[0]
     return replace(model, provenance=f"{learned_from}; {what} {_origin(samples)}")
 
 
 def _origin(samples: asked.ClassifierSamples) -> str:
-    """What was counted: drives, with their signs and other things."""
+    """Words for the samples: drives, with their signs and other things."""
     own = samples.known()
     drives = []
     for name in np.unique(own.drive):

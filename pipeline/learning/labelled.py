@@ -27,7 +27,7 @@ NEAREST = 3
 """Views of a landmark, the nearest ones, by which it is on a face or not."""
 
 PART_OF_FACE = 0.5
-"""Fraction of a region on a face from which it is a part of that face, and no example of what is no sign."""
+"""From this fraction on a face, a region is a part of the face, and no example of a thing that is not a sign."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +55,8 @@ class Faces:
     ) -> tuple[NDArray[np.int8], NDArray[np.int64]]:
         """Whether each box (n, 4) of a frame is `ON` a face, `OFF` all, or `NEITHER`, and the row of the face (-1).
 
-        A region is on a face where they overlap by `ON_FACE`. It counts as neither where they overlap by less but more
-        than `NEAR_FACE`, where it is part of a face (a letter of its legend, its border), or the face is no example.
+        A region is on a face where they overlap by `ON_FACE`. It counts as neither if they overlap by less, but by
+        at least `NEAR_FACE`. Part of a face (a letter, its border) and a face that is no example count as neither, too.
         """
         own = np.flatnonzero(self.frame == frame)
         label = self._off(frame, box)
@@ -105,7 +105,7 @@ class Faces:
         return int(self.sign[own[best]]) if shared[best] >= ON_FACE else -1
 
     def _off(self, frame: int, box: NDArray[np.floating[Any]]) -> NDArray[np.int8]:
-        """`OFF` (n,) where what is on no face is no sign, else `NEITHER`."""
+        """`OFF` (n,) where a box on no face is known not to be a sign, else `NEITHER`."""
         label = np.full(len(box), NEITHER, np.int8)
         if frame in self.complete:
             label[:] = OFF
@@ -116,7 +116,7 @@ class Faces:
 
 
 def labelled_faces(labels: FrameLabels) -> Faces:
-    """The faces of a drive by its labels: what is small, hidden, undecided or not wanted is no example."""
+    """The faces of a drive by its labels; small, hidden, undecided and unwanted ones are no examples."""
     by_frame = sorted(labels.labels.items())
     listed = [(k, one) for k, own in by_frame for one in own if one.kind in (SIGN, UNSURE)]
     others = {

@@ -1,4 +1,4 @@
-"""Plots by matplotlib, and the page that shows them: one HTML file without script, that needs nothing but itself.
+"""Plots by matplotlib, and the page that shows them: one HTML file without scripts or other files.
 
 The same values give the same bytes.
 """
@@ -18,7 +18,7 @@ from matplotlib.figure import Figure as Sheet
 from wayside.pipeline.learning.curves import RocCurve
 
 CLAIMS = ("not met", "open", "met")
-"""What a drive says of a claim; open: it has too little to tell."""
+"""What a drive shows about a claim; open: it has too few samples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Figure:
 
     `number`, `title`. `report`: what the report shows and which number it gives. `ours`: the same of this drive.
     `needs`: why it is left out (empty: it is not). `table`: rows of cells, the first one the head. `claim`: whether
-    this drive meets a claim of the report, one of `CLAIMS` (empty: there is none).
+    this drive meets a claim of the report, one of `CLAIMS` (empty: the report makes no claim).
     """
 
     number: str
@@ -50,7 +50,7 @@ class Figure:
     def shown(
         self, ours: str, *pictures: Picture, table: Sequence[Sequence[str]] = (), claim: str = ""
     ) -> Self:
-        """The same with what this drive gives."""
+        """The same figure with the result of this drive."""
         claim = claim or self.claim
         return replace(self, ours=ours, pictures=pictures, needs="", table=table, claim=claim)
 
@@ -92,7 +92,7 @@ _STYLE: dict[Any, Any] = {
     "legend.frameon": False,
 }
 _PLAIN: dict[str, Any] = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-"""No date, and no address of a description of the format."""
+"""Metadata without a date and without the address of a format description."""
 
 
 def new_axes(

@@ -1,4 +1,4 @@
-"""Thresholds at a stated false-alarm rate, and operating points: what a gate does at others (report chapter 9).
+"""Thresholds at a stated false-alarm rate, and operating points at other rates (report chapter 9).
 
 A gate accepts a score from a threshold on. A score that rises with the likelihood ratio has, by the lemma of Neyman and
 Pearson, the most power of all tests of a false-alarm rate. Its threshold leaves this share of everything that is not a
@@ -78,7 +78,7 @@ def counted_tail(values: Values, weight: Values, rates: Values) -> Values:
 
 
 def rates_of(others: int) -> list[float]:
-    """The `RATES` that so many samples of what is no sign can tell: one of them at least is above the threshold."""
+    """The `RATES` that a number of samples allows: at least one of them must be above the threshold."""
     return [rate for rate in RATES if rate * others >= 1]
 
 

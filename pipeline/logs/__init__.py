@@ -1,1 +1,1 @@
-"""Logs as wholes: made of images, joined of parts, taken from ROS bags, described."""
+"""Whole logs: made from images, joined from parts, converted from ROS bags, described."""

@@ -40,14 +40,14 @@ from wayside.schemas.frame import Camera
 from wayside.schemas.settings import RouteSettings
 
 SECOND_NS = 10**9
-"""Images whose times are not known are logged so far apart, from the date on; none carries a capture time."""
+"""Time between logged images whose times are not known, from the date on; none has a capture time."""
 
 _CAMERA_FRAME = "camera"
 
 
 @dataclass(frozen=True, slots=True)
 class ImportOptions:
-    """What may be said of the images, and of the log."""
+    """Options that describe the images and the log."""
 
     spacing_m: float | None = None
     """Distance between images of neighbouring numbers; None: positions tell it."""
@@ -55,7 +55,7 @@ class ImportOptions:
     """Of the first image, UTC where it has no zone; None: the earliest date of capture."""
     positions: Path | None = None
     routes: RouteSettings = field(default_factory=RouteSettings)
-    """Both as of `place_images`."""
+    """Both as for `place_images`."""
     order: str = ""
     """"name" or "date" decides the order where they contradict each other; empty: that is refused."""
     overwrite: bool = False
@@ -87,9 +87,9 @@ def import_images(
     images not taken: the distance across the gap is the larger. Copies of an image are imported, too; a run leaves them
     out. Files that are no images or cannot be read are left out.
 
-    images: JPEG and PNG files, and folders of them. calibration: YAML of ROS camera_info, OpenCV or Kalibr. warn:
-    called with what is amiss with the images, in words. watch: called with how many images are written, and of how
-    many. Raises UsageError without an image, or without a positive spacing or two positions. Raises InputError if the
+    `images`: JPEG and PNG files, and folders of them. `calibration`: YAML of ROS camera_info, OpenCV or Kalibr.
+    `warn`: called with a sentence about faulty images. `watch`: called with the numbers of images written and in all.
+    Raises UsageError without an image, or without a positive spacing or two positions. Raises InputError if the
     calibration, the positions or an image cannot be used, sizes differ, or nothing tells the order. Raises OutputError
     as `whole_file`.
     """

@@ -24,7 +24,7 @@ _SOME_CAMERA = Camera(1, 1, 1.0, 1.0, 0.0, 0.0)
 def inspect_log(path: Path, *, shown: Path | None = None) -> dict[str, Any]:
     """Read a whole log, in bounded memory, and return what it holds: the content of `wayside info --json`.
 
-    shown: what is named as the log, the bag that it was made of. Raises InputError where the log cannot be read.
+    `shown`: what is named as the log, the bag that it was made of. Raises InputError where the log cannot be read.
     """
     survey = survey_log(path)
     survey.path = shown or path
@@ -150,7 +150,7 @@ def _way(
             return (plan, make_timeline(plan)), command, hindrances
         except WaysideError as error:
             hindrances.append(_reason(survey, error))
-        # What the user can give is taken as given from here on, so that the next obstacle shows as well.
+        # From here on, what the user can give counts as given, so that the next obstacle shows as well.
         if given is None and "--calibration" in hindrances[-1]:
             given, command = _SOME_CAMERA, [*command, "--calibration", "camera.yaml"]
         elif not settings.spacing_m and "--spacing" in hindrances[-1]:

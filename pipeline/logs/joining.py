@@ -1,4 +1,4 @@
-"""Parts of one drive, and ROS bags, to one log (`wayside join`), also unasked where a bag cannot be read as it is."""
+"""Parts of one drive, and ROS bags, to one log: by `wayside join`, or by any command that is given such a bag."""
 
 import hashlib
 import os
@@ -19,11 +19,11 @@ from wayside.schemas.errors import InputError, OutputError, UsageError
 
 _BAG_VERSION = 9
 _LAYOUT = "1"
-"""Of the joined logs in the cache: other ones have other names."""
+"""Version of the joined logs in the cache, in their names."""
 
 
 class JoinedLog(NamedTuple):
-    """What became one log: its parts in order, messages and topics, and what of the parts was not readable."""
+    """A joined log: its parts in order, numbers of messages and topics, and what could not be read."""
 
     parts: tuple[Path, ...]
     messages: int
@@ -34,11 +34,11 @@ class JoinedLog(NamedTuple):
 def join_logs(paths: list[Path], out: Path, *, overwrite: bool = False) -> JoinedLog:
     """Write the messages of several parts, in the order of the drive, to one MCAP log.
 
-    paths: MCAP files, of which every message is kept as it is, with metadata and attachments; ROS 2 bag directories
-    (`metadata.yaml` with MCAP or SQLite parts, split or compressed) and ROS 1 bags, of which the message types that are
-    understood are kept, those of ROS 1 as their ROS 2 counterparts (cdr). overwrite: replace a file of that name that
-    is not this very log. Raises UsageError where there is no path, InputError where a part cannot be read or holds no
-    message, and OutputError.
+    `paths`: MCAP files, ROS 2 bag directories (`metadata.yaml` with MCAP or SQLite parts, split or compressed), ROS 1
+    bags. All messages of MCAP files are kept as they are, with metadata and attachments. Of other bags the message
+    types that are understood are kept; those of ROS 1 become their ROS 2 counterparts (cdr). `overwrite`: replace a
+    file of that name that is not this very log. Raises UsageError where there is no path, InputError where a part
+    cannot be read or holds no message, and OutputError.
     """
     if not paths:
         raise UsageError("no parts to join are given. Give MCAP files or ROS bags.")
@@ -81,9 +81,9 @@ def joined_log(path: Path) -> Path | None:
 
 
 def readable_log(path: Path, tell: Callable[[str], None]) -> Path:
-    """What is to be read of a recording: itself, or the log that a ROS bag was joined to, now or before.
+    """The file to read for a recording: itself, or the log that a ROS bag is converted to, now or earlier.
 
-    tell: called with where the log of a bag lies, and what of the bag was lost on the way. Raises InputError where a
+    `tell`: called with the path of a bag's log, and with what was lost of the bag. Raises InputError where a
     bag cannot be read, and OutputError where its log cannot be written.
     """
     log = joined_log(path)

@@ -34,9 +34,9 @@ def place_images(
 ) -> dict[Path, Place]:
     """Where images were taken, of those that are known; without `file` by their Exif data.
 
-    file: GPX, or CSV with the columns `file` or `time` (ISO 8601), and `lon` and `lat` (WGS 84, degrees; `alt`, m) or
-    `route` and `milepost`. routes: the lines that mileposts are looked up in. A track is interpolated at the times of
-    capture. If these are local times of an unknown zone, it is the one in which the track covers most of them.
+    `file`: GPX or CSV. The CSV has the columns `file` or `time` (ISO 8601), and `lon` and `lat` (WGS 84, degrees;
+    `alt`, m) or `route` and `milepost`. `routes`: the lines on which mileposts lie. A track is interpolated at the
+    times of capture. If these are local times of an unknown zone, it is the one in which the track covers most of them.
 
     Raises InputError where the file cannot be read, is of no image, or images have no times or zone. Raises UsageError
     for mileposts without lines.

@@ -25,8 +25,8 @@ def unpack_video(
 ) -> None:
     """Write every n-th picture of a video into a folder, as JPEG.
 
-    date: of the first picture; None: as the file states (UTC). watch: called with how many pictures were looked at, and
-    of how many. Raises UsageError without PyAV. Raises InputError where the file holds no video, or its pictures are to
+    `date`: of the first picture; None: as the file states (UTC). `watch`: called with the numbers of pictures decoded
+    and in all. Raises UsageError without PyAV. Raises InputError where the file holds no video, or its pictures are to
     be shown turned.
     """
     try:
@@ -51,7 +51,7 @@ def unpack_video(
                     picture.save(name, quality=JPEG_QUALITY, exif=_exif(taken))
                 watch(number + 1, max(stream.frames, number + 1))
     except (av.FFmpegError, LookupError) as error:
-        raise InputError(f"{video}: this is no video that can be decoded: {error}") from error
+        raise InputError(f"{video}: the video cannot be decoded: {error}") from error
 
 
 def _exif(taken: datetime | None) -> Image.Exif:

@@ -113,7 +113,7 @@ class Models:
         return digests
 
     def provenances(self) -> dict[str, str]:
-        """What each model says it was learned from, by its name."""
+        """The stated provenance of each model, by its name."""
         said = {}
         for name, model in self._named().items():
             if isinstance(model, OnnxFile):

@@ -34,7 +34,7 @@ class ModelFolder:
 
     @classmethod
     def of(cls, name: str) -> Self:
-        """The folder of that name, none where it is empty; raises InputError where no folder is there."""
+        """The folder of that name, None if the name is empty; raises InputError where there is no such folder."""
         if name and not Path(name).is_dir():
             raise InputError(
                 f"models.folder: there is no folder at {name}. {_ADVICE} to use the models that ship."
@@ -42,7 +42,7 @@ class ModelFolder:
         return cls(Path(name) if name else None)
 
     def own_file(self, name: str) -> Path | None:
-        """A file of the user's folder, where it is there."""
+        """A file of the user's folder, if it exists."""
         self.wanted.add(name)
         if self.path is None or not (self.path / name).is_file():
             return None
@@ -50,7 +50,7 @@ class ModelFolder:
         return self.path / name
 
     def file(self, name: str) -> Traversable:
-        """The file of a model, whether it is there or not."""
+        """The file of a model, whether it exists or not."""
         return self.own_file(name) or shipped_models() / name
 
     def holds(self, name: str) -> bool:
@@ -99,7 +99,7 @@ class ModelFolder:
         return OnnxFile(str(path), sha256(content).hexdigest())
 
     def require_used(self) -> None:
-        """Refuse a folder none of whose files was looked for (InputError): the models that ship would all stand in."""
+        """Refuse a folder without a file that is known (InputError): only shipped models would be used."""
         if self.path is not None and not self.used:
             raise InputError(
                 f"models.folder: {self.path} holds no model file of this preset ({', '.join(sorted(self.wanted))}). "

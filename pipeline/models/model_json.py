@@ -38,7 +38,7 @@ def model_to_json(model: models.Model) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """A value in types of JSON; what is as its default is left out."""
+    """A value in types of JSON; fields with their default are left out."""
     if isinstance(value, models.OperatingPoint):
         return [value.false_alarm, value.power, value.threshold, *(value.interval or ())]
     if is_dataclass(value):

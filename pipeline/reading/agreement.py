@@ -1,4 +1,4 @@
-"""Which stream of a log is believed to tell how the camera moved: one that the images do not contradict."""
+"""Which stream of a log gives the camera's motion: one that the images do not contradict."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ _STEPS, _SHORTEST_S, _DOUBLINGS = 14, 0.08, 4
 _FIRST_STEPS = 5
 """Where all of so many agree with the preferred poses, the others would: steps of sound poses do nearly always."""
 _CLEARLY_BETTER = 2.5
-"""A convention is told from another where its error is so many times smaller."""
+"""One convention is chosen over another if its error is so many times smaller."""
 _LONGEST_LAG_S, _FURTHEST_LAG_S, _LAG_DEG = 1.0, 6.0, 0.2
 """Shorter lags are found when the path is smoothed; errors of sound poses are a tenth of a degree a step."""
 _VIDEO_IMAGES = 40
@@ -93,7 +93,7 @@ def believed(
 ) -> MotionStream | None:
     """The first stream that the images do not contradict, as it is or after one known conversion.
 
-    notes: filled with what was converted, and what is left out and why.
+    `notes`: filled with what was converted, and what is left out and why.
     """
     for stream in streams:
         if lag_s := _lag_s(stream.raw, steps, order, time_ns):
@@ -108,7 +108,7 @@ def believed(
         if not found.tells or (up and found.agrees and found.error_deg <= least):
             if stream.assumed_mount:
                 notes.append(
-                    "the log does not say how the camera is mounted: it is taken to look straight ahead"
+                    "the log does not say how the camera is mounted: it is assumed to look straight ahead"
                 )
             notes += _world_words(stream, up) if found.tells else []
             return replace(stream, path=path) if found.tells else stream
@@ -195,7 +195,7 @@ def _left_out_words(stream: MotionStream, found: Agreement, ways: int) -> str:
 def image_steps(
     plan: Plan, order: Integers, time_ns: Integers, cameras: Sequence[Camera | None]
 ) -> Iterator[ImageStep]:
-    """Motion between pairs of images spread over a drive, as they show it by themselves; every third pair first."""
+    """Motion between pairs of images spread over a drive, from the images alone; every third pair first."""
     kept: dict[int, KeypointImage | None] = {}
     images = CameraImages(plan.other_cameras)
 

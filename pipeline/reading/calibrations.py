@@ -1,4 +1,4 @@
-"""Cameras of calibrations: which lens and matrix can be, which matrix goes with which images, and as files.
+"""Cameras from calibrations: which lens and matrix are possible, which matrix fits which images, and as files.
 
 The files are YAML: camera_info of ROS, FileStorage of OpenCV, camchain of Kalibr.
 """
@@ -30,7 +30,7 @@ _PINHOLES = frozenset(
         *("inverse_brown_conrady", "modified_brown_conrady"),
     )
 )
-"""Models without distortion, and two of RealSense that are none where all coefficients are zero."""
+"""Models without distortion, and two of RealSense that have none if all coefficients are zero."""
 _COEFFICIENTS = (0, 4, 5, 8, 12, 14)
 _ROUNDING = 1e-9
 """Entries of a camera matrix smaller than this, relative to its focal length, are errors of rounding."""
@@ -96,7 +96,7 @@ def make_calibration(
 ) -> CalibrationContent:
     """The cameras of a CameraInfo: of raw images by `k` (3x3) and the lens, of rectified ones by `p` (3x4) alone.
 
-    size: of the sensor; lens: model by its ROS name, coefficients. Where `p` is zero, a `k` without distortion serves.
+    `size`: of the sensor. `lens`: ROS name of the model, coefficients. If `p` is zero, a `k` without distortion serves.
     """
     raw, why = _cameras(size, k, lens, region)
     if any(p):

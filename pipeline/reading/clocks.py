@@ -1,4 +1,4 @@
-"""When the messages of a log were measured: header and log times, and which of them pair two streams.
+"""When the messages of a log were measured, by header and log times, and which of them pair two streams.
 
 Log times say when a message was recorded, header times when it was measured. For each stream the offset between the two
 is estimated once. Header times pair two streams where their offsets agree, or differ by what messages wait before they
@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 _LATE_NS = 1_500_000_000
-"""A sound message is recorded at most so much later than others of its clock: receivers report once a second."""
+"""Largest delay of a valid message behind others of its clock: receivers report once a second."""
 _APART_NS = 15_000_000_000
 """Images follow each other sooner, unless the vehicle stands or the clock was set."""
 _COARSE_SHARE = 0.2
@@ -88,7 +88,7 @@ def stream_times(log_ns: Integers, header_ns: Integers) -> StreamTimes:
 
 
 def _is_coarse(time_ns: Integers, other_ns: Integers) -> bool:
-    """Whether many neighbours share a time that the other clock tells apart, or times are rounded and irregular."""
+    """Whether many neighbours share one time but not by the other clock, or times are rounded and irregular."""
     order = np.lexsort((time_ns, other_ns))
     apart, others = np.diff(time_ns[order]), np.diff(other_ns[order])
     if not len(apart):
@@ -147,7 +147,7 @@ def clock_set_at(time_ns: Integers) -> int:
 class Pairing(NamedTuple):
     """Times of the images (k,) and of a stream's messages (n,) on one clock, by "header" or "log".
 
-    apart_ns: by how much the header clock of the stream is ahead of that of the images; 0 where header times pair them.
+    `apart_ns`: by how much the stream's header clock is ahead of the images' clock; 0 where header times pair them.
     """
 
     images_ns: Integers

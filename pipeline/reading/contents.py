@@ -7,18 +7,18 @@ from wayside.pipeline.reading.layout import LATEST_NS
 from wayside.schemas.frame import Camera, Fix
 
 FURTHEST_M = 1e8
-"""Largest coordinate of a pose: sixteen times the earth's radius, which coordinates about its centre have."""
+"""Largest coordinate of a pose: sixteen times the earth's radius, the size of earth-centred coordinates."""
 LOWEST_M, HIGHEST_M = -1e3, 1e4
 """Heights of fixes: no road is lower or higher."""
 VAGUEST_M = 1e3
-"""Standard deviation from which a position tells nothing; ROS drivers state 1e6 m^2 where they know nothing."""
+"""A position with this standard deviation is useless; ROS drivers state 1e6 m^2 if they know nothing."""
 
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
 
 
 class ContentError(ValueError):
-    """A message that cannot be decoded, or makes no sense."""
+    """A message cannot be decoded, or makes no sense."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class ImageContent:
     step: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse sizes that cannot be, as JSON may hold."""
+        """Refuse impossible sizes, which JSON may hold."""
         sizes = self.width, self.height, self.step
         if not all(isinstance(size, int) and 0 <= size < 1 << 32 for size in sizes):
             raise ContentError(f"an image of {self.width!r} x {self.height!r} pixels")
@@ -44,7 +44,7 @@ class ImageContent:
 class CalibrationContent:
     """Cameras of raw images, and of rectified ones: the first by the definition of the message, others of other sizes.
 
-    why, why_rectified: for what reason there is no first.
+    `why`, `why_rectified`: for what reason there is no first.
     """
 
     time_ns: int | None
@@ -74,7 +74,7 @@ class PoseContent:
     sigma_rad: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what is no rigid motion."""
+        """Refuse a transform that is not a rigid motion."""
         if not all(map(math.isfinite, (*self.rotation, *self.translation))):
             raise ContentError("a pose that is not finite")
         if not max(map(abs, self.translation)) < FURTHEST_M:

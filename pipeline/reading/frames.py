@@ -21,7 +21,7 @@ from wayside.stages.imaging import used_bits
 
 @dataclass(slots=True)
 class ReadReport(ScanReport):
-    """What the reading of a log came across and chose, filled while it runs."""
+    """What the reading of a log found and chose, filled while it runs."""
 
     images: int = 0
     images_held: int = 0
@@ -45,8 +45,8 @@ def read_frames(
     with their status and without data. Memory is bounded by one chunk and a hundred bytes a message. Images are not
     copied where the encoding allows it.
 
-    report: filled while the frames are taken; camera: replaces the calibrations of the log and of the settings. Raises
-    as `plan_reading` and `make_timeline`, at once; and InputError at the end, where no image could be used.
+    `report`: filled while the frames are taken; `camera`: replaces the calibrations of the log and of the settings.
+    Raises as `plan_reading` and `make_timeline`, at once; and InputError at the end, where no image could be used.
     """
     plan = plan_reading(path, settings, camera)
     timeline = make_timeline(plan)
@@ -61,7 +61,7 @@ def read_frames(
     reader = _Reader(plan, timeline, settings, report)
     if reader.grey:
         report.notes.append(
-            "the camera sees no colour: none is stated, and codes rest on shape, size and pattern alone"
+            "the camera sees no colour: colours are not stated, and codes follow from shape, size and pattern"
         )
     return reader.frames()
 

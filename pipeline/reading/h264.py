@@ -1,4 +1,4 @@
-"""What the headers of an H.264 stream say of its pictures, read without decoding them.
+"""What the headers of an H.264 stream say about its pictures, read without decoding them.
 
 Annex B byte stream, parameter sets and slice headers: ITU-T H.264, annex B and clauses 7.3.1, 7.3.2.1.1, 7.3.3.
 """
@@ -32,7 +32,7 @@ class SequenceSet(NamedTuple):
 class PictureHead(NamedTuple):
     """First slice of a picture: needs no other (`key`), refers to later ones (`both_ways`), is referred to.
 
-    number: `frame_num`, which rises by one behind a picture that is referred to.
+    `number`: `frame_num`, which rises by one after a picture that others refer to.
     """
 
     key: bool
@@ -46,7 +46,7 @@ def read_stream(
 ) -> tuple[SequenceSet | None, PictureHead | None]:
     """The sequence set in force and the first picture of a piece of stream, or None.
 
-    known: the sequence set of the pieces before. Raises ValueError where headers make no sense.
+    `known`: the sequence set of the pieces before. Raises ValueError where headers make no sense.
     """
     sequence = known
     for unit in _units(data):

@@ -1,4 +1,4 @@
-"""What an image says of itself before it is decoded: format, size and Exif data; and whether it can be decoded."""
+"""What is known of an image before it is decoded: format, size, Exif data, and whether it can be decoded."""
 
 import re
 import warnings
@@ -86,12 +86,12 @@ def _opened(data: bytes | memoryview) -> Iterator[Image.Image]:
 
 
 def read_exif(data: bytes | memoryview) -> Exif:
-    """Exif data of a compressed image; what is damaged of it is not there."""
+    """Exif data of a compressed image, without damaged parts."""
     tags: dict[int, Any] = {}
     satellites: dict[int, Any] = {}
     try:
         with _opened(data) as image:
-            # Pillow decodes all of a PNG to look for Exif data behind the pixels.
+            # Pillow decodes all of a PNG to look for Exif data after the pixels.
             at_once = image.format == "PNG" and b"eXIf" not in bytes(data)
             exif = Image.Image.getexif(image) if at_once else image.getexif()
             tags = dict(exif)
@@ -108,7 +108,7 @@ def read_exif(data: bytes | memoryview) -> Exif:
 
 
 def refuse_turned(what: str, exif: Exif) -> None:
-    """Refuse an image that is to be shown otherwise than it is stored; raises InputError that begins with `what`."""
+    """Refuse an image that must be turned to be shown; raises InputError that begins with `what`."""
     if exif.turned:
         raise InputError(
             f"{what}: its Exif orientation shows it {exif.turned}, and the calibration may be of the image as shown "
@@ -151,7 +151,7 @@ def _place_of(tags: dict[int, Any]) -> Place | None:
 
 
 def format_word(text: str) -> str:
-    """The image format in the free text of a message ("bgr8; jpeg compressed bgr8"); the text itself if none."""
+    """The image format that the text of a message names (`bgr8; jpeg compressed bgr8`), or else that text."""
     for word in text.lower().replace(";", " ").replace("/", " ").split():
         if word in _FORMAT_WORDS:
             return _FORMAT_WORDS[word]
@@ -159,7 +159,7 @@ def format_word(text: str) -> str:
 
 
 def format_and_size(image: ImageContent) -> tuple[str, int, int]:
-    """Encoding in a word, width and height; 0 where only decoding will tell."""
+    """Encoding in a word, width and height; 0 where only decoding shows it."""
     if image.width:
         return image.encoding, image.width, image.height
     header = read_image_header(image.data)

@@ -62,7 +62,7 @@ def image_files(paths: Sequence[Path]) -> Iterator[Path]:
 
 
 def natural_key(path: Path) -> tuple[list[tuple[int, int, str]], str]:
-    """Numbers in a name compare as numbers: image 2 stands before image 10."""
+    """Sort key by which numbers in a name compare as numbers: image 2 comes before image 10."""
     return _pieces(path.name), str(path)
 
 
@@ -72,7 +72,7 @@ def _pieces(text: str) -> list[tuple[int, int, str]]:
 
 
 def read_image_file(path: Path) -> ImageFile | str:
-    """What an image file says of itself, or in words why it cannot be imported."""
+    """Header data of an image file, or in words why it cannot be imported."""
     try:
         path.name.encode()
         data = read_input(path)

@@ -1,4 +1,4 @@
-"""Records of an MCAP file, taken from bytes with every length checked; the `mcap` package takes their fields apart.
+"""Records of an MCAP file, taken from bytes with every length checked; the `mcap` package parses their fields.
 
 MCAP specification: https://mcap.dev/spec.
 """
@@ -33,7 +33,7 @@ _SUMMARISED = Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS
 _LZ4_PIECE = 1 << 18
 
 LATEST_NS = 1 << 62
-"""Times from here on (year 2116) are no times: sums and differences of two others fit 64 bits."""
+"""Times from here on (year 2116) are invalid: sums and differences of two valid ones fit 64 bits."""
 LARGEST_RECORD = 1 << 29
 """Longer records and larger chunks are taken for damage: half a gigabyte is far beyond any recorder's chunks."""
 UNPACKED_RATIO, EXTRA_BYTES = 255, 500_000
@@ -52,7 +52,7 @@ PARSED: dict[int, Any] = {
     Opcode.METADATA: records.Metadata,
     Opcode.ATTACHMENT: records.Attachment,
 }
-"""Kinds whose own lengths tell whether the length of the record is right."""
+"""Kinds whose inner lengths show whether the length of the record is right."""
 
 
 class LayoutError(ValueError):

@@ -61,7 +61,7 @@ def _typestore() -> Typestore:
 
 
 def _unpacker(channel: Channel, type_name: str) -> _Unpack:
-    """What makes an object with the fields of a message of its bytes.
+    """A function that makes an object with the fields of a message from its bytes.
 
     Raises ContentError where the encoding is unknown or does not go with the schema.
     """

@@ -1,4 +1,4 @@
-"""The files of a log: one MCAP file, or the parts of a ROS 2 bag directory; what reading them came across."""
+"""The files of a log: one MCAP file, or the parts of a ROS 2 bag directory; and what reading them found."""
 
 from bisect import bisect_right
 from collections import Counter
@@ -46,7 +46,7 @@ def log_parts(path: Path) -> LogParts:
 
 
 def is_mcap(path: Path) -> bool:
-    """Whether a file is one of MCAP by its name."""
+    """Whether a file is MCAP by its name."""
     return path.suffix == ".mcap"
 
 
@@ -101,7 +101,7 @@ class Problem:
 
 @dataclass(slots=True)
 class ScanReport:
-    """What a scan came across, filled while it runs.
+    """What a scan found, filled while it runs.
 
     `messages_stated`: how many messages the summary counts, None where it does not say or was not reached.
     `unchecked_messages`: those outside of chunks with a checksum. `unknown_records`: of kinds that are not known.

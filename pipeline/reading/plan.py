@@ -1,4 +1,4 @@
-"""Which topics of a log are read: one camera, its calibration, what tells its motion; or why it cannot be read."""
+"""Which topics of a log are read: one camera, its calibration and motion; or why it cannot be read."""
 
 import difflib
 import re
@@ -26,8 +26,8 @@ _TRANSPORTS = ("compressed", "theora", "ffmpeg", "h264", "zstd")
 class Plan:
     """What is read from a log.
 
-    calibration: topic, or None where `camera_given` (from `calibration_source`) is used; notes: on streams that tell
-    nothing of motion and place, wholly or in part.
+    `calibration`: topic, or None where `camera_given` (from `calibration_source`) is used; `notes`: on streams that
+    tell nothing of motion and place, wholly or in part.
     """
 
     survey: LogSurvey
@@ -167,7 +167,7 @@ def listed(words: Sequence[str], most: int = _MOST_LISTED) -> str:
 
 
 def shortened(name: str) -> str:
-    """A name as it fits into a line: the middle of one that is far too long is left out."""
+    """A name that fits into a line: a long one loses its middle."""
     return name if len(name) <= _LONGEST_SHOWN else f"{name[:60]}...{name[-20:]}"
 
 
@@ -248,12 +248,12 @@ def _of_another(survey: LogSurvey, camera: Topic, name: str, frame: str, own: Ca
 
 
 def _bare_frame(frame: str) -> str:
-    """A frame's name without what only says that it is one: `/camera_optical_frame` is `camera`."""
+    """A frame's name without words that only mean frame: `/camera_optical_frame` is `camera`."""
     return re.sub(r"(?:_(?:optical|link|frame))+$", "", bare(frame))
 
 
 def _namespace(topic: str) -> tuple[str, ...]:
-    """Where a topic stands; image transports stand below the image topic."""
+    """Namespace of a topic; image transports are below the image topic."""
     parts = topic.strip("/").split("/")
     return tuple(parts[: -2 if parts[-1] in _TRANSPORTS else -1])
 
@@ -263,7 +263,7 @@ def _words(topic: str) -> set[str]:
 
 
 def _affinity(topic: Topic, name: str, frame: str) -> tuple[bool, bool, int]:
-    """What a calibration and a topic of images have in common: `frame_id`, namespace, how many words of their names."""
+    """What a calibration and a topic of images have in common: `frame_id`, namespace, number of words in the names."""
     same_frame = _bare_frame(topic.camera_frame) == _bare_frame(frame) != ""
     same_place = _namespace(topic.name) == _namespace(name)
     return same_frame, same_place, len(_words(topic.name) & _words(name))
@@ -272,7 +272,7 @@ def _affinity(topic: Topic, name: str, frame: str) -> tuple[bool, bool, int]:
 def _closeness(
     camera: Topic, topic: Topic, content: CalibrationContent, own: Camera | None
 ) -> tuple[bool, bool, bool, bool, int]:
-    """How well a calibration goes with a camera: same size, same frame, both rectified or not, names alike."""
+    """How well a calibration fits a camera: same size, same frame, both rectified or not, similar names."""
     same_size = own is not None and (own.width, own.height) == camera.image_size
     same_frame, same_place, shared = _affinity(camera, topic.name, content.frame_id)
     alike = is_rectified(camera.name) == is_rectified(topic.name)
@@ -280,7 +280,7 @@ def _closeness(
 
 
 def _image_notes(camera: Topic, given: Camera | None) -> Iterator[str]:
-    """Notes on how pixels are taken where their message does not say it."""
+    """Notes on how pixels are interpreted where their message does not say it."""
     if 0 < camera.bits < 16:
         yield (
             f"the samples of 16 bits on {shortened(camera.name)} use {camera.bits} of them: these are taken for the "

@@ -1,4 +1,4 @@
-"""Records of an MCAP file, read one after the other, whatever state the file is in.
+"""Records of an MCAP file, read one after the other, even if the file is damaged.
 
 The stock readers stop at the first fault or return damaged bytes. Here every length is checked before reading, and
 every chunk's checksum before anything of it is returned. Reading continues after the damage. Neither footer nor summary
@@ -198,7 +198,7 @@ class _Scanner:
         )
 
     def _look_behind(self, head: RecordHead) -> None:
-        """Count bytes behind the end mark, as where two logs were put into one file."""
+        """Count bytes after the end mark, as in a file of two logs."""
         end: RecordHead | None = head
         while end is not None and end.opcode != Opcode.FOOTER:
             end = self.head_at(end.end)
@@ -331,7 +331,7 @@ class _Scanner:
         return parse_head(self._bytes_at(offset, RECORD_HEAD.size), offset)
 
     def _bytes_at(self, offset: int, count: int) -> bytes:
-        """So many bytes, or as many as there are."""
+        """This many bytes, or as many as there are."""
         self.stream.seek(offset)
         return self.stream.read(count)
 

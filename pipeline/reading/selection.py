@@ -61,7 +61,7 @@ class Selection:
     def decide(self, frame: Frame, number: int) -> Frame:
         """The frame with its status and, where it is used, its spacing; without data elsewhere.
 
-        frame: its status is `used`, or what is wrong with it already; number: counts the images taken.
+        `frame`: its status is `used`, or what is wrong with it already; `number`: counts the images taken.
         """
         if self.first_ns is None:
             self.first_ns = frame.time_ns

@@ -1,4 +1,4 @@
-"""Positions and transforms of a log as arrays: as recorded, those that a vehicle can have been at, at the images."""
+"""Positions and transforms of a log as arrays: as recorded, without impossible ones, and at the images."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _WIDEST_GAP_S = 5.0
 _CARRIED_S, _CARRIED_GAPS = 0.1, 10.0
 """The last motion is carried on so far, and by so many gaps at most: its errors grow by as much."""
 _FASTEST_MPS, _SLACK_M = 150.0, 10.0
-"""No vehicle on a road is faster; fixes scatter by metres within a tenth of a second."""
+"""Vehicles on a road are slower; fixes scatter by metres within a tenth of a second."""
 _HARDEST_MPS2, _SPIKE_M, _SPIKE_SCATTERS = 15.0, 0.5, 6.0
 """Emergency braking reaches 10 m/s2; smaller spikes are weighted down when the path is smoothed."""
 _LOOK_BACK = 256
@@ -34,9 +34,9 @@ class Series:
     """What is kept of the messages of one stream, in file order.
 
     `header_ns`: 0 where not set. `offset`, `channels`: of images, where message or chunk begin in the log, and what it
-    came on. `value`: of positions ten numbers a message: position (metres, or latitude and longitude in degrees and
-    height of a fix), quaternion x, y, z, w, and three standard deviations, of position (m) and rotation (rad) of a
-    pose, or east, north, up of a fix; nan where not stated.
+    came on. `value`: of positions ten numbers a message, nan where not stated. Three are the position, metres (of a fix
+    latitude and longitude, degrees, and height). Four are the quaternion x, y, z, w. Three are standard deviations: a
+    pose has one of position (m) and one of rotation (rad), a fix those of east, north and up.
     """
 
     log_ns: array[int] = field(default_factory=lambda: array("q"))
@@ -291,7 +291,7 @@ def fixed(pose: Pose, count: int) -> CameraPath:
 
 
 def mount_of(tree: TransformTree, positions: Series, camera_frame: str) -> list[str] | None:
-    """Frames from the camera up to the one that poses are of. Empty: the camera itself. None: the log does not say.
+    """Frames from the camera up to the one that the poses describe. Empty: the camera itself. None: not stated.
 
     A pose that names no child is the camera's own, unless transforms mount the camera on a body: then it is that
     body's.

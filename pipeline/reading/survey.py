@@ -138,7 +138,7 @@ class LogSurvey:
 def survey_log(path: Path, camera: str = "") -> LogSurvey:
     """Read all of a log, in memory that holds no images, and tell what is in it.
 
-    camera: the image topic that is wanted; empty: any. Raises InputError where the file is no MCAP log or cannot be
+    `camera`: the image topic that is wanted; empty: any. Raises InputError where the file is no MCAP log or cannot be
     read.
     """
     survey = LogSurvey(path, camera)

@@ -51,7 +51,7 @@ class Timeline:
     cameras: list[Camera | None]
     """Calibration in force at each image."""
     motion: MotionStream | None = None
-    """Poses that are believed; None: none are."""
+    """Poses that are used; None: no poses are used."""
     fixes: Interpolated | None = None
     notes: list[str] = field(default_factory=list)
 

@@ -62,7 +62,7 @@ class CameraImages:
     ) -> tuple[str, ImageContent]:
         """Status of the image of a message, and what is known of it; rows of rgb8 of a picture of a video.
 
-        after_loss: something of the log before it was lost, which may have been pictures.
+        `after_loss`: something of the log before it was lost, which may have been pictures.
         """
         if after_loss:
             self._reference = None
@@ -158,7 +158,7 @@ def image_messages(
 ) -> Iterator[tuple[int, Message]]:
     """Image messages of a topic, each with its row in `survey.images`; `order`: rows in the order wanted.
 
-    report: filled with what the survey came across. Raises InputError as `messages_at`: for a log that changed since,
+    `report`: filled with what the survey came across. Raises InputError as `messages_at`: for a log that changed since,
     or so far out of order that reading it costs too much.
     """
     scanned = deepcopy(survey.scan)

@@ -1,1 +1,1 @@
-"""The figures of the report KS-09-9, made again on a drive of the user's, with each number next to the report's."""
+"""The figures of the report KS-09-9 on a user's drive, with each number next to the report's."""

@@ -37,10 +37,10 @@ def write_figures(
 ) -> tuple[Path, list[Figure]]:
     """Run the report's chain over a log with labels, and write the page; the page and its figures.
 
-    `labels`: in any format that is read; None: those that stand beside the log. `boards`, `board`: images of a
-    chessboard and its inner corners (9x6), for figure 6.1. `assignments`, `options`: settings GROUP.NAME=VALUE, and by
-    their names. `overwrite`: replace a file of the user's; wayside's own page is always replaced. Raises InputError,
-    UsageError, StageError as in `gather_drive` and `calibrate_images`, OutputError where the page cannot be written.
+    `labels`: in any format that is read; None: those in the log's folder. `boards`, `board`: images of a chessboard and
+    its inner corners (9x6), for figure 6.1. `assignments`, `options`: settings GROUP.NAME=VALUE, and by their names.
+    `overwrite`: replace a file of the user's; wayside's own page is always replaced. Raises InputError, UsageError,
+    StageError as in `gather_drive` and `calibrate_images`, OutputError where the page cannot be written.
     """
     page = folder / PAGE
     labelled = labels_beside(log) if labels is None else labels
@@ -69,7 +69,7 @@ def write_figures(
 def chapters_of(
     drive: Drive, boards: list[Path], board: str | None
 ) -> list[tuple[str, list[Figure]]]:
-    """All figures by chapter of the report; those that the drive has nothing for say what they need."""
+    """All figures by chapter of the report; a figure that the drive cannot fill says what it needs."""
     draw: tuple[Callable[[Drive], Iterable[Figure]], ...] = (
         segments.segmentation_figures,
         segments.color_figures,

@@ -1,4 +1,4 @@
-"""What the figures are made of: a run of the report's chain over a drive with labels, single images again, cut-outs."""
+"""The data of the figures: a run of the report's chain over a drive with labels, decoded images, cut-outs."""
 
 import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -43,12 +43,12 @@ T = TypeVar("T")
 Pixels = NDArray[np.uint8]
 Corners = tuple[int, int, int, int]
 LABELS_BESIDE = (".truth.json", ".labels.json", ".labels.parquet")
-"""Endings of a log's labels beside it, in the order in which they are looked for."""
+"""Endings of the labels in the folder of a log, in order of preference."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaceOutline:
-    """The outline of a region on a labelled face, and what the shape classifier makes of it.
+    """The outline of a region on a labelled face, and the answer of the shape classifier.
 
     `face`: row of `Faces`. `sequence` (samples,): u + iv in the image. `named`: nearest shape. `accepted`: near enough.
     """
@@ -156,17 +156,17 @@ class Drive:
 
 
 def figure(number: str) -> Figure:
-    """A figure with what the report shows, and what it needs of a drive."""
+    """A figure with what the report shows, and what it needs from a drive."""
     return Figure(number, **next(own[number] for own in REPORT.values() if number in own))
 
 
 NEARLY_ALL, ALMOST_NO = 0.95, 0.05
-"""How the words of the report are read that state no number: "near perfect", "typically all", and "almost no", here a
-false place in twenty images."""
+"""Numbers for words of the report: "near perfect", "typically all", and "almost no", here one false place
+in twenty images."""
 
 
 def reached(count: int, total: int, share: float) -> str:
-    """Whether a share of at least so much is `met`, or `not met`; `open` where its interval holds it all the same."""
+    """`met` if a share is at least this, `open` if only its interval reaches this, else `not met`."""
     interval = share_interval(count, total)
     if interval is None:
         return "open"
@@ -227,7 +227,7 @@ _WIDEST, IMAGE_WIDE = 1100, 800
 def around(
     box: ArrayLike, size: tuple[int, int], *, times: float = 2.4, least: int = 40
 ) -> Corners:
-    """Corners x0, y0, x1, y1 of a square cut-out this many times as large as a box, inside an image (height, width)."""
+    """Corners (x0, y0, x1, y1) of a square that is `times` as large as a box and inside an image (height, width)."""
     x0, y0, x1, y1 = (float(v) for v in np.asarray(box))
     side = min(max(round(times * max(x1 - x0, y1 - y0)), least), *size)
     left = int(np.clip(round((x0 + x1 - side) / 2), 0, size[1] - side))
@@ -246,7 +246,7 @@ def cut(image: Pixels, corners: Corners, tall: int) -> Pixels:
 
 
 def beside(images: Sequence[Pixels], columns: int = 99) -> Pixels:
-    """Pictures of one height in rows of so many, with gaps."""
+    """Pictures of one height in rows of `columns`, with gaps."""
     framed = [_widened(one, _GAP, _GAP) for one in images]
     rows = [np.hstack(framed[i : i + columns]) for i in range(0, len(framed), columns)]
     wide = max(row.shape[1] for row in rows)

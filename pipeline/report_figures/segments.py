@@ -122,7 +122,7 @@ def _difference(drive: Drive, one: Segmentation, row: int) -> Figure:
 
 
 def _found_by_source(drive: Drive) -> tuple[int, int, int]:
-    """How many faces have a region on them in pass one, in pass two alone, in none."""
+    """How many faces have a region on them in pass one, only in pass two, and in neither."""
     faces, first, found = drive.faces, set[int](), set[int]()
     for frame, regions in drive.regions.items():
         label, face = faces.label_regions(frame, regions.box)

@@ -42,7 +42,7 @@ from wayside.stages.report import mean_log_ratio
 FEET = 0.3048
 REPORT_SIZE_FT = (3.5, 2.0)
 SCENE_M = 25.0
-"""Points of the scene are drawn so near to the camera, and so far beside its path."""
+"""Points of the scene are drawn up to this distance from the camera, and to the side of its path."""
 
 
 def track_figures(drive: Drive) -> Iterator[Figure]:

@@ -259,8 +259,8 @@ class InventoryWriter:
     """Takes tracked frames one by one; `finish` takes the signs and leaves the Parquet files.
 
     Observations wait in a scratch file of the folder, because the number of a sign is known only when all signs are.
-    `log` is the stem of the log's file name, the first part of every sign's name; `every_region` also lists regions
-    that no classifier looked at, or the colour gate refused. Raises OutputError where the folder cannot be written.
+    `log` is the stem of the log's file name, the first part of every sign's name. `every_region` also lists regions
+    that no classifier saw, or the colour gate refused. Raises OutputError where the folder cannot be written.
     """
 
     def __init__(self, folder: Path, log: str, *, every_region: bool = False) -> None:

@@ -48,9 +48,9 @@ def read_table(
 ) -> pa.Table:
     """One table of a result folder.
 
-    columns: those to read; None: all. Columns that an earlier version did not write come as null. where: the rows; its
-    columns need not be among `columns`. Raises InputError where the folder is no result folder, or the file is damaged
-    or something else: a column is of another type, or lacks values that every row must have.
+    `columns`: those to read; None: all. Columns that an earlier version did not write come as null. `where`: the rows;
+    its columns need not be among `columns`. Raises InputError where the folder is not a result, or the file is damaged,
+    has a column of another type, or lacks values that every row must have.
     """
     finish_replacement(out)
     file, schema = out / table.file, table.schema
@@ -102,7 +102,7 @@ def holds_table(file: Path, table: Table) -> bool:
 
 
 def find_sign(out: Path, signs: Sequence[dict[str, Any]], sign_id: str) -> dict[str, Any]:
-    """The row of a sign. Raises UsageError if there is none; its message names the nearest."""
+    """The row of a sign. Raises UsageError for an unknown sign; its message names the nearest."""
     by_id = {row["sign_id"]: row for row in signs}
     if sign_id not in by_id:
         near = difflib.get_close_matches(sign_id, by_id, n=1, cutoff=0.0)
@@ -191,9 +191,9 @@ class EarlierResult:
 
 
 def mark_older(folder: Path) -> list[str]:
-    """Make the pages of `wayside evidence` beside a result say that they are of an earlier one.
+    """Mark the pages of `wayside evidence` in the folder of a result as pages of an earlier result.
 
-    Returns their names, and those of exports and of the page of checks, which cannot say it.
+    Returns their names, and those of exports and of the page of checks, which cannot be marked.
     """
     older = [path.name for path in sorted(folder.glob("signs.*")) if path.name != SIGNS.file]
     older += ["checks.html"] * (folder / "checks.html").is_file()
@@ -247,7 +247,7 @@ def check_earlier(folder: Path, log: Path, *, overwrite: bool = False) -> Earlie
     A result of the same log, by its fingerprint, may be replaced if each table is as `run.json` states it. `overwrite`
     replaces any result.
 
-    Raises OutputError where a result of another log stands there, or files that no run of wayside has left there.
+    Raises OutputError where the folder has a result of another log, or files that no run of wayside wrote.
     """
     tables = (*TABLES, *(table.file for table in ROADSIDE))
     standing = [name for name in (*tables, RUN_FILE) if _is_there(folder, name)]

@@ -105,7 +105,7 @@ def settled(groups: Sequence[Sequence[Reviewed]], known: KnownResult) -> Review:
 
 @dataclass(slots=True)
 class _Settling:
-    """What is said so far."""
+    """The reviews so far."""
 
     known: KnownResult
     said: defaultdict[str, list[Reviewed]] = field(default_factory=lambda: defaultdict(list))
@@ -145,7 +145,7 @@ class _Settling:
             self.said[one.sign_id].append(one)
 
     def _carry(self, number: int, one: Reviewed, row: Reviewed | None) -> None:
-        """Take over what is said of an earlier result, if it is clear what it means for this one."""
+        """Take over a review of an earlier result, if its meaning for this one is clear."""
         here, moved = self.known.place(one), replace(one, result=self.known.name)
         if here is not None:
             moved = replace(moved, x=here[0], y=here[1])
@@ -182,7 +182,7 @@ class _Settling:
 
 
 def _of_row(one: Reviewed, row: Reviewed) -> Reviewed:
-    """What is said, of this row of this result; a look that is not stated is the measured one."""
+    """The review of this row of this result; a look that is not stated is the measured one."""
     look = row.look
     if one.review != REJECTED:
         look = {name: one.look.get(name) or row.look[name] for name in LOOK}

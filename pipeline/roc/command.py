@@ -1,4 +1,4 @@
-"""`wayside roc`: gather what the classifiers are asked on some drives, and write their curves."""
+"""`wayside roc`: gather the inputs of the classifiers on some drives, and write their curves."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

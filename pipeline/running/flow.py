@@ -31,7 +31,7 @@ class Observer(Protocol):
     """Sees every item that leaves a stage, in the thread that made it."""
 
     def see(self, stage: str, item: Item) -> None:
-        """Take note; must not raise and must not keep the run waiting."""
+        """Record the item; must not raise and must not keep the run waiting."""
 
 
 @dataclass(slots=True)
@@ -50,7 +50,7 @@ class Drive:
     signs: tuple[Sign, ...]
     """In the order of their numbers."""
     lens: DriveCalibration | None
-    """The lens by the drive; None where it says nothing of it."""
+    """The lens by the drive; None where the drive does not determine it."""
     sections: tuple[CrossSection, ...] | None = None
     """Of the road, in the order of the route. None: not asked for."""
 

@@ -90,7 +90,7 @@ def _key(settings: Settings, digests: dict[str, str]) -> dict[str, Any]:
 class Journal:
     """The results of the first frames of a log, by frame; more are appended in order.
 
-    folder: of the output, locked by the caller. key: what results depend on; a journal of another one is begun anew.
+    `folder`: of the output, locked by the caller. `key`: what results depend on; a journal of another key is replaced.
 
     Raises OutputError where the journal cannot be read or written.
     """

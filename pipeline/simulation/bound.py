@@ -33,8 +33,8 @@ def step_bound(
 ) -> Array:
     """Smallest covariance (6, 6) of a step by ties: rotation vector, then translation, in the first camera's axes.
 
-    jacobian (n, 5): of the ties' Sampson distances, px, as of `motion_jacobian`; covariance (n, n): of these distances.
-    direction (3,): of travel, unit. baseline_m, sigma_m: length of the step and its standard deviation beforehand.
+    `jacobian` (n, 5), `covariance` (n, n): of the ties' Sampson distances, px, as from `motion_jacobian`.
+    `direction` (3,): of travel, unit. `baseline_m`, `sigma_m`: length of the step and its prior standard deviation.
     """
     motion = np.linalg.inv(jacobian.T @ np.linalg.solve(covariance, jacobian))
     spread = np.zeros((6, 5))
@@ -57,11 +57,11 @@ def point_bound(
 ) -> Array:
     """Smallest covariance (3, 3) of a point in the camera frame of frame `best`, square metres.
 
-    Inverse of the Fisher information of all poses and the point together (projection: report eq. 7.6), poses
-    eliminated. rotations, centres: world from camera (n, 3, 3) and centres (n, 3) of consecutive frames, true. point
-    (3,): in the world. views (v,): frames that show it; sigma (v,): of their rays (x/z, y/z). steps (n, 6, 6):
-    covariance of the step from the frame before, as of `step_bound`; row 0 is not used. pose_sigma: of given poses,
-    metres and radians; None: none given.
+    Inverse of the Fisher information of poses and point, poses eliminated (projection: report eq. 7.6).
+    `rotations` (n, 3, 3), `centres` (n, 3), `point` (3,): true, in the world, of consecutive frames.
+    `views` (v,), `sigma` (v,): frames that show the point, and standard deviation of their rays (x/z, y/z).
+    `steps` (n, 6, 6): covariance of the step from the frame before, as from `step_bound`; row 0 is not used.
+    `pose_sigma`: of given poses, metres and radians; None without given poses.
     """
     n = len(rotations)
     # unknowns: rotation vector and shift of each camera, world axes; then the point

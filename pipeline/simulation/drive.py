@@ -34,7 +34,7 @@ HILL_M = 400.0
 """Length of a hill, foot to foot."""
 LEAST_DEPTH_M, TIE_REACH_M, SIGN_REACH_M = 4.0, 120.0, 150.0
 POINTS_A_METRE = 14
-"""Points that can be ties, on the road and beside it."""
+"""Points that can be ties, on the road and along it."""
 SMALLEST_PX = 8.0
 """A panel of smaller height in the image is not seen."""
 GROSS_TIE_PX, GROSS_SIGN_PX = 6.0, 5.0
@@ -223,7 +223,7 @@ class SimulatedDrive:
         return np.asarray(line + lateral[:, None] * self._axes(station)[0])
 
     def _scatter_points(self, end: float) -> tuple[Array, Array]:
-        """Half on the road, half on the verge and what grows there."""
+        """Half on the road, half on the verge and its plants."""
         rng, count = self._rng, int(end * POINTS_A_METRE)
         station = np.sort(rng.uniform(0, end, count))
         road = rng.random(count) < 0.5

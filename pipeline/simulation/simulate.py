@@ -26,7 +26,7 @@ SWEEP_SPACING, SWEEP_FOCAL = (0.25, 0.5, 1.0, 1.5, 2.0), (0.5, 0.7, 1.0, 1.4, 2.
 """Spacings and focal lengths of a sweep, as multiples of those given."""
 UNKNOWN_LENGTH_M = 100.0
 FEWEST_VIEWS = 3
-"""Views that locate a sign here: whether two boxes are of one panel is decided by pixels, which there are none of."""
+"""Views that locate a sign here: pixels decide whether two boxes show one panel, and there are no pixels."""
 LEAST_SIGMA_PX = 0.01
 """Scatter assumed of boxes that a survey places exactly."""
 BOUNDED = 16
@@ -162,7 +162,7 @@ def view_of_focal(survey: Survey) -> float:
 
 
 def sweep(survey: Survey) -> list[Survey]:
-    """The survey with other spacings and focal lengths around those given."""
+    """The survey with spacings and focal lengths around those given."""
     return [
         replace(survey, spacing_m=spacing * survey.spacing_m, focal_px=focal * survey.focal_px)
         for spacing in SWEEP_SPACING
@@ -279,7 +279,7 @@ def bound_of_step(
 ) -> Array:
     """Smallest covariance (6, 6) of a step by ties at these ideal pixels (n, 2) of both images.
 
-    Errors of the ties as in the survey; sigma_m: standard deviation of the step's length beforehand.
+    Errors of the ties as in the survey; `sigma_m`: standard deviation of the step's length beforehand.
     """
     baseline = float(np.linalg.norm(step.centre))
     direction = np.ascontiguousarray(step.centre / baseline)

@@ -1,4 +1,4 @@
-"""Every intermediate result in the Rerun viewer: what it looks like, where it goes, how it is laid out.
+"""Every intermediate result in the Rerun viewer: its appearance, its destination and its layout.
 
 Nothing else needs Rerun, which is large. Tables are made without it, and the viewer commands report that it is missing.
 """

@@ -7,13 +7,13 @@ from wayside.pipeline.view import entities as at
 from wayside.schemas.detections import VERDICTS
 
 QUIET = ("score", "size", "overlap", "color", "shape", "unmatched", "few_views", "far_view")
-"""Verdicts whose boxes are there, but off: too many of them hide the image."""
+"""Verdicts whose boxes are off at first: too many of them hide the image."""
 OFF = (
     *(f"{at.CANDIDATES}/{verdict}" for verdict in VERDICTS if verdict in QUIET),
     *(at.KEYPOINTS, at.SIFT_POINTS, at.SIFT_MATCHES, at.MATCHES, at.OUTLINES),
     *(at.DIFFERENCE, *at.PASSES),
 )
-"""Layers of the image that are there, but off."""
+"""Layers of the image that are off at first."""
 PLOTS = {
     at.RESIDUALS: "residual, px: straight motion orange, adjusted green",
     at.ITERATIONS: "by iteration",
@@ -24,7 +24,7 @@ PLOTS = {
 AROUND = 4.0
 """The image of one sign shows this many times its size on every side."""
 GROUND = (20, 22, 26)
-"""Behind everything that is drawn in the colours of signs, white among them, whether the viewer is light or dark."""
+"""Background of everything drawn in the colours of signs, white among them, in a light or dark viewer."""
 TEXT_ONLY = rrb.TextLogColumns(
     timeline_columns=[rrb.encodings.TimelineColumn(at.FRAME)],
     text_log_columns=[rrb.encodings.TextLogColumn("Body")],
@@ -35,7 +35,7 @@ TEXT_ONLY = rrb.TextLogColumns(
 def drive_layout(images: str | None = None, *, live: bool = False) -> rrb.Blueprint:
     """The whole drive: image with layers, 3-D behind the vehicle, from above, across the road, plots, table.
 
-    images: entity of the images of an imported log, where the recording has none; live: the time follows what comes in.
+    `images`: entity with the images of an imported log, if the recording has none. `live`: show the newest time.
     """
     camera = rrb.Spatial2DView(
         origin=images or at.CAMERA,

@@ -1,4 +1,4 @@
-"""What holds for a whole drive: axes and series at its start; at its end the signs, with views, rays and residuals."""
+"""Entities of a whole drive: axes and series at its start; at its end the signs, with views, rays and residuals."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -41,7 +41,7 @@ GATE_NAMES = {
         ("track", "trajectory", "location", "points", "panels", "assemble"), ("signs first seen",)
     ),
 }
-"""What the numbers of a stage are, in the order in which its view gives them."""
+"""Names of a stage's numbers, in the order in which its view gives them."""
 MARK = rr.Radius.ui_points(6)
 """Of a landmark in space: on the screen the same from any distance, where a panel of 0.7 m is a few pixels."""
 LEAST_HALF_AXIS_M = 0.02
@@ -78,7 +78,7 @@ def _ellipse(mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDAr
 def closing(
     inventory: WrittenTables, state: ViewState, times: Mapping[int, Times]
 ) -> Iterator[Batch]:
-    """What is known at the end of the drive only: the table, the map, and sign by sign."""
+    """Entities that are known only at the end of the drive: the table, the map, and each sign."""
     yield Batch(None, tuple(_table_and_map(inventory)))
     yield Batch(None, tuple(_ground(inventory, state)))
     if inventory.signs and times:
@@ -249,7 +249,7 @@ def sign_figures(row: Mapping[str, Any]) -> str:
 def inventory_table(
     signs: Sequence[Mapping[str, Any]], posts: Sequence[dict[str, Any]] = ()
 ) -> str:
-    """The signs as a markdown table, with the posts of each support beside its lowest sign."""
+    """The signs as a markdown table, with the posts of each support in the row of its lowest sign."""
     on = {row["sign_id"]: ", ".join(filter(None, posts_words(row))) for row in posts}
     numbers = {
         "station m": "station_m",

@@ -27,7 +27,7 @@ HIGH_RESIDUAL_PX = 2.0
 OUTLINE_INK = GOOD
 THIN, HAIR = rr.Radius.ui_points(1.5), rr.Radius.ui_points(0.75)
 PIXEL_CENTRE = 0.5
-"""Where the viewer has the centre of the first pixel, which is 0 elsewhere."""
+"""The centre of the first pixel in the viewer; elsewhere it is 0."""
 MANY, MOST_WORDS = ("size", "color"), 100
 """Verdicts of thousands of regions: their boxes are detail. Words for more boxes than this are not made."""
 CURVES: dict[str, tuple[int, ...]] = {"circle": (1,), "ellipse": (1, -1), "six_terms": (1, *TERMS)}
@@ -40,7 +40,7 @@ INKS = {
 }
 _NEAREST_M = 0.5
 _GAP_PX, _QUALITY = 4, 92
-"""Between views in a picture of several, and of their JPEG."""
+"""Pixels between views in a picture of several, and quality of its JPEG."""
 
 
 def landmark_color(landmark: Landmark) -> Ink:
@@ -157,7 +157,7 @@ def _boxes(candidates: Candidates, rows: NDArray[np.int64], verdict: str) -> tup
 
 
 def candidate_words(candidates: Candidates, row: int) -> str:
-    """What was found of a candidate: verdict, score, colour and shape, in preset `report` with their distances."""
+    """Words for a candidate: verdict, score, colour and shape, in preset `report` with their distances."""
     parts = [VERDICTS[candidates.verdict[row]]]
     if np.isfinite(candidates.score[row]):
         parts.append(f"score {candidates.score[row]:.1f}")

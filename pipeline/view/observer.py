@@ -29,7 +29,7 @@ WAITING = 48
 CLOSING_S = 20.0
 """A sink that has not taken everything this long after the run is abandoned."""
 FILE_PATIENCE_S = 30.0
-"""A disk that takes nothing for so long is taken for full or gone."""
+"""A disk that accepts nothing for this long counts as full or gone."""
 
 
 def any_alive() -> bool:
@@ -40,9 +40,9 @@ def any_alive() -> bool:
 class Recorder:
     """One recording and the thread that fills it; faults end it and are kept, never raised.
 
-    `name`: for words about it, a file's name or an address. `open_stream`: makes the stream with its sink attached;
-    called in the thread. `patience_s`: how long `put` waits for a full queue before the recording is given up (a file);
-    0 drops the batches and goes on (a live viewer, which shows the next frame instead).
+    `name`: a file's name or an address, for messages. `open_stream`: makes the stream with its sink attached; called in
+    the thread. `patience_s`: how long `put` waits for a full queue before it gives the recording up (a file). With 0 it
+    drops the batches and goes on (a live viewer, which shows the next frame instead).
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class Recorder:
 
 @dataclass(frozen=True, slots=True)
 class Viewing:
-    """What to record and where to: a file of the output folder, a viewer's address, both or neither."""
+    """What to record, and where: a file of the output folder, a viewer's address, both or neither."""
 
     file: bool = False
     address: str | None = None
@@ -143,16 +143,16 @@ class RerunObserver:
 
     @property
     def recording_lost(self) -> bool:
-        """Whether that file is not whole."""
+        """Whether that file is incomplete."""
         failed = any(r.name == RECORDING and r.fault is not None for r in self._recorders)
         return self.records and (failed or self._fault is not None)
 
     def see(self, stage: str, item: Item) -> None:
-        """Take note of what a stage made of a frame."""
+        """Record the output of a stage for a frame."""
         self._guarded(lambda: self._see(stage, item.frame, item))
 
     def finish(self, inventory: WrittenTables) -> None:
-        """Send what is known at the end only."""
+        """Send what is known only at the end."""
         self._guarded(lambda: self._send(list(closing(inventory, self._state, self._times))))
 
     def close(self) -> list[str]:

@@ -20,13 +20,13 @@ from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.tables import FRAMES, SIGNS
 
 IMPORTED = "log.rrd"
-"""The log itself as a recording, beside the run's own, where that holds no images."""
+"""The log itself as a recording, next to the run's own, if that holds no images."""
 _MARK = "wayside picture"
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What to look at: a frame of the drive, or one sign in the frame where it is largest."""
+    """What to show: a frame of the drive, or one sign in the frame where it is largest."""
 
     frame: int
     log_time_ns: int

@@ -28,7 +28,7 @@ T = TypeVar("T")
 VULKAN_DRIVERS = Path("/usr/share/vulkan/icd.d")
 SOFTWARE = ("lvp_icd.x86_64.json", "lvp_icd.aarch64.json", "lvp_icd.json")
 SILENT = {"CI": "1"}
-"""The viewer's program sends usage statistics from its second start on, but not where it takes itself to be tested."""
+"""The viewer sends usage statistics from its second start on, except where it believes to be tested."""
 MEMORY = ("--memory-limit", "4GB", "--server-memory-limit", "1GiB")
 
 
@@ -155,7 +155,7 @@ def show_time(client: ViewerClient, timeline: str, value: int) -> None:
 
 
 def wait_until_loaded(client: ViewerClient) -> None:
-    """Return when the loaded recordings have stopped to grow."""
+    """Return when the loaded recordings have stopped growing."""
     before = ""
 
     def loaded() -> bool:
@@ -176,7 +176,7 @@ def _wait_until_steady(reached: Callable[[], bool]) -> None:
 
 
 def ask(question: Callable[[], T]) -> T:
-    """What a viewer answers; raises OutputError if several attempts had no answer.
+    """The answer of a viewer; raises OutputError if several attempts had no answer.
 
     It gives up after fifteen seconds. On a busy machine without a graphics card, the first image takes this long:
     programs are compiled for it, and nothing else is answered. Later ones are quick.

@@ -63,7 +63,7 @@ class NoViewError(TypeError):
 
 @dataclass(slots=True)
 class ViewState:
-    """What is kept from frame to frame; all but the options is used by the thread of the ordered stages alone."""
+    """What is kept from frame to frame; except the options, only the thread of the ordered stages uses it."""
 
     images: str = "all"
     detail: bool = False
@@ -158,7 +158,7 @@ def _halved_labels(
 
 
 def view_detections(item: Detections, stage: str, state: ViewState) -> list[Entity]:
-    """Key points where the stage is one that finds them; else how many candidates are still open, and how many not."""
+    """Key points if the stage finds them; else how many candidates are still open, and how many are not."""
     if stage in KEYPOINT_PATHS:
         if not item.frame.used:
             return []

@@ -58,7 +58,7 @@ def _parser() -> argparse.ArgumentParser:
 def asked_for(
     spec: DriveSpec, reseed: int | None, frames: int | None, varied_posts: float | None = None
 ) -> DriveSpec:
-    """The specification with what the command line changes of it."""
+    """The specification with the changes of the command line."""
     if varied_posts is not None:
         signs = replace(spec.signs, varied_posts=True, spacing_m=varied_posts)
         spec = replace(spec, signs=signs)

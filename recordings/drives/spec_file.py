@@ -1,4 +1,4 @@
-"""Reads a drive specification and refuses what it cannot mean."""
+"""Reads a drive specification and refuses impossible ones."""
 
 import tomllib
 from collections.abc import Mapping

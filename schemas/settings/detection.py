@@ -9,7 +9,7 @@ from wayside.schemas.settings.field import setting
 class BalanceSettings:
     """White balance by the road, whose asphalt is grey."""
 
-    on: bool = setting(True, "", "take the colour that the road has in an image from all of it")
+    on: bool = setting(True, "", "remove the colour cast that the road shows from the whole image")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class CandidateSettings:
     keep: int = setting(
         60,
         "candidates",
-        "so many of the best in one image may begin landmarks; others may join them",
+        "best candidates of an image that may begin landmarks; others may join them",
         low=1,
     )
     external_score: float = setting(

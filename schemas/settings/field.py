@@ -16,7 +16,7 @@ def setting(
 ) -> Any:
     """A dataclass field that knows its unit, meaning and what it may hold (limits included).
 
-    origin: where the default comes from (a chapter of the report, a paper, a measurement).
+    `origin`: where the default comes from (a chapter of the report, a paper, a measurement).
     """
     return field(
         default=default,

@@ -10,7 +10,7 @@ class TrackSettings:
     """Following candidates from frame to frame and measuring them."""
 
     longest: int = setting(
-        14, "frames", "frames over which a sign is followed, the last that show it", low=2
+        14, "frames", "number of frames over which a sign is followed, its last ones", low=2
     )
     fewest_views: int = setting(2, "views", "landmarks with fewer views are not reported", low=2)
     gap_px: float = setting(
@@ -23,7 +23,7 @@ class LocateSettings:
     """Classification by location, and what is reported."""
 
     gate: bool = setting(
-        True, "", "refuse landmarks where no sign stands, and of no sign's size; false: keep all"
+        True, "", "refuse landmarks off the places or sizes of signs; false: keep all"
     )
     confidence: float = setting(
         0.5,

@@ -10,11 +10,11 @@ class MergeSettings:
     """When sightings of several drives are of one panel, and how the errors of the drives' fixes go together."""
 
     cell_zoom: int = setting(
-        14, "", "zoom level of the quadkeys that the tables are parted by", low=1, high=20,
+        14, "", "zoom level of the quadkeys that divide the tables", low=1, high=20,
         origin="about 2 km: some hundred panels a file",
     )  # fmt: skip
     drives_in_memory: int = setting(
-        256, "drives", "tables of so many drives are held at a time", low=1,
+        256, "drives", "number of drives whose tables are held at a time", low=1,
         origin="drives that cross neighbouring cells; 256 of 300 signs each take 70 MB",
     )  # fmt: skip
     reach_m: float = setting(
@@ -40,14 +40,14 @@ class ChangeSettings:
     """When a place was in view of a drive, and when a panel has moved."""
 
     farthest_m: float = setting(
-        400.0, "m", "images taken farther from a place are not looked at", low=1,
+        400.0, "m", "images taken farther from a place are not used", low=1,
         origin="no face is measured from farther away",
     )  # fmt: skip
     moved_m: float = setting(
-        30.0, "m", "a panel that is gone and one of the same face that is new so far apart are one that was moved",
+        30.0, "m", "a gone panel and a new one with the same face count as moved up to this distance",
         low=0, origin="shorter than the distance of equal signs along a road",
     )  # fmt: skip
     images: int = setting(
-        8, "images", "whether a drive saw past a place is told by so many of its largest images of it", low=2,
+        8, "images", "number of a drive's largest images of a place that decide whether it saw past the place", low=2,
         origin="set by hand: all of them are read and decoded",
     )  # fmt: skip

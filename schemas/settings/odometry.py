@@ -20,7 +20,7 @@ class MotionSettings:
         0.0, "px", "straight-line residual above which a pair is adjusted; 0: every pair is", low=0
     )
     smallest_ties: int = setting(
-        20, "points", "fewer tie points: the step is not measured, the expected one stands", low=5
+        20, "points", "fewer tie points: the expected step is used, not a measured one", low=5
     )
     spacing_sigma_m: float = setting(
         0.02, "m", "scatter of the distance between triggers", low=0.001

@@ -1,4 +1,4 @@
-"""Which images of a log take part, and how the work is carried out."""
+"""Which images of a log are used, and how the work is carried out."""
 
 from dataclasses import dataclass
 
@@ -7,9 +7,9 @@ from wayside.schemas.settings.field import setting
 
 @dataclass(frozen=True, slots=True)
 class ReadSettings:
-    """Which images of the log take part."""
+    """Which images of the log are used."""
 
-    camera: str = setting("", "topic", "image topic to use; empty: the only one there is")
+    camera: str = setting("", "topic", "image topic to use; empty: the only image topic")
     calibration: str = setting(
         "", "file", "YAML of ROS camera_info, OpenCV or Kalibr that replaces the log's calibration"
     )
@@ -20,13 +20,13 @@ class ReadSettings:
         2.0,
         "m",
         "images are thinned to about this distance; 0: use every image",
-        origin="nearer images add cost and no signs, and tell no direction of travel",
+        origin="nearer images add cost and no signs, and show no direction of travel",
         low=0,
     )
     from_s: float = setting(0.0, "s", "start this long after the first image", low=0)
     until_s: float = setting(0.0, "s", "stop this long after the first image; 0: at the end", low=0)
     every: int = setting(1, "images", "use every n-th image only", low=1)
-    blur: bool = setting(False, "", "blur what lies off the panels in images that are stored")
+    blur: bool = setting(False, "", "blur stored images outside the panels")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class RunSettings:
     memory_mb: float = setting(
         0.0,
         "MB",
-        "images that wait, are searched or are tracked take so much at most; 0: what workers and queue come to",
+        "most memory of images that wait, are searched or are tracked; 0: by the number of workers",
         low=0,
     )
 
@@ -47,7 +47,7 @@ class ModelSettings:
     """Learned numbers: colours, shapes, locations and classifiers."""
 
     folder: str = setting(
-        "", "folder", "model files here replace those that ship, each by its name; empty: none"
+        "", "folder", "model files here replace shipped ones of the same name; empty: none"
     )
     location: str = setting(
         "",

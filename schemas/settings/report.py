@@ -9,9 +9,9 @@ from wayside.schemas.settings.field import setting
 class ReportSettings:
     """The report's own chain, and the gates that it built and replaced; its last one is `locate.gate`."""
 
-    on: bool = setting(False, "", "the chain of the report, which its presets switch on")
+    on: bool = setting(False, "", "use the chain of the report; its presets switch it on")
     shape: bool = setting(
-        False, "", "after the colour: refuse regions whose outline is of no shape (chapter 4)"
+        False, "", "refuse outlines of no known shape, after the colour gate (chapter 4)"
     )
     trajectory: str = setting(
         "off",

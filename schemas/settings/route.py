@@ -1,4 +1,4 @@
-"""Settings of what is stated after the drive: the road beside the path, where along which route, what sign."""
+"""Settings of what is added after the drive: the place along a route, the roadside, the sign codes."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -44,7 +44,7 @@ class RouteSettings:
 class RoadsideSettings:
     """Cross-sections of the road: height of the ground, edge of the travelled way, slopes."""
 
-    on: bool = setting(False, "", "measure the ground and the painted lines beside the path")
+    on: bool = setting(False, "", "measure the ground and the painted lines along the path")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class CodeSettings:
     system: str = setting(
         "auto",
         "",
-        "system that the signs are of: `us` (MUTCD), `vienna` (Vienna Convention), or `auto`: by the signs themselves",
+        "system of the signs: `us` (MUTCD), `vienna` (Vienna Convention), or `auto`: by the signs themselves",
         origin="a drive crosses no ocean",
         choices=("auto", "us", "vienna"),
     )
@@ -62,7 +62,7 @@ class CodeSettings:
         0.9,
         "",
         "probability from which a code is stated, else the series it belongs to, else nothing",
-        origin="one stated code in ten may be wrong at the least sure",
+        origin="at this probability, one stated code in ten is wrong",
         low=0.5,
         high=1,
     )

@@ -38,9 +38,9 @@ from wayside.stages.geometry import Schedule, cholesky_solve, minimiser
 from wayside.stages.kernels import Array, require_array
 
 WINDOW_ITERATIONS = 15
-"""Of a window at most: leaves a position .003 sigmas off the minimum (median; .16 in 95 %)."""
+"""Most iterations of a window: leaves a position .003 sigmas off the minimum (median; .16 in 95 %)."""
 CONSTRAINT_ITERATIONS = 3
-"""Derivatives of the constraints are taken so often: later steps are too short to change them."""
+"""Iterations that compute derivatives of the constraints: later steps are too short to change them."""
 
 
 class WindowAdjustment(NamedTuple):
@@ -106,9 +106,9 @@ def adjust_window(
 ) -> WindowAdjustment:
     """Adjust poses and points together.
 
-    pose: the frame whose pose the covariance and gain are asked of; None: the first point's. Both are nan where the
-    normal equations cannot be solved, very large where nothing measures what is asked for. iterations, gain: at most so
-    many; ended where one lowers the cost by a smaller fraction.
+    `pose`: the frame whose pose the covariance and gain are of; None: the first point's. Both are nan where the normal
+    equations cannot be solved, and very large where nothing measures the pose or point. `iterations`: at most.
+    `gain`: an iteration that lowers the cost by a smaller fraction is the last.
 
     Raises ValueError where an array has another shape or type, or a number refers to no frame or point.
     """

@@ -60,9 +60,9 @@ def correlated_covariance(
 ) -> Array:
     """Covariance (k, k) of an estimate by smooth random fields of errors, one in each image, independent of each other.
 
-    position (n, 2): of ties in their images, px. image (n,): number of that image. effect (n, 2, k): change of the
-    estimate by one standard deviation of the field in both coordinates of each tie. reach_px: of the correlation
-    exp(-d^2 / (2 reach_px^2)).
+    `position` (n, 2), `image` (n,): place of each tie in its image, px, and number of that image.
+    `effect` (n, 2, k): change of the estimate per standard deviation of the field, in both coordinates of each tie.
+    `reach_px`: of the correlation exp(-d^2 / (2 reach_px^2)).
     """
     order = np.argsort(image, kind="stable")
     first = np.flatnonzero(np.diff(image[order], prepend=-1)).astype(np.int64)

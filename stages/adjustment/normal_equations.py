@@ -84,7 +84,7 @@ def add_blocks(
 
 @compiled
 def reduce_points(normal: NormalEquations, damping: float) -> None:
-    """Schur complement of the points in `reduced`, lower half; its right side in `step`; inverses of the points."""
+    """Write the Schur complement of the points (lower half), its right side, and the points' inverses into `normal`."""
     reduced, right, mixed = normal.reduced, normal.step, normal.mixed
     for k in range(right.shape[0]):
         right[k] = normal.poses_right[k]

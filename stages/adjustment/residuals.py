@@ -89,7 +89,7 @@ class StepConstraints(NamedTuple):
     def of(priors: Sequence[StepPrior], *, common: bool = False) -> StepConstraints:
         """Priors of the steps of a window, each from one frame to the next.
 
-        common: their lengths derive from each other, so they share one error, which does not average out.
+        `common`: their lengths derive from each other, so they share one error, which does not average out.
         """
         numbers = np.arange(len(priors), dtype=np.int64)
         factor = np.sqrt(len(priors)) if common else 1.0
@@ -123,7 +123,7 @@ class WindowEstimate(NamedTuple):
 class PointAnchors(NamedTuple):
     """Frames of the points' coordinates: rotation (p, 3, 3) and centre (p, 3) of a camera that sees each point.
 
-    A point is (a, b, rho): the ray (a, b, 1) of that camera as posed at the start, and the inverse depth there. The
+    A point is `(a, b, rho)`: the ray `(a, b, 1)` of that camera as posed at the start, and the inverse depth there. The
     anchor stays while the camera's pose is adjusted, so a point depends on no pose.
     """
 

@@ -28,11 +28,11 @@ Numbers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 NEAREST_DEPTH = 1e-6
-"""Smallest third coordinate of a turned ray: what would lie beside or behind the camera has no place in its image."""
+"""Smallest third coordinate of a turned ray: points next to or behind the camera have no place in its image."""
 
 
 class StepTies(NamedTuple):
-    """Ties of the steps of a window, in n rows: step, corners (n, 2) and rays (n, 2) in both frames, warp (n, 3).
+    """Ties of the steps of a window, in n rows. Corners and rays (n, 2) are in both frames; the warp is (n, 3).
 
     `place` (n, 3): in the earlier camera, m, nan where unknown. `pixel` (n, 2): ideal, in the later image.
     `displacement_px` (n,): in it, by translation. `scatter` (n,): errors over those stated, by step.
@@ -93,7 +93,7 @@ def ties_of_step(
 def translation_px(rotation: Array, before: Array, after: Array, focal_px: float) -> Array:
     """How far ties move in the image by the translation of the camera alone, (n,) px.
 
-    rotation (3, 3): of the later camera in the earlier one. before, after: rays (n, 2) in both.
+    `rotation` (3, 3): of the later camera in the earlier one. `before`, `after`: rays (n, 2) in both.
     """
     far = before @ rotation[:2] + rotation[2]
     moved = after - far[:, :2] / np.maximum(far[:, 2:], NEAREST_DEPTH)
@@ -103,9 +103,9 @@ def translation_px(rotation: Array, before: Array, after: Array, focal_px: float
 def link_tracks(step: Numbers, corners: Numbers) -> Numbers:
     """Number of the track of each tie, (n,), in the order of first appearance.
 
-    step (n,): ascending. corners (n, 2): of the earlier and the later image that a tie joins; -1: of none, a track of
-    its own. A tie that ends at a corner is followed by the tie of the next step that starts there; of two that end at
-    the same corner the last is followed.
+    `step` (n,): ascending. `corners` (n, 2): of the earlier and the later image that a tie joins; -1: no corner, the
+    tie is a track of its own. A tie that ends at a corner is followed by the tie of the next step that starts there. Of
+    two that end at the same corner the last is followed.
     """
     n = len(step)
     track = np.full(n, -1, np.int64)

@@ -164,8 +164,8 @@ def calibrate_boards(
     views: corners (n, 2) of each, pixels, in the order of `board.points`. size: width and height of the images. model:
     of `LENS_MODELS`.
 
-    Raises CalibrationError for too few views, or views that do not determine the focal length; then the residuals of
-    all lens models are told, since a lens of another kind looks like that, too.
+    Raises CalibrationError for too few views, or views that do not determine the focal length. The message then has the
+    residuals of all lens models, because a lens of another kind looks the same.
     """
     kept = list(range(len(views)))
     while True:

@@ -28,8 +28,8 @@ class NetworkInput:
 class OnnxNetwork:
     """A network of an ONNX file, run by onnxruntime in the thread that asks; threads may share it.
 
-    file: its path or content; ValueError where it cannot be run. outputs: that are wanted, by name; all of the file
-    where none are named.
+    `file`: its path or content. `outputs`: names of those to compute; all if empty.
+    Raises ValueError where the file cannot be run.
     """
 
     def __init__(self, file: str | bytes, outputs: tuple[str, ...] = ()) -> None:

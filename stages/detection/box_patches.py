@@ -25,8 +25,8 @@ def pyramid_of_boxes(rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> Pyrami
 def drawn_patches(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.uint8]:
     """The patch of each box, (n, 48, 48, 3).
 
-    levels: the image at full, half and quarter size, (height, width, 3) uint8 each. box: (n, 4) float32 `[x0, y0, x1,
-    y1]`, half open, full-size pixels; beyond the image its border is repeated.
+    `levels`: the image at full, half and quarter size, `(height, width, 3)` uint8 each. `box` (n, 4) float32: corners
+    `[x0, y0, x1, y1]`, half open, full-size pixels. Beyond the image its border is repeated.
 
     Raises ValueError where an image or the boxes are of another type or layout.
     """

@@ -100,7 +100,7 @@ def regressed_boxes(
 def joined_scores(
     model: NetworkSum | None, own: NDArray[np.float32], network: NDArray[np.float32] | None
 ) -> NDArray[np.float32]:
-    """The sum (n,) of scores by the box network (n,) and the detection network (n,); `own` where either is None."""
+    """The sum (n,) of scores by the box network (n,) and the detection network (n,); `own` without model or network."""
     if model is None or network is None:
         return own
     joined = np.float32(model.own) * own + np.float32(model.network) * network

@@ -42,8 +42,8 @@ def recognised(
 ) -> str:
     """The format of the outputs of a network, by name, from one run on any image.
 
-    input_size: height and width of the image that the network took. head, classes: name of its head and number of its
-    classes as the file's metadata say, empty and 0 where they do not.
+    `input_size`: height and width of the image that the network took. `head`, `classes`: name of its head and number of
+    its classes in the file's metadata. Empty and 0: not stated.
 
     Raises ValueError, with the shapes that were found, where no format has them, or several have.
     """

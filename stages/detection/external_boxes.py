@@ -63,9 +63,9 @@ def boxes_of(source: BoxFile, frame: Frame) -> ExternalBoxes:
 
 
 def number_of(source: BoxFile, frame: Frame) -> int | None:
-    """The number that names this frame in `source.boxes`; None where it has none.
+    """The number that names this frame in `source.boxes`; None if no name of the file fits.
 
-    Names are those of the files of the log where it knows them; else `image_id` tells, or the order of the names.
+    File names of the log count, if it has them. Otherwise `image_id` counts, or the order of the names.
     """
     if by_image_id(source, frame):
         return source.ids.get(frame.index)

@@ -44,10 +44,10 @@ def minimiser(
     schedule. It returns the best estimate (one of the two it was given), its cost and the number of iterations. At the
     returned estimate no linearisation has been made: a caller that needs a covariance makes it.
 
-    evaluate: fills the residuals of an estimate and returns its cost. linearise: fills the normal equations in the
-    problem at an estimate; its last argument counts iterations from 0. solve: writes the unknowns after the damped step
-    into its last argument; False where the equations cannot be solved. plain: the three are plain Python on mutable
-    objects; else kernels on named tuples of arrays, and so is the result.
+    `evaluate`: fills the residuals of an estimate and returns its cost. `linearise`: fills the normal equations in the
+    problem at an estimate; its last argument counts iterations from 0. `solve`: writes the unknowns after the damped
+    step into its last argument; False where the equations cannot be solved. `plain`: these three and the result are
+    plain Python on mutable objects; else kernels on named tuples of arrays.
     """
 
     def minimise(

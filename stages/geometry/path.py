@@ -22,9 +22,9 @@ def frenet_offset(
 ) -> FrenetOffset:
     """Project a point onto the polyline of camera centres, which is extended straight beyond both ends.
 
-    point (3,). centres (n, 3): of cameras in the order of travel, n at least 1. ups (n, 3): up axis of each in the
-    world. stations (n,): distance along the path, metres. ahead (3,): direction of travel, used where there is only
-    one.
+    `point` (3,), `centres` (n, 3): in the world; cameras in the order of travel, n at least 1.
+    `ups` (n, 3), `stations` (n,): up axis of each camera in the world, and distance along the path, metres.
+    `ahead` (3,): direction of travel, used for a single camera.
     """
     if len(centres) == 1:
         starts, steps, lengths = centres, ahead[None], np.ones(1)

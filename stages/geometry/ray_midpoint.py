@@ -33,7 +33,7 @@ class Midpoints(NamedTuple):
 def midpoint(c0: Floats, c1: Floats, d0: Floats, d1: Floats) -> Midpoints:
     """Midpoint of the shortest segment between two rays (report eqs. 7.1 to 7.4).
 
-    c0, c1 (3,): camera centres. d0, d1 (n, 3): directions of the rays in the same frame, of any length.
+    `c0`, `c1` (3,): camera centres. `d0`, `d1` (n, 3): directions of the rays in the same frame, of any length.
 
     Returns nan where the rays are parallel (q1 x q2 = 0: at the focus of expansion, or without a baseline they meet at
     the common centre).
@@ -78,9 +78,9 @@ def pair_residual(
 ) -> Array:
     """Sum of the four squared pixel differences of each midpoint's projections (report eqs. 7.5, 7.6).
 
-    previous, current: rays (n, 2) as (x/z, y/z). rotation (3, 3), direction (3,): of the current camera in the
-    previous one's frame, the direction of any length. focal_px: fx, fy; the report's single f assumes square,
-    undistorted pixels.
+    `previous`, `current`: rays (n, 2) as (x/z, y/z). `rotation` (3, 3), `direction` (3,): of the current camera in the
+    previous one's frame; the direction may have any length. `focal_px`: fx and fy. The report's single f assumes
+    square, undistorted pixels.
 
     Returns (n,) px squared. Where the rays do not meet ahead of both cameras the point is taken at infinity, the
     nearest valid position, with its residual divided between both images.

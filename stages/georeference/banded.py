@@ -31,9 +31,9 @@ class BandedNormal:
     ) -> None:
         """Add measurements of one kind.
 
-        block (m,): that each measurement belongs to, no block twice. columns: of the c unknowns touched, counted from
-        the first of the block; down to -size for the block before. jacobian (m, r, c), residual (m, r): of the
-        prediction, and measured minus predicted. weight: one over the variance, of all, or (m, r) or (m, 1).
+        `block` (m,): the block of each measurement, none twice. `columns`: its c unknowns, counted from the first of
+        the block; down to -size for the block before. `jacobian` (m, r, c), `residual` (m, r): of the prediction, and
+        measured minus predicted. `weight`: one over the variance: a number, (m, r) or (m, 1).
         """
         weighted = jacobian * np.asarray(weight)[..., None]
         first = block * self.size
@@ -59,7 +59,7 @@ def block_covariances(factor: Array, size: int) -> Array:
 
     Only entries within the band of the inverse are computed (Takahashi, Fagan and Chin 1973).
 
-    factor (2 size, n): lower Cholesky factor in band form, n a multiple of size.
+    `factor` (2 size, n): lower Cholesky factor in band form, n a multiple of size.
     """
     columns = np.ascontiguousarray(factor.T)
     require_array(columns, "factor", np.float64, (None, 2 * size))
@@ -79,8 +79,8 @@ def combination_variance(factor: Array, last: Array, gradient: Array) -> float:
     The blocks after these do not enter but by the covariance of the last: given it, those before are independent of
     them. The cost is proportional to the number of blocks of the combination.
 
-    factor (2 size, k size): columns of the banded Cholesky factor of these k blocks. last (size, size): covariance of
-    the last block, from `block_covariances`. gradient (k size,): the factor of each unknown.
+    `factor` (2 size, k size): columns of the banded Cholesky factor of these k blocks. `last` (size, size): covariance
+    of the last block, from `block_covariances`. `gradient` (k size,): the factor of each unknown.
     """
     size = len(last)
     white = np.asarray(solve_banded((len(factor) - 1, 0), factor, gradient))

@@ -13,10 +13,10 @@ from wayside.stages.georeference.trajectory import Trajectory
 from wayside.stages.kernels import Array
 
 SHORTEST_STEP_M = 0.5
-"""Between cameras that tell a direction of travel."""
+"""Least distance between cameras that give a direction of travel."""
 
 ORIGIN_REACH_DEG = 1.0
-"""A fix farther from the median of all is no origin: receivers that start up report other continents."""
+"""A fix farther from the median of all cannot be the origin: receivers that start up report other continents."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class Globe:
     def point_covariance(self, frame: int, position: Array, covariance: Array) -> Array:
         """Covariance (3, 3) east, north, up of a point: its own relative to a camera, and that of the camera.
 
-        position (3,), covariance (3, 3): in the axes of the camera of `frame`, metres.
+        `position` (3,), `covariance` (3, 3): in the axes of the camera of `frame`, metres.
         """
         row = self.rows[frame]
         rotation = self.trajectory.rotation[row]

@@ -186,7 +186,7 @@ def _on_globe(
 ) -> tuple[Globe | None, tuple[str, ...]]:
     """The path in east, north, up, bounded by the fixes, and notes on these; None where the fixes contradict it.
 
-    start: rotations and centres, level; tilt_rad: how level the first is, roll_rad: all cameras are.
+    `start`: rotations and centres, level. `tilt_rad`, `roll_rad`: how level the first camera is, and all are.
     """
     fixes = [p.fix for p in path if p.fix is not None]
     rows = np.flatnonzero([p.fix is not None for p in path])

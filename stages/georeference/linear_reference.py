@@ -1,4 +1,4 @@
-"""Where along which route a sign stands: by a milepost at the start, or by route lines with measures."""
+"""Route and measure of each sign: by a milepost at the start, or by route lines with measures."""
 
 import math
 from collections.abc import Iterator
@@ -37,8 +37,8 @@ def measure_along_route(
     measure is taken at the point of the followed line that is nearest to the path abreast of the sign. A sign near a
     crossing keeps the route of the drive, also where another line is nearer.
 
-    Without a place on the globe, and where the path followed no route, signs stay as they are. segments: of routes near
-    the path; None: by milepost.
+    Without a place on the globe, and where the path followed no route, signs stay as they are. `segments`: of routes
+    near the path; None: by milepost.
     """
     if segments is None:
         yield from _by_milepost(signs, settings)
@@ -77,13 +77,13 @@ def _by_lines(listed: list[Sign], path: DrivePath, segments: RouteSegments) -> I
 def nearest_on_routes(
     points: Array, directions: Array, segments: RouteSegments
 ) -> tuple[Array, Array]:
-    """Distance (p, r), metres, of each point to each route, and the measure (p, r) of the nearest point on it.
+    """Distance of each of p points to each of r routes, metres, and the measure of the nearest point; both (p, r).
 
     A point is compared with the pieces that lie within `ROUTE_REACH_M` and run along the travel. Without such a piece,
     the distance is infinite and the measure nan. Distances are those on the plane that touches the sphere at the point:
     exact to 1e-5 within the reach.
 
-    points, directions: longitude and latitude (p, 2), degrees; unit vectors of travel (p, 2), east and north.
+    `points` (p, 2): longitude and latitude, degrees. `directions` (p, 2): unit vectors of travel, east and north.
     """
     distance = np.full((len(points), len(segments.names)), math.inf)
     measure = np.full(distance.shape, math.nan)
@@ -132,7 +132,7 @@ def follow_routes(distance: Array) -> np.ndarray[Any, np.dtype[np.int64]]:
 def _along(places: Array, stations: Array, wanted: Array) -> tuple[Array, Array]:
     """Longitude, latitude (n, 2) and direction of travel (n, 2) at stations; beyond its ends the path goes on straight.
 
-    places (p, 2), stations (p,): of the frames. Where the vehicle stands, the last direction is kept.
+    `places` (p, 2), `stations` (p,): of the frames. Where the vehicle stands, the last direction is kept.
     """
     moving = np.concatenate([[True], np.diff(stations) > 0])
     places, stations = places[moving], stations[moving]

@@ -54,9 +54,9 @@ def notes_on_spacing(points: Sequence[PathPoint]) -> tuple[str, ...]:
         return ()
     lengths = [p.baseline_m or 0.0 for p in followed]
     return (
-        f"the distance between images is not constant: {len(followed)} of {len(points) - 1} steps, the first to frame "
-        f"{followed[0].frame}, follow the points seen in successive steps, {min(lengths):.2f} m to "
-        f"{max(lengths):.2f} m; the spacing only holds their mean, so positions and sizes share an error of scale",
+        f"the distance between images is not constant. In {len(followed)} of {len(points) - 1} steps, the first to "
+        f"frame {followed[0].frame}, points in the images give it: {min(lengths):.2f} m to {max(lengths):.2f} m. The "
+        "spacing only gives their mean, so positions and sizes share an error of scale",
     )
 
 
@@ -64,7 +64,7 @@ def _time_offset(chain: RelativeMotionChain, found: Trajectory, what: str) -> st
     offset = found.time_offset_s
     if found.impossible_offset_s:
         return (
-            f"the {what} seem to be {abs(found.impossible_offset_s):.1f} s off the images, longer than any recorder is "
+            f"the {what} seem to be {abs(found.impossible_offset_s):.1f} s off the images, more than any recorder is "
             "late: not corrected"
         )
     if not offset:

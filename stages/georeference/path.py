@@ -1,4 +1,4 @@
-"""What is kept of every frame until the drive has ended, and the path that comes of it."""
+"""What is kept of every frame until the drive has ended, and the path that results."""
 
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
@@ -22,7 +22,7 @@ FRAMES_BEFORE, FRAMES_AFTER = 3, 20
 class PathPoint:
     """One used frame: pose by the chain of steps, the log's own pose and fix where given, numbers of the step to it.
 
-    covariance (6, 6), source, length_ratio, baseline_m (None at the first), station_m, camera_height_m: as in `Motion`.
+    `covariance` (6, 6), `source`, `length_ratio`, `baseline_m` (None at the first) and the rest are as in `Motion`.
     """
 
     frame: int

@@ -31,7 +31,7 @@ def place_signs(
 ) -> Iterator[Sign]:
     """Signs in the order of their numbers: by station, then lateral offset.
 
-    confidence: signs below get the status `uncertain`; backs keep theirs.
+    `confidence`: signs below get the status `uncertain`; backs keep theirs.
     """
     ordered = sorted(landmarks, key=lambda p: (p.station_m, p.right_m, p.track_id))
     assemblies: dict[int, int] = {}

@@ -30,7 +30,7 @@ OFFSET_SIGMA_S = 0.5
 OFFSET_DRIFT_S = 1e-5
 """Scatter of the change of this offset from frame to frame: holds it constant."""
 OFFSET_SIGMAS = 4.0
-"""An offset of so many of its standard deviations is undone: rendered drives without one show none."""
+"""Standard deviations from which an offset is corrected: rendered drives without an offset show none."""
 SMALLEST_OFFSET_S = 0.02
 """Shorter time offsets are ignored (estimate)."""
 STEP_REACH, RATIO_REACH, POSITION_REACH = 6.0, 6.0, 3.0
@@ -42,7 +42,7 @@ EXCLUDED_WEIGHT = 1e-6
 OUTLIER_WEIGHT = 0.05
 """Poses and fixes of lower final weight are reported as outliers."""
 LONGEST_OFFSET_S = 1.0
-"""No recorder is later; what asks for more contradicts the motion."""
+"""No recorder is later; poses or fixes that need more contradict the motion."""
 
 CENTRE, ROTATION, SCALE, CORRELATED, OFFSET = slice(0, 3), slice(3, 6), 6, slice(7, 10), 10
 UNKNOWNS = 11
@@ -53,8 +53,8 @@ UNKNOWNS = 11
 class Trajectory:
     """Where the camera was: rotation (n, 3, 3), centre (n, 3); scale (n,): length of each step over that given.
 
-    `covariance` (n, 11, 11): of centre (m), rotation vector about the world's axes (rad), logarithm of the scale, and
-    the unknowns of the absolute positions. `factor` (22, 11 n): of its inverse for all frames, banded (Cholesky).
+    `covariance` (n, 11, 11): of centre (m), rotation vector about the world's axes (rad), logarithm of the scale and
+    unknowns of the absolute positions. `factor` `(22, 11 n)`: of its inverse for all frames, banded (Cholesky).
     `weight` (m,): of the absolute measurements, near 0 for an outlier, which `outliers` counts. `time_offset_s`: how
     long after a frame's capture its position is reported, 0 where none is found. `impossible_offset_s`: one that no
     recorder has and that is therefore not undone, or 0.
@@ -74,7 +74,7 @@ class Trajectory:
     def length_variance(self, first: int, last: int, level: bool) -> float:
         """Variance, m^2, of the distance travelled from one row of the path to a later one.
 
-        Each step's length changes with both of its ends along the step: errors that the ends share cancel. level: of
+        Each step's length changes with both of its ends along the step: errors that the ends share cancel. `level`: of
         the distance in the plane x, y.
         """
         steps = np.diff(self.centre[first : last + 1], axis=0)
@@ -92,9 +92,9 @@ def smooth(
 ) -> Trajectory:
     """The trajectory that fits relative motion and absolute positions best.
 
-    A constant time offset of the absolute measurements is estimated, and undone where it is significant.
+    A constant time offset of the absolute measurements is estimated, and corrected where it is significant.
 
-    rotation (n, 3, 3), centre (n, 3): initial values, tens of metres and some degrees away at most.
+    `rotation` (n, 3, 3), `centre` (n, 3): initial values, tens of metres and some degrees away at most.
 
     Raises numpy.linalg.LinAlgError where the measurements leave something undetermined.
     """

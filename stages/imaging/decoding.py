@@ -50,7 +50,7 @@ _MOST_SCANS = 100
 """Scans of a progressive JPEG, each of which passes over all pixels: encoders write about ten."""
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _FILLING = re.compile(r"\b[1-8] extraneous bytes before marker 0xd9")
-"""What a decoder says of the bytes that some cameras put between image and end: no pixel is missing."""
+"""Warnings about the bytes that some cameras put between image and end: no pixel is missing."""
 
 
 def decode(frames: Iterator[Frame], balance: BalanceSettings | None = None) -> Iterator[Image]:

@@ -30,7 +30,7 @@ def halved(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def enlarged(rgb: NDArray[np.uint8], times: int) -> NDArray[np.uint8]:
-    """The image so many times as large, cubic between its pixels; itself for 1."""
+    """The image enlarged by a factor, cubic between its pixels; itself for 1."""
     if times == 1:
         return rgb
     large = cv2.resize(rgb, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC)
@@ -45,7 +45,7 @@ The models were learned with it."""
 def log_chromaticity(rgb: NDArray[Any]) -> NDArray[np.float64]:
     """Natural logarithms of brightness (R+G+B)/3, of R/G and of B/G, (n, 3), finite for every input.
 
-    rgb: colours (n, 3), R, G, B from 0 to 255. Each channel is raised by `DARK_LEVEL`; a change of exposure moves a
+    `rgb`: colours (n, 3), R, G, B from 0 to 255. Each channel is raised by `DARK_LEVEL`; a change of exposure moves a
     colour along the first axis only. Raises ValueError if the colours are not (n, 3).
     """
     if rgb.ndim != 2 or rgb.shape[1] != 3:
@@ -69,15 +69,15 @@ def colorfulness(rgb: NDArray[np.uint8]) -> float:
 
 
 ROAD_FROM = 0.1
-"""The road is looked for from this tangent below the optical axis on."""
+"""The road is searched from this tangent below the optical axis on."""
 ROAD_UNTIL = 0.95
 """Down to this fraction of the height of the image: bonnets and what recorders write lie below."""
 TOLERANCE = 0.18
-"""Colour of a road, log ratio against green, that is no cast: 9 of 10 images of six real drives show 0.16 at most."""
+"""Colour of a road, log ratio against green, without a cast: 9 of 10 images of six real drives show 0.16 at most."""
 LARGEST_CAST = 0.3
-"""No more is taken out, log ratio: a road of earth or brick has a colour of its own."""
+"""Largest correction, log ratio: a road of earth or brick has a colour of its own."""
 _STEP = 8
-"""Pixels between those that are looked at, each way."""
+"""Pixels between the sampled ones, each way."""
 
 _LOGARITHM = np.log(np.arange(256) + DARK_LEVEL)
 """Of each level, as in `log_chromaticity`."""

@@ -26,7 +26,7 @@ MISREAD = 0.03
 SAME_BY_CHANCE = 0.3
 """Probability that two panels have one colour by chance; the same of the shape: three kinds in equal parts."""
 AGREE, DIFFER = log((1 - MISREAD) / SAME_BY_CHANCE), log(MISREAD / (1 - SAME_BY_CHANCE))
-"""What it says of two panels that their colours are the same, and that they are not; the same of shapes."""
+"""Log-likelihood ratio of equal and of different colours, for one panel against two; the same for shapes."""
 SIZE_FLOOR = 0.05
 """Smallest relative standard deviation of a width or height (rendered drives held out)."""
 MOST_CHANGED = 0.5
@@ -41,7 +41,7 @@ def candidate_pairs(
     """Pairs (m, 2) of rows of different drives, the lower first, near each other and facing the same way.
 
     Near: within `NEAR_SIGMAS` standard deviations of the errors of both, level, and at most within `reach_m`.
-    position (n, 3): to compare instead of that measured.
+    `position` (n, 3): to compare instead of that measured.
     """
     where = sightings.position if position is None else position
     spread = sightings.common_sigma_m[:, 0]
@@ -73,8 +73,8 @@ def face_log_ratio(
 ) -> Floats:
     """Log-likelihood ratio (m,) of the faces of rows i and j: of one panel, against of two by chance.
 
-    What is unknown in either row says nothing, nor does the code where colour or shape differ already. agree, differ:
-    what a colour, shape or code says.
+    What is unknown in either row says nothing, nor does the code where colour or shape differ already. `agree`,
+    `differ`: what a colour, shape or code says.
     """
     ratio = size_log_ratio(sightings, i, j)
     differs = np.zeros(len(ratio), bool)
@@ -123,8 +123,8 @@ def gone_probability(
     Otherwise either each of these drives missed it, by a vehicle in front or by its own fault, or it is no panel at
     all. The second is supported by other drives of the survey that should have seen it and did not.
 
-    confidence: that it is a panel. years: between the surveys. looks: drives of the other survey that had the place in
-    view. misses: drives of the same survey that had it in view and saw no panel.
+    `confidence`: that it is a panel. `years`: between the surveys. `looks`: drives of the other survey that had the
+    place in view. `misses`: drives of the same survey that had it in view and saw no panel.
     """
     changed = float(changed_share(np.array(years), settings))
     panel = confidence * settings.missed**misses
@@ -144,9 +144,9 @@ def _years(sightings: Sightings, i: Ints, j: Ints) -> Floats:
 def place_log_ratio(apart: Floats, spread: Floats) -> Floats:
     """Log-likelihood ratio (m,) of the places of two sightings: of one panel, against of one and its neighbour.
 
-    The difference of two measurements of one panel, apart (m, 3) with covariance spread (m, 3, 3), metres, has a
-    multivariate Student distribution, because some errors are larger than stated (Lange, Little and Taylor 1989).
-    Neighbours that face the same way stand anywhere with one density.
+    `apart` (m, 3), `spread` (m, 3, 3): difference of two measurements, metres, and its covariance. For one panel it has
+    a multivariate Student distribution, because some errors are larger than stated (Lange, Little and Taylor 1989).
+    Neighbours that face the same way have the same density everywhere.
     """
     tail = (TAIL_FREEDOM + 3) * np.log1p(mahalanobis2(apart, spread) / TAIL_FREEDOM)
     return np.asarray(PLACE_TERM - 0.5 * (np.log(np.linalg.det(spread)) + tail))

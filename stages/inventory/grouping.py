@@ -35,8 +35,8 @@ def merge_sightings(sightings: Sightings, settings: MergeSettings) -> MergedPane
     groups' positions are more likely two panels. Faces at a place follow each other in time: a face that differs for
     good is another panel (`face_runs`).
 
-    A panel's position is the mean of its corrected sightings by the inverse of their covariances. Its covariance is
-    that of the mean of the drives that saw it, with the whole common error of each. Relative offsets are known well.
+    A panel's position is the mean of its corrected sightings by the inverse of their covariances. Its covariance
+    describes the mean of the drives that saw it, with the whole common error of each. Relative offsets are known well.
     Their common level is known only as well as the mean of the fixes.
     """
     offset, known = solve_offsets(sightings, settings)
@@ -93,9 +93,9 @@ def _join(
 ) -> Ints:
     """Group of each of n rows, named by its lowest row; no group holds two rows of one drive.
 
-    pairs, relative, face: rows (m, 2) to join, best first, with the variance (m, 2), level and up, of the drives'
-    relative offset, and the log-likelihood ratio (m,) of their faces. weighted, information: position times information
-    (n, 3), and information (n, 3, 3), of the rows; those of the groups take their place.
+    `pairs` (m, 2): rows to join, best first. `relative` (m, 2): variance of the drives' relative offset, level and up.
+    `face` (m,): log-likelihood ratio of the faces. `information` (n, 3, 3), `weighted` (n, 3): of the rows, and this
+    times the position; overwritten by the sums of the groups.
     """
     group, following = np.arange(len(drive)), np.full(len(drive), -1)  # members are linked lists
     for k in range(len(pairs)):

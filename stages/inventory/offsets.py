@@ -28,7 +28,7 @@ from wayside.stages.inventory.association import (
 CORRELATION_S = 60.0
 """Correlation time of a drive's common error, usual for single receivers."""
 KERNEL = (1.0, 0.5, 0.25, 0.1, 0.05, 0.0)
-"""Kernel width of each iteration, by the common errors' sigma: wide first, signs without a like beside them decide."""
+"""Kernel width of each iteration, by the common errors' sigma: wide first, so signs unlike their neighbours decide."""
 
 _SHORTEST_S = 1e-3
 """Panels of one image share the error; a shorter step would make the matrix singular."""
@@ -70,8 +70,8 @@ def relative_variance(sightings: Sightings, known: Ints, pairs: Ints) -> Floats:
     """Variance (m, 2), level and up, of the difference of two drives' common errors after their adjustment.
 
     Of the other pairs of the same two drives, only the nearest before and after count, with the change of both errors
-    over this distance. A pair is thus not judged by its own error, and more pairs would only lower it. known: pairs
-    (k, 2) that determined the adjustment. pairs: rows (m, 2) of different drives, the lower first.
+    over this distance. A pair is thus not judged by its own error, and more pairs would only lower it.
+    `known` (k, 2): pairs that determined the adjustment. `pairs` (m, 2): rows of different drives, the lower first.
     """
     drives = int(sightings.drive.max(initial=0)) + 1
     of, asked = (sightings.drive[rows] @ [drives, 1] for rows in (known, pairs))

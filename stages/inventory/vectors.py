@@ -148,7 +148,7 @@ def reference_vectors(
 ) -> dict[int, tuple[int, Agreement]]:
     """The reference of each drive that differs, and how: of those connected the most that agree, or the earliest.
 
-    found: by two drives, the lower first. first_ns: by drive, when it saw its first panel.
+    `found`: by two drives, the lower first. `first_ns`: by drive, when it saw its first panel.
     """
     clear = {pair: one for pair, one in found.items() if one.clear}
     order = sorted(clear, key=lambda pair: (-clear[pair].supports, pair))

@@ -1,6 +1,6 @@
 """Whether a panel would have shown in the images of a drive, or something nearer hides its place.
 
-The second is told by a plane sweep (Collins 1996).
+A plane sweep (Collins 1996) decides the second.
 """
 
 from collections.abc import Sequence
@@ -25,17 +25,17 @@ OBLIQUE_DEG = 60.0
 LEAST_CORRELATION = 0.7
 """Correlation of a window with the images before and after for its distance to count (two rendered roads)."""
 CORRELATION_MARGIN = 0.1
-"""So much more correlates the better of two answers: level edges correlate at any distance."""
+"""The better of two answers must correlate this much more: level edges correlate at any distance."""
 BESIDE = 0.1
-"""What is so much of its distance before or behind a place stands at it."""
+"""Fraction of the distance within which an object in front of or behind a place counts as being at it."""
 
 _FORBIDDEN = 1e9
 _SAMPLES = 24
-"""Of a window, each way."""
+"""Samples of a window, each way."""
 _DEPTHS = 96
-"""That are tried, evenly by their inverse."""
+"""Number of depths that are tried, evenly by their inverse."""
 _NEAREST = 0.25
-"""Of the distance of the place."""
+"""Nearest depth, as a fraction of the distance of the place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +56,10 @@ def views_of(
 ) -> tuple[Floats, Floats]:
     """Images in which a panel would show whole, at least so high, and from the front.
 
-    The height (n, k) of each of n panels in each of k images, pixels, 0 where it does not show, and the box (n, k, 4)
-    where it would. Objects between the camera and the place are not considered (see `measure_occlusion`), nor is the
-    distortion of the lens. centre (k, 3): of cameras, metres east, north, up. rotation (k, 3, 3): from the camera to
-    these axes. smallest_px: height of the face.
+    Returns heights (n, k) of n panels in k images, pixels, and boxes (n, k, 4). The height is 0 where one does not
+    show. Objects in front of the place (see `measure_occlusion`) and the distortion of the lens are left out.
+    `centre` (k, 3): of cameras, metres east, north, up. `rotation` (k, 3, 3): from the camera to these axes.
+    `smallest_px`: height of the face.
     """
     n, k = len(places.position), len(centre)
     if not n or not k:
@@ -80,7 +80,7 @@ def views_of(
 
 
 def match_moved(pairs: Ints, distance_m: Floats) -> Ints:
-    """Which of the pairs (m, 2) of what is gone and what is new hold, one to one.
+    """Which of the pairs (m, 2) of gone and new panels hold, one to one.
 
     As many as can, then those of least total distance_m (m,).
     """
@@ -88,7 +88,7 @@ def match_moved(pairs: Ints, distance_m: Floats) -> Ints:
         return np.zeros(0, np.int64)
     gone, new = (np.unique(side, return_inverse=True)[1].ravel() for side in pairs.T)
     count = int(gone.max()) + 1
-    # each has the choice to stay alone, at a cost that none takes while it can be paired
+    # each can stay alone, at a cost that is only paid if it cannot be paired
     alone = np.arange(count)
     cost = np.concatenate([distance_m + 1, np.full(count, _FORBIDDEN)])
     rows, columns = np.append(gone, alone), np.append(new, int(new.max()) + 1 + alone)
@@ -124,7 +124,7 @@ def measure_occlusion(
     A window of the panel's size is compared with the other images as if it lay at each of many distances. Larger
     windows follow as long as the result is undecided. Objects next to a place count only in the smallest window,
     because they hide nothing. Something that moves with the camera looks farther away than it is: a vehicle ahead hides
-    a place unnoticed. images: in order of time, with the place in view. size_m: width and height of the panel.
+    a place unnoticed. `images`: in order of time, with the place in view. `size_m`: width and height of the panel.
     """
     past = hidden = 0
     for k, image in enumerate(images):

@@ -1,6 +1,6 @@
 """What is left to decide of landmarks: where signs stand, and which hang on one support.
 
-After that the verdict of every candidate is known: it is that of its landmark.
+After that every candidate has the verdict of its landmark.
 """
 
 from collections import defaultdict
@@ -29,8 +29,8 @@ def classify_location(
 ) -> Iterator[TrackedFrame]:
     """Refuse landmarks where no sign stands (`location`) or of no sign's size (`panel_size`).
 
-    The report's classifier is one mean at 3.1 m right of and .6 m above the camera's path, with a threshold on the
-    Mahalanobis distance (eq. 3.1); here it is one on the likelihood ratio of a class to the places of other landmarks.
+    The report's classifier is one mean at 3.1 m right of and .6 m above the camera's path. Its threshold is on the
+    Mahalanobis distance (eq. 3.1). Here it is on the likelihood ratio of a class to the places of other landmarks.
     Where the evidence for landmarks contains their place, no model refuses them again.
 
     `model`: classes in (right of the path, above the camera's path), metres; None: only sizes are refused. Raises

@@ -92,7 +92,7 @@ class Hypotheses(NamedTuple):
 
 
 class Association(NamedTuple):
-    """For m hypotheses and n frames: row (m, n) of the candidate or -1; state (m, n) uint8; value (m,) of all views."""
+    """For m hypotheses and n frames: row (m, n) of the candidate or -1, state (m, n), value (m,) of all views."""
 
     row: NDArray[np.int32]
     state: NDArray[np.uint8]
@@ -112,9 +112,9 @@ def pair_hypotheses(
 ) -> tuple[NDArray[np.int64], Hypotheses]:
     """Pairs of candidates of two frames whose rays meet at a plausible point with like metric sizes: rows (k, 2).
 
-    The point is the midpoint of the two rays (report eqs. 7.1 to 7.4). older, newer: frames, as positions in the
-    window. gap_px: largest gap of the two rays, pixels, before the share of the height. likely (p, 2): pairs to try,
-    as numbers in their frames; None: all.
+    The point is the midpoint of the two rays (report eqs. 7.1 to 7.4). `older`, `newer`: frames, as positions in the
+    window. `gap_px`: largest gap of the two rays, pixels, before the share of the height. `likely` (p, 2): pairs to
+    try, as numbers in their frames; None: all.
     """
     c = candidates
     if likely is None:

@@ -70,10 +70,10 @@ def point_covariance(
     times the error of the rays. An error of the step between two frames moves all views on the far side of it, seen
     from `best`, together.
 
-    rotations (n, 3, 3), centres (n, 3): world from camera, of consecutive frames. point (3,): in the world. views (v,):
-    frames that it was fitted to. weight_sigma, ray_sigma (v,): standard deviation they were weighted by, and that of
-    the measured rays alone. steps (n, 6, 6): covariance of the step from the frame before (rotation vector, rad, then
-    translation, m, in the earlier camera's frame); row 0 is not used. best: the frame the point is reported in.
+    `rotations` (n, 3, 3), `centres` (n, 3), `point` (3,): in the world; cameras of consecutive frames. `views` (v,):
+    frames of the fit. `weight_sigma`, `ray_sigma` (v,): scatter by which they were weighted, and of the rays alone.
+    `steps` (n, 6, 6): covariance of the step from the frame before: rotation vector, rad, then translation, m, in the
+    earlier camera's frame. Row 0 is not used. `best`: the frame in which the point is reported.
     """
     local = np.einsum("ni,nij->nj", point - centres[views], rotations[views])
     depth = local[:, 2]

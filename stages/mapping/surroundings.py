@@ -54,8 +54,8 @@ class Patch(NamedTuple):
 def surroundings_correlation(views: Iterable[tuple[NDArray[np.uint8], Array]]) -> float:
     """Median correlation (-1 to 1) of the surroundings of a panel over pairs of its views, largest first.
 
-    nan where there is no pair to compare. views: images (height, width, 3), each with the box of the panel [left, top,
-    right, bottom], px.
+    `views`: images (height, width, 3), each with the box of the panel `[left, top, right, bottom]`, px.
+    The result is nan where there is no pair to compare.
     """
     patches = [patch for patch in (patch_of(*view) for view in views) if patch is not None]
     patches.sort(key=lambda patch: -patch.size_px)

@@ -77,11 +77,11 @@ def track(
     Frames come out in order, each once, at most `longest` + `WINDOW_STEP` used frames late. A landmark comes with the
     first frame that it was seen in.
 
-    front: classifiers of faces, of landmarks (None: each whose views agree is a sign) and of predicted views (None:
-    there are none). back: the same of panels seen from behind; None: they are not tracked. panel: models by which
-    panels are measured as planes; None: boxes alone give position and size. jointly: whether a landmark is adjusted
-    together with the motion. box_sigma: scatter of the centres of boxes, as `BOX_SIGMA`. each: applies what needs the
-    images to each of some items, as `map`; it may do so in several threads.
+    `front`: classifiers of faces: of landmarks (None: each whose views agree is a sign) and of predicted views (None:
+    no views are predicted). `back`: the same for panels seen from behind. None: they are not tracked. `panel`: models
+    that measure panels as planes. None: boxes alone give position and size. `jointly`: whether a landmark is adjusted
+    together with the motion. `box_sigma`: scatter of the centres of boxes, as `BOX_SIGMA`. `each`: like `map`, for
+    functions that need the images; it may use several threads.
     """
     sides = {False: front or SideClassifiers()} | ({} if back is None else {True: back})
     yield from _Tracker(settings, sides, box_sigma, PAIR_REACH, panel, jointly, each).run(posed)
@@ -238,7 +238,7 @@ class WindowSolver(ABC):
 
 @dataclass
 class _Tracker(WindowSolver):
-    """The tracker of preset `default`; the settings are those of `track`."""
+    """The tracker of preset `default`; `track` describes its settings."""
 
     panel: PanelModels | None
     jointly: bool

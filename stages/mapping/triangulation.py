@@ -46,11 +46,11 @@ def triangulate_views(
     The start is the midpoint of the pair of views with the lowest cost over all views. Gauss-Newton follows on the
     residuals with a Cauchy cost, which bounds the influence of a wrong view.
 
-    rotations (n, 3, 3): world from camera. centres (n, 3): of the cameras in the world, metres. rays (n, 2): ideal
-    image coordinates (x/z, y/z). sigma (n,): their standard deviation per coordinate, same unit.
+    `rotations` (n, 3, 3), `centres` (n, 3): world from camera, metres. `rays` (n, 2), `sigma` (n,): ideal image
+    coordinates (x/z, y/z), and their standard deviation per coordinate, same unit.
 
-    Returns the point (3,) in the world, nan where there are fewer than two views or all rays are parallel, and its
-    covariance (3, 3), square metres, scaled up where the residuals are larger than the sigmas, never down.
+    Returns the point (3,) in the world and its covariance (3, 3), square metres. Both are nan with fewer than two views
+    or parallel rays. The covariance is scaled up where the residuals are larger than the sigmas, never down.
 
     Raises ValueError where shapes do not fit or a sigma is not positive.
     """

@@ -24,10 +24,10 @@ def match_in_bands(
 ) -> Numbers:
     """Pairs of corners whose descriptors agree, one to one.
 
-    bands: where the match of each first corner may lie, (n, 6) px: start u, v, unit direction u, v, length along it,
-    half width across it; the width is allowed beyond both ends too. descriptors: of the first corners, (n, 32).
-    points, others: positions (m, 2) px and descriptors (m, 32) of the second corners. farthest: largest Hamming
-    distance, bits. ratio: the best distance must lie below this fraction of the second best in the band.
+    `bands` (n, 6): where the match of each first corner may lie, px. Start (u, v), unit direction (u, v), length along
+    it, half width across it and beyond both ends. `descriptors` (n, 32): of the first corners. `points` (m, 2), px,
+    `others` (m, 32): positions and descriptors of the second corners. `farthest`: largest Hamming distance, bits.
+    `ratio`: the best distance must lie below this fraction of the second best in the band.
 
     Returns (k, 2) rows: first corner, second corner; in order of the first.
 
@@ -49,7 +49,7 @@ def match_in_bands(
 
 @compiled
 def _by_cell(points: Array) -> tuple[Numbers, Numbers, Array, int, int]:
-    # Points by cell, row after row; the place of the first of each cell in that order; corner and size of the grid.
+    # Points by cell, row after row, and the place of the first of each cell in that order. Corner and size of the grid.
     low, high = points[0].copy(), points[0].copy()
     for i in range(points.shape[0]):
         for k in range(2):

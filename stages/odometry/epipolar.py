@@ -72,9 +72,9 @@ def fit_epipolar(
 
     One fit for each scale, from the result of the one before: a wide cost finds the minimum that a narrow one refines.
 
-    previous, current: rays (n, 2) as (x/z, y/z). start: rotation (3, 3) and unit direction (3,). focal_px: pixels of
-    one unit of the rays. sigma_px: standard deviation of a correct pair, the weight of the rays against the prior.
-    scales_px: where the Cauchy cost starts to flatten, of each fit.
+    `previous`, `current`: rays (n, 2) as (x/z, y/z). `start`: rotation (3, 3) and unit direction (3,). `focal_px`: of
+    one unit of the rays. `sigma_px`: standard deviation of a correct pair, the weight of the rays against the prior.
+    `scales_px`: where the Cauchy cost of each fit starts to flatten.
 
     Raises ValueError where an array has another shape or type.
     """

@@ -90,8 +90,8 @@ def predict_motion(
     in the report, their distance is the spacing. Where points have shown that the spacing varies, the step is as long
     in spacings as the one before.
 
-    last_rotation (3, 3): of the step before; None: unknown. speed_mps: over that step; nan: unknown.
-    length_in_spacings: its length in stated spacings where these vary, else nan.
+    `last_rotation` (3, 3), `speed_mps`: of the step before. None and nan: unknown.
+    `length_in_spacings`: its length in stated spacings where these vary, else nan.
 
     Raises InputError where no source gives the distance.
     """

@@ -76,9 +76,9 @@ def adjust_pair(  # noqa: PLR0913 - half of them are constants that tests vary
 ) -> PairAdjustment:
     """Adjust motion and points together to the rays of two images.
 
-    previous, current: rays (n, 2) as (x/z, y/z), of the same points. start: rotation (3, 3) and unit direction (3,).
-    focal_px: pixels of one unit of the rays. scale_px: of the robust cost. scatter: errors of these ties over the
-    stated ones, 1 or more (`tie_scatter`): the covariance states them.
+    `previous`, `current`: rays (n, 2) as (x/z, y/z), of the same points. `start`: rotation (3, 3), unit direction (3,).
+    `focal_px`: pixels of one unit of the rays. `scale_px`: of the robust cost. `scatter`: errors of these ties over the
+    stated ones, 1 or more (`tie_scatter`), which enlarges the covariance.
 
     The covariance is nan where the normal equations are singular (no points and no prior).
 

@@ -47,10 +47,10 @@ def solve_facing(
 ) -> Facing:
     """Least squares (Cauchy weights) of angle, width and height on the sizes that the views show.
 
-    plane: through the panel's centre, across the path. centres: of the cameras (v, 3). sizes: width and height (v, 2)
-    that the panel covers on the plane, metres, seen from each camera. sigmas: their standard deviations relative to the
-    size, (v, 2). cauchy: scale of the Cauchy weights, standard deviations. aspect: width over height where the shape
-    has one proportion. facing_sigma, aspect_sigma: prior scatters of the angle, rad, and of that proportion, relative.
+    `plane`: through the panel's centre, across the path. `centres` (v, 3): of the cameras. `sizes` (v, 2): width and
+    height that the panel covers on the plane, metres, seen from each camera. `sigmas` (v, 2): their relative standard
+    deviations. `cauchy`: scale of the Cauchy weights, standard deviations. `aspect`: width over height if the shape has
+    one proportion. `facing_sigma`, `aspect_sigma`: prior scatter of the angle, rad, and of the proportion, relative.
     """
     x = np.array([0.0, *np.log(np.median(sizes, axis=0))])
     observed = np.log(sizes)

@@ -34,8 +34,8 @@ SMALLEST_VARIANCE = 1.0
 def align(template: Array, weight: Array, patch: Array, start: Array) -> Alignment | None:
     """Find the template in the patch; None where it diverges or leaves the patch.
 
-    template, weight, patch: grey levels and weights, all (rows, columns) float64; samples of no weight are not
-    compared. start: shift to begin with, (2,) samples right and down.
+    `template`, `weight`, `patch`: grey levels and weights, `(rows, columns)` float64. Samples of weight 0 are not
+    compared. `start` (2,): shift to begin with, samples right and down.
 
     Raises ValueError if the arrays are of other types or shapes.
     """

@@ -158,8 +158,8 @@ def fit_face_outline(
 ) -> FaceOutline | None:
     """Find the outer outline of the face that registered views show.
 
-    None where no shape has edges all round. views: (n, rows, columns, 3) float32, the nearest first. box: where the
-    face was detected, [left, top, right, bottom] in samples (4,). model: weights of `OUTLINE_FEATURES`.
+    None where no shape has edges all round. `views`: `(n, rows, columns, 3)` float32, the nearest first. `box` (4,):
+    where the face was detected, `[left, top, right, bottom]` in samples. `model`: weights of `OUTLINE_FEATURES`.
 
     Raises ValueError where the model is of other features, or the views are another kind of array.
     """

@@ -77,9 +77,9 @@ def register_views(
 ) -> RegisteredViews:
     """Register the views to the nearest one that enough others correlate with.
 
-    plane, size: where the panel is, and its width and height (2,), metres. usable: depth and image of the usable views,
-    nearest first. detected: numbers of the frames in which the panel was detected: in others something may stand in
-    front of it. model: chooses outlines.
+    `plane`, `size` (2,): where the panel is, and its width and height, metres. `usable`: depth and image of the usable
+    views, nearest first. `detected`: numbers of the frames in which the panel was detected. In others something may be
+    in front of it. `model`: chooses outlines.
     """
     templates = [i for i, (_, image) in enumerate(usable) if image.frame in detected]
     first, *others = templates[:MOST_TEMPLATES] or [0]

@@ -109,9 +109,9 @@ def fit_depth(depth: NDArray[np.float64], sigma: NDArray[np.float64]) -> DepthFi
 def triangulate_points(tracked: Iterator[TrackedFrame]) -> Iterator[TrackedFrame]:
     """Place accepted landmarks by the SIFT points of their two nearest views; refuse those that scatter (`residual`).
 
-    The points of a face lie on a plane that stands, so that their midpoints (eq. 7.4) agree on one depth, and the
-    centre of the segment with them; those of leaves and of what is behind them do not. A landmark without pixels stays
-    as it is.
+    The points of a face lie on an upright plane. Their midpoints (eq. 7.4) therefore agree on one depth, which is also
+    the depth of the segment's centre. Points of leaves and of things behind them do not. A landmark without pixels
+    stays as it is.
     """
     sift = cv2.SIFT.create(MOST_POINTS, contrastThreshold=CONTRAST)
     for frame in tracked:

@@ -1,4 +1,4 @@
-"""What is beside the road: the ground and the painted lines, swept while the images are held; the spacing of signs."""
+"""The roadside: the ground and the painted lines, swept while the images are held, and the spacing of signs."""
 
 from wayside.stages.roadside.profile import on_road as on_road
 from wayside.stages.roadside.profile import place_sections as place_sections

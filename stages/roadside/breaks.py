@@ -1,4 +1,4 @@
-"""Where the ground beside a road changes its slope: edge of the shoulder, ditch, and the slopes between."""
+"""Where the ground along a road changes its slope: edge of the shoulder, ditch, and the slopes between."""
 
 import math
 

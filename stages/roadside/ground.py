@@ -13,7 +13,7 @@ SLOPE_COST = 1.0
 STEEPEST = 1.0
 """Steepest ground across the road, metres a metre."""
 OTHER_HEIGHT_M = 0.25
-"""Heights farther off than this are other explanations of a patch."""
+"""Heights that differ by more are other explanations of a patch."""
 NEIGHBOUR_WEIGHTS = (1.0, 1.0, 0.5)
 """Weights of a station, of those next to it and of those after: the ground changes little along 20 m of road."""
 
@@ -35,7 +35,7 @@ class Ground(NamedTuple):
 def ground_of(score: NDArray[Any], pairs: NDArray[Any], heights: Array) -> Ground:
     """The heights of strips side by side at which the images agree best together.
 
-    score (n, h): sum of the correlations of `pairs` (n,) pairs of images at evenly spaced heights (h,). Found by
+    `score` (n, h): sum of the correlations of `pairs` (n,) pairs of images at evenly spaced heights (h,). Found by
     dynamic programming: a strip that shows nothing follows its neighbours.
     """
     mean = score / np.maximum(pairs, 1e-9)[:, None]

@@ -50,8 +50,8 @@ class GroundImage:
     def samples(self, place: Pose, along: Array, right: Array, up: Array, level: int) -> Singles:
         """Grey (k, m) at k lines along the road of m points each; nan outside of the image.
 
-        place: origin, metres, and axes along, right and up, as columns, in the frame of the drive. along (m,), right
-        and up (k,): offsets along these axes, metres. level: which of the sizes.
+        `place`: origin, metres, and columns of the axes along, right and up, in the frame of the drive.
+        `along` (m,), `right`, `up` (k,): offsets along these axes, metres. `level`: which of the sizes.
         """
         to_camera = self.motion.pose.rotation.T
         shift = to_camera @ (place.centre - self.motion.pose.centre)
@@ -130,8 +130,8 @@ def _samples(
 def agreement(first: Singles, second: Singles) -> Singles:
     """Correlation (p,) of the samples of p patches in two images; nan where too few are seen in both.
 
-    first, second (p, k, m): k lines along the road of m points. The mean of each line is taken out of it: an error of
-    the height moves a patch along the road, so that lines painted along it say nothing.
+    `first`, `second` (p, k, m): k lines along the road of m points. The mean of each line is taken out of it: an error
+    of the height moves a patch along the road, so that lines painted along it say nothing.
     """
     require_array(first, "first", np.float32, (None, None, None))
     require_array(second, "second", np.float32, first.shape)

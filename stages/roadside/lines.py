@@ -12,9 +12,9 @@ COLUMN_M = 0.02
 LINE_M = 0.10
 """Width of a line: lines of 10 to 20 cm are found."""
 FLANK_M = 0.12
-"""Road on both sides that a line is compared with; the halves of a double line have as much between them."""
+"""Road on both sides that a line is compared with; the gap of a double line is as wide."""
 CONTRAST = 0.10
-"""Least brightness of paint over the road beside it, as a fraction of the road's."""
+"""Least brightness of paint over the road next to it, as a fraction of the road's."""
 APART_M = 0.5
 """A line nearer to a better one is a part of it: a double line is one."""
 LEAST_PAINTED = 0.2

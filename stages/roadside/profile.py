@@ -24,15 +24,15 @@ STEADY_M, STEADY_OVER = 0.15, 3
 SIGMA_M, SIGMA_FACTOR = 0.018, 0.55
 """Scatter of a height that the correlation does not show, and the factor on what it does (rendered drives)."""
 ROLL_SIGMA_DEG = 0.5
-"""Scatter of the camera's roll, which tilts the ground where no poses say which way is up."""
+"""Scatter of the camera's roll, which tilts the ground if no poses give the vertical."""
 ROAD_M = 1.0
-"""The road under the camera, whose height is 0, reaches so far from the path."""
+"""Half width of the road under the camera, whose height is 0."""
 NEAREST_LINE_M = 0.5
 """No line of the own lane is nearer to the path."""
 SOLID = 0.5
 """Painted part of the length of a solid line, at least; a usual dash is a quarter of its period."""
 SAME_LINE_M = 0.3
-"""A line farther from where it is at the stations around is another one."""
+"""A line farther from its place at the stations around is another line."""
 
 
 class _Placed(NamedTuple):
@@ -113,8 +113,8 @@ def _placed(sweep: Sweep, score: Array, pairs: Array, path: DrivePath) -> _Place
 def _settled(lines: Array, height: Array, turn: Array) -> Array:
     """Offset and painted part (k, 2) of the lines of a sweep, on ground of these heights (offsets,) above the path.
 
-    turn (3, 3): from the axes of the sweep to those of the final path. A ray meets ground farther down farther off, so
-    lines on ground of unknown height (nan) are left out.
+    `turn` (3, 3): from the axes of the sweep to those of the final path. A ray meets ground farther down farther off,
+    so lines on ground of unknown height (nan) are left out.
     """
     nearest = np.abs(lines[:, :1] - OFFSETS_M).argmin(axis=1)
     lines, known = lines[np.isfinite(height[nearest])], np.isfinite(height)
@@ -150,7 +150,7 @@ def _usual(values: Array, reach: int, least: int) -> Array:
 
 
 def _behind(ground: Ground) -> NDArray[np.bool_]:
-    """Whether each strip (n,) stands upright itself, or lies beyond one beside the road that does."""
+    """Whether each strip (n,) is upright, or lies behind an upright one as seen from the road."""
     upright = (ground.greatest >= UPRIGHT_AGREEMENT) & (ground.margin <= 0)
     middle = len(OFFSETS_M) // 2
     upright[np.abs(OFFSETS_M) <= ROAD_M] = False
@@ -168,7 +168,7 @@ def _sigma(one: _Placed) -> Array:
 def _lines(placed: Sequence[_Placed], sign: int, *, solid: bool) -> Array:
     """Distance from the path, by station, of the nearest line on one side, or of the outermost solid one; nan: none.
 
-    sign: 1 for the right side, -1 for the left. A dashed line is not at every station: those around tell where it is.
+    `sign`: 1 for the right side, -1 for the left. A dashed line is not at every station: those around tell where it is.
     """
     found = np.full(len(placed), np.nan)
     for k, one in enumerate(placed):

@@ -1,7 +1,7 @@
 """The stage that finds the next sign of the same type ahead of each sign, how far it is, and how the road curves.
 
-The distance is that along the travelled path. Its error is that of the stretch between the best images of both signs,
-and of each sign relative to its own: what both share, as an offset of the fixes, is not in it.
+The distance runs along the travelled path. Its error is the error of the path between the best images of both signs,
+and of each sign relative to its own image. An error that both signs share, as an offset of the fixes, is left out.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from wayside.stages.kernels import Array
 SAME_WAY_DEG = 45.0
 """Signs that face the same way differ by less: those of a side road face it at right angles."""
 RADIUS_REACH_M = 40.0
-"""The radius is that of the turn from so far before a sign to so far behind: shorter than most curves with signs."""
+"""The radius follows from the turn over this distance before and after a sign: less than most curves with signs."""
 IN_LANE_RAD = 0.005
 """Scatter of half that turn, as vehicles do not keep to the middle of their lane (estimate)."""
 STRAIGHT_SIGMAS = 2.0
-"""A road whose curvature is less than so many of its standard deviations is straight: it has no radius."""
+"""A road whose curvature is below this many standard deviations is straight: it has no radius."""
 
 LINE_STEP_M = 1.0
 """Longest step of the line through the cameras."""
 SHORTEST_M = 1e-3
-"""A camera that has moved less stands."""
+"""A camera that has moved less stands still."""
 NEAR_M = -25.0, 160.0
 """Where the path is abreast of a sign, from the camera of its best image on."""
 UNSEEN_CURVATURE = 1 / 400
@@ -40,9 +40,9 @@ UNSEEN_CURVATURE = 1 / 400
 def measure_spacing(signs: Iterator[Sign], *, path: DrivePath) -> Iterator[Sign]:
     """Signs with the next of the same type ahead, and the radius of the path abreast of them.
 
-    Of the same type are signs of one code, or of one colour and shape where no code but at most a series is settled, on
-    the same side of the path and facing the same way, but not on the same support. Backs and uncertain signs take no
-    part.
+    Two signs are of the same type if they have one code, or one colour and shape where the code is not certain. They
+    must be on the same side of the path and face the same way, but not share a support. Backs and uncertain signs take
+    no part.
 
     Yields the signs, in order, after the last one came.
     """

@@ -1,9 +1,9 @@
-"""Plane sweep over strips of ground beside the road, two neighbouring images at a time.
+"""Plane sweep over strips of ground along the road, two neighbouring images at a time.
 
-The ground abreast of a station of the route is looked at once the vehicle has passed it, so that the path there is
-known. A patch of ground at an assumed height is sampled in each image that shows it. An error dh of the height moves
-it along the road, by b dh / H from one image to the next (b: distance of both cameras, H: their height above the
-patch), so the samples of two images agree best at the right height (Collins 1996, space sweep).
+The ground abreast of a station is measured once the vehicle has passed it, because the path there is known then. A
+patch of ground at an assumed height is sampled in each image that shows it. An error dh of the height moves it by
+b dh / H along the road from one image to the next, for cameras b apart and H above the patch. So the samples of two
+images agree best at the right height (Collins 1996, space sweep).
 """
 
 from collections import deque
@@ -40,11 +40,11 @@ HELD_IMAGES = 4
 SMALL_M = 0.4
 """Ground along the road that a pixel may cover in the size of the image that is taken."""
 LINES_REACH_M = 8.0
-"""Painted lines are looked for up to this distance from the path."""
+"""Painted lines are searched up to this distance from the path."""
 
 
 class Sweep(NamedTuple):
-    """What the images say of the ground abreast of one station."""
+    """What the images show of the ground abreast of one station."""
 
     frame: int
     """Last frame before the station."""
@@ -66,7 +66,7 @@ class Sweep(NamedTuple):
 def sweep_roadside(
     posed: Iterator[PosedDetections], sweeps: list[Sweep]
 ) -> Iterator[PosedDetections]:
-    """Pass every frame on, and add to `sweeps` what the images say of the ground that the vehicle has passed."""
+    """Pass every frame on, and add to `sweeps` what the images show of the ground that the vehicle has passed."""
     held: deque[GroundImage] = deque()
     for item in posed:
         motion, camera, grey = item.motion, item.frame.camera, item.detections.image.grey

@@ -1,4 +1,4 @@
-"""What sign it is: the class of its face by the pixels, and its code by all that was measured."""
+"""The meaning of a sign: the class of its face by the pixels, and its code by all measurements."""
 
 from wayside.stages.sign_codes.codes import OTHER_SHARE as OTHER_SHARE
 from wayside.stages.sign_codes.codes import assign_codes as assign_codes

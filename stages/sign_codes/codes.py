@@ -1,4 +1,4 @@
-"""The stage that says what code each sign of a drive bears, by Bayes' theorem over the catalogue.
+"""The stage that determines the code of each sign of a drive, by Bayes' theorem over the catalogue.
 
 The probability of a code is proportional to its frequency and to the probabilities of colour, shape, size and face
 pixels given the code. They are taken as independent. The system, US or Vienna, is one unknown of the whole drive: what
@@ -117,8 +117,8 @@ def assign_codes(
 ) -> Iterator[Sign]:
     """Give every sign its code as far as it is certain, and the probability that the drive is of the US system.
 
-    Yields the signs, which have their final sizes, in order, after the last one came. classes: of the face classifier,
-    in the order of `Landmark.face_log_probability`; empty without one.
+    Yields the signs, which have their final sizes, in order, after the last one came. `classes`: of the face
+    classifier, in the order of `Landmark.face_log_probability`; empty without one.
     """
     listed = list(signs)
     likelihoods = [_likelihoods(sign, classes) for sign in listed]
@@ -240,7 +240,7 @@ def nominal_size_in(
 ) -> Size | None:
     """The standard size, inches, that the measured one can be; None where none or several can.
 
-    probability (leaves,): that the sign is each of them, 0 of another system.
+    `probability` (leaves,): that the sign is each of them, 0 of another system.
     """
     off, density = _off_standard(sign)
     density = np.where((np.abs(off) <= settings.size_sigmas).all(axis=1), density, 0.0)

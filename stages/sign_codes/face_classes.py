@@ -17,7 +17,7 @@ PATCH_SIDE, PATCH_MARGIN = 32, 0.08
 """Samples of a patch each way; what it shows around the face, as a fraction of its sides. Part of the input format."""
 
 OTHER_FACE = "other"
-"""Class of the face classifier of all faces that are none of its codes."""
+"""Class of the face classifier for all faces without one of its codes."""
 
 _DARK_LEVEL, _FLAT = 16.0, 0.1
 """Added to a grey value before its logarithm, and to the scatter of the logarithms: noise of dark pixels or of a face
@@ -28,7 +28,7 @@ BLACK = 0.42
 """Largest brightest channel of a black ground over that of the legend. Real lane-use signs have 0.24 to 0.38, blue
 grounds 0.56 or more, rendered signs of several colours 0.44 and 0.46. Black signs are rare: it is near theirs."""
 INNER = slice(5, -5)
-"""Of a patch: without what surrounds the face, and its border."""
+"""Part of a patch, without the surroundings of the face and its border."""
 LEAST_LOG_PROBABILITY = -7.0
 """Least log probability of a class of face in one view: one bad view must not rule a class out."""
 FACES, FACE_OUTPUT, CLASSES = "faces", "scores", "classes"

@@ -1,4 +1,4 @@
-"""Boxes that are not wayside's, from the log to the tables: those of the truth, and those of a detector."""
+"""Boxes that are not wayside's, from the log to the tables: from the truth, and from a detector."""
 
 import json
 from collections import Counter

@@ -1,6 +1,6 @@
 """What each preset finds on the demo log, against the truth and against pinned numbers.
 
-Where a change of results is meant, `.venv/bin/python tests/end_to_end/test_presets.py` writes the pinned numbers anew.
+If a change of results is meant, `.venv/bin/python tests/end_to_end/test_presets.py` rewrites the pinned numbers.
 """
 
 import json

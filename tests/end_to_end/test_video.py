@@ -1,4 +1,4 @@
-"""Logs whose images are H.264 video, encoded by PyAV, beside the same images as they were."""
+"""Logs whose images are H.264 video, encoded by PyAV, compared with the same images as they were."""
 
 import sys
 from fractions import Fraction
@@ -273,5 +273,5 @@ def test_a_video_file_is_imported_with_times_and_positions(tmp_path):
     assert [f.time_ns - begin for f in frames] == [0, 200_000_000, 400_000_000, 600_000_000]
     steps = [f.fix.latitude_deg - 50.0 for f in frames]
     assert steps == pytest.approx([0, 0.0002, 0.0004, 0.0006], abs=1e-9)
-    with pytest.raises(InputError, match="no video that can be decoded"):
+    with pytest.raises(InputError, match="the video cannot be decoded"):
         invoke("import", camera.rename(tmp_path / "b.mp4"), *options)

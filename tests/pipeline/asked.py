@@ -6,7 +6,7 @@ from wayside.pipeline.learning.asked import ClassifierSamples
 
 
 def asked(label, values, classifier="color", space="rgb", **columns):
-    """Samples; of four drives in turn, a frame each, where nothing else is said."""
+    """Samples, one a frame, of four drives in turn unless `columns` say otherwise."""
     n = len(label)
     named = np.array(columns.get("named", [""] * n))
     given = {

@@ -1,4 +1,4 @@
-"""Several logs in one command: what becomes of each, and the exit status."""
+"""Several logs in one command: the result of each, and the exit status."""
 
 import json
 
@@ -20,7 +20,7 @@ SETTINGS, _ = load_settings()
 
 @pytest.fixture
 def drives(tmp_path, monkeypatch):
-    """Runs logs whose content names what becomes of them: a status, or an error."""
+    """Runs logs whose content names their result: a status, or an error."""
     errors = {"input": InputError, "output": OutputError, "ctrl-c": InterruptionError}
     ran = []
 

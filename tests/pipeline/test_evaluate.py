@@ -1,4 +1,4 @@
-"""Evaluation of a result against the truth, beside the reference scorer where it is at hand."""
+"""Evaluation of a result against the truth, compared with the reference scorer if it is available."""
 
 import json
 import runpy

@@ -117,7 +117,7 @@ def change_run(out, **changes):
 
 
 def change_rows(out, table, change):
-    """Write a table of a result anew after a change of the list of its rows."""
+    """Rewrite a table of a result after a change of the list of its rows."""
     rows = pq.read_table(out / table.file).to_pylist()
     change(rows)
     pq.write_table(table_of(table, rows), out / table.file)

@@ -1,4 +1,4 @@
-"""The tables of a result, from settled frames made by hand."""
+"""The tables of a result, from finished frames made by hand."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""A set of files replaces the one of before all at once, whenever the writer is killed."""
+"""A set of files replaces the earlier one all at once, whenever the writer is killed."""
 
 import os
 import signal

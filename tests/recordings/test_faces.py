@@ -1,4 +1,4 @@
-"""What the renderer paints: faces that bear the colours they are said to, and what a sensor makes of them."""
+"""What the renderer paints: faces in the colours that the truth states, and what a sensor makes of them."""
 
 from dataclasses import replace
 

@@ -58,7 +58,7 @@ def targets(boxes, faces=((SIGN, FRONT),), ignored=(), weight=1.0):
 
 
 def moved(overlap):
-    """A box beside the sign whose IoU with it is that."""
+    """A box moved to the right of the sign, by as much as gives this IoU."""
     across = 40 * (1 - overlap) / (1 + overlap)
     return [SIGN[0] + across, SIGN[1], SIGN[2] + across, SIGN[3]]
 

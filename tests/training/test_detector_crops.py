@@ -198,7 +198,7 @@ def test_what_is_drawn_as_no_sign_is_known_to_be_none():
 
 
 def test_a_board_in_the_sun_loses_thin_lines_and_keeps_its_edge(monkeypatch):
-    """White of three times the range beside a line of a tenth of it: the blur of the lens fills the line."""
+    """White of three times the range next to a line of a tenth of it: the blur of the lens fills the line."""
     monkeypatch.setattr(face_compositing, "LENS_PX", (1.0, 1.0))
     patch = np.zeros((40, 60, 4), np.float32)
     patch[4:36, 4:56] = (0.85, 0.85, 0.85, 1)
@@ -264,7 +264,7 @@ def test_the_same_seed_gives_the_same_pixels_and_leaves_the_image_as_it_was():
 
 
 def test_light_that_is_too_bright_runs_over_thin_dark_lines(monkeypatch):
-    """The line is as dark as before the lens, and twice as far from the end of the range as the white beside it."""
+    """The line is as dark as before the lens, and twice as far from the end of the range as the white around it."""
     monkeypatch.setattr(camera_effects, "TOO_BRIGHT", (1.0, 2.0, 2.4))
     rgb = np.full((64, 64, 3), 200, np.uint8)
     rgb[:, 32] = 30

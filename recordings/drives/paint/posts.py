@@ -46,7 +46,7 @@ def _noise(rng: np.random.Generator, rows: int) -> Singles:
 
 
 def _profile(kind: str, rng: np.random.Generator) -> Singles:
-    """Light across a post (columns,): round, a plate, a channel, or flanges before and beside a web in their shade."""
+    """Light across a post (columns,): round, a plate, a channel, or a beam whose flange shades its web."""
     x = np.linspace(-0.98, 0.98, _COLUMNS)
     side, deep = rng.choice([-1, 1]), rng.uniform(0.35, 0.7)
     if kind in ("round_metal", "pole"):

@@ -75,7 +75,7 @@ def test_the_fitted_model_holds_operating_points_of_the_user_s_own_road(shipped)
     low, high = found.model.threshold_interval
     assert low < found.model.decision < high
     assert found.model.threshold == pytest.approx(shipped.threshold + found.model.decision)
-    with pytest.raises(InputError, match=r"landmarks that are no sign tell no smaller one"):
+    with pytest.raises(InputError, match=r"landmarks that are not signs allow no smaller rate"):
         fit_confidence(landmarks(60), shipped, task(0.01))
 
 

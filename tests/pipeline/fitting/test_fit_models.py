@@ -1,4 +1,4 @@
-"""Colour classes fitted to samples of a road, beside the shipped ones."""
+"""Colour classes fitted to samples of a road, compared with the shipped ones."""
 
 from dataclasses import replace
 

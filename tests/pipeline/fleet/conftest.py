@@ -1,4 +1,4 @@
-"""Logs whose content says what becomes of them, and an engine in this process."""
+"""Logs whose content states the result of their run, and an engine in this process."""
 
 import importlib
 import json

@@ -104,7 +104,7 @@ NO_FIXES = dict.fromkeys(
 
 @pytest.mark.parametrize("sense", [1, -1])
 def test_drives_without_fixes_are_merged_and_compared_by_milepost(copied, surveyed, sense):
-    """Each begins some metres beside its milepost, and has a spacing that is up to half a percent off."""
+    """Each begins some metres off its milepost, and has a spacing that is up to half a percent off."""
     lateral = {}
     for number, folder in enumerate(drives_of(copied)):
 

@@ -1,4 +1,4 @@
-"""What becomes of the logs of a fleet, by what happens to their workers."""
+"""The results of the logs of a fleet, by what happens to their workers."""
 
 import json
 import shutil

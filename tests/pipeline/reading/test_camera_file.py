@@ -72,7 +72,7 @@ def test_calibrations_of_ros_and_kalibr_are_read(tmp_path, text, distortion):
     [
         ("", "no named entries"),
         ("just text", "no named entries"),
-        ("a: [1, 2", "no YAML"),
+        ("a: [1, 2", "not valid YAML"),
         (ROS.replace("image_height", "height"), "no image_height"),
         (ROS.replace("640", "wide"), "wide"),
         (ROS.replace("438.78", "0"), "not calibrated"),
@@ -101,7 +101,7 @@ def test_calibrations_of_ros_and_kalibr_are_read(tmp_path, text, distortion):
         ("cam0: 1", "no named entries"),
         ("%YAML:1.0\n---\n" + ROS.replace("image_width", "w"), "no image_width"),
         ("%YAML:1.0\n---\nfisheye_model: 1\n" + ROS, "fisheye"),
-        ("%YAML:1.0\n---\ncamera_matrix: !!python/object:os.system []\n", "no YAML"),
+        ("%YAML:1.0\n---\ncamera_matrix: !!python/object:os.system []\n", "not valid YAML"),
     ],
 )
 def test_what_is_no_calibration_says_why(text, found):

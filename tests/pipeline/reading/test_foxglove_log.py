@@ -1,4 +1,4 @@
-"""The log for Foxglove: read by the stock reader beside the drive that it belongs to."""
+"""The log for Foxglove, read by the stock reader together with its drive."""
 
 import dataclasses
 

@@ -445,7 +445,7 @@ def test_another_way_of_naming_ros_types_is_understood(new_log):
 
 
 def copied(log, order):
-    """A log whose images are those of `order`, each at a time of its own."""
+    """A log of the images that `order` lists, each at a time of its own."""
     return log.drive(len(order), image=lambda place: {"data": image(order[place])})
 
 

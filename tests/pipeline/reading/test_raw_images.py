@@ -1,4 +1,4 @@
-"""Images that a log can hold and no run can use are told before it, each by its cause."""
+"""Images that a log can hold and no run can use are reported before the run, each with its cause."""
 
 import numpy as np
 import pytest

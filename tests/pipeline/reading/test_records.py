@@ -1,4 +1,4 @@
-"""What is had of logs that are whole, cut, damaged or made to cost much, and what is told of the rest."""
+"""What is read from logs that are whole, cut, damaged or made to cost much, and what is reported as lost."""
 
 import io
 import resource

@@ -196,7 +196,7 @@ def test_every_path_of_the_viewer_holds_something(chunks, report_chunks):
 
 
 def filled_paths(chunks):
-    """Entities with a component that has a value in some row; what clears others or names a series is none."""
+    """Entities with a component that has a value in some row, except those that clear others or name a series."""
     found = set()
     for chunk in chunks:
         batch = chunk.to_record_batch()

@@ -1,4 +1,4 @@
-"""Corners of boards through an equidistant lens, which is none of the lens models, projected by OpenCV."""
+"""Corners of boards, projected by OpenCV through an equidistant lens, which no lens model describes."""
 
 import re
 

@@ -1,6 +1,6 @@
-"""Writes the networks of `detectors/`, one of each format, and one of none beside them; needs the package onnx.
+"""Writes the networks of `detectors/`, one of each format and one of no format; needs the package onnx.
 
-All see the same: a face is a red cell (class 0) or a blue cell (class 1) of 16 px of an input of 64 x 64; its score is
+All see the same: a face is a red cell (class 0) or a blue cell (class 1) of 16 px of an input of 64 x 64. Its score is
 how red (blue) the cell is. Each format says so in its own words.
 """
 

@@ -32,7 +32,7 @@ def scores_of_one(names, name, rows):
 class ByHeight:
     """A network that sees boxes alone: a front of 1 from 12 px, of 3 from 20 px, else -1; wider than tall is blue.
 
-    behind: log odds of a back above those of a front; offset: of the four sides, of every box; shift: of all log odds.
+    `behind`: log odds of a back above those of a front. `offset`: of the four sides. `shift`: of all log odds.
     """
 
     behind: float = -9.0

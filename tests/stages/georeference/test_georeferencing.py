@@ -64,7 +64,7 @@ def test_lengths_by_points_are_said_and_the_error_of_their_scale_is_that_of_size
     points = path_of(poses, [None] * 6, covariance=[own] * 6, source=sources, baseline_m=length)
     path = path_through(points)
     (note,) = path.notes
-    assert "3 of 5 steps, the first to frame 3, follow" in note
+    assert "3 of 5 steps, the first to frame 3, points in the images" in note
     assert "11.00 m to 13.00 m" in note
     assert list(path.scales) == [3, 4, 5]
     np.testing.assert_allclose(path.poses[5].centre, [40, 0, 0], atol=1e-9)

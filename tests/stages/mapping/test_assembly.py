@@ -1,4 +1,4 @@
-"""Where signs stand, which landmarks are one panel or hang on one support, and what becomes of their candidates."""
+"""Where signs stand, which landmarks are one panel or hang on one support, and the verdicts of their candidates."""
 
 from dataclasses import replace
 

@@ -29,8 +29,8 @@ def pixels(pose, points):
 def drive(noise_px=0.08, wrong_step=None, shuttle=0.0, sliding=0, seed=0):
     """Frames of a drive with ties, as the tracker holds them, and their true poses.
 
-    wrong_step: a step whose direction is off by a fifth of a degree; shuttle: metres a step by which a vehicle, a tenth
-    of the ties, moves sideways; sliding: so many ties a step that are off by 3 px and known to slide.
+    `wrong_step`: a step whose direction is off by a fifth of a degree. `shuttle`: metres a step by which a vehicle, a
+    tenth of the ties, moves sideways. `sliding`: number of ties a step that are off by 3 px and known to slide.
     """
     rng = np.random.default_rng(seed)
     held, true, chained = [], [Pose(np.eye(3), np.zeros(3))], Pose(np.eye(3), np.zeros(3))

@@ -20,7 +20,7 @@ RED = (200, 40, 40)
 
 
 class Reddish:
-    """A box network to which what is red in its middle is a face, and the rest is none."""
+    """A box network that takes a box for a face if its middle is red."""
 
     def scores(self, levels, box):
         column, row = ((box[:, :2] + box[:, 2:]) / 2).astype(int).T

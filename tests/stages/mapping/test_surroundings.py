@@ -1,4 +1,4 @@
-"""Surroundings of a panel: those of a board on a wall move with it, those of a sign that stands apart do not."""
+"""The surroundings of a board on a wall move with it; around a sign that stands apart they do not."""
 
 import numpy as np
 import pytest

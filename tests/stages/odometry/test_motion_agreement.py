@@ -1,4 +1,4 @@
-"""Poses against the motion that images show: conventions are told apart, contradictions are found."""
+"""Poses against the motion that images show: conventions are recognised, contradictions are found."""
 
 import numpy as np
 import pytest

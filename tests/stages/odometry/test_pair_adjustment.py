@@ -50,7 +50,7 @@ def test_the_cost_is_the_minimum_that_scipy_finds(seed):
     assert reached == pytest.approx(2 * best.cost, rel=1e-3)
     turn = Rotation.from_rotvec(best.x[:3]).as_matrix()
     assert Rotation.from_matrix(found.rotation @ turn.T).magnitude() < 1e-5
-    # the covariance is that of scipy's normal equations: points eliminated
+    # the covariance equals the one from scipy's normal equations: points eliminated
     inverse = np.linalg.inv(best.jac.T @ best.jac)
     sigma = np.sqrt(np.diag(found.covariance))
     np.testing.assert_allclose(sigma[:3], np.sqrt(np.diag(inverse))[:3], rtol=0.05)

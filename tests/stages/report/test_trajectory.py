@@ -73,7 +73,7 @@ def test_without_the_rotation_an_arc_looks_like_a_straight_road(yaw, pitch, righ
     # half way through the turn the vehicle travels along the axis, whatever the turn
     turn = Rotation.from_euler("yx", [yaw, pitch], degrees=True).as_rotvec()
     half = Rotation.from_rotvec(turn / 2)
-    # axes half way through the turn are those of the world
+    # axes half way through the turn are the world's axes
     arc = moved_by(0, 1, rotations=[half.inv().as_matrix(), half.as_matrix()])
     on_arc, wanted = (
         trajectory([right, -0.6, ahead], cameras)[0] for cameras in (arc, moved_by(0, 1))

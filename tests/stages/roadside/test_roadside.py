@@ -1,4 +1,4 @@
-"""The ground and the lines beside the path, on images that are rendered from a known cross-section."""
+"""The ground and the lines along the path, on images that are rendered from a known cross-section."""
 
 import cv2
 import numpy as np
