@@ -71,23 +71,12 @@ def write_evidence(  # noqa: PLR0913 - one for each option
 ) -> Written:
     """Write one page a sign and an index of all into `folder`, which is made where it is missing.
 
-    Parameters
-    ----------
-    out
-        Folder written by `wayside run`.
-    sign_id, log
-        Only the sheet of this sign, without index, None: all; path of the log now, None: that at the time of the run.
-    watch
-        Called with the number of sheets done and to do.
-    png, images, blur
-        Also write each sheet as an image; and all images of the drive, to click missing signs in. Blur what lies off
-        the panels in all images.
-    reviews
-        Files that the index begins with; empty: those in `out`.
-    units, route
-        Of lengths on the pages; with a milepost, instead of that of the run.
-    overwrite
-        Replace any file of the names of the sheets and the index; else only sheets of this log.
+    out: folder written by `wayside run`. sign_id: only the sheet of this sign, without an index; None: all. log: where
+    it lies now; None: where it lay at the time of the run. watch: called with the number of sheets done and to do. png:
+    also write each sheet as an image. images: also all images of the drive, to click missing signs in. blur: what lies
+    off the panels in all images. reviews: files that the index begins with; empty: those in `out`. units: of lengths.
+    route: instead of that of the run. overwrite: replace any file of the names of the sheets and the index; else only
+    sheets of this log.
 
     Raises UsageError where there is no such sign; InputError where the result or the log cannot be used; OutputError
     where a sheet cannot be written, or a file of its name is not replaced.

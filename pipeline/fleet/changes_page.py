@@ -152,14 +152,10 @@ def _images(
 def _figure(row: Row, side: str, source: str | None) -> dict[str, Any]:
     """The image of one survey; where nothing was seen, the place."""
     of = {name: row[f"{name}_{side}"] for name in ("seen", "drives", "hidden", "drive", "frame")}
-    if not of["drives"]:
-        face = "not looked at"
-        by = (
-            f"hidden from {counted(of['hidden'], 'drive')}"
-            if of["hidden"]
-            else "not in view of any drive"
-        )
-    else:
+    face, by = "not looked at", "not in view of any drive"
+    if of["hidden"]:
+        by = f"hidden from {counted(of['hidden'], 'drive')}"
+    if of["drives"]:
         appearance = appearance_of(row[f"color_{side}"], row[f"shape_{side}"])
         named = " ".join(filter(None, (row.get(f"code_{side}"), appearance)))
         face = named if of["seen"] else "no panel found"

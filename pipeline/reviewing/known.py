@@ -1,7 +1,5 @@
 """What a review can be of: the rows of a result, and places that are found again in another result of the drive."""
 
-from __future__ import annotations
-
 import heapq
 import math
 from collections import Counter, defaultdict
@@ -45,7 +43,7 @@ class KnownResult:
     """1: measures rise in the direction of travel, -1: they fall."""
 
     @classmethod
-    def of(cls, out: Path) -> KnownResult:
+    def of(cls, out: Path) -> "KnownResult":
         """That in a folder; raises InputError if there is none, or it is damaged."""
         run, signs = read_run(out), read_rows(out, SIGNS, _SIGN_COLUMNS)
         frames = read_rows(out, FRAMES, _FRAME_COLUMNS)
