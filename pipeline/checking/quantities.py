@@ -93,12 +93,6 @@ DERIVED: dict[str, Callable[[Row, Sequence[Row]], Measured]] = {
     "curve_radius_m": _curve_radius,
     "pair_m": _pair,
 }
-KNOWN_QUANTITIES = (
-    *DERIVED,
-    *(
-        column.name
-        for column in SIGNS.columns
-        if pa.types.is_floating(column.type) or pa.types.is_integer(column.type)
-    ),
-)
+_NUMBERS = (pa.types.is_floating, pa.types.is_integer)
+KNOWN_QUANTITIES = (*DERIVED, *(c.name for c in SIGNS.columns if any(f(c.type) for f in _NUMBERS)))
 """Those, and all columns of numbers."""
