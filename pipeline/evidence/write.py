@@ -93,7 +93,7 @@ def write_evidence(  # noqa: PLR0913 - one for each option
     with OutputFolder(folder) as output:
         if not overwrite:
             _check_free(folder, [*names, *pngs, *index], mark)
-        binder = _Binder(output.part, out, log, drive, run, mark, png, blur, units, beside)
+        binder = _Binder(output.part, out, log, drive, run, mark, png, blur, units, beside, route)
         _fill(binder, signs, watch)
         notes = binder.write_index(signs, reviews, images=images) if index else []
         output.commit([*_sheets_of_others(folder, mark, signs), IMAGES_FILE] if index else [])
@@ -138,6 +138,7 @@ class _Binder:
     blur: bool
     units: Units
     neighbours: Mapping[str, dict[str, str]]
+    route: RouteSettings | None
     crops: defaultdict[str, dict[SignView, Crop]] = field(default_factory=lambda: defaultdict(dict))
     thumbs: dict[str, str] = field(default_factory=dict)
     lost_views: int = 0
@@ -160,7 +161,7 @@ class _Binder:
         self, signs: Sequence[Evidence], reviews: Sequence[Path], *, images: bool
     ) -> list[str]:
         """Write the index, and all images where they are asked for; what became of reviews of earlier results."""
-        known = KnownResult.of(self.out)
+        known = KnownResult.of(self.out, self.route)
         review = find_review(self.out, reviews, known)
         pictures, lens = self._pictures(known, review), self.run.get("camera") if images else None
         if images and lens is None:

@@ -124,7 +124,7 @@ def export(  # noqa: PLR0913 - one for each option
             files = (*(file.with_suffix(path.suffix) for path in made[:-1]), file)
             _copy_together(made, files, overwrite=overwrite)
     notes = list(rows.notes()) if kind != "csv" or crs is not None else []
-    return Exported(rows.count, files, (*notes, *cut))
+    return Exported(rows.count, files, (*source.notes, *notes, *cut))
 
 
 def _require_fitting(

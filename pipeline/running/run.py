@@ -297,7 +297,8 @@ class _Task:
     def _notes(self, drive: Drive) -> list[str]:
         """What a person has to know of the drive."""
         on_globe, settings = drive.path.globe is not None, self.asked.settings
-        notes = route_notes(settings.route, drive.signs, on_globe=on_globe)
+        routes = [sign.route for sign in drive.signs]
+        notes = route_notes(settings.route, routes, on_globe=on_globe)
         if drive.lens is not None and drive.lens.refutes_given:
             told = describe_calibration(drive.lens, self.run.report.calibration_source)
             notes.append(f"{told}; --self-calibrate uses these values, but a board tells more")
