@@ -269,6 +269,13 @@ def changes(
     every: Annotated[
         bool, typer.Option("--all", help="Show unchanged panels, and those not looked at, as well.")
     ] = False,
+    review: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="What people said on the page; several are merged.  "
+            "[default: changes.review*.json in INVENTORY]"
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
@@ -285,7 +292,9 @@ def changes(
             "give their settings to `wayside fleet`."
         )
     surveys = parse_survey(before), parse_survey(after)
-    report = find_changes(inventory, *surveys, chosen.changes, overwrite=overwrite)
+    report = find_changes(
+        inventory, *surveys, chosen.changes, reviews=review or (), overwrite=overwrite
+    )
     typer.echo(visible_lines(str(report)))
     names, units = (before, after), UNITS[given["units"].value]
     written = write_page(inventory, page, names, every=every, units=units, overwrite=overwrite)

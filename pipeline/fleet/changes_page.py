@@ -87,7 +87,7 @@ def write_page(
             for k in placed
         ],
         inks=INKS,
-        about={"map": about, "names": names, "rows": told},
+        about={"map": about, "names": names, "rows": told, "reviews": _said(rows)},
         counts={kind: counts[kind] for kind in _KINDS},
         shown=[kind for kind in _KINDS if kind in kinds],
         cards=[
@@ -103,6 +103,16 @@ def write_page(
     pages.write_page(file, page, _MARK, overwrite=overwrite)
     wanted = sum(row[f"drive_{side}"] is not None for row in rows for side in SIDES)
     return Page(len(rows), wanted - len(images), tuple(faults))
+
+
+def _said(rows: list[Row]) -> list[Row]:
+    """What people said of the rows, as the page saves it."""
+    return [
+        {name: row[name] for name in (*REVIEWED, "review", "reviewer")}
+        | {"note": row["review_note"]}
+        for row in rows
+        if row.get("review")
+    ]
 
 
 def _places(rows: list[Row]) -> DriveMap:
