@@ -1,7 +1,5 @@
 """Attempts to read changed inputs, in a process with limits, and random changes of bytes, JSON and tables."""
 
-from __future__ import annotations
-
 import io
 import json
 import math
@@ -131,7 +129,7 @@ ODD: tuple[Json, ...] = (
     None, True, -1, 0, 2**31, 2**64, -(2**40), 1e-300, 1e300, math.nan, math.inf,
     "", "x", "../..", "\0", [], {}, [[]], [1],
 )  # fmt: skip
-ODD_COLUMNS: tuple[pa.Array[Any], ...] = (
+ODD_COLUMNS: "tuple[pa.Array[Any], ...]" = (
     pa.nulls(4),
     pa.array([None, 1, 2, 3]),
     pa.array(["a", "\0", "../..", None]),

@@ -6,8 +6,6 @@ Its fixes err together: a Gauss-Markov process with a correlation time of a minu
 the motion between images holds the path together. None of this is taken from the merging that it tests.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -59,7 +57,7 @@ class Road:
     support: Ints
     identity: Ints
 
-    def select(self, rows: Any) -> Road:
+    def select(self, rows: Any) -> "Road":
         """Some of the panels."""
         return replace(self, **{name: getattr(self, name)[rows] for name in PER_PANEL})
 
@@ -247,7 +245,7 @@ def _measured(
     return _Seen(place, sigma, color, shape, back, np.where(false, -1, truth.identity))
 
 
-def _box(side: Floats, size: Floats, sign: float) -> pa.Array[Any]:
+def _box(side: Floats, size: Floats, sign: float) -> "pa.Array[Any]":
     """Boxes of panels of `size` (n, 2) at places (n, 3) from the camera that shows them best."""
     half = CAMERA["fx"] * size / (2 * np.maximum(np.abs(side[:, :1]), 4))
     away = CAMERA["fx"] / np.abs(side[:, 0])

@@ -1,7 +1,5 @@
 """wayside as a library: what `import wayside` offers. Heavy imports stand inside, so that the import is quick."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -43,17 +41,17 @@ class Inventory:
     """
 
     def __init__(
-        self, process: Callable[[Path], Iterator[TrackedFrame]], folder: Path | None
+        self, process: "Callable[[Path], Iterator[TrackedFrame]]", folder: Path | None
     ) -> None:
         self._read: dict[str, Any] = {}
         self._fault: BaseException | None = None
         self._folder = folder
         self._frames = self._in_memory(process) if folder is None else process(folder)
 
-    def __iter__(self) -> Iterator[TrackedFrame]:
+    def __iter__(self) -> "Iterator[TrackedFrame]":
         return self
 
-    def __next__(self) -> TrackedFrame:
+    def __next__(self) -> "TrackedFrame":
         if self._fault is not None:
             raise self._fault
         try:
@@ -64,7 +62,7 @@ class Inventory:
             self._fault = fault
             raise
 
-    def finish(self) -> Inventory:
+    def finish(self) -> "Inventory":
         """Carry the run to its end, so that its tables exist; the inventory itself.
 
         Raises InputError where the log cannot be used, or none of its images can, and OutputError where the output
@@ -75,40 +73,34 @@ class Inventory:
         return self
 
     @property
-    def signs(self) -> pa.Table:
+    def signs(self) -> "pa.Table":
         """One row a physical panel, the columns of `signs.parquet` (docs/tables.md). Raises as `finish` does."""
-        signs: pa.Table = self._part("signs")
-        return signs
+        return self._table("signs")
 
     @property
-    def observations(self) -> pa.Table:
+    def observations(self) -> "pa.Table":
         """One row a region of an image, the columns of `observations.parquet`. Raises as `finish` does."""
-        observations: pa.Table = self._part("observations")
-        return observations
+        return self._table("observations")
 
     @property
-    def frames(self) -> pa.Table:
+    def frames(self) -> "pa.Table":
         """One row a frame of the log, the columns of `frames.parquet`. Raises as `finish` does."""
-        frames: pa.Table = self._part("frames")
-        return frames
+        return self._table("frames")
 
     @property
-    def profile(self) -> pa.Table:
+    def profile(self) -> "pa.Table":
         """The ground across the road, the columns of `profile.parquet`; with the setting `roadside.on` only."""
-        profile: pa.Table = self._part("profile")
-        return profile
+        return self._table("profile")
 
     @property
-    def sections(self) -> pa.Table:
+    def sections(self) -> "pa.Table":
         """Lines, edges and slopes by station and side, the columns of `sections.parquet`; as `profile`."""
-        sections: pa.Table = self._part("sections")
-        return sections
+        return self._table("sections")
 
     @property
-    def posts(self) -> pa.Table:
+    def posts(self) -> "pa.Table":
         """What each support stands on, the columns of `posts.parquet`; as `profile`."""
-        posts: pa.Table = self._part("posts")
-        return posts
+        return self._table("posts")
 
     @property
     def about(self) -> dict[str, Any]:
@@ -192,6 +184,10 @@ class Inventory:
             raise UsageError(f"{name} needs the result in a folder. Give `run` the folder out.")
         return self._folder
 
+    def _table(self, name: str) -> "pa.Table":
+        table: pa.Table = self._part(name)
+        return table
+
     def _part(self, name: str) -> Any:
         self.finish()
         if name not in self._read:
@@ -201,8 +197,8 @@ class Inventory:
         return self._read[name]
 
     def _in_memory(
-        self, process: Callable[[Path], Iterator[TrackedFrame]]
-    ) -> Iterator[TrackedFrame]:
+        self, process: "Callable[[Path], Iterator[TrackedFrame]]"
+    ) -> "Iterator[TrackedFrame]":
         """Process in a scratch folder that goes with the last frame, when its tables are in memory."""
         with TemporaryDirectory(prefix="wayside-") as scratch:
             yield from process(Path(scratch))
@@ -214,7 +210,7 @@ def run(  # noqa: PLR0913 - one for each option
     log: PathLike,
     *,
     preset: str = "default",
-    settings: Settings | Mapping[str, Any] | None = None,
+    settings: "Settings | Mapping[str, Any] | None" = None,
     spacing: str | float | None = None,
     calibration: PathLike | None = None,
     camera: str | None = None,
@@ -288,7 +284,7 @@ def run(  # noqa: PLR0913 - one for each option
     path = Path(log)
     address = _start_viewer(view)
 
-    def open_observer(report: ReadReport, part: Path) -> RunObserver | None:
+    def open_observer(report: "ReadReport", part: Path) -> "RunObserver | None":
         if view is None:
             return None
         from wayside.pipeline.view.observer import Viewing, open_observer
@@ -296,7 +292,7 @@ def run(  # noqa: PLR0913 - one for each option
         viewing = Viewing(view == "file", address)
         return open_observer(viewing, part, path.stem, models.location_classes, report)
 
-    def process(folder: Path) -> Iterator[TrackedFrame]:
+    def process(folder: Path) -> "Iterator[TrackedFrame]":
         from wayside.pipeline.running.run import Run, RunRequest, process_log
 
         asked = RunRequest(
@@ -341,8 +337,8 @@ def _start_viewer(view: str | None) -> str | None:
 
 
 def _settings(
-    preset: str, settings: Settings | Mapping[str, Any] | None, options: Mapping[str, Any]
-) -> Settings:
+    preset: str, settings: "Settings | Mapping[str, Any] | None", options: Mapping[str, Any]
+) -> "Settings":
     """The settings of a run; options: by full name, None where not given, paths as such."""
     from wayside.pipeline.files.settings_file import load_settings
     from wayside.schemas.settings import Settings

@@ -7,7 +7,8 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from wayside.pipeline.evidence.marks import class_words, css, outline_of
-from wayside.pipeline.files.pictures import marked_head
+from wayside.pipeline.files.pictures import is_marked, marked_head
+from wayside.pipeline.files.writing import not_written, write_file
 
 
 def render(template: str, **values: Any) -> str:
@@ -18,6 +19,18 @@ def render(template: str, **values: Any) -> str:
 def render_page(template: str, mark: str, **values: Any) -> str:
     """An HTML page that needs no other file, and by which `is_marked` knows it again."""
     return render(template, marked_head=marked_head(mark), **values)
+
+
+def write_page(file: Path, page: str, mark: str, *, overwrite: bool) -> None:
+    """Write a page into a folder, which is made where it is missing; raises OutputError.
+
+    overwrite: replace any file; else only a page of the same mark.
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise not_written(file.parent, error, "the page") from error
+    write_file(file, page.encode(), is_own=lambda path: is_marked(path, mark), overwrite=overwrite)
 
 
 def shortened(words: str, most: int) -> str:

@@ -1,7 +1,5 @@
 """Stages by name, the clock that counts their time, and workers around a chain of them that knows nothing of them."""
 
-from __future__ import annotations
-
 import threading
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
@@ -39,7 +37,7 @@ class Stage(Generic[Given, Value]):
     seen: bool = True
     """Whether the observer sees its items: not of a stage that passes them on as they are."""
 
-    def unseen(self) -> Stage[Given, Value]:
+    def unseen(self) -> "Stage[Given, Value]":
         """The same, of which the observer sees nothing."""
         return replace(self, seen=False)
 
@@ -147,7 +145,7 @@ class Workers:
         self.count = count
         self._pool = ThreadPoolExecutor(count, "wayside-") if count > 1 else None
 
-    def __enter__(self) -> Workers:
+    def __enter__(self) -> "Workers":
         """Return itself."""
         return self
 

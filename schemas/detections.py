@@ -3,8 +3,6 @@
 Pixel coordinates; boxes `[x0, y0, x1, y1]`, half open. RGB order.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple, Self
@@ -120,7 +118,7 @@ class Regions(Rows):
         _same_length(self)
 
     @staticmethod
-    def empty() -> Regions:
+    def empty() -> "Regions":
         """No rows."""
         box = np.zeros((0, 4), np.float32)
         return Regions(box, np.zeros(0, np.int32), box[:, :3], np.zeros(0, np.uint8))
@@ -178,7 +176,7 @@ class Candidates:
             return np.zeros(0, np.int64)
         return np.flatnonzero(~np.isnan(self.back_score))
 
-    def joined(self, others: Candidates) -> Candidates:
+    def joined(self, others: "Candidates") -> "Candidates":
         """These rows and then the others; columns that only one of both has are nan in the rows of the other."""
 
         def column(name: str) -> NDArray[Any] | None:
@@ -195,13 +193,13 @@ class Candidates:
         rest = {f.name: column(f.name) for f in fields(self) if f.name != "regions"}
         return Candidates(Regions.joined([self.regions, others.regions]), **rest)  # type: ignore[arg-type]
 
-    def with_verdict(self, rows: NDArray[np.int64], name: str) -> Candidates:
+    def with_verdict(self, rows: NDArray[np.int64], name: str) -> "Candidates":
         """The same with this verdict in `rows` (m,)."""
         verdict = self.verdict.copy()
         verdict[rows] = verdict_code(name)
         return replace(self, verdict=verdict)
 
-    def with_boxes(self, rows: NDArray[np.int64], box: NDArray[np.float32]) -> Candidates:
+    def with_boxes(self, rows: NDArray[np.int64], box: NDArray[np.float32]) -> "Candidates":
         """The same with the boxes `box` (m, 4) and their centres in `rows` (m,), source `moved`."""
         own = self.regions
         boxes, source, center = own.box.copy(), own.source.copy(), self.center.copy()
@@ -210,7 +208,7 @@ class Candidates:
         return replace(self, regions=regions, center=center, ideal=center.copy())
 
     @staticmethod
-    def of(regions: Regions) -> Candidates:
+    def of(regions: Regions) -> "Candidates":
         """Rows before classification; centres start at those of the boxes."""
         n = len(regions)
         middle = box_centers(regions.box)
@@ -245,7 +243,7 @@ class NetworkBoxes:
     """Number of further boxes that were found and are not kept."""
 
     @staticmethod
-    def none() -> NetworkBoxes:
+    def none() -> "NetworkBoxes":
         """No boxes."""
         one, two = np.zeros(0, np.float32), np.zeros((0, 4), np.float32)
         colors, shapes = (
@@ -264,7 +262,7 @@ class Dropped(NamedTuple):
     left_out: int = 0
     """Boxes of the detection network beyond the best."""
 
-    def plus(self, others: Dropped) -> Dropped:
+    def plus(self, others: "Dropped") -> "Dropped":
         """Both together."""
         return Dropped(*(a + b for a, b in zip(self, others, strict=True)))
 
@@ -317,7 +315,7 @@ class Features:
     """Rows of the candidates that they are, (m,), ascending."""
 
     @staticmethod
-    def empty() -> Features:
+    def empty() -> "Features":
         """No key points."""
         return Features(
             np.zeros((0, 2), np.float32),

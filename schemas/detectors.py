@@ -1,7 +1,5 @@
 """Detectors that are not wayside's: what their files say, the boxes they give, which of their classes are signs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -61,7 +59,7 @@ class ExternalBoxes(Rows):
     """Number of boxes above the least score, of all classes."""
 
     @staticmethod
-    def empty() -> ExternalBoxes:
+    def empty() -> "ExternalBoxes":
         """No rows."""
         none = np.zeros(0, np.int8)
         return ExternalBoxes(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), none, none, 0)

@@ -4,8 +4,6 @@ Camera (optical) frame: x right, y down, z forward. Pixel centres at integers. M
 fields that end in `_ns`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -90,11 +88,11 @@ class Pose:
         """Points (..., 3) of the world frame, in the camera frame."""
         return (points - self.centre) @ self.rotation
 
-    def compose(self, inner: Pose) -> Pose:
+    def compose(self, inner: "Pose") -> "Pose":
         """Pose of `inner`, given in this camera's frame, in this pose's world."""
         return Pose(self.rotation @ inner.rotation, self.to_world(inner.centre))
 
-    def relative_to(self, reference: Pose) -> Pose:
+    def relative_to(self, reference: "Pose") -> "Pose":
         """This pose in the camera frame of `reference`."""
         return Pose(reference.rotation.T @ self.rotation, reference.to_camera(self.centre))
 
@@ -182,7 +180,7 @@ class Frame:
         return self.name or f"frame {self.index}"
 
     @property
-    def frame(self) -> Frame:
+    def frame(self) -> "Frame":
         """Itself: every type that travels through the flow names its frame."""
         return self
 

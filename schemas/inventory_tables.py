@@ -24,6 +24,7 @@ CHANGES_OF_PANELS = {
     "gone": "seen before only; its place was in view after",
     "not_looked_at": "seen in one survey only; its place was not in view of any drive of the other",
 }
+CONFIRMED, DENIED = CHANGE_REVIEWS = ("confirmed", "denied")
 
 
 def _place(what: str) -> tuple[Column, ...]:
@@ -132,6 +133,10 @@ CHANGES = Table(
     "One row per panel that either of two surveys saw. GeoParquet 1.1.",
     (
         Column("change", _CHOICE, "", "what became of it", _SURE, tuple(CHANGES_OF_PANELS)),
+        Column("final_change", _CHOICE, "", "`change`; null where a review denies it", values=tuple(CHANGES_OF_PANELS)),
+        Column("review", _CHOICE, "", "of a person on the page; null: none, or reviewers disagree",
+               values=CHANGE_REVIEWS),
+        *alike("reviewer review_note", _TEXT, "", "who reviewed it, and the remark"),
         Column("probability", _SINGLE, "", "that it is gone, or new, and not missed by the drives that looked, nor a "
                "false row; null: of other changes"),
         Column("panel_before", _TEXT, "", "panel of the earlier survey; null: none"),

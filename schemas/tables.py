@@ -4,8 +4,6 @@ Columns are never renamed; new ones may be added, which raises no version. Null 
 also travel in the field metadata of the files, so that a table explains itself (`pyarrow.parquet.read_schema`).
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from typing import Any
@@ -56,7 +54,7 @@ class Column:
     """What a dictionary column may hold."""
 
     @property
-    def arrow(self) -> pa.Field[Any]:
+    def arrow(self) -> "pa.Field[Any]":
         """The Arrow field, unit and words in its metadata."""
         return pa.field(
             self.name, self.type, self.nullable, metadata={"unit": self.unit, "words": self.words}

@@ -13,7 +13,7 @@ from wayside.pipeline.calibration.boards import (
     format_boards,
 )
 from wayside.pipeline.calibration.drives import CalibratedDrive, calibrate_log, format_drive
-from wayside.pipeline.files.writing import not_written, refuse, write_file
+from wayside.pipeline.files.writing import refuse, write_file
 from wayside.pipeline.reading.calibrations import format_camera
 from wayside.schemas.errors import OutputError
 from wayside.schemas.settings import Settings
@@ -67,17 +67,13 @@ def calibrate_by_drive(
 
 
 def self_calibrated(log: Path, folder: Path, settings: Settings, *, overwrite: bool) -> Settings:
-    """The settings with a calibration by the drive itself, which is written into the folder of its result.
+    """The settings with a calibration by the drive itself, which is written into the folder of its result, made before.
 
     Raises as `calibrate_by_drive`.
     """
     found = calibrate_log(log, settings)
     found.require_determined()
     file = folder.absolute() / SELF_CALIBRATION
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise not_written(folder, error) from error
     _write_camera(file, found, "camera", overwrite=overwrite)
     return replace(settings, read=replace(settings.read, calibration=str(file)))
 

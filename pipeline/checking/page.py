@@ -3,12 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from wayside.pipeline import pages
 from wayside.pipeline.checking.rules import Rule
 from wayside.pipeline.checking.verdicts import SHOWN, Check
 from wayside.pipeline.evidence.crops import crop_addresses
-from wayside.pipeline.files.pictures import is_marked
-from wayside.pipeline.files.writing import write_file
-from wayside.pipeline.pages import render_page
 from wayside.schemas.tables import CHECK_VERDICTS
 
 PAGE_FILE = "checks.html"
@@ -35,7 +33,7 @@ def write_page(
     worst_first = sorted(
         checks, key=lambda check: -check.probability if check.probability >= 0 else 1.0
     )
-    page = render_page(
+    page = pages.render_page(
         "checks.html",
         _MARK,
         name=out.resolve().name,
@@ -45,6 +43,5 @@ def write_page(
         images=images,
         sheets={name: sheet for name, sheet in sheets.items() if (out / sheet).is_file()},
     )
-    file = out / PAGE_FILE
-    write_file(file, page.encode(), is_own=lambda path: is_marked(path, _MARK), overwrite=overwrite)
+    pages.write_page(out / PAGE_FILE, page, _MARK, overwrite=overwrite)
     return fault

@@ -28,30 +28,30 @@ def measure(name: str, row: Row, rows: Sequence[Row]) -> Measured:
     """A quantity of a sign, of the rows of its drive; of a column without a column `sigma_...` the value is exact."""
     if name in DERIVED:
         return DERIVED[name](row, rows)
-    value, sigma = row[name], row.get(f"sigma_{name}", 0.0)
+    found = _known(row[name], row.get(f"sigma_{name}", 0.0), name)
+    return found._replace(less=MISSED if name == "spacing_m" else 0.0)
+
+
+def _known(value: float | None, sigma: float | None, what: str, scale: float = 1.0) -> Measured:
     if value is None or sigma is None:
-        return Measured(missing=name)
-    return Measured(value, sigma, less=MISSED if name == "spacing_m" else 0.0)
+        return Measured(missing=what)
+    return Measured(scale * value, scale * sigma)
 
 
 def _extent(axis: str) -> Callable[[Row, Sequence[Row]], Measured]:
     def extent(row: Row, rows: Sequence[Row]) -> Measured:
         """Width or height as the tables of sizes have it: of a diamond the side of its square."""
-        value, sigma = row[f"panel_{axis}_m"], row[f"sigma_{axis}_m"]
-        if value is None or sigma is None:
-            return Measured(missing=f"panel_{axis}_m")
         scale = math.sqrt(0.5) if row["shape"] == "diamond" else 1.0
-        return Measured(scale * value, scale * sigma)
+        name = f"panel_{axis}_m"
+        return _known(row[name], row[f"sigma_{axis}_m"], name, scale)
 
     return extent
 
 
 def _offset(row: Row, rows: Sequence[Row]) -> Measured:
     """From the edge of the travelled way to the near edge of the panel; unknown where no edge was seen."""
-    value, sigma = row.get("offset_edge_m"), row.get("sigma_offset_edge_m")
-    if value is None or sigma is None:
-        return Measured(missing="the edge of the travelled way")
-    return Measured(value, sigma)
+    edge = "the edge of the travelled way"
+    return _known(row.get("offset_edge_m"), row.get("sigma_offset_edge_m"), edge)
 
 
 def _curve_radius(row: Row, rows: Sequence[Row]) -> Measured:
@@ -93,12 +93,6 @@ DERIVED: dict[str, Callable[[Row, Sequence[Row]], Measured]] = {
     "curve_radius_m": _curve_radius,
     "pair_m": _pair,
 }
-KNOWN_QUANTITIES = (
-    *DERIVED,
-    *(
-        column.name
-        for column in SIGNS.columns
-        if pa.types.is_floating(column.type) or pa.types.is_integer(column.type)
-    ),
-)
+_NUMBERS = (pa.types.is_floating, pa.types.is_integer)
+KNOWN_QUANTITIES = (*DERIVED, *(c.name for c in SIGNS.columns if any(f(c.type) for f in _NUMBERS)))
 """Those, and all columns of numbers."""

@@ -215,9 +215,8 @@ def format_checks(rules: Sequence[Rule], checks: Sequence[Check]) -> str:
             lines.append(f"{rule.id:<28}{''.join(f'{counts[v]:>15}' for v in CHECK_VERDICTS)}")
     for verdict in SHOWN:
         found = [c for c in checks if c.verdict == verdict and c.probability >= 0.5]
-        lines += (
-            ["", verdict if verdict == "fails" else f"{verdict}, rather broken"] if found else []
-        )
+        if found:
+            lines += ["", verdict if verdict == "fails" else f"{verdict}, rather broken"]
         lines += [f"  {c.rule.id:<28}{c.name}  {c.face:<26}{c.said}" for c in found]
     return "\n".join(lines)
 

@@ -1,7 +1,5 @@
 """The commands of many drives: `wayside fleet`, `query` and `changes`. Heavy imports stand inside."""
 
-from __future__ import annotations
-
 import csv
 import sys
 from collections.abc import Mapping
@@ -13,7 +11,7 @@ import typer
 
 from wayside.pipeline.cli.help import Application, CommandGroup, examples
 from wayside.pipeline.cli.options import Option, Overwrite, chosen_settings, flag, takes
-from wayside.pipeline.cli.running import exit_with
+from wayside.pipeline.cli.running import SELF_CALIBRATE, exit_with
 from wayside.pipeline.files.visible_text import counted, visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
@@ -75,6 +73,7 @@ HOW_TO_RUN = {
     "attempts": Option(
         int, "Times a log is begun before it goes into quarantine.", default=3, least=1
     ),
+    "self_calibrate": SELF_CALIBRATE,
     "retry": flag("--retry", "Try the logs in quarantine again."),
     "overwrite": flag("--overwrite", "Replace results of logs whose content has changed."),
 }
@@ -128,7 +127,7 @@ def fleet(
     exit_with([entry.status for entry in report.entries])
 
 
-def read_log_table(file: Path, given: Mapping[str, Any]) -> dict[str, Settings]:
+def read_log_table(file: Path, given: Mapping[str, Any]) -> "dict[str, Settings]":
     """The logs of a CSV file, each with its settings: the options `given`, and those of its row instead.
 
     Raises UsageError for a file that cannot be read, without the column `log`, or with other columns than options.
@@ -221,11 +220,11 @@ def _print_table(names: list[str], rows: list[list[str | None]]) -> None:
         console.print(f"... and more; -f csv writes all rows, or ask with LIMIT {_MOST_LISTED}")
 
 
-def _summary(report: FleetReport, out: Path) -> str:
+def _summary(report: "FleetReport", out: Path) -> str:
     """What became of the logs: each of a few, of many those that are not simply done."""
     from wayside.pipeline.fleet.manifest import DRIVES, QUARANTINE, State
 
-    def describe(entry: Entry) -> str:
+    def describe(entry: "Entry") -> str:
         if entry.state != State.DONE:
             where = f"; see {out / QUARANTINE / entry.name}" if entry.attempts else ""
             return f"not done, exit status {entry.status}: {entry.words}{where}"
@@ -270,6 +269,13 @@ def changes(
     every: Annotated[
         bool, typer.Option("--all", help="Show unchanged panels, and those not looked at, as well.")
     ] = False,
+    review: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="What people said on the page; several are merged.  "
+            "[default: changes.review*.json in INVENTORY]"
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
@@ -286,7 +292,9 @@ def changes(
             "give their settings to `wayside fleet`."
         )
     surveys = parse_survey(before), parse_survey(after)
-    report = find_changes(inventory, *surveys, chosen.changes, overwrite=overwrite)
+    report = find_changes(
+        inventory, *surveys, chosen.changes, reviews=review or (), overwrite=overwrite
+    )
     typer.echo(visible_lines(str(report)))
     names, units = (before, after), UNITS[given["units"].value]
     written = write_page(inventory, page, names, every=every, units=units, overwrite=overwrite)

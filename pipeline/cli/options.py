@@ -1,7 +1,5 @@
 """Options that several commands share, and the settings that they make."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Callable, Mapping
@@ -258,7 +256,7 @@ def settings_of(given: Mapping[str, Any]) -> dict[str, Any]:
     return set_by(given, SHARED) | ({} if milepost is None else parse_milepost(milepost))
 
 
-def chosen_settings(given: Mapping[str, Any]) -> Settings:
+def chosen_settings(given: Mapping[str, Any]) -> "Settings":
     """Settings of a preset, a file, `--set` and options, later ones win; raises UsageError."""
     from wayside.pipeline.files.settings_file import load_settings
 
@@ -267,7 +265,7 @@ def chosen_settings(given: Mapping[str, Any]) -> Settings:
     return load_settings(preset.value, file, given.get("assignments") or [], options)[0]
 
 
-def route_of(given: Mapping[str, Any]) -> RouteSettings | None:
+def route_of(given: Mapping[str, Any]) -> "RouteSettings | None":
     """The route that is given for a result, None where none is; raises UsageError."""
     return chosen_settings(given).route if settings_of(given) else None
 

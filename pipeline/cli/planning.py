@@ -1,7 +1,5 @@
 """The commands for settings, the planning of surveys and the figures of the report. Heavy imports stand inside."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from contextlib import suppress
@@ -70,7 +68,7 @@ SURVEY = {
 """The options of `wayside simulate` that describe the survey, and the fields of `Survey` that they set."""
 
 
-def _survey(given: Mapping[str, Any]) -> Survey:
+def _survey(given: Mapping[str, Any]) -> "Survey":
     """The survey that the options describe; raises UsageError."""
     from wayside.pipeline.simulation.drive import Survey
     from wayside.pipeline.simulation.simulate import focal_of_view

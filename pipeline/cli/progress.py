@@ -1,7 +1,5 @@
 """Progress of long work on stderr: a bar on a terminal, else a line every ten seconds."""
 
-from __future__ import annotations
-
 import sys
 import threading
 import time
@@ -110,7 +108,7 @@ class _Shown:
 class FrameProgress(_Shown):
     """Shows how many images are analysed, how many are finished, which comes later, and the time left."""
 
-    def __init__(self, label: str, run: Run) -> None:
+    def __init__(self, label: str, run: "Run") -> None:
         name = visible(label)  # shortened, it leaves room for the counts on a line of 80 columns
         shown = name if len(name) <= _LONGEST_LABEL else f"{name[: _LONGEST_LABEL - 3]}..."
         counts = "{task.fields[looked_at]} looked at, {task.fields[settled]} of {task.fields[held]} settled"

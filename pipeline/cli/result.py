@@ -52,7 +52,7 @@ HOW_TO_SHOW = {
         "wayside evidence out --log /archive/drive.mcap",
     )
 )
-@takes("units", "route", "milepost", "decreasing", own=HOW_TO_SHOW)
+@takes("units", "route", "milepost", "decreasing", "routes", own=HOW_TO_SHOW)
 def evidence(
     out: Out,
     sign: Annotated[
@@ -243,10 +243,11 @@ HOW_TO_EXPORT = {
         "wayside export out -o signs.geojson --review ann.json --review bob.json --accepted",
         "wayside export out -f mcap -o drive.signs.mcap",
         "wayside export out -f csv --route 'US-36 EB' --milepost 12.35",
+        "wayside export out -f csv --routes network.gpkg",
         "wayside export inventory -f gpkg --table supports",
     )
 )
-@takes("units", "route", "milepost", "decreasing", own=HOW_TO_EXPORT)
+@takes("units", "route", "milepost", "decreasing", "routes", own=HOW_TO_EXPORT)
 def export(
     out: Annotated[
         Path,

@@ -1,7 +1,5 @@
 """The commands that run one log or several: progress, summary, exit status. Heavy imports stand inside."""
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile
@@ -9,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -186,7 +185,7 @@ def replay(
     exit_with([end])
 
 
-def viewing_of(view: ViewMode, given: Mapping[str, Any]) -> Viewing | None:
+def viewing_of(view: ViewMode, given: Mapping[str, Any]) -> "Viewing | None":
     """Start or probe the viewer that is asked for; None where nothing is to be recorded."""
     connect, serve, port = given["connect"], given["serve"], given["port"]
     require_page(serve, port)
@@ -232,8 +231,8 @@ def parse_rate(text: str) -> float | None:
 def process_all(
     logs: Sequence[Path],
     folders: Sequence[Path],
-    settings: Settings,
-    viewing: Viewing | None,
+    settings: "Settings",
+    viewing: "Viewing | None",
     how: RunOptions,
 ) -> None:
     """Run logs one after the other and end with the gravest status.
@@ -246,9 +245,7 @@ def process_all(
     place of a result, and InterruptionError where somebody ended the work on all logs.
     """
     if len(logs) == 1:
-        log = read_as_log(logs[0])
-        settings = _calibrated(log, folders[0], settings, how)
-        exit_with([process(log, folders[0], settings, viewing, how)])
+        exit_with([process(read_as_log(logs[0]), folders[0], settings, viewing, how)])
         return
     from wayside.pipeline.models.model_files import load_models
 
@@ -274,8 +271,8 @@ def process_all(
 def _one_of_several(
     log: Path,
     folder: Path,
-    settings: Settings,
-    viewing: Viewing | None,
+    settings: "Settings",
+    viewing: "Viewing | None",
     how: RunOptions,
     digests: dict[str, str],
 ) -> tuple[int, str]:
@@ -284,22 +281,11 @@ def _one_of_several(
     from wayside.pipeline.running.journal import result_key
 
     source = read_as_log(log)
-    settings = _calibrated(source, folder, settings, how)
-    key = result_key(source, settings, digests, every_region=how.every_region)
+    asked = {"every_region": how.every_region, "self_calibrate": how.self_calibrate}
+    key = result_key(source, settings, digests, **asked)
     if viewing is None and not how.overwrite and is_finished(folder, key):
         return 0, f"unchanged, result in {folder} kept"
     return process(source, folder, settings, viewing, how), f"done, result in {folder}"
-
-
-def _calibrated(log: Path, folder: Path, settings: Settings, how: RunOptions) -> Settings:
-    """The settings, with a calibration by the drive where that is asked for."""
-    if not how.self_calibrate:
-        return settings
-    from wayside.pipeline.calibration.command import self_calibrated
-    from wayside.pipeline.running.tuning import tune_process
-
-    tune_process()
-    return self_calibrated(log, folder, settings, overwrite=how.overwrite)
 
 
 def _check_places(logs: Sequence[Path], folders: Sequence[Path], *, overwrite: bool) -> None:
@@ -331,13 +317,14 @@ def read_as_log(path: Path) -> Path:
 def process(
     log: Path,
     folder: Path,
-    settings: Settings,
-    viewing: Viewing | None = None,
+    settings: "Settings",
+    viewing: "Viewing | None" = None,
     how: RunOptions | None = None,
 ) -> int:
     """Run one log with progress and a closing summary; the exit status that it asks for."""
     from rich.console import Console
 
+    from wayside.pipeline.calibration.command import self_calibrated
     from wayside.pipeline.cli.progress import FrameProgress
     from wayside.pipeline.cli.summary import print_summary
     from wayside.pipeline.models.model_files import load_models
@@ -357,7 +344,9 @@ def process(
         return open_observer(viewing, part, visible(log.stem), models.location_classes, report)
 
     rest = sys.argv[1:], how.every_region, open_observer, how.rate, how.overwrite, how.resume
-    asked, under_way = RunRequest(log, folder, settings, models, *rest), Run()
+    calibrate = partial(self_calibrated, overwrite=how.overwrite) if how.self_calibrate else None
+    asked = RunRequest(log, folder, settings, models, *rest, calibrate)
+    under_way = Run()
     try:
         with (
             FrameProgress(log.name, under_way) as progress,

@@ -1,7 +1,5 @@
 """The figures of a result compared with the truth of its drive, and their JSON form."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, astuple, dataclass, fields, replace
@@ -121,7 +119,7 @@ class Backs:
     in_view: int = 0
     """Panels seen from behind, as tall and in as many images as a front that should be found, hidden ones too."""
 
-    def __add__(self, other: Backs) -> Backs:
+    def __add__(self, other: "Backs") -> "Backs":
         """Those of both."""
         return Backs(*map(add, astuple(self), astuple(other)))
 

@@ -1,7 +1,5 @@
 """Images of a log again, only those that show a sign, and what is cut from them."""
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping
@@ -41,7 +39,7 @@ class Crop:
     rgb: NDArray[np.uint8]
     box: tuple[float, float, float, float]
 
-    def scaled_to(self, width: int, height: int) -> Crop:
+    def scaled_to(self, width: int, height: int) -> "Crop":
         """The same, enlarged or shrunk to a size of (nearly) the same proportions."""
         along, down = width / self.rgb.shape[1], height / self.rgb.shape[0]
         method = cv2.INTER_CUBIC if along > 1 else cv2.INTER_AREA

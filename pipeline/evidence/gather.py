@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.results.result import find_sign, read_rows
+from wayside.pipeline.results.routes import with_route
 from wayside.schemas.errors import InputError
 from wayside.schemas.settings import RouteSettings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, POSTS, PROFILE, SIGNS
@@ -106,14 +107,12 @@ def gather(
 ) -> tuple[DriveMap, list[Evidence]]:
     """The drive of a result and the evidence of its signs (None: of all), in order of `signs.parquet`.
 
-    route: with a milepost, instead of that of the run. Raises UsageError where there is no such sign; the nearest known
+    route: instead of that of the run. Raises UsageError where there is no such sign; the nearest known
     one is offered. Raises InputError where the folder is no result folder, or damaged.
     """
-    signs = read_rows(out, SIGNS, _SIGN_COLUMNS)
+    signs = with_route(out, read_rows(out, SIGNS, _SIGN_COLUMNS), route)
     for sign in signs:
         _require_file_name(out, sign["sign_id"])
-        if route is not None and sign["station_m"] is not None:
-            sign |= route.measured(sign["station_m"])
     chosen = signs if sign_id is None else [find_sign(out, signs, sign_id)]
     drive = drive_map(read_rows(out, FRAMES, _FRAME_COLUMNS), signs)
     grounds, posts = _grounds_below(out, chosen), {}

@@ -71,23 +71,12 @@ def write_evidence(  # noqa: PLR0913 - one for each option
 ) -> Written:
     """Write one page a sign and an index of all into `folder`, which is made where it is missing.
 
-    Parameters
-    ----------
-    out
-        Folder written by `wayside run`.
-    sign_id, log
-        Only the sheet of this sign, without index, None: all; path of the log now, None: that at the time of the run.
-    watch
-        Called with the number of sheets done and to do.
-    png, images, blur
-        Also write each sheet as an image; and all images of the drive, to click missing signs in. Blur what lies off
-        the panels in all images.
-    reviews
-        Files that the index begins with; empty: those in `out`.
-    units, route
-        Of lengths on the pages; with a milepost, instead of that of the run.
-    overwrite
-        Replace any file of the names of the sheets and the index; else only sheets of this log.
+    out: folder written by `wayside run`. sign_id: only the sheet of this sign, without an index; None: all. log: where
+    it lies now; None: where it lay at the time of the run. watch: called with the number of sheets done and to do. png:
+    also write each sheet as an image. images: also all images of the drive, to click missing signs in. blur: what lies
+    off the panels in all images. reviews: files that the index begins with; empty: those in `out`. units: of lengths.
+    route: instead of that of the run. overwrite: replace any file of the names of the sheets and the index; else only
+    sheets of this log.
 
     Raises UsageError where there is no such sign; InputError where the result or the log cannot be used; OutputError
     where a sheet cannot be written, or a file of its name is not replaced.
@@ -104,7 +93,7 @@ def write_evidence(  # noqa: PLR0913 - one for each option
     with OutputFolder(folder) as output:
         if not overwrite:
             _check_free(folder, [*names, *pngs, *index], mark)
-        binder = _Binder(output.part, out, log, drive, run, mark, png, blur, units, beside)
+        binder = _Binder(output.part, out, log, drive, run, mark, png, blur, units, beside, route)
         _fill(binder, signs, watch)
         notes = binder.write_index(signs, reviews, images=images) if index else []
         output.commit([*_sheets_of_others(folder, mark, signs), IMAGES_FILE] if index else [])
@@ -149,6 +138,7 @@ class _Binder:
     blur: bool
     units: Units
     neighbours: Mapping[str, dict[str, str]]
+    route: RouteSettings | None
     crops: defaultdict[str, dict[SignView, Crop]] = field(default_factory=lambda: defaultdict(dict))
     thumbs: dict[str, str] = field(default_factory=dict)
     lost_views: int = 0
@@ -171,7 +161,7 @@ class _Binder:
         self, signs: Sequence[Evidence], reviews: Sequence[Path], *, images: bool
     ) -> list[str]:
         """Write the index, and all images where they are asked for; what became of reviews of earlier results."""
-        known = KnownResult.of(self.out)
+        known = KnownResult.of(self.out, self.route)
         review = find_review(self.out, reviews, known)
         pictures, lens = self._pictures(known, review), self.run.get("camera") if images else None
         if images and lens is None:

@@ -76,30 +76,13 @@ def export(  # noqa: PLR0913 - one for each option
 ) -> Exported:
     """Write the signs of a result, or a table of an inventory, to a file.
 
-    Parameters
-    ----------
-    out
-        Folder written by `wayside run` or `wayside fleet`. An inventory is read area by area.
-    review
-        What is said of the rows of a result; an inventory has no reviews.
-    file, kind
-        Where it goes, and a key of `FORMATS`. A Shapefile is several files of one stem.
-    table
-        Of an inventory: one of `INVENTORY_TABLES`; None: the panels. Of a drive: `profile`; None: the signs.
-    units
-        `metric` as measured, or `us`: feet and inches.
-    crs
-        Reference system as PROJ reads it; None: WGS 84, or the drive's own frame without fixes.
-    log
-        For `mcap` and pictures: where the drive's log lies now; None: where it lay at the time of the run.
-    every
-        All columns, not only the main ones.
-    pictures
-        For `gpkg` and `kmz`: the best image of each sign, from its log.
-    accepted
-        Of a drive: without the rows that the review rejects.
-    route
-        Of the signs of a drive, with a milepost, instead of that of the run.
+    out: folder written by `wayside run` or `wayside fleet`. review: of the rows of a result; an inventory has none.
+    kind: a key of `FORMATS`; a Shapefile is several files of one stem. table: of an inventory one of
+    `INVENTORY_TABLES`, None: the panels; of a drive `profile` or `posts`, None: the signs. units: `metric` as measured,
+    or `us`: feet and inches. crs: reference system as PROJ reads it; None: WGS 84, or the drive's own frame without
+    fixes. log: for `mcap` and pictures, where the drive's log lies now; None: where it lay at the time of the run.
+    every: all columns, not only the main ones. pictures: for `gpkg` and `kmz`, the best image of each sign. accepted:
+    without the rows that the review of a drive rejects. route: of the signs of a drive, instead of that of the run.
 
     Raises UsageError where the options do not go together, or the package of the format is not installed; InputError
     where the folder is no result folder and no inventory, or damaged, or the log cannot be read; OutputError where a
@@ -141,7 +124,7 @@ def export(  # noqa: PLR0913 - one for each option
             files = (*(file.with_suffix(path.suffix) for path in made[:-1]), file)
             _copy_together(made, files, overwrite=overwrite)
     notes = list(rows.notes()) if kind != "csv" or crs is not None else []
-    return Exported(rows.count, files, (*notes, *cut))
+    return Exported(rows.count, files, (*source.notes, *notes, *cut))
 
 
 def _require_fitting(
@@ -180,7 +163,8 @@ def write_csv(rows: PlacedRows, stream: BinaryIO) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)
     for some in rows:
-        writer.writerows([_cell(row.get(name)) for name in names] for row in some)
+        cells = ([_single(row.get(name)) for name in names] for row in some)
+        writer.writerows([guarded(v) if isinstance(v, str) else v for v in row] for row in cells)
     text.detach()
 
 
@@ -193,23 +177,18 @@ def write_geojson(rows: PlacedRows, stream: BinaryIO) -> None:
         for row in some:
             point = row[GEOMETRY]
             geometry = None if point is None else {"type": "Point", "coordinates": point}
-            values = {name: _json_value(row.get(name)) for name in names}
+            values = {name: _single(row.get(name)) for name in names}
             feature = {"type": "Feature", "geometry": geometry, "properties": values}
             stream.write((between + json.dumps(feature)).encode())
             between = ",\n"
     stream.write(b"\n]}\n")
 
 
-def _cell(value: Any) -> Any:
-    return guarded(value) if isinstance(value, str) else _single(value)
-
-
-def _json_value(value: Any) -> Any:
-    return None if isinstance(value, float) and not math.isfinite(value) else _single(value)
-
-
 def _single(value: Any) -> Any:
-    return value.isoformat() if isinstance(value, datetime) else value
+    """A value as text and JSON have it."""
+    if isinstance(value, datetime):
+        return value.isoformat()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _copy_together(made: list[Path], targets: tuple[Path, ...], *, overwrite: bool) -> None:

@@ -73,10 +73,8 @@ def write_foxglove_log(
     tree = plan.survey.tree
     mount = tree.mount(tree.chain(plan.camera.camera_frame))
     rows = read_rows(out, FRAMES, _FRAME_COLUMNS)
-    boxes = _boxes_by_frame(out, rows)
+    boxes, writer, lost = _boxes_by_frame(out, rows), Writer(stream), 0
     prefix = f"/wayside/{plan.camera.name.strip('/')}"
-    writer = Writer(stream)
-    lost = 0
     if rows:
         first = min(row["log_time_ns"] for row in rows)
         writer.write_message(f"{prefix}/scene", _scene(signs, rows, world, first), first, first)

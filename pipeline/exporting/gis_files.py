@@ -1,7 +1,5 @@
 """Rows as GeoPackage, Shapefile and KML, written by GDAL as they come."""
 
-from __future__ import annotations
-
 import hashlib
 import struct
 import warnings
@@ -11,6 +9,7 @@ from contextlib import contextmanager, suppress
 from datetime import datetime
 from functools import partial
 from html import escape
+from operator import methodcaller
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
@@ -153,7 +152,7 @@ def _read_back(pyogrio: ModuleType, made: Path, key: str) -> int:
 
 def _fields(
     rows: PlacedRows, kind: str, cut: Counter[str]
-) -> Iterator[tuple[pa.Field[Any], Callable[[Row], Any]]]:
+) -> Iterator[tuple["pa.Field[Any]", Callable[[Row], Any]]]:
     """Fields with their value of a row: names first in KML, the geometry last; `cut` counts texts that are cut."""
     if kind in ("kml", "kmz"):
         yield pa.field("Name", pa.string()), lambda row: str(row[rows.columns[0].name])
@@ -162,7 +161,8 @@ def _fields(
     for column in rows.columns:
         if column.name == PICTURE and kind == "kmz":
             continue
-        name, held, value = column.name, column.type, partial[Any](_value, column.name)
+        name, held = column.name, column.type
+        value: Callable[[Row], Any] = methodcaller("get", name)
         if kind == "xlsx" and pa.types.is_string(held):
             value = partial(_guarded, column.name)
         elif kind == "shp" and any(is_of(held) for is_of in _TEXT_IN_DBASE):
@@ -186,10 +186,6 @@ def _options(kind: str, crs: str, last: datetime) -> dict[str, str]:
     }
     driver = {"driver": _DRIVERS[kind]}
     return driver | (places if kind != "xlsx" else {}) | more.get(kind, {})
-
-
-def _value(name: str, row: Row) -> Any:
-    return row.get(name)
 
 
 def _guarded(name: str, row: Row) -> str | None:

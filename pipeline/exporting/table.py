@@ -2,16 +2,18 @@
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from wayside.pipeline.files.route_file import route_notes
 from wayside.pipeline.fleet.folders import merged_parts, open_inventory, read_part
 from wayside.pipeline.results.result import RUN_FILE, read_rows, read_run, result_name
+from wayside.pipeline.results.routes import Row as Row
+from wayside.pipeline.results.routes import with_route
 from wayside.pipeline.reviewing.entries import LOOK, REJECTED, REVIEWS, Reviewed
 from wayside.pipeline.reviewing.known import KnownResult
 from wayside.pipeline.reviewing.matching import Review
@@ -20,8 +22,6 @@ from wayside.schemas.inventory_tables import PANELS, SUPPORTS
 from wayside.schemas.settings import RouteSettings
 from wayside.schemas.tables import FRAMES, POSTS, PROFILE, SIGNS, Column, Table
 
-Row = dict[str, Any]
-"""Values by column name; one that is absent or None is unknown."""
 GEOMETRY = "geometry"
 INVENTORY_TABLES = {table.name: table for table in (PANELS, SUPPORTS)}
 _BOX = ("best_x_min", "best_y_min", "best_x_max", "best_y_max")
@@ -67,6 +67,8 @@ class Source:
     """The latest time that a row names, for formats that state when they were written."""
     world: str | None = None
     """Name of the drive's own frame if it has no place on WGS 84; None: rows have longitude and latitude."""
+    notes: tuple[str, ...] = ()
+    """What must be known of the rows."""
 
 
 def is_inventory(folder: Path) -> bool:
@@ -84,9 +86,9 @@ def drive_signs(
 ) -> Source:
     """The signs of a result with their review; signs that the review says are missing stand last.
 
-    route: with a milepost, instead of that of the run. accepted: without the rows that the review rejects.
+    route: instead of that of the run. accepted: without the rows that the review rejects.
 
-    Raises InputError if the folder is no result folder, or damaged.
+    Raises InputError if the folder is no result folder, or damaged, and as `with_route`.
     """
     signs = read_rows(out, SIGNS, _names(SIGNS))
     about = read_run(out)
@@ -95,13 +97,12 @@ def drive_signs(
     rows = [row | {"result": result_name(about)} for row in rows]
     if accepted:
         rows = [row for row in rows if row.get("review") != REJECTED]
-    for row in rows:
-        if route is not None and row.get("station_m") is not None:
-            row |= route.measured(row["station_m"])
+    rows = with_route(out, rows, route)
     times = [row["best_time_ns"] for row in rows if row.get("best_time_ns") is not None]
     key, *measured = _flat_columns(SIGNS)
     columns = (key, *_FINAL_COLUMNS, *measured, *_REVIEW_COLUMNS)
-    return _drive_source(out, SIGNS.name, columns, rows, times)
+    notes = route_notes(route, [row["route"] for row in rows]) if route else ()
+    return replace(_drive_source(out, SIGNS.name, columns, rows, times), notes=tuple(notes))
 
 
 def drive_roadside(out: Path, name: str) -> Source:

@@ -17,7 +17,6 @@ from wayside.pipeline.files.parquet import read_parquet
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.routes import RouteSegments
 from wayside.schemas.settings import RouteSettings
-from wayside.schemas.signs import Sign
 from wayside.stages.georeference import ROUTE_REACH_M
 
 _WGS_84 = "OGC:CRS84"
@@ -158,20 +157,22 @@ def open_routes(settings: RouteSettings) -> RouteFile | None:
     return file
 
 
-def route_notes(settings: RouteSettings, signs: Sequence[Sign], *, on_globe: bool) -> list[str]:
-    """What a person has to know of the routes of a drive: signs without one, and why."""
-    if not settings.file or not signs:
+def route_notes(
+    settings: RouteSettings, routes: Sequence[str | None], *, on_globe: bool = True
+) -> list[str]:
+    """What a person has to know of the routes of the signs of a drive: those without one, and why."""
+    if not settings.file or not routes:
         return []
     if not on_globe:
         return [
             "--routes: the log has no satellite fixes, so route and measure are empty; "
             "give --route and --milepost instead"
         ]
-    count = sum(sign.route is None for sign in signs)
+    count = routes.count(None)
     if not count:
         return []
     return [
-        f"{count} of {len(signs)} signs have no route: the path follows no line of {Path(settings.file).name} within "
+        f"{count} of {len(routes)} signs have no route: the path follows no line of {Path(settings.file).name} within "
         f"{ROUTE_REACH_M:g} m there"
     ]
 

@@ -9,15 +9,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.evidence.crops import read_images
+from wayside.pipeline.evidence.crops import read_images, read_times
 from wayside.pipeline.files.parsing import CONTENT_FAULTS
 from wayside.pipeline.fleet.inventory_data import DriveFrames, read_frames, read_signs
 from wayside.pipeline.fleet.manifest import DRIVES
-from wayside.pipeline.results.result import find_log, read_rows, read_run, read_settings
+from wayside.pipeline.results.result import find_log, read_run, read_settings
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
-from wayside.schemas.tables import FRAMES
 from wayside.stages.georeference import LocalOrigin
 from wayside.stages.inventory import (
     YEAR_NS,
@@ -209,11 +208,9 @@ def _mark_hidden_of_drive(
     waiting = sorted(coverages, key=lambda one: int(one[1].rows[-1]))
     row_of = {int(view.frames.frame[row]): int(row) for _, one in coverages for row in one.rows}
     run = read_run(folder)
-    frames = read_rows(folder, FRAMES, ("frame", "log_time_ns"))
-    times = {row["frame"]: row["log_time_ns"] for row in frames}
     log, read = find_log(run, None), read_settings(folder, run)
     kept: dict[int, NDArray[np.uint8]] = {}
-    for image in read_images(log, read, row_of.keys(), times):
+    for image in read_images(log, read, row_of.keys(), read_times(folder)):
         row = row_of[image.frame.index]
         if image.grey is not None:
             kept[row] = image.grey

@@ -25,6 +25,7 @@ from wayside.pipeline.fleet.absence import (
     mark_hidden,
     read_view,
 )
+from wayside.pipeline.fleet.changes_review import ChangeReview
 from wayside.pipeline.fleet.folders import (
     CELL,
     merge_settings_of,
@@ -100,6 +101,8 @@ class ChangeReport:
     """Their results do not state what was in view."""
     unseen: list[str] = field(default_factory=list)
     """Their logs give no images, with the reason, which leaves unknown what hid a place from them."""
+    review: ChangeReview = field(default_factory=ChangeReview)
+    """What people said of changes."""
 
     def __str__(self) -> str:
         """Lines for a person."""
@@ -118,7 +121,7 @@ class ChangeReport:
                 f"\n{counted(len(self.unseen), 'drive')} without images at hand: what stood in front of a place is not "
                 f"known there; the first: {self.unseen[0]}"
             )
-        return words
+        return "\n".join(filter(None, (words, str(self.review))))
 
 
 def find_changes(
@@ -127,17 +130,20 @@ def find_changes(
     after: Survey,
     settings: ChangeSettings | None = None,
     *,
+    reviews: Sequence[Path] = (),
     overwrite: bool = False,
 ) -> ChangeReport:
-    """Compare two surveys and write `changes.parquet` into the folder of the inventory.
+    """Compare two surveys and write `changes.parquet` into the folder of the inventory, with what people said of it.
 
     The settings of the comparison, and those that the inventory was merged with, are in the metadata of the file. A
     panel counts as gone, or as new, only where a drive of the other survey had its place in view. This takes enough
     images in which the panel would show whole, from the front, and as high as the lowest panels that this drive
-    measures. Where the log exists, most of the images must also see past the place (`measure_occlusion`). An earlier
-    comparison is replaced, with `overwrite` any file. Raises UsageError if a survey has no drive, or they overlap.
-    Raises InputError if the folder is no inventory, is damaged, or has results that are not merged. Raises OutputError
-    if a file cannot be written.
+    measures. Where the log exists, most of the images must also see past the place (`measure_occlusion`).
+
+    reviews: files that the page of changes saved; none: those in the folder. overwrite: replace any file, not only an
+    earlier comparison. Raises UsageError if a survey has no drive, or they overlap. Raises InputError if the folder is
+    no inventory, is damaged, or has results that are not merged, or a file is no review. Raises OutputError if a file
+    cannot be written.
     """
     manifest = open_inventory(inventory, by_fleet=False)
     if not (inventory / PANELS.name).is_dir():
@@ -152,6 +158,8 @@ def find_changes(
     require_free(target, is_own=is_own, overwrite=overwrite)
     surveys: dict[Side, Survey] = {"before": before, "after": after}
     comparison = _Comparison(inventory, manifest, surveys, settings or ChangeSettings())
+    review = comparison.report.review
+    review.read(inventory, reviews)
     schema = schema_with_settings(CHANGES, merge=comparison.merge, changes=comparison.settings)
     with (
         whole_file(target, is_own=is_own, overwrite=overwrite) as stream,
@@ -160,7 +168,7 @@ def find_changes(
         for rows in comparison.rows():
             comparison.report.counts.update(row["change"] for row in rows)
             if rows:
-                told = [without_place(row) for row in rows]
+                told = [without_place(row) | review.columns(row) for row in rows]
                 columns = {n: [r.get(n) for r in told] for n in CHANGES.schema.names}
                 sink.write([record_batch(CHANGES, columns)])
     return comparison.report

@@ -8,18 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from wayside.pipeline import pages
 from wayside.pipeline.evidence.crops import crop_addresses
 from wayside.pipeline.evidence.gather import DriveMap, Globe
 from wayside.pipeline.evidence.maps import overview
 from wayside.pipeline.evidence.marks import METRIC, Units, appearance_of, class_words, route_words
 from wayside.pipeline.files.parquet import read_parquet
-from wayside.pipeline.files.pictures import is_marked
 from wayside.pipeline.files.visible_text import counted
-from wayside.pipeline.files.writing import write_file
 from wayside.pipeline.fleet.absence import SIDES, Row
 from wayside.pipeline.fleet.inventory_data import METRES_PER_DEGREE
 from wayside.pipeline.fleet.manifest import DRIVES
-from wayside.pipeline.pages import render_page
 from wayside.schemas.errors import InputError
 from wayside.schemas.inventory_tables import CHANGES, CHANGES_OF_PANELS
 from wayside.schemas.labels import Box
@@ -78,7 +76,7 @@ def write_page(
     told = [{name: row.get(name) for name in REVIEWED} for row in rows]
     placed = [k for k, row in enumerate(rows) if row["lon_deg"] is not None]
     drawn, about = overview(_places([rows[k] for k in placed]), units) or (None, {})
-    page = render_page(
+    page = pages.render_page(
         "changes.html",
         _MARK,
         names=names,
@@ -89,7 +87,7 @@ def write_page(
             for k in placed
         ],
         inks=INKS,
-        about={"map": about, "names": names, "rows": told},
+        about={"map": about, "names": names, "rows": told, "reviews": _said(rows)},
         counts={kind: counts[kind] for kind in _KINDS},
         shown=[kind for kind in _KINDS if kind in kinds],
         cards=[
@@ -102,9 +100,19 @@ def write_page(
             for k, row in enumerate(rows)
         ],
     )
-    write_file(file, page.encode(), is_own=lambda path: is_marked(path, _MARK), overwrite=overwrite)
+    pages.write_page(file, page, _MARK, overwrite=overwrite)
     wanted = sum(row[f"drive_{side}"] is not None for row in rows for side in SIDES)
     return Page(len(rows), wanted - len(images), tuple(faults))
+
+
+def _said(rows: list[Row]) -> list[Row]:
+    """What people said of the rows, as the page saves it."""
+    return [
+        {name: row[name] for name in (*REVIEWED, "review", "reviewer")}
+        | {"note": row["review_note"]}
+        for row in rows
+        if row.get("review")
+    ]
 
 
 def _places(rows: list[Row]) -> DriveMap:
@@ -152,14 +160,10 @@ def _images(
 def _figure(row: Row, side: str, source: str | None) -> dict[str, Any]:
     """The image of one survey; where nothing was seen, the place."""
     of = {name: row[f"{name}_{side}"] for name in ("seen", "drives", "hidden", "drive", "frame")}
-    if not of["drives"]:
-        face = "not looked at"
-        by = (
-            f"hidden from {counted(of['hidden'], 'drive')}"
-            if of["hidden"]
-            else "not in view of any drive"
-        )
-    else:
+    face, by = "not looked at", "not in view of any drive"
+    if of["hidden"]:
+        by = f"hidden from {counted(of['hidden'], 'drive')}"
+    if of["drives"]:
         appearance = appearance_of(row[f"color_{side}"], row[f"shape_{side}"])
         named = " ".join(filter(None, (row.get(f"code_{side}"), appearance)))
         face = named if of["seen"] else "no panel found"

@@ -1,7 +1,5 @@
 """`fleet.json`: every log of an inventory, what it is, what became of it, and in which state a fleet begins with it."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -93,7 +91,7 @@ class Manifest:
     vectors: Sequence[str] = ()
     """Common difference of all panels of a drive from those of another (`MergeReport`)."""
 
-    def with_entries(self, entries: Iterable[Entry]) -> Manifest:
+    def with_entries(self, entries: Iterable[Entry]) -> "Manifest":
         """The same with these entries in the place of those of their names."""
         return replace(self, logs={**self.logs, **{entry.name: entry for entry in entries}})
 

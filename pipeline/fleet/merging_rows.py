@@ -14,7 +14,7 @@ from wayside.pipeline.files.parquet import ParquetFile, geoparquet_metadata, rec
 from wayside.pipeline.fleet.folders import CELL, schema_with_settings
 from wayside.pipeline.fleet.inventory_data import DriveSigns
 from wayside.pipeline.fleet.straight_routes import without_place
-from wayside.pipeline.results.inventory import located
+from wayside.pipeline.results.rows import located
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
 from wayside.schemas.settings import MergeSettings

@@ -74,9 +74,8 @@ def run_fleet(
     """
     inventory = inventory.absolute()
     digests, of_log = load_models(settings).digests(), own or {}
-    keys = {
-        one: result_keys(one, digests, every_region=False) for one in {settings, *of_log.values()}
-    }
+    how = {"self_calibrate": options.self_calibrate}
+    keys = {one: result_keys(one, digests, **how) for one in {settings, *of_log.values()}}
 
     def key_of(uri: str, fingerprint: str) -> str:
         return keys[of_log.get(uri, settings)](fingerprint)

@@ -13,9 +13,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
+from wayside.pipeline.calibration.command import self_calibrated
 from wayside.pipeline.files.output_folder import finish_replacement
 from wayside.pipeline.files.visible_text import visible_lines
 from wayside.pipeline.files.writing import not_written, write_file
@@ -35,7 +36,7 @@ _QUARANTINED_LOG, _QUARANTINED_ERROR = "log.txt", "error.txt"
 
 @dataclass(frozen=True, slots=True)
 class FleetOptions:
-    """How a fleet is carried out; nothing here changes a result."""
+    """How a fleet is carried out; of what is here, only `self_calibrate` changes a result."""
 
     jobs: int | None = None
     """Logs side by side. None: one, or the threads of the scheduler."""
@@ -47,6 +48,8 @@ class FleetOptions:
     """Try the logs in quarantine again."""
     overwrite: bool = False
     """Replace results of logs whose content has changed since."""
+    self_calibrate: bool = False
+    """Calibrate each log by its own drive first."""
     arguments: tuple[str, ...] = ()
     """The command line, for `run.json`."""
 
@@ -150,18 +153,18 @@ def _run(task: Task) -> None:
             )
         # Models depend on neither, which may be of the log alone.
         models = _models(replace(task.settings, read=ReadSettings(), route=RouteSettings()))
-        key_of = result_keys(task.settings, models.digests(), every_region=False)
+        options, digests = task.options, models.digests()
+        key_of = result_keys(task.settings, digests, self_calibrate=options.self_calibrate)
         if key_of(task.entry.fingerprint) != task.entry.key:
             raise WaysideError(
                 f"wayside, its packages or its models differ on {here()} from where the fleet was started. Install "
                 "the same on every worker."
             )
         tune_process()
-        options = task.options
-        asked = RunRequest(
-            log, task.folder, task.settings, models, options.arguments, overwrite=options.overwrite
-        )
-        run_log(asked)
+        asked = RunRequest(log, task.folder, task.settings, models, options.arguments)
+        if options.self_calibrate:
+            asked = replace(asked, calibrate=partial(self_calibrated, overwrite=options.overwrite))
+        run_log(replace(asked, overwrite=options.overwrite))
 
 
 @lru_cache(maxsize=1)

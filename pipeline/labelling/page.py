@@ -16,12 +16,11 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from wayside.pipeline import pages
 from wayside.pipeline.evidence.crops import Crop, cut, read_boxes, read_times
 from wayside.pipeline.evidence.marks import class_words
-from wayside.pipeline.files.pictures import is_marked, webp_address
-from wayside.pipeline.files.writing import not_written, write_file
+from wayside.pipeline.files.pictures import webp_address
 from wayside.pipeline.labels.box_matching import overlap
-from wayside.pipeline.pages import render_page
 from wayside.pipeline.results.result import read_rows, read_run, read_table
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, UNSURE, Box
@@ -221,14 +220,9 @@ def write_page(
     }
     singles = sum(item.name.startswith("box ") for item in items)
     counts = {"landmarks": len(items) - singles, "singles": singles}
-    page = render_page("label.html", mark, log=name, data=data, **counts)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise not_written(folder, error, "the page") from error
-    path = folder / PAGE_FILE
-    write_file(path, page.encode(), is_own=lambda old: is_marked(old, mark), overwrite=overwrite)
-    return WrittenPage(path, asked, len(items) - len(images))
+    page = pages.render_page("label.html", mark, log=name, data=data, **counts)
+    pages.write_page(folder / PAGE_FILE, page, mark, overwrite=overwrite)
+    return WrittenPage(folder / PAGE_FILE, asked, len(items) - len(images))
 
 
 def _image(crop: Crop) -> dict[str, Any]:

@@ -1,7 +1,5 @@
 """Boxes made elsewhere, from Parquet or COCO JSON, by the images that they are of."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -152,7 +150,7 @@ def _parquet_rows(path: Path) -> _Rows:
 
 def _column(
     path: Path, table: pa.Table, name: str, kind: pa.DataType, *, filled: bool = False
-) -> pa.ChunkedArray[Any]:
+) -> "pa.ChunkedArray[Any]":
     """A column as this type; `filled`: in every row."""
     try:
         values = table.column(name).cast(kind)

@@ -3,8 +3,6 @@
 Annex B byte stream, parameter sets and slice headers: ITU-T H.264, annex B and clauses 7.3.1, 7.3.2.1.1, 7.3.3.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -75,7 +73,7 @@ def _units(data: bytes | memoryview) -> Iterator[bytes]:
             yield unit.replace(b"\0\0\3", b"\0\0")
 
 
-def _sequence_set(bits: _Bits) -> SequenceSet:
+def _sequence_set(bits: "_Bits") -> SequenceSet:
     profile = bits.take(8)
     bits.take(16)
     bits.unsigned()
@@ -118,7 +116,7 @@ def _sequence_set(bits: _Bits) -> SequenceSet:
     return SequenceSet(width, height, modulus, gaps, separate)
 
 
-def _pass_scaling_list(bits: _Bits, size: int) -> None:
+def _pass_scaling_list(bits: "_Bits", size: int) -> None:
     last, following = 8, 8
     for _ in range(size):
         if following:

@@ -3,8 +3,6 @@
 MCAP specification: https://mcap.dev/spec.
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Iterator
@@ -107,7 +105,7 @@ class Budget:
     left: int
 
     @classmethod
-    def of(cls, size: int) -> Budget:
+    def of(cls, size: int) -> "Budget":
         """What a log of so many bytes may cost: a multiple of its size, whatever it states."""
         return cls(UNPACKED_RATIO * (size + EXTRA_BYTES))
 

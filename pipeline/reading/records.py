@@ -5,8 +5,6 @@ every chunk's checksum before anything of it is returned. Reading continues afte
 is needed.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterable, Iterator
@@ -114,7 +112,7 @@ def messages_at(
 
 
 @contextmanager
-def _opened(path: Path, report: ScanReport, budget: Budget, start: int) -> Iterator[_Scanner]:
+def _opened(path: Path, report: ScanReport, budget: Budget, start: int) -> "Iterator[_Scanner]":
     """One file, open; what the system refuses becomes an InputError."""
     try:
         stream = open_input(path)

@@ -1,7 +1,5 @@
 """Positions and transforms of a log as arrays: as recorded, without impossible ones, and at the images."""
 
-from __future__ import annotations
-
 from array import array
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -39,11 +37,11 @@ class Series:
     pose has one of position (m) and one of rotation (rad), a fix those of east, north and up.
     """
 
-    log_ns: array[int] = field(default_factory=lambda: array("q"))
-    header_ns: array[int] = field(default_factory=lambda: array("q"))
-    offset: array[int] = field(default_factory=lambda: array("q"))
+    log_ns: "array[int]" = field(default_factory=lambda: array("q"))
+    header_ns: "array[int]" = field(default_factory=lambda: array("q"))
+    offset: "array[int]" = field(default_factory=lambda: array("q"))
     channels: list[Channel] = field(default_factory=list)
-    value: array[float] = field(default_factory=lambda: array("d"))
+    value: "array[float]" = field(default_factory=lambda: array("d"))
     first: PoseContent | FixContent | None = None
 
     def stamp(self, log_ns: int, header_ns: int | None) -> None:
@@ -89,14 +87,14 @@ class Samples(NamedTuple):
     value: Floats
 
     @staticmethod
-    def sorted(time_ns: Integers, value: Floats) -> Samples:
+    def sorted(time_ns: Integers, value: Floats) -> "Samples":
         """By time; of several at one time the last."""
         order = np.argsort(time_ns, kind="stable")
         time = time_ns[order]
         order = order[np.append(time[1:] != time[:-1], True)] if len(time) else order
         return Samples(time_ns[order], value[order])
 
-    def kept(self, rows: Flags) -> Samples:
+    def kept(self, rows: Flags) -> "Samples":
         """These rows alone."""
         return Samples(self.time_ns[rows], self.value[rows])
 

@@ -22,7 +22,7 @@ from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.statistics import share_interval
 from wayside.pipeline.workers import Item
 from wayside.schemas.detections import SHAPES, Detections, Regions, Segmentation
-from wayside.schemas.errors import InputError
+from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Frame
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.models import GaussianModel, MixtureModel
@@ -204,6 +204,10 @@ def gather_drive(
         return settings, load_models(settings)
 
     settings, models = chain(PRESET)
+    if settings.read.blur:
+        raise UsageError(
+            "read.blur: these figures show what is no sign, too, and are not blurred. Leave it out."
+        )
     shapes, density = chain(SHAPE_PRESET)[1].shape_classes, chain(TRAJECTORY_PRESET)[1]
     if shapes is None or density.trajectory_density is None:
         raise InputError(f"models: {SHAPE_PRESET} and {TRAJECTORY_PRESET} must both be loaded")

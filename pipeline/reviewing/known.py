@@ -1,12 +1,10 @@
 """What a review can be of: the rows of a result, and places that are found again in another result of the drive."""
 
-from __future__ import annotations
-
 import heapq
 import math
 from collections import Counter, defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +12,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.results.result import read_rows, read_run, result_name
+from wayside.pipeline.results.routes import with_route
 from wayside.pipeline.reviewing.entries import ACCEPTED, LOOK, Reviewed
 from wayside.schemas.frame import EARTH_RADIUS_M
 from wayside.schemas.routes import MEASURE_UNITS
+from wayside.schemas.settings import RouteSettings
 from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
 
 _FRAME_COLUMNS = (
@@ -45,8 +45,11 @@ class KnownResult:
     """1: measures rise in the direction of travel, -1: they fall."""
 
     @classmethod
-    def of(cls, out: Path) -> KnownResult:
-        """That in a folder; raises InputError if there is none, or it is damaged."""
+    def of(cls, out: Path, route: RouteSettings | None = None) -> "KnownResult":
+        """That in a folder; raises InputError if there is none, or it is damaged.
+
+        route: instead of that of the run.
+        """
         run, signs = read_run(out), read_rows(out, SIGNS, _SIGN_COLUMNS)
         frames = read_rows(out, FRAMES, _FRAME_COLUMNS)
         names = Counter(row["image_name"] for row in frames)  # folders may number alike
@@ -60,12 +63,13 @@ class KnownResult:
             box = tuple(round(edge, 1) for edge in row["box"])
             views[row["sign_id"]].append((images.get(row["frame"], ""), box))
         cameras = {images[row["frame"]]: _camera(row) for row in frames if row["x"] is not None}
-        measured = sorted((one for one in signs if one["measure"] is not None), key=_station)
+        along = [one for one in with_route(out, signs, route) if one["measure"] is not None]
+        measured = sorted(along, key=_station)
         falls = bool(measured) and measured[-1]["measure"] < measured[0]["measure"]
-        route = (run.get("settings") or {}).get("route", {})
-        if route.get("milepost", -1.0) >= 0:
-            falls, start = route["decreasing"], (0.0, route["name"] or None, route["milepost"])
-            measured = [dict(zip(_MEASURE_COLUMNS, (*start, route["unit"]), strict=True))]
+        given = asdict(route) if route else (run.get("settings") or {}).get("route", {})
+        if given.get("milepost", -1.0) >= 0:
+            falls, start = given["decreasing"], (0.0, given["name"] or None, given["milepost"])
+            measured = [dict(zip(_MEASURE_COLUMNS, (*start, given["unit"]), strict=True))]
         found = cls(result_name(run), {}, cameras, tuple(measured), -1.0 if falls else 1.0)
         rows = {one["sign_id"]: found._accepted(one, views[one["sign_id"]]) for one in signs}
         return cls(found.name, rows, cameras, found.measured, found.sense)

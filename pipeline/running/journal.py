@@ -57,20 +57,24 @@ def journal_key(log: Path, settings: Settings, models: Models) -> dict[str, Any]
     return _key(settings, models.digests()) | {"log": fingerprint, "machine": machine}
 
 
-def result_key(
-    log: Path, settings: Settings, digests: dict[str, str], *, every_region: bool
-) -> str | None:
-    """Digest of all that the tables of a run depend on, models by their `digests`; None for what is no file."""
-    fingerprint = log_fingerprint(log)
-    key_of = result_keys(settings, digests, every_region=every_region)
+def result_key(log: Path, settings: Settings, digests: dict[str, str], **how: bool) -> str | None:
+    """Digest of all that the tables of a run depend on, models by their `digests`; None for what is no file.
+
+    how: `every_region` of its `RunRequest`, and `self_calibrate`: whether it calibrates.
+    """
+    fingerprint, key_of = log_fingerprint(log), result_keys(settings, digests, **how)
     return None if fingerprint is None else key_of(fingerprint)
 
 
 def result_keys(
-    settings: Settings, digests: dict[str, str], *, every_region: bool
+    settings: Settings,
+    digests: dict[str, str],
+    *,
+    every_region: bool = False,
+    self_calibrate: bool = False,
 ) -> Callable[[str], str]:
     """The same for many logs: a function of the fingerprint of each."""
-    rest = _key(settings, digests) | {"every_region": every_region}
+    rest = _key(settings, digests) | {"how": [every_region, self_calibrate]}
     return lambda fingerprint: digest(json.dumps(rest | {"log": fingerprint}, sort_keys=True))
 
 

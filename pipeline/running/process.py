@@ -1,7 +1,5 @@
 """The process as the system sees it: signals that end it, and output that nobody reads."""
 
-from __future__ import annotations
-
 import codecs
 import errno
 import io
@@ -125,7 +123,7 @@ class _Text(io.TextIOWrapper):
 class _Pipe(io.FileIO):
     """Takes everything, also where the reader has gone."""
 
-    def write(self, data: ReadableBuffer, /) -> int:
+    def write(self, data: "ReadableBuffer", /) -> int:
         """Write; how many bytes were taken."""
         with suppress(BrokenPipeError):
             return super().write(data)

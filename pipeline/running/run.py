@@ -82,6 +82,8 @@ class RunObserver(Observer, Protocol):
 
 OpenObserver = Callable[[ReadReport, Path], RunObserver | None]
 """Makes the observer of a run, which sees every item of every stage, or none."""
+Calibrate = Callable[[Path, Path, Settings], Settings]
+"""Gives the settings with a calibration by the drive, whose file it leaves in the folder of the result."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,6 +166,8 @@ class RunRequest:
     """Replace whatever stands in the folder under the names of a result; else only a result of the same log."""
     resume: bool = False
     """Keep a `Journal`, and go on with that of an earlier run. Not with an observer, which would miss its frames."""
+    calibrate: Calibrate | None = None
+    """Called first; None: the calibration is that of the settings or of the log."""
 
 
 def run_log(asked: RunRequest, run: Run | None = None) -> RunResult:
@@ -187,12 +191,18 @@ def process_log(asked: RunRequest, run: Run) -> Iterator[TrackedFrame]:
     folder = asked.folder
     with OutputFolder(folder, kept=(RECORDING,)) as output, ExitStack() as ended:
         earlier = check_earlier(folder, asked.log, overwrite=asked.overwrite)
+        digests, how = asked.models.digests(), {"every_region": asked.every_region}
+        how |= {"self_calibrate": asked.calibrate is not None}
+        key = result_key(asked.log, asked.settings, digests, **how)
+        if asked.calibrate is not None:
+            settings = asked.calibrate(asked.log, folder, asked.settings)
+            asked = replace(asked, settings=settings)
         journal = None
         if asked.resume:
             journal = Journal(folder, journal_key(asked.log, asked.settings, asked.models))
             ended.callback(journal.close)
         result = yield from _Task(asked, run, output.part, earlier, journal).process()
-        _write_run(result, asked, output.part)
+        _write_run(result, asked, key, output.part)
         drop = [table.file for table in ROADSIDE] if result.inventory.sections is None else []
         output.commit([*drop, RECORDING] if earlier.recorded and not result.recorded else drop)
         new = result_name({"files": {SIGNS.file: {"sha256": file_digest(folder / SIGNS.file)}}})
@@ -287,7 +297,8 @@ class _Task:
     def _notes(self, drive: Drive) -> list[str]:
         """What a person has to know of the drive."""
         on_globe, settings = drive.path.globe is not None, self.asked.settings
-        notes = route_notes(settings.route, drive.signs, on_globe=on_globe)
+        routes = [sign.route for sign in drive.signs]
+        notes = route_notes(settings.route, routes, on_globe=on_globe)
         if drive.lens is not None and drive.lens.refutes_given:
             told = describe_calibration(drive.lens, self.run.report.calibration_source)
             notes.append(f"{told}; --self-calibrate uses these values, but a board tells more")
@@ -312,10 +323,9 @@ def _no_image(log: Path, statuses: Counter[str]) -> str:
     )
 
 
-def _write_run(result: RunResult, asked: RunRequest, part: Path) -> None:
+def _write_run(result: RunResult, asked: RunRequest, key: str | None, part: Path) -> None:
     """`run.json`: everything needed to repeat the run, and all that differs between two runs of it."""
     settings, models, drive = asked.settings, asked.models, result.inventory
-    digests = models.digests()
     content: dict[str, Any] = {
         "wayside": version("wayside"),
         "arguments": list(asked.arguments),
@@ -327,8 +337,8 @@ def _write_run(result: RunResult, asked: RunRequest, part: Path) -> None:
         "recording": RECORDING if result.recorded else None,
         "settings": asdict(settings),
         "settings_digest": settings_digest(settings),
-        "models": digests,
-        "result_key": result_key(result.log, settings, digests, every_region=asked.every_region),
+        "models": models.digests(),
+        "result_key": key,
         "learned_from_log": list(learned_from(result.log.stem, models.provenances())),
         "detector": None if result.boxes is None else result.boxes.source,
         "camera": drive.camera and asdict(drive.camera),

@@ -252,12 +252,14 @@ function adding(on) {
 }
 
 function addAt(value, right) {
-  const of = one => one.measure ?? one.station_m;
-  const i = about.cameras.findIndex((one, n) => n && (of(one) - value) * (of(about.cameras[n - 1]) - value) <= 0);
-  if (i < 1) throw new Error("the drive does not pass it");
-  const [a, b] = [about.cameras[i - 1], about.cameras[i]];
-  const part = (value - of(a)) / (of(b) - of(a) || 1), dx = b.x - a.x, dy = b.y - a.y, length = Math.hypot(dx, dy) || 1;
-  add(a.x + part * dx + right * dy / length, a.y + part * dy - right * dx / length);
+  const unit = Number(at("here").dataset.unit), of = one => one.measure ?? one.station_m / unit;
+  const steps = about.cameras.slice(1).map((b, n) => {
+    const a = about.cameras[n], dx = b.x - a.x, dy = b.y - a.y, length = Math.hypot(dx, dy), part = (value - of(a)) / (of(b) - of(a));
+    return { a, dx, dy, length, part, beyond: Math.max(-part, part - 1, 0) * length };
+  }).filter(one => one.beyond < 100);  // of what the last image shows, too
+  if (!steps.length) throw new Error("the drive does not pass it");
+  const { a, dx, dy, length, part } = steps.reduce((one, other) => other.beyond < one.beyond ? other : one), away = right * unit / length;
+  add(a.x + part * dx + away * dy, a.y + part * dy - away * dx);
 }
 
 function rayOf({ x, y, turn }, u, v) {  // across the ground, of a place in the image between 0 and 1

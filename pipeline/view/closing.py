@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.code_words import code_of, posts_words
-from wayside.pipeline.results.inventory import WrittenTables, posts_rows
+from wayside.pipeline.results.inventory import WrittenTables
+from wayside.pipeline.results.rows import posts_rows
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.drawing import (
     GREY,

@@ -10,8 +10,6 @@ With a quadratic cost seven iterations do. Weights of a robust cost change with 
 each iteration leaves about six tenths of what the cost is above its minimum.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -79,7 +77,7 @@ class Window(NamedTuple):
     points: Array
     anchors: NDArray[np.int64]
 
-    def checked(self, pose: int | None) -> Window:
+    def checked(self, pose: int | None) -> "Window":
         """The same; ValueError where compiled code would read outside of an array."""
         n, p = len(self.rotations), len(self.points)
         require_array(self.rotations, "rotations", np.float64, (n, 3, 3))

@@ -4,8 +4,6 @@ Each point is measured in few frames and with no other point. Its block is inver
 equations of the poses (Schur complement; Triggs et al., Bundle Adjustment - A Modern Synthesis, 2000).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +35,7 @@ class NormalEquations(NamedTuple):
     span: NDArray[np.int64]
 
     @staticmethod
-    def empty(frames: int, points: int, blocks: ResidualBlocks, held: int) -> NormalEquations:
+    def empty(frames: int, points: int, blocks: ResidualBlocks, held: int) -> "NormalEquations":
         """Room for so many."""
         size = 6 * frames
         span = np.stack([np.full(points, 1 << 30), np.full(points, -1)], axis=1)

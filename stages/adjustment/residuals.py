@@ -7,8 +7,6 @@ registered from a whole pixel and ends between pixels. The next step starts at t
 and its map carries the difference on. The errors of a chain of ties stay those of its links, independent of each other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -49,7 +47,7 @@ class ResidualBlocks(NamedTuple):
     @staticmethod
     def observations(
         frame: NDArray[np.int64], point: NDArray[np.int64], ray: Array, sigma: Array, scale: float
-    ) -> ResidualBlocks:
+    ) -> "ResidualBlocks":
         """Observations of points in single frames."""
         n = len(frame)
         return ResidualBlocks(
@@ -63,7 +61,7 @@ class ResidualBlocks(NamedTuple):
         )
 
     @staticmethod
-    def joined(parts: list[ResidualBlocks]) -> ResidualBlocks:
+    def joined(parts: "list[ResidualBlocks]") -> "ResidualBlocks":
         """The blocks of all parts, in order."""
         return ResidualBlocks(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
@@ -86,7 +84,7 @@ class StepConstraints(NamedTuple):
     sigma_length: Array
 
     @staticmethod
-    def of(priors: Sequence[StepPrior], *, common: bool = False) -> StepConstraints:
+    def of(priors: Sequence[StepPrior], *, common: bool = False) -> "StepConstraints":
         """Priors of the steps of a window, each from one frame to the next.
 
         `common`: their lengths derive from each other, so they share one error, which does not average out.

@@ -1,7 +1,5 @@
 """Ties of consecutive steps: their displacement, tracks of them, and a selection spread evenly over the image."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import NamedTuple
 
@@ -49,12 +47,12 @@ class StepTies(NamedTuple):
     scatter: Array
 
     @staticmethod
-    def joined(parts: Iterable[StepTies]) -> StepTies:
+    def joined(parts: "Iterable[StepTies]") -> "StepTies":
         """The rows of all parts."""
         columns = zip(_NO_TIES, *parts, strict=True)
         return StepTies._make(np.concatenate(column) for column in columns)
 
-    def select(self, rows: Numbers) -> StepTies:
+    def select(self, rows: Numbers) -> "StepTies":
         """Those rows."""
         return StepTies._make(np.ascontiguousarray(column[rows]) for column in self)
 

@@ -1,7 +1,5 @@
 """The parts of a drive that turn most, by which its lens is estimated."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from math import acos
@@ -24,7 +22,7 @@ WATCHED_CELL = 1 / 16
 
 
 def watch_calibration(
-    images: Iterator[PosedDetections], watch: CalibrationWatch
+    images: Iterator[PosedDetections], watch: "CalibrationWatch"
 ) -> Iterator[PosedDetections]:
     """Pass images on as they are, and keep of their motion what an estimate of the lens takes."""
     for item in images:
@@ -33,7 +31,7 @@ def watch_calibration(
         yield item
 
 
-def check_calibration(watches: Iterator[CalibrationWatch]) -> Iterator[DriveCalibration]:
+def check_calibration(watches: "Iterator[CalibrationWatch]") -> Iterator[DriveCalibration]:
     """What each watched drive says of its lens, after its last image; nothing where its ties determine nothing."""
     for watch in watches:
         found = watch.calibrate()

@@ -5,8 +5,6 @@ and the colour and shape of the face. They also give the offsets of its sides (b
 appendix C). Every box is resampled to the same size, so that a far diamond and a near one look alike.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -47,7 +45,7 @@ class BoxScores(NamedTuple):
         """Log odds (n,) of the likelier side."""
         return np.maximum(self.front, self.back)
 
-    def select(self, rows: NDArray[Any]) -> BoxScores:
+    def select(self, rows: NDArray[Any]) -> "BoxScores":
         """Those rows, in that order."""
         return BoxScores(*(column[rows] for column in self))
 

@@ -1,7 +1,5 @@
 """Boxes of sign faces by the detection network: heat map of middles, boxes, colours and shapes at stride 4."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,7 +43,7 @@ class Maps:
     bias: NDArray[np.float32] | None = None
 
     @classmethod
-    def of(cls, maps: NDArray[np.float32]) -> Maps:
+    def of(cls, maps: NDArray[np.float32]) -> "Maps":
         """Of maps (`MAPS`, rows, columns)."""
         return cls(maps[:ODDS], np.moveaxis(maps[ODDS:], 0, -1))
 

@@ -4,6 +4,7 @@ from wayside.stages.georeference.geodesy import LocalOrigin as LocalOrigin
 from wayside.stages.georeference.georeferencing import georeference as georeference
 from wayside.stages.georeference.linear_reference import ROUTE_REACH_M as ROUTE_REACH_M
 from wayside.stages.georeference.linear_reference import measure_along_route as measure_along_route
+from wayside.stages.georeference.linear_reference import measures_on_lines as measures_on_lines
 from wayside.stages.georeference.measurements import AbsoluteMeasurements as AbsoluteMeasurements
 from wayside.stages.georeference.measurements import RelativeMotionChain as RelativeMotionChain
 from wayside.stages.georeference.path import DrivePath as DrivePath

@@ -57,21 +57,31 @@ def _by_lines(listed: list[Sign], path: DrivePath, segments: RouteSegments) -> I
         return
     places = path.globe.route()[[path.globe.rows[frame] for frame in path.stations], :2]
     stations = np.array(list(path.stations.values()))
-    every = np.concatenate([[sign.station_m for sign in listed], stations])
+    wanted = np.array([sign.station_m for sign in listed])
+    for sign, found in zip(
+        listed, measures_on_lines(wanted, stations, places, segments), strict=True
+    ):
+        yield replace(sign, **found)
+
+
+def measures_on_lines(
+    wanted: Array, stations: Array, places: Array, segments: RouteSegments
+) -> list[dict[str, Any]]:
+    """Route, measure and its unit at stations of a path, by the names of their columns; {} where it follows no route.
+
+    wanted (n,), metres. stations (p,) and places (p, 2), longitude and latitude, degrees: of the path.
+    """
+    every = np.concatenate([wanted, stations])
     order = np.argsort(every, kind="stable")
     distance, measure = nearest_on_routes(*_along(places, stations, every[order]), segments)
     followed = np.empty(len(every), np.int64)
     followed[order] = follow_routes(distance)
-    row = np.argsort(order)
-    for sign, route, here in zip(listed, followed, row, strict=False):
-        if route >= 0 and math.isfinite(measure[here, route]):
-            sign = replace(
-                sign,
-                route=segments.names[route],
-                measure=float(measure[here, route]),
-                measure_unit=segments.unit,
-            )
-        yield sign
+    found: list[dict[str, Any]] = []
+    for route, here in zip(followed[: len(wanted)], np.argsort(order), strict=False):
+        known = route >= 0 and math.isfinite(measure[here, route])
+        along = {"measure": float(measure[here, route]), "measure_unit": segments.unit}
+        found.append({"route": segments.names[route]} | along if known else {})
+    return found
 
 
 def nearest_on_routes(

@@ -4,8 +4,6 @@ Rays are ideal image coordinates (x/z, y/z); sizes are in the same unit, so that
 frames of a window share one world: that of the chained motion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -80,13 +78,13 @@ class Hypotheses(NamedTuple):
     back: NDArray[np.bool_]
 
     @staticmethod
-    def joined(parts: Sequence[Hypotheses]) -> Hypotheses:
+    def joined(parts: "Sequence[Hypotheses]") -> "Hypotheses":
         """The hypotheses of all parts, in their order."""
         none = Hypotheses(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0, np.bool_))
         columns = zip(none, *parts, strict=True)
         return Hypotheses._make(np.concatenate(column) for column in columns)
 
-    def select(self, rows: NDArray[Any]) -> Hypotheses:
+    def select(self, rows: NDArray[Any]) -> "Hypotheses":
         """Some of them."""
         return Hypotheses._make(column[rows] for column in self)
 

@@ -4,8 +4,6 @@
 below the threshold, it is the verdict of the weakest term (`VERDICT_OF_TERM`). A landmark that passes all is a `sign`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -53,7 +51,7 @@ class Face(NamedTuple):
     measured: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, fit: LandmarkFit, window: Sequence[WindowFrame]) -> Face:
+    def of(cls, fit: LandmarkFit, window: Sequence[WindowFrame]) -> "Face":
         """Of a landmark in its window."""
         seen, frames = fit.followed_in(window), [window[k] for k in fit.frames]
         tables = [held.candidates.regions.source for held in frames]
@@ -66,7 +64,7 @@ class Face(NamedTuple):
             np.array(sources) != SOURCES.index("predicted"),
         )
 
-    def boxes(self, images: WindowPoses) -> FaceBoxes:
+    def boxes(self, images: WindowPoses) -> "FaceBoxes":
         """Where it is in the images of a window: as seen, else where it must be."""
         found = FaceBoxes.none(len(images.number))
         local = ((self.point - images.centre)[:, None] @ images.rotation)[:, 0]
@@ -91,11 +89,11 @@ class FaceBoxes(NamedTuple):
     measured: NDArray[np.bool_]
 
     @classmethod
-    def none(cls, count: int) -> FaceBoxes:
+    def none(cls, count: int) -> "FaceBoxes":
         """Nowhere."""
         return cls(np.zeros((count, 4)), np.zeros(count, np.bool_), np.zeros(count, np.bool_))
 
-    def explained_by(self, others: Sequence[FaceBoxes]) -> bool:
+    def explained_by(self, others: "Sequence[FaceBoxes]") -> bool:
         """Whether one of some others explains the same pixels."""
         if not others:
             return False

@@ -1,7 +1,5 @@
 """The frames that tracking holds: their followed candidates as rays, and the path that was travelled."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -73,7 +71,7 @@ class WindowFrame:
     """See `TrackedFrame`."""
 
     @classmethod
-    def of(cls, posed: PosedDetections, motion: Motion, camera: Camera) -> WindowFrame:
+    def of(cls, posed: PosedDetections, motion: Motion, camera: Camera) -> "WindowFrame":
         """What tracking needs of a frame."""
         table = posed.detections.candidates
         followed = joined(
@@ -217,7 +215,7 @@ class WindowPoses(NamedTuple):
     centre: NDArray[np.float64]
 
     @classmethod
-    def of(cls, window: Sequence[WindowFrame]) -> WindowPoses:
+    def of(cls, window: Sequence[WindowFrame]) -> "WindowPoses":
         """Of these frames."""
         poses = [(f.frame.index, f.motion.pose.rotation, f.motion.pose.centre) for f in window]
         return cls._make(np.array(column) for column in zip(*poses, strict=True))

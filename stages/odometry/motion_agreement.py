@@ -4,8 +4,6 @@ Two images give the rotation between them and the direction of travel, without i
 2004). Poses in other axes, of the vehicle instead of the camera, or inverted, contradict them by a right angle or more.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -89,11 +87,11 @@ class CameraPath:
     rotation: Array
     centre: Array
 
-    def mounted(self, mount: Array) -> CameraPath:
+    def mounted(self, mount: Array) -> "CameraPath":
         """The same of a camera whose axes are the columns of `mount` (3, 3) in the axes of these poses."""
         return CameraPath(self.known, self.rotation @ mount, self.centre)
 
-    def inverted(self) -> CameraPath:
+    def inverted(self) -> "CameraPath":
         """The poses of a source that states the world in the camera."""
         back = self.rotation.transpose(0, 2, 1)
         return CameraPath(self.known, back, -np.einsum("kij,kj->ki", back, self.centre))

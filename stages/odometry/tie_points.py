@@ -4,8 +4,6 @@ The prediction needs no depth: nearer points lie further out than a point at inf
 matches do not depend on the assumed length of the step.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -71,7 +69,7 @@ class KeypointImage:
     ideal: Array
 
     @staticmethod
-    def of(detections: Detections) -> KeypointImage | None:
+    def of(detections: Detections) -> "KeypointImage | None":
         """Of the detections of an image; None where it has no pixels or no camera."""
         camera, grey, features = detections.frame.camera, detections.image.grey, detections.features
         if camera is None or grey is None:
@@ -84,7 +82,7 @@ class KeypointImage:
         grey: NDArray[np.uint8],
         corners: NDArray[np.float32],
         descriptors: NDArray[np.uint8],
-    ) -> KeypointImage:
+    ) -> "KeypointImage":
         """Of the corners of a grey image."""
         return KeypointImage(camera, grey, corners, descriptors, ideal_points(camera, corners))
 

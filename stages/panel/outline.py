@@ -9,8 +9,6 @@ Boxes are [left, top, right, bottom] (4,), before the rotation about their centr
 template.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -149,7 +147,7 @@ class FaceOutline(NamedTuple):
 class OutlineCandidate(NamedTuple):
     """An outline that may be the outer one, and its features (11,), named by `OUTLINE_FEATURES`."""
 
-    outline: Outline
+    outline: "Outline"
     features: Array
 
 
@@ -215,7 +213,7 @@ def outline_candidates(
     return candidates
 
 
-def _features(inner: Outline, outer: Array, detected: Array, edge: float, strip: float) -> Array:
+def _features(inner: "Outline", outer: Array, detected: Array, edge: float, strip: float) -> Array:
     wide, tall = np.log(box_size(outer) / box_size(detected))
     uneven = min(strip, _MOST_UNEVEN) / _UNEVEN_LEVELS
     of_edge = [edge, np.log(edge), inner.strength, uneven, edge * uneven]

@@ -1,7 +1,5 @@
 """Images of a panel resampled on its plane (rectified views)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -36,7 +34,7 @@ class PanelPlane(NamedTuple):
     ahead: Array
 
     @classmethod
-    def across(cls, point: Array, ahead: Array, up: Array) -> PanelPlane:
+    def across(cls, point: Array, ahead: Array, up: Array) -> "PanelPlane":
         """The plane through a point with the unit normal `ahead`; `up` need not be perpendicular to it."""
         up = up - (up @ ahead) * ahead
         up /= np.linalg.norm(up)

@@ -4,8 +4,6 @@ The distance runs along the travelled path. Its error is the error of the path b
 and of each sign relative to its own image. An error that both signs share, as an offset of the fixes, is left out.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, replace
@@ -85,7 +83,7 @@ class PathLine:
     ahead: Array
 
     @classmethod
-    def of(cls, path: DrivePath) -> PathLine:
+    def of(cls, path: DrivePath) -> "PathLine":
         """The cubic spline through the poses over the lengths of its chords, as points a metre apart at most."""
         # takes 0.3 s, which the first image does not wait for
         from scipy.interpolate import CubicSpline

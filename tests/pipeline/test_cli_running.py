@@ -32,7 +32,8 @@ def drives(tmp_path, monkeypatch):
         folder.mkdir(parents=True, exist_ok=True)
         table = folder / "signs.parquet"
         table.write_text(content)
-        key = result_key(log, settings, NO_MODELS.digests(), every_region=how.every_region)
+        asked = {"every_region": how.every_region, "self_calibrate": how.self_calibrate}
+        key = result_key(log, settings, NO_MODELS.digests(), **asked)
         files = {"signs.parquet": {"sha256": file_digest(table)}}
         about = {"wayside": "1", "log_fingerprint": log_fingerprint(log), "files": files}
         (folder / "run.json").write_text(json.dumps(about | {"result_key": key}))
@@ -81,7 +82,9 @@ def test_finished_logs_are_passed_over_until_something_changes(drives, tmp_path,
     assert drives(contents) == (0, [])
     assert capsys.readouterr().out.count("unchanged, result in") == 2
     assert drives(contents, overwrite=True)[1] == ["a.mcap", "b.mcap"]
-    assert drives(contents, every_region=True)[1] == ["a.mcap", "b.mcap"]
+    for how in ("every_region", "self_calibrate"):
+        for again in (["a.mcap", "b.mcap"], []):
+            assert drives(contents, **{how: True})[1] == again
     camera = tmp_path / "camera.yaml"
     camera.write_text("one")
     given, _ = load_settings(options={"read.calibration": str(camera)})

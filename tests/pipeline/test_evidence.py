@@ -410,7 +410,7 @@ def test_filters_are_folded_on_a_phone_until_asked_for(sheets, in_browser):
 def test_a_sign_is_found_by_words_and_placed_by_a_tap_on_the_zoomed_map(
     out, tmp_path, in_browser, width
 ):
-    """Dispatches what a finger does: a tap adds a sign, a drag moves the map and adds none."""
+    """Dispatches what fingers do: a tap adds a sign, a drag moves the map and adds none, two fingers zoom."""
     measured = {"route": "K-18", "measure": 7.25, "measure_unit": "mi"}
     change_rows(out, SIGNS, lambda rows: rows[0].update(measured))
     change_rows(out, FRAMES, with_fixes)
@@ -426,12 +426,11 @@ def test_a_sign_is_found_by_words_and_placed_by_a_tap_on_the_zoomed_map(
         }
         const rect = () => dots.get(near).getBoundingClientRect();
         const before = rect(), bar = () => map.querySelector(".foot text").textContent, bars = [bar()];
-        const touch = (kind, clientX, clientY) =>
-          map.dispatchEvent(new PointerEvent(kind, { pointerId: 1, clientX, clientY, bubbles: true }));
+        const touch = (kind, clientX, clientY, pointerId = 1) =>
+          map.dispatchEvent(new PointerEvent(kind, { pointerId, clientX, clientY, bubbles: true }));
         const tap = (x, y, dx = 0) => {
           touch("pointerdown", x, y);
-          touch("pointermove", x + dx, y);
-          touch("pointerup", x + dx, y);
+          for (const kind of ["pointermove", "pointerup"]) touch(kind, x + dx, y);
           map.dispatchEvent(new MouseEvent("click", { bubbles: true, cancelable: true, clientX: x + dx, clientY: y }));
         };
         const middle = one => [one.left + one.width / 2, one.top + one.height / 2];
@@ -448,24 +447,26 @@ def test_a_sign_is_found_by_words_and_placed_by_a_tap_on_the_zoomed_map(
         const quiet = tiles(), base = document.querySelector(".zoom select");
         base.value = base.options[1].value;
         base.dispatchEvent(new Event("change"));
-        return { found, bars, dragged, missing, quiet, tiles: tiles(), size: [before.width, rect().width],
-          wide: document.documentElement.scrollWidth - innerWidth };
+        const drawn = tiles(), whole = map.viewBox.baseVal.width, [x, y] = middle(map.getBoundingClientRect());
+        const pinch = (kind, away) => [1, 2].forEach(id => touch(kind, x + (2 * id - 3) * away, y, id));
+        pinch("pointerdown", 20); pinch("pointermove", 60);
+        return { found, bars, dragged, missing, quiet, tiles: drawn, size: [before.width, rect().width],
+          pinched: whole / map.viewBox.baseVal.width, wide: document.documentElement.scrollWidth - innerWidth };
         """,
         width=width,
     )
     assert seen["found"] == [[NEAR], [], [NEAR, FAR, BARE]]
     assert all(words.endswith(" ft") for words in seen["bars"])
     assert float(seen["bars"][0].split()[0]) > 4 * float(seen["bars"][1].split()[0])
-    assert seen["dragged"] == 0
+    assert (seen["dragged"], seen["quiet"], seen["wide"] <= 0) == (0, [], True)
     (missing,) = seen["missing"]
     assert (missing["x"], missing["y"]) == pytest.approx((40.0, -6.0), abs=0.1)
     assert seen["size"][0] == pytest.approx(seen["size"][1], abs=1)  # dots keep their size
-    assert seen["quiet"] == []
+    assert seen["pinched"] == pytest.approx(3.0, rel=1e-3)
     east, north = 40.0, -6.0
     lat, lon = 38.5 + north / 111e3, -98.5 + east / (111e3 * math.cos(math.radians(38.5)))
     shown = {tuple(map(int, re.findall(r"\d+", one)[-3:])) for one in seen["tiles"]}
     assert any(mercantile.tile(lon, lat, level) == (x, y, level) for level, x, y in shown)
-    assert seen["wide"] <= 0
 
 
 @pytest.mark.parametrize("width", [1300, 390])
@@ -495,7 +496,8 @@ def test_a_person_corrects_the_inventory_in_the_index(out, tmp_path, in_browser,
         const place = { clientX: dot.left + dot.width / 2, clientY: dot.top + dot.height / 2 };
         map.dispatchEvent(new MouseEvent("click", { bubbles: true, cancelable: true, ...place }));
         missing[0].note = '=a "stop", hidden';
-        at("measure").value = "20"; at("right").value = "-4"; at("here").requestSubmit();
+        const type = one => { [at("measure").value, at("right").value] = one; at("here").requestSubmit(); };
+        [[20, -4], [60, 3], [200, 0]].forEach(type);  // the last image is at 40
         await openImages();
         for (const step of [1, 2]) {  // a point that the second and the fourth camera see
           showImage(step);
@@ -516,19 +518,18 @@ def test_a_person_corrects_the_inventory_in_the_index(out, tmp_path, in_browser,
         profile=profile,
         width=width,
     )
-    assert (seen["same"], seen["shown"]) == (True, "1 of 3 shown")
-    assert seen["wide"] <= 0
+    assert (seen["same"], seen["shown"], seen["wide"] <= 0) == (True, "1 of 3 shown", True)
     (tmp_path / "review.json").write_text(seen["saved"])
     review = find_review(out, [tmp_path / "review.json"])
     said = {name: one.review for name, one in review.rows.items()}
     assert said == {NEAR: "accepted", FAR: "rejected", BARE: "edited"}
     assert [*review.rows[BARE].look.values()] == ["R1-1", "4 WAY", "red", "octagon"]
-    clicked, typed, sighted = review.missing
+    clicked, typed, beyond, sighted = review.missing
     assert (clicked.x, clicked.y) == pytest.approx((40.0, -6.0), abs=0.4)  # the dot of the sign
     assert (clicked.note, clicked.reviewer) == ('=a "stop", hidden', "Ann")
-    assert (typed.x, typed.y) == pytest.approx((20.0, 4.0))
+    assert (typed.x, typed.y, beyond.x, beyond.y) == pytest.approx((20.0, 4.0, 60.0, -3.0))
     assert (sighted.x, sighted.y) == pytest.approx((40.0, -6.0), abs=0.3)
-    assert in_browser(index, "return rows().length;", profile=profile) == 6
+    assert in_browser(index, "return rows().length;", profile=profile) == 7
 
 
 @pytest.mark.parametrize("width", [1300, 390])

@@ -1,9 +1,9 @@
 """Files of route lines, written by GDAL and pyarrow."""
 
+import csv
 import json
 import struct
 import warnings
-from types import SimpleNamespace
 
 import numpy as np
 import pyarrow as pa
@@ -18,7 +18,7 @@ from wayside.pipeline.files.settings_file import load_settings
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.settings import RouteSettings
 
-from .results import invoke
+from .results import invoke, sign_row, write_tables
 
 LINE = [(-98.87, 38.88, 12.0), (-98.86, 38.881, 12.6), (-98.85, 38.882, 13.2)]
 OTHER = [(-97.0, 38.0, 1.0), (-96.9, 38.0, 2.0)]
@@ -104,13 +104,13 @@ def test_what_is_no_network_with_measures_is_refused_in_words(tmp_path):
 
 
 def test_signs_without_a_route_are_counted():
-    signs = [SimpleNamespace(route=name) for name in ("K-7", None, None)]
+    signs = ["K-7", None, None]
     settings = RouteSettings(file="network.gpkg")
-    (note,) = route_notes(settings, signs, on_globe=True)
+    (note,) = route_notes(settings, signs)
     assert "2 of 3 signs have no route" in note
     assert "no satellite fixes" in route_notes(settings, signs, on_globe=False)[0]
-    assert route_notes(settings, signs[:1], on_globe=True) == []
-    assert route_notes(RouteSettings(), signs, on_globe=True) == []
+    assert route_notes(settings, signs[:1]) == []
+    assert route_notes(RouteSettings(), signs) == []
 
 
 def test_a_milepost_may_name_its_unit():
@@ -146,3 +146,23 @@ def test_a_milepost_is_a_place_on_its_route(network):
     np.testing.assert_allclose(found, [(38.8805, -98.865), (38.0, -96.95)], atol=1e-6)
     with pytest.raises(ValueError, match="US-36 EB has no measure 99"):
         lines.places([("US-36 EB", 99.0)])
+
+
+def test_lines_given_for_a_result_measure_its_rows(network, tmp_path):
+    """Of a drive along the first piece of a line; a sign stands in its middle, another where no line is followed."""
+    about = {"log_time_ns": 0, "status": "used"}
+    frames = [
+        about | {"frame": n, "station_m": 874.0 * n, "lon_deg": lon, "lat_deg": lat}
+        for n, (lon, lat, _) in enumerate(LINE[:2])
+    ]
+    places = {"lon_deg": -98.865, "lat_deg": 38.88}
+    signs = [sign_row(f"d-{n}", station_m=at, **places) for n, at in enumerate((437.0, 9e3))]
+    out = write_tables(tmp_path / "out", signs, frames=frames, log="d.mcap")
+    said = invoke("export", out, "-f", "csv", "--routes", network)
+    assert "note: 1 of 2 signs have no route" in said
+    first, second = csv.DictReader((out / "signs.csv").read_text().splitlines())
+    assert (first["route"], first["measure_unit"], second["route"]) == ("US-36 EB", "mi", "")
+    assert float(first["measure"]) == pytest.approx(12.3, abs=2e-3)
+    write_tables(out, signs, frames=[about | {"frame": 0}])
+    with pytest.raises(InputError, match="no satellite fixes"):
+        invoke("evidence", out, "--routes", network)

@@ -98,12 +98,12 @@ class InProcess:
 @pytest.fixture
 def fleet(tmp_path, monkeypatch):
     """Runs logs, by name and content, as a fleet; what it began, merged and reports."""
-    seen = SimpleNamespace(
-        began=[], merged=[], settings={}, times=Counter(), inventory=tmp_path / "inventory"
-    )
+    seen = SimpleNamespace(began=[], merged=[], settings={}, times=Counter())
+    seen.inventory = tmp_path / "inventory"
 
     def run_log(asked):
         log, folder, settings, models = asked.log, asked.folder, asked.settings, asked.models
+        how = {"self_calibrate": asked.calibrate is not None}
         seen.began.append(log.stem)
         seen.settings[log.stem], seen.times[log.stem] = settings, seen.times[log.stem] + 1
         first, _, then = log.read_text().strip().partition(" then ")
@@ -121,7 +121,7 @@ def fleet(tmp_path, monkeypatch):
         table.write_text(content)
         about = {
             "wayside": "1",
-            "result_key": result_key(log, settings, models.digests(), every_region=False),
+            "result_key": result_key(log, settings, models.digests(), **how),
             "files": {table.name: {"rows": 3, "sha256": file_digest(table)}},
             "accounting": {"frames_read": 8, "lost": ["2 images"] if content == "lost" else []},
             "times": {"wall_s": 0.5},

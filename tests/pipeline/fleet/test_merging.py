@@ -1,7 +1,5 @@
 """Results of drives to one inventory, and the changes between two surveys of it."""
 
-import csv
-import io
 import json
 import re
 import shutil
@@ -44,8 +42,8 @@ def rows_of(inventory, table):
     return ds.dataset(inventory / table).to_table().to_pylist()
 
 
-def read_changes(inventory):
-    return find_changes(inventory, parse_survey("2024"), parse_survey("2025"))
+def read_changes(inventory, **more):
+    return find_changes(inventory, parse_survey("2024"), parse_survey("2025"), **more)
 
 
 def changed_rows(inventory):
@@ -528,16 +526,41 @@ def test_a_person_finds_a_change_by_its_code_confirms_it_and_goes_on_another_day
     confirm = """
       card.querySelector("[data-review=confirmed]").click();
       const note = card.querySelector(".say input");
-      note.value = "=knocked over";
+      note.value = "knocked over";
       note.dispatchEvent(new Event("change", { bubbles: true }));
-      return [...found, asCsv()];
+      const wide = document.documentElement.scrollWidth - innerWidth;
+      return [...found, JSON.stringify({ reviews: rows() }), wide];
     """
-    count, words, table = in_browser(page, find + confirm, profile=tmp_path / "profile")
-    assert count == 1
+    count, words, saved, wide = in_browser(page, find + confirm, profile=tmp_path / "profile")
+    assert (count, wide <= 0) == (1, True)
     assert "gone: R1-1" in words
     assert "K-18, 7.250 mi" in words
-    (row,) = csv.DictReader(io.StringIO(table))
-    assert (row["panel_before"], row["review"]) == (coded["panel_before"], "confirmed")
-    assert (row["note"], float(row["lon_deg"])) == ("'=knocked over", coded["lon_deg"])
     again = "await load(new File([JSON.stringify({ reviews: rows() })], 'r.json')); return rows().length;"
     assert in_browser(page, again, profile=tmp_path / "profile") == 1
+    (tmp_path / "saved.json").write_text(saved)
+    assert "1 confirmed" in str(read_changes(copied, reviews=[tmp_path / "saved.json"]))
+    write_page(copied, page, ("2024", "2025"))
+    (begun,) = in_browser(page, "return rows();")
+    assert begun["panel_before"] == coded["panel_before"]
+    assert (begun["review"], begun["note"]) == ("confirmed", "knocked over")
+
+
+def test_a_denied_change_is_none_and_what_reviewers_contradict_or_is_gone_is_counted(copied):
+    first, second, third, *_ = [r for r in changed_rows(copied) if r["change"] == "gone"]
+    said = {"Ann": (first, "denied"), "Bob": (second, "confirmed"), "Cy": (second, "denied")}
+    said["Dee"] = (third | {"panel_before": "none/none-0001"}, "confirmed")
+    for reviewer, (row, review) in said.items():
+        about = {name: row[name] for name in ("change", "panel_before", "panel_after")}
+        about |= {"review": review, "reviewer": reviewer, "note": "seen"}
+        (copied / f"changes.review.{reviewer}.json").write_text(json.dumps({"reviews": [about]}))
+    counts = "reviews: 1 denied, 1 of changes that are not found, 1 on which reviewers disagree"
+    assert str(read_changes(copied)).endswith(counts)
+    rows = pq.read_table(copied / "changes.parquet").to_pylist()
+    found = {r["panel_before"]: r for r in rows if r["change"] == "gone"}
+    names = ("review", "final_change", "reviewer", "review_note")
+    denied, disagreed = ([found[one["panel_before"]][n] for n in names] for one in (first, second))
+    assert denied == ["denied", None, "Ann", "seen"]
+    assert disagreed == [None, "gone", None, None]
+    (copied / "bad.json").write_text("[]")
+    with pytest.raises(InputError, match="not a review as the page of changes"):
+        read_changes(copied, reviews=[copied / "bad.json"])

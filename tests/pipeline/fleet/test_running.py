@@ -118,6 +118,8 @@ def test_finished_logs_are_not_run_again_until_something_changes(fleet):
     assert fleet({}, other).began == ["a"]
     (seen.inventory / "fleet.json").unlink()  # results count without it
     assert fleet({}, other).began == []
+    for again in (["a", "b"], []):
+        assert sorted(fleet({}, other, self_calibrate=True).began) == again
     assert read_manifest(seen.inventory).logs["a"].images == 8
 
 

@@ -14,7 +14,7 @@ from wayside.pipeline.learning.page import Figure, Picture, format_page, new_axe
 from wayside.pipeline.report_figures.command import MARK, PAGE, write_figures
 from wayside.pipeline.report_figures.drive import around, cut, evenly, labels_beside, photo, reached
 from wayside.pipeline.statistics import rate_words, share_words
-from wayside.schemas.errors import InputError, OutputError
+from wayside.schemas.errors import InputError, OutputError, UsageError
 
 
 def test_the_sample_of_fifty_is_even_along_the_drive():
@@ -114,6 +114,8 @@ def test_labels_beside_the_log_are_found_and_asked_for_where_there_are_none(tmp_
     assert labels_beside(DEMO).name == "demo.truth.json"
     with pytest.raises(InputError, match=r"alone\.labels\.json.*--labels"):
         labels_beside(tmp_path / "alone.mcap")
+    with pytest.raises(UsageError, match="are not blurred"):
+        write_figures(DEMO, tmp_path, assignments=["read.blur=true"])
 
 
 @pytest.mark.slow
