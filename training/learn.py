@@ -72,10 +72,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class OutlineChoice:
-    """The candidates of a face: features (n, d), number of the right one or of all right ones, and the drive."""
+    """The candidates of a face: features (n, d), numbers of the right ones, and the drive."""
 
     features: Floats
-    right: int | Sequence[int]
+    right: Sequence[int]
     drive: str
 
 
@@ -159,7 +159,7 @@ def _choice(
     off[[c.outline.shape != _shape(sign) for c in found]] = np.inf
     if not len(found) or off.min() > NEAREST:
         return None
-    return OutlineChoice(np.array([c.features for c in found]), int(off.argmin()), drive)
+    return OutlineChoice(np.array([c.features for c in found]), [int(off.argmin())], drive)
 
 
 def true_box(registered: RegisteredViews, panel: PanelPlane, size: Floats) -> Floats:
@@ -185,7 +185,7 @@ def learn_outlines(choices: Sequence[OutlineChoice], origin: str) -> LinearModel
     for drive in drives if len(drives) > 1 else ():
         weights = fitted([choice for choice in choices if choice.drive != drive])
         own = [choice for choice in choices if choice.drive == drive]
-        right += sum(int(np.argmax(c.features @ weights)) == c.right for c in own)
+        right += sum(int(np.argmax(c.features @ weights)) in c.right for c in own)
     held_out = f", held out by drive right for {right}" if len(drives) > 1 else ""
     return LinearModel(
         OUTLINE_FEATURES,

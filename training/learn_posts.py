@@ -1,8 +1,7 @@
 """Learn the edges and kinds of posts from rendered drives whose posts vary: `python -m training.learn_posts`.
 
-The weights maximise the likelihood of the true kind with edges of the true width, and of none where no likely edges
-have it. Panels are registered about boxes drawn at random, as in `training.learn`. The same drives, seed and package
-versions give the same file.
+The weights maximise the likelihood of the true kind and width, and of hidden posts where no likely edges are so wide.
+Boxes are drawn at random as in `training.learn`. The same drives, seed and package versions give the same file.
 """
 
 import sys
@@ -67,9 +66,9 @@ def post_choice(
 ) -> OutlineChoice:
     """The likely posts of each kind, then hidden ones; which of them are right by the truth of a sign."""
     features = posts.post_features(strip, likely).reshape(-1, len(POST_FEATURES))
-    off = np.log([one.width_m / sign["post_width_m"] for one in likely])
-    same = np.array([len(one.sides_m) == sign["posts"] for one in likely])
-    rows = np.flatnonzero(same & (np.abs(off) < np.log(LIKE_WIDTH))) * len(KINDS)
+    off = [abs(np.log(one.width_m / sign["post_width_m"])) for one in likely]
+    same = [len(one.sides_m) == sign["posts"] for one in likely]
+    rows = np.flatnonzero(np.where(same, off, np.inf) < np.log(LIKE_WIDTH)) * len(KINDS)
     right = (rows + KINDS.index(sign["post"])).tolist() or [len(features)]
     return OutlineChoice(np.vstack([features, 0 * features[:1]]), right, "")
 

@@ -2,8 +2,8 @@
 
 Both edges of a post run down the whole strip, under the middle of the panel or at equal distances to both sides of it.
 Edges of the background end sooner or move from view to view, so that the geometric mean of an edge's strength over
-pieces of the strip, in the view that shows it least, tells them apart. Rust, shade and grooves have edges as well: a
-conditional logit (McFadden 1974) weighs all likely edges and all kinds together, and hidden posts.
+pieces of the strip, in the view that shows it least, tells them apart. Rust and grooves have edges as well: a
+conditional logit (McFadden 1974) weighs all likely edges with all kinds.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,8 +22,8 @@ from wayside.stages.kernels import Array
 from wayside.stages.panel.rectification import rectify
 from wayside.stages.panel.registration import RegisteredViews
 
-VIEWS, TRIALS = 2, 3
-"""Views of which the strip is looked at: the nearest ones, or where something hides the posts there, the next."""
+VIEWS, TRIALS, STRONG = 2, 3, 3.0
+"""Views of which the strip is looked at: the nearest ones, or the next where no edges are so strong there (a tree)."""
 GAP_M, LENGTH_M, SHORTEST_M = 0.06, 0.9, 0.25
 """Where the strip begins below the panel, and its greatest and least length."""
 CLEAR_M = 0.3
@@ -46,18 +46,14 @@ OFF_MIDDLE, OFF_MIDDLE_M = 0.1, 0.05
 """A single post stands this near to the middle of the panel: part of its width, and metres."""
 TWO_FROM_M = 0.7
 """Width of a panel that may stand on two posts."""
-ALIKE = 0.2
-"""Posts of a panel differ so little in width (logarithm)."""
-SINGLE, DOUBLE = 6, 8
-"""Likely edges of single posts that are weighed, and of two or three."""
-LEAST_STRENGTH = 3.0
-"""Strength of edges, over that of half of all edges in the strip, from which no farther view is tried."""
+ALIKE, SINGLE, DOUBLE = 0.2, 6, 8
+"""Posts of a panel differ so little in width (logarithm); so many single ones are weighed, and so many twos."""
 OVERHEAD_M = 4.2
 """A panel whose lower edge is higher hangs from a gantry: no vehicle passes below another."""
 EDGE_SIGMA_PX, WIDTH_SIGMA = 0.35, 0.06
 """Scatter of the width of a post: by the pixels of an image, and as part of it (measured on rendered drives)."""
-BAND_PX, RESOLVED_PX, USUAL_M = 2.5, 8.0, (0.12, 1.3)
-"""Width of a band beside a post that is compared with it, of one that shows its profile; of usual posts and panels."""
+BAND_PX, RESOLVED_PX, USUAL_M = (0.5, 3.0), 8.0, (0.12, 1.3)
+"""A band so far beside a post is compared with it; width that shows a profile; of a usual post, and panel."""
 HALF, LEAST_PROBABILITY = 0.5, 0.55
 """Probability below which posts count as hidden, and a kind as unknown."""
 KINDS = ("pole", "round_metal", "steel_beam", "u_channel", "wood")
@@ -152,7 +148,7 @@ def posts_below(
         likely = find_posts(found[first : first + VIEWS], 2 * float(half[0]))
         if likely and (not best[1] or likely[0].strength > best[1][0].strength):
             best = found[first : first + VIEWS], likely
-        if best[1] and best[1][0].strength > LEAST_STRENGTH:
+        if best[1] and best[1][0].strength > STRONG:
             break
     return best
 
@@ -209,8 +205,8 @@ def _likely(sides: Array, strength: Array, width_m: float) -> Iterator[tuple[flo
     """Strength and numbers of the pairs of edges (n, 2), metres, that are likely the posts of a panel."""
     middle, wide = sides.mean(axis=1), np.diff(sides, axis=1)[:, 0]
     alone = np.where(np.abs(middle) < OFF_MIDDLE * width_m + OFF_MIDDLE_M, strength, 0.0)
-    central = [int(one) for one in np.argsort(-alone)[:SINGLE] if alone[one] > 0]
-    yield from ((float(alone[one]), [one]) for one in central)
+    central = [one for one in np.argsort(-alone)[:SINGLE].tolist() if alone[one] > 0]
+    yield from ((alone[one], [one]) for one in central)
     beside = (np.abs(middle) > 0.15 * width_m) & (np.abs(middle) < 0.5 * width_m + OFF_MIDDLE_M)
     left, right = (np.flatnonzero(beside & (middle * side > 0)) for side in (-1, 1))
     if width_m < TWO_FROM_M or not len(left) or not len(right):
@@ -219,11 +215,10 @@ def _likely(sides: Array, strength: Array, width_m: float) -> Iterator[tuple[flo
     unlike = np.log(wide[left, None] / wide[right]) / ALIKE
     both = np.minimum(strength[left, None], strength[right]) * np.exp(-(uneven**2 + unlike**2) / 2)
     for one in np.argsort(-both, axis=None)[:DOUBLE].tolist():
-        pair = [int(left[one // len(right)]), int(right[one % len(right)])]
-        score = float(both.flat[one])
+        score, pair = both.flat[one], [left[one // len(right)], right[one % len(right)]]
         third = [k for k in central if abs(np.log(wide[k] / wide[pair[0]])) < ALIKE][:1]
         yield score, pair
-        yield from ((min(score, float(alone[k])), [*pair, k]) for k in third)
+        yield from ((min(score, alone[k]), [*pair, k]) for k in third)
 
 
 def post_features(strip: Strip, likely: Sequence[PostEdges]) -> Array:
@@ -234,12 +229,12 @@ def post_features(strip: Strip, likely: Sequence[PostEdges]) -> Array:
     order where pixels show it: a tube is darker to both sides, a channel in the middle, a plate is even), and colour.
     """
     found, best = [], max(one.strength for one in likely)
-    beyond = BAND_PX * strip.pixel_m * np.array([[0.2], [1.2]])
+    beyond = strip.pixel_m * np.array(BAND_PX)[:, None]
     panel = np.log(2 * (strip.offset_m[-1] - BESIDE_M) / USUAL_M[1])
     for edges in likely:
         left, right = edges.sides_m.T
-        sides = (left, right), left - beyond[::-1], right + beyond
-        seen, *beside = (_sampled(strip, *ends, edges.lean) for ends in sides)
+        sides = edges.sides_m.T, left - beyond[::-1], right + beyond
+        seen, *beside = (_sampled(strip, ends, edges.lean) for ends in sides)
         own, *others = (np.log(3 + one.mean(axis=2).std(axis=0).mean()) for one in (seen, *beside))
         strength, several = np.log([edges.strength, edges.strength / best]), len(left) > 1
         shared = [*strength, min(others) - own, several * panel, len(left) > 2]
@@ -247,20 +242,18 @@ def post_features(strip: Strip, likely: Sequence[PostEdges]) -> Array:
         light = rgb.mean(axis=2)
         light = np.median(light / light.mean(axis=1, keepdims=True), axis=0)
         series = min(edges.width_m / strip.pixel_m / RESOLVED_PX, 1.0) * dct(light, norm="ortho")
-        color = np.median(rgb[:, 3:-3].reshape(-1, 3), axis=0)
-        wide, red = np.log([edges.width_m / USUAL_M[0], color[0] / color[2]])
-        own_kind = [1.0, wide, wide**2, several, abs(series[1]), series[2], series[4], red]
-        own_kind.append(np.log(color.mean() / 100))
-        count = len(KINDS)
-        found.append(np.hstack([np.tile(shared, (count, 1)), np.kron(np.eye(count), own_kind)]))
+        color = np.median(rgb[:, 3:-3].reshape(-1, 3), axis=0) / 100
+        wide, red, mean = np.log([edges.width_m / USUAL_M[0], color[0] / color[2], color.mean()])
+        kind = [1.0, wide, wide**2, several, abs(series[1]), series[2], series[4], red, mean]
+        found.append([[*shared, *row] for row in np.kron(np.eye(len(KINDS)), kind)])
     return np.array(found, np.float64)
 
 
-def _sampled(strip: Strip, left: Array, right: Array, lean: float) -> NDArray[np.float32]:
-    """A strip between lines that lean, whose ends are at the top: (rows, lines, 18, 3)."""
+def _sampled(strip: Strip, ends: Array, lean: float) -> NDArray[np.float32]:
+    """A strip between lines (2, n) that lean, by their places at the top: (rows, n, 18, 3)."""
     down = np.arange(len(strip.rgb), dtype=np.float32)[:, None]
-    across = np.linspace(left, right, 18, axis=1).ravel()
+    across = np.linspace(ends[0], ends[1], 18, axis=1).ravel()
     columns = ((across - strip.offset_m[0] + lean * ROW_M * down) / COLUMN_M).astype(np.float32)
     rows = np.broadcast_to(down, columns.shape).copy()
     seen = cv2.remap(strip.rgb, columns, rows, cv2.INTER_LINEAR)
-    return np.asarray(seen.reshape(len(down), len(left), 18, 3))
+    return np.asarray(seen.reshape(len(down), -1, 18, 3))
