@@ -54,8 +54,8 @@ EDGE_SIGMA_PX, WIDTH_SIGMA = 0.35, 0.06
 """Scatter of the width of a post: by the pixels of an image, and as part of it (measured on rendered drives)."""
 BAND_PX, RESOLVED_PX, USUAL_M = (0.5, 3.0), 8.0, (0.12, 1.3)
 """A band so far beside a post is compared with it; width that shows a profile; of a usual post, and panel."""
-HALF, LEAST_PROBABILITY = 0.5, 0.55
-"""Probability below which posts count as hidden, and a kind as unknown."""
+HALF, LEAST_PROBABILITY = 0.5, 0.6
+"""Probability below which posts count as hidden, and a kind as unknown (of those stated, 90 % are right by folds)."""
 KINDS = ("pole", "round_metal", "steel_beam", "u_channel", "wood")
 """What posts can be by their look, as in `POST_KINDS`."""
 _SHARED = ("strength", "strength among others", "evenness", "several by width", "three")
