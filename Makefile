@@ -99,7 +99,7 @@ learn-faces: .venv/.learn
 	@OMP_NUM_THREADS=1 $(RUN) training.face_codes --real $(REAL) -o pipeline/models
 	@cd pipeline/models && sha256sum *.json *.onnx > SHA256SUMS
 
-POSTS := europe forest highway overcast prairie street sunset
+POSTS := alley arcade bazaar causeway compact crossing europe forest freeway glint grove highway orbital overcast prairie street sunset tramway village whimsy
 learn-posts: .venv/.ready
 	@$(RUN) recordings.drives $(POSTS:%=learn_%) -o .cache/drives/posts --reseed 130000 --frames 24 --varied-posts 8 --missing --jobs $(JOBS)
 	@OMP_NUM_THREADS=1 $(RUN) training.learn_posts --drives .cache/drives/posts -o pipeline/models

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.special import logsumexp, softmax
 
 from training.truth import (
     DRIVES,
@@ -73,10 +72,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class OutlineChoice:
-    """The candidates of a face: features (n, 11), number of the right one, and the drive."""
+    """The candidates of a face: features (n, d), numbers of the right ones, and the drive."""
 
     features: Floats
-    right: int
+    right: Sequence[int]
     drive: str
 
 
@@ -160,7 +159,7 @@ def _choice(
     off[[c.outline.shape != _shape(sign) for c in found]] = np.inf
     if not len(found) or off.min() > NEAREST:
         return None
-    return OutlineChoice(np.array([c.features for c in found]), int(off.argmin()), drive)
+    return OutlineChoice(np.array([c.features for c in found]), [int(off.argmin())], drive)
 
 
 def true_box(registered: RegisteredViews, panel: PanelPlane, size: Floats) -> Floats:
@@ -184,31 +183,33 @@ def learn_outlines(choices: Sequence[OutlineChoice], origin: str) -> LinearModel
     drives = sorted({choice.drive for choice in choices})
     right = 0
     for drive in drives if len(drives) > 1 else ():
-        weights = _fitted([choice for choice in choices if choice.drive != drive])
+        weights = fitted([choice for choice in choices if choice.drive != drive])
         own = [choice for choice in choices if choice.drive == drive]
-        right += sum(int(np.argmax(c.features @ weights)) == c.right for c in own)
+        right += sum(int(np.argmax(c.features @ weights)) in c.right for c in own)
     held_out = f", held out by drive right for {right}" if len(drives) > 1 else ""
     return LinearModel(
         OUTLINE_FEATURES,
-        _fitted(choices),
+        fitted(choices),
         f"conditional logit over the outlines of {len(choices)} faces{held_out}; {origin}",
     )
 
 
-def _fitted(choices: Sequence[OutlineChoice]) -> Floats:
-    """Weights (11,) of largest likelihood, with a ridge."""
-    scale = np.concatenate([c.features for c in choices]).std(axis=0)
+def fitted(choices: Sequence[OutlineChoice]) -> Floats:
+    """Weights (d,) of largest likelihood, with a ridge."""
+    table = np.concatenate([c.features for c in choices])
+    scale = table.std(axis=0)
     scale[scale < 1e-9] = 1.0
-    tables = [(c.features / scale, c.right) for c in choices]
+    table, lengths = table / scale, np.array([len(c.features) for c in choices])
+    starts, ridge = lengths.cumsum() - lengths, RIDGE * len(choices)
+    right = np.concatenate([np.isin(np.arange(len(c.features)), c.right) for c in choices])
 
     def cost(weights: Floats) -> tuple[float, Floats]:
-        loss = RIDGE * len(tables) / 2 * float(weights @ weights)
-        gradient = RIDGE * len(tables) * weights
-        for features, right in tables:
-            value = features @ weights
-            loss += float(logsumexp(value) - value[right])
-            gradient = gradient + softmax(value) @ features - features[right]
-        return loss, gradient
+        value = table @ weights
+        density = np.exp(value - np.maximum.reduceat(value, starts).repeat(lengths))
+        all_, good = (np.add.reduceat(one, starts) for one in (density, density * right))
+        pull = density * ((1 / all_).repeat(lengths) - right * (1 / good).repeat(lengths))
+        loss = float(np.log(all_ / good).sum()) + ridge / 2 * float(weights @ weights)
+        return loss, pull @ table + ridge * weights
 
     found = minimize(cost, np.zeros(len(scale)), jac=True, method="L-BFGS-B")
     return np.asarray(found.x / scale, np.float64)

@@ -1,18 +1,17 @@
-"""Learn the kinds of posts from rendered drives whose posts vary: `python -m training.learn_posts`.
+"""Learn the edges and kinds of posts from rendered drives whose posts vary: `python -m training.learn_posts`.
 
-Kinds are Gaussians of `post_features` with one covariance (linear discriminant analysis). Panels are registered about
-boxes drawn at random, as in `training.learn`. The same drives, seed and package versions give the same file.
+The weights maximise the likelihood of the true kind and width, and of hidden posts where no likely edges are so wide.
+Boxes are drawn at random as in `training.learn`. The same drives, seed and package versions give the same file.
 """
 
 import sys
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from training.learn import faces_shown, registered_face
+from training.learn import OutlineChoice, faces_shown, fitted, registered_face
 from training.truth import (
     DRIVES,
     OUT,
@@ -26,12 +25,13 @@ from training.truth import (
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.models.model_files import load_models
 from wayside.schemas.errors import InputError
-from wayside.schemas.models import GaussianClass, GaussianModel
-from wayside.stages.panel import POST_SPACE, outline_of, post_below, post_features
+from wayside.schemas.models import LinearModel
+from wayside.stages.panel import POST_FEATURES, outline_of, posts
+from wayside.stages.panel.posts import KINDS
 
 DRAWS = 2
 """Boxes that are drawn for each face."""
-LIKE_WIDTH = 1.5
+LIKE_WIDTH = 1.22
 """Edges whose distance is so many times the true width, or the inverse, are of something else."""
 FEWEST = 10
 """Posts of a kind below which nothing is learned."""
@@ -43,8 +43,7 @@ def learn_posts(drives: Path, out: Path, seed: int) -> None:
     Raises InputError if drives are missing, unusable or show too few posts, OutputError if the file cannot be written.
     """
     outline, rng = load_models(load_settings()[0]).outline_weights, np.random.default_rng(seed)
-    found: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
-    logs = learning_logs(drives)
+    logs, choices = learning_logs(drives), list[OutlineChoice]()
     for log in logs:
         truth = read_truth(log)
         lowest = {s["assembly_id"]: s for s in sorted(truth["signs"], key=lambda s: -s["bottom_m"])}
@@ -56,30 +55,31 @@ def learn_posts(drives: Path, out: Path, seed: int) -> None:
                     break
                 seen = outline_of(*face, outline)
                 box = face[0].box(face[1]) if seen is None else seen.box
-                strips, edges = post_below(face[0], box, sign["bottom_m"])
-                near = np.log(LIKE_WIDTH)
-                if edges and abs(np.log(edges.width_m / sign["post_width_m"])) < near:
-                    found[sign["post"]].append(post_features(strips[0], edges))
+                strips, likely = posts.posts_below(face[0], box, sign["bottom_m"])
+                choices += [post_choice(strips[0], likely, sign)] if likely else []
     origin = f"rendered drives {', '.join(log.stem for log in logs)}; seed {seed}; numpy {np.__version__}"
-    write_model(out / "post.json", post_model(found, origin))
+    write_model(out / "post.json", post_model(choices, origin))
 
 
-def post_model(
-    found: Mapping[str, Sequence[NDArray[np.float64]]], provenance: str
-) -> GaussianModel:
-    """The kinds by their posts, features (d,) each; raises InputError where a kind has too few posts."""
-    few = [kind for kind, own in found.items() if len(own) < FEWEST * DRAWS]
-    if few or not found:
-        names = ", ".join(few) or "all kinds"
-        raise InputError(f"posts: there are fewer than {FEWEST} of {names}. Add drives.")
-    within: NDArray[np.float64] = np.mean(
-        [np.cov(np.array(own).T) for own in found.values()], axis=0
-    )
-    classes = (
-        GaussianClass(kind, np.round(np.array(own).mean(axis=0), 6), np.round(within, 9), len(own))
-        for kind, own in sorted(found.items())
-    )
-    return GaussianModel(POST_SPACE, tuple(classes), provenance, threshold_rule="most probable")
+def post_choice(
+    strip: posts.Strip, likely: Sequence[posts.PostEdges], sign: Mapping[str, Any]
+) -> OutlineChoice:
+    """The likely posts of each kind, then hidden ones; which of them are right by the truth of a sign."""
+    features = posts.post_features(strip, likely).reshape(-1, len(POST_FEATURES))
+    off = [abs(np.log(one.width_m / sign["post_width_m"])) for one in likely]
+    same = [len(one.sides_m) == sign["posts"] for one in likely]
+    rows = np.flatnonzero(np.where(same, off, np.inf) < np.log(LIKE_WIDTH)) * len(KINDS)
+    right = (rows + KINDS.index(sign["post"])).tolist() or [len(features)]
+    return OutlineChoice(np.vstack([features, 0 * features[:1]]), right, "")
+
+
+def post_model(choices: Sequence[OutlineChoice], provenance: str) -> LinearModel:
+    """The weights by choices of `post_choice`; raises InputError where a kind has too few posts."""
+    shown = [c.right[0] % len(KINDS) for c in choices if c.right[0] < len(c.features) - 1]
+    few = [kind for n, kind in enumerate(KINDS) if shown.count(n) < FEWEST * DRAWS]
+    if few:
+        raise InputError(f"posts: there are fewer than {FEWEST} of {', '.join(few)}. Add drives.")
+    return LinearModel(POST_FEATURES, fitted(choices), provenance)
 
 
 main = command(__doc__, learn_posts, drives=DRIVES, out=OUT, seed=SEED)

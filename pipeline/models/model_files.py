@@ -24,13 +24,11 @@ from wayside.schemas.models import (
     OnnxFile,
     ScoreModel,
 )
-from wayside.schemas.roadside import POST_KINDS
 from wayside.schemas.settings import Settings
 from wayside.stages.classifiers import OnnxNetwork, at_alpha
 from wayside.stages.detection import BoxNetwork, DetectionNetwork
 from wayside.stages.mapping import FEATURES as LANDMARK_FEATURES
-from wayside.stages.panel import FEATURES as POST_FEATURES
-from wayside.stages.panel import OUTLINE_FEATURES, POST_SPACE
+from wayside.stages.panel import OUTLINE_FEATURES, POST_FEATURES
 from wayside.stages.report import COLOR_SPACES, TERMS
 from wayside.stages.sign_codes import CLASSES, FaceClassifier
 
@@ -87,7 +85,7 @@ class Models:
     """Of the motion of signs in the image."""
     face_network: OnnxFile | None = None
     """What sign a face shows."""
-    post_kinds: GaussianModel | None = None
+    post_kinds: LinearModel | None = None
     """What the posts of signs are; only where the roadside is asked for."""
 
     def sign_confidence(self, setting: float) -> float:
@@ -175,7 +173,7 @@ def _default_models(folder: ModelFolder, settings: Settings) -> Models:
         ),
         external=external,
         face_network=folder.network("face_code.onnx", FaceClassifier),
-        post_kinds=folder.read("post.json", GaussianModel) if settings.roadside.on else None,
+        post_kinds=folder.read("post.json", LinearModel) if settings.roadside.on else None,
     )
 
 
@@ -231,7 +229,7 @@ def _check_inputs(models: Models, folder: ModelFolder) -> None:
     if models.shape_classes is not None:
         _check_gate(models.shape_classes, SHAPES, {"fourier6": len(TERMS)})
     if models.post_kinds is not None:
-        _check_gate(models.post_kinds, (*POST_KINDS,), {POST_SPACE: POST_FEATURES})
+        odd["post.json"] = {*models.post_kinds.features} ^ {*POST_FEATURES}
     for name, inputs in odd.items():
         if inputs:
             raise InputError(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import Pose
 from wayside.schemas.measurement import PanelView
-from wayside.schemas.models import GaussianModel, LinearModel
+from wayside.schemas.models import LinearModel
 from wayside.schemas.roadside import Posts
 from wayside.stages.geometry import FrenetOffset
 from wayside.stages.kernels import Array
@@ -87,7 +87,7 @@ class PanelModels(NamedTuple):
 
     outline: LinearModel
     """Chooses their outlines."""
-    posts: GaussianModel | None = None
+    posts: LinearModel | None = None
     """Tells the kinds of posts below them. None: these are not looked at."""
 
 
@@ -146,7 +146,7 @@ def measure_panel(
 
 
 def _posts(
-    registered: RegisteredViews, box: Array, held: Sequence[WindowFrame], kinds: GaussianModel
+    registered: RegisteredViews, box: Array, held: Sequence[WindowFrame], kinds: LinearModel
 ) -> Posts:
     """What a panel stands on; box (4,): of the panel in samples of the template."""
     template, _ = registered.views[0]

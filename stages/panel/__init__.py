@@ -11,11 +11,8 @@ from wayside.stages.panel.outline_shapes import OUTLINE_SHAPES as OUTLINE_SHAPES
 from wayside.stages.panel.outline_shapes import box_round as box_round
 from wayside.stages.panel.outline_shapes import face_corners as face_corners
 from wayside.stages.panel.outline_shapes import segments_of as segments_of
-from wayside.stages.panel.posts import FEATURES as FEATURES
-from wayside.stages.panel.posts import POST_SPACE as POST_SPACE
+from wayside.stages.panel.posts import POST_FEATURES as POST_FEATURES
 from wayside.stages.panel.posts import measure_posts as measure_posts
-from wayside.stages.panel.posts import post_below as post_below
-from wayside.stages.panel.posts import post_features as post_features
 from wayside.stages.panel.rectification import PanelPlane as PanelPlane
 from wayside.stages.panel.rectification import PosedImage as PosedImage
 from wayside.stages.panel.rectification import usable_views as usable_views

@@ -2,10 +2,11 @@
 
 Both edges of a post run down the whole strip, under the middle of the panel or at equal distances to both sides of it.
 Edges of the background end sooner or move from view to view, so that the geometric mean of an edge's strength over
-pieces of the strip, in the view that shows it least, tells them apart.
+pieces of the strip, in the view that shows it least, tells them apart. Rust and grooves have edges as well: a
+conditional logit (McFadden 1974) weighs all likely edges with all kinds.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import cv2
@@ -13,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.ndimage import maximum_filter1d
+from scipy.special import softmax
 
-from wayside.schemas.models import GaussianModel
+from wayside.schemas.models import LinearModel
 from wayside.schemas.roadside import Posts
-from wayside.stages.classifiers import class_distances, log_normals
 from wayside.stages.kernels import Array
 from wayside.stages.panel.rectification import rectify
 from wayside.stages.panel.registration import RegisteredViews
 
-VIEWS = 2
-"""Nearest views of which the strip is looked at."""
+VIEWS, TRIALS, STRONG = 2, 3, 3.0
+"""Views of which the strip is looked at: the nearest ones, or the next where no edges are so strong there (a tree)."""
 GAP_M, LENGTH_M, SHORTEST_M = 0.06, 0.9, 0.25
 """Where the strip begins below the panel, and its greatest and least length."""
 CLEAR_M = 0.3
@@ -45,20 +46,22 @@ OFF_MIDDLE, OFF_MIDDLE_M = 0.1, 0.05
 """A single post stands this near to the middle of the panel: part of its width, and metres."""
 TWO_FROM_M = 0.7
 """Width of a panel that may stand on two posts."""
-ALIKE, THIRD = 0.2, 0.6
-"""Posts of a panel differ so little in width (logarithm), and a third one is so strong next to the others."""
-LEAST_STRENGTH = 3.0
-"""Least strength of the edges of posts over that of half of all edges in the strip (set on rendered drives)."""
+ALIKE, SINGLE, DOUBLE = 0.2, 6, 8
+"""Posts of a panel differ so little in width (logarithm); so many single ones are weighed, and so many twos."""
 OVERHEAD_M = 4.2
 """A panel whose lower edge is higher hangs from a gantry: no vehicle passes below another."""
 EDGE_SIGMA_PX, WIDTH_SIGMA = 0.35, 0.06
 """Scatter of the width of a post: by the pixels of an image, and as part of it (measured on rendered drives)."""
-FEWEST_PX = 3.5
-"""A post that is narrower in the image, in pixels, shows its width but not its kind."""
-LEAST_PROBABILITY, FARTHEST = 0.7, 6.0
-"""A less probable kind, or one farther off (Mahalanobis distance), is unknown."""
-POST_SPACE, FEATURES = "post", 6
-"""Name of the space of `post_features`, and its dimensions."""
+BAND_PX, RESOLVED_PX, USUAL_M = (0.5, 3.0), 8.0, (0.12, 1.3)
+"""A band so far beside a post is compared with it; width that shows a profile; of a usual post, and panel."""
+HALF, LEAST_PROBABILITY = 0.5, 0.6
+"""Probability below which posts count as hidden, and a kind as unknown (of those stated, 90 % are right by folds)."""
+KINDS = ("pole", "round_metal", "steel_beam", "u_channel", "wood")
+"""What posts can be by their look, as in `POST_KINDS`."""
+_SHARED = ("strength", "strength among others", "evenness", "several by width", "three")
+_OWN = ("constant", "width", "width squared", "several", "1st", "2nd", "4th", "red", "light")
+POST_FEATURES = (*_SHARED, *(f"{kind}: {name}" for kind in KINDS for name in _OWN))
+"""Names of the numbers of `post_features`."""
 
 
 class Strip(NamedTuple):
@@ -88,33 +91,41 @@ class PostEdges(NamedTuple):
 
 
 def measure_posts(
-    registered: RegisteredViews, box: Array, above_m: float, model: GaussianModel
+    registered: RegisteredViews, box: Array, above_m: float, model: LinearModel
 ) -> Posts:
-    """What a panel stands on; box, above_m: as for `post_below`. model: the kinds, in `POST_SPACE`.
+    """What a panel stands on; box, above_m: as for `posts_below`. model: weights of `post_features`.
 
     A camera without colours does not show the kind.
     """
     if above_m > OVERHEAD_M:
         return Posts("gantry")
-    strips, edges = post_below(registered, box, above_m)
-    if edges is None:
+    strips, likely = posts_below(registered, box, above_m)
+    if not likely:
         return Posts()
-    number, nearest = len(edges.sides_m), strips[0]
-    kind, probability = "unknown", np.nan
-    if edges.width_m > FEWEST_PX * nearest.pixel_m and np.ptp(nearest.rgb, axis=2).any():
-        kind, probability = kind_of(post_features(nearest, edges), model)
-    scatter = EDGE_SIGMA_PX * nearest.pixel_m / np.sqrt(number)
-    sigma = float(np.hypot(scatter, WIDTH_SIGMA * edges.width_m))
-    return Posts(kind, probability, number, edges.width_m, sigma, len(strips))
+    value = post_features(strips[0], likely) @ model.weights
+    share = softmax(np.append(value, 0.0))[:-1].reshape(value.shape)  # the rest: they are hidden
+    of_post, of_kind = share.sum(axis=1), share.sum(axis=0)
+    if of_post.sum() < HALF:
+        return Posts()
+    widths, numbers = np.array([(one.width_m, len(one.sides_m)) for one in likely]).T
+    number = int(np.bincount(numbers.astype(int), of_post).argmax())
+    of_post = of_post * (numbers == number)
+    width = float(widths[of_post.argmax()])
+    scatter = np.hypot(EDGE_SIGMA_PX * strips[0].pixel_m / np.sqrt(number), WIDTH_SIGMA * width)
+    sigma = np.hypot(scatter, np.sqrt(np.average((widths - width) ** 2, weights=of_post)))
+    kind, probability = KINDS[of_kind.argmax()], float(of_kind.max())
+    if probability < LEAST_PROBABILITY or not np.ptp(strips[0].rgb, axis=2).any():
+        kind, probability = "unknown", np.nan
+    return Posts(kind, probability, number, width, float(sigma), len(strips))
 
 
-def post_below(
+def posts_below(
     registered: RegisteredViews, box: Array, above_m: float
-) -> tuple[list[Strip], PostEdges | None]:
-    """The strips below a panel in its nearest views that show all of them, the nearest first, and the posts there.
+) -> tuple[list[Strip], list[PostEdges]]:
+    """The strips below a panel in two of its nearest views that show all of them, and the likely posts there.
 
     box (4,): left, top, right, bottom of the panel in samples of the template. above_m: height of its lower edge above
-    the road. None: no edges there are strong enough.
+    the road.
     """
     step, plane, found = registered.step, registered.plane, list[Strip]()
     middle = (np.array(registered.views[0][0].grey.shape[::-1]) - 1) / 2
@@ -132,14 +143,20 @@ def post_below(
             sight = plane.point - image.pose.centre
             slant = float(sight @ plane.ahead / np.hypot(sight @ plane.ahead, sight @ plane.right))
             found.append(Strip(seen.rgb, across, view.depth / image.focal, slant))
-    edges = find_posts(found[:VIEWS], 2 * float(half[0])) if found else None
-    return found[:VIEWS], edges if edges is not None and edges.strength > LEAST_STRENGTH else None
+    best: tuple[list[Strip], list[PostEdges]] = [], []
+    for first in range(min(len(found), TRIALS)):
+        likely = find_posts(found[first : first + VIEWS], 2 * float(half[0]))
+        if likely and (not best[1] or likely[0].strength > best[1][0].strength):
+            best = found[first : first + VIEWS], likely
+        if best[1] and best[1][0].strength > STRONG:
+            break
+    return best
 
 
-def find_posts(strips: Sequence[Strip], width_m: float) -> PostEdges | None:
-    """The posts of a panel of this width by the strips below it; None where no two edges could be of a post."""
+def find_posts(strips: Sequence[Strip], width_m: float) -> list[PostEdges]:
+    """The likely posts of a panel of this width by the strips below it, the strongest first; they lean alike."""
     pieces = [_edge_strength(strip) for strip in strips]
-    offset, best = strips[0].offset_m, None
+    offset, best, found = strips[0].offset_m, 0.0, list[PostEdges]()
     for lean in LEANS:
         mean, *others = (_along(own, lean) for own in pieces)
         seen = [mean]
@@ -151,19 +168,19 @@ def find_posts(strips: Sequence[Strip], width_m: float) -> PostEdges | None:
         pairs = at[np.column_stack(np.triu_indices(len(at), 1))]
         wide = np.diff(offset[pairs], axis=1)[:, 0]
         pairs = pairs[(wide > NARROWEST_M) & (wide < WIDEST_M)]
-        if not len(pairs):
+        geometric = np.sqrt(strength[pairs].prod(axis=1))
+        likely = sorted(_likely(offset[pairs], geometric, width_m), key=lambda one: -one[0])
+        if not likely or likely[0][0] <= best:
             continue
-        score, chosen = _best(offset[pairs], np.sqrt(strength[pairs].prod(axis=1)), width_m)
-        if len(chosen) and (best is None or score > best[0]):
-            best = score, pairs[chosen], float(lean), mean, NOISE + float(np.median(strength))
-    if best is None:
-        return None
-    score, pairs, lean, mean, usual = best
-    before, middle, after = mean[pairs - 1], mean[pairs], mean[pairs + 1]
-    shift = (before - after) / 2 / np.minimum(before - 2 * middle + after, -1e-9)
-    sides = offset[pairs] + COLUMN_M * np.clip(shift, -0.5, 0.5)
-    width = strips[0].slant * float(np.diff(sides, axis=1).mean())
-    return PostEdges(sides, width, lean, score / usual)
+        best, found, usual = likely[0][0], [], NOISE + float(np.median(strength))
+        for score, chosen in likely:
+            edges = pairs[chosen]
+            before, middle, after = mean[edges - 1], mean[edges], mean[edges + 1]
+            shift = (before - after) / 2 / np.minimum(before - 2 * middle + after, -1e-9)
+            sides = offset[edges] + COLUMN_M * np.clip(shift, -0.5, 0.5)
+            width = strips[0].slant * float(np.diff(sides, axis=1).mean())
+            found.append(PostEdges(sides, width, float(lean), score / usual))
+    return found
 
 
 def _edge_strength(strip: Strip) -> Array:
@@ -184,54 +201,59 @@ def _along(pieces: Array, lean: float) -> Array:
     return np.asarray(np.take_along_axis(pieces, columns, axis=1).mean(axis=0))
 
 
-def _best(sides: Array, strength: Array, width_m: float) -> tuple[float, list[int]]:
-    """Strength and numbers of the pairs of edges (n, 2), metres, that are most likely the posts of a panel."""
+def _likely(sides: Array, strength: Array, width_m: float) -> Iterator[tuple[float, list[int]]]:
+    """Strength and numbers of the pairs of edges (n, 2), metres, that are likely the posts of a panel."""
     middle, wide = sides.mean(axis=1), np.diff(sides, axis=1)[:, 0]
     alone = np.where(np.abs(middle) < OFF_MIDDLE * width_m + OFF_MIDDLE_M, strength, 0.0)
-    central = int(alone.argmax())
-    score, chosen = float(alone[central]), [central] if alone[central] > 0 else []
+    central = [one for one in np.argsort(-alone)[:SINGLE].tolist() if alone[one] > 0]
+    yield from ((alone[one], [one]) for one in central)
     beside = (np.abs(middle) > 0.15 * width_m) & (np.abs(middle) < 0.5 * width_m + OFF_MIDDLE_M)
     left, right = (np.flatnonzero(beside & (middle * side > 0)) for side in (-1, 1))
     if width_m < TWO_FROM_M or not len(left) or not len(right):
-        return score, chosen
+        return
     uneven = (middle[left, None] + middle[right]) / (OFF_MIDDLE_M * (1 + width_m))
     unlike = np.log(wide[left, None] / wide[right]) / ALIKE
     both = np.minimum(strength[left, None], strength[right]) * np.exp(-(uneven**2 + unlike**2) / 2)
-    first, second = np.unravel_index(int(both.argmax()), both.shape)
-    pair, most = [int(left[first]), int(right[second])], max(float(both.max()), score)
-    alike = bool(chosen) and abs(np.log(wide[central] / wide[pair[0]])) < ALIKE
-    if alike and min(float(both.max()), score) > THIRD * most:
-        return most, pair + chosen
-    return (score, chosen) if most == score else (most, pair)
+    for one in np.argsort(-both, axis=None)[:DOUBLE].tolist():
+        score, pair = both.flat[one], [left[one // len(right)], right[one % len(right)]]
+        third = [k for k in central if abs(np.log(wide[k] / wide[pair[0]])) < ALIKE][:1]
+        yield score, pair
+        yield from ((min(score, alone[k]), [*pair, k]) for k in third)
 
 
-def post_features(strip: Strip, edges: PostEdges) -> Array:
-    """What tells the kinds of posts apart, (6,): logarithm of the width, colour, light across, and change along.
+def post_features(strip: Strip, likely: Sequence[PostEdges]) -> Array:
+    """What tells the edges and the kinds of posts, `POST_FEATURES`: (likely, kinds, 50), those of other kinds 0.
 
-    Colour: red less blue, as part of all light. The light across is that of the cosine series of 2nd and 4th order, and
-    the median step: a tube is darker to both sides, a channel in the middle, a plate is even. The change is that of the
-    colour: grain and rust.
+    Of edges: strength, that by the strongest, how much less a post changes downwards than what is beside it, several
+    by the width of the panel, and three. Of kinds: width, several, light across (cosine series of 1st, 2nd and 4th
+    order where pixels show it: a tube is darker to both sides, a channel in the middle, a plate is even), and colour.
     """
-    down = np.arange(len(strip.rgb), dtype=np.float32)[:, None]
-    sides = edges.sides_m.tolist()
-    across = np.concatenate([np.linspace(left, right, 18)[1:-1] for left, right in sides])
-    columns = (across - strip.offset_m[0] + edges.lean * ROW_M * down) / COLUMN_M
-    rows = np.broadcast_to(down, columns.shape).copy()
-    seen = cv2.remap(strip.rgb, columns.astype(np.float32), rows, cv2.INTER_LINEAR)
-    rgb = seen.reshape(len(down), -1, 16, 3).mean(axis=1) + 1.0
-    warm, light = (rgb[..., 0] - rgb[..., 2]) / rgb.sum(axis=2), rgb.mean(axis=(0, 2))
-    light /= light.mean()
-    series, step = dct(light, norm="ortho") / 4, np.median(np.abs(np.diff(light)))
-    change = np.log(0.01 + np.std(warm.mean(axis=1)))
-    found = np.log(edges.width_m), warm.mean(), series[2], series[4], step, change
+    found, best = [], max(one.strength for one in likely)
+    beyond = strip.pixel_m * np.array(BAND_PX)[:, None]
+    panel = np.log(2 * (strip.offset_m[-1] - BESIDE_M) / USUAL_M[1])
+    for edges in likely:
+        left, right = edges.sides_m.T
+        sides = edges.sides_m.T, left - beyond[::-1], right + beyond
+        seen, *beside = (_sampled(strip, ends, edges.lean) for ends in sides)
+        own, *others = (np.log(3 + one.mean(axis=2).std(axis=0).mean()) for one in (seen, *beside))
+        strength, several = np.log([edges.strength, edges.strength / best]), len(left) > 1
+        shared = [*strength, min(others) - own, several * panel, len(left) > 2]
+        rgb = seen[:, :, 1:-1].mean(axis=1) + 1.0
+        light = rgb.mean(axis=2)
+        light = np.median(light / light.mean(axis=1, keepdims=True), axis=0)
+        series = min(edges.width_m / strip.pixel_m / RESOLVED_PX, 1.0) * dct(light, norm="ortho")
+        color = np.median(rgb[:, 3:-3].reshape(-1, 3), axis=0) / 100
+        wide, red, mean = np.log([edges.width_m / USUAL_M[0], color[0] / color[2], color.mean()])
+        kind = [1.0, wide, wide**2, several, abs(series[1]), series[2], series[4], red, mean]
+        found.append([[*shared, *row] for row in np.kron(np.eye(len(KINDS)), kind)])
     return np.array(found, np.float64)
 
 
-def kind_of(features: Array, model: GaussianModel) -> tuple[str, float]:
-    """The most probable kind and its probability, each kind as likely before; nan: like none of them, or like two."""
-    density = log_normals(features[None], model.classes)[0]
-    probability = np.exp(density - np.logaddexp.reduce(density))
-    best, distance = int(probability.argmax()), class_distances(features[None], model.classes).min()
-    if probability[best] < LEAST_PROBABILITY or distance > FARTHEST:
-        return "unknown", np.nan
-    return model.classes[best].name, float(probability[best])
+def _sampled(strip: Strip, ends: Array, lean: float) -> NDArray[np.float32]:
+    """A strip between lines (2, n) that lean, by their places at the top: (rows, n, 18, 3)."""
+    down = np.arange(len(strip.rgb), dtype=np.float32)[:, None]
+    across = np.linspace(ends[0], ends[1], 18, axis=1).ravel()
+    columns = ((across - strip.offset_m[0] + lean * ROW_M * down) / COLUMN_M).astype(np.float32)
+    rows = np.broadcast_to(down, columns.shape).copy()
+    seen = cv2.remap(strip.rgb, columns, rows, cv2.INTER_LINEAR)
+    return np.asarray(seen.reshape(len(down), -1, 18, 3))

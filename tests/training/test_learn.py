@@ -114,7 +114,7 @@ def test_the_right_candidate_of_a_face_is_its_outer_edge(model):
         assert choice.features.shape[1] == len(OUTLINE_FEATURES)
         width, height = (choice.features[:, names.index(n)] for n in ("log_width", "log_height"))
         # the detected box is the inner field, 6 % smaller, and a scatter of 5 % on either axis
-        assert np.log(1.06) == pytest.approx((width + height)[choice.right] / 2, abs=0.15)
+        assert np.log(1.06) == pytest.approx((width + height)[choice.right[0]] / 2, abs=0.15)
         assert len(choice.features) > 1
 
 
@@ -151,7 +151,7 @@ def choices_by(weights, count, drives=("a", "b"), seed=0):
     for k in range(count):
         features = rng.normal(size=(9, len(OUTLINE_FEATURES)))
         value = features @ weights + rng.gumbel(size=9)
-        made.append(learn.OutlineChoice(features, int(value.argmax()), drives[k % len(drives)]))
+        made.append(learn.OutlineChoice(features, [int(value.argmax())], drives[k % len(drives)]))
     return made
 
 

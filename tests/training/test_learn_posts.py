@@ -3,24 +3,26 @@
 import numpy as np
 import pytest
 
-from training.learn_posts import DRAWS, FEWEST, post_model
+from training.learn_posts import DRAWS, FEWEST, post_choice, post_model
 from wayside.schemas.errors import InputError
-from wayside.stages.panel import FEATURES
-from wayside.stages.panel.posts import kind_of
+from wayside.stages.panel.posts import KINDS, PostEdges, Strip
 
 
-def posts(middle, count):
-    return list(np.random.default_rng(middle).normal(middle, 1.0, (count, FEATURES)))
+def choice(kind, width, true):
+    """A post of a kind and width by the truth, and likely edges of a width and of twice that."""
+    strip = Strip(np.full((30, 201, 3), 90, np.float32), np.arange(-100, 101) * 0.005, 0.01, 1.0)
+    wide = (width, 2 * width)
+    likely = [PostEdges(np.array([[-one / 2, one / 2]]), one, 0.0, 4.0) for one in wide]
+    return post_choice(strip, likely, {"posts": 1, "post": kind, "post_width_m": true})
 
 
-def test_a_post_is_of_the_kind_whose_posts_it_is_like():
-    found = {"wood": posts(0, FEWEST * DRAWS), "pole": posts(4, 2 * FEWEST * DRAWS)}
-    model = post_model(found, "made by hand")
-    assert [kind_of(np.full(FEATURES, mean), model)[0] for mean in (0.2, 3.9)] == ["wood", "pole"]
-
-
-def test_too_few_posts_of_a_kind_are_told():
-    found = {"wood": posts(0, FEWEST * DRAWS), "pole": posts(4, FEWEST * DRAWS - 1)}
-    for few in (found, {}):
-        with pytest.raises(InputError, match="pole" if few else "all kinds"):
-            post_model(few, "made by hand")
+def test_a_post_is_of_the_kind_that_is_as_wide_and_hidden_where_no_edges_are_right():
+    widths = zip(KINDS, (0.3, 0.05, 0.15, 0.08, 0.11), strict=True)
+    choices = [choice(kind, wide, wide) for kind, wide in widths]
+    model = post_model(choices * FEWEST * DRAWS, "made by hand")
+    assert [[(one.features @ model.weights).argmax()] for one in choices] == [
+        c.right for c in choices
+    ]
+    assert choice("wood", 0.1, 0.3).right == [2 * len(KINDS)]
+    with pytest.raises(InputError, match="fewer than 10 of pole"):
+        post_model(choices[1:] * FEWEST * DRAWS, "made by hand")

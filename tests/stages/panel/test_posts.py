@@ -4,11 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
+from wayside.pipeline.models.model_folder import ModelFolder
 from wayside.schemas.frame import Camera, Pose
-from wayside.schemas.models import GaussianClass, GaussianModel
+from wayside.schemas.models import LinearModel
 from wayside.schemas.roadside import Posts
-from wayside.stages.panel import FEATURES, POST_SPACE, measure_posts, register_views
-from wayside.stages.panel.posts import LEAST_PROBABILITY, kind_of, post_below
+from wayside.stages.panel import POST_FEATURES, measure_posts, register_views
+from wayside.stages.panel.posts import KINDS
 from wayside.stages.panel.rectification import PanelPlane, PosedImage, usable_views
 
 from ..made_frames import OUTLINE_MODEL, paint
@@ -20,14 +21,7 @@ ROAD_M = 2.0
 PLANE = PanelPlane.across(
     np.array([RIGHT, -UP, AHEAD]), np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
 )
-KINDS = GaussianModel(
-    POST_SPACE,
-    tuple(
-        GaussianClass(name, np.full(FEATURES, mean), np.eye(FEATURES), 9)
-        for name, mean in (("wood", 0.0), ("pole", 4.0))
-    ),
-    "made by hand",
-)
+MODEL = ModelFolder().read("post.json", LinearModel)
 SLANT = AHEAD / np.hypot(AHEAD, RIGHT)
 """The same width is seen so much narrower across the line of sight."""
 
@@ -56,9 +50,9 @@ def registered(size, polygons):
     return register_views(PLANE, np.array(size), usable, np.arange(3), OUTLINE_MODEL)
 
 
-def measured(size, polygons):
+def measured(size, polygons, model=MODEL):
     views = registered(size, polygons)
-    return post_below(views, views.box(np.array(size)), ROAD_M + UP - size[1] / 2)[1]
+    return measure_posts(views, views.box(np.array(size)), ROAD_M + UP - size[1] / 2, model)
 
 
 @pytest.mark.parametrize(
@@ -77,27 +71,33 @@ def test_the_posts_of_a_panel_are_counted_and_measured(size, places, width, lean
         [polygon(x - width / 2, below, x + width / 2, 3.0, (40, 40, 44), lean)] for x in places
     ]
     found = measured(size, posts)
-    assert np.sort(found.sides_m.mean(axis=1)) == pytest.approx(places, abs=0.02)
+    assert (found.number, found.views) == (len(places), 2)
     assert found.width_m == pytest.approx(width * SLANT, rel=0.1)
-    assert found.lean == pytest.approx(lean, abs=0.031)
+    assert 0 < found.sigma_width_m < 0.2 * width
 
 
 def test_a_trunk_far_from_the_middle_is_no_post_and_nothing_is_measured_where_none_is_seen():
     size = (0.75, 0.9)
     trunk = [[polygon(0.35, 0.0, 0.5, 3.0, (30, 30, 30))]]
     views = registered(size, trunk)
-    assert measure_posts(views, views.box(np.array(size)), 1.8, KINDS) == Posts()
-    assert measure_posts(views, views.box(np.array(size)), 0.4, KINDS) == Posts()  # low
+    assert measure_posts(views, views.box(np.array(size)), 1.8, MODEL) == Posts()
+    assert measure_posts(views, views.box(np.array(size)), 0.4, MODEL) == Posts()  # low
 
 
 def test_a_panel_over_the_road_hangs_from_a_gantry():
     views = registered((0.75, 0.9), [])
-    assert measure_posts(views, views.box(np.array([0.75, 0.9])), 5.2, KINDS) == Posts("gantry")
+    assert measure_posts(views, views.box(np.array([0.75, 0.9])), 5.2, MODEL) == Posts("gantry")
 
 
-def test_a_post_that_is_like_two_kinds_or_none_is_of_unknown_kind():
-    kind, probability = kind_of(np.full(FEATURES, 3.5), KINDS)
-    assert (kind, probability > LEAST_PROBABILITY) == ("pole", True)
-    for between_or_far in (2.0, 9.0):
-        kind, probability = kind_of(np.full(FEATURES, between_or_far), KINDS)
-        assert (kind, np.isnan(probability)) == ("unknown", True)
+@pytest.mark.parametrize(
+    ("weight", "kinds", "found"),
+    [(9, ["wood"], ("wood", 1)), (0, [], ("unknown", 1)), (-9, KINDS, ("unknown", 0))],
+)
+def test_posts_like_several_kinds_are_of_unknown_kind_and_unlikely_ones_hidden(
+    weight, kinds, found
+):
+    weights = [weight * (name.removesuffix(": constant") in kinds) for name in POST_FEATURES]
+    model = LinearModel(POST_FEATURES, np.array(weights, float), "made by hand")
+    seen = measured((0.6, 0.9), [[polygon(-0.05, 0.45, 0.05, 3.0, (40, 40, 44))]], model)
+    assert (seen.kind, seen.number) == found
+    assert seen.probability > 0.9 or seen.kind == "unknown"
