@@ -27,7 +27,7 @@ from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.models.model_files import load_models
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianClass, GaussianModel
-from wayside.stages.panel import POST_SPACE, outline_of, post_below, post_features
+from wayside.stages.panel import POST_SPACE, post_below, post_features
 
 DRAWS = 2
 """Boxes that are drawn for each face."""
@@ -54,9 +54,8 @@ def learn_posts(drives: Path, out: Path, seed: int) -> None:
             for face in (registered_face(sign, views, outline, rng) for _ in range(DRAWS)):
                 if face is None:
                     break
-                seen = outline_of(*face, outline)
-                box = face[0].box(face[1]) if seen is None else seen.box
-                strips, edges = post_below(face[0], box, sign["bottom_m"])
+                box = face.box if face.outline is None else face.outline.box
+                strips, edges = post_below(face, box, sign["bottom_m"])
                 near = np.log(LIKE_WIDTH)
                 if edges and abs(np.log(edges.width_m / sign["post_width_m"])) < near:
                     found[sign["post"]].append(post_features(strips[0], edges))

@@ -58,7 +58,7 @@ def registered(size, polygons):
 
 def measured(size, polygons):
     views = registered(size, polygons)
-    return post_below(views, views.box(np.array(size)), ROAD_M + UP - size[1] / 2)[1]
+    return post_below(views, views.box, ROAD_M + UP - size[1] / 2)[1]
 
 
 @pytest.mark.parametrize(
@@ -86,13 +86,13 @@ def test_a_trunk_far_from_the_middle_is_no_post_and_nothing_is_measured_where_no
     size = (0.75, 0.9)
     trunk = [[polygon(0.35, 0.0, 0.5, 3.0, (30, 30, 30))]]
     views = registered(size, trunk)
-    assert measure_posts(views, views.box(np.array(size)), 1.8, KINDS) == Posts()
-    assert measure_posts(views, views.box(np.array(size)), 0.4, KINDS) == Posts()  # low
+    assert measure_posts(views, views.box, 1.8, KINDS) == Posts()
+    assert measure_posts(views, views.box, 0.4, KINDS) == Posts()  # low
 
 
 def test_a_panel_over_the_road_hangs_from_a_gantry():
     views = registered((0.75, 0.9), [])
-    assert measure_posts(views, views.box(np.array([0.75, 0.9])), 5.2, KINDS) == Posts("gantry")
+    assert measure_posts(views, views.box, 5.2, KINDS) == Posts("gantry")
 
 
 def test_a_post_that_is_like_two_kinds_or_none_is_of_unknown_kind():
