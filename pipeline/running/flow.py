@@ -1,7 +1,7 @@
 """Runs a chain of stages over a log: workers, order, journal, clock, observer. It knows no stage by what it does."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -19,6 +19,7 @@ from wayside.schemas.settings import Settings
 from wayside.schemas.signs import Sign
 from wayside.stages.calibration import DriveCalibration
 from wayside.stages.georeference import DrivePath
+from wayside.stages.kernels import Each
 from wayside.stages.roadside import on_road
 
 QUEUED = 2
@@ -118,9 +119,9 @@ class Flow:
                 known = self.journal.replay(image)
             yield from self.detect(iter([frame])) if known is None else (known,)
 
-    def _each(self, function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
-        """Do independent work of a stage in the workers."""
-        return self.workers.map(self.clock.apart("measure", function), items)
+    def _each(self, name: str) -> Each:
+        """What does independent work of a stage in the workers, its time counted under a name."""
+        return lambda work, items: self.workers.map(self.clock.apart(name, work), items)
 
     def _follow(self, detections: Iterator[Detections]) -> Iterator[TrackedFrame]:
         """Do what needs the frames in order. Pixels are held until the frame is tracked, or has no motion."""
