@@ -65,9 +65,9 @@ class Chain:
 
 
 def chain_of(
-    settings: Settings, models: Models, routes: RouteFile | None, each: Callable[[str], Each]
+    settings: Settings, models: Models, routes: RouteFile | None = None, each: Each = map
 ) -> Chain:
-    """The chain of the preset that the settings are of; `each` of a name does independent work of a stage, as `map`."""
+    """The chain of the preset that the settings are of; `each` does independent work of a stage, as `map`."""
     s, m, report = settings, models, settings.report.on
     detector, record, watch = detector_of(s, m), DriveRecord(), CalibrationWatch()
     roadside: list[Sweep] | None = [] if s.roadside.on else None
@@ -80,7 +80,7 @@ def chain_of(
             stage("features", extract_features, s.features),
         ),
         per_frame=_those(
-            stage("motion", estimate_motion, s.motion, each("register")),
+            stage("motion", estimate_motion, s.motion, each),
             stage("calibration", watch_calibration, watch).unseen(),
             None if roadside is None else stage("roadside", sweep_roadside, roadside).unseen(),
             *(_report_landmarks(s, m) if report else _landmarks(s, m, detector, faces, each)),
@@ -97,16 +97,12 @@ def chain_of(
 
 
 def _landmarks(
-    s: Settings,
-    m: Models,
-    detector: Detector,
-    faces: FaceClassifier | None,
-    each: Callable[[str], Each],
+    s: Settings, m: Models, detector: Detector, faces: FaceClassifier | None, each: Each
 ) -> Stages:
     """Preset `default`: boxes of networks or of another detector, tracks by predicted position, all evidence."""
     sides, panels = (detector.front, detector.back), PanelModels(m.outline_weights, m.post_kinds)
     return _those(
-        stage("track", track, s.track, *sides, panels, jointly=True, each=each("measure")),
+        stage("track", track, s.track, *sides, panels, jointly=True, each=each),
         stage("location", classify_location, None, s.locate),
         stage("face", classify_faces, model=faces) if faces else None,
     )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import pyarrow as pa
@@ -68,7 +69,7 @@ def alike(names: str, *about: Any, **more: Any) -> tuple[Column, ...]:
     return tuple(Column(name, *about, **more) for name in names.split())
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Table:
     """One Parquet file of a result."""
 
@@ -84,7 +85,7 @@ class Table:
         """Name of the file in the result folder."""
         return f"{self.name}.parquet"
 
-    @property
+    @cached_property
     def schema(self) -> pa.Schema:
         """The Arrow schema, its version in the metadata under the key `wayside`."""
         about = json.dumps({"table": self.name, "schema_version": SCHEMA_VERSION})

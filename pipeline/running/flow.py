@@ -1,8 +1,9 @@
 """Runs a chain of stages over a log: workers, order, journal, clock, observer. It knows no stage by what it does."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Protocol
 
 from wayside.pipeline.chains import Chain, chain_of, profile_stage
@@ -19,7 +20,6 @@ from wayside.schemas.settings import Settings
 from wayside.schemas.signs import Sign
 from wayside.stages.calibration import DriveCalibration
 from wayside.stages.georeference import DrivePath
-from wayside.stages.kernels import Each
 from wayside.stages.roadside import on_road
 
 QUEUED = 2
@@ -119,9 +119,9 @@ class Flow:
                 known = self.journal.replay(image)
             yield from self.detect(iter([frame])) if known is None else (known,)
 
-    def _each(self, name: str) -> Each:
-        """What does independent work of a stage in the workers, its time counted under a name."""
-        return lambda work, items: self.workers.map(self.clock.apart(name, work), items)
+    def _each(self, function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
+        """Do independent work of a stage in the workers."""
+        return self.workers.map(self.clock.apart("measure", function), items)
 
     def _follow(self, detections: Iterator[Detections]) -> Iterator[TrackedFrame]:
         """Do what needs the frames in order. Pixels are held until the frame is tracked, or has no motion."""
@@ -142,11 +142,11 @@ class Flow:
 
     def _shown(self, stage: Stage[Any, Any], items: Iterator[Any]) -> Iterator[Any]:
         """The items of a stage: timed, its faults named, and every item shown to the observer."""
-        for item in self.clock.timed(stage.name, stage.run(items)):
-            if self.observer is not None and stage.seen:
-                with self.clock.aside("view"):
-                    self.observer.see(stage.name, item)
-            yield item
+        found = self.clock.timed(stage.name, stage.run(items))
+        if self.observer is None or not stage.seen:
+            return found
+        see = self.clock.apart("view", partial(self.observer.see, stage.name))
+        return (item for item in found if see(item) is None)
 
     def _of_drive(self, stages: Sequence[Stage[Any, Any]], items: Iterator[Any]) -> Iterator[Any]:
         """The items of stages after the last frame: timed, their faults named."""

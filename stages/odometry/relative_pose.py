@@ -42,14 +42,10 @@ INLIER_PX = 0.4
 """Sampson distance of an inlier of a fine fit."""
 INLIER_RATIO = 0.5
 """Below this share of inliers other starts are tried: no other motion has more ties than one that half of them show."""
-SETTLED_DEG = 0.1
-"""Ties are registered again while the direction changes more."""
-ROUNDS = 3
-"""Rounds of registration at most."""
-START_YAW_STEP_DEG = 0.3
-"""Step of the yaws from which ties are registered again."""
-START_YAWS = 3
-"""Of these yaws on either side of the prediction."""
+SETTLED_DEG, ROUNDS = 0.1, 3
+"""Ties are registered again while the direction changes more, in so many rounds at most."""
+START_YAW_STEP_DEG, START_YAWS = 0.3, 3
+"""Step of the yaws from which ties are registered again, and their number on either side of the prediction."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,16 +24,12 @@ SMALLEST_STRENGTH = 0.4
 """Edge strength all round (0 to 1) below which an outline is refused."""
 MOST_SAMPLES = 150
 """Samples across the longer side of a panel at most."""
-MARGIN = 0.35
-"""Margin round the box, as a fraction of the shorter side."""
-MARGIN_LONGER = 0.6
-"""The margin is so much of the longer side where that is more."""
+MARGIN, MARGIN_LONGER = 0.35, 0.6
+"""Margin round the box, as a fraction of the shorter side; of so much of the longer side where that is more."""
 DEPTH_RATIO = 3.2
 """Views up to so many times farther than the template are registered."""
-ENOUGH_VIEWS = 2
-"""With fewer registered, the next view becomes the template: the nearest may be half hidden."""
-MOST_TEMPLATES = 3
-"""Templates that are tried."""
+ENOUGH_VIEWS, MOST_TEMPLATES = 2, 3
+"""With fewer registered, the next view becomes the template, of so many: the nearest may be half hidden."""
 REGISTERED_ZNCC = 0.8
 """Correlation (ZNCC) above which a view counts as registered."""
 FEWEST_SAMPLES = 64
@@ -42,10 +38,8 @@ FULL_SIZE_SAMPLES = 60
 """Longer patches, in samples, are registered at half size."""
 BLUR = 0.45
 """Blur (sigma), in samples, of the template for a view sqrt(2) times as far."""
-OUTLINE_DEPTH_RATIO = 2.3
-"""Views up to so many times farther than the template show the outline."""
-OUTLINE_VIEWS = 3
-"""Nearest views that show the outline."""
+OUTLINE_DEPTH_RATIO, OUTLINE_VIEWS = 2.3, 3
+"""Views up to so many times farther than the template show the outline, and so many of them, the nearest."""
 
 
 @dataclass(frozen=True)
