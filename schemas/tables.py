@@ -71,14 +71,13 @@ def alike(names: str, *about: Any, **more: Any) -> tuple[Column, ...]:
 
 @dataclass(frozen=True)
 class Table:
-    """One Parquet file of a result."""
+    """One Parquet file of a result, its columns in order."""
 
     name: str
     """Of the file, without suffix."""
     words: str
     """What a row is."""
     columns: tuple[Column, ...]
-    """In order."""
 
     @property
     def file(self) -> str:

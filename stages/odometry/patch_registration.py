@@ -82,8 +82,9 @@ def register_patches(
 
     def part(first: int) -> None:
         rows = slice(first, first + PART)
-        given, results = (corners, starts, warps), (values[rows] for values in found)
-        _register(far, near, *(values[rows] for values in given), search_px, *results)
+        point, scale, zncc, sigma = (values[rows] for values in found)
+        given = corners[rows], starts[rows], warps[rows]
+        _register(far, near, *given, search_px, point, scale, zncc, sigma)
 
     for _ in each(part, range(0, n, PART)):
         pass
