@@ -26,7 +26,8 @@ from wayside.stages.georeference import (
     place_signs,
 )
 from wayside.stages.imaging import decode
-from wayside.stages.mapping import Each, PanelModels, assemble, classify_location, track
+from wayside.stages.kernels import Each
+from wayside.stages.mapping import PanelModels, assemble, classify_location, track
 from wayside.stages.odometry import estimate_motion, extract_features
 from wayside.stages.report import (
     classify_trajectory,
@@ -79,7 +80,7 @@ def chain_of(
             stage("features", extract_features, s.features),
         ),
         per_frame=_those(
-            stage("motion", estimate_motion, s.motion),
+            stage("motion", estimate_motion, s.motion, each),
             stage("calibration", watch_calibration, watch).unseen(),
             None if roadside is None else stage("roadside", sweep_roadside, roadside).unseen(),
             *(_report_landmarks(s, m) if report else _landmarks(s, m, detector, faces, each)),
@@ -99,13 +100,9 @@ def _landmarks(
     s: Settings, m: Models, detector: Detector, faces: FaceClassifier | None, each: Each
 ) -> Stages:
     """Preset `default`: boxes of networks or of another detector, tracks by predicted position, all evidence."""
-    front, back, panels = (
-        detector.front,
-        detector.back,
-        PanelModels(m.outline_weights, m.post_kinds),
-    )
+    sides, panels = (detector.front, detector.back), PanelModels(m.outline_weights, m.post_kinds)
     return _those(
-        stage("track", track, s.track, front, back, panels, jointly=True, each=each),
+        stage("track", track, s.track, *sides, panels, jointly=True, each=each),
         stage("location", classify_location, None, s.locate),
         stage("face", classify_faces, model=faces) if faces else None,
     )

@@ -4,7 +4,6 @@ import threading
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from time import thread_time
 from typing import Concatenate, Generic, ParamSpec, Protocol, TypeVar
@@ -69,23 +68,17 @@ class StageClock:
         with self._lock:
             self._seconds[stage] += seconds
 
-    @contextmanager
-    def aside(self, name: str) -> Iterator[None]:
-        """Count what is done between two stages under a name of its own, not under that of the later stage."""
-        start = thread_time()
-        try:
-            yield
-        finally:
-            spent = thread_time() - start
-            self.add(name, spent)
-            self._thread.upstream += spent
-
     def apart(self, name: str, function: Callable[[Given], Value]) -> Callable[[Given], Value]:
-        """The function, whose time counts under a name of its own in whichever thread it runs."""
+        """The function, whose time counts under a name of its own in whichever thread or stage it runs."""
 
         def counted(item: Given) -> Value:
-            with self.aside(name):
+            start = thread_time()
+            try:
                 return function(item)
+            finally:
+                spent = thread_time() - start
+                self.add(name, spent)
+                self._thread.upstream += spent
 
         return counted
 

@@ -6,6 +6,7 @@ also travel in the field metadata of the files, so that a table explains itself 
 
 import json
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import pyarrow as pa
@@ -66,23 +67,22 @@ def alike(names: str, *about: Any, **more: Any) -> tuple[Column, ...]:
     return tuple(Column(name, *about, **more) for name in names.split())
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Table:
-    """One Parquet file of a result."""
+    """One Parquet file of a result, its columns in order."""
 
     name: str
     """Of the file, without suffix."""
     words: str
     """What a row is."""
     columns: tuple[Column, ...]
-    """In order."""
 
     @property
     def file(self) -> str:
         """Name of the file in the result folder."""
         return f"{self.name}.parquet"
 
-    @property
+    @cached_property
     def schema(self) -> pa.Schema:
         """The Arrow schema, its version in the metadata under the key `wayside`."""
         about = json.dumps({"table": self.name, "schema_version": SCHEMA_VERSION})

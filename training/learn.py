@@ -123,8 +123,8 @@ def registered_face(
     images: Sequence[PosedImage],
     model: LinearModel,
     rng: np.random.Generator,
-) -> tuple[RegisteredViews, Floats] | None:
-    """The views of a sign, registered about a box drawn as detected ones scatter, and its size (2,) by that box, m."""
+) -> RegisteredViews | None:
+    """The views of a sign, registered about a box drawn as detected ones scatter."""
     centre, size = np.array(sign["centre"]), np.array([sign["width_m"], sign["height_m"]])
     last = images[-1].pose
     plane = PanelPlane.across(centre, last.rotation[:, 2], -last.rotation[:, 1])
@@ -135,7 +135,7 @@ def registered_face(
     if not usable:
         return None
     frames = np.array([image.frame for image in images], np.int64)
-    return register_views(found_plane, detected, usable, frames, model), detected
+    return register_views(found_plane, detected, usable, frames, model)
 
 
 def _choice(
@@ -145,16 +145,14 @@ def _choice(
     rng: np.random.Generator,
     drive: str,
 ) -> OutlineChoice | None:
-    face = registered_face(sign, images, model, rng)
-    if face is None:
+    registered = registered_face(sign, images, model, rng)
+    if registered is None:
         return None
-    registered, detected = face
     up = -images[-1].pose.rotation[:, 1]
     panel = PanelPlane.across(np.array(sign["centre"]), -np.array(sign["normal"]), up)
     true = true_box(registered, panel, np.array([sign["width_m"], sign["height_m"]]))
     views = registered.stacked()
-    box = registered.box(detected)
-    found = outline_candidates(views, gradients_of(views), box)
+    found = outline_candidates(views, gradients_of(views), registered.box)
     off = np.array([np.abs(c.outline.box - true).max() for c in found])
     off[[c.outline.shape != _shape(sign) for c in found]] = np.inf
     if not len(found) or off.min() > NEAREST:

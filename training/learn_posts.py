@@ -26,7 +26,7 @@ from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.models.model_files import load_models
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import LinearModel
-from wayside.stages.panel import POST_FEATURES, outline_of, posts
+from wayside.stages.panel import POST_FEATURES, posts
 from wayside.stages.panel.posts import KINDS
 
 DRAWS = 2
@@ -53,9 +53,8 @@ def learn_posts(drives: Path, out: Path, seed: int) -> None:
             for face in (registered_face(sign, views, outline, rng) for _ in range(DRAWS)):
                 if face is None:
                     break
-                seen = outline_of(*face, outline)
-                box = face[0].box(face[1]) if seen is None else seen.box
-                strips, likely = posts.posts_below(face[0], box, sign["bottom_m"])
+                box = face.box if face.outline is None else face.outline.box
+                strips, likely = posts.posts_below(face, box, sign["bottom_m"])
                 choices += [post_choice(strips[0], likely, sign)] if likely else []
     origin = f"rendered drives {', '.join(log.stem for log in logs)}; seed {seed}; numpy {np.__version__}"
     write_model(out / "post.json", post_model(choices, origin))

@@ -121,14 +121,18 @@ def believed(
     return None
 
 
-def steps_to_believe(
+def believed_motion(
     streams: Sequence[MotionStream], found: Iterator[ImageStep], order: Integers, time_ns: Integers
-) -> list[ImageStep]:
-    """The steps that `believed` needs of those `found`: a few where all agree with the first stream, else all."""
-    steps = list(islice(found, _FIRST_STEPS))
-    alike = agreement(steps, streams[0].path).agree == _FIRST_STEPS
-    sound = alike and believed(streams[:1], steps, order, time_ns, []) is not None
-    return steps if sound else [*steps, *found]
+) -> tuple[MotionStream | None, list[ImageStep], list[str]]:
+    """What is `believed` by a few of the steps `found` where all agree with the first stream, else by all of them."""
+    steps, notes, motion = list(islice(found, _FIRST_STEPS)), list[str](), None
+    if agreement(steps, streams[0].path).agree == _FIRST_STEPS:
+        motion = believed(streams[:1], steps, order, time_ns, notes)
+    if motion is None:
+        notes.clear()
+        steps += found
+        motion = believed(streams, steps, order, time_ns, notes)
+    return motion, steps, notes
 
 
 def looks_aside(steps: list[ImageStep]) -> bool:

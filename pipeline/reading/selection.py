@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from hashlib import blake2b
+from hashlib import sha1
 
 from wayside.pipeline.reading.image_headers import read_exif
 from wayside.pipeline.reading.plan import listed
@@ -91,7 +91,7 @@ class Selection:
             )
 
     def _is_copy(self, frame: Frame, number: int) -> bool:
-        digest = blake2b(frame.data, digest_size=16).digest() if len(frame.data) else b""
+        digest = sha1(frame.data, usedforsecurity=False).digest() if len(frame.data) else b""
         is_copy = digest in self.seen
         if digest:
             self.seen.add(digest)

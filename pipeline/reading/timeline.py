@@ -7,10 +7,9 @@ import numpy as np
 
 from wayside.pipeline.reading.agreement import (
     MotionStream,
-    believed,
+    believed_motion,
     image_steps,
     looks_aside,
-    steps_to_believe,
 )
 from wayside.pipeline.reading.clocks import Integers, StreamTimes, clock_set_at, pair_times
 from wayside.pipeline.reading.messages import Kind
@@ -102,13 +101,14 @@ def make_timeline(plan: Plan) -> Timeline:
     streams = [one for one in streams if _has_scale(one, timeline)]
     if streams:
         found = image_steps(plan, order, times.capture_ns, timeline.cameras)
-        steps = steps_to_believe(streams, found, order, times.capture_ns)
+        motion, steps, notes = believed_motion(streams, found, order, times.capture_ns)
         if looks_aside(steps):
             raise InputError(
                 f"{plan.survey.path}: the camera {shortened(plan.camera.name)} looks across its way; signs are found "
                 "by a camera that looks ahead: choose another with --camera"
             )
-        timeline.motion = believed(streams, steps, order, times.capture_ns, timeline.notes)
+        timeline.motion = motion
+        timeline.notes += notes
     if timeline.motion is None and timeline.fixes is None and not plan.spacing_m:
         raise InputError(
             f"{plan.survey.path}: nothing tells how far the camera moved: {'; '.join(timeline.notes)}; "

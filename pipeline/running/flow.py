@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Protocol
 
 from wayside.pipeline.chains import Chain, chain_of, profile_stage
@@ -141,11 +142,11 @@ class Flow:
 
     def _shown(self, stage: Stage[Any, Any], items: Iterator[Any]) -> Iterator[Any]:
         """The items of a stage: timed, its faults named, and every item shown to the observer."""
-        for item in self.clock.timed(stage.name, stage.run(items)):
-            if self.observer is not None and stage.seen:
-                with self.clock.aside("view"):
-                    self.observer.see(stage.name, item)
-            yield item
+        found = self.clock.timed(stage.name, stage.run(items))
+        if self.observer is None or not stage.seen:
+            return found
+        see = self.clock.apart("view", partial(self.observer.see, stage.name))
+        return (item for item in found if see(item) is None)
 
     def _of_drive(self, stages: Sequence[Stage[Any, Any]], items: Iterator[Any]) -> Iterator[Any]:
         """The items of stages after the last frame: timed, their faults named."""

@@ -61,4 +61,8 @@ def invert_symmetric(matrix: Array, damping: float, floor: float, result: Array)
 
 def cross_matrices(vectors: Array) -> Array:
     """Matrices (..., 3, 3) that multiply by `vectors` (..., 3) in the cross product, from the left."""
-    return np.asarray(np.cross(vectors[..., None, :], np.eye(3)).swapaxes(-1, -2))
+    return np.asarray((vectors @ _CROSS).reshape(*vectors.shape, 3))
+
+
+_CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
+"""These matrices of the three axes, row after row."""

@@ -111,8 +111,8 @@ def _jpeg_pixels(data: NDArray[np.uint8]) -> tuple[str, NDArray[np.uint8] | None
     libjpeg fills what is missing or cannot be read with grey and warns; simplejpeg, the same decoder with the same
     pixels as OpenCV's, hands the warnings on. What no decoder notices is a damaged coefficient whose code is valid.
     """
-    content = data.tobytes()
-    if content.count(_START_OF_SCAN) > _MOST_SCANS:
+    begun = (data[:-1] == _START_OF_SCAN[0]) & (data[1:] == _START_OF_SCAN[1])
+    if np.count_nonzero(begun) > _MOST_SCANS:
         return UNDECODABLE, None
     try:
         _, _, colors, _ = simplejpeg.decode_jpeg_header(data)
@@ -120,6 +120,7 @@ def _jpeg_pixels(data: NDArray[np.uint8]) -> tuple[str, NDArray[np.uint8] | None
         return UNDECODABLE, None
     if str(colors).upper() in ("CMYK", "YCCK"):
         # without an end after its last scan, a decoder fills the rest with grey without an error
+        content = data.tobytes()
         cut_short = content.rfind(_END_OF_JPEG) < content.rfind(_START_OF_SCAN)
         decoded = None if cut_short else cv2.imdecode(data, _AS_STORED)
         return (DAMAGED, None) if decoded is None else (USED, np.ascontiguousarray(decoded))

@@ -18,5 +18,4 @@ from wayside.stages.mapping.tracker import SideClassifiers as SideClassifiers
 from wayside.stages.mapping.tracker import WindowSolver as WindowSolver
 from wayside.stages.mapping.tracker import track as track
 from wayside.stages.mapping.verdicts import VERDICT_OF_TERM as VERDICT_OF_TERM
-from wayside.stages.mapping.window import Each as Each
 from wayside.stages.mapping.window import WindowFrame as WindowFrame

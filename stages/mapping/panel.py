@@ -29,7 +29,6 @@ from wayside.stages.panel import (
     RegisteredViews,
     box_round,
     measure_posts,
-    outline_of,
     register_views,
     segments_of,
     solve_facing,
@@ -137,8 +136,8 @@ def measure_panel(
         PanelView(held[view.image.frame].frame.index, view.rgb, alignment)
         for view, alignment in registered.views
     )
-    outline = outline_of(registered, fit.metric, models.outline)
-    box = registered.box(fit.metric) if outline is None else outline.box
+    outline = registered.outline
+    box = registered.box if outline is None else outline.box
     posts = None if models.posts is None else _posts(registered, box, held, models.posts)
     if outline is None:
         return PanelMeasurement(views, posts=posts)

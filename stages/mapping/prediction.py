@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import NONE, Regions
 from wayside.stages.detection import BoxClassifier, fits_face, regions_of
 from wayside.stages.geometry import distort_points, ideal_of_rays
+from wayside.stages.kernels import Each
 from wayside.stages.mapping.association import EXPECTED_PX, NEAREST_M
 from wayside.stages.mapping.landmark_fit import LandmarkFit
-from wayside.stages.mapping.window import EDGE_PX, Each, WindowFrame
+from wayside.stages.mapping.window import EDGE_PX, WindowFrame
 
 SIGMA_SHARE = 0.15
 """Largest scatter of a predicted box by its height (set on the development drives)."""

@@ -20,7 +20,7 @@ from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import FrenetOffset
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, Each
 from wayside.stages.mapping.association import NEAREST_M, Hypotheses, pair_hypotheses
 from wayside.stages.mapping.landmark import build_landmark, measure_landmark
 from wayside.stages.mapping.landmark_evidence import (
@@ -38,7 +38,6 @@ from wayside.stages.mapping.prediction import add_predicted_views
 from wayside.stages.mapping.surroundings import surroundings_correlation
 from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, Face, FaceBoxes, in_swept_volume
 from wayside.stages.mapping.window import (
-    Each,
     TravelledPath,
     WindowFrame,
     WindowPoses,

@@ -1,7 +1,7 @@
 """The frames that tracking holds: their followed candidates as rays, and the path that was travelled."""
 
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -41,10 +41,6 @@ FOLLOWED = np.dtype(
     ]
 )
 """Columns of the followed candidates of a frame."""
-
-
-Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
-"""Applies a function to each of some items, as the builtin `map`: results come in the order of the items."""
 
 
 @dataclass(slots=True)

@@ -61,7 +61,7 @@ def image_step(
     second = rays_of_ideal(now.camera, now.ideal[pairs[:, 1]])
     tolerance = _INLIER_PX / now.focal_px
     essential, inlier = cv2.findEssentialMat(
-        first, second, np.eye(3), method=cv2.USAC_MAGSAC, prob=0.9999, threshold=tolerance
+        first, second, np.eye(3), method=cv2.USAC_MAGSAC, prob=0.99, threshold=tolerance
     )
     if essential is None or essential.shape != (3, 3):
         return None

@@ -13,28 +13,18 @@ from wayside.stages.odometry.tie_points import GroundPlane
 
 MOUNT_SIGMA_DEG = 1.5
 """Scatter of the direction of travel while the mount is unknown."""
-TRAVEL_RIGHT_SIGMA_DEG = 0.35
-"""Scatter of the direction of travel sideways (measured)."""
-TRAVEL_UP_SIGMA_DEG = 0.25
-"""Scatter of the direction of travel up (measured)."""
-MOUNT_STEPS = 3
-"""Steps until the mount counts as known."""
-MOUNT_MEMORY = 61
-"""Steps that the mount is the median of."""
+TRAVEL_SIGMA_DEG = 0.35, 0.25
+"""Scatter of the direction of travel sideways and up (measured)."""
+MOUNT_STEPS, MOUNT_MEMORY = 3, 61
+"""Steps until the mount counts as known, and those that it is the median of at most."""
 HEIGHT_MEMORY = 300
 """Steps that the height above the road is found from."""
-LANE_HALF_WIDTH_M = 3.0
-"""Points further to the side give no height."""
-LANE_REACH_M = 18.0
-"""Points further ahead give no height."""
-LOWEST_CAMERA_M = 0.8
-"""Lowest camera above the road."""
-HIGHEST_CAMERA_M = 3.2
-"""Highest camera above the road: a vehicle ahead can resemble a road further down."""
-HEIGHT_BAND = 0.06
-"""Relative width of the band of heights that counts as road."""
-FEWEST_HEIGHTS = 8
-"""Points in that band at least."""
+LANE_HALF_WIDTH_M, LANE_REACH_M = 3.0, 18.0
+"""Points further to the side or ahead give no height."""
+LOWEST_CAMERA_M, HIGHEST_CAMERA_M = 0.8, 3.2
+"""Heights of cameras above the road: a vehicle ahead can resemble a road further down."""
+HEIGHT_BAND, FEWEST_HEIGHTS = 0.06, 8
+"""Relative width of the band of heights that counts as road, and the points in it at least."""
 
 
 @dataclass(slots=True)
@@ -61,7 +51,7 @@ class Mount:
         if len(self.slopes) >= MOUNT_STEPS:
             middle = np.median(np.array(self.slopes), axis=0)
             direction = np.array([middle[0], middle[1], 1.0])
-            sigma = np.radians([TRAVEL_RIGHT_SIGMA_DEG, TRAVEL_UP_SIGMA_DEG])
+            sigma = np.radians(TRAVEL_SIGMA_DEG)
             self.travel = TravelDirection(direction / np.linalg.norm(direction), sigma)
         self.heights.append(lane_heights(points, self.travel.direction))
         self.height_m = common_height(np.concatenate(self.heights))

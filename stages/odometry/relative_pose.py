@@ -9,7 +9,7 @@ import numpy as np
 from wayside.schemas.motion import StepPrior, Ties
 from wayside.stages.adjustment import TIE_ERRORS, WINDOW_ITERATIONS, tie_scatter
 from wayside.stages.geometry import Schedule, halfway_direction, rays_of_ideal, rotation_from_vector
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, Each
 from wayside.stages.odometry.epipolar import EpipolarFit, fit_epipolar, sampson_px
 from wayside.stages.odometry.motion_prior import MotionPrior
 from wayside.stages.odometry.mount import Mount
@@ -42,14 +42,10 @@ INLIER_PX = 0.4
 """Sampson distance of an inlier of a fine fit."""
 INLIER_RATIO = 0.5
 """Below this share of inliers other starts are tried: no other motion has more ties than one that half of them show."""
-SETTLED_DEG = 0.1
-"""Ties are registered again while the direction changes more."""
-ROUNDS = 3
-"""Rounds of registration at most."""
-START_YAW_STEP_DEG = 0.3
-"""Step of the yaws from which ties are registered again."""
-START_YAWS = 3
-"""Of these yaws on either side of the prediction."""
+SETTLED_DEG, ROUNDS = 0.1, 3
+"""Ties are registered again while the direction changes more, in so many rounds at most."""
+START_YAW_STEP_DEG, START_YAWS = 0.3, 3
+"""Step of the yaws from which ties are registered again, and their number on either side of the prediction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,17 +82,22 @@ RelativePoseEstimator = Callable[
 
 
 def estimate_relative_pose(
-    before: KeypointImage, now: KeypointImage, expected: MotionPrior, mount: Mount, fewest: int
+    before: KeypointImage,
+    now: KeypointImage,
+    expected: MotionPrior,
+    mount: Mount,
+    fewest: int,
+    each: Each = map,
 ) -> RelativePose | None:
     """Relative pose of two images: coarse motion, then ties registered by it.
 
-    Returns None with fewer than `fewest` inliers.
+    Returns None with fewer than `fewest` inliers. each: does independent work, as `map`.
     """
     prior, ground = expected.prior, mount.ground(expected.prior.length_m)
     coarse, inliers = find_coarse_motion(before, now, prior, expected.search, expected.slack_px)
     if coarse is None or inliers < fewest:
         return None
-    pair = PairMotion(before, now, coarse.rotation, coarse.direction, ground)
+    pair = PairMotion(before, now, coarse.rotation, coarse.direction, ground, each)
     pose = _refine(pair, prior)
     if pose.inliers < INLIER_RATIO * len(pose.inlier):
         # With a wrong rotation the inlier ratio is low. Of all starts, that with the most inliers is kept.

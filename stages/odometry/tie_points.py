@@ -13,49 +13,31 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import Detections
 from wayside.schemas.frame import Camera
 from wayside.stages.geometry import distort_points, ideal_of_rays, ideal_points, rays_of_ideal
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, Each
 from wayside.stages.odometry.descriptor_matching import match_in_bands
 from wayside.stages.odometry.features import first_of_cells
 from wayside.stages.odometry.patch_registration import register_patches
 
-COARSE_BITS = 64
-"""Largest distance of the descriptors of a coarse match, bits."""
-COARSE_RATIO = 0.85
-"""Largest ratio of best to second descriptor distance of a coarse match."""
-GUIDED_BITS = 80
-"""Largest descriptor distance along an epipolar line, bits."""
-GUIDED_RATIO = 0.92
-"""Largest ratio of best to second distance on the line."""
+COARSE_BITS, COARSE_RATIO = 64, 0.85
+"""Largest distance of the descriptors of a coarse match, bits, and its largest ratio to the second best."""
+GUIDED_BITS, GUIDED_RATIO = 80, 0.92
+"""The same along an epipolar line."""
 GUIDED_WIDTH_PX = 4.0
 """Half width of the band along an epipolar line."""
-LARGEST_GROWTH = 2.6
-"""Largest growth of an object from image to image."""
-SMALLEST_GROWTH = 0.8
-"""Smallest growth of a patch from image to image."""
+SMALLEST_GROWTH, LARGEST_GROWTH = 0.8, 2.6
+"""Growth of an object from image to image."""
 LONGEST_PX = 500.0
 """Longest displacement by travel."""
-NEAR_EPIPOLE_PX = 20.0
-"""Nearer to the epipole the growth is not measurable."""
-NEAR_EPIPOLE_GROWTH = 1.1
-"""Growth assumed near the epipole."""
-CELL_PX = 100.0
-"""Side of a cell of the image."""
-PER_CELL = 6
-"""Matches registered in each cell at most."""
-SEARCH_PX = 2
-"""Whole-pixel search round the expected position."""
-ROAD_SEARCH_PX = 3
-"""The same on the road."""
-ROAD_GAP_PX = 3.0
-"""A match so near to the road's prediction lies on it."""
-ROAD_GAP_FRACTION = 0.1
-"""Added to that, as a fraction of the displacement."""
-NEAREST_ROAD_M = 4.0
-"""Nearest road point, after the step."""
-FARTHEST_ROAD_M = 35.0
-"""Farthest road point."""
-ROAD_HALF_WIDTH_M = 5.0
-"""Farthest road point to the side."""
+NEAR_EPIPOLE_PX, NEAR_EPIPOLE_GROWTH = 20.0, 1.1
+"""Nearer to the epipole the growth cannot be measured; what is assumed there."""
+CELL_PX, PER_CELL = 100.0, 6
+"""Side of a cell of the image, and the matches registered in each cell at most."""
+SEARCH_PX, ROAD_SEARCH_PX = 2, 3
+"""Whole-pixel search round the expected position, and on the road."""
+ROAD_GAP_PX, ROAD_GAP_FRACTION = 3.0, 0.1
+"""A match so near to the road's prediction lies on it; a fraction of the displacement is added."""
+NEAREST_ROAD_M, FARTHEST_ROAD_M, ROAD_HALF_WIDTH_M = 4.0, 35.0, 5.0
+"""Nearest road point, after the step; farthest one ahead, and to the side."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +91,8 @@ class PairMotion:
     rotation: Array
     direction: Array
     ground: GroundPlane | None = None
+    each: Each = map
+    """Does independent work, as `map`."""
 
     def far_points(self, rows: NDArray[np.int64] | slice) -> tuple[Array, Array]:
         """Ideal pixels (n, 2) of the first image's corners in the second one, if at infinity, and its epipole (2,)."""
@@ -232,7 +216,9 @@ def _register(pair: PairMotion, rows: NDArray[np.int64]) -> Array:
         flow = np.linalg.norm(place - far, axis=1)
         flat = gap < ROAD_GAP_PX + ROAD_GAP_FRACTION * flow
         warps[flat] = on_road[flat]
-    registered = register_patches(before.grey, now.grey, corners, starts, warps, SEARCH_PX)
+    registered = register_patches(
+        before.grey, now.grey, corners, starts, warps, SEARCH_PX, pair.each
+    )
     return np.column_stack([registered.point, warps * registered.scale[:, None], registered.sigma])
 
 
@@ -254,7 +240,9 @@ def register_road(pair: PairMotion, ground: GroundPlane, tied: RegisteredTies) -
     ideal = ideal_points(before.camera, corners.astype(np.float64))
     place, warps = pair.on_road(ideal, ground)
     starts = distort_points(now.camera, place)
-    found = register_patches(before.grey, now.grey, corners, starts, warps, ROAD_SEARCH_PX)
+    found = register_patches(
+        before.grey, now.grey, corners, starts, warps, ROAD_SEARCH_PX, pair.each
+    )
     good = found.zncc > 0
     return RegisteredTies(
         np.vstack([tied.previous, ideal[good]]),

@@ -17,5 +17,4 @@ from wayside.stages.panel.rectification import PanelPlane as PanelPlane
 from wayside.stages.panel.rectification import PosedImage as PosedImage
 from wayside.stages.panel.rectification import usable_views as usable_views
 from wayside.stages.panel.registration import RegisteredViews as RegisteredViews
-from wayside.stages.panel.registration import outline_of as outline_of
 from wayside.stages.panel.registration import register_views as register_views

@@ -43,10 +43,8 @@ SEARCH = 3.0
 """The strongest outline is sought so far, either way, at least."""
 MOST_INNER = 2
 """Shapes round whose strongest outline candidates are sought."""
-SIDE_ROUNDS = 2
-"""Rounds of aligning the profiles of the sides."""
-SIDE_SEARCH = 4.0
-"""Range of the shift that aligns the profiles of the sides."""
+SIDE_ROUNDS, SIDE_SEARCH = 2, 4.0
+"""Rounds of aligning the profiles of the sides, and range of the shift that aligns them."""
 SIDE_PENALTY = 0.01
 """Correlation that a shift of a side must gain for each sample."""
 FIT_ITERATIONS = 4
@@ -59,14 +57,10 @@ ROTATION_SIGMA_DEG = 1.5
 """Scatter of the rotation in the plane (prior)."""
 ASPECT_SIGMA = 0.03
 """Relative scatter of the proportion of shapes that have one."""
-EDGE_SIGMA = 0.35
-"""Scatter of the edge of one segment."""
-EDGE_CAUCHY = 0.5
-"""Scale of the Cauchy weight of a segment's residual."""
-FLANK = 4.0
-"""Range in which the outer flank of the edge is measured."""
-SHARP_FLANK = 1.7
-"""Width of a plain edge to half of its height."""
+EDGE_SIGMA, EDGE_CAUCHY = 0.35, 0.5
+"""Scatter of the edge of one segment, and scale of the Cauchy weight of its residual."""
+FLANK, SHARP_FLANK = 4.0, 1.7
+"""Range in which the outer flank of the edge is measured; width of a plain edge to half of its height."""
 RIM_FRACTION = 0.7
 """Fraction of the remaining width that is rim."""
 MOST_RIM_INWARD, MOST_RIM_OUTWARD = 0.7, 1.4

@@ -16,10 +16,8 @@ OFFSET_STEP = 0.25
 """Distance between the places where an edge is sought."""
 EDGE_LEVEL = 12.0
 """Gradient of an edge of strength one half, grey levels a sample."""
-SEGMENT_SAMPLES = 12
-"""Points at which a segment is compared."""
-STRIP_SAMPLES = 3
-"""Points of a segment whose mean is the colour of its strip."""
+SEGMENT_SAMPLES, STRIP_SAMPLES = 12, 3
+"""Points of a segment at which it is compared, and those whose mean is the colour of its strip."""
 INSIDE = 0.6
 """Fraction of a segment that lies in the views at least."""
 TRIAL_STEP = 0.5
@@ -68,31 +66,38 @@ def edge_profiles(
 def _edge_profiles(
     gradients: Gradients, segments: Segments, low: float, step: float, profiles: Array
 ) -> None:
-    views, rows, columns = gradients.shape[:3]
-    begin, end, normal, _ = segments
+    # Over the offsets innermost, without a branch: the compiler computes several at a time.
+    (views, rows, columns), (begin, end, normal, _) = gradients.shape[:3], segments
+    size, pixels, level = profiles.shape[1], gradients.reshape(views, -1), EDGE_LEVEL * EDGE_LEVEL
+    at, (across, along, inside, total) = np.empty(size, np.uint32), np.empty((4, size), np.float32)
+    one, two, row = np.uint32(1), np.uint32(2), np.uint32(2 * columns)
     for k in range(profiles.shape[0]):
         right, down = np.float32(normal[k, 0]), np.float32(normal[k, 1])
-        for m in range(profiles.shape[1]):
-            offset, total, count = low + step * m, np.float32(0), 0
-            for s in range(SEGMENT_SAMPLES):
-                part = (s + 0.5) / SEGMENT_SAMPLES
+        total[:] = profiles[k] = 0
+        for s in range(SEGMENT_SAMPLES):
+            part = (s + 0.5) / SEGMENT_SAMPLES
+            for m in range(size):
+                offset = low + step * m
                 u = begin[k, 0] + part * (end[k, 0] - begin[k, 0]) + offset * normal[k, 0]
                 v = begin[k, 1] + part * (end[k, 1] - begin[k, 1]) + offset * normal[k, 1]
-                if not (1 <= u < columns - 2 and 1 <= v < rows - 2):
-                    continue
-                count += 1
-                i, j = np.uint32(v), np.uint32(u)  # numbers with a sign would cost a test each
-                a, b = np.float32(u - j), np.float32(v - i)
-                for view in range(views):
-                    g = gradients[view]
-                    above = right * g[i, j, 0] + down * g[i, j, 1]
-                    below = right * g[i + 1, j, 0] + down * g[i + 1, j, 1]
-                    above += a * (right * g[i, j + 1, 0] + down * g[i, j + 1, 1] - above)
-                    below += a * (right * g[i + 1, j + 1, 0] + down * g[i + 1, j + 1, 1] - below)
-                    square = (above + b * (below - above)) ** 2
-                    total += square / (square + np.float32(EDGE_LEVEL * EDGE_LEVEL))
-            enough = count >= INSIDE * SEGMENT_SAMPLES
-            profiles[k, m] = total / (count * views) if enough else 0.0
+                inside[m] = within = 1 <= u < columns - 2 and 1 <= v < rows - 2
+                profiles[k, m] += within
+                # numbers with a sign would cost a test each
+                i, j = np.uint32(v if within else 1.0), np.uint32(u if within else 1.0)
+                at[m], across[m], along[m] = row * i + two * j, u - j, v - i
+            for g in pixels:
+                for m in range(size):
+                    i = at[m]
+                    above = right * g[i] + down * g[i + one]
+                    above += across[m] * (right * g[i + two] + down * g[i + two + one] - above)
+                    i += row
+                    below = right * g[i] + down * g[i + one]
+                    below += across[m] * (right * g[i + two] + down * g[i + two + one] - below)
+                    square = (above + along[m] * (below - above)) ** 2
+                    total[m] += inside[m] * square / (square + np.float32(level))
+        for m in range(size):
+            enough = profiles[k, m] >= INSIDE * SEGMENT_SAMPLES
+            profiles[k, m] = total[m] / (profiles[k, m] * views) if enough else 0.0
 
 
 def strip_colors(

@@ -5,7 +5,8 @@ the face inside its outline is compared alone.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -23,16 +24,12 @@ SMALLEST_STRENGTH = 0.4
 """Edge strength all round (0 to 1) below which an outline is refused."""
 MOST_SAMPLES = 150
 """Samples across the longer side of a panel at most."""
-MARGIN = 0.35
-"""Margin round the box, as a fraction of the shorter side."""
-MARGIN_LONGER = 0.6
-"""The margin is so much of the longer side where that is more."""
+MARGIN, MARGIN_LONGER = 0.35, 0.6
+"""Margin round the box, as a fraction of the shorter side; of so much of the longer side where that is more."""
 DEPTH_RATIO = 3.2
 """Views up to so many times farther than the template are registered."""
-ENOUGH_VIEWS = 2
-"""With fewer registered, the next view becomes the template: the nearest may be half hidden."""
-MOST_TEMPLATES = 3
-"""Templates that are tried."""
+ENOUGH_VIEWS, MOST_TEMPLATES = 2, 3
+"""With fewer registered, the next view becomes the template, of so many: the nearest may be half hidden."""
 REGISTERED_ZNCC = 0.8
 """Correlation (ZNCC) above which a view counts as registered."""
 FEWEST_SAMPLES = 64
@@ -41,18 +38,19 @@ FULL_SIZE_SAMPLES = 60
 """Longer patches, in samples, are registered at half size."""
 BLUR = 0.45
 """Blur (sigma), in samples, of the template for a view sqrt(2) times as far."""
-OUTLINE_DEPTH_RATIO = 2.3
-"""Views up to so many times farther than the template show the outline."""
-OUTLINE_VIEWS = 3
-"""Nearest views that show the outline."""
+OUTLINE_DEPTH_RATIO, OUTLINE_VIEWS = 2.3, 3
+"""Views up to so many times farther than the template show the outline, and so many of them, the nearest."""
 
 
-class RegisteredViews(NamedTuple):
-    """Rectified views registered to the first of them, the template; `step` metres a sample."""
+@dataclass(frozen=True)
+class RegisteredViews:
+    """Rectified views registered to the first of them, the template; `step` metres a sample; `size` as detected."""
 
     plane: PanelPlane
     step: float
     views: list[tuple[RectifiedView, Alignment]]
+    size: Array
+    model: LinearModel
 
     def stacked(self) -> NDArray[np.float32]:
         """The views (n, rows, columns, 3) that show the outline, resampled into the template."""
@@ -61,11 +59,19 @@ class RegisteredViews(NamedTuple):
         warped = [warp_to_template(v.rgb, found) for v, found in near[:OUTLINE_VIEWS]]
         return np.ascontiguousarray(np.stack(warped))
 
-    def box(self, size: Array) -> Array:
-        """The box [left, top, right, bottom] of a panel of this size (2,), metres, in samples of the template."""
+    @property
+    def box(self) -> Array:
+        """The box [left, top, right, bottom] of the detected panel in samples of the template."""
         middle = (np.array(self.views[0][0].grey.shape[::-1]) - 1) / 2
-        half = size / self.step / 2
+        half = self.size / self.step / 2
         return np.concatenate([middle - half, middle + half])
+
+    @cached_property
+    def outline(self) -> FaceOutline | None:
+        """The outline of the face in samples of the template, or None if it is weak."""
+        outline = fit_face_outline(self.stacked(), self.box, self.model)
+        strong = outline is not None and outline.strength >= SMALLEST_STRENGTH
+        return outline if strong else None
 
 
 def register_views(
@@ -93,13 +99,6 @@ def register_views(
     return best
 
 
-def outline_of(registered: RegisteredViews, size: Array, model: LinearModel) -> FaceOutline | None:
-    """The outline of the face in samples of the template, or None if it is weak."""
-    outline = fit_face_outline(registered.stacked(), registered.box(size), model)
-    strong = outline is not None and outline.strength >= SMALLEST_STRENGTH
-    return outline if strong else None
-
-
 def _registered_to(
     plane: PanelPlane, size: Array, usable: Sequence[tuple[float, PosedImage]], model: LinearModel
 ) -> RegisteredViews:
@@ -114,14 +113,12 @@ def _registered_to(
     inside = [np.abs(at) <= m / 2 + step for at, m in zip((columns, rows), size, strict=True)]
     box = np.outer(inside[1], inside[0]).astype(np.float64)
     identity = Alignment(np.zeros(2), np.ones(2), 1.0, 0.0, 1.0, np.zeros((4, 4)))
-    alone = RegisteredViews(plane, step, [(template, identity)])
+    alone = RegisteredViews(plane, step, [(template, identity)], size, model)
     found = _correlated(template, others, [box] * len(others))
-    if len(found) + 1 < ENOUGH_VIEWS and others:
-        outline = outline_of(alone, size, model)
-        if outline is not None:
-            weights = [inside_outline(outline, box.shape, o.depth / nearest) for o in others]
-            found = _correlated(template, others, weights)
-    return alone._replace(views=[*alone.views, *found])
+    if len(found) + 1 < ENOUGH_VIEWS and others and (outline := alone.outline) is not None:
+        weights = [inside_outline(outline, box.shape, o.depth / nearest) for o in others]
+        found = _correlated(template, others, weights)
+    return replace(alone, views=[*alone.views, *found]) if found else alone
 
 
 def _correlated(

@@ -160,8 +160,7 @@ def test_the_clock_counts_each_stage_alone_and_what_is_done_between_two_apart(mo
 
     def watched(items):
         for item in items:
-            with clock.aside("view"):
-                now[0] += 8.0
+            clock.apart("view", next)(busy(8.0, [item]))
             yield item
 
     clock = StageClock()

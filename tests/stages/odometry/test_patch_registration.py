@@ -22,14 +22,15 @@ def seen_nearer(far, scale, gain=0.8, bias=10.0, noise=1.0):
     return np.clip(gain * near + bias, 0, 255).astype(np.uint8)
 
 
-def somewhere(count=60):
+def somewhere(count=250):
     return np.random.default_rng(2).integers((40, 40), (440, 340), (count, 2))
 
 
 def register(far, near, corners, starts=None, warps=None):
     starts = corners.astype(float) if starts is None else starts
     warps = plates(len(corners)) if warps is None else warps
-    return register_patches(far, near, corners, starts, warps, 2)
+    last_first = lambda work, parts: map(work, reversed(parts))  # noqa: E731
+    return register_patches(far, near, corners, starts, warps, 2, last_first)
 
 
 def plates(count, scale=1.0):

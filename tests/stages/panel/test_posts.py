@@ -52,7 +52,7 @@ def registered(size, polygons):
 
 def measured(size, polygons, model=MODEL):
     views = registered(size, polygons)
-    return measure_posts(views, views.box(np.array(size)), ROAD_M + UP - size[1] / 2, model)
+    return measure_posts(views, views.box, ROAD_M + UP - size[1] / 2, model)
 
 
 @pytest.mark.parametrize(
@@ -80,13 +80,13 @@ def test_a_trunk_far_from_the_middle_is_no_post_and_nothing_is_measured_where_no
     size = (0.75, 0.9)
     trunk = [[polygon(0.35, 0.0, 0.5, 3.0, (30, 30, 30))]]
     views = registered(size, trunk)
-    assert measure_posts(views, views.box(np.array(size)), 1.8, MODEL) == Posts()
-    assert measure_posts(views, views.box(np.array(size)), 0.4, MODEL) == Posts()  # low
+    assert measure_posts(views, views.box, 1.8, MODEL) == Posts()
+    assert measure_posts(views, views.box, 0.4, MODEL) == Posts()  # low
 
 
 def test_a_panel_over_the_road_hangs_from_a_gantry():
     views = registered((0.75, 0.9), [])
-    assert measure_posts(views, views.box(np.array([0.75, 0.9])), 5.2, MODEL) == Posts("gantry")
+    assert measure_posts(views, views.box, 5.2, MODEL) == Posts("gantry")
 
 
 @pytest.mark.parametrize(
