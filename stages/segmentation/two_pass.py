@@ -92,7 +92,7 @@ def _segment_rows(
     gate: GateSettings,
 ) -> Segmentation:
     band = rgb[rows[0] : rows[1]]
-    sample = sample_colors(band, SAMPLE_PX)
+    sample = sample_colors(rgb, SAMPLE_PX)
     centers = palette(sample, settings.clusters)
     breaks = optimal_breaks(
         difference_histogram(sample.pixels, centers), settings.difference_clusters
@@ -175,7 +175,7 @@ def connected_regions(
     require_array(rgb, "rgb", np.uint8, (height, width, 3))
     if labels.size == 0:
         return Regions.empty(), 0
-    end, parent, area = np.zeros((3, labels.size), np.int32)
+    end, parent, area = np.empty((3, labels.size), np.int32)
     count = _join_runs(labels, end, parent, area)
     area = area[:count]
     kept = np.flatnonzero((area >= gate.smallest_px) & (area <= gate.largest_px))
@@ -218,7 +218,7 @@ def _join_runs(
         end[n], label[n] = (y + 1) * width, before
         n += 1
         for i in range(first, n):
-            parent[i] = i
+            parent[i], area[i] = i, 0
         i, j, pairs = upper_first, first, 0
         while y > 0 and j < n:
             above[pairs], below[pairs] = i, j
@@ -258,9 +258,14 @@ def _measure(
         right = left + end[i] - start
         box[k, 0], box[k, 1] = min(box[k, 0], left), min(box[k, 1], y)
         box[k, 2], box[k, 3] = max(box[k, 2], right), y + 1
+        red = green = blue = 0
         for x in range(left, right):
-            for c in range(3):
-                sums[k, c] += rgb[y, x, c]
+            red += rgb[y, x, 0]
+            green += rgb[y, x, 1]
+            blue += rgb[y, x, 2]
+        sums[k, 0] += red
+        sums[k, 1] += green
+        sums[k, 2] += blue
 
 
 @compiled
