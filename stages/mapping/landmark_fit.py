@@ -106,8 +106,9 @@ def accept_greedily(
         if fit is None or fit.value <= LEAST_SUM:
             continue
         fits.append(fit)
-        left[candidates.first[fit.frames] + fit.rows] = False
-        again = np.flatnonzero(alive & ((row >= 0) & ~left[row]).any(axis=1))
+        taken = candidates.first[fit.frames] + fit.rows
+        left[taken] = False
+        again = np.flatnonzero(alive & (row[:, fit.frames] == taken).any(axis=1))
         if len(again):
             found = associate(candidates, hypotheses.select(again), left, settings.gap_px)
             row[again], value[again] = found.row, found.value
@@ -199,6 +200,12 @@ def metric_size(sizes: Array, depth: Array, whole: NDArray[np.bool_]) -> tuple[A
     order = np.argsort(depth, kind="stable")
     best = order[whole[order]]
     near = sizes[(best if len(best) else order)[:SIZE_VIEWS]]
-    middle = np.median(near, axis=0)
-    scatter = MAD_TO_SIGMA * np.median(np.abs(near - middle), axis=0)
+    middle = _median(near)
+    scatter = MAD_TO_SIGMA * _median(np.abs(near - middle))
     return middle, np.maximum(scatter, LEAST_SPREAD * middle)
+
+
+def _median(values: Array) -> Array:
+    """Median of each column: `np.median` takes ten times as long for so few."""
+    ranked, n = np.sort(values, axis=0), len(values)
+    return np.asarray((ranked[(n - 1) // 2] + ranked[n // 2]) / 2)

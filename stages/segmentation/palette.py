@@ -9,7 +9,7 @@ palette, whatever came before it.
 
 from dataclasses import dataclass
 from math import isqrt
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ MOST_CENTERS = 256
 """A label image holds bytes."""
 DIFFERENCES = 443
 """Rounded distances between colours: 0 to 442 = round(255 sqrt 3)."""
+ROUNDED = np.arange(DIFFERENCES, dtype=np.uint16)
+"""These distances themselves."""
 SEED = 1
 """Seed of the first start of k-means++; further starts count on."""
 STARTS = 2
@@ -30,11 +32,9 @@ LLOYD_STEPS = 20
 """Lloyd steps of a start at most."""
 SETTLED = 0.5
 """Colour levels: Lloyd steps end when no centre moves further; centres are rounded to whole levels."""
-_ROUNDED = np.arange(DIFFERENCES, dtype=np.uint16)
 _BINS = 64**3
 _CHUNK = 1024
 
-Number = TypeVar("Number", bound=np.integer)
 Floats = NDArray[np.float32]
 
 
@@ -86,45 +86,21 @@ def palette(sample: ColorBins, clusters: int) -> NDArray[np.uint8]:
     return np.asarray(rounded[order])
 
 
-def label_both_passes(
-    rgb: NDArray[np.uint8], centers: NDArray[Any], difference_class: NDArray[np.uint8]
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Nearest centre of each pixel, and the class of its rounded distance to it: the label images of both passes.
+def nearest_centers(
+    colors: NDArray[np.uint8], centers: NDArray[Any], of_distance: NDArray[Any] = ROUNDED
+) -> tuple[NDArray[np.uint8], NDArray[Any]]:
+    """Nearest centre of each colour, the lower one on a tie, and what stands for its rounded distance to it.
 
-    The distance is the difference image of the report (chapter 2.3).
+    The rounded distances themselves are the difference image of the report (chapter 2.3).
 
-    rgb: image, (height, width, 3) uint8, C-contiguous; whole rows of a larger one may be given. centers (k, 3):
-    whole-numbered colours, k from 1 to 256. difference_class (443,) uint8: class of pass two of each rounded distance.
-
-    Returns labels of pass one (the lower one on a tie) and of pass two, each (height, width) uint8.
+    colors (..., 3): an image or whole rows of one, uint8, C-contiguous. centers (k, 3): whole-numbered colours, k from
+    1 to 256. of_distance (443,): an entry for each rounded distance. Returns labels, uint8, and entries, both (...).
 
     Raises ValueError where an array is of another type, shape or layout.
     """
-    require_image(rgb)
-    require_array(difference_class, "difference_class", np.uint8, (DIFFERENCES,))
-    first, second = _nearest_centers(rgb.reshape(-1, 3), centers, difference_class)
-    return first.reshape(rgb.shape[:2]), second.reshape(rgb.shape[:2])
-
-
-def difference_image(rgb: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[np.uint16]:
-    """The grey difference image (report chapter 2.3): distance of each pixel to its nearest centre, rounded, 0 to 442.
-
-    `label_both_passes` keeps the class of each of these numbers alone. Arguments and errors are the same.
-    """
-    require_image(rgb)
-    return _nearest_centers(rgb.reshape(-1, 3), centers, _ROUNDED)[1].reshape(rgb.shape[:2])
-
-
-def difference_histogram(colors: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[np.int64]:
-    """How many of the colours (n, 3) lie at each rounded distance from their nearest centre: shape (443,)."""
-    return np.bincount(_nearest_centers(colors, centers, _ROUNDED)[1], minlength=DIFFERENCES)
-
-
-def _nearest_centers(
-    colors: NDArray[np.uint8], centers: NDArray[Any], of_distance: NDArray[Number]
-) -> tuple[NDArray[np.uint8], NDArray[Number]]:
-    """Nearest centre of each colour (n, 3), and the entry (443,) of its rounded distance to it."""
-    require_array(colors, "colors", np.uint8, (None, 3))
+    shape = colors.shape[:-1]
+    require_array(colors, "colors", np.uint8, (*shape, 3))
+    require_array(of_distance, "of_distance", of_distance.dtype.type, (DIFFERENCES,))
     whole = np.ascontiguousarray(centers, np.float32)
     if whole.ndim != 2 or whole.shape[1] != 3 or not 1 <= len(whole) <= MOST_CENTERS:
         raise ValueError(
@@ -132,8 +108,8 @@ def _nearest_centers(
         )
     if not np.array_equal(whole, np.clip(np.rint(whole), 0, 255)):
         raise ValueError("centres: not whole numbers from 0 to 255. Round and clip them first.")
-    label, entry = np.empty(len(colors), np.uint8), np.empty(len(colors), of_distance.dtype)
-    _fill_nearest(colors, whole, of_distance, label, entry)
+    label, entry = np.empty(shape, np.uint8), np.empty(shape, of_distance.dtype)
+    _fill_nearest(colors.reshape(-1, 3), whole, of_distance, label.ravel(), entry.ravel())
     return label, entry
 
 
@@ -208,14 +184,14 @@ def _settle(colors: Floats, weight: Floats, centers: Floats, steps: int) -> floa
                 new = sums[j, :3] / sums[j, 3]
                 moved = max(moved, ((new - centers[j]) ** 2).sum())
                 centers[j] = new
-        for j in np.flatnonzero(sums[:, 3] == 0):
+                continue
             worst = np.argmax(weight * squared)
             if squared[worst] > 0:
                 centers[j], squared[worst], moved = colors[:, worst], 0, np.inf
         if moved <= SETTLED * SETTLED:
             break
     _nearest(colors, centers, label, squared)
-    return (weight * squared).astype(np.float64).sum()
+    return float((weight * squared).astype(np.float64).sum())
 
 
 @compiled
@@ -242,9 +218,9 @@ def _nearest(
 def _fill_nearest(
     colors: NDArray[np.uint8],
     centers: Floats,
-    of_distance: NDArray[Number],
+    of_distance: NDArray[Any],
     label: NDArray[np.uint8],
-    entry: NDArray[Number],
+    entry: NDArray[Any],
 ) -> None:
     planes, squared = np.empty((3, _CHUNK), np.float32), np.empty(_CHUNK, np.float32)
     nearest = np.empty(_CHUNK, np.int32)

@@ -14,8 +14,7 @@ from wayside.schemas.settings import GateSettings, SegmentSettings
 from wayside.stages.kernels import compiled, require_array
 from wayside.stages.segmentation.palette import (
     DIFFERENCES,
-    difference_histogram,
-    label_both_passes,
+    nearest_centers,
     palette,
     sample_colors,
 )
@@ -94,13 +93,12 @@ def _segment_rows(
     band = rgb[rows[0] : rows[1]]
     sample = sample_colors(rgb, SAMPLE_PX)
     centers = palette(sample, settings.clusters)
-    breaks = optimal_breaks(
-        difference_histogram(sample.pixels, centers), settings.difference_clusters
-    )
+    counts = np.bincount(nearest_centers(sample.pixels, centers)[1], minlength=DIFFERENCES)
+    breaks = optimal_breaks(counts, settings.difference_clusters)
     # The lower half is noise around the colours of pass one: one class. Larger k cut faces into pieces.
     breaks[: settings.difference_clusters // 2 + 1] = 0
     class_of = np.searchsorted(breaks[1:], np.arange(DIFFERENCES), side="right").astype(np.uint8)
-    labels = label_both_passes(band, centers, class_of)
+    labels = nearest_centers(band, centers, class_of)
     table, count = _regions_of(labels, band, rows[0], gate)
     return Segmentation(
         image,
