@@ -138,7 +138,7 @@ def _fit_hypothesis(
         frames = np.flatnonzero(row >= 0)
         if len(frames) < settings.fewest_views:
             return None
-        fit = fit_views(candidates, row[frames].astype(np.int64), frames, box_sigma=box_sigma)
+        fit = fit_views(candidates, row[frames].astype(np.int64), frames, box_sigma)
         if fit is None:
             return None
         if rounds == 0:
@@ -157,23 +157,21 @@ def fit_views(
     candidates: WindowCandidates,
     rows: NDArray[np.int64],
     frames: NDArray[np.int64],
-    *,
     box_sigma: tuple[float, float] = BOX_SIGMA,
-    nearest: int = FITTED_VIEWS,
 ) -> LandmarkFit | None:
     """Point, covariance and metric size from views; None where the rays do not meet ahead.
 
     rows, frames: candidates (v,) of the window and their frames, ascending. box_sigma: scatter of the centres of boxes,
-    as `BOX_SIGMA`. nearest: the point is fitted to so many of the latest views.
+    as `BOX_SIGMA`.
     """
     n = len(rows)
     point, covariance, metric, spread = np.empty(3), np.empty((3, 3)), np.empty(2), np.empty(2)
     residual_px, depth, sigma, own = np.empty((4, n))
     fitted = point, covariance, residual_px, depth, metric, spread, sigma, own
-    if not _fit_views(candidates, rows, frames, box_sigma, nearest, fitted):
+    if not _fit_views(candidates, rows, frames, box_sigma, fitted):
         return None
     return LandmarkFit(
-        frames, rows - candidates.first[frames], np.arange(n) >= n - nearest, *fitted
+        frames, rows - candidates.first[frames], np.arange(n) >= n - FITTED_VIEWS, *fitted
     )
 
 
@@ -183,7 +181,6 @@ def _fit_views(
     rows: NDArray[np.int64],
     frames: NDArray[np.int64],
     box_sigma: tuple[float, float],
-    nearest: int,
     fitted: tuple[Array, Array, Array, Array, Array, Array, Array, Array],
 ) -> bool:
     """Fill the columns of a `LandmarkFit` from its point on; False where the rays do not meet ahead."""
@@ -191,8 +188,10 @@ def _fit_views(
     for k, f in enumerate(frames):
         own[k] = (box_sigma[0] + box_sigma[1] * (c.size[rows[k], 1] * c.focal[f])) / c.focal[f]
         sigma[k] = np.hypot(own[k], DRIFT_RAD * np.sqrt(frames[-1] - f))
-    late = frames[-nearest:]
-    views = Views(c.rotation[late], c.centre[late], c.ray[rows[-nearest:]], sigma[-nearest:])
+    late = frames[-FITTED_VIEWS:]
+    views = Views(
+        c.rotation[late], c.centre[late], c.ray[rows[-FITTED_VIEWS:]], sigma[-FITTED_VIEWS:]
+    )
     triangulate(views, point, covariance)
     if not (np.isfinite(point).all() and np.isfinite(covariance).all()):
         return False

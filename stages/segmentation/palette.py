@@ -7,7 +7,6 @@ precision. The start is k-means++ from a fixed seed, and every machine draws the
 palette, whatever came before it.
 """
 
-from dataclasses import dataclass
 from math import isqrt
 from typing import Any
 
@@ -38,17 +37,8 @@ _CHUNK = 1024
 Floats = NDArray[np.float32]
 
 
-@dataclass(frozen=True, slots=True)
-class ColorBins:
-    """A sample of an image: its pixels (n, 3) uint8 and its bins, `mean` (3, m) float32 and `weight` (m,) float32."""
-
-    pixels: NDArray[np.uint8]
-    mean: Floats
-    weight: Floats
-
-
-def sample_colors(rgb: NDArray[np.uint8], at_least: int) -> ColorBins:
-    """Colours of a regular sample of `at_least` so many pixels, where there are, as pixels and as 6-bit bins.
+def sample_colors(rgb: NDArray[np.uint8], at_least: int) -> NDArray[np.uint8]:
+    """Colours (n, 3) of a regular sample of `at_least` so many pixels, where there are.
 
     `rgb`: image or whole rows of one, (height, width, 3) uint8, C-contiguous. Raises ValueError where it is of another
     type or layout, or empty.
@@ -58,28 +48,26 @@ def sample_colors(rgb: NDArray[np.uint8], at_least: int) -> ColorBins:
     if height * width == 0:
         raise ValueError(f"rgb: an image of {width} x {height} has no pixel")
     step = max(1, min(isqrt(height * width // at_least), height, width))
-    pixels = np.ascontiguousarray(rgb[step // 2 :: step, step // 2 :: step].reshape(-1, 3))
-    number, weight = np.full(_BINS, -1, np.int32), np.zeros(len(pixels), np.float32)
-    sums = np.zeros((3, len(pixels)))
-    used = _fill_bins(pixels, number, sums, weight)
-    sums, weight = sums[:, :used], weight[:used]
-    return ColorBins(pixels, (sums * (np.float32(1) / weight)).astype(np.float32), weight)
+    return np.ascontiguousarray(rgb[step // 2 :: step, step // 2 :: step].reshape(-1, 3))
 
 
-def palette(sample: ColorBins, clusters: int) -> NDArray[np.uint8]:
-    """K-means of the sampled colours: whole-numbered centres, darkest first, shape (clusters, 3).
+def palette(sample: NDArray[np.uint8], clusters: int) -> NDArray[np.uint8]:
+    """K-means of sampled colours (n, 3): whole-numbered centres, darkest first, shape (clusters, 3).
 
     Centres repeat where there are fewer colours. Raises ValueError where `clusters` is not from 2 to 256.
     """
     if not 2 <= clusters <= MOST_CENTERS:
         raise ValueError(f"clusters: {clusters} is outside 2 to {MOST_CENTERS}. Set another k.")
-    centers = np.empty((STARTS, clusters, 3), np.float32)
-    costs = []
+    require_array(sample, "sample", np.uint8, (None, 3))
+    sums, weight = np.zeros((3, len(sample))), np.zeros(len(sample), np.float32)
+    used = _fill_bins(sample, sums, weight)
+    mean = (sums[:, :used] * (np.float32(1) / weight[:used])).astype(np.float32)
+    centers, costs = np.empty((STARTS, clusters, 3), np.float32), []
     for k, start in enumerate(centers):
-        _spread_start(sample.mean, sample.weight, start, SEED + k)
-        costs.append(_settle(sample.mean, sample.weight, start, LLOYD_STEPS))
-    best, colors = np.rint(centers[int(np.argmin(costs))]), sample.pixels.T.astype(np.float32, "C")
-    _settle(colors, np.ones(colors.shape[1], np.float32), best, 1)
+        _spread_start(mean, weight[:used], start, SEED + k)
+        costs.append(_settle(mean, weight[:used], start, LLOYD_STEPS))
+    best, weight[:] = np.rint(centers[int(np.argmin(costs))]), 1
+    _settle(sample.T.astype(np.float32, "C"), weight, best, 1)
     rounded = np.rint(best).astype(np.uint8)
     brightness = rounded.sum(axis=1, dtype=np.int64)
     order = np.lexsort((rounded[:, 2], rounded[:, 1], rounded[:, 0], brightness))
@@ -114,11 +102,9 @@ def nearest_centers(
 
 
 @compiled
-def _fill_bins(
-    pixels: NDArray[np.uint8], number: NDArray[np.int32], sums: Array, weight: Floats
-) -> int:
+def _fill_bins(pixels: NDArray[np.uint8], sums: Array, weight: Floats) -> int:
     """Number the bins in the order in which the pixels (n, 3) meet them, and count and add up their colours."""
-    used = 0
+    number, used = np.full(_BINS, -1, np.int32), 0
     for i in range(pixels.shape[0]):
         r, g, b = np.int64(pixels[i, 0]), np.int64(pixels[i, 1]), np.int64(pixels[i, 2])
         code = (r >> 2 << 12) + (g >> 2 << 6) + (b >> 2)

@@ -93,7 +93,7 @@ def _segment_rows(
     band = rgb[rows[0] : rows[1]]
     sample = sample_colors(rgb, SAMPLE_PX)
     centers = palette(sample, settings.clusters)
-    counts = np.bincount(nearest_centers(sample.pixels, centers)[1], minlength=DIFFERENCES)
+    counts = np.bincount(nearest_centers(sample, centers)[1], minlength=DIFFERENCES)
     breaks = optimal_breaks(counts, settings.difference_clusters)
     # The lower half is noise around the colours of pass one: one class. Larger k cut faces into pieces.
     breaks[: settings.difference_clusters // 2 + 1] = 0
