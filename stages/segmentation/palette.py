@@ -217,6 +217,10 @@ def _fill_nearest(
                 planes[c, x] = np.float32(part[x, c])
         # a rest of the last chunk is measured once more, and not read
         _nearest(planes, centers, nearest, squared)
-        for x in range(part.shape[0]):
-            label[start + x] = nearest[x]
-            entry[start + x] = of_distance[np.int32(np.sqrt(squared[x]) + np.float32(0.5))]
+        own, entries = label[start : start + _CHUNK], entry[start : start + _CHUNK]
+        for x in range(own.size):  # a loop for each step runs in vector registers
+            own[x] = nearest[x]
+        for x in range(_CHUNK):
+            nearest[x] = np.int32(np.sqrt(squared[x]) + np.float32(0.5))
+        for x in range(own.size):
+            entries[x] = of_distance[nearest[x]]
