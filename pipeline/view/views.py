@@ -163,7 +163,8 @@ def view_detections(item: Detections, stage: str, state: ViewState) -> list[Enti
         if not item.frame.used:
             return []
         path, ink = KEYPOINT_PATHS[stage]
-        points = item.features.corners if stage == "features" else item.features.sign_points
+        found = item.candidates
+        points = item.features.corners if stage == "features" else found.center[found.open_rows()]
         return [entity(path, rr.Points2D(points, colors=[ink], radii=THIN))]
     left = len(item.candidates.open_rows())
     gates = entity(f"{at.GATES}/{stage}", rr.Scalars([left, len(item.candidates) - left]))

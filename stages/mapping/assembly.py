@@ -51,10 +51,8 @@ def classify_location(
         return one if plausible else replace(one, verdict="panel_size")
 
     for frame in tracked:
-        ratios = np.zeros(len(frame.landmarks))
-        if model is not None:
-            places = np.array([(one.right_m, one.above_m) for one in frame.landmarks])
-            ratios = log_ratios(places.reshape(-1, 2), model).max(axis=1)
+        places = np.array([(one.right_m, one.above_m) for one in frame.landmarks]).reshape(-1, 2)
+        ratios = places[:, 0] if model is None else log_ratios(places, model).max(axis=1)
         landmarks = map(located, frame.landmarks, ratios.tolist())
         yield replace(frame, landmarks=tuple(landmarks))
 

@@ -45,13 +45,8 @@ def extract_sift(images: Iterator[Detections]) -> Iterator[Detections]:
     for item in images:
         grey, candidates = item.image.grey, item.candidates
         if grey is not None:
-            rows = candidates.open_rows()
-            features = replace(
-                item.features,
-                sign_points=candidates.center[rows].astype(np.float32),
-                sign_descriptors=describe_regions(grey, candidates.regions.select(rows)),
-                sign_rows=rows.astype(np.int32),
-            )
+            found = describe_regions(grey, candidates.regions.select(candidates.open_rows()))
+            features = replace(item.features, sign_descriptors=found)
             item = replace(item, features=features)
         yield item
 
