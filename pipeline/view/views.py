@@ -159,15 +159,14 @@ def _halved_labels(
 
 def view_detections(item: Detections, stage: str, state: ViewState) -> list[Entity]:
     """Key points where the stage is one that finds them; else how many candidates are still open, and how many not."""
+    rows = item.candidates.open_rows()
     if stage in KEYPOINT_PATHS:
         if not item.frame.used:
             return []
         path, ink = KEYPOINT_PATHS[stage]
-        found = item.candidates
-        points = item.features.corners if stage == "features" else found.center[found.open_rows()]
+        points = item.features.corners if stage == "features" else item.candidates.center[rows]
         return [entity(path, rr.Points2D(points, colors=[ink], radii=THIN))]
-    left = len(item.candidates.open_rows())
-    gates = entity(f"{at.GATES}/{stage}", rr.Scalars([left, len(item.candidates) - left]))
+    gates = entity(f"{at.GATES}/{stage}", rr.Scalars([len(rows), len(item.candidates) - len(rows)]))
     if stage != "shape" or not item.frame.used:
         return [gates]
     return [gates, *outline_entities(item, detail=state.detail)]

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.stages.geometry import pair_midpoint
-from wayside.stages.kernels import Array, compiled
+from wayside.stages.kernels import compiled
+from wayside.stages.mapping.triangulation import projected
 
 NOT_EXPECTED, MISSED, SEEN = 0, 1, 2
 """State of a hypothesis in a frame: outside the image or too small; expected, but without a candidate; seen."""
@@ -212,13 +213,3 @@ def _associate(
             ):
                 found.state[m, n] = MISSED
                 found.value[m] -= MISS_COST
-
-
-@compiled
-def projected(point: Array, r: Array, centre: Array) -> tuple[float, float, float]:
-    """Ideal image coordinates and depth of a point in a camera of rotation r."""
-    a, b, c = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
-    z = r[0, 2] * a + r[1, 2] * b + r[2, 2] * c
-    x = (r[0, 0] * a + r[1, 0] * b + r[2, 0] * c) / z
-    y = (r[0, 1] * a + r[1, 1] * b + r[2, 1] * c) / z
-    return x, y, z

@@ -8,14 +8,8 @@ from numpy.typing import NDArray
 
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.kernels import Array, compiled
-from wayside.stages.mapping.association import (
-    MISSED,
-    Hypotheses,
-    WindowCandidates,
-    associate,
-    projected,
-)
-from wayside.stages.mapping.triangulation import Views, triangulate
+from wayside.stages.mapping.association import MISSED, Hypotheses, WindowCandidates, associate
+from wayside.stages.mapping.triangulation import Views, projected, triangulate
 from wayside.stages.mapping.window import WindowFrame, joined
 
 MAD_TO_SIGMA = 1.4826
@@ -170,9 +164,8 @@ def fit_views(
     fitted = point, covariance, residual_px, depth, metric, spread, sigma, own
     if not _fit_views(candidates, rows, frames, box_sigma, fitted):
         return None
-    return LandmarkFit(
-        frames, rows - candidates.first[frames], np.arange(n) >= n - FITTED_VIEWS, *fitted
-    )
+    used = np.arange(n) >= n - FITTED_VIEWS
+    return LandmarkFit(frames, rows - candidates.first[frames], used, *fitted)
 
 
 @compiled
@@ -188,10 +181,8 @@ def _fit_views(
     for k, f in enumerate(frames):
         own[k] = (box_sigma[0] + box_sigma[1] * (c.size[rows[k], 1] * c.focal[f])) / c.focal[f]
         sigma[k] = np.hypot(own[k], DRIFT_RAD * np.sqrt(frames[-1] - f))
-    late = frames[-FITTED_VIEWS:]
-    views = Views(
-        c.rotation[late], c.centre[late], c.ray[rows[-FITTED_VIEWS:]], sigma[-FITTED_VIEWS:]
-    )
+    near, late = rows[-FITTED_VIEWS:], frames[-FITTED_VIEWS:]
+    views = Views(c.rotation[late], c.centre[late], c.ray[near], sigma[-FITTED_VIEWS:])
     triangulate(views, point, covariance)
     if not (np.isfinite(point).all() and np.isfinite(covariance).all()):
         return False
@@ -200,7 +191,7 @@ def _fit_views(
         u, v = c.ray[rows[k]]
         residual_px[k] = np.hypot((x - u) * c.focal[f], (y - v) * c.focal[f])
     metric[:], spread[:] = metric_size(c.size[rows] * depth.reshape(-1, 1), depth, c.whole[rows])
-    return LEAST_M <= depth.min() and depth.max() <= PARALLEL_M
+    return bool(LEAST_M <= depth.min() and depth.max() <= PARALLEL_M)
 
 
 @compiled

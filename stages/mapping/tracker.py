@@ -100,7 +100,7 @@ def _in_one_size(posed: PosedDetections, grey: bool) -> PosedDetections:
     """The frame with its image in colour or in grey only, in full size: at most half of what the window would hold."""
     found = posed.detections.segmentation
     frame, unneeded = replace(posed.frame, data=b""), "rgb" if grey else "grey"
-    image = replace(found.image, frame=frame, levels=None, **{unneeded: None})  # type: ignore[arg-type]
+    image = replace(found.image, frame=frame, levels=None, **{unneeded: None})
     detections = replace(posed.detections, segmentation=replace(found, image=image, labels=None))
     return replace(posed, detections=detections)
 

@@ -146,13 +146,10 @@ def _linearise(views: Views, point: Array, normal: _Normal) -> float:
     cost, row = 0.0, np.empty((2, 3))
     for k in range(views.rays.shape[0]):
         r, centre, sigma = views.rotations[k], views.centres[k], views.sigma[k]
-        a, b, c = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
-        z = r[0, 2] * a + r[1, 2] * b + r[2, 2] * c
+        x, y, z = projected(point, r, centre)
         if not z > 1e-6:
             cost += np.log1p(1e12)
             continue
-        x = (r[0, 0] * a + r[1, 0] * b + r[2, 0] * c) / z
-        y = (r[0, 1] * a + r[1, 1] * b + r[2, 1] * c) / z
         u, v = x - views.rays[k, 0], y - views.rays[k, 1]
         square = (u * u + v * v) / sigma**2
         cost += np.log1p(min(square / CAUCHY_SIGMAS**2, 1e12))
@@ -168,3 +165,13 @@ def _linearise(views: Views, point: Array, normal: _Normal) -> float:
             for j in range(3):
                 matrix[i, j] += weight * (row[0, i] * row[0, j] + row[1, i] * row[1, j])
     return cost
+
+
+@compiled
+def projected(point: Array, r: Array, centre: Array) -> tuple[float, float, float]:
+    """Ideal image coordinates and depth of a point in a camera of rotation r."""
+    a, b, c = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
+    z = r[0, 2] * a + r[1, 2] * b + r[2, 2] * c
+    x = (r[0, 0] * a + r[1, 0] * b + r[2, 0] * c) / z
+    y = (r[0, 1] * a + r[1, 1] * b + r[2, 1] * c) / z
+    return x, y, z

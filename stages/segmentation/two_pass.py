@@ -256,14 +256,9 @@ def _measure(
         right = left + end[i] - start
         box[k, 0], box[k, 1] = min(box[k, 0], left), min(box[k, 1], y)
         box[k, 2], box[k, 3] = max(box[k, 2], right), y + 1
-        red = green = blue = 0
         for x in range(left, right):
-            red += rgb[y, x, 0]
-            green += rgb[y, x, 1]
-            blue += rgb[y, x, 2]
-        sums[k, 0] += red
-        sums[k, 1] += green
-        sums[k, 2] += blue
+            for c in range(3):
+                sums[k, c] += rgb[y, x, c]
 
 
 @compiled
